@@ -1,0 +1,257 @@
+"""The rolling bodies: a ball or a disk with point masses inside. Parameters only; see ``state``."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ._arrays import array_field, to_array
+from .feedback import AbstractLaw, FollowSchedules
+from .force import AbstractForce
+from .motion import AbstractMotion, Driven, OnRail
+
+
+class PointMass(eqx.Module):
+    """A point mass m_i and its motion in the ball."""
+
+    mass: Float[Array, "*group"] = array_field()
+    motion: AbstractMotion
+
+
+class AbstractBody(eqx.Module):
+    """What a ball and a disk share: a shell, gravity, a force, and masses.
+
+    Masses whose motions have the same structure are stacked into one group with a leading axis, so
+    that the cost of compiling does not grow with their number. ``point_masses`` undoes it.
+    """
+
+    mass: eqx.AbstractVar[Float[Array, "*group"]]
+    radius: eqx.AbstractVar[Float[Array, "*group"]]
+    offset: eqx.AbstractVar[Float[Array, "*group 3"]]
+    gravity: eqx.AbstractVar[Float[Array, "*group"]]
+    force: eqx.AbstractVar[AbstractForce | None]
+    groups: eqx.AbstractVar[tuple[PointMass, ...]]
+    order: eqx.AbstractVar[tuple[tuple[int, ...], ...]]
+    law: eqx.AbstractVar[AbstractLaw | None]
+
+    @property
+    def point_masses(self) -> tuple[PointMass, ...]:
+        """The masses one by one, in the order in which they were given."""
+        found: dict[int, PointMass] = {}
+        for group, indices in zip(self.groups, self.order, strict=True):
+            for k, index in enumerate(indices):
+                found[index] = jax.tree.map(lambda leaf, k=k: leaf[k], group)
+        return tuple(found[i] for i in range(self.n_masses))
+
+    @property
+    def n_masses(self) -> int:
+        """The number n of point masses."""
+        return sum(len(indices) for indices in self.order)
+
+    @property
+    def driven(self) -> tuple[int, ...]:
+        """The indices of the masses whose θ and θ̇ belong to the state."""
+        indices = [
+            index
+            for group, indices in zip(self.groups, self.order, strict=True)
+            if isinstance(group.motion, Driven)
+            for index in indices
+        ]
+        return tuple(sorted(indices))
+
+    @property
+    def total_mass(self) -> Float[Array, ""]:
+        """M = Σ m_i, the shell included."""
+        return self.mass + sum(jnp.sum(group.mass) for group in self.groups)
+
+    def prepare(self) -> "AbstractBody":
+        """The same body with splines solved and frames turned to matrices: once a solve, not once a step."""
+        groups = tuple(
+            PointMass(group.mass, eqx.filter_vmap(lambda motion: motion.prepare())(group.motion))
+            for group in self.groups
+        )
+        law = None if self.law is None else self.law.prepare()
+        return eqx.tree_at(
+            lambda body: (body.groups, body.law), self, (groups, law), is_leaf=lambda x: x is None
+        )
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which actuation or force jumps, sorted; an integrator steps to them."""
+        found = [
+            jnp.ravel(eqx.filter_vmap(lambda motion: motion.kinks())(group.motion))
+            for group in self.groups
+            if not isinstance(group.motion, Driven)
+        ]
+        found += [source.kinks() for source in (self.law, self.force) if source is not None]
+        if not found:
+            return jnp.zeros((0,), dtype=self.mass.dtype)
+        times = jnp.sort(jnp.concatenate(found))
+        again = jnp.concatenate([jnp.zeros((1,), dtype=bool), times[1:] == times[:-1]])
+        return jnp.sort(jnp.where(again, jnp.inf, times))
+
+
+class Ball(AbstractBody):
+    """A ball with point masses inside, rolling without slipping on a horizontal plane (section 2).
+
+    **Arguments:**
+
+    - ``mass``: m_0, of the shell with its static internal structure.
+    - ``inertia``: the principal moments (d1, d2, d3) about the shell's own centre of mass.
+    - ``radius``: r.
+    - ``offset``: χ_0 = ζ_0, from the geometric centre to the shell's centre of mass, body axes.
+    - ``gravity``: g.
+    - ``force``: Fe(t) at the geometric centre, or None.
+    - ``masses``: the point masses, in any number.
+    - ``law``: the feedback law that drives the :class:`~jaxball.Driven` masses, if there are any.
+
+    Any consistent units will do; the paper rescales so that m = r = g = 1.
+
+    **Raises:** ``ValueError`` when a shape is wrong, or when there are driven masses and no law, or
+    a law and no driven mass. Values are not checked here, so that they may be traced; see
+    :func:`jaxball.problems`.
+    """
+
+    mass: Float[Array, "*group"]
+    inertia: Float[Array, "*group 3"]
+    radius: Float[Array, "*group"]
+    offset: Float[Array, "*group 3"]
+    gravity: Float[Array, "*group"]
+    force: AbstractForce | None
+    groups: tuple[PointMass, ...]
+    order: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    law: AbstractLaw | None
+
+    def __init__(
+        self,
+        *,
+        mass: ArrayLike,
+        inertia: ArrayLike | Sequence[ArrayLike],
+        radius: ArrayLike = 1.0,
+        offset: ArrayLike | Sequence[ArrayLike] = (0.0, 0.0, 0.0),
+        gravity: ArrayLike = 1.0,
+        force: AbstractForce | None = None,
+        masses: Sequence[PointMass] = (),
+        law: AbstractLaw | None = None,
+    ):
+        self.mass, self.radius, self.gravity = to_array(mass), to_array(radius), to_array(gravity)
+        self.inertia, self.offset = to_array(inertia), to_array(offset)
+        self.force, self.law = force, law
+        self.groups, self.order = _grouped(masses)
+        for name, shape in (("mass", ()), ("radius", ()), ("gravity", ()), ("inertia", (3,)), ("offset", (3,))):
+            _require_shape(name, getattr(self, name), shape)
+        _require_law(self)
+
+
+class Disk(AbstractBody):
+    """A disk with point masses in its plane, rolling on a line: the ball's planar case (section 3.3).
+
+    **Arguments:** as :class:`Ball`, with ``inertia`` the one moment d2, and with ``offset``, the
+    rails and the free motions in the plane of E1 and E3.
+
+    **Raises:** as :class:`Ball`.
+    """
+
+    mass: Float[Array, "*group"]
+    inertia: Float[Array, "*group"]
+    radius: Float[Array, "*group"]
+    offset: Float[Array, "*group 3"]
+    gravity: Float[Array, "*group"]
+    force: AbstractForce | None
+    groups: tuple[PointMass, ...]
+    order: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    law: AbstractLaw | None
+
+    def __init__(
+        self,
+        *,
+        mass: ArrayLike,
+        inertia: ArrayLike,
+        radius: ArrayLike = 1.0,
+        offset: ArrayLike | Sequence[ArrayLike] = (0.0, 0.0, 0.0),
+        gravity: ArrayLike = 1.0,
+        force: AbstractForce | None = None,
+        masses: Sequence[PointMass] = (),
+        law: AbstractLaw | None = None,
+    ):
+        self.mass, self.radius, self.gravity = to_array(mass), to_array(radius), to_array(gravity)
+        self.inertia, self.offset = to_array(inertia), to_array(offset)
+        self.force, self.law = force, law
+        self.groups, self.order = _grouped(masses)
+        for name, shape in (("mass", ()), ("radius", ()), ("gravity", ()), ("inertia", ()), ("offset", (3,))):
+            _require_shape(name, getattr(self, name), shape)
+        _require_law(self)
+
+    def embedded(self) -> Ball:
+        """The disk as a ball of three equal moments that rolls in the plane of e1 and e3."""
+        return Ball(
+            mass=self.mass,
+            inertia=jnp.stack([self.inertia] * 3),
+            radius=self.radius,
+            offset=self.offset,
+            gravity=self.gravity,
+            force=self.force,
+            masses=self.point_masses,
+            law=self.law,
+        )
+
+
+System = Ball | Disk
+
+
+def with_integrated_angles(system: System, t0: ArrayLike = 0.0) -> tuple[System, dict[str, Array]]:
+    """The same system in the paper's own form, with θ and θ̇ of the scheduled masses in the state.
+
+    **Returns:** the system whose :class:`~jaxball.OnRail` masses have become driven ones that
+    follow θ̈(t) of their schedules, and the entries ``theta`` and ``thetadot`` of its state at ``t0``.
+
+    **Raises:** ``ValueError`` when the system has a feedback law already.
+    """
+    if system.law is not None:
+        raise ValueError("Argument `system` must have prescribed motions only, but it has a feedback law already.")
+    masses, schedules = [], []
+    for item in system.point_masses:
+        if isinstance(item.motion, OnRail):
+            schedules.append(item.motion.schedule)
+            item = PointMass(item.mass, Driven(item.motion.rail))
+        masses.append(item)
+    rates = [schedule.derivatives(to_array(t0)) for schedule in schedules]
+    angles = {
+        "theta": to_array([rate[0] for rate in rates]),
+        "thetadot": to_array([rate[1] for rate in rates]),
+    }
+    fields = ("mass", "inertia", "radius", "offset", "gravity", "force")
+    law = FollowSchedules(tuple(schedules)) if schedules else None
+    return type(system)(masses=masses, law=law, **{name: getattr(system, name) for name in fields}), angles
+
+
+def _grouped(masses: Sequence[PointMass]) -> tuple[tuple[PointMass, ...], tuple[tuple[int, ...], ...]]:
+    members: dict[Any, list[int]] = {}
+    for index, item in enumerate(masses):
+        _require_shape(f"masses[{index}].mass", item.mass, ())
+        leaves, structure = jax.tree.flatten(item)
+        members.setdefault((structure, tuple(np.shape(leaf) for leaf in leaves)), []).append(index)
+    order = tuple(tuple(indices) for indices in members.values())
+    groups = tuple(
+        jax.tree.map(lambda *leaves: jnp.stack(leaves), *(masses[index] for index in indices)) for indices in order
+    )
+    return groups, order
+
+
+def _require_shape(name: str, value: Array, shape: tuple[int, ...]) -> None:
+    if value.shape != shape:
+        wanted = "a single number" if shape == () else f"{shape[0]} numbers"
+        raise ValueError(f"Argument `{name}` must be {wanted}, but its shape is {value.shape}.")
+
+
+def _require_law(body: AbstractBody) -> None:
+    if body.driven and body.law is None:
+        raise ValueError(
+            f"Argument `law` must be a feedback law, because the masses {list(body.driven)} are driven by "
+            "one, but it is None; give a law, or put those masses on a rail with a schedule."
+        )
+    if body.law is not None and not body.driven:
+        raise ValueError("Argument `law` must be None, because no mass is driven by it; use `Driven(rail)`.")

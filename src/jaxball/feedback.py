@@ -1,0 +1,84 @@
+"""Feedback laws: θ̈ = u(t, state) for the masses whose θ and θ̇ belong to the state."""
+
+import abc
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PyTree
+
+from ._arrays import array_field
+from .schedules import AbstractSchedule
+from .state import State
+
+
+class AbstractLaw(eqx.Module):
+    """A law that gives θ̈ of every :class:`~jaxball.Driven` mass, in the order of the masses."""
+
+    @abc.abstractmethod
+    def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
+        """u(t, state)."""
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which u or one of its derivatives jumps."""
+        return jnp.zeros((0,), dtype=jnp.result_type(float))
+
+    def prepare(self) -> "AbstractLaw":
+        """The same law, ready to be evaluated many times."""
+        return self
+
+
+class FunctionLaw(AbstractLaw):
+    """u(t, state) = function(t, state, parameters), for any function that JAX can trace.
+
+    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+    """
+
+    function: Callable[[Float[Array, ""], State, PyTree], Float[Array, " driven"]] = eqx.field(static=True)
+    parameters: PyTree = None
+    kink_times: Float[Array, "*group kinks"] = array_field(())
+
+    def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
+        return self.function(t, state, self.parameters)
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.kink_times
+
+
+class FollowSchedules(AbstractLaw):
+    """u(t) = θ̈(t) of given schedules, so that θ and θ̇ are integrated as in the paper."""
+
+    schedules: tuple[AbstractSchedule, ...]
+
+    def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
+        return jnp.stack([schedule.derivatives(t)[2] for schedule in self.schedules])
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return jnp.concatenate([schedule.kinks() for schedule in self.schedules])
+
+    def prepare(self) -> "FollowSchedules":
+        return FollowSchedules(tuple(schedule.prepare() for schedule in self.schedules))
+
+
+class Servo(AbstractLaw):
+    """u = −stiffness (θ − target(t)) − damping (θ̇ − target rate) + target acceleration, mass by mass."""
+
+    targets: tuple[AbstractSchedule, ...]
+    stiffness: Float[Array, "*group driven"] = array_field()
+    damping: Float[Array, "*group driven"] = array_field()
+
+    def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
+        target, rate, acceleration = (
+            jnp.stack(values) for values in zip(*(s.derivatives(t) for s in self.targets), strict=True)
+        )
+        return (
+            acceleration
+            - self.stiffness * (state.theta - target)
+            - self.damping * (state.thetadot - rate)
+        )
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return jnp.concatenate([schedule.kinks() for schedule in self.targets])
+
+    def prepare(self) -> "Servo":
+        return Servo(tuple(s.prepare() for s in self.targets), self.stiffness, self.damping)

@@ -1,0 +1,55 @@
+"""External forces Fe(t) at the geometric centre, in space axes."""
+
+import abc
+from collections.abc import Callable
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PyTree
+
+from ._arrays import array_field
+from .harmonics import HarmonicSeries
+
+
+class AbstractForce(eqx.Module):
+    """A force Fe(t) that acts at the geometric centre (section 3.2, ``eq_dS1``)."""
+
+    @abc.abstractmethod
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        """Fe(t) in space axes."""
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which the force or one of its derivatives jumps."""
+        return jnp.zeros((0,), dtype=jnp.result_type(float))
+
+
+class HarmonicForce(AbstractForce):
+    """A constant force plus sinusoids: Fe(t) = constant + Σ amplitude_k sin(frequency_k t + phase_k).
+
+    **Raises:** ``ValueError`` when ``amplitude``, ``frequency`` and ``phase`` differ in length.
+    """
+
+    series: HarmonicSeries
+
+    def __init__(self, constant, amplitude=None, frequency=(), phase=None):
+        self.series = HarmonicSeries(constant, amplitude, frequency, phase)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.series(t)
+
+
+class FunctionForce(AbstractForce):
+    """Fe(t) = function(t, parameters), for any function that JAX can trace.
+
+    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+    """
+
+    function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
+    parameters: PyTree = None
+    kink_times: Float[Array, "*group kinks"] = array_field(())
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.function(t, self.parameters)
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.kink_times

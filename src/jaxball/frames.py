@@ -1,0 +1,83 @@
+"""Orthonormal frames in which the rails of a ball are drawn.
+
+A planar rail lies in the plane of the first and third columns of its frame's matrix B, as the
+circle ζ(θ) = r B (cos θ, 0, sin θ) of section 5 does.
+"""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._arrays import array_field
+from .versor import normalized, rotation_matrix
+
+
+def frisvad(n: Float[Array, "3"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+    """Two unit vectors b1(n), b2(n) that complete the unit vector ``n`` to an orthonormal basis.
+
+    Source: Frisvad, *Building an orthonormal basis from a 3D unit vector without normalization*
+    (Journal of Graphics Tools 16, 2012), section 4 and listing 2.
+    """
+    near_south_pole = n[2] < -0.9999999
+    a = 1 / (1 + jnp.where(near_south_pole, 0.0, n[2]))
+    b = -n[0] * n[1] * a
+    b1 = jnp.stack([1 - n[0] ** 2 * a, b, -n[0]])
+    b2 = jnp.stack([b, 1 - n[1] ** 2 * a, -n[1]])
+    b1 = jnp.where(near_south_pole, jnp.array([0.0, -1.0, 0.0]), b1)
+    b2 = jnp.where(near_south_pole, jnp.array([-1.0, 0.0, 0.0]), b2)
+    return b1, b2
+
+
+def spherical_direction(azimuth: Float[Array, ""], elevation: Float[Array, ""]) -> Float[Array, "3"]:
+    """The unit vector ς of section 5 at ``azimuth`` and ``elevation`` (radians)."""
+    return jnp.stack(
+        [
+            jnp.cos(elevation) * jnp.cos(azimuth),
+            jnp.cos(elevation) * jnp.sin(azimuth),
+            jnp.sin(elevation),
+        ]
+    )
+
+
+class AbstractFrame(eqx.Module):
+    """An orientation of a rail within the ball. A frame gives its rotation matrix."""
+
+    @abc.abstractmethod
+    def matrix(self) -> Float[Array, "3 3"]:
+        """The rotation matrix B whose columns are the frame's axes in the body."""
+
+
+class MatrixFrame(AbstractFrame):
+    """A frame given by its rotation matrix; the identity unless told otherwise."""
+
+    B: Float[Array, "*group 3 3"] = array_field(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+
+    def matrix(self) -> Float[Array, "3 3"]:
+        return self.B
+
+
+class VersorFrame(AbstractFrame):
+    """A frame given by a quaternion, which is normalised: four numbers that may vary freely."""
+
+    q: Float[Array, "*group 4"] = array_field()
+
+    def matrix(self) -> Float[Array, "3 3"]:
+        return rotation_matrix(normalized(self.q))
+
+
+class SphericalFrame(AbstractFrame):
+    """The paper's rule: B(n) = [n, b2, −b1] for the direction n at spherical angles, in radians.
+
+    The order of the columns is not stated in the paper; of the possible orders, this one puts the
+    centre of mass above the geometric centre at the start of section 5's run, as the text says.
+    """
+
+    azimuth: Float[Array, "*group"] = array_field()
+    elevation: Float[Array, "*group"] = array_field()
+
+    def matrix(self) -> Float[Array, "3 3"]:
+        n = spherical_direction(self.azimuth, self.elevation)
+        b1, b2 = frisvad(n)
+        return jnp.stack([n, b2, -b1], axis=1)

@@ -1,0 +1,126 @@
+"""How a point mass moves in the ball: on a rail, freely, or not at all.
+
+Every motion supplies χ, χ̇ and χ̈, body vectors from the geometric centre, and nothing else: the
+equations of motion do not know rails.
+"""
+
+import abc
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PyTree
+
+from ._arrays import array_field
+from .calculus import two_derivatives
+from .harmonics import HarmonicSeries
+from .rails import AbstractRail
+from .schedules import AbstractSchedule
+
+
+class Kinematics(NamedTuple):
+    """Position, velocity and acceleration of a mass (or of many, along a leading axis) in the body."""
+
+    chi: Float[Array, "*n 3"]
+    chidot: Float[Array, "*n 3"]
+    chiddot: Float[Array, "*n 3"]
+
+
+class AbstractMotion(eqx.Module):
+    """The motion of one mass."""
+
+    def prepare(self) -> "AbstractMotion":
+        """The same motion, ready to be evaluated many times."""
+        return self
+
+
+class AbstractPrescribedMotion(AbstractMotion):
+    """A motion known as a function of time."""
+
+    @abc.abstractmethod
+    def kinematics(self, t: Float[Array, ""]) -> Kinematics:
+        """χ(t), χ̇(t) and χ̈(t)."""
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which χ̈ or one of its derivatives jumps."""
+        return jnp.zeros((0,), dtype=jnp.result_type(float))
+
+
+def along_rail(
+    rail: AbstractRail,
+    theta: Float[Array, ""],
+    thetadot: Float[Array, ""],
+    thetaddot: Float[Array, ""],
+) -> Kinematics:
+    """The chain rule for χ(t) = ζ(θ(t)), ``eq_1d_param``."""
+    zeta, dzeta, ddzeta = rail.derivatives(theta)
+    return Kinematics(zeta, thetadot * dzeta, thetadot**2 * ddzeta + thetaddot * dzeta)
+
+
+class OnRail(AbstractPrescribedMotion):
+    """χ(t) = ζ(θ(t)) on ``rail``, with θ(t) given by ``schedule``."""
+
+    rail: AbstractRail
+    schedule: AbstractSchedule
+
+    def kinematics(self, t: Float[Array, ""]) -> Kinematics:
+        return along_rail(self.rail, *self.schedule.derivatives(t))
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.schedule.kinks()
+
+    def prepare(self) -> "OnRail":
+        return OnRail(self.rail.prepare(), self.schedule.prepare())
+
+
+class Driven(AbstractMotion):
+    """On ``rail``, with θ̈ = u(t, state) by the ball's feedback law; θ and θ̇ belong to the state."""
+
+    rail: AbstractRail
+
+    def kinematics(
+        self, theta: Float[Array, ""], thetadot: Float[Array, ""], thetaddot: Float[Array, ""]
+    ) -> Kinematics:
+        """χ, χ̇ and χ̈ for given θ, θ̇ and θ̈."""
+        return along_rail(self.rail, theta, thetadot, thetaddot)
+
+    def prepare(self) -> "Driven":
+        return Driven(self.rail.prepare())
+
+
+class Fixed(AbstractPrescribedMotion):
+    """A mass held at ``position``: with only such masses the ball has static internal structure."""
+
+    position: Float[Array, "*group 3"] = array_field()
+
+    def kinematics(self, t: Float[Array, ""]) -> Kinematics:
+        zero = jnp.zeros_like(self.position)
+        return Kinematics(self.position, zero, zero)
+
+
+class Oscillating(AbstractPrescribedMotion):
+    """A free motion in space whose coordinates are constants plus sinusoids."""
+
+    path: HarmonicSeries
+
+    def kinematics(self, t: Float[Array, ""]) -> Kinematics:
+        return Kinematics(*two_derivatives(self.path, t))
+
+
+class Free(AbstractPrescribedMotion):
+    """Any free motion χ(t) = function(t, parameters), on a surface or in the volume.
+
+    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew. Say
+    in ``kink_times`` when its second derivative jumps.
+    """
+
+    function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
+    parameters: PyTree = None
+    kink_times: Float[Array, "*group kinks"] = array_field(())
+
+    def kinematics(self, t: Float[Array, ""]) -> Kinematics:
+        return Kinematics(*two_derivatives(lambda t: self.function(t, self.parameters), t))
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.kink_times

@@ -1,0 +1,40 @@
+"""What a rail is: the contract that every rail family fulfils."""
+
+import abc
+
+import equinox as eqx
+import jax
+from jaxtyping import Array, Float
+
+from ..calculus import two_derivatives
+
+
+class AbstractRail(eqx.Module):
+    """A curve ζ(θ) fixed in the ball, drawn from the geometric centre (section 3.3, ``eq_1d_param``).
+
+    A family implements ``__call__`` and ``period``. A rail whose shape costs something to find (a
+    spline's coefficients, a frame's matrix) overrides ``prepare``, which is called once a solve.
+    """
+
+    @abc.abstractmethod
+    def __call__(self, theta: Float[Array, ""]) -> Float[Array, "3"]:
+        """The point ζ(θ), a body vector from the geometric centre."""
+
+    @property
+    @abc.abstractmethod
+    def period(self) -> float | None:
+        """The increase of θ after which a closed rail repeats itself; None for an open one."""
+
+    def prepare(self) -> "AbstractRail":
+        """The same rail, ready to be evaluated many times."""
+        return self
+
+    def derivatives(
+        self, theta: Float[Array, ""]
+    ) -> tuple[Float[Array, "3"], Float[Array, "3"], Float[Array, "3"]]:
+        """ζ(θ), ζ′(θ) and ζ″(θ), the derivatives by forward mode."""
+        return two_derivatives(self, theta)
+
+    def points(self, theta: Float[Array, " n"]) -> Float[Array, "n 3"]:
+        """ζ at many θ, for drawing."""
+        return jax.vmap(self.prepare())(theta)

@@ -1,0 +1,36 @@
+"""Closed space curves by their Fourier coefficients."""
+
+import math
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._arrays import array_field
+from .base import AbstractRail
+
+
+class FourierRail(AbstractRail):
+    """ζ(θ) = centre + Σ_k ( cosine_k cos kθ + sine_k sin kθ ), k = 1 … K.
+
+    **Raises:** ``ValueError`` when ``cosine`` and ``sine`` do not have one shape (K, 3).
+    """
+
+    cosine: Float[Array, "*group K 3"] = array_field()
+    sine: Float[Array, "*group K 3"] = array_field()
+    centre: Float[Array, "*group 3"] = array_field((0.0, 0.0, 0.0))
+
+    def __check_init__(self):
+        if self.cosine.shape != self.sine.shape or self.cosine.shape[-1:] != (3,) or self.cosine.ndim < 2:
+            raise ValueError(
+                "Arguments `cosine` and `sine` must have one shape (K, 3), a row for each harmonic, "
+                f"but their shapes are {self.cosine.shape} and {self.sine.shape}."
+            )
+
+    def __call__(self, theta: Float[Array, ""]) -> Float[Array, "3"]:
+        k = jnp.arange(1, self.cosine.shape[0] + 1, dtype=self.cosine.dtype)
+        c, s = jnp.cos(k * theta)[:, None], jnp.sin(k * theta)[:, None]
+        return self.centre + jnp.sum(self.cosine * c + self.sine * s, axis=0)
+
+    @property
+    def period(self) -> float:
+        return 2 * math.pi

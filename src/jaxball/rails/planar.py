@@ -1,0 +1,83 @@
+"""Closed curves in a plane, placed in the ball by a centre and a frame."""
+
+import abc
+import math
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._arrays import array_field
+from ..frames import AbstractFrame, MatrixFrame
+from .base import AbstractRail
+
+ORIGIN = (0.0, 0.0, 0.0)
+
+
+class AbstractPlanarRail(AbstractRail):
+    """ζ(θ) = centre + B (x(θ), 0, y(θ)), with B the matrix of ``frame``; θ runs over 2π."""
+
+    centre: eqx.AbstractVar[Float[Array, "*group 3"]]
+    frame: eqx.AbstractVar[AbstractFrame]
+
+    @abc.abstractmethod
+    def planar(self, theta: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """The curve (x(θ), y(θ)) in its own plane."""
+
+    def __call__(self, theta: Float[Array, ""]) -> Float[Array, "3"]:
+        x, y = self.planar(theta)
+        B = self.frame.matrix()
+        return self.centre + x * B[:, 0] + y * B[:, 2]
+
+    @property
+    def period(self) -> float:
+        return 2 * math.pi
+
+    def prepare(self) -> "AbstractPlanarRail":
+        return eqx.tree_at(lambda rail: rail.frame, self, MatrixFrame(self.frame.matrix()))
+
+
+class Circle(AbstractPlanarRail):
+    """A circle of ``radius``: (x, y) = radius (cos θ, sin θ), as in sections 4 and 5."""
+
+    radius: Float[Array, "*group"] = array_field()
+    centre: Float[Array, "*group 3"] = array_field(ORIGIN)
+    frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
+
+    def planar(self, theta):
+        return self.radius * jnp.cos(theta), self.radius * jnp.sin(theta)
+
+
+class Ellipse(AbstractPlanarRail):
+    """An ellipse: (x, y) = (a cos θ, b sin θ) with ``semi_axes`` (a, b)."""
+
+    semi_axes: Float[Array, "*group 2"] = array_field()
+    centre: Float[Array, "*group 3"] = array_field(ORIGIN)
+    frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
+
+    def planar(self, theta):
+        return self.semi_axes[0] * jnp.cos(theta), self.semi_axes[1] * jnp.sin(theta)
+
+
+class GeronoEight(AbstractPlanarRail):
+    """The figure eight of Gerono: (x, y) = (a cos θ, b sin 2θ) with ``half_extents`` (a, b)."""
+
+    half_extents: Float[Array, "*group 2"] = array_field()
+    centre: Float[Array, "*group 3"] = array_field(ORIGIN)
+    frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
+
+    def planar(self, theta):
+        return self.half_extents[0] * jnp.cos(theta), self.half_extents[1] * jnp.sin(2 * theta)
+
+
+class BernoulliEight(AbstractPlanarRail):
+    """The lemniscate of Bernoulli of half width a: (x, y) = a (cos θ, sin θ cos θ) / (1 + sin² θ)."""
+
+    half_width: Float[Array, "*group"] = array_field()
+    centre: Float[Array, "*group 3"] = array_field(ORIGIN)
+    frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
+
+    def planar(self, theta):
+        x = self.half_width * jnp.cos(theta) / (1 + jnp.sin(theta) ** 2)
+        return x, x * jnp.sin(theta)
+

@@ -1,0 +1,21 @@
+"""Straight tubes."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._arrays import array_field
+from .base import AbstractRail
+
+
+class Tube(AbstractRail):
+    """A straight tube: ζ(θ) = centre + θ direction / |direction|; θ is the distance from ``centre``."""
+
+    direction: Float[Array, "*group 3"] = array_field()
+    centre: Float[Array, "*group 3"] = array_field((0.0, 0.0, 0.0))
+
+    def __call__(self, theta: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.centre + theta * self.direction / jnp.sqrt(jnp.sum(self.direction**2))
+
+    @property
+    def period(self) -> None:
+        return None

@@ -1,0 +1,31 @@
+"""Schedules given by a function of one's own."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+from jaxtyping import Array, Float, PyTree
+
+from .._arrays import array_field
+from .base import AbstractSchedule
+
+
+class FunctionSchedule(AbstractSchedule):
+    """θ(t) = theta + function(t, parameters), for any function that JAX can trace twice.
+
+    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew. Say
+    in ``kink_times`` when its second derivative jumps.
+    """
+
+    function: Callable[[Float[Array, ""], PyTree], Float[Array, ""]] = eqx.field(static=True)
+    parameters: PyTree = None
+    theta: Float[Array, "*group"] = array_field(0.0)
+    kink_times: Float[Array, "*group kinks"] = array_field(())
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.theta + self.function(t, self.parameters)
+
+    def advanced(self, by: Float[Array, ""]) -> "FunctionSchedule":
+        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.kink_times

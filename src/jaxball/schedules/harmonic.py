@@ -1,0 +1,42 @@
+"""Constant rates and sums of sinusoids."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._arrays import array_field, to_array
+from ..harmonics import HarmonicSeries
+from .base import AbstractSchedule
+
+
+class ConstantRate(AbstractSchedule):
+    """θ(t) = theta + rate t; with ``rate`` zero, a mass that is held in place."""
+
+    theta: Float[Array, "*group"] = array_field()
+    rate: Float[Array, "*group"] = array_field(0.0)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.theta + self.rate * t
+
+    def advanced(self, by: Float[Array, ""]) -> "ConstantRate":
+        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
+
+
+class Sinusoids(AbstractSchedule):
+    """θ(t) = theta + rate t + Σ amplitude_k sin(frequency_k t + phase_k).
+
+    **Raises:** ``ValueError`` when ``amplitude``, ``frequency`` and ``phase`` differ in length.
+    """
+
+    series: HarmonicSeries
+    rate: Float[Array, "*group"]
+
+    def __init__(self, theta, amplitude, frequency, phase=None, rate=0.0):
+        self.series = HarmonicSeries(theta, amplitude, frequency, phase)
+        self.rate = to_array(rate)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.series(t) + self.rate * t
+
+    def advanced(self, by: Float[Array, ""]) -> "Sinusoids":
+        return eqx.tree_at(lambda s: s.series.constant, self, self.series.constant + jnp.asarray(by))

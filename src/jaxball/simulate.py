@@ -1,0 +1,197 @@
+"""The one entry function: a system, times and a state in, a trajectory out."""
+
+import functools
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+from jax.flatten_util import ravel_pytree
+
+from ._arrays import to_array
+from .body import Ball, Disk, System
+from .dynamics import vector_field
+from .state import BallState, DiskState, State
+from .status import Status
+from .trajectory import Trajectory
+from .validity import possible
+
+DEFAULT_TOLERANCE = 1e-10
+DEFAULT_SOLVER = diffrax.Dopri8()
+DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
+NO_PROGRESS = diffrax.NoProgressMeter()
+
+
+class PrecisionError(ValueError):
+    """A tolerance was asked for that the floating-point type in use cannot reach."""
+
+
+def simulate(
+    system: System,
+    times: Float[ArrayLike, " times"],
+    state: State | None = None,
+    *,
+    solver: diffrax.AbstractAdaptiveSolver | None = None,
+    rtol: ArrayLike = DEFAULT_TOLERANCE,
+    atol: ArrayLike = DEFAULT_TOLERANCE,
+    dense: bool = False,
+    adjoint: diffrax.AbstractAdjoint | None = None,
+    max_steps: int = 16384,
+    progress: diffrax.AbstractProgressMeter | None = None,
+    throw: bool = False,
+) -> Trajectory:
+    """Integrates the equations of motion from ``times[0]`` to ``times[-1]``, saving at each of ``times``.
+
+    **Arguments:**
+
+    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+    - ``times``: increasing, two or more. Between them the solver steps as it likes, and it steps
+      exactly to the kinks of actuation and force.
+    - ``state``: the state at ``times[0]``; at rest at the origin if not given. Its kind chooses the
+      equations: :class:`~jaxball.BallState` (versor), :class:`~jaxball.RotationState` (matrix),
+      :class:`~jaxball.ReducedState` (Ω, Γ), or :class:`~jaxball.DiskState`.
+    - ``solver``: any adaptive diffrax solver; ``diffrax.Dopri8()`` if not given.
+    - ``rtol``, ``atol``: tolerances of the step-size control. Changing them compiles nothing anew.
+    - ``dense``: whether the trajectory can be evaluated at any time, ``trajectory.at(t)``.
+    - ``adjoint``: a diffrax adjoint: ``diffrax.ForwardMode()`` for jvp and few parameters; reverse
+      mode by checkpoints if not given.
+    - ``max_steps``: the number of steps, accepted and rejected, after which the solve gives up.
+    - ``progress``: a diffrax progress meter.
+    - ``throw``: whether a failed solve raises; otherwise it is a status on the trajectory.
+
+    **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or
+    ``TypeError`` for arguments of the wrong kind, and :class:`~jaxball.SolveError` where asked for.
+    """
+    times = _checked_times(times)
+    if state is None:
+        state = _at_rest(system)
+    _check_state(system, state)
+    _check_precision(times.dtype, rtol, atol)
+    solved = _solve(
+        system,
+        times,
+        state,
+        _number(rtol),
+        _number(atol),
+        DEFAULT_SOLVER if solver is None else solver,
+        DEFAULT_ADJOINT if adjoint is None else adjoint,
+        NO_PROGRESS if progress is None else progress,
+        max_steps,
+        dense,
+    )
+    trajectory = Trajectory(system, times, *solved)
+    if throw:
+        trajectory.raise_if_failed()
+    return trajectory
+
+
+@eqx.filter_jit
+def _solve(system, times, state, rtol, atol, solver, adjoint, progress, max_steps, dense):
+    """The fields of a trajectory but ``system`` and ``times``, which would only be copied."""
+    prepared = system.prepare()
+    initial, unpack = ravel_pytree(state)
+    startable = possible(system) & jnp.all(jnp.isfinite(initial)) & jnp.all(jnp.isfinite(times))
+
+    def field(t, x, prepared):
+        rates, _ = ravel_pytree(vector_field(prepared, t, unpack(x)))
+        return jnp.where(startable, rates, 0.0)
+
+    controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=1e-30, force_dtmin=False)
+    kinks = prepared.kinks()
+    if kinks.size:
+        controller = diffrax.ClipStepSizeController(controller, jump_ts=kinks)
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(field),
+        solver,
+        times[0],
+        times[-1],
+        None,
+        jnp.where(startable, initial, 0.0),
+        args=prepared,
+        saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(ts=times), diffrax.SubSaveAt(t1=True)], dense=dense),
+        stepsize_controller=controller,
+        adjoint=adjoint,
+        max_steps=max_steps,
+        progress_meter=progress,
+        throw=False,
+    )
+    (_, ended), (states, _) = solution.ts, solution.ys
+    states = jax.vmap(unpack)(jnp.where(startable & jnp.isfinite(states), states, jnp.nan))
+    reached = jnp.where(startable, ended[0], times[0])
+    status = jnp.where(startable, _status(solution.result), Status.IMPOSSIBLE)
+    stats = solution.stats["num_steps"], solution.stats["num_rejected_steps"]
+    return states, reached, status, *stats, solution if dense else None, unpack if dense else None
+
+
+def _status(result: diffrax.RESULTS) -> Array:
+    """A step below 1e-30 means that no step was accepted, however small: the field is not finite."""
+    R = diffrax.RESULTS
+    status = jnp.where(result == R.successful, Status.SUCCESS, Status.SOLVER_FAILED)
+    status = jnp.where(result == R.max_steps_reached, Status.MAX_STEPS, status)
+    return jnp.where(result == R.dt_min_reached, Status.NOT_FINITE, status)
+
+
+def _at_rest(system: System) -> State:
+    if system.driven:
+        raise ValueError(
+            f"Argument `state` must be given, because the masses {list(system.driven)} are driven by a feedback "
+            "law and their angles belong to the state; pass BallState(theta=..., thetadot=...)."
+        )
+    return _default_state(BallState if isinstance(system, Ball) else DiskState, jnp.result_type(float))
+
+
+@functools.cache
+def _default_state(kind: type[State], dtype: Any) -> State:
+    with jax.ensure_compile_time_eval():
+        return kind()
+
+
+def _number(x: ArrayLike) -> ArrayLike:
+    return x if isinstance(x, jax.Array) else np.asarray(x, dtype=jnp.result_type(float))
+
+
+def _checked_times(times: ArrayLike) -> ArrayLike:
+    """``times`` as an array; kept in NumPy where it is known, because that costs microseconds less a call."""
+    if isinstance(times, jax.core.Tracer):
+        times = to_array(times)
+    else:
+        times = np.asarray(times, dtype=jnp.result_type(float))
+    if times.ndim != 1 or times.size < 2:
+        raise ValueError(
+            "Argument `times` must be two or more increasing numbers, from the start to the end of the run, "
+            f"but its shape is {times.shape}."
+        )
+    if isinstance(times, np.ndarray) and not np.all(np.diff(times) > 0):
+        raise ValueError(
+            "Argument `times` must be increasing and finite, but it starts with "
+            f"{times[:3].tolist()} and ends with {times[-3:].tolist()}."
+        )
+    return times
+
+
+def _check_state(system: System, state: State) -> None:
+    wanted = (len(system.driven),)
+    if state.theta.shape != wanted or state.thetadot.shape != wanted:
+        raise ValueError(
+            f"Argument `state` must have {wanted[0]} entries in theta and in thetadot, one for each driven mass, "
+            f"but it has {state.theta.shape[-1]} and {state.thetadot.shape[-1]}."
+        )
+
+
+def _check_precision(dtype: Any, rtol: ArrayLike, atol: ArrayLike) -> None:
+    tolerances = [x for x in (rtol, atol) if not isinstance(x, jax.core.Tracer)]
+    finest = 8 * float(jnp.finfo(dtype).eps)
+    if not tolerances or max(float(np.max(x)) for x in tolerances) >= finest:
+        return
+    remedy = (
+        'enable float64 before the first array is made, with `jax.config.update("jax_enable_x64", True)`, or '
+        if dtype == jnp.float32
+        else ""
+    )
+    raise PrecisionError(
+        f"Arguments `rtol` and `atol` must reach {finest:.1e} in {dtype}, but they are {rtol} and {atol}; "
+        f"{remedy}ask for looser ones."
+    )

@@ -1,0 +1,94 @@
+"""The states that the equations of motion advance.
+
+Times, lengths and masses carry whatever consistent units the parameters have.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._arrays import array_field, to_array
+from .versor import rotation_matrix, vertical_in_body
+
+EMPTY = ()
+
+
+class BallState(eqx.Module):
+    """x = (θ, θ̇, q, Ω, z) of ``rolling_ball_ode_f``; at rest and upright at the origin by default.
+
+    θ and θ̇ have one entry for each :class:`~jaxball.Driven` mass, and are empty where every motion
+    is prescribed. ``q`` is a versor, ``Omega`` the body angular velocity, ``z`` the path of the
+    geometric centre.
+    """
+
+    q: Float[Array, "*batch 4"] = array_field((1.0, 0.0, 0.0, 0.0))
+    Omega: Float[Array, "*batch 3"] = array_field((0.0, 0.0, 0.0))
+    z: Float[Array, "*batch 2"] = array_field((0.0, 0.0))
+    theta: Float[Array, "*batch driven"] = array_field(EMPTY)
+    thetadot: Float[Array, "*batch driven"] = array_field(EMPTY)
+
+    @property
+    def Lambda(self) -> Float[Array, "3 3"]:
+        """The rotation matrix Λ from body to space."""
+        return rotation_matrix(self.q)
+
+    @property
+    def Gamma(self) -> Float[Array, "3"]:
+        """Γ = Λ⁻¹ e3."""
+        return vertical_in_body(self.q)
+
+
+class RotationState(eqx.Module):
+    """The state with the rotation matrix Λ in place of the versor, ``uncon_ball_eqns_explicit_full``."""
+
+    Lambda: Float[Array, "*batch 3 3"] = array_field(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    Omega: Float[Array, "*batch 3"] = array_field((0.0, 0.0, 0.0))
+    z: Float[Array, "*batch 2"] = array_field((0.0, 0.0))
+    theta: Float[Array, "*batch driven"] = array_field(EMPTY)
+    thetadot: Float[Array, "*batch driven"] = array_field(EMPTY)
+
+    @property
+    def Gamma(self) -> Float[Array, "3"]:
+        """Γ = Λ⁻¹ e3."""
+        return self.Lambda[2]
+
+
+class ReducedState(eqx.Module):
+    """The state (Ω, Γ) reduced by the symmetry of the plane, ``uncon_ball_eqns_explicit``."""
+
+    Omega: Float[Array, "*batch 3"] = array_field((0.0, 0.0, 0.0))
+    Gamma: Float[Array, "*batch 3"] = array_field((0.0, 0.0, 1.0))
+    theta: Float[Array, "*batch driven"] = array_field(EMPTY)
+    thetadot: Float[Array, "*batch driven"] = array_field(EMPTY)
+
+
+class DiskState(eqx.Module):
+    """x = (θ, θ̇, φ, φ̇) of ``eq_rdisk_dynamics``, and z, which follows from φ by ``eq_disk_GC``.
+
+    φ is counted anticlockwise from e1 to E1, so a disk with φ̇ > 0 rolls towards −e1.
+    """
+
+    phi: Float[Array, "*batch"]
+    phidot: Float[Array, "*batch"]
+    z: Float[Array, "*batch"]
+    theta: Float[Array, "*batch driven"]
+    thetadot: Float[Array, "*batch driven"]
+
+    def __init__(self, phi=0.0, phidot=0.0, z=0.0, theta=EMPTY, thetadot=EMPTY):
+        self.phi, self.phidot, self.z = to_array(phi), to_array(phidot), to_array(z)
+        self.theta, self.thetadot = to_array(theta), to_array(thetadot)
+
+    def in_space(self) -> BallState:
+        """The same motion as that of a ball: rotation by −φ about E2, Ω = −φ̇ E2, z = (z, 0)."""
+        zero = jnp.zeros_like(self.phi)
+        half = self.phi / 2
+        return BallState(
+            q=jnp.stack([jnp.cos(half), zero, -jnp.sin(half), zero], axis=-1),
+            Omega=jnp.stack([zero, -self.phidot, zero], axis=-1),
+            z=jnp.stack([self.z, zero], axis=-1),
+            theta=self.theta,
+            thetadot=self.thetadot,
+        )
+
+
+State = BallState | RotationState | ReducedState | DiskState

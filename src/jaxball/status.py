@@ -1,0 +1,47 @@
+"""How a solve ended."""
+
+import enum
+
+
+class Status(enum.IntEnum):
+    """The end of a solve, with a sentence for each."""
+
+    SUCCESS = 0
+    MAX_STEPS = 1
+    NOT_FINITE = 2
+    IMPOSSIBLE = 3
+    SOLVER_FAILED = 4
+    LEFT_SHELL = 5
+
+    def sentence(self, reached: float, end: float) -> str:
+        """What happened, where ``reached`` is the time to which the result is good."""
+        return _SENTENCES[self].format(reached=reached, end=end)
+
+
+_SENTENCES = {
+    Status.SUCCESS: "The solve reached t = {end:.10g}.",
+    Status.MAX_STEPS: (
+        "The solve stopped at t = {reached:.10g} before t = {end:.10g}, because it had taken `max_steps` "
+        "steps; raise `max_steps`, loosen the tolerances, or shorten the run."
+    ),
+    Status.NOT_FINITE: (
+        "The solve stopped at t = {reached:.10g} before t = {end:.10g}, because the equations of motion "
+        "give a number that is not finite there; look at the schedules, rails and forces at that time."
+    ),
+    Status.IMPOSSIBLE: (
+        "The solve did not start, because no body can have these parameters or the initial state is not "
+        "finite; jaxball.problems(system) says which parameter."
+    ),
+    Status.SOLVER_FAILED: (
+        "The solve stopped at t = {reached:.10g} before t = {end:.10g}, because the solver could not take "
+        "a step, for instance because an implicit equation did not converge; try another solver."
+    ),
+    Status.LEFT_SHELL: (
+        "The solve reached t = {end:.10g}, but a mass left the shell at t = {reached:.10g}, and the result "
+        "means nothing after that."
+    ),
+}
+
+
+class SolveError(RuntimeError):
+    """A solve failed, and the caller asked for an exception."""

@@ -1,0 +1,108 @@
+"""The result of a simulation."""
+
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float, Int
+
+from ._arrays import to_array
+from .body import System
+from .observables import Observables, observe
+from .state import BallState, DiskState, ReducedState, RotationState, State
+from .status import SolveError, Status
+from .versor import from_rotation_matrix
+
+
+class Trajectory(eqx.Module):
+    """States of a system at saved times, and how the solve ended.
+
+    - ``times``: the saved times, shape (T,).
+    - ``state``: the states there; each of its arrays has T as leading axis. NaN where the solve did
+      not come, or all of it where the solve could not start.
+    - ``status``: a :class:`~jaxball.Status`; ``ok`` and ``message`` read it.
+    - ``reached``: the time to which the solve came.
+    - ``steps``, ``rejected``: how many steps were taken in all, and how many of them were rejected.
+    """
+
+    system: System
+    times: Float[Array, "*batch T"]
+    state: State
+    reached: Float[Array, "*batch"]
+    status: Int[Array, "*batch"]
+    steps: Int[Array, "*batch"]
+    rejected: Int[Array, "*batch"]
+    solution: diffrax.Solution | None = None
+    unpack: Callable[[Array], Any] | None = eqx.field(static=True, default=None)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the solve reached its end. For one trajectory, not for a batch."""
+        return int(self.status) == Status.SUCCESS
+
+    @property
+    def message(self) -> str:
+        """A sentence that says how the solve ended."""
+        return Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
+
+    def raise_if_failed(self) -> "Trajectory":
+        """The trajectory itself, or a :class:`~jaxball.SolveError` with the message."""
+        if not self.ok:
+            raise SolveError(self.message)
+        return self
+
+    def at(self, t: ArrayLike) -> State:
+        """The state at any time ``t`` of the run, a number or an array, from dense output.
+
+        **Raises:** ``ValueError`` when the trajectory was made without ``dense=True``.
+        """
+        if self.solution is None or self.unpack is None:
+            raise ValueError("Method `at` needs dense output; call simulate(..., dense=True).")
+        t = to_array(t)
+        states = jax.vmap(lambda t: self.unpack(self.solution.evaluate(t)))(jnp.atleast_1d(t))
+        return states if t.ndim else jax.tree.map(lambda leaf: leaf[0], states)
+
+    @property
+    def observables(self) -> Observables:
+        """Positions, energies and forces at every saved time.
+
+        **Raises:** ``ValueError`` for a reduced trajectory, which does not know where the ball is.
+        """
+        if isinstance(self.state, ReducedState):
+            raise ValueError(
+                "The observables need the full state, but this trajectory is of a ReducedState; simulate "
+                "with a BallState."
+            )
+        state = self.state
+        if isinstance(state, RotationState):
+            q = jax.vmap(from_rotation_matrix)(state.Lambda)
+            state = BallState(q, state.Omega, state.z, state.theta, state.thetadot)
+        return _observe_all(self.system, self.times, state)
+
+    @property
+    def friction_needed(self) -> Float[Array, ""]:
+        """μ_min, the largest |f| / N at the saved times: with less friction the ball would slip."""
+        return jnp.max(self.observables.friction_ratio)
+
+    def __str__(self) -> str:
+        kind = type(self.system).__name__.lower()
+        lines = [
+            f"Trajectory of a {kind} with {self.system.n_masses} point masses",
+            f"  {self.times.size} times from {float(self.times[0]):g} to {float(self.times[-1]):g}",
+            f"  {int(self.steps)} steps, {int(self.rejected)} of them rejected",
+            f"  {self.message}",
+        ]
+        if isinstance(self.state, BallState | DiskState):
+            z = np.atleast_1d(np.asarray(self.state.z[-1]))
+            lines.append("  z at the end: " + ", ".join(f"{value:.12g}" for value in z))
+        return "\n".join(lines)
+
+
+@eqx.filter_jit
+def _observe_all(system, times, state) -> Observables:
+    prepared = system.prepare()
+    return jax.vmap(lambda t, x: observe(prepared, t, x))(times, state)

@@ -1,0 +1,74 @@
+"""Versors (unit quaternions, scalar first) and the rotations Λ that they stand for.
+
+Λ maps body vectors to space vectors. Source: appendix "Quaternions" of Putkaradze & Rogers (2018).
+"""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .vectors import cross, dot
+
+
+def identity() -> Float[Array, "4"]:
+    """The versor of no rotation, (1, 0, 0, 0)."""
+    return jnp.array([1.0, 0.0, 0.0, 0.0])
+
+
+def product(p: Float[Array, "4"], q: Float[Array, "4"]) -> Float[Array, "4"]:
+    """The quaternion product p q."""
+    scalar = p[0] * q[0] - dot(p[1:], q[1:])
+    return jnp.concatenate([scalar[None], p[0] * q[1:] + q[0] * p[1:] + cross(p[1:], q[1:])])
+
+
+def conjugate(q: Float[Array, "4"]) -> Float[Array, "4"]:
+    """The conjugate q*, which is the inverse of a versor."""
+    return jnp.concatenate([q[:1], -q[1:]])
+
+
+def normalized(q: Float[Array, "4"]) -> Float[Array, "4"]:
+    """q / |q|."""
+    return q / jnp.sqrt(jnp.sum(q * q))
+
+
+def from_axis_angle(axis: Float[Array, "3"], angle: Float[Array, ""]) -> Float[Array, "4"]:
+    """The versor that turns by ``angle`` (radians) about ``axis``, which need not be a unit vector."""
+    unit = axis / jnp.sqrt(jnp.sum(axis * axis))
+    return jnp.concatenate([jnp.cos(angle / 2)[None], jnp.sin(angle / 2) * unit])
+
+
+def from_rotation_matrix(Lambda: Float[Array, "3 3"]) -> Float[Array, "4"]:
+    """A versor of the rotation matrix Λ; of the two, the one whose largest component is positive."""
+    a = Lambda
+    columns = jnp.stack(
+        [
+            jnp.stack([1 + a[0, 0] + a[1, 1] + a[2, 2], a[2, 1] - a[1, 2], a[0, 2] - a[2, 0], a[1, 0] - a[0, 1]]),
+            jnp.stack([a[2, 1] - a[1, 2], 1 + a[0, 0] - a[1, 1] - a[2, 2], a[0, 1] + a[1, 0], a[0, 2] + a[2, 0]]),
+            jnp.stack([a[0, 2] - a[2, 0], a[0, 1] + a[1, 0], 1 - a[0, 0] + a[1, 1] - a[2, 2], a[1, 2] + a[2, 1]]),
+            jnp.stack([a[1, 0] - a[0, 1], a[0, 2] + a[2, 0], a[1, 2] + a[2, 1], 1 - a[0, 0] - a[1, 1] + a[2, 2]]),
+        ]
+    )
+    return normalized(columns[jnp.argmax(jnp.diagonal(columns))])
+
+
+def rotation_matrix(q: Float[Array, "4"]) -> Float[Array, "3 3"]:
+    """The rotation matrix Λ of a versor, ``eq_versor_rot``."""
+    q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
+    return jnp.stack(
+        [
+            jnp.stack([1 - 2 * (q2**2 + q3**2), 2 * (q1 * q2 - q0 * q3), 2 * (q1 * q3 + q0 * q2)]),
+            jnp.stack([2 * (q1 * q2 + q0 * q3), 1 - 2 * (q1**2 + q3**2), 2 * (q2 * q3 - q0 * q1)]),
+            jnp.stack([2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), 1 - 2 * (q1**2 + q2**2)]),
+        ]
+    )
+
+
+def derivative(q: Float[Array, "4"], Omega: Float[Array, "3"]) -> Float[Array, "4"]:
+    """q̇ = ½ q Ω♯ for the body angular velocity Ω."""
+    scalar = -dot(q[1:], Omega)
+    return 0.5 * jnp.concatenate([scalar[None], q[0] * Omega + cross(q[1:], Omega)])
+
+
+def vertical_in_body(q: Float[Array, "4"]) -> Float[Array, "3"]:
+    """Γ = Λ⁻¹ e3, the upward vertical seen from the body."""
+    q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
+    return jnp.stack([2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), 1 - 2 * (q1**2 + q2**2)])
