@@ -8,8 +8,10 @@ from .body import (
     PointMass as PointMass,
     System as System,
     with_integrated_angles as with_integrated_angles,
+    with_masses as with_masses,
 )
 from .dynamics import vector_field as vector_field
+from .equilibrium import Balance as Balance, balance as balance, with_angles as with_angles
 from .feedback import (
     AbstractLaw as AbstractLaw,
     FollowSchedules as FollowSchedules,
@@ -46,7 +48,7 @@ from .schedules import (
     Sinusoids as Sinusoids,
     Waypoints as Waypoints,
 )
-from .simulate import PrecisionError as PrecisionError, simulate as simulate
+from .simulation import PrecisionError as PrecisionError, simulate as simulate
 from .state import (
     BallState as BallState,
     DiskState as DiskState,

@@ -80,7 +80,7 @@ class AbstractBody(eqx.Module):
         )
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which actuation or force jumps, sorted; an integrator steps to them."""
+        """The times at which actuation or force jumps, in no order; an integrator steps to them."""
         found = [
             jnp.ravel(eqx.filter_vmap(lambda motion: motion.kinks())(group.motion))
             for group in self.groups
@@ -89,9 +89,7 @@ class AbstractBody(eqx.Module):
         found += [source.kinks() for source in (self.law, self.force) if source is not None]
         if not found:
             return jnp.zeros((0,), dtype=self.mass.dtype)
-        times = jnp.sort(jnp.concatenate(found))
-        again = jnp.concatenate([jnp.zeros((1,), dtype=bool), times[1:] == times[:-1]])
-        return jnp.sort(jnp.where(again, jnp.inf, times))
+        return jnp.concatenate(found)
 
 
 class Ball(AbstractBody):
@@ -202,6 +200,20 @@ class Disk(AbstractBody):
 System = Ball | Disk
 
 
+def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | None = None) -> System:
+    """The same shell, gravity and force with other point masses, and the law that drives them."""
+    return type(system)(
+        mass=system.mass,
+        inertia=system.inertia,
+        radius=system.radius,
+        offset=system.offset,
+        gravity=system.gravity,
+        force=system.force,
+        masses=masses,
+        law=law,
+    )
+
+
 def with_integrated_angles(system: System, t0: ArrayLike = 0.0) -> tuple[System, dict[str, Array]]:
     """The same system in the paper's own form, with θ and θ̇ of the scheduled masses in the state.
 
@@ -223,9 +235,8 @@ def with_integrated_angles(system: System, t0: ArrayLike = 0.0) -> tuple[System,
         "theta": to_array([rate[0] for rate in rates]),
         "thetadot": to_array([rate[1] for rate in rates]),
     }
-    fields = ("mass", "inertia", "radius", "offset", "gravity", "force")
     law = FollowSchedules(tuple(schedules)) if schedules else None
-    return type(system)(masses=masses, law=law, **{name: getattr(system, name) for name in fields}), angles
+    return with_masses(system, masses, law), angles
 
 
 def _grouped(masses: Sequence[PointMass]) -> tuple[tuple[PointMass, ...], tuple[tuple[int, ...], ...]]:

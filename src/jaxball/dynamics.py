@@ -11,6 +11,7 @@ from . import versor
 from .body import Ball, Disk, System
 from .moments import Moments, Rates, moments
 from .state import BallState, DiskState, ReducedState, RotationState, State
+from .trigonometry import sine_cosine
 from .vectors import apply, cross, dot, hat, outer, solve
 
 
@@ -127,7 +128,7 @@ def disk_acceleration(
     force: Float[Array, ""] | None = None,
 ) -> Float[Array, ""]:
     """φ̈ = κ, ``eqmo_chap_disk_4``, its sums over masses carried out; ``force`` is Fe along e1."""
-    s, c = jnp.sin(phi), jnp.cos(phi)
+    s, c = sine_cosine(phi)
     p, pdot, pddot = at.p, at.pdot, at.pddot
     # Σ m K_i of eq_K_i, term by term; Σ m (ζ3 ζ̈1 − ζ1 ζ̈3) is the second component of ldot.
     K = (

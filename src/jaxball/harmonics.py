@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ._arrays import to_array
+from .trigonometry import sine_cosine
 
 
 class HarmonicSeries(eqx.Module):
@@ -37,6 +38,6 @@ class HarmonicSeries(eqx.Module):
             )
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "*shape"]:
-        waves = jnp.sin(self.frequency * t + self.phase)
+        waves, _ = sine_cosine(self.frequency * t + self.phase)
         waves = waves.reshape(waves.shape + (1,) * self.constant.ndim)
         return self.constant + jnp.sum(self.amplitude * waves, axis=0)

@@ -1,7 +1,6 @@
 """The result of a simulation."""
 
 from collections.abc import Callable
-from typing import Any
 
 import diffrax
 import equinox as eqx
@@ -16,6 +15,16 @@ from .observables import Observables, observe
 from .state import BallState, DiskState, ReducedState, RotationState, State
 from .status import SolveError, Status
 from .versor import from_rotation_matrix
+
+
+class Interpolant(eqx.Module):
+    """The states between the saved times, by the solver's own interpolation."""
+
+    solution: diffrax.Solution
+    unpack: Callable[[Array], State]
+
+    def __call__(self, t: Float[Array, ""]) -> State:
+        return self.unpack(self.solution.evaluate(t))
 
 
 class Trajectory(eqx.Module):
@@ -36,8 +45,7 @@ class Trajectory(eqx.Module):
     status: Int[Array, "*batch"]
     steps: Int[Array, "*batch"]
     rejected: Int[Array, "*batch"]
-    solution: diffrax.Solution | None = None
-    unpack: Callable[[Array], Any] | None = eqx.field(static=True, default=None)
+    interpolant: Interpolant | None = None
 
     @property
     def ok(self) -> bool:
@@ -60,11 +68,10 @@ class Trajectory(eqx.Module):
 
         **Raises:** ``ValueError`` when the trajectory was made without ``dense=True``.
         """
-        if self.solution is None or self.unpack is None:
+        if self.interpolant is None:
             raise ValueError("Method `at` needs dense output; call simulate(..., dense=True).")
         t = to_array(t)
-        states = jax.vmap(lambda t: self.unpack(self.solution.evaluate(t)))(jnp.atleast_1d(t))
-        return states if t.ndim else jax.tree.map(lambda leaf: leaf[0], states)
+        return _evaluate(self.interpolant, t)
 
     @property
     def observables(self) -> Observables:
@@ -106,3 +113,8 @@ class Trajectory(eqx.Module):
 def _observe_all(system, times, state) -> Observables:
     prepared = system.prepare()
     return jax.vmap(lambda t, x: observe(prepared, t, x))(times, state)
+
+
+@eqx.filter_jit
+def _evaluate(interpolant, t) -> State:
+    return jax.vmap(interpolant)(t) if t.ndim else interpolant(t)

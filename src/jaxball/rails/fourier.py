@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._arrays import array_field
+from ..trigonometry import sine_cosine
 from .base import AbstractRail
 
 
@@ -28,8 +29,8 @@ class FourierRail(AbstractRail):
 
     def __call__(self, theta: Float[Array, ""]) -> Float[Array, "3"]:
         k = jnp.arange(1, self.cosine.shape[0] + 1, dtype=self.cosine.dtype)
-        c, s = jnp.cos(k * theta)[:, None], jnp.sin(k * theta)[:, None]
-        return self.centre + jnp.sum(self.cosine * c + self.sine * s, axis=0)
+        sine, cosine = sine_cosine(k * theta)
+        return self.centre + jnp.sum(self.cosine * cosine[:, None] + self.sine * sine[:, None], axis=0)
 
     @property
     def period(self) -> float:

@@ -4,11 +4,11 @@ import abc
 import math
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._arrays import array_field
 from ..frames import AbstractFrame, MatrixFrame
+from ..trigonometry import sine_cosine
 from .base import AbstractRail
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -45,7 +45,8 @@ class Circle(AbstractPlanarRail):
     frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
 
     def planar(self, theta):
-        return self.radius * jnp.cos(theta), self.radius * jnp.sin(theta)
+        sine, cosine = sine_cosine(theta)
+        return self.radius * cosine, self.radius * sine
 
 
 class Ellipse(AbstractPlanarRail):
@@ -56,7 +57,8 @@ class Ellipse(AbstractPlanarRail):
     frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
 
     def planar(self, theta):
-        return self.semi_axes[0] * jnp.cos(theta), self.semi_axes[1] * jnp.sin(theta)
+        sine, cosine = sine_cosine(theta)
+        return self.semi_axes[0] * cosine, self.semi_axes[1] * sine
 
 
 class GeronoEight(AbstractPlanarRail):
@@ -67,7 +69,8 @@ class GeronoEight(AbstractPlanarRail):
     frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
 
     def planar(self, theta):
-        return self.half_extents[0] * jnp.cos(theta), self.half_extents[1] * jnp.sin(2 * theta)
+        sine, cosine = sine_cosine(theta)
+        return self.half_extents[0] * cosine, self.half_extents[1] * 2 * sine * cosine
 
 
 class BernoulliEight(AbstractPlanarRail):
@@ -78,6 +81,7 @@ class BernoulliEight(AbstractPlanarRail):
     frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
 
     def planar(self, theta):
-        x = self.half_width * jnp.cos(theta) / (1 + jnp.sin(theta) ** 2)
-        return x, x * jnp.sin(theta)
+        sine, cosine = sine_cosine(theta)
+        x = self.half_width * cosine / (1 + sine**2)
+        return x, x * sine
 

@@ -52,7 +52,7 @@ class PiecewiseAcceleration(AbstractSchedule):
     def prepare(self) -> PiecewiseSchedule:
         n, k = self.accelerations.shape
         power = jnp.arange(k, dtype=self.accelerations.dtype)
-        bends = self.accelerations / ((power + 1) * (power + 2))
+        bends = self.accelerations / ((power + 1) * (power + 2))[None]
         h = jnp.diff(self.times)
         theta, rate = [self.theta], [self.rate]
         for j in range(n):

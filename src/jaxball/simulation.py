@@ -1,7 +1,8 @@
 """The one entry function: a system, times and a state in, a trajectory out."""
 
 import functools
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -16,7 +17,7 @@ from .body import Ball, Disk, System
 from .dynamics import vector_field
 from .state import BallState, DiskState, State
 from .status import Status
-from .trajectory import Trajectory
+from .trajectory import Interpolant, Trajectory
 from .validity import possible
 
 DEFAULT_TOLERANCE = 1e-10
@@ -38,6 +39,7 @@ def simulate(
     rtol: ArrayLike = DEFAULT_TOLERANCE,
     atol: ArrayLike = DEFAULT_TOLERANCE,
     dense: bool = False,
+    step_to_times: bool = False,
     adjoint: diffrax.AbstractAdjoint | None = None,
     max_steps: int = 16384,
     progress: diffrax.AbstractProgressMeter | None = None,
@@ -48,14 +50,16 @@ def simulate(
     **Arguments:**
 
     - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
-    - ``times``: increasing, two or more. Between them the solver steps as it likes, and it steps
-      exactly to the kinks of actuation and force.
+    - ``times``: increasing, two or more. The solver steps as it likes, and exactly to the kinks of
+      actuation and force.
     - ``state``: the state at ``times[0]``; at rest at the origin if not given. Its kind chooses the
       equations: :class:`~jaxball.BallState` (versor), :class:`~jaxball.RotationState` (matrix),
       :class:`~jaxball.ReducedState` (Ω, Γ), or :class:`~jaxball.DiskState`.
     - ``solver``: any adaptive diffrax solver; ``diffrax.Dopri8()`` if not given.
     - ``rtol``, ``atol``: tolerances of the step-size control. Changing them compiles nothing anew.
     - ``dense``: whether the trajectory can be evaluated at any time, ``trajectory.at(t)``.
+    - ``step_to_times``: whether the solver steps exactly to each of ``times``. Otherwise the states
+      there come from the solver's interpolation, whose error may be some ten times the tolerance.
     - ``adjoint``: a diffrax adjoint: ``diffrax.ForwardMode()`` for jvp and few parameters; reverse
       mode by checkpoints if not given.
     - ``max_steps``: the number of steps, accepted and rejected, after which the solve gives up.
@@ -70,60 +74,86 @@ def simulate(
         state = _at_rest(system)
     _check_state(system, state)
     _check_precision(times.dtype, rtol, atol)
-    solved = _solve(
-        system,
-        times,
-        state,
-        _number(rtol),
-        _number(atol),
+    method = _Method(
         DEFAULT_SOLVER if solver is None else solver,
         DEFAULT_ADJOINT if adjoint is None else adjoint,
         NO_PROGRESS if progress is None else progress,
         max_steps,
         dense,
+        step_to_times,
     )
+    solved = _solver_of(method)(system, times, state, _number(rtol), _number(atol), method)
     trajectory = Trajectory(system, times, *solved)
     if throw:
         trajectory.raise_if_failed()
     return trajectory
 
 
-@eqx.filter_jit
-def _solve(system, times, state, rtol, atol, solver, adjoint, progress, max_steps, dense):
-    """The fields of a trajectory but ``system`` and ``times``, which would only be copied."""
+class _Method(NamedTuple):
+    """What a program is compiled for; everything else may change from call to call."""
+
+    solver: diffrax.AbstractAdaptiveSolver
+    adjoint: diffrax.AbstractAdjoint
+    progress: diffrax.AbstractProgressMeter
+    max_steps: int
+    dense: bool
+    step_to_times: bool
+
+
+def _solver_of(method: _Method) -> Callable[..., tuple]:
+    try:
+        hash(method)
+    except TypeError:  # a solver that carries arrays
+        return _solve_filtered
+    return _solve_hashed
+
+
+def _solve(system, times, state, rtol, atol, method: _Method) -> tuple:
+    """The fields of a trajectory but ``system`` and ``times``, which a program could only copy."""
     prepared = system.prepare()
     initial, unpack = ravel_pytree(state)
+    # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
+    parameters, unpack_parameters = ravel_pytree(prepared)
     startable = possible(system) & jnp.all(jnp.isfinite(initial)) & jnp.all(jnp.isfinite(times))
 
-    def field(t, x, prepared):
-        rates, _ = ravel_pytree(vector_field(prepared, t, unpack(x)))
+    def field(t, x, parameters):
+        rates, _ = ravel_pytree(vector_field(unpack_parameters(parameters), t, unpack(x)))
         return jnp.where(startable, rates, 0.0)
 
     controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=1e-30, force_dtmin=False)
     kinks = prepared.kinks()
-    if kinks.size:
-        controller = diffrax.ClipStepSizeController(controller, jump_ts=kinks)
+    if kinks.size or method.step_to_times:
+        controller = diffrax.ClipStepSizeController(
+            controller, jump_ts=kinks if kinks.size else None, step_ts=times if method.step_to_times else None
+        )
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(field),
-        solver,
+        method.solver,
         times[0],
         times[-1],
         None,
         jnp.where(startable, initial, 0.0),
-        args=prepared,
-        saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(ts=times), diffrax.SubSaveAt(t1=True)], dense=dense),
+        args=parameters,
+        saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(ts=times), diffrax.SubSaveAt(t1=True)], dense=method.dense),
         stepsize_controller=controller,
-        adjoint=adjoint,
-        max_steps=max_steps,
-        progress_meter=progress,
+        adjoint=method.adjoint,
+        max_steps=method.max_steps,
+        progress_meter=method.progress,
         throw=False,
     )
     (_, ended), (states, _) = solution.ts, solution.ys
-    states = jax.vmap(unpack)(jnp.where(startable & jnp.isfinite(states), states, jnp.nan))
-    reached = jnp.where(startable, ended[0], times[0])
-    status = jnp.where(startable, _status(solution.result), Status.IMPOSSIBLE)
-    stats = solution.stats["num_steps"], solution.stats["num_rejected_steps"]
-    return states, reached, status, *stats, solution if dense else None, unpack if dense else None
+    return (
+        jax.vmap(unpack)(jnp.where(startable & jnp.isfinite(states), states, jnp.nan)),
+        jnp.where(startable, ended[0], times[0]),
+        jnp.where(startable, _status(solution.result), Status.IMPOSSIBLE),
+        solution.stats["num_steps"],
+        solution.stats["num_rejected_steps"],
+        Interpolant(solution, jax.tree_util.Partial(unpack)) if method.dense else None,
+    )
+
+
+_solve_hashed = jax.jit(_solve, static_argnames="method")
+_solve_filtered = eqx.filter_jit(_solve)
 
 
 def _status(result: diffrax.RESULTS) -> Array:

@@ -1,0 +1,18 @@
+"""Figures and animations of trajectories, with matplotlib.
+
+Every plot function draws into ``ax`` and returns it; without one it makes a new figure, which
+``ax.figure`` gives. No figure is registered with pyplot, and no setting of matplotlib is changed.
+"""
+
+from .actuation import acceleration as acceleration
+from .animation import animate as animate
+from .configuration import configuration as configuration
+from .evolution import (
+    angular_velocity as angular_velocity,
+    contact_force as contact_force,
+    energies as energies,
+    friction_ratio as friction_ratio,
+    power as power,
+)
+from .paths import body_paths as body_paths, centre_path as centre_path, space_paths as space_paths
+from .report import figures as figures, overview as overview

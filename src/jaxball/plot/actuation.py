@@ -1,0 +1,119 @@
+"""What drives the masses."""
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import ArrayLike, Float
+from matplotlib.axes import Axes
+
+from .._arrays import to_array
+from ..body import System
+from ..dynamics import driven_angles
+from ..motion import OnRail
+from ..trajectory import Trajectory
+from .record import finite_rows, require_one
+from .style import INK, legend_above, mass_line, named, plane_axes
+
+Curve = tuple[np.ndarray, np.ndarray]
+
+
+def acceleration(
+    source: Trajectory | System, ax: Axes | None = None, *, times: ArrayLike | None = None
+) -> Axes:
+    """The magnitudes |θ̈_i| over time, ``fig_abs_ui``; masses with the same curve share a line.
+
+    Where every curve ends at zero, the axis of time ends soon after the last one does.
+
+    **Arguments:**
+
+    - ``source``: a trajectory, or a system.
+    - ``ax``: where to draw; a new figure's if not given.
+    - ``times``: the times, to which kinks are added; those of the run if not given. Driven masses
+      are drawn from a trajectory alone, at its saved times.
+
+    **Raises:** ``ValueError`` when no mass has an angle to draw, or a system comes without times.
+    """
+    curves = accelerations(source, times)
+    if not curves:
+        raise ValueError(
+            "Argument `source` must have a mass with a schedule, or be a trajectory with a driven mass, "
+            "but it has neither; there is no acceleration to draw."
+        )
+    ax = plane_axes(ax)
+    for members, (t, size) in _shared(curves):
+        shared = {} if len(members) == 1 else {"color": INK}
+        ax.plot(t, size, **mass_line(members[0], **shared), label=_names(members))
+    _show_the_active_part(ax, list(curves.values()))
+    ax.set_ylim(bottom=0)
+    named(ax, "$t$", r"$|\ddot{\theta}_i|$")
+    legend_above(ax)
+    return ax
+
+
+def accelerations(source: Trajectory | System, times: ArrayLike | None = None) -> dict[int, Curve]:
+    """Times and |θ̈_i| there for each mass i = 1 … n on a rail, where they are known."""
+    curves: dict[int, Curve] = {}
+    system = source.system if isinstance(source, Trajectory) else source
+    if isinstance(source, Trajectory):
+        require_one(source)
+        if system.driven and system.law is not None:
+            curves |= _driven(source)
+        if times is None:
+            times = np.linspace(float(source.times[0]), float(source.times[-1]), 2001)
+    elif times is None:
+        raise ValueError(
+            "Argument `times` must be given with a system, because a system has no run to take it from."
+        )
+    for i, mass in enumerate(system.point_masses, start=1):
+        if isinstance(mass.motion, OnRail):
+            curves[i] = _scheduled(mass.motion, to_array(times))
+    return dict(sorted(curves.items()))
+
+
+def _scheduled(motion: OnRail, times: Float[jax.Array, " T"]) -> Curve:
+    schedule = motion.schedule.prepare()
+    t = np.asarray(times)
+    kinks = np.asarray(schedule.kinks(), dtype=t.dtype)
+    kinks = kinks[(kinks > t[0]) & (kinks < t[-1])]
+    # A value just before each kink shows a jump as a jump.
+    t = np.unique(np.concatenate([t, kinks, np.nextafter(kinks, t.dtype.type(-np.inf))]))
+    return t, np.abs(np.asarray(jax.vmap(lambda t: schedule.derivatives(t)[2])(t)))
+
+
+def _driven(trajectory: Trajectory) -> dict[int, Curve]:
+    rows = finite_rows(trajectory)
+    if rows.size == 0:
+        return {}
+    prepared = trajectory.system.prepare()
+    rates = eqx.filter_vmap(lambda t, state: driven_angles(prepared, t, state)[2])
+    size = np.abs(np.asarray(rates(to_array(trajectory.times), trajectory.state)))[rows]
+    t = np.asarray(trajectory.times)[rows]
+    return {index + 1: (t, size[:, slot]) for slot, index in enumerate(trajectory.system.driven)}
+
+
+def _shared(curves: dict[int, Curve]) -> list[tuple[list[int], Curve]]:
+    groups: list[tuple[list[int], Curve]] = []
+    for i, curve in curves.items():
+        for members, other in groups:
+            if all(
+                len(a) == len(b) and np.allclose(a, b, atol=1e-12) for a, b in zip(curve, other, strict=True)
+            ):
+                members.append(i)
+                break
+        else:
+            groups.append(([i], curve))
+    return groups
+
+
+def _names(members: list[int]) -> str:
+    first, last = members[0], members[-1]
+    if last - first > 2 and len(members) == last - first + 1:
+        return rf"$i = {first}, \ldots, {last}$"
+    return "$i = " + ", ".join(map(str, members)) + "$"
+
+
+def _show_the_active_part(ax: Axes, curves: list[Curve]) -> None:
+    active = [t[size > 0].max() for t, size in curves if np.any(size > 0)]
+    if active:
+        start, end = min(t[0] for t, _ in curves), max(t[-1] for t, _ in curves)
+        ax.set_xlim(start, min(end, start + 1.5 * (max(active) - start)))

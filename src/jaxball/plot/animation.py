@@ -1,0 +1,79 @@
+"""Animations of a rolling ball or disk."""
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+
+from ..trajectory import Trajectory
+from .record import record
+from .scene import scene
+
+
+def animate(
+    trajectory: Trajectory,
+    path: str | Path,
+    fps: int = 30,
+    *,
+    speed: float = 1.0,
+    dpi: int = 120,
+) -> Path:
+    """Films the rolling body: shell, rails, masses, centre of mass and the trail of the contact point.
+
+    Each frame shows the saved time nearest to its own, so save ``fps / speed`` times in a unit of
+    time, or more, for a smooth film.
+
+    **Arguments:**
+
+    - ``trajectory``: the rows whose states are finite are shown.
+    - ``path``: a file that ends in ``.mp4``, which needs ffmpeg, or in ``.gif``. Without a suffix,
+      ``.mp4`` is added where ffmpeg is there, and ``.gif`` otherwise.
+    - ``fps``: frames a second.
+    - ``speed``: units of the trajectory's time that pass in a second of the film.
+    - ``dpi``: dots per inch; a frame is 8 inches wide.
+
+    **Returns:** the path of the file.
+
+    **Raises:** ``ValueError`` for another suffix, for ``.mp4`` without ffmpeg, for an ``fps`` or a
+    ``speed`` that is not positive, for a trajectory without a finite state, and for a reduced one or a batch.
+    """
+    for name, value in (("fps", fps), ("speed", speed)):
+        if not value > 0:
+            raise ValueError(f"Argument `{name}` must be a positive number, but it is {value}.")
+    path, writer = _writer(Path(path), fps)
+    seen = record(trajectory)
+    if not len(seen.times):
+        raise ValueError(
+            f"Argument `trajectory` must have a finite state to show, but it has none. {trajectory.message}"
+        )
+    figure, show = scene(trajectory, seen)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with writer.saving(figure, str(path), dpi):
+        for k in frames(seen.times, speed / fps):
+            show(int(k))
+            writer.grab_frame()
+    return path
+
+
+def frames(times: Float[np.ndarray, " T"], step: float) -> Int[np.ndarray, " frames"]:
+    """The indices of the saved times nearest to the first one, that one + ``step``, and so on."""
+    count = int(np.floor((times[-1] - times[0]) / step + 1e-9)) + 1
+    return np.searchsorted((times[1:] + times[:-1]) / 2, times[0] + step * np.arange(count))
+
+
+def _writer(path: Path, fps: int) -> tuple[Path, AbstractMovieWriter]:
+    with_ffmpeg = FFMpegWriter.isAvailable()
+    if path.suffix == "":
+        path = path.with_suffix(".mp4" if with_ffmpeg else ".gif")
+    if path.suffix == ".gif":
+        return path, PillowWriter(fps=fps)
+    if path.suffix != ".mp4":
+        raise ValueError(f"Argument `path` must end in .mp4 or .gif, but it is {str(path)!r}.")
+    if not with_ffmpeg:
+        raise ValueError(
+            f"Argument `path` must end in .gif where ffmpeg is not installed, but it is {str(path)!r}; "
+            "install ffmpeg, or write a .gif."
+        )
+    # Quality 18 is visually lossless, and yuv420p is what every player can show.
+    return path, FFMpegWriter(fps=fps, codec="h264", extra_args=["-crf", "18", "-pix_fmt", "yuv420p"])

@@ -1,0 +1,132 @@
+"""Where everything is in the body: shell, rails, masses and centres of mass."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike, Float
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle as Ring
+from matplotlib.patheffects import withStroke
+
+from .._arrays import to_array
+from ..body import Disk, System
+from ..moments import kinematics, moments
+from ..trajectory import Trajectory
+from .record import require_one
+from .shapes import outline, rail_points, split, towards, wireframe
+from .style import (
+    FAINT,
+    INK,
+    SHELL,
+    WIDE,
+    cube,
+    legend_above,
+    mass_colour,
+    mass_line,
+    named,
+    plane_axes,
+    space_axes,
+    write,
+)
+
+HALO = [withStroke(linewidth=2.2, foreground="white")]
+
+
+class Places(NamedTuple):
+    """Body vectors from the geometric centre."""
+
+    masses: Float[np.ndarray, "n 3"]
+    shell: Float[np.ndarray, "3"]
+    system: Float[np.ndarray, "3"]
+
+
+def configuration(
+    source: Trajectory | System,
+    ax: Axes | None = None,
+    *,
+    t: ArrayLike = 0.0,
+    theta: ArrayLike | Sequence[ArrayLike] = (),
+) -> Axes:
+    """Shell, rails and masses m_i, the shell's centre of mass m_0 and the system's, in body axes.
+
+    The ball is drawn in space, ``fig_ball_masses_rail_bf_gc``, the disk in its plane,
+    ``fig_disk_masses_rails_bf_gc``. Of a tube, the part inside the shell is drawn; of other open
+    rails and of free motions, the mass alone.
+
+    **Arguments:**
+
+    - ``source``: a trajectory, drawn at its first saved time, or a system.
+    - ``ax``: where to draw, three-dimensional for a ball; a new figure's if not given.
+    - ``t``, ``theta``: for a system, the time and the angles of its driven masses.
+
+    **Raises:** ``ValueError`` when ``ax`` is of the wrong kind, or the length of ``theta`` is wrong.
+    """
+    if isinstance(source, Trajectory):
+        require_one(source)
+        system, t, theta = source.system, source.times[0], source.state.theta[0]
+    else:
+        system = source
+    places = _places(system, t, theta)
+    r = float(system.radius)
+    if isinstance(system, Disk):
+        return _in_plane(system, places, r, plane_axes(ax, (WIDE[0], WIDE[0])))
+    ax = space_axes(ax)
+    cube(ax, r, "E")
+    viewer = towards(ax.elev, ax.azim)
+    front, back = split(wireframe(r), viewer)
+    ax.plot(*back.T, color=FAINT, linewidth=0.4, zorder=1)
+    ax.plot(*front.T, color="0.7", linewidth=0.4, zorder=1.5)
+    ax.plot(*outline(r, viewer).T, color=SHELL, linewidth=0.9, zorder=1.5)
+    _draw(ax, system, places, r, columns=[0, 1, 2])
+    return ax
+
+
+def _in_plane(disk: Disk, places: Places, r: float, ax: Axes) -> Axes:
+    ax.add_patch(Ring((0.0, 0.0), r, facecolor="none", edgecolor=SHELL, linewidth=1.2))
+    _draw(ax, disk, places, r, columns=[0, 2])
+    limits, ticks = (-1.08 * r, 1.08 * r), (-r, 0.0, r)
+    ax.set(xlim=limits, ylim=limits, xticks=ticks, yticks=ticks, aspect="equal")
+    named(ax, r"$\mathbf{E}_1$", r"$\mathbf{E}_3$")
+    return ax
+
+
+def _draw(ax: Axes, system: System, places: Places, r: float, columns: list[int]) -> None:
+    def mark(point, marker, size, color, **options):
+        ax.plot(*point[columns, None], marker, ms=size, color=color, mew=0.8, linestyle="none", **options)
+
+    def name(point, text, color, shift=(0.055, 0.055, 0.055)):
+        place = point[columns] + r * np.asarray(shift)[columns]
+        write(ax, place, text, color=color, path_effects=HALO, zorder=6, ha="left", va="bottom")
+
+    for i, mass in enumerate(system.point_masses, start=1):
+        rail = rail_points(mass.motion, r)
+        if rail is not None:
+            ax.plot(*rail[:, columns].T, **mass_line(i, linewidth=1.0, zorder=2))
+    mark(np.zeros(3), "+", 8, INK, zorder=3, label="GC")
+    mark(places.shell, "s", 5, SHELL, markeredgecolor="white", zorder=3.5)
+    name(places.shell, "$m_0$", SHELL, shift=(-0.2, -0.2, 0.02))
+    for i, point in enumerate(places.masses, start=1):
+        if np.all(np.isfinite(point)):
+            mark(point, "o", 8, mass_colour(i), markeredgecolor="white", zorder=4)
+            name(point, f"$m_{{{i}}}$", mass_colour(i))
+    mark(places.system, "*", 9, INK, markeredgecolor="white", zorder=5, label="CM")
+    legend_above(ax)
+
+
+def _places(system: System, t: ArrayLike, theta: ArrayLike | Sequence[ArrayLike]) -> Places:
+    angles = to_array(theta)
+    if angles.shape != (len(system.driven),):
+        raise ValueError(
+            f"Argument `theta` must have {len(system.driven)} entries, one for each driven mass, "
+            f"but its shape is {angles.shape}."
+        )
+    prepared, still = system.prepare(), jnp.zeros_like(angles)
+    now = to_array(t), (angles, still, still)
+    at = moments(prepared, *now)
+    return Places(
+        masses=np.asarray(kinematics(prepared, *now).chi),
+        shell=np.asarray(system.offset),
+        system=np.asarray(at.p / at.M),
+    )

@@ -1,0 +1,102 @@
+"""Quantities over time: rates, energies and forces."""
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+
+from ..body import Disk
+from ..trajectory import Trajectory
+from .record import record
+from .style import COMPONENTS, INK, legend_above, named, plane_axes, write
+
+Series = tuple[Float[np.ndarray, " T"], str, str]
+
+
+def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """φ̇ of the disk, ``fig_disk_dot_angle``, or the body components Ω_i of the ball, ``fig_ball_Omega``.
+
+    **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
+    """
+    times, _, seen = record(trajectory)
+    Omega = seen.angular_velocity_body
+    if isinstance(trajectory.system, Disk):
+        return _over_time(times, [(-Omega[:, 1], "", COMPONENTS[0])], r"$\dot{\phi}$", ax)
+    series = [(Omega[:, j], rf"$\Omega_{j + 1}$", COMPONENTS[j]) for j in range(3)]
+    return _over_time(times, series, r"$\Omega_i$", ax)
+
+
+def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """Kinetic energy T, potential energy V and their sum E.
+
+    **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
+    """
+    times, _, seen = record(trajectory)
+    series = [
+        (seen.kinetic_energy, "$T$", COMPONENTS[0]),
+        (seen.potential_energy, "$V$", COMPONENTS[1]),
+        (seen.energy, "$E = T + V$", INK),
+    ]
+    return _over_time(times, series, "energy", ax)
+
+
+def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """Ė, the power of the actuation and of the external force together.
+
+    **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
+    """
+    times, _, seen = record(trajectory)
+    return _over_time(times, [(seen.power, "", COMPONENTS[0])], r"$\dot{E}$", ax)
+
+
+def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """The force of the plane: the normal force N and the magnitude |f| of the friction.
+
+    **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
+    """
+    times, _, seen = record(trajectory)
+    series = [
+        (seen.normal_force, "$N$", COMPONENTS[0]),
+        (np.linalg.norm(seen.friction, axis=1), r"$|\,\mathbf{f}\,|$", COMPONENTS[1]),
+    ]
+    return _over_time(times, series, "contact force", ax)
+
+
+def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """|f| / N, with its largest value μ_min marked: with less friction the ball would slip.
+
+    Where N ≤ 0 the ball would leave the plane: nothing is drawn there, and a note takes the place of
+    the mark.
+
+    **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
+    """
+    times, _, seen = record(trajectory)
+    ratio = seen.friction_ratio
+    held = np.isfinite(ratio)
+    drawn = np.where(held, ratio, np.nan)
+    ax = _over_time(times, [(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
+    ax.set_ylim(bottom=0)
+    if not np.all(held):
+        sentence = rf"not drawn where $N \leq 0$, first at $t = {times[~held][0]:.4g}$"
+        write(ax, (0.5, 1.02), sentence, transform=ax.transAxes, ha="center", va="bottom")
+    elif len(ratio):
+        k = int(np.argmax(ratio))
+        label = rf"$\mu_{{\min}} = {ratio[k]:.4g}$ at $t = {times[k]:.4g}$"
+        ax.plot(
+            times[k], ratio[k], "o", ms=5, color=COMPONENTS[1], linestyle="none", label=label, clip_on=False
+        )
+        legend_above(ax)
+    return ax
+
+
+def _over_time(times: Float[np.ndarray, " T"], series: list[Series], name: str, ax: Axes | None) -> Axes:
+    ax = plane_axes(ax)
+    for values, label, color in series:
+        ax.plot(times, values, color=color, linewidth=1.2, label=label or None)
+    drawn = np.concatenate([values for values, _, _ in series])
+    drawn = drawn[np.isfinite(drawn)]
+    if drawn.size and drawn.min() < 0 < drawn.max():
+        ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
+    ax.margins(x=0)
+    named(ax, "$t$", name)
+    legend_above(ax)
+    return ax

@@ -1,0 +1,118 @@
+"""Trajectories of masses, centre of mass and geometric centre."""
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d import Axes3D
+
+from ..body import Disk
+from ..trajectory import Trajectory
+from .record import record
+from .shapes import outline, parallel, towards
+from .style import INK, SHELL, TRAIL, WIDE, cube, legend_above, mass_line, named, plane_axes, space_axes
+
+
+def body_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """Trajectories of the masses and of the system's CM in the body frame translated to the GC.
+
+    In space for the ball, ``fig_ball_cm_bf_gc``. For the disk over time, ``fig_disk_cm_time_bf_gc``,
+    unless ``ax`` is a plane one: then in the plane of E1 and E3. A dot is the start of a trajectory.
+
+    **Raises:** ``ValueError`` for a reduced trajectory, a batch, or an ``ax`` of the wrong kind.
+    """
+    times, _, seen = record(trajectory)
+    return _paths(trajectory, times, seen.mass_positions_body, seen.centre_of_mass_body, "E", ax)
+
+
+def space_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """Trajectories of the masses and of the system's CM in the spatial frame translated to the GC.
+
+    As :func:`body_paths`: ``fig_ball_cm_spatial_gc`` and ``fig_disk_cm_time_spatial_gc``.
+
+    **Raises:** ``ValueError`` for a reduced trajectory, a batch, or an ``ax`` of the wrong kind.
+    """
+    times, _, seen = record(trajectory)
+    return _paths(trajectory, times, seen.mass_positions_space, seen.centre_of_mass_space, "e", ax)
+
+
+def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """The path of the GC, and of the contact point below it.
+
+    In the plane of e1 and e2 for the ball, ``fig_ball_gc_path``, with a dot at its start and a
+    square at its end; z over time for the disk, ``fig_disk_gc``.
+
+    **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
+    """
+    times, _, seen = record(trajectory)
+    z = seen.geometric_centre
+    if isinstance(trajectory.system, Disk):
+        ax = plane_axes(ax)
+        ax.plot(times, z[:, 0], color=TRAIL, linewidth=1.2)
+        named(ax, "$t$", "$z$")
+        return ax
+    ax = plane_axes(ax, (WIDE[0], 4.2))
+    ax.plot(z[:, 0], z[:, 1], color=TRAIL, linewidth=1.2)
+    ax.plot(z[:1, 0], z[:1, 1], "o", ms=5, color=INK, linestyle="none", label="start")
+    ax.plot(z[-1:, 0], z[-1:, 1], "s", ms=4.5, color=INK, linestyle="none", label="end")
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.margins(0.08)
+    named(ax, "$z_1$", "$z_2$")
+    legend_above(ax)
+    return ax
+
+
+def _paths(
+    trajectory: Trajectory,
+    times: Float[np.ndarray, " T"],
+    masses: Float[np.ndarray, "T n 3"],
+    centre: Float[np.ndarray, "T 3"],
+    frame: str,
+    ax: Axes | None,
+) -> Axes:
+    r = float(trajectory.system.radius)
+    curves = [(masses[:, i - 1], mass_line(i, label=f"$m_{{{i}}}$")) for i in range(1, masses.shape[1] + 1)]
+    curves.append((centre, {"color": INK, "linestyle": "-", "linewidth": 1.6, "label": "CM"}))
+    over_time = False
+    if not isinstance(trajectory.system, Disk):
+        ax, columns = _sphere(space_axes(ax), r, frame), [0, 1, 2]
+    elif ax is None or isinstance(ax, Axes3D):
+        span = float(trajectory.times[0]), float(trajectory.times[-1])
+        ax, columns, over_time = _cylinder(space_axes(ax, (5.6, 3.4)), r, frame, span), [0, 2], True
+    else:
+        ax, columns = _circle(plane_axes(ax), r, frame), [0, 2]
+    for path, line in curves:
+        points = np.column_stack([times, path[:, columns]]) if over_time else path[:, columns]
+        ax.plot(*points.T, **line, zorder=3)
+        ax.plot(*points[:1].T, "o", ms=4, color=line["color"], linestyle="none", zorder=4)
+    legend_above(ax)
+    return ax
+
+
+def _sphere(ax: Axes3D, r: float, frame: str) -> Axes3D:
+    cube(ax, r, frame)
+    ax.plot(*outline(r, towards(ax.elev, ax.azim)).T, color=SHELL, linewidth=0.8, zorder=1)
+    ax.plot(*(r * parallel(0.0)).T, color=SHELL, linewidth=0.4, zorder=1)
+    return ax
+
+
+def _cylinder(ax: Axes3D, r: float, frame: str, span: tuple[float, float]) -> Axes3D:
+    limits, ticks = (-1.04 * r, 1.04 * r), (-r, 0.0, r)
+    ax.set(xlim=span, ylim=limits, zlim=limits, yticks=ticks, zticks=ticks)
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+    ax.set_box_aspect((2.2, 1.0, 1.0), zoom=1.25)  # pyright: ignore[reportArgumentType]
+    ax.view_init(elev=22, azim=-66)
+    circle = r * parallel(0.0)
+    for t in span:
+        ax.plot(np.full(len(circle), t), circle[:, 0], circle[:, 1], color=SHELL, linewidth=0.8, zorder=1)
+    named(ax, "$t$", rf"$\mathbf{{{frame}}}_1$", rf"$\mathbf{{{frame}}}_3$")
+    ax.xaxis.labelpad = 2
+    return ax
+
+
+def _circle(ax: Axes, r: float, frame: str) -> Axes:
+    circle = r * parallel(0.0)
+    ax.plot(circle[:, 0], circle[:, 1], color=SHELL, linewidth=0.8, zorder=1)
+    ax.set_aspect("equal")
+    named(ax, rf"$\mathbf{{{frame}}}_1$", rf"$\mathbf{{{frame}}}_3$")
+    return ax

@@ -1,0 +1,56 @@
+"""What the figures read off a trajectory, as NumPy arrays."""
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..state import DiskState, ReducedState, RotationState, State
+from ..trajectory import Trajectory
+from ..versor import rotation_matrix
+
+
+class Record(NamedTuple):
+    """The saved times that the solve reached, with the orientation Λ and the observables there."""
+
+    times: Float[np.ndarray, " T"]
+    Lambda: Float[np.ndarray, "T 3 3"]
+    seen: Any  # Observables whose arrays are NumPy's
+
+
+def record(trajectory: Trajectory) -> Record:
+    """The rows of ``trajectory`` whose states are finite: the others are not drawn.
+
+    **Raises:** ``ValueError`` for a batch of trajectories and for a reduced one.
+    """
+    require_one(trajectory)
+    rows = finite_rows(trajectory)
+    seen = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], trajectory.observables)
+    return Record(np.asarray(trajectory.times)[rows], _orientation(trajectory.state)[rows], seen)
+
+
+def require_one(trajectory: Trajectory) -> None:
+    """**Raises:** ``ValueError`` for a batch of trajectories."""
+    if np.ndim(trajectory.status):
+        raise ValueError(
+            "Argument `trajectory` must be one trajectory, but it is a batch of shape "
+            f"{np.shape(trajectory.status)}; take one of them with jax.tree.map(lambda leaf: leaf[k], ...)."
+        )
+
+
+def finite_rows(trajectory: Trajectory) -> np.ndarray:
+    """The indices of the saved times at which every entry of the state is finite."""
+    leaves = [
+        np.asarray(leaf).reshape(len(trajectory.times), -1) for leaf in jax.tree.leaves(trajectory.state)
+    ]
+    return np.flatnonzero(np.all(np.isfinite(np.concatenate(leaves, axis=1)), axis=1))
+
+
+def _orientation(state: State) -> np.ndarray:
+    assert not isinstance(state, ReducedState)
+    if isinstance(state, DiskState):
+        state = state.in_space()
+    if isinstance(state, RotationState):
+        return np.asarray(state.Lambda)
+    return np.asarray(jax.vmap(rotation_matrix)(state.q))

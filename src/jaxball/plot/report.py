@@ -1,0 +1,77 @@
+"""All figures of a trajectory at once."""
+
+from pathlib import Path
+
+from matplotlib.figure import Figure
+
+from ..body import Disk
+from ..trajectory import Trajectory
+from .actuation import acceleration, accelerations
+from .configuration import configuration
+from .evolution import angular_velocity, contact_force, energies, friction_ratio, power
+from .paths import body_paths, centre_path, space_paths
+from .record import record
+from .style import LABEL
+
+STANDARD = (
+    acceleration,
+    configuration,
+    body_paths,
+    space_paths,
+    angular_velocity,
+    centre_path,
+    energies,
+    power,
+    contact_force,
+    friction_ratio,
+)
+
+
+def figures(trajectory: Trajectory, folder: str | Path) -> list[Path]:
+    """Writes the standard figures of a trajectory into ``folder`` as PNG, and says where they are.
+
+    Each file has the name of its function. ``acceleration.png`` is left out where no mass has an
+    angle to draw.
+
+    **Raises:** ``ValueError`` for a reduced trajectory or a batch.
+    """
+    record(trajectory)
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for draw in STANDARD:
+        if draw is acceleration and not accelerations(trajectory):
+            continue
+        paths.append(folder / f"{draw.__name__}.png")
+        draw(trajectory).figure.savefig(paths[-1], dpi=200)  # pyright: ignore
+    return paths
+
+
+def overview(trajectory: Trajectory) -> Figure:
+    """One page: configuration, trajectories, path, angular velocity, energies and friction.
+
+    **Raises:** ``ValueError`` for a reduced trajectory or a batch.
+    """
+    planar = isinstance(trajectory.system, Disk)
+    figure = Figure(figsize=(10.5, 6.4), layout="constrained")
+    grid = figure.add_gridspec(2, 3, height_ratios=(1.25, 1))
+    in_space = {} if planar else {"projection": "3d", "computed_zorder": False}
+    panels = (
+        (configuration, in_space),
+        (space_paths, in_space),
+        (centre_path, {}),
+        (angular_velocity, {}),
+        (energies, {}),
+        (friction_ratio, {}),
+    )
+    for k, (draw, kind) in enumerate(panels):
+        ax = draw(trajectory, figure.add_subplot(grid[k // 3, k % 3], **kind))
+        ax.annotate(
+            f"({chr(97 + k)})",
+            (0.0, 1.0),
+            xytext=(-22, 6),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            fontproperties=LABEL,
+        )
+    return figure

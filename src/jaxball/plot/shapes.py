@@ -1,0 +1,73 @@
+"""The curves that stand for shell and rails, as points in body axes."""
+
+import numpy as np
+from jaxtyping import Float
+
+from .._arrays import to_array
+from ..motion import AbstractMotion, Driven, OnRail
+from ..rails import Tube
+
+BREAK = np.full((1, 3), np.nan)
+
+
+def rail_points(motion: AbstractMotion, radius: float) -> Float[np.ndarray, "points 3"] | None:
+    """The rail of ``motion``, whole if it is closed, and from shell to shell if it is a tube.
+
+    None for a motion without a rail, and for an open rail of any other family.
+    """
+    if not isinstance(motion, OnRail | Driven):
+        return None
+    rail = motion.rail
+    if isinstance(rail, Tube):
+        centre, direction = np.asarray(rail.centre), np.asarray(rail.direction)
+        along = centre @ direction / np.linalg.norm(direction)
+        inside = along**2 - centre @ centre + radius**2
+        if not inside > 0:
+            return None
+        theta = -along + np.sqrt(inside) * np.array([-1.0, 1.0])
+    elif rail.period is None:
+        return None
+    else:
+        theta = np.linspace(0.0, rail.period, 241)
+    return np.asarray(rail.points(to_array(theta)))
+
+
+def wireframe(radius: float, meridians: int = 12, parallels: int = 5) -> Float[np.ndarray, "points 3"]:
+    """Meridians and parallels of a sphere about the third axis, as one curve with breaks."""
+    around = np.linspace(0.0, 2 * np.pi, 97)
+    curves = []
+    for azimuth in np.arange(meridians // 2) * 2 * np.pi / meridians:
+        n = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        curves += [np.outer(np.sin(around), n) + np.outer(np.cos(around), [0.0, 0.0, 1.0]), BREAK]
+    for height in np.linspace(-90, 90, parallels + 2)[1:-1]:
+        curves += [parallel(np.deg2rad(height)), BREAK]
+    return radius * np.concatenate(curves)
+
+
+def parallel(elevation: float) -> Float[np.ndarray, "97 3"]:
+    """The parallel of the unit sphere at ``elevation``, in radians."""
+    around = np.linspace(0.0, 2 * np.pi, 97)
+    flat = np.cos(elevation) * np.stack([np.cos(around), np.sin(around)], axis=1)
+    return np.column_stack([flat, np.full_like(around, np.sin(elevation))])
+
+
+def towards(elevation: float, azimuth: float) -> Float[np.ndarray, "3"]:
+    """The unit vector towards a viewer at these angles, in degrees."""
+    e, a = np.deg2rad(elevation), np.deg2rad(azimuth)
+    return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+
+
+def outline(radius: float, viewer: Float[np.ndarray, "3"]) -> Float[np.ndarray, "97 3"]:
+    """The circle as which a sphere appears to a far viewer in the direction ``viewer``."""
+    across = np.cross([0.0, 0.0, 1.0] if abs(viewer[2]) < 0.9 else [1.0, 0.0, 0.0], viewer)
+    across /= np.linalg.norm(across)
+    around = np.linspace(0.0, 2 * np.pi, 97)
+    return radius * (np.outer(np.cos(around), across) + np.outer(np.sin(around), np.cross(viewer, across)))
+
+
+def split(
+    points: Float[np.ndarray, "points 3"], viewer: Float[np.ndarray, "3"]
+) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
+    """The half of a sphere's curves that faces the viewer, and the half behind; NaN elsewhere."""
+    depth = (points @ viewer)[:, None]
+    return np.where(depth >= 0, points, np.nan), np.where(depth <= 0, points, np.nan)

@@ -1,0 +1,10 @@
+"""The paper's two runs again: the figures of sections 4 and 5, and solvers against a 30-digit reference."""
+
+from .experiments import (
+    SOLVERS as SOLVERS,
+    Experiment as Experiment,
+    Measurement as Measurement,
+    ball_experiment as ball_experiment,
+    disk_experiment as disk_experiment,
+)
+from .run import reproduce as reproduce

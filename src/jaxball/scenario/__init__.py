@@ -1,0 +1,10 @@
+"""Scenario files: a run as a text that people can read, checked before anything is computed."""
+
+from .files import (
+    load_scenario as load_scenario,
+    read_scenario as read_scenario,
+    write_scenario as write_scenario,
+)
+from .library import builtin_scenarios as builtin_scenarios, builtin_text as builtin_text
+from .scenario import Scenario as Scenario
+from .values import ScenarioError as ScenarioError

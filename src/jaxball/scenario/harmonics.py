@@ -1,0 +1,73 @@
+"""Constants plus sinusoids in a scenario file: forces, free motions and schedules have them."""
+
+from typing import Any
+
+from ..force import HarmonicForce
+from ..harmonics import HarmonicSeries
+from ..motion import Oscillating
+from ..schedules import Sinusoids
+from .table import Key, Module, join
+from .values import Numbers, key_error
+
+LIST = Numbers((None,))
+ROWS = Numbers((None, 3))
+
+WAVES = {"amplitude": Key(LIST, ()), "frequency": Key(LIST, ()), "phase": Key(LIST, ())}
+WAVES_IN_SPACE = {**WAVES, "amplitude": Key(ROWS, ())}
+SERIES = {name: f"series.{name}" for name in ("constant", *WAVES)}
+PATH = {name: f"path.{name}" for name in ("constant", *WAVES)}
+
+
+def check_lengths(found: dict[str, Any], path: str) -> None:
+    """Raises unless there is one amplitude for each frequency, and one phase if any."""
+    n = len(found["frequency"])
+    for name in ("amplitude", "phase"):
+        if len(found[name]) != n and not (name == "phase" and len(found[name]) == 0):
+            raise key_error(
+                join(path, name),
+                f"as long as `frequency`, which has {n} entries",
+                f"one of {len(found[name])}",
+            )
+
+
+def _series(constant, amplitude, frequency, phase) -> HarmonicSeries:
+    """A series of which a file may leave out the phases, or every sinusoid."""
+    still = len(frequency) == 0
+    return HarmonicSeries(constant, None if still else amplitude, frequency, None if len(phase) == 0 else phase)
+
+
+def _force(**keys: Any) -> HarmonicForce:
+    series = _series(**keys)
+    return HarmonicForce(series.constant, series.amplitude, series.frequency, series.phase)
+
+
+def _oscillating(**keys: Any) -> Oscillating:
+    return Oscillating(_series(**keys))
+
+
+def _sinusoids(theta, rate, **waves: Any) -> Sinusoids:
+    series = _series(theta, **waves)
+    return Sinusoids(theta, series.amplitude, series.frequency, series.phase, rate)
+
+
+FORCE = Module(
+    HarmonicForce,
+    {"constant": Key(Numbers((3,)), (0.0, 0.0, 0.0)), **WAVES_IN_SPACE},
+    build=_force,
+    attributes=SERIES,
+    check=check_lengths,
+)
+OSCILLATING = Module(
+    Oscillating,
+    {"constant": Key(Numbers((3,))), **WAVES_IN_SPACE},
+    build=_oscillating,
+    attributes=PATH,
+    check=check_lengths,
+)
+SINUSOIDS = Module(
+    Sinusoids,
+    {"theta": Key(Numbers()), "rate": Key(Numbers(), 0.0), **WAVES},
+    build=_sinusoids,
+    attributes={**SERIES, "theta": "series.constant"},
+    check=check_lengths,
+)

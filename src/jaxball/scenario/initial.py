@@ -1,0 +1,109 @@
+"""The initial state of a scenario file."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .._arrays import to_array
+from ..body import Ball, Disk, PointMass, System
+from ..equilibrium import balance, with_angles
+from ..motion import OnRail
+from ..schedules import AbstractSchedule
+from ..state import BallState, DiskState, State
+from .table import Key, join, read_one_of, read_table, write_table
+from .values import NOT_ALL_ZERO, Flag, Indices, Nested, Numbers, ScenarioError, key_error
+
+_BALANCE_KEYS = {"masses": Key(Indices()), "above": Key(Flag(), None)}
+_BALANCE = Nested(
+    lambda values, path: read_table(values, path, _BALANCE_KEYS),
+    lambda found, path: write_table(found, path, _BALANCE_KEYS),
+)
+_ANGLES = Key(Numbers((None,)), None)
+_DRIVEN = {"theta": _ANGLES, "thetadot": _ANGLES, "balance": Key(_BALANCE, None)}
+_MOVING = {"Omega": Key(Numbers((3,)), (0.0, 0.0, 0.0)), "z": Key(Numbers((2,)), (0.0, 0.0)), **_DRIVEN}
+_VERSOR = {"versor": Key(Numbers((4,)), (1.0, 0.0, 0.0, 0.0))}
+_CHOICES = {
+    "versor": {**_VERSOR, **_MOVING},
+    "axis": {"axis": Key(Numbers((3,), NOT_ALL_ZERO)), "angle": Key(Numbers()), **_MOVING},
+}
+_DISK = {"phi": Key(Numbers(), 0.0), "phidot": Key(Numbers(), 0.0), "z": Key(Numbers(), 0.0), **_DRIVEN}
+UNIT = 1e-6
+
+
+def read_initial(values: Any, path: str, kind: str) -> dict[str, Any]:
+    """The arguments of a state, those for driven masses as far as they are given, and ``balance``."""
+    if kind == "disk":
+        return read_table(values, path, _DISK)
+    choice, found = read_one_of(values, path, _CHOICES, otherwise=_MOVING)
+    if choice == "axis":
+        axis, half = found.pop("axis"), float(found.pop("angle")) / 2
+        found["q"] = np.array([np.cos(half), *(np.sin(half) * axis / np.linalg.norm(axis))])
+    elif choice == "versor":
+        found["q"] = _unit(found.pop("versor"), join(path, "versor"))
+    return found
+
+
+def _unit(q: np.ndarray, path: str) -> np.ndarray:
+    """A versor, rescaled only where it is off by more than rounding, so that it is read as it was written."""
+    size = float(np.linalg.norm(q))
+    if abs(size - 1) > UNIT:
+        raise key_error(path, "a versor, whose four numbers have squares that add up to 1", str(q.tolist()))
+    return q if abs(size - 1) < 1e-15 else q / size
+
+
+def initial_state(
+    found: dict[str, Any], path: str, kind: str, schedules: Sequence[AbstractSchedule], start: float
+) -> State:
+    """The state; θ and θ̇ of driven masses are those of their schedules unless they are given."""
+    found = {name: value for name, value in found.items() if name != "balance"}
+    for order, name in enumerate(("theta", "thetadot")):
+        given = found[name]
+        if given is None:
+            found[name] = [float(schedule.derivatives(to_array(start))[order]) for schedule in schedules]
+        elif len(given) != len(schedules):
+            raise key_error(
+                join(path, name),
+                f"a list of {len(schedules)} numbers, one for each mass that a law drives",
+                f"one of {len(given)}",
+            )
+    return (DiskState if kind == "disk" else BallState)(**found)
+
+
+def balanced(
+    masses: list[PointMass], shell: dict[str, Any], found: dict[str, Any], path: str, kind: str, start: float
+) -> list[PointMass]:
+    """The masses with the schedules moved so that the centre of mass starts above or below the geometric centre."""
+    wanted = found["balance"]
+    if wanted is None:
+        return masses
+    path = join(path, "balance")
+    on_rails = [index for index, item in enumerate(masses) if isinstance(item.motion, OnRail)]
+    if not set(wanted["masses"]) <= set(on_rails):
+        raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(wanted["masses"])))
+    if found["theta"] is not None:
+        raise ScenarioError(f"Key `{path}` cannot stand beside `theta`, because it finds the angles.")
+    system = (Disk if kind == "disk" else Ball)(**shell, masses=masses)
+    state = initial_state({**found, "thetadot": None}, path, kind, (), start)
+    answer = balance(system, wanted["masses"], above=wanted["above"], state=state, t=start)
+    if not answer.found:
+        raise ScenarioError(f"Key `{path}` has no solution: {answer.message}")
+    return list(with_angles(system, wanted["masses"], answer.theta, start).point_masses)
+
+
+def write_initial(system: System, state: State) -> dict[str, Any]:
+    """The table [initial].
+
+    **Raises:** :class:`ScenarioError` for a state that is not that of a ball with a versor or of a disk.
+    """
+    if not isinstance(state, BallState | DiskState):
+        raise ScenarioError(
+            "Key `initial` must be a BallState or a DiskState to be written to a file, but it is a "
+            f"{type(state).__name__}."
+        )
+    driven = {name: getattr(state, name) if system.driven else None for name in ("theta", "thetadot")}
+    if isinstance(state, DiskState):
+        found = {name: getattr(state, name) for name in ("phi", "phidot", "z")}
+        return write_table({**found, **driven, "balance": None}, "initial", _DISK)
+    found = {"versor": state.q, "Omega": state.Omega, "z": state.z, **driven, "balance": None}
+    return write_table(found, "initial", _CHOICES["versor"])

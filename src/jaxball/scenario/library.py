@@ -1,0 +1,25 @@
+"""The scenarios that come with the package, one file each."""
+
+import difflib
+import importlib.resources
+
+
+def _folder():
+    return importlib.resources.files("jaxball") / "scenarios"
+
+
+def builtin_scenarios() -> tuple[str, ...]:
+    """The names of the built-in scenarios, in alphabetical order."""
+    names = (item.name for item in _folder().iterdir())
+    return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
+
+
+def builtin_text(name: str) -> str:
+    """The text of a built-in scenario's file, comments included."""
+    return (_folder() / f"{name}.toml").read_text(encoding="utf-8")
+
+
+def nearest_builtin(name: str) -> str:
+    """A hint for a name that is nearly that of a built-in scenario; empty where there is none."""
+    near = difflib.get_close_matches(name, builtin_scenarios(), n=1)
+    return f"; did you mean {near[0]}" if near else ""

@@ -1,0 +1,77 @@
+"""The point masses of a scenario file, and who moves them."""
+
+from typing import Any
+
+from ..body import PointMass, System
+from ..motion import Driven, Fixed, OnRail, Oscillating
+from ..schedules import AbstractSchedule
+from .actuation import targets_of
+from .harmonics import OSCILLATING
+from .rails import RAILS
+from .schedules import SCHEDULES
+from .table import Key, join, read_family, read_one_of, write_family
+from .values import POSITIVE, Nested, Numbers, ScenarioError, key_error, shown
+
+MASS = Key(Numbers(rule=POSITIVE))
+RAIL = Key(
+    Nested(
+        lambda values, path: read_family(values, path, RAILS),
+        lambda rail, path: write_family(rail, path, RAILS),
+    )
+)
+SCHEDULE = Key(
+    Nested(
+        lambda values, path: read_family(values, path, SCHEDULES),
+        lambda schedule, path: write_family(schedule, path, SCHEDULES),
+    )
+)
+POSITION = Key(Numbers((3,)))
+FREE = Key(Nested(OSCILLATING.read, OSCILLATING.write))
+
+CHOICES = {
+    "rail": {"mass": MASS, "rail": RAIL, "schedule": SCHEDULE},
+    "position": {"mass": MASS, "position": POSITION},
+    "free": {"mass": MASS, "free": FREE},
+}
+
+
+def read_masses(values: Any, path: str) -> list[PointMass]:
+    """The masses, those on rails with the motion that their schedules prescribe."""
+    if not isinstance(values, list):
+        raise key_error(path, "a list of tables, each under the heading [[masses]]", shown(values))
+    return [_read_mass(item, f"{path}[{index}]") for index, item in enumerate(values)]
+
+
+def _read_mass(values: Any, path: str) -> PointMass:
+    kind, found = read_one_of(values, path, CHOICES)
+    if kind == "rail":
+        return PointMass(found["mass"], OnRail(found["rail"], found["schedule"]))
+    return PointMass(found["mass"], Fixed(found["position"]) if kind == "position" else found["free"])
+
+
+def write_masses(system: System, path: str) -> list[dict[str, Any]]:
+    """The tables of the masses; a mass that is driven by a law has the law's target as its schedule."""
+    targets = dict(zip(system.driven, targets_of(system.law), strict=True))
+    return [
+        _write_mass(item, targets.get(index), f"{path}[{index}]")
+        for index, item in enumerate(system.point_masses)
+    ]
+
+
+def _write_mass(item: PointMass, target: AbstractSchedule | None, path: str) -> dict[str, Any]:
+    motion, table = item.motion, {"mass": MASS.kind.write(item.mass, path)}
+    if isinstance(motion, Fixed):
+        return {**table, "position": POSITION.kind.write(motion.position, path)}
+    if isinstance(motion, Oscillating):
+        return {**table, "free": FREE.kind.write(motion, join(path, "free"))}
+    if isinstance(motion, OnRail | Driven):
+        schedule = motion.schedule if isinstance(motion, OnRail) else target
+        return {
+            **table,
+            "rail": RAIL.kind.write(motion.rail, join(path, "rail")),
+            "schedule": SCHEDULE.kind.write(schedule, join(path, "schedule")),
+        }
+    raise ScenarioError(
+        f"Key `{path}` must be on a rail, at a position or oscillating to be written to a file, but its motion "
+        f"is a {type(motion).__name__}; keep a scenario that has Python functions in it as a Python script."
+    )

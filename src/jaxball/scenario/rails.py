@@ -1,0 +1,49 @@
+"""The rails that a scenario file can hold, and their keys."""
+
+from typing import Any
+
+from ..rails import BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
+from .frames import FRAME
+from .table import Family, Key, Module, join
+from .values import NOT_ALL_ZERO, POSITIVE, Numbers, key_error
+
+LENGTH = Numbers(rule=POSITIVE)
+LENGTHS = Numbers((2,), POSITIVE)
+ROWS = Numbers((None, 3))
+CENTRE = Key(Numbers((3,)), (0.0, 0.0, 0.0))
+PLACE = {"centre": CENTRE, "frame": FRAME}
+
+
+def _check_harmonics(found: dict[str, Any], path: str) -> None:
+    n, m = len(found["cosine"]), len(found["sine"])
+    if m != n:
+        raise key_error(join(path, "sine"), f"as long as `cosine`, which has {n} rows", f"one of {m}")
+
+
+def _check_points(found: dict[str, Any], path: str) -> None:
+    n = len(found["points"])
+    if n < 3:
+        raise key_error(join(path, "points"), "a list of three points or more", f"one of {n}")
+
+
+def _spline(points) -> SplineRail:
+    return SplineRail(points)
+
+
+RAILS: Family = {
+    "circle": Module(Circle, {"radius": Key(LENGTH), **PLACE}),
+    "ellipse": Module(Ellipse, {"semi_axes": Key(LENGTHS), **PLACE}),
+    "gerono-eight": Module(GeronoEight, {"half_extents": Key(LENGTHS), **PLACE}),
+    "bernoulli-eight": Module(BernoulliEight, {"half_width": Key(LENGTH), **PLACE}),
+    "tube": Module(Tube, {"direction": Key(Numbers((3,), NOT_ALL_ZERO)), "centre": CENTRE}),
+    "fourier": Module(
+        FourierRail, {"cosine": Key(ROWS), "sine": Key(ROWS), "centre": CENTRE}, check=_check_harmonics
+    ),
+    "spline": Module(
+        SplineRail,
+        {"points": Key(ROWS)},
+        build=_spline,
+        attributes={"points": "points_on_rail"},
+        check=_check_points,
+    ),
+}

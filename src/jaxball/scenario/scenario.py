@@ -1,0 +1,69 @@
+"""A scenario: all that a run needs, as one object."""
+
+import dataclasses
+
+import diffrax
+import numpy as np
+
+from ..body import System
+from ..simulation import DEFAULT_TOLERANCE, simulate
+from ..state import BallState, DiskState
+from ..trajectory import Trajectory
+from .shell import mark_escape
+from .solve import SOLVERS
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Scenario:
+    """A system, its initial state, the times to save, and how to solve. The content of a scenario file.
+
+    - ``title``: a line that says what it is.
+    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+    - ``state``: the state at ``times[0]``.
+    - ``times``: the save times, increasing, in the units of the system.
+    - ``solver``: the name of a solver, one of "dopri5", "dopri8", "tsit5", "kvaerno3", "kvaerno5".
+    - ``rtol``, ``atol``, ``max_steps``, ``step_to_times``: as in :func:`jaxball.simulate`.
+    """
+
+    title: str
+    system: System
+    state: BallState | DiskState
+    times: np.ndarray
+    solver: str = "dopri8"
+    rtol: float = DEFAULT_TOLERANCE
+    atol: float = DEFAULT_TOLERANCE
+    max_steps: int = 16384
+    step_to_times: bool = False
+
+    def simulate(
+        self,
+        *,
+        solver: str | None = None,
+        rtol: float | None = None,
+        atol: float | None = None,
+        max_steps: int | None = None,
+        dense: bool = False,
+        progress: diffrax.AbstractProgressMeter | None = None,
+        throw: bool = False,
+    ) -> Trajectory:
+        """The trajectory, with the scenario's own settings where no other is given.
+
+        A mass that a law carries out of the shell gives the status ``LEFT_SHELL``, at the first saved
+        time at which it is outside.
+
+        **Raises:** as :func:`jaxball.simulate`.
+        """
+        trajectory = simulate(
+            self.system,
+            self.times,
+            self.state,
+            solver=SOLVERS[self.solver if solver is None else solver](),
+            rtol=self.rtol if rtol is None else rtol,
+            atol=self.atol if atol is None else atol,
+            max_steps=self.max_steps if max_steps is None else max_steps,
+            step_to_times=self.step_to_times,
+            dense=dense,
+            progress=progress,
+        )
+        trajectory = mark_escape(trajectory)
+        return trajectory.raise_if_failed() if throw else trajectory

@@ -1,0 +1,159 @@
+"""Tables of a scenario file: which keys one has, read and written by the same description."""
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from operator import attrgetter
+from typing import Any
+
+from .values import Choice, Kind, ScenarioError, key_error, shown
+
+REQUIRED = object()
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a table: the kind of its value, and its default where it may be left out.
+
+    A default None leaves the choice to what is built from the table.
+    """
+
+    kind: Kind
+    default: Any = REQUIRED
+
+
+Keys = Mapping[str, Key]
+
+
+@dataclass(frozen=True)
+class Module:
+    """How an object stands in a file as a table.
+
+    - ``type``: its class, by which a writer recognises it.
+    - ``keys``: the keys of its table.
+    - ``build``: makes the object from the values of the keys; the class itself if not given.
+    - ``attributes``: where the object holds a key's value, if not under the same name.
+    - ``check``: raises for values that do not fit each other, given the values and the path.
+    """
+
+    type: type
+    keys: Keys
+    build: Callable[..., Any] | None = None
+    attributes: Mapping[str, str] = field(default_factory=dict)
+    check: Callable[[dict[str, Any], str], None] | None = None
+
+    def read(self, values: Any, path: str) -> Any:
+        """The object that a table describes."""
+        found = read_table(values, path, self.keys)
+        if self.check is not None:
+            self.check(found, path)
+        given = {name: value for name, value in found.items() if value is not None}
+        return (self.build or self.type)(**given)
+
+    def write(self, item: Any, path: str) -> dict[str, Any]:
+        """The table that describes an object."""
+        found = {name: attrgetter(self.attributes.get(name, name))(item) for name in self.keys}
+        return write_table(found, path, self.keys)
+
+
+Family = Mapping[str, Module]
+
+
+def join(path: str, name: str) -> str:
+    """The path of the key ``name`` in the table at ``path``."""
+    return f"{path}.{name}" if path else name
+
+
+def read_table(values: Any, path: str, keys: Keys) -> dict[str, Any]:
+    """The values of a table, defaults filled in. An unknown, missing or wrong key raises."""
+    refuse_unknown(values, path, keys)
+    found = {}
+    for name, key in keys.items():
+        if name in values:
+            found[name] = key.kind.read(values[name], join(path, name))
+        elif key.default is REQUIRED:
+            raise ScenarioError(f"Key `{join(path, name)}` must be {key.kind.words}, but it is missing.")
+        else:
+            found[name] = key.default
+    return found
+
+
+def write_table(found: Mapping[str, Any], path: str, keys: Keys) -> dict[str, Any]:
+    """The table with the values ``found``; what has its default is left out."""
+    table = {}
+    for name, key in keys.items():
+        value = None if found[name] is None else key.kind.write(found[name], join(path, name))
+        if value is not None and not _is_default(value, key):
+            table[name] = value
+    return table
+
+
+def read_one_of(
+    values: Any, path: str, choices: Mapping[str, Keys], otherwise: Keys | None = None
+) -> tuple[str, dict[str, Any]]:
+    """Which of the keys in ``choices`` a table has, and its values: each choice has keys of its own.
+
+    A table must have exactly one of them, or may have none where ``otherwise`` says what it has then.
+    """
+    every = {name for keys in [*choices.values(), otherwise or {}] for name in keys}
+    refuse_unknown(values, path, every)
+    present = [name for name in choices if name in values]
+    if not present and otherwise is not None:
+        return "", read_table(values, path, otherwise)
+    if len(present) != 1:
+        names = ", ".join(f"`{name}`" for name in choices)
+        got = " and ".join(f"`{name}`" for name in present) or "none of them"
+        raise ScenarioError(f"Key `{path}` must have exactly one of the keys {names}, but it has {got}.")
+    return present[0], read_table(values, path, choices[present[0]])
+
+
+def read_family(values: Any, path: str, family: Family, key: str = "kind") -> Any:
+    """The object that a table describes, of the kind that its key ``kind`` names."""
+    if not isinstance(values, dict):
+        raise key_error(path, "a table", shown(values))
+    every = {key, *(name for member in family.values() for name in member.keys)}
+    refuse_unknown(values, path, every)
+    kinds = {key: Key(Choice(tuple(family)))}
+    name = read_table({key: values[key]} if key in values else {}, path, kinds)[key]
+    rest = {name: value for name, value in values.items() if name != key}
+    return family[name].read(rest, path)
+
+
+def write_member(item: Any, path: str, family: Family) -> tuple[str, dict[str, Any]]:
+    """The kind of an object of a family, and the table that describes it but for its kind.
+
+    **Raises:** :class:`ScenarioError` for an object that a file cannot hold, as a Python function.
+    """
+    for name, member in family.items():
+        if type(item) is member.type:
+            return name, member.write(item, path)
+    names = ", ".join(member.type.__name__ for member in family.values())
+    raise ScenarioError(
+        f"Key `{path}` must be one of {names} to be written to a file, but it is a {type(item).__name__}; "
+        "keep a scenario that has Python functions in it as a Python script."
+    )
+
+
+def write_family(item: Any, path: str, family: Family) -> dict[str, Any]:
+    """The table that describes an object of a family, its ``kind`` first."""
+    kind, table = write_member(item, path, family)
+    return {"kind": kind, **table}
+
+
+def refuse_unknown(values: Any, path: str, known: Iterable[str]) -> None:
+    """Raises for a value that is not a table, and for a key that is not ``known``."""
+    if not isinstance(values, dict):
+        raise key_error(path, "a table", shown(values))
+    known = sorted(known)
+    for name in values:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+            hint = f"did you mean `{near[0]}`?" if near else "the keys here are " + ", ".join(known) + "."
+            raise ScenarioError(f"Key `{join(path, name)}` is not known; {hint}")
+
+
+def _is_default(value: Any, key: Key) -> bool:
+    """By the digits, which tell 0.0 from -0.0."""
+    if key.default is REQUIRED or key.default is None:
+        return False
+    return repr(value) == repr(key.kind.write(key.default, ""))

@@ -1,0 +1,211 @@
+"""What the value of a key may be: numbers of a shape, an integer, a text, a choice, or a table.
+
+A kind of value reads what the TOML parser gave, or raises one sentence, and writes it back.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+LONGEST_SHOWN = 60
+
+
+class ScenarioError(ValueError):
+    """A scenario cannot be read, or cannot be written; the message is one sentence that names the key."""
+
+
+def key_error(path: str, must: str, got: str) -> ScenarioError:
+    """The error of the key at ``path``: what it must be, and what it is."""
+    return ScenarioError(f"Key `{path}` must be {must}, but it is {got}.")
+
+
+def shown(value: Any) -> str:
+    """A value of a file in a few words, for an error message."""
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    text = f'"{value}"' if isinstance(value, str) else repr(value)
+    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
+
+
+@runtime_checkable
+class Kind(Protocol):
+    """A kind of value."""
+
+    @property
+    def words(self) -> str:
+        """What a value of this kind is, as in "it must be ..."."""
+        ...
+
+    def read(self, value: Any, path: str) -> Any:
+        """The value as it is used, or a :class:`ScenarioError`."""
+        ...
+
+    def write(self, value: Any, path: str) -> Any:
+        """The value as it stands in a file."""
+        ...
+
+
+class Rule(NamedTuple):
+    """A condition on numbers, with the words before and after "numbers" that say it."""
+
+    before: str
+    holds: Callable[[np.ndarray], bool]
+    after: str = ""
+
+
+FINITE = Rule("finite", lambda x: True)
+POSITIVE = Rule("positive", lambda x: bool(np.all(x > 0)))
+NOT_NEGATIVE = Rule("non-negative", lambda x: bool(np.all(x >= 0)))
+NOT_ALL_ZERO = Rule("finite", lambda x: bool(np.any(x != 0)), ", not all zero")
+INCREASING = Rule("increasing", lambda x: bool(np.all(np.diff(x) > 0)))
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Finite numbers of a given shape, in which None stands for one or more; () is a single number."""
+
+    shape: tuple[int | None, ...] = ()
+    rule: Rule = FINITE
+
+    @property
+    def words(self) -> str:
+        before, _, after = self.rule
+        if not self.shape:
+            return f"a {before} number{after}"
+        counts = ["" if n is None else f"{n} " for n in self.shape]
+        inner = f"{counts[-1]}{before} numbers{after}"
+        return f"a list of {inner}" if len(self.shape) == 1 else f"a list of {counts[0]}rows of {inner}"
+
+    def read(self, value: Any, path: str) -> np.ndarray | float:
+        array = _as_floats(value)
+        if array is None or not self._fits(array.shape):
+            raise key_error(path, self.words, shown(value))
+        if not np.all(np.isfinite(array)) or not self.rule.holds(array):
+            raise key_error(path, self.words, shown(value))
+        return array if self.shape else float(array)
+
+    def write(self, value: Any, path: str) -> Any:
+        return np.asarray(value, dtype=float).tolist()
+
+    def _fits(self, shape: tuple[int, ...]) -> bool:
+        return len(shape) == len(self.shape) and all(
+            n > 0 if wanted is None else n == wanted for n, wanted in zip(shape, self.shape, strict=True)
+        )
+
+
+@dataclass(frozen=True)
+class Integer:
+    """A whole number between two limits, both included."""
+
+    least: int
+    most: int
+
+    @property
+    def words(self) -> str:
+        return f"a whole number from {self.least} to {self.most}"
+
+    def read(self, value: Any, path: str) -> int:
+        if not _is_integer(value) or not self.least <= value <= self.most:
+            raise key_error(path, self.words, shown(value))
+        return value
+
+    def write(self, value: Any, path: str) -> int:
+        return int(value)
+
+
+@dataclass(frozen=True)
+class Flag:
+    """True or false."""
+
+    words: str = "true or false"
+
+    def read(self, value: Any, path: str) -> bool:
+        if not isinstance(value, bool):
+            raise key_error(path, self.words, shown(value))
+        return value
+
+    def write(self, value: Any, path: str) -> bool:
+        return bool(value)
+
+
+@dataclass(frozen=True)
+class Indices:
+    """Different masses by their numbers, counted from 0."""
+
+    words: str = "a list of different whole numbers, one or more, each the number of a mass counted from 0"
+
+    def read(self, value: Any, path: str) -> tuple[int, ...]:
+        good = isinstance(value, list) and value and all(_is_integer(item) and item >= 0 for item in value)
+        if not good or len(set(value)) < len(value):
+            raise key_error(path, self.words, shown(value))
+        return tuple(value)
+
+    def write(self, value: Any, path: str) -> list[int]:
+        return list(value)
+
+
+@dataclass(frozen=True)
+class Text:
+    """A text."""
+
+    words: str = "a text"
+
+    def read(self, value: Any, path: str) -> str:
+        if not isinstance(value, str):
+            raise key_error(path, self.words, shown(value))
+        return value
+
+    def write(self, value: Any, path: str) -> str:
+        return value
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of several names."""
+
+    names: tuple[str, ...]
+
+    @property
+    def words(self) -> str:
+        return "one of " + ", ".join(f'"{name}"' for name in self.names)
+
+    def read(self, value: Any, path: str) -> str:
+        if not isinstance(value, str) or value not in self.names:
+            raise key_error(path, self.words, shown(value))
+        return value
+
+    def write(self, value: Any, path: str) -> str:
+        return value
+
+
+@dataclass(frozen=True)
+class Nested:
+    """A table that has a reader and a writer of its own."""
+
+    read: Callable[[Any, str], Any]
+    write: Callable[[Any, str], Any]
+    words: str = "a table"
+
+
+def _is_integer(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
+
+
+def _as_floats(value: Any) -> np.ndarray | None:
+    """``value`` as an array, or None where it is not made of numbers alone or its rows differ in length."""
+    if not _all_numbers(value):
+        return None
+    try:
+        return np.asarray(value, dtype=float)
+    except (ValueError, OverflowError):
+        return None
+
+
+def _all_numbers(value: Any) -> bool:
+    if isinstance(value, list):
+        return all(_all_numbers(item) for item in value)
+    return isinstance(value, int | float) and not isinstance(value, bool)
