@@ -1,5 +1,6 @@
 """Energy of the ball and the power that the actuation and the force put into it (section 3.1)."""
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -16,15 +17,37 @@ def kinetic_energy(
     Gamma: Float[Array, "3"],
 ) -> Float[Array, ""]:
     """T = ½ Ω·𝕀Ω + ½ Σ m |Ω × s + χ̇|², over the shell (first) and the point masses."""
-    Y = jnp.cross(Omega, r * Gamma + masses.chi) + masses.chidot
+    Y = velocities(r, masses, Omega, Gamma)
     return 0.5 * dot(Omega, apply(inertia, Omega)) + 0.5 * jnp.sum(m * jnp.sum(Y**2, axis=1))
+
+
+def velocities(
+    r: Float[Array, ""], masses: Kinematics, Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+) -> Float[Array, "n 3"]:
+    """Y = Ω × s + χ̇, the velocities in space of masses that roll with the ball, ``eq:roll_c_con``; body axes."""
+    return jax.vmap(lambda chi, chidot: cross(Omega, r * Gamma + chi) + chidot)(masses.chi, masses.chidot)
+
+
+def accelerations(
+    r: Float[Array, ""],
+    masses: Kinematics,
+    Omega: Float[Array, "3"],
+    Omegadot: Float[Array, "3"],
+    Gamma: Float[Array, "3"],
+) -> Float[Array, "n 3"]:
+    """a = Ω̇ × s + Ω × (Ω × χ + 2χ̇) + χ̈, the accelerations in space of the masses; body axes."""
+
+    def one(chi, chidot, chiddot):
+        return cross(Omegadot, r * Gamma + chi) + cross(Omega, cross(Omega, chi) + 2 * chidot) + chiddot
+
+    return jax.vmap(one)(*masses)
 
 
 def potential_energy(
     m: Float[Array, " n_plus_one"], g: Float[Array, ""], masses: Kinematics, Gamma: Float[Array, "3"]
 ) -> Float[Array, ""]:
     """V = g Σ m χ·Γ, zero where every mass is at the height of the geometric centre."""
-    return g * jnp.sum(m * jnp.sum(masses.chi * Gamma, axis=1))
+    return g * jnp.sum(m * jnp.sum(masses.chi * Gamma[None], axis=1))
 
 
 def actuation_power(
@@ -37,13 +60,8 @@ def actuation_power(
     Gamma: Float[Array, "3"],
 ) -> Float[Array, ""]:
     """Σ m χ̇·(gΓ + a), the rate at which the actuators do work on the masses."""
-    s = r * Gamma + masses.chi
-    a = (
-        jnp.cross(Omegadot, s)
-        + jnp.cross(Omega, jnp.cross(Omega, masses.chi) + 2 * masses.chidot)
-        + masses.chiddot
-    )
-    return jnp.sum(m * jnp.sum(masses.chidot * (g * Gamma + a), axis=1))
+    a = accelerations(r, masses, Omega, Omegadot, Gamma)
+    return jnp.sum(m * jnp.sum(masses.chidot * (g * Gamma[None] + a), axis=1))
 
 
 def force_power(

@@ -16,6 +16,7 @@ from .dynamics import driven_angles
 from .moments import kinematics, point_mass_values
 from .motion import Driven, OnRail
 from .state import BallState, DiskState, State
+from .vectors import apply
 
 STARTS = 256
 SAME = 1e-6
@@ -45,7 +46,7 @@ def balance(
     system: System,
     free: Sequence[int],
     *,
-    guess: Float[ArrayLike, " k"] | None = None,
+    guess: ArrayLike | Sequence[float] | None = None,
     above: bool | None = None,
     state: State | None = None,
     t: ArrayLike = 0.0,
@@ -81,7 +82,7 @@ def balance(
     return _choose(_Candidates(*(np.array(x) for x in found)), rails, guess, above, float(system.radius))
 
 
-def with_angles(system: System, free: Sequence[int], theta: Float[ArrayLike, " k"], t: ArrayLike = 0.0) -> System:
+def with_angles(system: System, free: Sequence[int], theta: ArrayLike | Sequence[float], t: ArrayLike = 0.0) -> System:
     """The same system with the schedules of the masses ``free`` moved so that they have ``theta`` at ``t``."""
     masses = list(system.point_masses)
     for index, angle in zip(free, to_array(theta), strict=True):
@@ -149,7 +150,7 @@ def _search(rails, masses, offset, total, Lambda, starts):
         return jnp.stack([rail(angle) for rail, angle in zip(rails, theta, strict=True)])
 
     def centre(theta):
-        return jnp.sum(Lambda * (offset + jnp.sum(masses[:, None] * places(theta), axis=0)), axis=1) / total
+        return apply(Lambda, offset + jnp.sum(masses[:, None] * places(theta), axis=0)) / total
 
     def one(start):
         solution = optimistix.least_squares(

@@ -82,7 +82,7 @@ def point_mass_values(system: AbstractBody) -> Float[Array, " n"]:
 
 def principal_inertia(system: System) -> Float[Array, "3 3"]:
     """𝕀 = diag(d1, d2, d3) of the shell; for a disk, the matrix that has d2 in every place of its diagonal."""
-    return system.inertia * jnp.eye(3, dtype=system.mass.dtype)
+    return jnp.broadcast_to(system.inertia, (3,))[:, None] * jnp.eye(3, dtype=system.mass.dtype)
 
 
 def _kinematics_by_group(system: System, t, angles: Rates) -> list[tuple[PointMass, Kinematics]]:

@@ -75,7 +75,7 @@ def _observe(system: Ball | Disk, t, state: BallState, Omegadot, angles) -> Obse
     centre = jnp.concatenate([state.z, jnp.zeros_like(state.z[:1])])
     return Observables(
         mass_positions_body=points.chi,
-        mass_positions_space=jnp.sum(Lambda * points.chi[:, None, :], axis=-1),
+        mass_positions_space=jnp.sum(Lambda[None] * points.chi[:, None, :], axis=-1),
         centre_of_mass_body=at.p / at.M,
         centre_of_mass_space=apply(Lambda, at.p) / at.M,
         geometric_centre=centre,

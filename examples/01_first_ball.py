@@ -1,0 +1,20 @@
+"""A ball with one mass driven round a circle: build it, roll it, look at it."""
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp
+
+from jaxball import Ball, Circle, ConstantRate, OnRail, PointMass, simulate
+
+driver = PointMass(mass=0.3, motion=OnRail(Circle(radius=0.6), ConstantRate(theta=-jnp.pi / 2, rate=0.5)))
+ball = Ball(mass=1.0, inertia=(0.6, 0.6, 0.6), masses=[driver])
+
+trajectory = simulate(ball, jnp.linspace(0.0, 10.0, 201))
+print(trajectory)
+
+seen = trajectory.observables
+print(f"least normal force     {seen.normal_force.min():.6f}")
+print(f"friction needed, mu    {trajectory.friction_needed:.6f}")
+print(f"energy put in          {seen.energy[-1] - seen.energy[0]:.6f}")

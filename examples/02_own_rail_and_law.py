@@ -1,0 +1,38 @@
+"""A rail of one's own and a feedback law: the mass chases a spot below the ball's centre."""
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp
+
+from jaxball import Ball, BallState, Driven, FunctionLaw, FunctionRail, PointMass, simulate
+
+
+def trefoil(theta, size):
+    """A closed knot inside the shell."""
+    return size * jnp.stack(
+        [
+            jnp.sin(theta) + 2 * jnp.sin(2 * theta),
+            jnp.cos(theta) - 2 * jnp.cos(2 * theta),
+            -jnp.sin(3 * theta),
+        ]
+    )
+
+
+def brake(t, state, gain):
+    """theta-double-dot that damps the mass's motion along its rail."""
+    return -gain * state.thetadot
+
+
+ball = Ball(
+    mass=1.0,
+    inertia=(0.5, 0.6, 0.7),
+    masses=[PointMass(0.4, Driven(FunctionRail(trefoil, jnp.array(0.25), closed_after=2 * jnp.pi)))],
+    law=FunctionLaw(brake, jnp.array(0.8)),
+)
+start = BallState(theta=[0.3], thetadot=[2.0])
+trajectory = simulate(ball, jnp.linspace(0.0, 8.0, 161), start)
+print(trajectory)
+print(f"theta at the end       {trajectory.state.theta[-1, 0]:.8f}")
+print(f"limit 0.3 + 2.0 / 0.8  {0.3 + 2.0 / 0.8 * (1 - jnp.exp(-0.8 * 8.0)):.8f}")

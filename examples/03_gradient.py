@@ -1,0 +1,30 @@
+"""How far the ball comes, and how that depends on its rail: derivatives through the solve."""
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import diffrax
+import jax.numpy as jnp
+
+from jaxball import Ball, Ellipse, OnRail, PointMass, Pulse, SphericalFrame, simulate
+
+times = jnp.array([0.0, 4.0])
+
+
+def distance(semi_axes, adjoint=None):
+    """The distance that the ball has come by t = 4."""
+    rail = Ellipse(semi_axes, frame=SphericalFrame(azimuth=0.4, elevation=0.2))
+    mass = PointMass(0.5, OnRail(rail, Pulse(theta=0.8, height=3.0)))
+    ball = Ball(mass=1.0, inertia=(0.6, 0.6, 0.7), masses=[mass])
+    z = simulate(ball, times, adjoint=adjoint).state.z[-1]
+    return jnp.sqrt(jnp.sum(z**2))
+
+
+at = jnp.array([0.8, 0.5])
+reverse = jax.jit(jax.grad(distance))(at)
+forward = jax.jit(jax.jacfwd(lambda a: distance(a, diffrax.ForwardMode())))(at)
+print(f"distance               {distance(at):.10f}")
+print(f"gradient, reverse mode {reverse}")
+print(f"gradient, forward mode {forward}")
+assert jnp.allclose(reverse, forward, rtol=1e-6)

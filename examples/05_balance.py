@@ -1,0 +1,20 @@
+"""Initial configurations of the paper's ball: the centre of mass exactly above or below the centre."""
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp
+
+from jaxball import balance, simulate, with_angles
+from jaxball.paper import ball as paper_ball
+
+ball = paper_ball()
+found = balance(ball, free=[1, 2])
+print(found.message)
+for theta, above in zip(found.solutions, found.solutions_above, strict=True):
+    print(f"  theta_2 = {theta[0]:.12f}, theta_3 = {theta[1]:.12f}: {'above' if above else 'below'}")
+
+rounded = simulate(ball, jnp.array([0.0, 20.0]))
+exact = simulate(with_angles(ball, [1, 2], found.theta), jnp.array([0.0, 20.0]))
+print(f"rounding theta to four digits moves the end by {jnp.linalg.norm(exact.state.z[-1] - rounded.state.z[-1]):.1e}")

@@ -1,0 +1,191 @@
+"""The command line: ``jaxball scenarios``, ``jaxball simulate`` and ``jaxball reproduce``."""
+
+import argparse
+import dataclasses
+import importlib.metadata
+import math
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from . import cpu
+from .results import OutputError, check_destination, replacing, save
+from .scenario import (
+    Scenario,
+    ScenarioError,
+    builtin_scenarios,
+    builtin_text,
+    builtin_title,
+    load_scenario,
+)
+from .scenario.solve import SOLVERS
+from .simulation import PrecisionError
+from .trajectory import Trajectory
+
+BAD_INPUT = 2
+FAILED_SOLVE = 3
+ANIMATIONS = (".mp4", ".gif")
+FRAMES = 30
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs a command, and returns its exit code: 0, 2 for bad input, 3 for a solve that failed."""
+    options = _parser().parse_args(arguments)
+    cpu.prepare()
+    jax.config.update("jax_enable_x64", True)
+    try:
+        return options.run(options)
+    except (ScenarioError, OutputError, PrecisionError, OSError) as error:
+        print(f"jaxball: {error}", file=sys.stderr)
+        return BAD_INPUT
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="jaxball",
+        description="Simulates a rolling ball or disk driven by point masses moving inside it.",
+    )
+    parser.add_argument(
+        "--version", action="version", version=f"jaxball {importlib.metadata.version('jaxball')}"
+    )
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_scenarios(commands)
+    _add_simulate(commands)
+    _add_reproduce(commands)
+    return parser
+
+
+def _add_scenarios(commands) -> None:
+    parser = commands.add_parser("scenarios", help="list the built-in scenarios, or print one as a file")
+    parser.add_argument("name", nargs="?", help="the scenario to print")
+    parser.set_defaults(run=_scenarios)
+
+
+def _add_simulate(commands) -> None:
+    parser = commands.add_parser("simulate", help="simulate a scenario")
+    parser.add_argument("scenario", metavar="FILE|NAME", help="a scenario file, or a built-in scenario")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="save the trajectory: .nc, .npz or .csv")
+    parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw the figures into this folder")
+    parser.add_argument("--animate", type=Path, metavar="FILE", help="make an animation: .mp4 or .gif")
+    parser.add_argument("--solver", choices=SOLVERS, help="instead of the scenario's")
+    parser.add_argument("--rtol", type=_tolerance, help="relative tolerance, instead of the scenario's")
+    parser.add_argument("--atol", type=_tolerance, help="absolute tolerance, instead of the scenario's")
+    parser.set_defaults(run=_simulate)
+
+
+def _add_reproduce(commands) -> None:
+    parser = commands.add_parser("reproduce", help="reproduce both runs of Putkaradze & Rogers (2018)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out"), metavar="FOLDER", help="where to (default: out)"
+    )
+    parser.set_defaults(run=_reproduce)
+
+
+def _tolerance(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"it must be a positive number, but it is {text}")
+    return value
+
+
+def _scenarios(options: argparse.Namespace) -> int:
+    if options.name is not None:
+        print(builtin_text(options.name), end="")
+        return 0
+    names = builtin_scenarios()
+    width = max(len(name) for name in names)
+    for name in names:
+        print(f"{name:{width}}  {builtin_title(name)}")
+    return 0
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    _check_destinations(options)
+    changes = {name: getattr(options, name) for name in ("solver", "rtol", "atol")}
+    changes = {name: value for name, value in changes.items() if value is not None}
+    scenario = dataclasses.replace(load_scenario(options.scenario), **changes)
+    trajectory = scenario.simulate()
+    if options.out is not None:
+        save(trajectory, options.out, scenario)
+    if not trajectory.ok:
+        print(f"jaxball: {trajectory.message}{_kept(options.out)}", file=sys.stderr)
+        return FAILED_SOLVE
+    written = [] if options.out is None else [str(options.out)]
+    written += _draw(options, scenario, trajectory)
+    print(_summary(scenario, trajectory, written))
+    return 0
+
+
+def _kept(out: Path | None) -> str:
+    return "" if out is None else f' What was computed is in "{out}", marked as failed.'
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    # Imported here, because matplotlib takes longer to import than the other commands need.
+    from .reproduce import reproduce
+
+    if options.out.exists() and not options.out.is_dir():
+        raise OutputError(f'Argument `--out` must be a folder, but "{options.out}" is a file.')
+    reproduce(options.out)
+    return 0
+
+
+def _check_destinations(options: argparse.Namespace) -> None:
+    if options.out is not None:
+        check_destination(options.out)
+    if options.plot is not None and options.plot.exists() and not options.plot.is_dir():
+        raise OutputError(f'Argument `--plot` must be a folder, but "{options.plot}" is a file.')
+    if options.animate is not None:
+        check_destination(options.animate, ANIMATIONS)
+        if options.animate.suffix == ".mp4" and shutil.which("ffmpeg") is None:
+            raise OutputError(
+                "Argument `--animate` must end in .gif where ffmpeg is not installed, but it is "
+                f'"{options.animate}".'
+            )
+
+
+def _draw(options: argparse.Namespace, scenario: Scenario, trajectory: Trajectory) -> list[str]:
+    if options.plot is None and options.animate is None:
+        return []
+    from . import plot
+
+    written = []
+    if options.plot is not None:
+        paths = plot.figures(trajectory, options.plot)
+        written.append(f"{len(paths)} figures in {options.plot}")
+    if options.animate is not None:
+        with replacing(options.animate) as beside:
+            plot.animate(_for_film(scenario), beside, fps=FRAMES)
+        written.append(str(options.animate))
+    return written
+
+
+def _for_film(scenario: Scenario) -> Trajectory:
+    """The run again, saved as often as a film has frames."""
+    start, end = float(scenario.times[0]), float(scenario.times[-1])
+    times = np.linspace(start, end, math.ceil(FRAMES * (end - start)) + 1)
+    return dataclasses.replace(scenario, times=times).simulate()
+
+
+def _summary(scenario: Scenario, trajectory: Trajectory, written: Sequence[str]) -> str:
+    least = float(np.min(trajectory.observables.normal_force))
+    lines = [str(trajectory)]
+    if scenario.title:
+        lines.insert(0, scenario.title)
+    if least > 0:
+        mu = float(trajectory.friction_needed)
+        lines.append(
+            f"  least normal force {least:.6g}; friction needed, max |f|/N, {mu:.6g} (at the saved times)"
+        )
+    else:
+        lines.append(f"  the ball would lift off: the least normal force at the saved times is {least:.6g}")
+    if written:
+        lines.append("  written: " + ", ".join(written))
+    return "\n".join(lines)
