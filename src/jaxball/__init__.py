@@ -18,7 +18,11 @@ from .feedback import (
     FunctionLaw as FunctionLaw,
     Servo as Servo,
 )
-from .force import AbstractForce as AbstractForce, FunctionForce as FunctionForce, HarmonicForce as HarmonicForce
+from .force import (
+    AbstractForce as AbstractForce,
+    FunctionForce as FunctionForce,
+    HarmonicForce as HarmonicForce,
+)
 from .frames import (
     AbstractFrame as AbstractFrame,
     MatrixFrame as MatrixFrame,
@@ -26,7 +30,13 @@ from .frames import (
     VersorFrame as VersorFrame,
 )
 from .harmonics import HarmonicSeries as HarmonicSeries
-from .motion import Driven as Driven, Fixed as Fixed, Free as Free, OnRail as OnRail, Oscillating as Oscillating
+from .motion import (
+    Driven as Driven,
+    Fixed as Fixed,
+    Free as Free,
+    OnRail as OnRail,
+    Oscillating as Oscillating,
+)
 from .observables import Observables as Observables, observe as observe
 from .rails import (
     AbstractRail as AbstractRail,

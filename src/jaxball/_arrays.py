@@ -1,19 +1,14 @@
 """How parameters become array leaves."""
 
+from collections.abc import Sequence
 from typing import Any
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+Numbers = ArrayLike | Sequence[Any]  # a number, an array, or nested sequences of numbers
 
-def to_array(x: Any) -> Float[Array, "..."]:
+
+def to_array(x: Numbers) -> Float[Array, "..."]:
     """``x`` as an array of the default floating type (float64 where x64 is enabled)."""
     return jnp.asarray(x, dtype=jnp.result_type(float))
-
-
-def array_field(default: ArrayLike | tuple | None = None) -> Any:
-    """A field of an Equinox module that holds an array, converted on construction."""
-    if default is None:
-        return eqx.field(converter=to_array)
-    return eqx.field(converter=to_array, default=default)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ._arrays import array_field, to_array
+from ._arrays import Numbers, to_array
 from .feedback import AbstractLaw, FollowSchedules
 from .force import AbstractForce
 from .motion import AbstractMotion, Driven, OnRail
@@ -18,7 +18,7 @@ from .motion import AbstractMotion, Driven, OnRail
 class PointMass(eqx.Module):
     """A point mass m_i and its motion in the ball."""
 
-    mass: Float[Array, "*group"] = array_field()
+    mass: Float[Array, "*group"] = eqx.field(converter=to_array)
     motion: AbstractMotion
 
 
@@ -75,9 +75,7 @@ class AbstractBody(eqx.Module):
             for group in self.groups
         )
         law = None if self.law is None else self.law.prepare()
-        return eqx.tree_at(
-            lambda body: (body.groups, body.law), self, (groups, law), is_leaf=lambda x: x is None
-        )
+        return eqx.tree_at(lambda body: (body.groups, body.law), self, (groups, law), is_leaf=lambda x: x is None)
 
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which actuation or force jumps, in no order; an integrator steps to them."""
@@ -126,11 +124,11 @@ class Ball(AbstractBody):
     def __init__(
         self,
         *,
-        mass: ArrayLike,
-        inertia: ArrayLike | Sequence[ArrayLike],
-        radius: ArrayLike = 1.0,
-        offset: ArrayLike | Sequence[ArrayLike] = (0.0, 0.0, 0.0),
-        gravity: ArrayLike = 1.0,
+        mass: Numbers,
+        inertia: Numbers,
+        radius: Numbers = 1.0,
+        offset: Numbers = (0.0, 0.0, 0.0),
+        gravity: Numbers = 1.0,
         force: AbstractForce | None = None,
         masses: Sequence[PointMass] = (),
         law: AbstractLaw | None = None,
@@ -139,7 +137,13 @@ class Ball(AbstractBody):
         self.inertia, self.offset = to_array(inertia), to_array(offset)
         self.force, self.law = force, law
         self.groups, self.order = _grouped(masses)
-        for name, shape in (("mass", ()), ("radius", ()), ("gravity", ()), ("inertia", (3,)), ("offset", (3,))):
+        for name, shape in (
+            ("mass", ()),
+            ("radius", ()),
+            ("gravity", ()),
+            ("inertia", (3,)),
+            ("offset", (3,)),
+        ):
             _require_shape(name, getattr(self, name), shape)
         _require_law(self)
 
@@ -166,11 +170,11 @@ class Disk(AbstractBody):
     def __init__(
         self,
         *,
-        mass: ArrayLike,
-        inertia: ArrayLike,
-        radius: ArrayLike = 1.0,
-        offset: ArrayLike | Sequence[ArrayLike] = (0.0, 0.0, 0.0),
-        gravity: ArrayLike = 1.0,
+        mass: Numbers,
+        inertia: Numbers,
+        radius: Numbers = 1.0,
+        offset: Numbers = (0.0, 0.0, 0.0),
+        gravity: Numbers = 1.0,
         force: AbstractForce | None = None,
         masses: Sequence[PointMass] = (),
         law: AbstractLaw | None = None,

@@ -49,9 +49,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="jaxball",
         description="Simulates a rolling ball or disk driven by point masses moving inside it.",
     )
-    parser.add_argument(
-        "--version", action="version", version=f"jaxball {importlib.metadata.version('jaxball')}"
-    )
+    parser.add_argument("--version", action="version", version=f"jaxball {importlib.metadata.version('jaxball')}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_scenarios(commands)
     _add_simulate(commands)
@@ -79,9 +77,7 @@ def _add_simulate(commands) -> None:
 
 def _add_reproduce(commands) -> None:
     parser = commands.add_parser("reproduce", help="reproduce both runs of Putkaradze & Rogers (2018)")
-    parser.add_argument(
-        "--out", type=Path, default=Path("out"), metavar="FOLDER", help="where to (default: out)"
-    )
+    parser.add_argument("--out", type=Path, default=Path("out"), metavar="FOLDER", help="where to (default: out)")
     parser.set_defaults(run=_reproduce)
 
 
@@ -146,8 +142,7 @@ def _check_destinations(options: argparse.Namespace) -> None:
         check_destination(options.animate, ANIMATIONS)
         if options.animate.suffix == ".mp4" and shutil.which("ffmpeg") is None:
             raise OutputError(
-                "Argument `--animate` must end in .gif where ffmpeg is not installed, but it is "
-                f'"{options.animate}".'
+                f'Argument `--animate` must end in .gif where ffmpeg is not installed, but it is "{options.animate}".'
             )
 
 
@@ -181,9 +176,7 @@ def _summary(scenario: Scenario, trajectory: Trajectory, written: Sequence[str])
         lines.insert(0, scenario.title)
     if least > 0:
         mu = float(trajectory.friction_needed)
-        lines.append(
-            f"  least normal force {least:.6g}; friction needed, max |f|/N, {mu:.6g} (at the saved times)"
-        )
+        lines.append(f"  least normal force {least:.6g}; friction needed, max |f|/N, {mu:.6g} (at the saved times)")
     else:
         lines.append(f"  the ball would lift off: the least normal force at the saved times is {least:.6g}")
     if written:

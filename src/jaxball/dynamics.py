@@ -4,6 +4,9 @@ Each function is pure: parameters, time and state in, rates out. Labels are thos
 Putkaradze & Rogers (2018).
 """
 
+from collections.abc import Callable
+from typing import Any, TypeVar
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -40,16 +43,12 @@ def angular_acceleration(
     return -solve(inertia_about_contact(at, r, Gamma), torque)
 
 
-def inertia_about_contact(
-    at: Moments, r: Float[Array, ""], Gamma: Float[Array, "3"]
-) -> Float[Array, "3 3"]:
+def inertia_about_contact(at: Moments, r: Float[Array, ""], Gamma: Float[Array, "3"]) -> Float[Array, "3 3"]:
     """B = 𝕀 − Σ m ŝ², the inertia about the contact point, with s = rΓ + χ. Symmetric positive definite."""
     identity = jnp.eye(3, dtype=Gamma.dtype)
     mixed = outer(Gamma, at.p)
     return (
-        at.J
-        + at.M * r**2 * (identity - outer(Gamma, Gamma))
-        + r * (2 * dot(Gamma, at.p) * identity - mixed - mixed.T)
+        at.J + at.M * r**2 * (identity - outer(Gamma, Gamma)) + r * (2 * dot(Gamma, at.p) * identity - mixed - mixed.T)
     )
 
 
@@ -110,9 +109,7 @@ def reduced_field(ball: Ball, t: Float[Array, ""], state: ReducedState) -> Reduc
     )
 
 
-def rolling_velocity(
-    Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: Float[Array, ""]
-) -> Float[Array, "2"]:
+def rolling_velocity(Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: Float[Array, ""]) -> Float[Array, "2"]:
     """ż = (ΛΩ × r e3)₁₂, the rolling constraint at the geometric centre."""
     omega1 = dot(Lambda[0], Omega)
     omega2 = dot(Lambda[1], Omega)
@@ -162,14 +159,15 @@ FIELDS = {
     (Ball, ReducedState): reduced_field,
     (Disk, DiskState): disk_field,
 }
+AnyState = TypeVar("AnyState", bound=State)
 
 
-def vector_field(system: System, t: Float[Array, ""], state: State) -> State:
+def vector_field(system: System, t: Float[Array, ""], state: AnyState) -> AnyState:
     """ẋ = f(t, x) for the system and the kind of state given.
 
     **Raises:** ``TypeError`` when the system has no state of that kind.
     """
-    field = FIELDS.get((type(system), type(state)))
+    field: Callable[..., Any] | None = FIELDS.get((type(system), type(state)))
     if field is None:
         raise TypeError(
             f"Argument `state` must be a state of a {type(system).__name__}, but it is a {type(state).__name__}; "

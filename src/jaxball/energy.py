@@ -64,9 +64,7 @@ def actuation_power(
     return jnp.sum(m * jnp.sum(masses.chidot * (g * Gamma[None] + a), axis=1))
 
 
-def force_power(
-    Fe: Float[Array, "3"], r: Float[Array, ""], omega: Float[Array, "3"]
-) -> Float[Array, ""]:
+def force_power(Fe: Float[Array, "3"], r: Float[Array, ""], omega: Float[Array, "3"]) -> Float[Array, ""]:
     """Fe·(ω × r e3), the rate at which the external force does work at the geometric centre."""
     velocity = cross(omega, jnp.stack([jnp.zeros_like(r), jnp.zeros_like(r), r]))
     return dot(Fe, velocity)

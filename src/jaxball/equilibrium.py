@@ -10,7 +10,7 @@ import numpy as np
 import optimistix
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from ._arrays import to_array
+from ._arrays import Numbers, to_array
 from .body import Disk, PointMass, System, with_masses
 from .dynamics import driven_angles
 from .moments import kinematics, point_mass_values
@@ -46,7 +46,7 @@ def balance(
     system: System,
     free: Sequence[int],
     *,
-    guess: ArrayLike | Sequence[float] | None = None,
+    guess: Numbers | None = None,
     above: bool | None = None,
     state: State | None = None,
     t: ArrayLike = 0.0,
@@ -82,7 +82,7 @@ def balance(
     return _choose(_Candidates(*(np.array(x) for x in found)), rails, guess, above, float(system.radius))
 
 
-def with_angles(system: System, free: Sequence[int], theta: ArrayLike | Sequence[float], t: ArrayLike = 0.0) -> System:
+def with_angles(system: System, free: Sequence[int], theta: Numbers, t: ArrayLike = 0.0) -> System:
     """The same system with the schedules of the masses ``free`` moved so that they have ``theta`` at ``t``."""
     masses = list(system.point_masses)
     for index, angle in zip(free, to_array(theta), strict=True):

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ._arrays import array_field
+from ._arrays import to_array
 from .schedules import AbstractSchedule
 from .state import State
 
@@ -36,7 +36,7 @@ class FunctionLaw(AbstractLaw):
 
     function: Callable[[Float[Array, ""], State, PyTree], Float[Array, " driven"]] = eqx.field(static=True)
     parameters: PyTree = None
-    kink_times: Float[Array, "*group kinks"] = array_field(())
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=to_array, default=())
 
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
         return self.function(t, state, self.parameters)
@@ -64,18 +64,14 @@ class Servo(AbstractLaw):
     """u = −stiffness (θ − target(t)) − damping (θ̇ − target rate) + target acceleration, mass by mass."""
 
     targets: tuple[AbstractSchedule, ...]
-    stiffness: Float[Array, "*group driven"] = array_field()
-    damping: Float[Array, "*group driven"] = array_field()
+    stiffness: Float[Array, "*group driven"] = eqx.field(converter=to_array)
+    damping: Float[Array, "*group driven"] = eqx.field(converter=to_array)
 
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
         target, rate, acceleration = (
             jnp.stack(values) for values in zip(*(s.derivatives(t) for s in self.targets), strict=True)
         )
-        return (
-            acceleration
-            - self.stiffness * (state.theta - target)
-            - self.damping * (state.thetadot - rate)
-        )
+        return acceleration - self.stiffness * (state.theta - target) - self.damping * (state.thetadot - rate)
 
     def kinks(self) -> Float[Array, " kinks"]:
         return jnp.concatenate([schedule.kinks() for schedule in self.targets])

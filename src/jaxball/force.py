@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ._arrays import array_field
+from ._arrays import Numbers, to_array
 from .harmonics import HarmonicSeries
 
 
@@ -31,7 +31,13 @@ class HarmonicForce(AbstractForce):
 
     series: HarmonicSeries
 
-    def __init__(self, constant, amplitude=None, frequency=(), phase=None):
+    def __init__(
+        self,
+        constant: Numbers,
+        amplitude: Numbers | None = None,
+        frequency: Numbers = (),
+        phase: Numbers | None = None,
+    ):
         self.series = HarmonicSeries(constant, amplitude, frequency, phase)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
@@ -46,7 +52,7 @@ class FunctionForce(AbstractForce):
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
     parameters: PyTree = None
-    kink_times: Float[Array, "*group kinks"] = array_field(())
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=to_array, default=())
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         return self.function(t, self.parameters)

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._arrays import to_array
+from ._arrays import Numbers, to_array
 from .trigonometry import sine_cosine
 
 
@@ -23,12 +23,20 @@ class HarmonicSeries(eqx.Module):
     frequency: Float[Array, "*group terms"]
     phase: Float[Array, "*group terms"]
 
-    def __init__(self, constant, amplitude=None, frequency=(), phase=None):
+    def __init__(
+        self,
+        constant: Numbers,
+        amplitude: Numbers | None = None,
+        frequency: Numbers = (),
+        phase: Numbers | None = None,
+    ):
         self.constant = to_array(constant)
         self.frequency = to_array(frequency)
         terms = self.frequency.shape[0] if self.frequency.ndim == 1 else None
         shape = (terms, *self.constant.shape)
-        self.amplitude = to_array(jnp.zeros(shape) if amplitude is None and terms == 0 else amplitude)
+        self.amplitude = (
+            jnp.zeros_like(self.constant, shape=(0, *shape[1:])) if amplitude is None else to_array(amplitude)
+        )
         self.phase = jnp.zeros_like(self.frequency) if phase is None else to_array(phase)
         if self.amplitude.shape != shape or self.phase.shape != self.frequency.shape:
             raise ValueError(

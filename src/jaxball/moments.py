@@ -5,12 +5,11 @@ one by one, depend on these sums alone, so the cost of the ball's equation does 
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .body import AbstractBody, Ball, Disk, PointMass, System
+from .body import AbstractBody, PointMass, System
 from .motion import Driven, Kinematics
 from .vectors import outer
 

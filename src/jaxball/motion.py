@@ -12,7 +12,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ._arrays import array_field
+from ._arrays import to_array
 from .calculus import two_derivatives
 from .harmonics import HarmonicSeries
 from .rails import AbstractRail
@@ -92,7 +92,7 @@ class Driven(AbstractMotion):
 class Fixed(AbstractPrescribedMotion):
     """A mass held at ``position``: with only such masses the ball has static internal structure."""
 
-    position: Float[Array, "*group 3"] = array_field()
+    position: Float[Array, "*group 3"] = eqx.field(converter=to_array)
 
     def kinematics(self, t: Float[Array, ""]) -> Kinematics:
         zero = jnp.zeros_like(self.position)
@@ -117,7 +117,7 @@ class Free(AbstractPrescribedMotion):
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
     parameters: PyTree = None
-    kink_times: Float[Array, "*group kinks"] = array_field(())
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=to_array, default=())
 
     def kinematics(self, t: Float[Array, ""]) -> Kinematics:
         return Kinematics(*two_derivatives(lambda t: self.function(t, self.parameters), t))

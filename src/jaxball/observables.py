@@ -4,9 +4,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .body import Ball, Disk, System
+from .body import System
 from .contact import contact_force
-from .dynamics import ball_field, disk_field, driven_angles
+from .dynamics import driven_angles, vector_field
 from .energy import actuation_power, force_power, kinetic_energy, potential_energy
 from .moments import kinematics, moments, point_mass_values, principal_inertia
 from .motion import Kinematics
@@ -48,16 +48,11 @@ class Observables(eqx.Module):
 def observe(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Observables:
     """The observables of a ball or a disk at time ``t``. A disk is observed in space."""
     angles = driven_angles(system, t, state)
-    if isinstance(system, Disk):
-        phiddot = disk_field(system, t, state).phidot
-        Omegadot = jnp.stack([jnp.zeros_like(phiddot), -phiddot, jnp.zeros_like(phiddot)])
-        state = state.in_space()
-    else:
-        Omegadot = ball_field(system, t, state).Omega
-    return _observe(system, t, state, Omegadot, angles)
+    rates = vector_field(system, t, state)
+    return _observe(system, t, state.in_space(), rates.in_space().Omega, angles)
 
 
-def _observe(system: Ball | Disk, t, state: BallState, Omegadot, angles) -> Observables:
+def _observe(system: System, t, state: BallState, Omegadot, angles) -> Observables:
     r, g, Omega, Lambda = system.radius, system.gravity, state.Omega, state.Lambda
     Gamma, omega = Lambda[2], apply(Lambda, Omega)
     Fe = jnp.zeros_like(Omega) if system.force is None else system.force(t)

@@ -42,9 +42,7 @@ class Reference:
         """
         found = [name for name in self.names if name == symbol or name.rpartition("_")[0] == symbol]
         if not found:
-            raise KeyError(
-                f"Argument `symbol` must name a part of {', '.join(self.names)}, but it is {symbol!r}."
-            )
+            raise KeyError(f"Argument `symbol` must name a part of {', '.join(self.names)}, but it is {symbol!r}.")
         return np.stack([self.column(name) for name in found], axis=1)
 
 

@@ -2,18 +2,19 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, ArrayLike
 
-from ._arrays import to_array
-from .body import Ball, Disk, System
+from ._arrays import Numbers, to_array
+from .body import Ball, System
 from .dynamics import vector_field
 from .state import BallState, DiskState, State
 from .status import Status
@@ -32,7 +33,7 @@ class PrecisionError(ValueError):
 
 def simulate(
     system: System,
-    times: Float[ArrayLike, " times"],
+    times: Numbers,
     state: State | None = None,
     *,
     solver: diffrax.AbstractAdaptiveSolver | None = None,
@@ -141,7 +142,7 @@ def _solve(system, times, state, rtol, atol, method: _Method) -> tuple:
         progress_meter=method.progress,
         throw=False,
     )
-    (_, ended), (states, _) = solution.ts, solution.ys
+    (_, ended), (states, _) = cast(tuple, solution.ts), cast(tuple, solution.ys)
     return (
         jax.vmap(unpack)(jnp.where(startable & jnp.isfinite(states), states, jnp.nan)),
         jnp.where(startable, ended[0], times[0]),
@@ -183,23 +184,21 @@ def _number(x: ArrayLike) -> ArrayLike:
     return x if isinstance(x, jax.Array) else np.asarray(x, dtype=jnp.result_type(float))
 
 
-def _checked_times(times: ArrayLike) -> ArrayLike:
+def _checked_times(times: Numbers) -> Array | np.ndarray:
     """``times`` as an array; kept in NumPy where it is known, because that costs microseconds less a call."""
-    if isinstance(times, jax.core.Tracer):
-        times = to_array(times)
-    else:
-        times = np.asarray(times, dtype=jnp.result_type(float))
-    if times.ndim != 1 or times.size < 2:
+    known = not isinstance(times, Tracer)
+    array = np.asarray(times, dtype=jnp.result_type(float)) if known else to_array(times)
+    if array.ndim != 1 or array.size < 2:
         raise ValueError(
             "Argument `times` must be two or more increasing numbers, from the start to the end of the run, "
-            f"but its shape is {times.shape}."
+            f"but its shape is {array.shape}."
         )
-    if isinstance(times, np.ndarray) and not np.all(np.diff(times) > 0):
+    if known and not np.all(np.diff(array) > 0):
         raise ValueError(
             "Argument `times` must be increasing and finite, but it starts with "
-            f"{times[:3].tolist()} and ends with {times[-3:].tolist()}."
+            f"{array[:3].tolist()} and ends with {array[-3:].tolist()}."
         )
-    return times
+    return array
 
 
 def _check_state(system: System, state: State) -> None:
@@ -212,7 +211,7 @@ def _check_state(system: System, state: State) -> None:
 
 
 def _check_precision(dtype: Any, rtol: ArrayLike, atol: ArrayLike) -> None:
-    tolerances = [x for x in (rtol, atol) if not isinstance(x, jax.core.Tracer)]
+    tolerances = [x for x in (rtol, atol) if not isinstance(x, Tracer)]
     finest = 8 * float(jnp.finfo(dtype).eps)
     if not tolerances or max(float(np.max(x)) for x in tolerances) >= finest:
         return

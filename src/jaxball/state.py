@@ -7,8 +7,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._arrays import array_field, to_array
-from .versor import rotation_matrix, vertical_in_body
+from ._arrays import Numbers, to_array
+from .versor import from_rotation_matrix, rotation_matrix, vertical_in_body
 
 EMPTY = ()
 
@@ -21,16 +21,20 @@ class BallState(eqx.Module):
     geometric centre.
     """
 
-    q: Float[Array, "*batch 4"] = array_field((1.0, 0.0, 0.0, 0.0))
-    Omega: Float[Array, "*batch 3"] = array_field((0.0, 0.0, 0.0))
-    z: Float[Array, "*batch 2"] = array_field((0.0, 0.0))
-    theta: Float[Array, "*batch driven"] = array_field(EMPTY)
-    thetadot: Float[Array, "*batch driven"] = array_field(EMPTY)
+    q: Float[Array, "*batch 4"] = eqx.field(converter=to_array, default=(1.0, 0.0, 0.0, 0.0))
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=to_array, default=(0.0, 0.0, 0.0))
+    z: Float[Array, "*batch 2"] = eqx.field(converter=to_array, default=(0.0, 0.0))
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=to_array, default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(converter=to_array, default=EMPTY)
 
     @property
     def Lambda(self) -> Float[Array, "3 3"]:
         """The rotation matrix Λ from body to space."""
         return rotation_matrix(self.q)
+
+    def in_space(self) -> "BallState":
+        """The state itself; see :meth:`DiskState.in_space`."""
+        return self
 
     @property
     def Gamma(self) -> Float[Array, "3"]:
@@ -41,25 +45,31 @@ class BallState(eqx.Module):
 class RotationState(eqx.Module):
     """The state with the rotation matrix Λ in place of the versor, ``uncon_ball_eqns_explicit_full``."""
 
-    Lambda: Float[Array, "*batch 3 3"] = array_field(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
-    Omega: Float[Array, "*batch 3"] = array_field((0.0, 0.0, 0.0))
-    z: Float[Array, "*batch 2"] = array_field((0.0, 0.0))
-    theta: Float[Array, "*batch driven"] = array_field(EMPTY)
-    thetadot: Float[Array, "*batch driven"] = array_field(EMPTY)
+    Lambda: Float[Array, "*batch 3 3"] = eqx.field(
+        converter=to_array, default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    )
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=to_array, default=(0.0, 0.0, 0.0))
+    z: Float[Array, "*batch 2"] = eqx.field(converter=to_array, default=(0.0, 0.0))
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=to_array, default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(converter=to_array, default=EMPTY)
 
     @property
     def Gamma(self) -> Float[Array, "3"]:
         """Γ = Λ⁻¹ e3."""
         return self.Lambda[2]
 
+    def in_space(self) -> BallState:
+        """The same state with a versor."""
+        return BallState(from_rotation_matrix(self.Lambda), self.Omega, self.z, self.theta, self.thetadot)
+
 
 class ReducedState(eqx.Module):
     """The state (Ω, Γ) reduced by the symmetry of the plane, ``uncon_ball_eqns_explicit``."""
 
-    Omega: Float[Array, "*batch 3"] = array_field((0.0, 0.0, 0.0))
-    Gamma: Float[Array, "*batch 3"] = array_field((0.0, 0.0, 1.0))
-    theta: Float[Array, "*batch driven"] = array_field(EMPTY)
-    thetadot: Float[Array, "*batch driven"] = array_field(EMPTY)
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=to_array, default=(0.0, 0.0, 0.0))
+    Gamma: Float[Array, "*batch 3"] = eqx.field(converter=to_array, default=(0.0, 0.0, 1.0))
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=to_array, default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(converter=to_array, default=EMPTY)
 
 
 class DiskState(eqx.Module):
@@ -74,7 +84,14 @@ class DiskState(eqx.Module):
     theta: Float[Array, "*batch driven"]
     thetadot: Float[Array, "*batch driven"]
 
-    def __init__(self, phi=0.0, phidot=0.0, z=0.0, theta=EMPTY, thetadot=EMPTY):
+    def __init__(
+        self,
+        phi: Numbers = 0.0,
+        phidot: Numbers = 0.0,
+        z: Numbers = 0.0,
+        theta: Numbers = EMPTY,
+        thetadot: Numbers = EMPTY,
+    ):
         self.phi, self.phidot, self.z = to_array(phi), to_array(phidot), to_array(z)
         self.theta, self.thetadot = to_array(theta), to_array(thetadot)
 

@@ -14,7 +14,6 @@ from .body import System
 from .observables import Observables, observe
 from .state import BallState, DiskState, ReducedState, RotationState, State
 from .status import SolveError, Status
-from .versor import from_rotation_matrix
 
 
 class Interpolant(eqx.Module):
@@ -39,7 +38,7 @@ class Trajectory(eqx.Module):
     """
 
     system: System
-    times: Float[Array, "*batch T"]
+    times: Float[Array | np.ndarray, "*batch T"]
     state: State
     reached: Float[Array, "*batch"]
     status: Int[Array, "*batch"]
@@ -84,11 +83,7 @@ class Trajectory(eqx.Module):
                 "The observables need the full state, but this trajectory is of a ReducedState; simulate "
                 "with a BallState."
             )
-        state = self.state
-        if isinstance(state, RotationState):
-            q = jax.vmap(from_rotation_matrix)(state.Lambda)
-            state = BallState(q, state.Omega, state.z, state.theta, state.thetadot)
-        return _observe_all(self.system, self.times, state)
+        return _observe_all(self.system, self.times, self.state)
 
     @property
     def friction_needed(self) -> Float[Array, ""]:
@@ -112,7 +107,8 @@ class Trajectory(eqx.Module):
 @eqx.filter_jit
 def _observe_all(system, times, state) -> Observables:
     prepared = system.prepare()
-    return jax.vmap(lambda t, x: observe(prepared, t, x))(times, state)
+    upright = jax.vmap(RotationState.in_space)(state) if isinstance(state, RotationState) else state
+    return jax.vmap(lambda t, x: observe(prepared, t, x))(times, upright)
 
 
 @eqx.filter_jit

@@ -13,7 +13,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 # π/2 in three parts; the first two have 33 bits, so that multiples of them up to 2²⁰ are exact.
-HALF_PI = (float.fromhex("0x1.921fb544p+0"), float.fromhex("0x1.0b4611a6p-34"), float.fromhex("0x1.3198a2e037073p-69"))
+HALF_PI = (
+    float.fromhex("0x1.921fb544p+0"),
+    float.fromhex("0x1.0b4611a6p-34"),
+    float.fromhex("0x1.3198a2e037073p-69"),
+)
 SINE = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(8))
 COSINE = tuple((-1) ** k / math.factorial(2 * k) for k in range(9))
 

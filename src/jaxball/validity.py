@@ -62,4 +62,3 @@ def problems(system: System) -> list[str]:
 
 def _positive(x: Array) -> Bool[Array, ""]:
     return jnp.all((x > 0) & jnp.isfinite(x))
-

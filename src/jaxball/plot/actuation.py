@@ -1,5 +1,7 @@
 """What drives the masses."""
 
+from collections.abc import Sequence
+
 import equinox as eqx
 import jax
 import numpy as np
@@ -18,7 +20,10 @@ Curve = tuple[np.ndarray, np.ndarray]
 
 
 def acceleration(
-    source: Trajectory | System, ax: Axes | None = None, *, times: ArrayLike | None = None
+    source: Trajectory | System,
+    ax: Axes | None = None,
+    *,
+    times: ArrayLike | Sequence[ArrayLike] | None = None,
 ) -> Axes:
     """The magnitudes |θ̈_i| over time, ``fig_abs_ui``; masses with the same curve share a line.
 
@@ -44,13 +49,15 @@ def acceleration(
         shared = {} if len(members) == 1 else {"color": INK}
         ax.plot(t, size, **mass_line(members[0], **shared), label=_names(members))
     _show_the_active_part(ax, list(curves.values()))
-    ax.set_ylim(bottom=0)
+    ax.set_ylim(bottom=-0.03 * ax.get_ylim()[1])  # a mass that is not pushed is seen above the axis
     named(ax, "$t$", r"$|\ddot{\theta}_i|$")
     legend_above(ax)
     return ax
 
 
-def accelerations(source: Trajectory | System, times: ArrayLike | None = None) -> dict[int, Curve]:
+def accelerations(
+    source: Trajectory | System, times: ArrayLike | Sequence[ArrayLike] | None = None
+) -> dict[int, Curve]:
     """Times and |θ̈_i| there for each mass i = 1 … n on a rail, where they are known."""
     curves: dict[int, Curve] = {}
     system = source.system if isinstance(source, Trajectory) else source
@@ -77,18 +84,27 @@ def _scheduled(motion: OnRail, times: Float[jax.Array, " T"]) -> Curve:
     kinks = kinks[(kinks > t[0]) & (kinks < t[-1])]
     # A value just before each kink shows a jump as a jump.
     t = np.unique(np.concatenate([t, kinks, np.nextafter(kinks, t.dtype.type(-np.inf))]))
-    return t, np.abs(np.asarray(jax.vmap(lambda t: schedule.derivatives(t)[2])(t)))
+    return t, np.abs(np.asarray(_second_derivative(schedule, to_array(t))))
+
+
+@eqx.filter_jit
+def _second_derivative(schedule, times):
+    return jax.vmap(lambda t: schedule.derivatives(t)[2])(times)
 
 
 def _driven(trajectory: Trajectory) -> dict[int, Curve]:
     rows = finite_rows(trajectory)
     if rows.size == 0:
         return {}
-    prepared = trajectory.system.prepare()
-    rates = eqx.filter_vmap(lambda t, state: driven_angles(prepared, t, state)[2])
-    size = np.abs(np.asarray(rates(to_array(trajectory.times), trajectory.state)))[rows]
+    size = np.abs(np.asarray(_law(trajectory.system, to_array(trajectory.times), trajectory.state)))[rows]
     t = np.asarray(trajectory.times)[rows]
     return {index + 1: (t, size[:, slot]) for slot, index in enumerate(trajectory.system.driven)}
+
+
+@eqx.filter_jit
+def _law(system, times, states):
+    prepared = system.prepare()
+    return jax.vmap(lambda t, state: driven_angles(prepared, t, state)[2])(times, states)
 
 
 def _shared(curves: dict[int, Curve]) -> list[tuple[list[int], Curve]]:

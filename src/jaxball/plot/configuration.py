@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike, Float
@@ -15,7 +16,7 @@ from ..body import Disk, System
 from ..moments import kinematics, moments
 from ..trajectory import Trajectory
 from .record import require_one
-from .shapes import outline, rail_points, split, towards, wireframe
+from .shapes import outline, rail_points, split, view, wireframe
 from .style import (
     FAINT,
     INK,
@@ -74,7 +75,7 @@ def configuration(
         return _in_plane(system, places, r, plane_axes(ax, (WIDE[0], WIDE[0])))
     ax = space_axes(ax)
     cube(ax, r, "E")
-    viewer = towards(ax.elev, ax.azim)
+    viewer = view(ax)
     front, back = split(wireframe(r), viewer)
     ax.plot(*back.T, color=FAINT, linewidth=0.4, zorder=1)
     ax.plot(*front.T, color="0.7", linewidth=0.4, zorder=1.5)
@@ -122,11 +123,12 @@ def _places(system: System, t: ArrayLike, theta: ArrayLike | Sequence[ArrayLike]
             f"Argument `theta` must have {len(system.driven)} entries, one for each driven mass, "
             f"but its shape is {angles.shape}."
         )
-    prepared, still = system.prepare(), jnp.zeros_like(angles)
-    now = to_array(t), (angles, still, still)
-    at = moments(prepared, *now)
-    return Places(
-        masses=np.asarray(kinematics(prepared, *now).chi),
-        shell=np.asarray(system.offset),
-        system=np.asarray(at.p / at.M),
-    )
+    return Places(*(np.asarray(place) for place in _positions(system, to_array(t), angles)))
+
+
+@eqx.filter_jit
+def _positions(system, t, theta):
+    prepared, still = system.prepare(), jnp.zeros_like(theta)
+    angles = (theta, still, still)
+    at = moments(prepared, t, angles)
+    return kinematics(prepared, t, angles).chi, system.offset, at.p / at.M

@@ -34,7 +34,7 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     series = [
         (seen.kinetic_energy, "$T$", COMPONENTS[0]),
         (seen.potential_energy, "$V$", COMPONENTS[1]),
-        (seen.energy, "$E = T + V$", INK),
+        (seen.kinetic_energy + seen.potential_energy, "$E = T + V$", INK),
     ]
     return _over_time(times, series, "energy", ax)
 

@@ -1,5 +1,7 @@
 """Trajectories of masses, centre of mass and geometric centre."""
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
@@ -9,8 +11,12 @@ from mpl_toolkits.mplot3d import Axes3D
 from ..body import Disk
 from ..trajectory import Trajectory
 from .record import record
-from .shapes import outline, parallel, towards
+from .shapes import outline, parallel, view
 from .style import INK, SHELL, TRAIL, WIDE, cube, legend_above, mass_line, named, plane_axes, space_axes
+
+# Three-dimensional Axes cut off what is outside of their square, and would take these lines'
+# coordinates in space for places on the page when they are laid out.
+UNCUT: dict[str, Any] = {"clip_on": False, "in_layout": False}
 
 
 def body_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -83,15 +89,15 @@ def _paths(
         ax, columns = _circle(plane_axes(ax), r, frame), [0, 2]
     for path, line in curves:
         points = np.column_stack([times, path[:, columns]]) if over_time else path[:, columns]
-        ax.plot(*points.T, **line, zorder=3)
-        ax.plot(*points[:1].T, "o", ms=4, color=line["color"], linestyle="none", zorder=4)
+        ax.plot(*points.T, **line, zorder=3, **UNCUT)
+        ax.plot(*points[:1].T, "o", ms=4, color=line["color"], linestyle="none", zorder=4, **UNCUT)
     legend_above(ax)
     return ax
 
 
 def _sphere(ax: Axes3D, r: float, frame: str) -> Axes3D:
     cube(ax, r, frame)
-    ax.plot(*outline(r, towards(ax.elev, ax.azim)).T, color=SHELL, linewidth=0.8, zorder=1)
+    ax.plot(*outline(r, view(ax)).T, color=SHELL, linewidth=0.8, zorder=1)
     ax.plot(*(r * parallel(0.0)).T, color=SHELL, linewidth=0.4, zorder=1)
     return ax
 
@@ -100,11 +106,13 @@ def _cylinder(ax: Axes3D, r: float, frame: str, span: tuple[float, float]) -> Ax
     limits, ticks = (-1.04 * r, 1.04 * r), (-r, 0.0, r)
     ax.set(xlim=span, ylim=limits, zlim=limits, yticks=ticks, zticks=ticks)
     ax.xaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
-    ax.set_box_aspect((2.2, 1.0, 1.0), zoom=1.25)  # pyright: ignore[reportArgumentType]
+    ax.set_box_aspect((2.2, 1.0, 1.0), zoom=1.38)  # pyright: ignore[reportArgumentType]
     ax.view_init(elev=22, azim=-66)
     circle = r * parallel(0.0)
     for t in span:
-        ax.plot(np.full(len(circle), t), circle[:, 0], circle[:, 1], color=SHELL, linewidth=0.8, zorder=1)
+        ax.plot(
+            np.full(len(circle), t), circle[:, 0], circle[:, 1], color=SHELL, linewidth=0.8, zorder=1, **UNCUT
+        )
     named(ax, "$t$", rf"$\mathbf{{{frame}}}_1$", rf"$\mathbf{{{frame}}}_3$")
     ax.xaxis.labelpad = 2
     return ax

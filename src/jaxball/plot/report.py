@@ -30,19 +30,19 @@ STANDARD = (
 def figures(trajectory: Trajectory, folder: str | Path) -> list[Path]:
     """Writes the standard figures of a trajectory into ``folder`` as PNG, and says where they are.
 
-    Each file has the name of its function. ``acceleration.png`` is left out where no mass has an
-    angle to draw.
+    Each file is named by the body and the function, as in ``ball_energies.png``. The acceleration is
+    left out where no mass has an angle to draw.
 
     **Raises:** ``ValueError`` for a reduced trajectory or a batch.
     """
     record(trajectory)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    paths = []
+    kind, paths = type(trajectory.system).__name__.lower(), []
     for draw in STANDARD:
         if draw is acceleration and not accelerations(trajectory):
             continue
-        paths.append(folder / f"{draw.__name__}.png")
+        paths.append(folder / f"{kind}_{draw.__name__}.png")
         draw(trajectory).figure.savefig(paths[-1], dpi=200)  # pyright: ignore
     return paths
 

@@ -1,7 +1,7 @@
 """The moving pictures of a ball and of a disk on their plane, one frame at a time."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -37,38 +37,37 @@ def scene(trajectory: Trajectory, seen: Record) -> Scene:
 
 def _ball_scene(system: System, seen: Record) -> Scene:
     r = float(system.radius)
-    path = seen.seen.contact_point
-    low, high = path[:, :2].min(axis=0) - 1.3 * r, path[:, :2].max(axis=0) + 1.3 * r
     viewer = towards(ELEVATION, AZIMUTH)
     wire, silhouette = wireframe(r), outline(r, viewer)
-    floor = np.array([(x, y, -r) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]) * [*(high - low), 1.0] + [*low, 0.0]
-    visited = (seen.seen.geometric_centre[:, None] + silhouette[::8]).reshape(-1, 3)
-    figure, ax = _stage(np.concatenate([floor, visited]), floor.min(axis=0), np.append(high, r))
-    _floor(ax, floor, r)
+    centres, path = seen.seen.geometric_centre, seen.seen.contact_point
+    low = np.subtract(path.min(axis=0), [1.3 * r, 1.3 * r, 0.0])
+    high = np.add(path.max(axis=0), [1.3 * r, 1.3 * r, 2 * r])
+    figure, ax = _stage(low, high, (centres[:, None] + silhouette[::8]).reshape(-1, 3))
+    _floor(ax, low, high, r)
+
     trail = _line(ax, color=TRAIL, linewidth=1.8, zorder=2)
     shade = Poly3DCollection([silhouette], facecolor="white", edgecolor="none", alpha=0.7, zorder=3)
     ax.add_collection3d(shade)
     back = _line(ax, color=FAINT, linewidth=0.6, zorder=4)
     front = _line(ax, color="0.6", linewidth=0.6, zorder=7)
     edge = _line(ax, color=SHELL, linewidth=1.2, zorder=7)
-    show_inside = _inside(figure, ax, system, seen, r)
+    show_inside = _inside(figure, ax, system, seen)
 
     def show(k: int) -> None:
-        centre = seen.seen.geometric_centre[k]
         near, far = split(wire @ seen.Lambda[k].T, viewer)
-        for artist, points in ((front, near), (back, far), (edge, silhouette)):
-            _place(artist, centre + points)
-        shade.set_verts([centre + silhouette])
-        _place(trail, path[: k + 1])
+        for line, points in ((front, near), (back, far), (edge, silhouette)):
+            _move(line, centres[k] + points)
+        shade.set_verts([centres[k] + silhouette])
+        _move(trail, path[: k + 1])
         show_inside(k)
 
     return Scene(figure, show)
 
 
 def _stage(
-    points: Float[np.ndarray, "points 3"], low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]
+    low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"], visited: Float[np.ndarray, "points 3"]
 ) -> tuple[Figure, Axes3D]:
-    """A figure that ``points`` fill, and its Axes, without a frame, whose limits are ``low`` and ``high``."""
+    """A figure that the floor and the points ``visited`` fill, and its Axes, from ``low`` to ``high``."""
     figure = Figure(figsize=(WIDTH, WIDTH))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), projection="3d", computed_zorder=False)
     assert isinstance(ax, Axes3D)
@@ -76,55 +75,66 @@ def _stage(
     ax.view_init(elev=ELEVATION, azim=AZIMUTH)
     ax.set_axis_off()
     ax.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    ax.set_box_aspect(high - low)
-    x, y, _ = proj3d.proj_transform(*points.T, ax.get_proj())
+    ax.set_box_aspect(tuple(high - low))
+    content = np.concatenate([_rectangle(low, high), visited])
+    x, y, _ = proj3d.proj_transform(*content.T, ax.get_proj())  # pyright: ignore[reportCallIssue]
     inches = ax.transData.transform(np.column_stack([x, y])) / figure.dpi
-    left, bottom = inches.min(axis=0)
-    width, height = inches.max(axis=0) - inches.min(axis=0)
-    # The Axes are square and may reach beyond the figure, because they cut off what is beyond them.
-    scale = min((WIDTH - 2 * MARGIN) / width, (0.9 * WIDTH - HEADER) / height)
-    tall = round((scale * height + MARGIN + HEADER) * 10) / 10
-    corner = 0.5 * (WIDTH - scale * width) - scale * left, MARGIN - scale * bottom
-    figure.set_size_inches(WIDTH, tall)
+    (left, bottom), (width, height) = inches.min(axis=0), np.ptp(inches, axis=0)
+    scale = min((WIDTH - 2 * MARGIN) / width, (WIDTH - MARGIN - HEADER) / height)
+    tall = round(10 * (scale * height + MARGIN + HEADER)) / 10
+    # The Axes stay square, and reach beyond the figure, because they cut off what is outside of them.
+    corner = (WIDTH - scale * width) / 2 - scale * left, MARGIN - scale * bottom
     side = scale * WIDTH
+    figure.set_size_inches(WIDTH, tall)
     ax.set_position((corner[0] / WIDTH, corner[1] / tall, side / WIDTH, side / tall))
     return figure, ax
 
 
-def _floor(ax: Axes3D, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"], r: float) -> None:
+def _rectangle(low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 3"]:
+    """The corners of the floor."""
+    xs, ys = (low[0], high[0], high[0], low[0]), (low[1], low[1], high[1], high[1])
+    return np.column_stack([xs, ys, np.full(4, low[2])])
+
+
+def _floor(ax: Axes3D, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"], r: float) -> None:
     """The plane, with lines at every whole multiple of the radius."""
-    corners = [(low[0], low[1], -r), (high[0], low[1], -r), (high[0], high[1], -r), (low[0], high[1], -r)]
-    ax.add_collection3d(
-        Poly3DCollection([corners], facecolor="0.965", edgecolor="none", zorder=0)
-    )
-    for x in r * np.arange(np.ceil(low[0] / r), np.floor(high[0] / r) + 1):
-        ax.plot([x, x], [low[1], high[1]], [-r, -r], color="0.88", linewidth=0.6, zorder=1)
-    for y in r * np.arange(np.ceil(low[1] / r), np.floor(high[1] / r) + 1):
-        ax.plot([low[0], high[0]], [y, y], [-r, -r], color="0.88", linewidth=0.6, zorder=1)
+    face = Poly3DCollection([_rectangle(low, high)], facecolor="0.965", edgecolor="none", zorder=0)
+    ax.add_collection3d(face)
+    look: dict[str, Any] = {"color": "0.88", "linewidth": 0.6, "zorder": 1}
+    for x in _multiples(r, low[0], high[0]):
+        ax.plot([x, x], [low[1], high[1]], [low[2], low[2]], **look)
+    for y in _multiples(r, low[1], high[1]):
+        ax.plot([low[0], high[0]], [y, y], [low[2], low[2]], **look)
+
+
+def _multiples(r: float, low: float, high: float) -> Float[np.ndarray, " n"]:
+    """The whole multiples of ``r`` from ``low`` to ``high``."""
+    return r * np.arange(int(np.ceil(low / r)), int(np.floor(high / r)) + 1)
 
 
 def _disk_scene(system: System, seen: Record) -> Scene:
     r = float(system.radius)
-    z = seen.seen.geometric_centre[:, 0]
+    centres, path = seen.seen.geometric_centre, seen.seen.contact_point
+    z = centres[:, 0]
     left, right, bottom, top = z.min() - 1.3 * r, z.max() + 1.3 * r, -1.25 * r, 1.55 * r
     height = np.clip(WIDTH * (top - bottom) / (right - left), 2.0, 6.0)
     figure = Figure(figsize=(WIDTH, round(10 * float(height)) / 10))
     ax = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(left, right), ylim=(bottom, top), aspect="equal")
     ax.set_axis_off()
     ax.plot([left, right], [-r, -r], color=SHELL, linewidth=1.2, zorder=1)
-    for x in r * np.arange(np.ceil(left / r), np.floor(right / r) + 1):
+    for x in _multiples(r, left, right):
         ax.plot([x, x], [-1.06 * r, -r], color=SHELL, linewidth=0.8, zorder=1)
 
     trail = _line(ax, color=TRAIL, linewidth=3.0, zorder=2, solid_capstyle="butt")
-    shell = ax.add_patch(Ring((0.0, 0.0), r, facecolor="0.985", edgecolor=SHELL, linewidth=1.4, zorder=3))
+    shell = Ring((0.0, 0.0), r, facecolor="0.985", edgecolor=SHELL, linewidth=1.4, zorder=3)
+    ax.add_patch(shell)
     spokes = _line(ax, color="0.75", linewidth=0.8, zorder=3)
-    show_inside = _inside(figure, ax, system, seen, r)
+    show_inside = _inside(figure, ax, system, seen)
 
     def show(k: int) -> None:
-        centre = seen.seen.geometric_centre[k]
-        shell.set_center((centre[0], centre[2]))
-        _place(spokes, centre + _spokes(r) @ seen.Lambda[k].T)
-        _place(trail, seen.seen.contact_point[: k + 1])
+        shell.set_center((centres[k, 0], centres[k, 2]))
+        _move(spokes, centres[k] + _spokes(r) @ seen.Lambda[k].T)
+        _move(trail, path[: k + 1])
         show_inside(k)
 
     return Scene(figure, show)
@@ -140,16 +150,23 @@ def _spokes(r: float) -> Float[np.ndarray, "points 3"]:
     return np.stack(points)
 
 
-def _inside(figure: Figure, ax: Axes, system: System, seen: Record, r: float) -> Callable[[int], None]:
+def _inside(figure: Figure, ax: Axes, system: System, seen: Record) -> Callable[[int], None]:
     """Rails, masses, centre of mass and a clock, and what moves them to the k-th saved time."""
     masses = list(enumerate(system.point_masses, start=1))
-    curves = ((i, rail_points(mass.motion, r)) for i, mass in masses)
+    curves = ((i, rail_points(mass.motion, float(system.radius))) for i, mass in masses)
     rails = [
-        (points, _line(ax, **(mass_line(i) | {"linewidth": 0.9}), zorder=5))
+        (points, _line(ax, **mass_line(i, linewidth=0.9, zorder=5)))
         for i, points in curves
         if points is not None
     ]
-    dot = {"marker": "o", "ms": 8, "markeredgecolor": "white", "mew": 0.8, "linestyle": "none", "zorder": 6}
+    dot: dict[str, Any] = {
+        "marker": "o",
+        "ms": 8,
+        "markeredgecolor": "white",
+        "mew": 0.8,
+        "linestyle": "none",
+        "zorder": 6,
+    }
     dots = [_line(ax, **dot, color=mass_colour(i), label=f"$m_{{{i}}}$") for i, _ in masses]
     star = _line(ax, **(dot | {"marker": "*", "ms": 10}), color=INK, label="CM")
     figure.legend(
@@ -160,10 +177,10 @@ def _inside(figure: Figure, ax: Axes, system: System, seen: Record, r: float) ->
     def show(k: int) -> None:
         centre = seen.seen.geometric_centre[k]
         for points, artist in rails:
-            _place(artist, centre + points @ seen.Lambda[k].T)
+            _move(artist, centre + points @ seen.Lambda[k].T)
         for artist, point in zip(dots, seen.seen.mass_positions_space[k], strict=True):
-            _place(artist, centre + point[None])
-        _place(star, centre + seen.seen.centre_of_mass_space[k][None])
+            _move(artist, centre + point[None])
+        _move(star, centre + seen.seen.centre_of_mass_space[k][None])
         clock.set_text(f"$t = {seen.times[k]:.2f}$")
 
     return show
@@ -174,7 +191,7 @@ def _line(ax: Axes, **look) -> Line2D:
     return ax.plot(*empty, **look)[0]
 
 
-def _place(line: Line2D, points: Float[np.ndarray, "points 3"]) -> None:
+def _move(line: Line2D, points: Float[np.ndarray, "points 3"]) -> None:
     """Moves a line to ``points``; in a plane figure, to their first and third coordinates."""
     if isinstance(line.axes, Axes3D):
         line.set_data_3d(*points.T)  # pyright: ignore[reportAttributeAccessIssue]

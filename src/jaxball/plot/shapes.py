@@ -2,6 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float
+from mpl_toolkits.mplot3d import Axes3D
 
 from .._arrays import to_array
 from ..motion import AbstractMotion, Driven, OnRail
@@ -49,6 +50,11 @@ def parallel(elevation: float) -> Float[np.ndarray, "97 3"]:
     around = np.linspace(0.0, 2 * np.pi, 97)
     flat = np.cos(elevation) * np.stack([np.cos(around), np.sin(around)], axis=1)
     return np.column_stack([flat, np.full_like(around, np.sin(elevation))])
+
+
+def view(ax: Axes3D) -> Float[np.ndarray, "3"]:
+    """The unit vector towards the viewer of ``ax``."""
+    return towards(float(ax.elev), float(ax.azim))
 
 
 def towards(elevation: float, azimuth: float) -> Float[np.ndarray, "3"]:

@@ -1,8 +1,11 @@
 """The look of the figures, passed to each artist: matplotlib's own settings are not touched."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
@@ -93,7 +96,7 @@ def named(ax: Axes, *labels: str) -> None:
         getattr(ax, f"set_{letter}label")(label, fontproperties=LABEL, **in_space)
 
 
-def legend_above(ax: Axes, columns: int = 6) -> None:
+def legend_above(ax: Axes) -> None:
     """A legend above the axes, where it hides nothing; none where nothing is labelled."""
     handles, labels = ax.get_legend_handles_labels()
     if labels:
@@ -102,15 +105,16 @@ def legend_above(ax: Axes, columns: int = 6) -> None:
             labels,
             loc="lower center",
             bbox_to_anchor=(0.5, 1.0),
-            ncols=min(columns, len(labels)),
+            ncols=min(len(labels), max(5, math.ceil(len(labels) / 4))),
             frameon=False,
             prop=SMALL,
-            handlelength=1.6,
-            columnspacing=1.2,
-            handletextpad=0.5,
+            handlelength=1.3,
+            columnspacing=1.0,
+            handletextpad=0.4,
         )
 
 
-def write(ax: Axes, at: Sequence[float], sentence: str, **options: Any) -> Text:
+def write(ax: Axes, at: Sequence[float] | Float[np.ndarray, " d"], sentence: str, **options: Any) -> Text:
     """Writes into a plane or a three-dimensional Axes."""
-    return ax.text(*at, sentence, **({"fontproperties": SMALL} | options))  # pyright: ignore[reportArgumentType]
+    options = {"fontproperties": SMALL} | options
+    return ax.text(*at, sentence, **options)  # pyright: ignore[reportCallIssue]

@@ -29,9 +29,7 @@ class AbstractRail(eqx.Module):
         """The same rail, ready to be evaluated many times."""
         return self
 
-    def derivatives(
-        self, theta: Float[Array, ""]
-    ) -> tuple[Float[Array, "3"], Float[Array, "3"], Float[Array, "3"]]:
+    def derivatives(self, theta: Float[Array, ""]) -> tuple[Float[Array, "3"], Float[Array, "3"], Float[Array, "3"]]:
         """ζ(θ), ζ′(θ) and ζ″(θ), the derivatives by forward mode."""
         return two_derivatives(self, theta)
 

@@ -2,10 +2,11 @@
 
 import math
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import array_field
+from .._arrays import to_array
 from ..trigonometry import sine_cosine
 from .base import AbstractRail
 
@@ -16,9 +17,9 @@ class FourierRail(AbstractRail):
     **Raises:** ``ValueError`` when ``cosine`` and ``sine`` do not have one shape (K, 3).
     """
 
-    cosine: Float[Array, "*group K 3"] = array_field()
-    sine: Float[Array, "*group K 3"] = array_field()
-    centre: Float[Array, "*group 3"] = array_field((0.0, 0.0, 0.0))
+    cosine: Float[Array, "*group K 3"] = eqx.field(converter=to_array)
+    sine: Float[Array, "*group K 3"] = eqx.field(converter=to_array)
+    centre: Float[Array, "*group 3"] = eqx.field(converter=to_array, default=(0.0, 0.0, 0.0))
 
     def __check_init__(self):
         if self.cosine.shape != self.sine.shape or self.cosine.shape[-1:] != (3,) or self.cosine.ndim < 2:

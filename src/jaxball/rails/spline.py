@@ -2,10 +2,11 @@
 
 import math
 
+import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import array_field
+from .._arrays import to_array
 from ..piecewise import PiecewisePolynomial, periodic_cubic_spline
 from .base import AbstractRail
 
@@ -18,7 +19,7 @@ class SplineRail(AbstractRail):
     **Raises:** ``ValueError`` when ``points`` does not have the shape (n, 3) with n ≥ 3.
     """
 
-    points_on_rail: Float[Array, "*group n 3"] = array_field()
+    points_on_rail: Float[Array, "*group n 3"] = eqx.field(converter=to_array)
 
     def __check_init__(self):
         shape = self.points_on_rail.shape

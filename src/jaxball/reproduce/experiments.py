@@ -40,7 +40,7 @@ class Experiment:
     symbols: tuple[str, ...]
 
     def solve(self, solver: diffrax.AbstractAdaptiveSolver) -> Trajectory:
-        """The trajectory at the reference's times.
+        """The trajectory at the reference's times, each of which the solver steps to.
 
         **Raises:** :class:`~jaxball.SolveError` when the solve fails.
         """
@@ -50,6 +50,7 @@ class Experiment:
             solver=solver,
             rtol=self.tolerance,
             atol=self.tolerance,
+            step_to_times=True,
             throw=True,
         )
 

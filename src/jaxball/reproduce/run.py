@@ -3,14 +3,8 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import numpy as np
-
-from .. import paper
-from ..simulation import simulate
 from . import table
-from .experiments import SOLVERS, Experiment, Measurement, ball_experiment, disk_experiment, measure
-
-FIGURE_TIMES = 2001
+from .experiments import SOLVERS, Measurement, ball_experiment, disk_experiment, measure
 
 
 def reproduce(
@@ -49,26 +43,19 @@ def reproduce(
         for solver in solvers:
             measurements.append(measure(experiment, solver))
             echo(table.row(measurements[-1]))
-    written = [out / "table.md", out / "table.json"]
-    written[0].write_text(table.markdown(measurements), encoding="utf-8")
-    written[1].write_text(table.as_json(measurements), encoding="utf-8")
+    (out / "table.md").write_text(table.markdown(measurements), encoding="utf-8")
+    (out / "table.json").write_text(table.as_json(measurements), encoding="utf-8")
+    drawn = []
     if figures:
+        from .pictures import draw  # only here, so that a table without figures does not load matplotlib
+
         for experiment in chosen:
-            written += _draw(experiment, out)
+            drawn += draw(experiment, out)
 
     echo("\n" + "\n".join(table.LEGEND))
-    echo(f"\nWrote {len(written)} files into {out}: {', '.join(path.name for path in written)}.")
+    echo(f"\nWrote table.md, table.json and {len(drawn)} figures into {out}.")
     echo("\n" + table.agreement(measurements))
     return measurements
-
-
-def _draw(experiment: Experiment, out: Path) -> list[Path]:
-    from ..plot import figures  # only here, so that a table without figures does not load matplotlib
-
-    times = np.linspace(paper.START, paper.END, FIGURE_TIMES)
-    tolerance = experiment.tolerance
-    trajectory = simulate(experiment.system, times, rtol=tolerance, atol=tolerance, throw=True)
-    return figures(trajectory, out)
 
 
 def _check_names(argument: str, names: Sequence[str], known: dict) -> None:

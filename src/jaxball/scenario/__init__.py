@@ -5,6 +5,10 @@ from .files import (
     read_scenario as read_scenario,
     write_scenario as write_scenario,
 )
-from .library import builtin_scenarios as builtin_scenarios, builtin_text as builtin_text
+from .library import (
+    builtin_scenarios as builtin_scenarios,
+    builtin_text as builtin_text,
+    builtin_title as builtin_title,
+)
 from .scenario import Scenario as Scenario
 from .values import ScenarioError as ScenarioError

@@ -1,4 +1,4 @@
-"""Who moves the masses on rails, in a scenario file: their schedules, or a law whose angles are integrated."""
+"""Who moves the masses on rails, in a scenario file: their schedules, or a law."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -7,7 +7,7 @@ from ..body import PointMass, System
 from ..feedback import AbstractLaw, FollowSchedules, Servo
 from ..motion import Driven, OnRail
 from ..schedules import AbstractSchedule
-from .table import Family, Key, Module, join, read_family, write_family
+from .table import Family, Key, Module, join, read_family
 from .values import NOT_NEGATIVE, Indices, Numbers, ScenarioError, key_error
 
 
@@ -46,7 +46,7 @@ def apply_actuation(
     chosen, make_law = read_family(values, path, _FORMS, key="form")
     if make_law is None:
         return list(masses), None, ()
-    driven = _driven(chosen, path, masses)
+    driven = _driven(chosen, values["form"], path, masses)
     for name in ("stiffness", "damping"):
         if name in values and len(values[name]) != len(driven):
             raise key_error(
@@ -63,11 +63,11 @@ def apply_actuation(
     return changed, make_law(tuple(schedules)), tuple(schedules)
 
 
-def _driven(chosen: tuple[int, ...] | None, path: str, masses: Sequence[PointMass]) -> list[int]:
+def _driven(chosen: tuple[int, ...] | None, form: str, path: str, masses: Sequence[PointMass]) -> list[int]:
     on_rails = [index for index, item in enumerate(masses) if isinstance(item.motion, OnRail)]
     if not on_rails:
-        raise key_error(join(path, "form"), '"prescribed" where no mass is on a rail', "another one")
-    driven = on_rails if chosen is None else sorted(chosen)
+        raise key_error(join(path, "form"), '"prescribed" where no mass is on a rail', f'"{form}"')
+    driven = on_rails if chosen is None else list(chosen)
     if not set(driven) <= set(on_rails):
         raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(driven))
     return driven
@@ -86,7 +86,7 @@ def targets_of(law: AbstractLaw | None) -> tuple[AbstractSchedule, ...]:
         return law.targets
     raise ScenarioError(
         "Key `actuation` must be a FollowSchedules or a Servo to be written to a file, but the law is a "
-        f"{type(law).__name__}; keep a scenario that has Python functions in it as a Python script."
+        f"{type(law).__name__}; keep a scenario that has Python functions as a Python script."
     )
 
 

@@ -18,6 +18,7 @@ SHELL = {
 }
 BALL = {**SHELL, "inertia": Key(Numbers((3,), POSITIVE))}
 DISK = {**SHELL, "inertia": Key(Numbers(rule=POSITIVE))}
+FLAT = "in the plane of a disk, E1 and E3, with second entry 0"
 BODIES = {"ball": (Ball, BALL), "disk": (Disk, DISK)}
 
 
@@ -30,20 +31,17 @@ def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
             value = np.asarray(condition.value).tolist()
             raise key_error(join(path, condition.name), condition.must, repr(value))
     if kind == "disk" and found["offset"][1] != 0:
-        raise key_error(join(path, "offset"), "in the disk's plane, with second entry 0", str(list(found["offset"])))
+        raise key_error(join(path, "offset"), FLAT, repr(values["offset"]))
     return found
 
 
 def read_force(values: Any, path: str, kind: str) -> Any:
     """The external force; that on a disk must lie in the disk's plane."""
     force = FORCE.read(values, path)
-    for name, sideways in (("constant", force.series.constant[1]), ("amplitude", force.series.amplitude[:, 1])):
-        if kind == "disk" and np.any(np.asarray(sideways) != 0):
-            raise key_error(
-                join(path, name),
-                "in the disk's plane, with second entry 0",
-                repr(values[name]),
-            )
+    for name in ("constant", "amplitude"):
+        sideways = np.asarray(getattr(force.series, name))[..., 1]
+        if kind == "disk" and np.any(sideways != 0):
+            raise key_error(join(path, name), FLAT, repr(values[name]))
     return force
 
 
@@ -58,5 +56,5 @@ def write_body(system: System) -> dict[str, Any]:
 
 
 def kind_of(system: System) -> str:
-    """ "ball" or "disk"."""
+    """The name of the kind of body in a file, ``ball`` or ``disk``."""
     return "ball" if isinstance(system, Ball) else "disk"

@@ -11,7 +11,7 @@ from ..body import Ball, Disk
 from .actuation import apply_actuation, write_actuation
 from .body import kind_of, read_force, read_shell, write_body
 from .initial import balanced, initial_state, read_initial, write_initial
-from .library import builtin_scenarios, builtin_text, nearest_builtin
+from .library import builtin_scenarios, builtin_text, nearest
 from .masses import read_masses, write_masses
 from .scenario import Scenario
 from .shell import check_inside, check_start
@@ -55,8 +55,8 @@ def load_scenario(source: str | Path) -> Scenario:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise ScenarioError(
-            f"Argument `source` must be a scenario file or one of {', '.join(builtin_scenarios())}, but it is "
-            f'"{source}" ({reason}){nearest_builtin(str(source))}.'
+            f"Argument `source` must be a scenario file or one of {', '.join(builtin_scenarios())}, but "
+            f'it is "{source}" ({reason}){nearest(str(source))}.'
         ) from None
     return read_scenario(text)
 

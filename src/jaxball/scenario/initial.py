@@ -54,7 +54,7 @@ def _unit(q: np.ndarray, path: str) -> np.ndarray:
 
 def initial_state(
     found: dict[str, Any], path: str, kind: str, schedules: Sequence[AbstractSchedule], start: float
-) -> State:
+) -> BallState | DiskState:
     """The state; θ and θ̇ of driven masses are those of their schedules unless they are given."""
     found = {name: value for name, value in found.items() if name != "balance"}
     for order, name in enumerate(("theta", "thetadot")):
@@ -73,14 +73,16 @@ def initial_state(
 def balanced(
     masses: list[PointMass], shell: dict[str, Any], found: dict[str, Any], path: str, kind: str, start: float
 ) -> list[PointMass]:
-    """The masses with the schedules moved so that the centre of mass starts above or below the geometric centre."""
+    """The masses, their schedules moved so that the centre of mass starts above or below the centre."""
     wanted = found["balance"]
     if wanted is None:
         return masses
     path = join(path, "balance")
     on_rails = [index for index, item in enumerate(masses) if isinstance(item.motion, OnRail)]
     if not set(wanted["masses"]) <= set(on_rails):
-        raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(wanted["masses"])))
+        raise key_error(
+            join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(wanted["masses"]))
+        )
     if found["theta"] is not None:
         raise ScenarioError(f"Key `{path}` cannot stand beside `theta`, because it finds the angles.")
     system = (Disk if kind == "disk" else Ball)(**shell, masses=masses)

@@ -2,6 +2,9 @@
 
 import difflib
 import importlib.resources
+import tomllib
+
+from .values import ScenarioError
 
 
 def _folder():
@@ -15,11 +18,24 @@ def builtin_scenarios() -> tuple[str, ...]:
 
 
 def builtin_text(name: str) -> str:
-    """The text of a built-in scenario's file, comments included."""
+    """The text of a built-in scenario's file, comments included.
+
+    **Raises:** :class:`ScenarioError` when there is none of that name.
+    """
+    if name not in builtin_scenarios():
+        raise ScenarioError(
+            f"Argument `name` must be one of {', '.join(builtin_scenarios())}, but it is "
+            f'"{name}"{nearest(name)}.'
+        )
     return (_folder() / f"{name}.toml").read_text(encoding="utf-8")
 
 
-def nearest_builtin(name: str) -> str:
+def builtin_title(name: str) -> str:
+    """The title of a built-in scenario."""
+    return tomllib.loads(builtin_text(name))["title"]
+
+
+def nearest(name: str) -> str:
     """A hint for a name that is nearly that of a built-in scenario; empty where there is none."""
     near = difflib.get_close_matches(name, builtin_scenarios(), n=1)
     return f"; did you mean {near[0]}" if near else ""

@@ -72,6 +72,6 @@ def _write_mass(item: PointMass, target: AbstractSchedule | None, path: str) -> 
             "schedule": SCHEDULE.kind.write(schedule, join(path, "schedule")),
         }
     raise ScenarioError(
-        f"Key `{path}` must be on a rail, at a position or oscillating to be written to a file, but its motion "
-        f"is a {type(motion).__name__}; keep a scenario that has Python functions in it as a Python script."
+        f"Key `{path}` must be on a rail, at a position or oscillating to be written to a file, but its "
+        f"motion is a {type(motion).__name__}; keep a scenario that has Python functions as a Python script."
     )

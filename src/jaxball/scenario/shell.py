@@ -1,12 +1,14 @@
 """Whether rails and masses stay inside the shell."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..body import Disk, PointMass, System
+from ..body import Disk, System
 from ..motion import AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating
 from ..rails import AbstractRail
 from ..schedules import Sinusoids
@@ -54,8 +56,11 @@ def check_start(system: System, theta: Float[np.ndarray, " driven"]) -> None:
 
 
 def mark_escape(trajectory: Trajectory) -> Trajectory:
-    """The trajectory, with the status LEFT_SHELL from the first saved time at which a mass is outside."""
-    if not trajectory.ok or not trajectory.system.n_masses:
+    """The trajectory, with the status LEFT_SHELL if a driven mass is outside the shell at a saved time.
+
+    ``reached`` is then the first such time. Prescribed motions are the business of :func:`check_inside`.
+    """
+    if not trajectory.ok or not trajectory.system.driven:
         return trajectory
     distance = np.linalg.norm(np.asarray(trajectory.observables.mass_positions_body), axis=-1)
     outside = np.flatnonzero(np.max(distance, axis=1) > float(trajectory.system.radius))
@@ -74,7 +79,7 @@ def rail_points(rail: AbstractRail, theta):
 
 @eqx.filter_jit
 def _places(motion: AbstractPrescribedMotion, times):
-    prepared = motion.prepare()
+    prepared: Any = motion.prepare()
     return jax.vmap(lambda t: prepared.kinematics(t).chi)(times)
 
 
@@ -95,8 +100,8 @@ def _check_rail(rail: AbstractRail, path: str, system: System) -> None:
     k = int(np.argmax(distance))
     if rail.period is not None and not distance[k] < radius:
         raise ScenarioError(
-            f"Key `{path}` must be a curve inside the shell of radius {radius:g}, but it is {distance[k]:.6g} from "
-            f"the centre at theta = {theta[k]:.6g}."
+            f"Key `{path}` must be a curve inside the shell of radius {radius:g}, but it is "
+            f"{distance[k]:.6g} from the centre at theta = {theta[k]:.6g}."
         )
 
 
@@ -131,7 +136,7 @@ def _sample_times(motion: AbstractPrescribedMotion, times: np.ndarray) -> np.nda
 
 
 def _peaks(y: np.ndarray) -> np.ndarray:
-    """``y``, with each sample that is a local maximum raised to the top of the parabola through its neighbours."""
+    """``y``, its local maxima raised to the top of the parabola through the neighbouring samples."""
     before, after = y[1:-1] - y[:-2], y[1:-1] - y[2:]
     bend = before + after
     peak = (before >= 0) & (after >= 0) & (bend > 0)
@@ -143,5 +148,6 @@ def _check_plane(points: np.ndarray, path: str, system: System) -> None:
     if isinstance(system, Disk) and np.max(np.abs(points[:, 1])) > FLAT * float(system.radius):
         worst = points[int(np.argmax(np.abs(points[:, 1])))]
         raise ScenarioError(
-            f"Key `{path}` must lie in the plane of E1 and E3 of a disk, but it passes {np.round(worst, 6).tolist()}."
+            f"Key `{path}` must lie in the plane of a disk, E1 and E3, but it passes "
+            f"{np.round(worst, 6).tolist()}."
         )

@@ -130,7 +130,7 @@ def write_member(item: Any, path: str, family: Family) -> tuple[str, dict[str, A
     names = ", ".join(member.type.__name__ for member in family.values())
     raise ScenarioError(
         f"Key `{path}` must be one of {names} to be written to a file, but it is a {type(item).__name__}; "
-        "keep a scenario that has Python functions in it as a Python script."
+        "keep a scenario that has Python functions as a Python script."
     )
 
 
@@ -148,7 +148,8 @@ def refuse_unknown(values: Any, path: str, known: Iterable[str]) -> None:
     for name in values:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-            hint = f"did you mean `{near[0]}`?" if near else "the keys here are " + ", ".join(known) + "."
+            here = f"the keys here are {', '.join(known)}." if known else "there are no keys here."
+            hint = f"did you mean `{near[0]}`?" if near else here
             raise ScenarioError(f"Key `{join(path, name)}` is not known; {hint}")
 
 

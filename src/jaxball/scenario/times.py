@@ -27,7 +27,10 @@ def read_times(values: Any, path: str) -> np.ndarray:
     if not end > start:
         raise key_error(f"{path}.end", f"later than `start` = {start!r}", repr(end))
     if choice == "saves":
-        return np.linspace(start, end, found["saves"])
+        times = np.linspace(start, end, found["saves"])
+        if not np.all(np.diff(times) > 0):
+            raise key_error(f"{path}.saves", "few enough for the times to differ", repr(found["saves"]))
+        return times
     step = float(found["step"])
     intervals = (end - start) / step
     if intervals > MOST_SAVES or round(intervals) < 1 or abs(intervals - round(intervals)) > 1e-9 * intervals:

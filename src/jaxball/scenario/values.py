@@ -40,11 +40,11 @@ class Kind(Protocol):
         """What a value of this kind is, as in "it must be ..."."""
         ...
 
-    def read(self, value: Any, path: str) -> Any:
+    def read(self, value: Any, path: str, /) -> Any:
         """The value as it is used, or a :class:`ScenarioError`."""
         ...
 
-    def write(self, value: Any, path: str) -> Any:
+    def write(self, value: Any, path: str, /) -> Any:
         """The value as it stands in a file."""
         ...
 
@@ -134,13 +134,13 @@ class Flag:
 
 @dataclass(frozen=True)
 class Indices:
-    """Different masses by their numbers, counted from 0."""
+    """Masses by their numbers, counted from 0."""
 
-    words: str = "a list of different whole numbers, one or more, each the number of a mass counted from 0"
+    words: str = "a list of increasing whole numbers, one or more, each the number of a mass counted from 0"
 
     def read(self, value: Any, path: str) -> tuple[int, ...]:
         good = isinstance(value, list) and value and all(_is_integer(item) and item >= 0 for item in value)
-        if not good or len(set(value)) < len(value):
+        if not good or sorted(set(value)) != value:
             raise key_error(path, self.words, shown(value))
         return tuple(value)
 

@@ -4,8 +4,9 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
+from .._arrays import to_array
 from ..calculus import two_derivatives
 
 
@@ -31,12 +32,10 @@ class AbstractSchedule(eqx.Module):
         """The same schedule, ready to be evaluated many times."""
         return self
 
-    def derivatives(
-        self, t: Float[Array, ""]
-    ) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
+    def derivatives(self, t: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""], Float[Array, ""]]:
         """θ(t), θ̇(t) and θ̈(t), the rates by forward mode; at a kink, those of the later side."""
         return two_derivatives(self, t)
 
-    def starting_at(self, theta: Float[Array, ""], t: Float[Array, ""]) -> "AbstractSchedule":
+    def starting_at(self, theta: Float[ArrayLike, ""], t: Float[ArrayLike, ""]) -> "AbstractSchedule":
         """The schedule moved by a constant so that it takes the value ``theta`` at time ``t``."""
-        return self.advanced(theta - self.prepare()(jnp.asarray(t)))
+        return self.advanced(to_array(theta) - self.prepare()(to_array(t)))

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import equinox as eqx
 from jaxtyping import Array, Float, PyTree
 
-from .._arrays import array_field
+from .._arrays import to_array
 from .base import AbstractSchedule
 
 
@@ -18,8 +18,8 @@ class FunctionSchedule(AbstractSchedule):
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, ""]] = eqx.field(static=True)
     parameters: PyTree = None
-    theta: Float[Array, "*group"] = array_field(0.0)
-    kink_times: Float[Array, "*group kinks"] = array_field(())
+    theta: Float[Array, "*group"] = eqx.field(converter=to_array, default=0.0)
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=to_array, default=())
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.theta + self.function(t, self.parameters)

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import array_field, to_array
+from .._arrays import Numbers, to_array
 from ..harmonics import HarmonicSeries
 from .base import AbstractSchedule
 
@@ -12,8 +12,8 @@ from .base import AbstractSchedule
 class ConstantRate(AbstractSchedule):
     """θ(t) = theta + rate t; with ``rate`` zero, a mass that is held in place."""
 
-    theta: Float[Array, "*group"] = array_field()
-    rate: Float[Array, "*group"] = array_field(0.0)
+    theta: Float[Array, "*group"] = eqx.field(converter=to_array)
+    rate: Float[Array, "*group"] = eqx.field(converter=to_array, default=0.0)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.theta + self.rate * t
@@ -31,7 +31,14 @@ class Sinusoids(AbstractSchedule):
     series: HarmonicSeries
     rate: Float[Array, "*group"]
 
-    def __init__(self, theta, amplitude, frequency, phase=None, rate=0.0):
+    def __init__(
+        self,
+        theta: Numbers,
+        amplitude: Numbers,
+        frequency: Numbers,
+        phase: Numbers | None = None,
+        rate: Numbers = 0.0,
+    ):
         self.series = HarmonicSeries(theta, amplitude, frequency, phase)
         self.rate = to_array(rate)
 

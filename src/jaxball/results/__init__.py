@@ -1,0 +1,9 @@
+"""Result files: a trajectory as a labelled data set, and saved."""
+
+from .dataset import to_dataset as to_dataset
+from .save import (
+    OutputError as OutputError,
+    check_destination as check_destination,
+    replacing as replacing,
+    save as save,
+)

@@ -1,0 +1,39 @@
+"""A trajectory as a labelled data set."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..scenario import Scenario, write_scenario
+from ..trajectory import Trajectory
+from .provenance import attributes
+from .variables import COORDINATES, values
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def to_dataset(trajectory: Trajectory, scenario: Scenario | None = None) -> "xarray.Dataset":
+    """The trajectory and all its observables as an ``xarray.Dataset``.
+
+    Dimensions are ``time``, ``mass``, ``driven`` (the masses whose angles belong to the state) and
+    those of vectors: ``axis`` 1 to 3, ``direction`` 1 and 2 in the plane, ``component`` 0 to 3 of a
+    versor. Attributes say how the solve ended, and hold the scenario's file if ``scenario`` is given.
+
+    **Raises:** ``ValueError`` for a batch of trajectories.
+    """
+    # Imported here, because it takes longer than all of jaxball's own modules.
+    import xarray
+
+    variables, used = {}, set()
+    for name, (variable, array) in values(trajectory).items():
+        notes = {"units": variable.units, "long_name": variable.meaning}
+        variables[name] = (("time", *variable.dimensions), array, notes)
+        used |= set(variable.dimensions)
+    system = trajectory.system
+    labels = {**COORDINATES, "mass": np.arange(system.n_masses), "driven": np.asarray(system.driven)}
+    coordinates = {name: np.asarray(label) for name, label in labels.items() if name in used}
+    times = ("time", np.asarray(trajectory.times), {"units": "time", "long_name": "time"})
+    title = "" if scenario is None else scenario.title
+    text = "" if scenario is None else write_scenario(scenario)
+    return xarray.Dataset(variables, {"time": times, **coordinates}, attributes(trajectory, title, text))
