@@ -28,9 +28,7 @@ def compiled() -> dict[float, Callable[[], np.ndarray]]:
 
     ball = paper.ball()
     tolerances = {tolerance: jnp.asarray(tolerance) for tolerance in TOLERANCES}
-    return {
-        name: lambda tolerance=array: np.asarray(solve(ball, tolerance)) for name, array in tolerances.items()
-    }
+    return {name: lambda tolerance=array: np.asarray(solve(ball, tolerance)) for name, array in tolerances.items()}
 
 
 def final(state: BallState, xp):

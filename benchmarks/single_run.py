@@ -55,9 +55,7 @@ def measure(peers: list[str]) -> list[dict]:
     exact = reference.ball().values[-1, -9:]  # q, Omega, z
     contenders: dict[tuple[str, float], Callable] = {(TYPED, DEFAULT_TOLERANCE): jaxball_ball.typed()}
     contenders |= {(COMPILED, tolerance): call for tolerance, call in jaxball_ball.compiled().items()}
-    build = {
-        name: jaxball_ball.compile_time(contenders[name, DEFAULT_TOLERANCE]) for name in (TYPED, COMPILED)
-    }
+    build = {name: jaxball_ball.compile_time(contenders[name, DEFAULT_TOLERANCE]) for name in (TYPED, COMPILED)}
     for module in peers:
         name, build_time, calls = _peer(module)
         contenders |= {(name, tolerance): call for tolerance, call in calls.items()}
@@ -83,9 +81,7 @@ def ratios(rows: list[dict]) -> dict[str, float]:
     logarithms of error and time.
     """
     found = {}
-    for ours in (
-        row for row in rows if row["solver"] in (TYPED, COMPILED) and row["tolerance"] == DEFAULT_TOLERANCE
-    ):
+    for ours in (row for row in rows if row["solver"] in (TYPED, COMPILED) and row["tolerance"] == DEFAULT_TOLERANCE):
         for name in dict.fromkeys(row["solver"] for row in rows if row["solver"] not in (TYPED, COMPILED)):
             theirs = [row for row in rows if row["solver"] == name]
             cheapest = min(row["time"] for row in theirs if row["error"] <= GOAL)
@@ -141,13 +137,9 @@ def _without_settings() -> dict:
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--json", type=Path, help="where to write the measurements")
-    parser.add_argument(
-        "--no-cpu-settings", dest="cpu_settings", action="store_false", help=argparse.SUPPRESS
-    )
+    parser.add_argument("--no-cpu-settings", dest="cpu_settings", action="store_false", help=argparse.SUPPRESS)
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     return parser.parse_args()
 

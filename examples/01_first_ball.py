@@ -1,12 +1,11 @@
 """A ball with one mass driven round a circle: build it, roll it, look at it."""
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import jax.numpy as jnp
 
 from jaxball import Ball, Circle, ConstantRate, OnRail, PointMass, simulate
+
+jax.config.update("jax_enable_x64", True)
 
 driver = PointMass(mass=0.3, motion=OnRail(Circle(radius=0.6), ConstantRate(theta=-jnp.pi / 2, rate=0.5)))
 ball = Ball(mass=1.0, inertia=(0.6, 0.6, 0.6), masses=[driver])

@@ -1,12 +1,11 @@
 """A rail of one's own and a feedback law: the mass chases a spot below the ball's centre."""
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import jax.numpy as jnp
 
 from jaxball import Ball, BallState, Driven, FunctionLaw, FunctionRail, PointMass, simulate
+
+jax.config.update("jax_enable_x64", True)
 
 
 def trefoil(theta, size):

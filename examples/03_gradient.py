@@ -1,13 +1,12 @@
 """How far the ball comes, and how that depends on its rail: derivatives through the solve."""
 
-import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import diffrax
+import jax
 import jax.numpy as jnp
 
 from jaxball import Ball, Ellipse, OnRail, PointMass, Pulse, SphericalFrame, simulate
+
+jax.config.update("jax_enable_x64", True)
 
 times = jnp.array([0.0, 4.0])
 

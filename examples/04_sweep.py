@@ -1,12 +1,11 @@
 """A thousand balls at once: vmap over the mass and the radius of a rail."""
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import jax.numpy as jnp
 
 from jaxball import Ball, Circle, ConstantRate, OnRail, PointMass, Status, simulate
+
+jax.config.update("jax_enable_x64", True)
 
 times = jnp.linspace(0.0, 5.0, 26)
 

@@ -1,13 +1,12 @@
 """Initial configurations of the paper's ball: the centre of mass exactly above or below the centre."""
 
 import jax
-
-jax.config.update("jax_enable_x64", True)
-
 import jax.numpy as jnp
 
 from jaxball import balance, simulate, with_angles
 from jaxball.paper import ball as paper_ball
+
+jax.config.update("jax_enable_x64", True)
 
 ball = paper_ball()
 found = balance(ball, free=[1, 2])

@@ -43,7 +43,9 @@ def test_the_parts_of_half_pi_add_up_and_multiply_exactly():
 
 
 def test_derivatives_of_any_order_stay_sines():
-    sine = lambda x: sine_cosine(x)[0]
+    def sine(x):
+        return sine_cosine(x)[0]
+
     x = jnp.asarray(1.3)
     assert jax.grad(sine)(x) == pytest.approx(np.cos(1.3), abs=2e-16)
     assert jax.jvp(jax.grad(sine), (x,), (jnp.ones(()),))[1] == pytest.approx(-np.sin(1.3), abs=2e-16)

@@ -28,12 +28,8 @@ def right_hand_side(numbers: BallNumbers) -> list[tuple]:
     r, d = numbers.r, numbers.d
     Gamma = [2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), 1 - 2 * (q1**2 + q2**2)]
     kappa = acceleration(numbers, theta, thetadot, u, O, Gamma, d)
-    omega1 = (
-        (1 - 2 * (q2**2 + q3**2)) * O[0] + 2 * (q1 * q2 - q0 * q3) * O[1] + 2 * (q1 * q3 + q0 * q2) * O[2]
-    )
-    omega2 = (
-        2 * (q1 * q2 + q0 * q3) * O[0] + (1 - 2 * (q1**2 + q3**2)) * O[1] + 2 * (q2 * q3 - q0 * q1) * O[2]
-    )
+    omega1 = (1 - 2 * (q2**2 + q3**2)) * O[0] + 2 * (q1 * q2 - q0 * q3) * O[1] + 2 * (q1 * q3 + q0 * q2) * O[2]
+    omega2 = 2 * (q1 * q2 + q0 * q3) * O[0] + (1 - 2 * (q1**2 + q3**2)) * O[1] + 2 * (q2 * q3 - q0 * q1) * O[2]
     qdot = [
         -0.5 * (q1 * O[0] + q2 * O[1] + q3 * O[2]),
         0.5 * (q0 * O[0] + q2 * O[2] - q3 * O[1]),

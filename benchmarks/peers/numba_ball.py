@@ -92,12 +92,8 @@ def right_hand_side(t, x_pointer, rate_pointer, leg_pointer):
     rate[2 * N + 2] = 0.5 * (q0 * O[1] + q3 * O[0] - q1 * O[2])
     rate[2 * N + 3] = 0.5 * (q0 * O[2] + q1 * O[1] - q2 * O[0])
     rate[2 * N + 4], rate[2 * N + 5], rate[2 * N + 6] = -kappa[0], -kappa[1], -kappa[2]
-    omega1 = (
-        (1 - 2 * (q2 * q2 + q3 * q3)) * O[0] + 2 * (q1 * q2 - q0 * q3) * O[1] + 2 * (q1 * q3 + q0 * q2) * O[2]
-    )
-    omega2 = (
-        2 * (q1 * q2 + q0 * q3) * O[0] + (1 - 2 * (q1 * q1 + q3 * q3)) * O[1] + 2 * (q2 * q3 - q0 * q1) * O[2]
-    )
+    omega1 = (1 - 2 * (q2 * q2 + q3 * q3)) * O[0] + 2 * (q1 * q2 - q0 * q3) * O[1] + 2 * (q1 * q3 + q0 * q2) * O[2]
+    omega2 = 2 * (q1 * q2 + q0 * q3) * O[0] + (1 - 2 * (q1 * q1 + q3 * q3)) * O[1] + 2 * (q2 * q3 - q0 * q1) * O[2]
     rate[2 * N + 7], rate[2 * N + 8] = R * omega2, -R * omega1
 
 

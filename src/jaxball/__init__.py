@@ -49,6 +49,14 @@ from .rails import (
     SplineRail as SplineRail,
     Tube as Tube,
 )
+from .results import save as save, to_dataset as to_dataset
+from .scenario import (
+    Scenario as Scenario,
+    ScenarioError as ScenarioError,
+    load_scenario as load_scenario,
+    read_scenario as read_scenario,
+    write_scenario as write_scenario,
+)
 from .schedules import (
     AbstractSchedule as AbstractSchedule,
     ConstantRate as ConstantRate,

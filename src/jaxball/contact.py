@@ -19,7 +19,7 @@ class ContactForce(NamedTuple):
     def ratio(self) -> Float[Array, ""]:
         """|f| / N, the coefficient of friction that this instant needs; infinite where N ≤ 0."""
         size = jnp.sqrt(jnp.sum(self.friction**2, axis=-1))
-        held = self.normal > 0
+        held = ~(self.normal <= 0)  # NaN counts as held, so that it stays NaN
         return jnp.where(held, size / jnp.where(held, self.normal, 1.0), jnp.inf)
 
 

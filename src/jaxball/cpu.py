@@ -11,8 +11,8 @@ import sys
 OPTIONS = "xla_cpu_small_while_loop_byte_threshold=100000000,xla_cpu_use_multi_output_fusion=true"
 FLAG = f"--xla_backend_extra_options={OPTIONS}"
 
-# The versions of jaxlib, from the first to before the second, that are known to accept the flag.
-KNOWN_GOOD = ((0, 6, 1), (0, 12))
+# The versions of jaxlib, from the first to before the second, that were seen to accept the flag.
+KNOWN_GOOD = ((0, 10), (0, 13))
 
 
 def prepare() -> bool:

@@ -53,7 +53,7 @@ def contact_momentum_rate(
 
 
 def jellett(at: Moments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]) -> Float[Array, ""]:
-    """L·s, of the angular momentum L about the centre of mass of the whole and its s from the contact point."""
+    """L·s, with L about the centre of mass of the whole and s = rΓ + χ to it from the contact point."""
     L, s, _ = _about_centre_of_mass(at, r, Omega, Gamma)
     return dot(L, s)
 

@@ -56,9 +56,7 @@ def test_no_solution_says_so_and_how_near():
 def test_a_tube_balances_inside_the_shell_only():
     def ball(weight):
         along = PointMass(weight, OnRail(Tube((1.0, 0.0, 0.0)), ConstantRate(0.0)))
-        return Ball(
-            mass=1.0, inertia=(1.0, 1.0, 1.0), masses=[along, PointMass(1.0, Fixed((0.4, 0.0, -0.2)))]
-        )
+        return Ball(mass=1.0, inertia=(1.0, 1.0, 1.0), masses=[along, PointMass(1.0, Fixed((0.4, 0.0, -0.2)))])
 
     inside = balance(ball(1.0), free=[0])
     assert inside.found

@@ -68,9 +68,7 @@ def accelerations(
         if times is None:
             times = np.linspace(float(source.times[0]), float(source.times[-1]), 2001)
     elif times is None:
-        raise ValueError(
-            "Argument `times` must be given with a system, because a system has no run to take it from."
-        )
+        raise ValueError("Argument `times` must be given with a system, because a system has no run to take it from.")
     for i, mass in enumerate(system.point_masses, start=1):
         if isinstance(mass.motion, OnRail):
             curves[i] = _scheduled(mass.motion, to_array(times))
@@ -111,9 +109,7 @@ def _shared(curves: dict[int, Curve]) -> list[tuple[list[int], Curve]]:
     groups: list[tuple[list[int], Curve]] = []
     for i, curve in curves.items():
         for members, other in groups:
-            if all(
-                len(a) == len(b) and np.allclose(a, b, atol=1e-12) for a, b in zip(curve, other, strict=True)
-            ):
+            if all(len(a) == len(b) and np.allclose(a, b, atol=1e-12) for a, b in zip(curve, other, strict=True)):
                 members.append(i)
                 break
         else:

@@ -81,9 +81,7 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     elif len(ratio):
         k = int(np.argmax(ratio))
         label = rf"$\mu_{{\min}} = {ratio[k]:.4g}$ at $t = {times[k]:.4g}$"
-        ax.plot(
-            times[k], ratio[k], "o", ms=5, color=COMPONENTS[1], linestyle="none", label=label, clip_on=False
-        )
+        ax.plot(times[k], ratio[k], "o", ms=5, color=COMPONENTS[1], linestyle="none", label=label, clip_on=False)
         legend_above(ax)
     return ax
 

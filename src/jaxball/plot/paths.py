@@ -110,9 +110,7 @@ def _cylinder(ax: Axes3D, r: float, frame: str, span: tuple[float, float]) -> Ax
     ax.view_init(elev=22, azim=-66)
     circle = r * parallel(0.0)
     for t in span:
-        ax.plot(
-            np.full(len(circle), t), circle[:, 0], circle[:, 1], color=SHELL, linewidth=0.8, zorder=1, **UNCUT
-        )
+        ax.plot(np.full(len(circle), t), circle[:, 0], circle[:, 1], color=SHELL, linewidth=0.8, zorder=1, **UNCUT)
     named(ax, "$t$", rf"$\mathbf{{{frame}}}_1$", rf"$\mathbf{{{frame}}}_3$")
     ax.xaxis.labelpad = 2
     return ax

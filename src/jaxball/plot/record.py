@@ -41,9 +41,7 @@ def require_one(trajectory: Trajectory) -> None:
 
 def finite_rows(trajectory: Trajectory) -> np.ndarray:
     """The indices of the saved times at which every entry of the state is finite."""
-    leaves = [
-        np.asarray(leaf).reshape(len(trajectory.times), -1) for leaf in jax.tree.leaves(trajectory.state)
-    ]
+    leaves = [np.asarray(leaf).reshape(len(trajectory.times), -1) for leaf in jax.tree.leaves(trajectory.state)]
     return np.flatnonzero(np.all(np.isfinite(np.concatenate(leaves, axis=1)), axis=1))
 
 

@@ -154,11 +154,7 @@ def _inside(figure: Figure, ax: Axes, system: System, seen: Record) -> Callable[
     """Rails, masses, centre of mass and a clock, and what moves them to the k-th saved time."""
     masses = list(enumerate(system.point_masses, start=1))
     curves = ((i, rail_points(mass.motion, float(system.radius))) for i, mass in masses)
-    rails = [
-        (points, _line(ax, **mass_line(i, linewidth=0.9, zorder=5)))
-        for i, points in curves
-        if points is not None
-    ]
+    rails = [(points, _line(ax, **mass_line(i, linewidth=0.9, zorder=5))) for i, points in curves if points is not None]
     dot: dict[str, Any] = {
         "marker": "o",
         "ms": 8,
@@ -169,9 +165,7 @@ def _inside(figure: Figure, ax: Axes, system: System, seen: Record) -> Callable[
     }
     dots = [_line(ax, **dot, color=mass_colour(i), label=f"$m_{{{i}}}$") for i, _ in masses]
     star = _line(ax, **(dot | {"marker": "*", "ms": 10}), color=INK, label="CM")
-    figure.legend(
-        loc="upper right", ncols=min(len(dots) + 1, 7), frameon=False, prop=SMALL, handletextpad=0.2
-    )
+    figure.legend(loc="upper right", ncols=min(len(dots) + 1, 7), frameon=False, prop=SMALL, handletextpad=0.2)
     clock = figure.text(0.02, 0.98, "", fontproperties=SMALL, ha="left", va="top")
 
     def show(k: int) -> None:

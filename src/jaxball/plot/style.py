@@ -47,9 +47,7 @@ def plane_axes(ax: Axes | None, size: tuple[float, float] = WIDE) -> Axes:
     if ax is None:
         ax = Figure(figsize=size, layout="constrained").add_subplot()
     if isinstance(ax, Axes3D):
-        raise ValueError(
-            f"Argument `ax` must be a plane Axes, but it is a {type(ax).__name__}; omit it for a new one."
-        )
+        raise ValueError(f"Argument `ax` must be a plane Axes, but it is a {type(ax).__name__}; omit it for a new one.")
     ax.tick_params(width=0.6, length=3, labelsize=9, labelfontfamily="STIXGeneral")
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[["left", "bottom"]].set_linewidth(0.6)

@@ -61,6 +61,4 @@ def reproduce(
 def _check_names(argument: str, names: Sequence[str], known: dict) -> None:
     unknown = [name for name in names if name not in known]
     if unknown or not names:
-        raise ValueError(
-            f"Argument `{argument}` must hold one or more of {', '.join(known)}, but it is {list(names)}."
-        )
+        raise ValueError(f"Argument `{argument}` must hold one or more of {', '.join(known)}, but it is {list(names)}.")

@@ -59,10 +59,7 @@ def row(measurement: Measurement) -> str:
 def agreement(measurements: Sequence[Measurement]) -> str:
     """A sentence with the largest error of all solvers, system by system."""
     systems = dict.fromkeys(m.system for m in measurements)
-    parts = [
-        f"{max(m.error for m in measurements if m.system == system):.1e} for the {system}"
-        for system in systems
-    ]
+    parts = [f"{max(m.error for m in measurements if m.system == system):.1e} for the {system}" for system in systems]
     solvers = ", ".join(dict.fromkeys(m.solver for m in measurements))
     return f"Agreement with the paper's runs: the largest error of {solvers} is {' and '.join(parts)}."
 

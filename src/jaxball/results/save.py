@@ -5,6 +5,7 @@ import os
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -72,9 +73,7 @@ def check_destination(path: Path, suffixes: tuple[str, ...] | None = None) -> No
             f'Argument `path` must lie in a folder that exists, but "{path.parent}" does not; make it first.'
         )
     if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise OutputError(
-            f'Argument `path` must lie in a folder that can be written, but "{path.parent}" cannot.'
-        )
+        raise OutputError(f'Argument `path` must lie in a folder that can be written, but "{path.parent}" cannot.')
 
 
 def _write_netcdf(trajectory: Trajectory, path: Path, scenario: Scenario | None) -> None:
@@ -83,10 +82,10 @@ def _write_netcdf(trajectory: Trajectory, path: Path, scenario: Scenario | None)
 
 def _write_npz(trajectory: Trajectory, path: Path, scenario: Scenario | None) -> None:
     title, text = ("", "") if scenario is None else (scenario.title, write_scenario(scenario))
-    arrays = {"time": np.asarray(trajectory.times)}
+    arrays: dict[str, Any] = {"time": np.asarray(trajectory.times)}
     arrays |= {name: array for name, (_, array) in values(trajectory).items()}
     arrays |= {name: np.asarray(value) for name, value in attributes(trajectory, title, text).items()}
-    np.savez_compressed(path, allow_pickle=False, **arrays)
+    np.savez_compressed(path, **arrays)
 
 
 def _write_csv(trajectory: Trajectory, path: Path, scenario: Scenario | None) -> None:

@@ -33,9 +33,7 @@ def check_lengths(found: dict[str, Any], path: str) -> None:
 def _series(constant, amplitude, frequency, phase) -> HarmonicSeries:
     """A series of which a file may leave out the phases, or every sinusoid."""
     still = len(frequency) == 0
-    return HarmonicSeries(
-        constant, None if still else amplitude, frequency, None if len(phase) == 0 else phase
-    )
+    return HarmonicSeries(constant, None if still else amplitude, frequency, None if len(phase) == 0 else phase)
 
 
 def _force(**keys: Any) -> HarmonicForce:

@@ -80,9 +80,7 @@ def balanced(
     path = join(path, "balance")
     on_rails = [index for index, item in enumerate(masses) if isinstance(item.motion, OnRail)]
     if not set(wanted["masses"]) <= set(on_rails):
-        raise key_error(
-            join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(wanted["masses"]))
-        )
+        raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(wanted["masses"])))
     if found["theta"] is not None:
         raise ScenarioError(f"Key `{path}` cannot stand beside `theta`, because it finds the angles.")
     system = (Disk if kind == "disk" else Ball)(**shell, masses=masses)

@@ -24,8 +24,7 @@ def builtin_text(name: str) -> str:
     """
     if name not in builtin_scenarios():
         raise ScenarioError(
-            f"Argument `name` must be one of {', '.join(builtin_scenarios())}, but it is "
-            f'"{name}"{nearest(name)}.'
+            f'Argument `name` must be one of {", ".join(builtin_scenarios())}, but it is "{name}"{nearest(name)}.'
         )
     return (_folder() / f"{name}.toml").read_text(encoding="utf-8")
 

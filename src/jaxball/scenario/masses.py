@@ -52,10 +52,7 @@ def _read_mass(values: Any, path: str) -> PointMass:
 def write_masses(system: System, path: str) -> list[dict[str, Any]]:
     """The tables of the masses; a mass that is driven by a law has the law's target as its schedule."""
     targets = dict(zip(system.driven, targets_of(system.law), strict=True))
-    return [
-        _write_mass(item, targets.get(index), f"{path}[{index}]")
-        for index, item in enumerate(system.point_masses)
-    ]
+    return [_write_mass(item, targets.get(index), f"{path}[{index}]") for index, item in enumerate(system.point_masses)]
 
 
 def _write_mass(item: PointMass, target: AbstractSchedule | None, path: str) -> dict[str, Any]:

@@ -36,9 +36,7 @@ RAILS: Family = {
     "gerono-eight": Module(GeronoEight, {"half_extents": Key(LENGTHS), **PLACE}),
     "bernoulli-eight": Module(BernoulliEight, {"half_width": Key(LENGTH), **PLACE}),
     "tube": Module(Tube, {"direction": Key(Numbers((3,), NOT_ALL_ZERO)), "centre": CENTRE}),
-    "fourier": Module(
-        FourierRail, {"cosine": Key(ROWS), "sine": Key(ROWS), "centre": CENTRE}, check=_check_harmonics
-    ),
+    "fourier": Module(FourierRail, {"cosine": Key(ROWS), "sine": Key(ROWS), "centre": CENTRE}, check=_check_harmonics),
     "spline": Module(
         SplineRail,
         {"points": Key(ROWS)},

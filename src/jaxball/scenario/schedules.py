@@ -33,9 +33,7 @@ def _check_waypoints(found: dict[str, Any], path: str) -> None:
     if times < 2:
         raise key_error(join(path, "times"), "a list of two times or more", f"one of {times}")
     if angles != times:
-        raise key_error(
-            join(path, "angles"), f"as long as `times`, which has {times} entries", f"one of {angles}"
-        )
+        raise key_error(join(path, "angles"), f"as long as `times`, which has {times} entries", f"one of {angles}")
 
 
 SCHEDULES: Family = {

@@ -148,6 +148,5 @@ def _check_plane(points: np.ndarray, path: str, system: System) -> None:
     if isinstance(system, Disk) and np.max(np.abs(points[:, 1])) > FLAT * float(system.radius):
         worst = points[int(np.argmax(np.abs(points[:, 1])))]
         raise ScenarioError(
-            f"Key `{path}` must lie in the plane of a disk, E1 and E3, but it passes "
-            f"{np.round(worst, 6).tolist()}."
+            f"Key `{path}` must lie in the plane of a disk, E1 and E3, but it passes {np.round(worst, 6).tolist()}."
         )

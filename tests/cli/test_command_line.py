@@ -1,0 +1,143 @@
+"""The command line, as a process of its own."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import xarray
+
+from jaxball.cli import main
+from jaxball.scenario import builtin_scenarios, builtin_text
+from tests.scenario.documents import DISK
+
+ESCAPING = DISK.replace('{ kind = "circle", radius = 0.9 }', '{ kind = "tube", direction = [1, 0, 0] }').replace(
+    "end = 2.0", "end = 4.0"
+)
+
+
+@pytest.fixture(autouse=True)
+def environment(monkeypatch):
+    """The command line sets XLA_FLAGS; other tests must not see it."""
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+
+
+def jaxball(*arguments, folder):
+    program = "import sys; from jaxball.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", program, *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "good.toml").write_text(DISK)
+    (tmp_path / "bad.toml").write_text(DISK.replace("gravity", "gravty"))
+    (tmp_path / "fails.toml").write_text(DISK + "[solve]\nmax_steps = 3\n")
+    return tmp_path
+
+
+def test_simulate(folder):
+    done = jaxball("simulate", "good.toml", "--out", "run.nc", "--rtol", "1e-8", folder=folder)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "The solve reached t = 2." in done.stdout
+    assert "least normal force" in done.stdout
+    assert "written: run.nc" in done.stdout
+    with xarray.open_dataset(folder / "run.nc") as data:
+        assert data["phi"].shape == (5,)
+        assert data["phi"].dtype == np.float64
+        assert "rtol = 1e-08" in data.attrs["scenario"]
+
+
+def test_bad_input_leaves_the_output_as_it_was(folder):
+    (folder / "run.csv").write_text("precious")
+    done = jaxball("simulate", "bad.toml", "--out", "run.csv", folder=folder)
+    assert done.returncode == 2
+    assert done.stderr == "jaxball: Key `body.gravty` is not known; did you mean `gravity`?\n"
+    assert done.stdout == ""
+    assert (folder / "run.csv").read_text() == "precious"
+
+
+def test_failed_solve_is_kept_and_marked(folder):
+    done = jaxball("simulate", "fails.toml", "--out", "run.npz", folder=folder)
+    assert done.returncode == 3
+    assert done.stdout == ""
+    assert done.stderr.startswith("jaxball: The solve stopped at t = ")
+    assert done.stderr.endswith('What was computed is in "run.npz", marked as failed.\n')
+    with np.load(folder / "run.npz") as data:
+        assert (int(data["ok"]), str(data["status"])) == (0, "MAX_STEPS")
+        assert np.isfinite(data["phi"][0])
+        assert np.isnan(data["phi"][-1])
+
+
+def test_list_of_scenarios(capsys):
+    assert main(["scenarios"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(builtin_scenarios())
+
+
+def test_print_a_scenario(capsys):
+    assert main(["scenarios", "ball"]) == 0
+    assert capsys.readouterr().out == builtin_text("ball")
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(["--version"])
+    assert caught.value.code == 0
+    assert capsys.readouterr().out.startswith("jaxball 0.")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["scenarios", "bal"], '"bal"; did you mean ball.'),
+        (["simulate", "none.toml"], '"none.toml" (No such file or directory)'),
+        (["simulate", "ball", "--out", "run.pdf"], "must end in one of .nc, .npz, .csv"),
+        (["simulate", "ball", "--out", "none/run.nc"], 'a folder that exists, but "none" does not'),
+        (["simulate", "ball", "--animate", "film.avi"], "must end in one of .mp4, .gif"),
+        (["simulate", "ball", "--plot", "good.toml"], '`--plot` must be a folder, but "good.toml" is a file'),
+        (["reproduce", "--out", "good.toml"], '`--out` must be a folder, but "good.toml" is a file'),
+    ],
+)
+def test_bad_arguments(folder, monkeypatch, capsys, arguments, sentence):
+    monkeypatch.chdir(folder)
+    before = sorted(folder.iterdir())
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    assert sentence in captured.err
+    assert captured.err.startswith("jaxball: ")
+    assert captured.out == ""
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.parametrize("arguments", [["simulate"], ["simulate", "ball", "--rtol", "-1"], ["roll"], []])
+def test_usage(capsys, arguments):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert "usage: jaxball" in capsys.readouterr().err
+
+
+def test_film_without_ffmpeg(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    assert main(["simulate", "ball", "--animate", "film.mp4"]) == 2
+    assert "must end in .gif where ffmpeg is not installed" in capsys.readouterr().err
+
+
+def test_figures_and_film(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    (folder / "short.toml").write_text(DISK.replace("end = 2.0", "end = 0.2"))
+    assert main(["simulate", "short.toml", "--plot", "figures", "--animate", "film.gif"]) == 0
+    assert "film.gif" in capsys.readouterr().out
+    assert (folder / "film.gif").read_bytes().startswith(b"GIF89a")
+    assert (folder / "figures" / "disk_energies.png").stat().st_size > 0
+
+
+def test_law_that_carries_a_mass_out(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    (folder / "out.toml").write_text(ESCAPING + '[actuation]\nform = "integrated"\n')
+    assert main(["simulate", "out.toml", "--out", "run.csv"]) == 3
+    assert "a mass left the shell at t = 2" in capsys.readouterr().err
+    assert set(np.genfromtxt(folder / "run.csv", delimiter=",", names=True)["status"]) == {5}

@@ -1,0 +1,64 @@
+"""The settings of XLA's CPU backend: set once, beside the user's own, and only where they are accepted."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from jaxball import cpu
+
+
+@pytest.fixture
+def flags(monkeypatch):
+    """The environment, restored afterwards."""
+    monkeypatch.delenv("XLA_FLAGS", raising=False)
+    monkeypatch.setattr("importlib.metadata.version", lambda name: "0.10.1")
+    return monkeypatch
+
+
+def test_beside_other_flags(flags):
+    flags.setenv("XLA_FLAGS", "--xla_dump_to=/nowhere")
+    assert cpu.prepare()
+    assert os.environ["XLA_FLAGS"].split() == ["--xla_dump_to=/nowhere", cpu.FLAG]
+
+
+def test_twice_is_once(flags):
+    assert cpu.prepare()
+    assert cpu.prepare()
+    assert os.environ["XLA_FLAGS"] == cpu.FLAG
+
+
+def test_extra_options_of_the_user_stay(flags):
+    own = "--xla_backend_extra_options=xla_cpu_use_multi_output_fusion=false"
+    flags.setenv("XLA_FLAGS", own)
+    assert not cpu.prepare()
+    assert os.environ["XLA_FLAGS"] == own
+
+
+@pytest.mark.parametrize("version", ["0.6.1", "0.7.2", "0.11.9"])
+def test_known_versions_are_not_probed(flags, version):
+    flags.setattr("importlib.metadata.version", lambda name: version)
+    flags.setattr(cpu, "_accepted", lambda flags: pytest.fail("probed"))
+    assert cpu.prepare()
+
+
+@pytest.mark.parametrize("version", ["0.6.0", "0.12.0", "1.0"])
+@pytest.mark.parametrize("accepted", [True, False])
+def test_other_versions_are_probed(flags, version, accepted):
+    flags.setattr("importlib.metadata.version", lambda name: version)
+    flags.setattr(cpu, "_accepted", lambda flags: accepted)
+    assert cpu.prepare() is accepted
+    assert ("XLA_FLAGS" in os.environ) is accepted
+
+
+def test_the_probe(flags):
+    assert cpu._accepted(cpu.FLAG)
+    assert not cpu._accepted("--xla_no_such_flag=1")
+
+
+def test_import_sets_nothing():
+    program = "import os, jaxball, jaxball.cpu; print(os.environ.get('XLA_FLAGS'))"
+    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout == "None\n"

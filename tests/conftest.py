@@ -1,0 +1,33 @@
+"""The environment of the tests: float64, strict promotion, and shapes checked at run time."""
+
+import hypothesis
+import jax
+import jaxtyping
+import numpy as np
+import pytest
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_dtype_promotion", "strict")
+jax.config.update("jax_numpy_rank_promotion", "raise")
+jaxtyping.install_import_hook("jaxball", "beartype.beartype")
+
+import jaxball  # noqa: E402
+from tests.support.paper import paper_ball, paper_disk  # noqa: E402
+
+# Compiling counts as part of an example's time, and a test must give the same answer each time.
+hypothesis.settings.register_profile("compiled", deadline=None, derandomize=True, database=None)
+hypothesis.settings.load_profile("compiled")
+
+SECONDS = np.linspace(0.0, 20.0, 21)
+
+
+@pytest.fixture(scope="session")
+def ball_trajectory():
+    """The paper's ball at t = 0, 1, ..., 20, at the tolerance of the paper."""
+    return jaxball.simulate(paper_ball(), SECONDS, rtol=1e-10, atol=1e-10, step_to_times=True).raise_if_failed()
+
+
+@pytest.fixture(scope="session")
+def disk_trajectory():
+    """The paper's disk at t = 0, 1, ..., 20, at tolerance 1e-12."""
+    return jaxball.simulate(paper_disk(), SECONDS, rtol=1e-12, atol=1e-12, step_to_times=True).raise_if_failed()

@@ -1,0 +1,107 @@
+"""Energy, momentum about the contact point and Jellett's quantity change as the laws of mechanics say.
+
+Each quantity is differentiated along the motion by forward mode, at random states of random systems
+with moving masses and forces. The two sides round differently: 1e-12 of their scale.
+"""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import laws
+from jaxball.dynamics import driven_angles
+from jaxball.moments import moments
+from tests.support.flow import along_flow
+from tests.support.systems import BALLS, all_masses, random_cases, random_disks
+
+ROUNDING = 1e-12
+
+
+@jax.jit
+@jax.vmap
+def energy_balance(system, t, state):
+    def seen(t, x):
+        at = jaxball.observe(system, t, x)
+        return at.energy, at.power
+
+    (energy, power), (rate, _) = along_flow(seen, system, t, state)
+    return energy, rate, power
+
+
+def momentum_quantities(ball, t, state):
+    """Π, L·s and their rates by the laws."""
+    at = moments(ball, t, driven_angles(ball, t, state))
+    place = at, ball.radius, state.Omega, state.Gamma
+    Ftilde = state.Lambda.T @ ball.force(t)
+    Pi_rate = laws.contact_momentum_rate(at, ball.radius, ball.gravity, state.Omega, state.Gamma, Ftilde)
+    return (laws.contact_momentum(*place), laws.jellett(*place)), (Pi_rate, laws.jellett_rate(*place, Ftilde))
+
+
+@jax.jit
+@jax.vmap
+def momentum_balance(ball, t, state):
+    (_, predicted), (changed, _) = along_flow(lambda t, x: momentum_quantities(ball, t, x), ball, t, state)
+    return changed, predicted
+
+
+@pytest.mark.parametrize("kind", sorted(BALLS))
+def test_the_energy_of_a_ball_changes_by_the_power_put_in(kind):
+    energy, rate, power = energy_balance(*random_cases(kind, seed=21))
+    np.testing.assert_allclose(rate, power, rtol=ROUNDING, atol=ROUNDING * np.max(np.abs(energy)))
+
+
+def test_the_energy_of_a_disk_changes_by_the_power_put_in():
+    energy, rate, power = energy_balance(*random_disks(seed=22))
+    np.testing.assert_allclose(rate, power, rtol=ROUNDING, atol=ROUNDING * np.max(np.abs(energy)))
+
+
+@pytest.mark.parametrize("kind", sorted(BALLS))
+def test_momentum_about_the_contact_point_and_jellett(kind):
+    (Pi, jellett), (Pi_rate, jellett_rate) = momentum_balance(*random_cases(kind, seed=23))
+    np.testing.assert_allclose(Pi, Pi_rate, rtol=ROUNDING, atol=ROUNDING * np.max(np.abs(Pi_rate)))
+    np.testing.assert_allclose(jellett, jellett_rate, rtol=ROUNDING, atol=ROUNDING * np.max(np.abs(jellett_rate)))
+
+
+def test_momenta_are_the_sums_over_masses_that_they_stand_for():
+    """Π = 𝕀Ω + Σ m s × (Ω × s + χ̇) and P = Σ m (Ω × s + χ̇), mass by mass in NumPy."""
+    system, t, state = random_cases("scheduled", seed=24)
+
+    @jax.jit
+    @jax.vmap
+    def found(ball, t, state):
+        angles = driven_angles(ball, t, state)
+        place = moments(ball, t, angles), ball.radius, state.Omega, state.Gamma
+        return (
+            laws.contact_momentum(*place),
+            laws.linear_momentum(*place),
+            state.Gamma,
+            all_masses(ball, t, angles),
+        )
+
+    Pi, P, Gamma, (m, chi, chidot, _) = jax.tree.map(np.asarray, found(system, t, state))
+    system, state = jax.tree.map(np.asarray, (system, state))
+    for k in range(len(m)):
+        Omega = state.Omega[k]
+        s = system.radius[k] * Gamma[k] + chi[k]
+        velocity = np.cross(Omega, s) + chidot[k]
+        np.testing.assert_allclose(P[k], m[k] @ velocity, rtol=1e-12, atol=1e-12)
+        expected = system.inertia[k] * Omega + m[k] @ np.cross(s, velocity)
+        np.testing.assert_allclose(Pi[k], expected, rtol=1e-12, atol=1e-12)
+
+
+def test_jellett_is_the_angular_momentum_about_the_centre_of_mass_along_s():
+    """For axial masses and d1 = d2 it is the integral of the Routh sphere."""
+    ball = jaxball.Ball(
+        mass=1.2,
+        inertia=(0.6, 0.6, 0.7),
+        radius=1.1,
+        offset=(0.0, 0.0, 0.2),
+        masses=[jaxball.PointMass(0.4, jaxball.Fixed([0.0, 0.0, -0.5]))],
+    )
+    at = jax.jit(moments)(ball, jnp.asarray(0.0), (jnp.zeros(0),) * 3)
+    Omega, Gamma = jnp.asarray([0.3, -0.7, 1.1]), jnp.asarray([0.6, 0.0, 0.8])
+    general = laws.jellett(at, ball.radius, Omega, Gamma)
+    special = laws.routh_integrals(at, ball.radius, Omega, Gamma).jellett
+    np.testing.assert_allclose(general, special, rtol=1e-14)

@@ -1,0 +1,131 @@
+"""Saved trajectories are read again by the libraries for their formats, and a failure harms no file."""
+
+import csv
+
+import numpy as np
+import pytest
+import xarray
+
+from jaxball import ReducedState, Status, simulate
+from jaxball.results import OutputError, save, to_dataset
+from jaxball.scenario import read_scenario, write_scenario
+from tests.scenario.documents import BALL, DISK
+
+INTEGRATED = BALL + '[force]\nconstant = [0.1, 0.0, 0.0]\n[actuation]\nform = "integrated"\n'
+
+
+@pytest.fixture(scope="module")
+def ball():
+    scenario = read_scenario(INTEGRATED)
+    return scenario, scenario.simulate()
+
+
+@pytest.fixture(scope="module")
+def stopped():
+    """A run whose steps end before its last times."""
+    scenario = read_scenario(INTEGRATED)
+    return scenario, scenario.simulate(max_steps=4)
+
+
+def test_netcdf(ball, tmp_path):
+    scenario, trajectory = ball
+    path = save(trajectory, tmp_path / "run.nc", scenario)
+    with xarray.open_dataset(path) as data:
+        assert dict(data.sizes) == {"time": 5, "component": 4, "axis": 3, "direction": 2, "driven": 1, "mass": 1}
+        for name in ("q", "Omega", "z", "theta", "thetadot"):
+            np.testing.assert_array_equal(data[name], getattr(trajectory.state, name))
+        for name in ("normal_force", "energy", "mass_positions_space", "friction"):
+            np.testing.assert_array_equal(data[name], getattr(trajectory.observables, name))
+        assert data["Omega"].sel(axis="2").dims == ("time",)
+        assert data["normal_force"].attrs["units"] == "force"
+        assert data.attrs["scenario"] == write_scenario(scenario)
+        assert (data.attrs["ok"], data.attrs["status"]) == (1, "SUCCESS")
+        assert data.attrs["message"] == trajectory.message
+        assert data.attrs["jaxball_version"]
+
+
+def test_npz(ball, tmp_path):
+    scenario, trajectory = ball
+    with np.load(save(trajectory, tmp_path / "run.npz", scenario)) as data:
+        np.testing.assert_array_equal(data["q"], trajectory.state.q)
+        np.testing.assert_array_equal(data["power"], trajectory.observables.power)
+        assert str(data["scenario"]) == write_scenario(scenario)
+        assert int(data["ok"]) == 1
+
+
+def test_csv(ball, tmp_path):
+    _, trajectory = ball
+    path = save(trajectory, tmp_path / "run.csv")
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["time"]) for row in rows] == np.asarray(trajectory.times).tolist()
+    assert [float(row["Omega_2"]) for row in rows] == np.asarray(trajectory.state.Omega[:, 1]).tolist()
+    assert [float(row["q_0"]) for row in rows] == np.asarray(trajectory.state.q[:, 0]).tolist()
+    place = trajectory.observables.mass_positions_body[:, 0, 2]
+    assert [float(row["mass_positions_body_0_3"]) for row in rows] == np.asarray(place).tolist()
+    assert {row["status"] for row in rows} == {"0"}
+    assert np.genfromtxt(path, delimiter=",", names=True)["time"].shape == (5,)
+
+
+@pytest.mark.parametrize("suffix", [".nc", ".npz", ".csv"])
+def test_failed_solve_is_marked(stopped, tmp_path, suffix):
+    scenario, trajectory = stopped
+    path = save(trajectory, tmp_path / f"run{suffix}", scenario)
+    if suffix == ".csv":
+        data = np.genfromtxt(path, delimiter=",", names=True)
+        assert set(data["status"]) == {int(Status.MAX_STEPS)}
+        z, ratio = data["z_1"], data["friction_ratio"]
+    elif suffix == ".npz":
+        with np.load(path) as data:
+            assert (int(data["ok"]), str(data["status"])) == (0, "MAX_STEPS")
+            z, ratio = data["z"][:, 0], data["friction_ratio"]
+    else:
+        with xarray.open_dataset(path) as data:
+            assert (data.attrs["ok"], data.attrs["status"]) == (0, "MAX_STEPS")
+            assert "max_steps" in data.attrs["message"]
+            z, ratio = data["z"].values[:, 0], data["friction_ratio"].values
+    assert np.isfinite(z[0])
+    assert np.isnan(z[-1])
+    np.testing.assert_array_equal(np.isnan(ratio), np.isnan(z))
+
+
+def test_disk():
+    data = to_dataset(read_scenario(DISK).simulate())
+    assert data["phi"].dims == data["z"].dims == ("time",)
+    assert "theta" not in data
+
+
+def test_reduced_trajectory_has_its_state_only():
+    scenario = read_scenario(BALL)
+    data = to_dataset(simulate(scenario.system, scenario.times, ReducedState()))
+    assert set(data.data_vars) == {"Omega", "Gamma"}
+
+
+def test_failure_leaves_the_file_as_it_was(ball, tmp_path, monkeypatch):
+    _, trajectory = ball
+    path = tmp_path / "run.csv"
+    path.write_text("precious")
+
+    def fails(path, *_, **__):
+        path.write_text("half of it")
+        raise OSError("the disk is full")
+
+    monkeypatch.setattr(np, "savetxt", fails)
+    with pytest.raises(OutputError, match=r'run\.csv" is not: the disk is full\.$'):
+        save(trajectory, path)
+    assert path.read_text() == "precious"
+    assert [item.name for item in tmp_path.iterdir()] == ["run.csv"]
+
+
+def test_sentences_of_destinations(ball, tmp_path):
+    _, trajectory = ball
+    cases = {
+        "run.xlsx": r"^Argument `path` must end in one of \.nc, \.npz, \.csv, but it is \".*run\.xlsx\"\.$",
+        "none/run.nc": r"^Argument `path` must lie in a folder that exists, but \".*none\" does not; make it first\.$",
+    }
+    for name, sentence in cases.items():
+        with pytest.raises(OutputError, match=sentence):
+            save(trajectory, tmp_path / name)
+    (tmp_path / "folder.nc").mkdir()
+    with pytest.raises(OutputError, match=r'^Argument `path` must be a file, but ".*folder\.nc" is a folder\.$'):
+        save(trajectory, tmp_path / "folder.nc")

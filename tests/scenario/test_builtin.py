@@ -1,0 +1,100 @@
+"""The built-in scenarios run, stay on the plane, and do what their comments say."""
+
+import json
+from importlib.resources import files
+
+import jax
+import numpy as np
+import pytest
+
+from jaxball.scenario import builtin_scenarios, load_scenario
+
+NAMES = (
+    "ball",
+    "chaplygin-sphere",
+    "disk",
+    "disk-in-ball",
+    "ellipse-and-eight",
+    "pendulum",
+    "routh-sphere",
+    "six-tubes",
+)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """Every built-in scenario with its trajectory and observables, each solved once."""
+    found = {}
+
+    def run(name):
+        if name not in found:
+            trajectory = load_scenario(name).simulate()
+            found[name] = trajectory, jax.tree.map(np.asarray, trajectory.observables)
+        return found[name]
+
+    return run
+
+
+def reference(name):
+    values = json.loads((files("jaxball") / "data" / f"paper_{name}.json").read_text())["values"]
+    return np.array([[float(x) for x in values[str(t)]] for t in range(21)])
+
+
+def test_names():
+    assert builtin_scenarios() == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_runs_and_stays_on_the_plane(runs, name):
+    trajectory, seen = runs(name)
+    assert trajectory.ok, trajectory.message
+    assert np.all(seen.normal_force > 0)
+    assert np.all(np.isfinite(seen.friction_ratio))
+    distance = np.linalg.norm(seen.mass_positions_body, axis=-1)
+    assert np.all(distance < float(trajectory.system.radius))
+
+
+def test_energy_changes_by_the_work_done(runs):
+    """Trapezia of step 0.1 are good to about 1e-2 of a power whose changes take about a unit of time."""
+    for name in ("pendulum", "six-tubes", "chaplygin-sphere", "ellipse-and-eight"):
+        trajectory, seen = runs(name)
+        work = np.sum((seen.power[1:] + seen.power[:-1]) / 2 * np.diff(np.asarray(trajectory.times)))
+        energy = seen.kinetic_energy + seen.potential_energy
+        assert abs(work - (energy[-1] - energy[0])) < 2e-2 * np.ptp(energy), name
+
+
+def test_ball_is_the_papers(runs):
+    trajectory, _ = runs("ball")
+    state = np.concatenate([trajectory.state.q, trajectory.state.Omega, trajectory.state.z], axis=1)[::10]
+    np.testing.assert_allclose(state, reference("ball")[:, 6:], rtol=0, atol=1e-7)
+
+
+def test_disk_is_the_papers(runs):
+    trajectory, _ = runs("disk")
+    state = np.stack([trajectory.state.phi, trajectory.state.phidot], axis=1)[::10]
+    np.testing.assert_allclose(state, reference("disk")[:, -2:], rtol=0, atol=1e-10)
+
+
+def test_disk_in_ball_rolls_as_the_disk(runs):
+    disk, ball = runs("disk")[0].state, runs("disk-in-ball")[0].state
+    np.testing.assert_allclose(ball.z[:, 0], disk.z, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(ball.Omega[:, 1], -disk.phidot, rtol=0, atol=1e-9)
+
+
+def test_routh_sphere_conserves_energy_and_jellett(runs):
+    """Jellett's integral by its formula for masses on E3; both hold to the solver's tolerance of 1e-10."""
+    trajectory, seen = runs("routh-sphere")
+    m, h = np.array([1.0, 0.3, 0.1]), np.array([0.0, 0.6, -0.2])
+    centre = np.sum(m * h) / np.sum(m)
+    d1, d3 = 0.4 + np.sum(m * (h - centre) ** 2), 0.5
+    G, W = seen.vertical_body.T, np.asarray(trajectory.state.Omega).T
+    jellett = d1 * (W[0] * G[0] + W[1] * G[1]) + d3 * W[2] * (G[2] + centre)
+    assert np.ptp(jellett) < 1e-8
+    assert np.ptp(seen.kinetic_energy + seen.potential_energy) < 1e-8
+    assert np.ptp(G[2]) > 1e-2
+
+
+def test_chaplygin_sphere_keeps_its_centre_of_mass(runs):
+    _, seen = runs("chaplygin-sphere")
+    assert np.max(np.abs(seen.centre_of_mass_body)) < 1e-15
+    assert np.ptp(seen.kinetic_energy + seen.potential_energy) > 1e-2

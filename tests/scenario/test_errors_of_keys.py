@@ -1,0 +1,198 @@
+"""What is wrong with a key of a scenario file is one sentence that names it."""
+
+import pytest
+
+from jaxball.scenario import ScenarioError, builtin_text, load_scenario, read_scenario
+
+from .documents import BALL, DISK, TURNING, edited, with_motion, with_rail, with_schedule
+
+TYPES = {
+    "not TOML": (
+        "format = ",
+        "A scenario must be a TOML document, but it is not: Invalid value (at end of document).",
+    ),
+    "no format": (
+        edited("format = 1\n", ""),
+        "Key `format` must be a whole number from 1 to 1, but it is missing.",
+    ),
+    "newer format": (
+        edited("format = 1", "format = 2"),
+        "Key `format` must be a whole number from 1 to 1, but it is 2.",
+    ),
+    "another kind": (
+        edited('"ball"', '"cube"'),
+        'Key `kind` must be one of "ball", "disk", but it is "cube".',
+    ),
+    "title not a text": (
+        'title = ["a"]\n' + BALL,
+        "Key `title` must be a text, but it is ['a'].",
+    ),
+    "text for a number": (
+        edited("mass = 1.0", 'mass = "heavy"'),
+        'Key `body.mass` must be a positive number, but it is "heavy".',
+    ),
+    "true for a number": (
+        edited("mass = 1.0", "mass = true"),
+        "Key `body.mass` must be a positive number, but it is true.",
+    ),
+    "a number beyond floats": (
+        edited("mass = 1.0", "mass = 1" + 400 * "0"),
+        "Key `body.mass` must be a positive number, but it is 1" + 56 * "0" + "....",
+    ),
+    "NaN": (
+        edited("gravity = 1.0", "gravity = nan"),
+        "Key `body.gravity` must be a finite number, but it is nan.",
+    ),
+    "infinity": (
+        edited("gravity = 1.0", "gravity = -inf"),
+        "Key `body.gravity` must be a finite number, but it is -inf.",
+    ),
+    "wrong shape": (
+        edited("[0.9, 1.0, 1.1]", "[0.9, 1.0]"),
+        "Key `body.inertia` must be a list of 3 positive numbers, but it is [0.9, 1.0].",
+    ),
+    "ragged rows": (
+        with_rail('{ kind = "spline", points = [[0, 0, 0.1], [0, 0.1]] }'),
+        "Key `masses[0].rail.points` must be a list of rows of 3 finite numbers, but it is [[0, 0, 0.1], [0, 0.1]].",
+    ),
+    "table for a number": (
+        edited("gravity = 1.0", "gravity = { g = 1.0 }"),
+        "Key `body.gravity` must be a finite number, but it is a table.",
+    ),
+    "number for a table": (
+        with_rail("1.0"),
+        "Key `masses[0].rail` must be a table, but it is 1.0.",
+    ),
+    "table for masses": (
+        edited("[[masses]]", "[masses]"),
+        "Key `masses` must be a list of tables, each under the heading [[masses]], but it is a table.",
+    ),
+    "missing table": (
+        edited("[time]\nstart = 0.0\nend = 2.0\nsaves = 5\n", ""),
+        "Key `time` must be a table, but it is missing.",
+    ),
+}
+
+KEYS = {
+    "misspelt key": (
+        edited("gravity", "gravty"),
+        "Key `body.gravty` is not known; did you mean `gravity`?",
+    ),
+    "misspelt table": (
+        edited("[time]", "[tme]"),
+        "Key `tme` is not known; did you mean `time`?",
+    ),
+    "misspelt nested key": (
+        with_rail('{ kind = "circle", radus = 0.9 }'),
+        "Key `masses[0].rail.radus` is not known; did you mean `radius`?",
+    ),
+    "a key of nothing": (
+        edited("gravity = 1.0", "gravity = 1.0\nxyzzy = 1"),
+        "Key `body.xyzzy` is not known; the keys here are gravity, inertia, mass, offset, radius.",
+    ),
+    "a key of another kind": (
+        with_rail('{ kind = "circle", radius = 0.9, semi_axes = [1, 1] }'),
+        "Key `masses[0].rail.semi_axes` is not known; the keys here are centre, frame, radius.",
+    ),
+    "missing key": (
+        edited("gravity = 1.0\n", ""),
+        "Key `body.gravity` must be a finite number, but it is missing.",
+    ),
+    "missing kind": (
+        with_rail("{ radius = 0.9 }"),
+        'Key `masses[0].rail.kind` must be one of "circle", "ellipse", "gerono-eight", "bernoulli-eight", '
+        '"tube", "fourier", "spline", but it is missing.',
+    ),
+    "missing schedule": (
+        edited(TURNING, ""),
+        "Key `masses[0].schedule` must be a table, but it is missing.",
+    ),
+    "no motion": (
+        with_motion(""),
+        "Key `masses[0]` must have exactly one of the keys `rail`, `position`, `free`, but it has none of them.",
+    ),
+    "two motions": (
+        with_motion("position = [0, 0, 0]\nfree = { constant = [0, 0, 0] }"),
+        "Key `masses[0]` must have exactly one of the keys `rail`, `position`, `free`, but it has `position` "
+        "and `free`.",
+    ),
+    "two rotations": (
+        BALL + "[initial]\nversor = [1, 0, 0, 0]\naxis = [1, 0, 0]\nangle = 1",
+        "Key `initial` must have exactly one of the keys `versor`, `axis`, but it has `versor` and `axis`.",
+    ),
+    "no saves": (
+        edited("saves = 5\n", ""),
+        "Key `time` must have exactly one of the keys `saves`, `step`, `at`, but it has none of them.",
+    ),
+}
+
+SHELLS = {
+    "no mass": (
+        edited("mass = 1.0", "mass = 0"),
+        "Key `body.mass` must be a positive number, but it is 0.",
+    ),
+    "negative radius": (
+        edited("radius = 1.0", "radius = -1.0"),
+        "Key `body.radius` must be a positive number, but it is -1.0.",
+    ),
+    "impossible inertia": (
+        edited("[0.9, 1.0, 1.1]", "[0.1, 0.2, 0.4]"),
+        "Key `body.inertia` must be three moments of which none exceeds the sum of the other two, as "
+        "in every "
+        "real body, but it is [0.1, 0.2, 0.4].",
+    ),
+    "offset outside": (
+        edited("gravity = 1.0", "gravity = 1.0\noffset = [0.0, 0.0, -1.5]"),
+        "Key `body.offset` must be a point inside the shell, nearer to the centre than the radius, but it is "
+        "[0.0, 0.0, -1.5].",
+    ),
+    "disk's offset": (
+        edited("gravity = 1.0", "gravity = 1.0\noffset = [0.0, 0.1, 0.0]", DISK),
+        "Key `body.offset` must be in the plane of a disk, E1 and E3, with second entry 0, but it is [0.0, 0.1, 0.0].",
+    ),
+    "disk's force": (
+        DISK + "[force]\nconstant = [0.0, 0.1, 0.0]",
+        "Key `force.constant` must be in the plane of a disk, E1 and E3, with second entry 0, but it is "
+        "[0.0, 0.1, 0.0].",
+    ),
+    "force without amplitudes": (
+        BALL + "[force]\nfrequency = [1.0, 2.0]\namplitude = [[1.0, 0.0, 0.0]]",
+        "Key `force.amplitude` must be as long as `frequency`, which has 2 entries, but it is one of 1.",
+    ),
+    "force with a phase too many": (
+        BALL + "[force]\nfrequency = [1.0]\namplitude = [[1.0, 0.0, 0.0]]\nphase = [1.0, 2.0]",
+        "Key `force.phase` must be as long as `frequency`, which has 1 entries, but it is one of 2.",
+    ),
+}
+
+CASES = TYPES | KEYS | SHELLS
+
+
+@pytest.mark.parametrize(("text", "sentence"), CASES.values(), ids=CASES.keys())
+def test_sentence(text, sentence):
+    with pytest.raises(ScenarioError) as caught:
+        read_scenario(text)
+    assert str(caught.value) == sentence
+
+
+def test_documents_are_good():
+    for text in (
+        BALL,
+        DISK,
+        with_motion("position = [0, 0, 0]"),
+        with_schedule('{ kind = "pulse", theta = 0 }'),
+    ):
+        assert read_scenario(text).times.size == 5
+
+
+def test_no_such_file():
+    with pytest.raises(ScenarioError, match=r'or one of ball, .*, but it is "bal" \(.*\); did you mean ball\.$'):
+        load_scenario("bal")
+    with pytest.raises(ScenarioError, match=r'must be one of ball, .*, but it is "discus"; did you mean disk\.$'):
+        builtin_text("discus")
+
+
+def test_file_that_is_not_text(tmp_path):
+    (tmp_path / "a.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(ScenarioError, match=r"\(it is not UTF-8 text\)\.$"):
+        load_scenario(tmp_path / "a.toml")

@@ -1,0 +1,99 @@
+"""What the keys of a scenario file do to a run."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jaxball import SolveError, Status
+from jaxball.scenario import load_scenario, read_scenario, write_scenario
+
+from .documents import BALL, DISK, with_rail, with_schedule
+
+DOCUMENTATION = Path(__file__).parents[2] / "docs" / "scenario-files.md"
+DOCUMENTED = re.findall(r"^```toml\n(.*?)^```", DOCUMENTATION.read_text(), flags=re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("text", DOCUMENTED)
+def test_documented_files_run(text):
+    scenario = read_scenario(text)
+    assert scenario.simulate().ok
+    assert read_scenario(write_scenario(scenario)).title == scenario.title
+
+
+def test_every_key_is_documented():
+    from jaxball.scenario.rails import RAILS
+    from jaxball.scenario.schedules import SCHEDULES
+    from jaxball.scenario.solve import SOLVE, SOLVERS
+
+    page = DOCUMENTATION.read_text()
+    for family in (RAILS, SCHEDULES):
+        for name, member in family.items():
+            line = next(line for line in page.splitlines() if line.startswith(f'| `"{name}"`'))
+            assert all(f"`{key}`" in line for key in member.keys), name
+    assert all(f"`{key}`" in page for key in SOLVE)
+    assert all(f'`"{solver}"`' in page for solver in SOLVERS)
+
+
+def test_balance_finds_the_papers_angles():
+    """θ_a before the paper rounded it, as the root in 18 digits."""
+    (text,) = (text for text in DOCUMENTED if "balance" in text)
+    ball = read_scenario(text).system
+    found = [float(item.motion.schedule.theta) for item in ball.point_masses]
+    np.testing.assert_allclose(found, [0.0, 2.03688467177819188, 0.704424483412206587], rtol=0, atol=1e-10)
+
+
+def test_integrated_angles_give_the_same_run():
+    prescribed = read_scenario(DISK).simulate()
+    integrated = read_scenario(DISK + '[actuation]\nform = "integrated"\n').simulate()
+    np.testing.assert_allclose(integrated.state.theta[:, 0], 0.7 + 0.2 * np.asarray(prescribed.times), atol=1e-9)
+    np.testing.assert_allclose(integrated.state.phi, prescribed.state.phi, rtol=0, atol=1e-8)
+
+
+def test_servo_closes_the_gap():
+    """With stiffness 4 and damping 4 a gap of 1 decays as (1 + 2t) exp(−2t)."""
+    servo = '[actuation]\nform = "servo"\nstiffness = [4.0]\ndamping = [4.0]\n[initial]\ntheta = [1.7]\n'
+    trajectory = read_scenario(DISK + servo).simulate()
+    t = np.asarray(trajectory.times)
+    target = 0.7 + 0.2 * t
+    np.testing.assert_allclose(trajectory.state.theta[:, 0], target + (1 + 2 * t) * np.exp(-2 * t), atol=1e-8)
+
+
+def test_a_law_that_carries_a_mass_out():
+    """θ = 0.7 + 0.2 t passes the radius 1 at t = 1.5; of the saved times k 2/7, the first after it is 12/7."""
+    text = with_rail('{ kind = "tube", direction = [1, 0, 0] }', DISK) + '[actuation]\nform = "integrated"\n'
+    text = text.replace("saves = 5", "saves = 8")
+    scenario = read_scenario(text)
+    trajectory = scenario.simulate()
+    assert int(trajectory.status) == Status.LEFT_SHELL
+    assert "a mass left the shell at t = 1.714285714" in trajectory.message
+    with pytest.raises(SolveError, match="left the shell"):
+        scenario.simulate(throw=True)
+
+
+def test_settings_can_be_changed_for_one_run():
+    scenario = read_scenario(DISK)
+    assert int(scenario.simulate(max_steps=1).status) == Status.MAX_STEPS
+    loose = scenario.simulate(rtol=1e-4, atol=1e-4)
+    assert int(loose.steps) < int(scenario.simulate().steps)
+
+
+def test_axis_and_angle_are_a_versor():
+    text = BALL + "[initial]\naxis = [0.0, 0.0, 2.0]\nangle = 1.0471975511965976\n"
+    np.testing.assert_allclose(read_scenario(text).state.q, [np.sqrt(3) / 2, 0, 0, 0.5], rtol=0, atol=1e-15)
+
+
+def test_inside_for_the_whole_run_only():
+    """The mass would leave the tube at t = 3, after the end."""
+    text = with_rail('{ kind = "tube", direction = [1, 0, 0] }')
+    text = with_schedule('{ kind = "constant-rate", theta = 0.4, rate = 0.2 }', text)
+    assert read_scenario(text).times[-1] == 2.0
+
+
+def test_file_by_its_path(tmp_path):
+    scenario = load_scenario("pendulum")
+    (tmp_path / "mine.toml").write_text(write_scenario(dataclasses.replace(scenario, title="Mine")), encoding="utf-8")
+    assert load_scenario(tmp_path / "mine.toml").title == "Mine"
+    assert load_scenario(str(tmp_path / "mine.toml")).title == "Mine"

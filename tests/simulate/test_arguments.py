@@ -1,0 +1,99 @@
+"""Arguments of the wrong kind are refused in one sentence that says what they must be."""
+
+import jax.numpy as jnp
+import jaxtyping
+import numpy as np
+import pytest
+
+import jaxball
+
+BALL = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7))
+
+
+@pytest.fixture(autouse=True)
+def no_type_checks():
+    """The sentences that a user reads, who does not check types at run time as these tests do."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
+@pytest.mark.parametrize(
+    ("times", "sentence"),
+    [
+        ([0.0], r"`times` must be two or more increasing numbers.*\(1,\)"),
+        (1.0, "`times` must be two or more"),
+        ([[0.0, 1.0]], r"\(1, 2\)"),
+        ([0.0, 1.0, 1.0], "`times` must be increasing"),
+        ([1.0, 0.0], r"starts with \[1.0, 0.0\]"),
+        ([0.0, np.nan], "`times` must be increasing and finite"),
+    ],
+)
+def test_times(times, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        jaxball.simulate(BALL, np.asarray(times))
+
+
+def test_the_state_of_another_body():
+    with pytest.raises(TypeError, match="must be a state of a Ball, but it is a DiskState"):
+        jaxball.simulate(BALL, [0.0, 1.0], jaxball.DiskState())
+
+
+def test_angles_that_no_mass_has():
+    with pytest.raises(ValueError, match=r"must have 0 entries in theta.*but it has 1 and 1"):
+        jaxball.simulate(BALL, [0.0, 1.0], jaxball.BallState(theta=[0.0], thetadot=[0.0]))
+
+
+def test_driven_masses_need_their_angles():
+    system, _ = jaxball.with_integrated_angles(
+        jaxball.Ball(
+            mass=1.0,
+            inertia=(0.5, 0.6, 0.7),
+            masses=[jaxball.PointMass(0.5, jaxball.OnRail(jaxball.Circle(0.5), jaxball.Pulse(0.0)))],
+        )
+    )
+    with pytest.raises(ValueError, match="`state` must be given"):
+        jaxball.simulate(system, [0.0, 1.0])
+    with pytest.raises(ValueError, match="has a feedback law already"):
+        jaxball.with_integrated_angles(system)
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: jaxball.Ball(mass=[1.0, 2.0], inertia=(1.0, 1.0, 1.0)), "`mass` must be a single number"),
+        (lambda: jaxball.Ball(mass=1.0, inertia=1.0), r"`inertia` must be 3 numbers, but its shape is \(\)"),
+        (lambda: jaxball.Disk(mass=1.0, inertia=(1.0, 1.0, 1.0)), "`inertia` must be a single number"),
+        (lambda: jaxball.Ball(mass=1.0, inertia=(1.0,) * 3, offset=(0.0, 0.0)), "`offset` must be 3 numbers"),
+        (
+            lambda: jaxball.Ball(
+                mass=1.0,
+                inertia=(1.0,) * 3,
+                masses=[jaxball.PointMass(1.0, jaxball.Driven(jaxball.Circle(0.5)))],
+            ),
+            r"`law` must be a feedback law, because the masses \[0\]",
+        ),
+        (
+            lambda: jaxball.Ball(mass=1.0, inertia=(1.0,) * 3, law=jaxball.Servo((), jnp.zeros(0), jnp.zeros(0))),
+            "`law` must be None, because no mass is driven",
+        ),
+    ],
+)
+def test_bodies(make, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        make()
+
+
+def test_a_reduced_ball_knows_no_force_and_no_place():
+    forced = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7), force=jaxball.HarmonicForce([0.1, 0.0, 0.0]))
+    with pytest.raises(ValueError, match="must have no external force in the reduced system"):
+        jaxball.simulate(forced, [0.0, 1.0], jaxball.ReducedState())
+    run = jaxball.simulate(BALL, [0.0, 1.0], jaxball.ReducedState())
+    with pytest.raises(ValueError, match="observables need the full state"):
+        _ = run.observables
+
+
+def test_tolerances_beyond_the_floating_point_type():
+    with pytest.raises(jaxball.PrecisionError, match=r"must reach 1\.8e-15 in float64, but they are 1e-16") as refused:
+        jaxball.simulate(BALL, [0.0, 1.0], rtol=1e-16, atol=1e-16)
+    assert "jax_enable_x64" not in str(refused.value)

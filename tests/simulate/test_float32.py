@@ -1,0 +1,32 @@
+"""In float32 the default tolerances cannot be met, and the refusal says what to do."""
+
+import subprocess
+import sys
+
+import pytest
+
+PROGRAM = """
+import jax
+import jaxball
+assert not jax.config.jax_enable_x64, "importing jaxball must not switch float64 on"
+ball = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7), offset=(0.1, 0.0, -0.1))
+run = jaxball.simulate(ball, [0.0, 1.0], rtol=1e-4, atol=1e-4)
+assert run.ok and run.state.z.dtype == "float32", run
+try:
+    jaxball.simulate(ball, [0.0, 1.0])
+except jaxball.PrecisionError as refused:
+    print(refused)
+"""
+
+
+@pytest.fixture(scope="module")
+def sentence():
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_refusal_names_the_line_that_fixes_it(sentence):
+    assert 'jax.config.update("jax_enable_x64", True)' in sentence
+    assert "float32" in sentence
+    assert "ask for looser ones" in sentence

@@ -1,0 +1,17 @@
+"""Whether the installed JAX computes right numbers and the tests run as they should."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+def test_jax_computes_batched_quadratic_forms_right():
+    """jax 0.10.2 gives wrong rows for this program in float64 on the CPU (jax-ml/jax#39103)."""
+    rng = np.random.default_rng(0)
+    matrix, rows = rng.normal(size=(3, 3)), rng.normal(size=(40_000, 3))
+    found = jax.jit(jax.vmap(lambda r: jnp.sum((jnp.asarray(matrix) @ r) ** 2)))(jnp.asarray(rows))
+    np.testing.assert_allclose(found, np.sum((rows @ matrix.T) ** 2, axis=1), rtol=1e-12)
+
+
+def test_the_tests_run_in_float64():
+    assert jnp.zeros(1).dtype == jnp.float64
