@@ -3,12 +3,19 @@
 from collections.abc import Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 Numbers = ArrayLike | Sequence[Any]  # a number, an array, or nested sequences of numbers
 
 
+def default_dtype() -> np.dtype:
+    """float64 where x64 is enabled, else float32."""
+    return jax.dtypes.canonicalize_dtype(np.float64)
+
+
 def to_array(x: Numbers) -> Float[Array, "..."]:
-    """``x`` as an array of the default floating type (float64 where x64 is enabled)."""
-    return jnp.asarray(x, dtype=jnp.result_type(float))
+    """``x`` as an array of the default floating type."""
+    return jnp.asarray(x, dtype=default_dtype())

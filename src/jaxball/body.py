@@ -1,7 +1,7 @@
 """The rolling bodies: a ball or a disk with point masses inside. Parameters only; see ``state``."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -13,6 +13,8 @@ from ._arrays import Numbers, to_array
 from .feedback import AbstractLaw, FollowSchedules
 from .force import AbstractForce
 from .motion import AbstractMotion, Driven, OnRail
+
+AnyBody = TypeVar("AnyBody", bound="AbstractBody")
 
 
 class PointMass(eqx.Module):
@@ -26,7 +28,8 @@ class AbstractBody(eqx.Module):
     """What a ball and a disk share: a shell, gravity, a force, and masses.
 
     Masses whose motions have the same structure are stacked into one group with a leading axis, so
-    that the cost of compiling does not grow with their number. ``point_masses`` undoes it.
+    that the cost of compiling does not grow with their number. ``point_masses`` undoes it; ``order``
+    holds the indices of each group's masses, and ``driven`` those whose θ and θ̇ belong to the state.
     """
 
     mass: eqx.AbstractVar[Float[Array, "*group"]]
@@ -36,6 +39,7 @@ class AbstractBody(eqx.Module):
     force: eqx.AbstractVar[AbstractForce | None]
     groups: eqx.AbstractVar[tuple[PointMass, ...]]
     order: eqx.AbstractVar[tuple[tuple[int, ...], ...]]
+    driven: eqx.AbstractVar[tuple[int, ...]]
     law: eqx.AbstractVar[AbstractLaw | None]
 
     @property
@@ -53,22 +57,11 @@ class AbstractBody(eqx.Module):
         return sum(len(indices) for indices in self.order)
 
     @property
-    def driven(self) -> tuple[int, ...]:
-        """The indices of the masses whose θ and θ̇ belong to the state."""
-        indices = [
-            index
-            for group, indices in zip(self.groups, self.order, strict=True)
-            if isinstance(group.motion, Driven)
-            for index in indices
-        ]
-        return tuple(sorted(indices))
-
-    @property
     def total_mass(self) -> Float[Array, ""]:
         """M = Σ m_i, the shell included."""
         return self.mass + sum(jnp.sum(group.mass) for group in self.groups)
 
-    def prepare(self) -> "AbstractBody":
+    def prepare(self: AnyBody) -> AnyBody:
         """The same body with splines solved and frames turned to matrices: once a solve, not once a step."""
         groups = tuple(
             PointMass(group.mass, eqx.filter_vmap(lambda motion: motion.prepare())(group.motion))
@@ -77,17 +70,19 @@ class AbstractBody(eqx.Module):
         law = None if self.law is None else self.law.prepare()
         return eqx.tree_at(lambda body: (body.groups, body.law), self, (groups, law), is_leaf=lambda x: x is None)
 
-    def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which actuation or force jumps, in no order; an integrator steps to them."""
+    def motion_kinks(self) -> Float[Array, " kinks"]:
+        """The times, in no order, at which χ̈ of a prescribed motion jumps or bends."""
         found = [
             jnp.ravel(eqx.filter_vmap(lambda motion: motion.kinks())(group.motion))
             for group in self.groups
             if not isinstance(group.motion, Driven)
         ]
-        found += [source.kinks() for source in (self.law, self.force) if source is not None]
-        if not found:
-            return jnp.zeros((0,), dtype=self.mass.dtype)
-        return jnp.concatenate(found)
+        return jnp.concatenate(found) if found else jnp.zeros((0,), dtype=self.mass.dtype)
+
+    def driving_kinks(self) -> Float[Array, " kinks"]:
+        """The times, in no order, at which the feedback law or the force jumps or bends."""
+        found = [source.kinks() for source in (self.law, self.force) if source is not None]
+        return jnp.concatenate(found) if found else jnp.zeros((0,), dtype=self.mass.dtype)
 
 
 class Ball(AbstractBody):
@@ -119,6 +114,7 @@ class Ball(AbstractBody):
     force: AbstractForce | None
     groups: tuple[PointMass, ...]
     order: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    driven: tuple[int, ...] = eqx.field(static=True)
     law: AbstractLaw | None
 
     def __init__(
@@ -136,7 +132,7 @@ class Ball(AbstractBody):
         self.mass, self.radius, self.gravity = to_array(mass), to_array(radius), to_array(gravity)
         self.inertia, self.offset = to_array(inertia), to_array(offset)
         self.force, self.law = force, law
-        self.groups, self.order = _grouped(masses)
+        self.groups, self.order, self.driven = _grouped(masses)
         for name, shape in (
             ("mass", ()),
             ("radius", ()),
@@ -165,6 +161,7 @@ class Disk(AbstractBody):
     force: AbstractForce | None
     groups: tuple[PointMass, ...]
     order: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    driven: tuple[int, ...] = eqx.field(static=True)
     law: AbstractLaw | None
 
     def __init__(
@@ -182,7 +179,7 @@ class Disk(AbstractBody):
         self.mass, self.radius, self.gravity = to_array(mass), to_array(radius), to_array(gravity)
         self.inertia, self.offset = to_array(inertia), to_array(offset)
         self.force, self.law = force, law
-        self.groups, self.order = _grouped(masses)
+        self.groups, self.order, self.driven = _grouped(masses)
         for name, shape in (("mass", ()), ("radius", ()), ("gravity", ()), ("inertia", ()), ("offset", (3,))):
             _require_shape(name, getattr(self, name), shape)
         _require_law(self)
@@ -243,7 +240,10 @@ def with_integrated_angles(system: System, t0: ArrayLike = 0.0) -> tuple[System,
     return with_masses(system, masses, law), angles
 
 
-def _grouped(masses: Sequence[PointMass]) -> tuple[tuple[PointMass, ...], tuple[tuple[int, ...], ...]]:
+def _grouped(
+    masses: Sequence[PointMass],
+) -> tuple[tuple[PointMass, ...], tuple[tuple[int, ...], ...], tuple[int, ...]]:
+    """The masses stacked by structure, the indices of each group's masses, and those of the driven ones."""
     members: dict[Any, list[int]] = {}
     for index, item in enumerate(masses):
         _require_shape(f"masses[{index}].mass", item.mass, ())
@@ -253,7 +253,8 @@ def _grouped(masses: Sequence[PointMass]) -> tuple[tuple[PointMass, ...], tuple[
     groups = tuple(
         jax.tree.map(lambda *leaves: jnp.stack(leaves), *(masses[index] for index in indices)) for indices in order
     )
-    return groups, order
+    driven = tuple(index for index, item in enumerate(masses) if isinstance(item.motion, Driven))
+    return groups, order, driven
 
 
 def _require_shape(name: str, value: Array, shape: tuple[int, ...]) -> None:

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from . import versor
 from .body import Ball, Disk, System
-from .moments import Moments, Rates, moments
+from .moments import AbstractMoments, Moments, Rates, moments
 from .state import BallState, DiskState, ReducedState, RotationState, State
 from .trigonometry import sine_cosine
 from .vectors import apply, cross, dot, hat, outer, solve
@@ -43,7 +43,7 @@ def angular_acceleration(
     return -solve(inertia_about_contact(at, r, Gamma), torque)
 
 
-def inertia_about_contact(at: Moments, r: Float[Array, ""], Gamma: Float[Array, "3"]) -> Float[Array, "3 3"]:
+def inertia_about_contact(at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"]) -> Float[Array, "3 3"]:
     """B = 𝕀 − Σ m ŝ², the inertia about the contact point, with s = rΓ + χ. Symmetric positive definite."""
     identity = jnp.eye(3, dtype=Gamma.dtype)
     mixed = outer(Gamma, at.p)
@@ -62,13 +62,15 @@ def driven_angles(system: System, t: Float[Array, ""], state: State) -> Rates:
 def ball_field(ball: Ball, t: Float[Array, ""], state: BallState) -> BallState:
     """ẋ of the full system with a versor, ``rolling_ball_ode_f``."""
     angles = driven_angles(ball, t, state)
-    Lambda = versor.rotation_matrix(state.q)
-    Ftilde = None if ball.force is None else apply(Lambda.T, ball.force(t))
-    at = moments(ball, t, angles)
+    return ball_rates(ball, state, ball_acceleration(ball, t, state, angles), angles)
+
+
+def ball_rates(ball: Ball, state: BallState, Omegadot: Float[Array, "3"], angles: Rates) -> BallState:
+    """ẋ where Ω̇ is known: q̇ = ½ q Ω♯ and the rolling constraint."""
     return BallState(
         q=versor.derivative(state.q, state.Omega),
-        Omega=angular_acceleration(at, ball.radius, ball.gravity, state.Omega, Lambda[2], Ftilde),
-        z=rolling_velocity(Lambda, state.Omega, ball.radius),
+        Omega=Omegadot,
+        z=rolling_velocity(state.Lambda, state.Omega, ball.radius),
         theta=angles[1],
         thetadot=angles[2],
     )
@@ -77,13 +79,15 @@ def ball_field(ball: Ball, t: Float[Array, ""], state: BallState) -> BallState:
 def rotation_field(ball: Ball, t: Float[Array, ""], state: RotationState) -> RotationState:
     """ẋ of the full system with a rotation matrix, ``uncon_ball_eqns_explicit_full``."""
     angles = driven_angles(ball, t, state)
-    Lambda = state.Lambda
-    Ftilde = None if ball.force is None else apply(Lambda.T, ball.force(t))
-    at = moments(ball, t, angles)
+    return rotation_rates(ball, state, ball_acceleration(ball, t, state, angles), angles)
+
+
+def rotation_rates(ball: Ball, state: RotationState, Omegadot: Float[Array, "3"], angles: Rates) -> RotationState:
+    """ẋ where Ω̇ is known: Λ̇ = Λ Ω̂ and the rolling constraint."""
     return RotationState(
-        Lambda=jnp.sum(Lambda[:, :, None] * hat(state.Omega)[None, :, :], axis=1),
-        Omega=angular_acceleration(at, ball.radius, ball.gravity, state.Omega, Lambda[2], Ftilde),
-        z=rolling_velocity(Lambda, state.Omega, ball.radius),
+        Lambda=jnp.sum(state.Lambda[:, :, None] * hat(state.Omega)[None, :, :], axis=1),
+        Omega=Omegadot,
+        z=rolling_velocity(state.Lambda, state.Omega, ball.radius),
         theta=angles[1],
         thetadot=angles[2],
     )
@@ -94,19 +98,37 @@ def reduced_field(ball: Ball, t: Float[Array, ""], state: ReducedState) -> Reduc
 
     **Raises:** ``ValueError`` when a force acts: its body components are not functions of (Ω, Γ).
     """
-    if ball.force is not None:
+    angles = driven_angles(ball, t, state)
+    return reduced_rates(ball, state, ball_acceleration(ball, t, state, angles), angles)
+
+
+def reduced_rates(ball: Ball, state: ReducedState, Omegadot: Float[Array, "3"], angles: Rates) -> ReducedState:
+    """(Ω̇, Γ̇) where Ω̇ is known: Γ̇ = Γ × Ω."""
+    return ReducedState(Omega=Omegadot, Gamma=cross(state.Gamma, state.Omega), theta=angles[1], thetadot=angles[2])
+
+
+def ball_acceleration(
+    ball: Ball, t: Float[Array, ""], state: BallState | RotationState | ReducedState, angles: Rates
+) -> Float[Array, "3"]:
+    """Ω̇ of a ball at time ``t``."""
+    Ftilde = force_in_body(ball, t, state)
+    at = moments(ball, t, angles)
+    return angular_acceleration(at, ball.radius, ball.gravity, state.Omega, state.Gamma, Ftilde)
+
+
+def force_in_body(system: System, t: Float[Array, ""], state: State) -> Float[Array, "3"] | None:
+    """F̃ = Λ⁻¹Fe, or None where no force acts.
+
+    **Raises:** ``ValueError`` for a reduced state, which does not know the force's direction in the body.
+    """
+    if system.force is None:
+        return None
+    if isinstance(state, ReducedState):
         raise ValueError(
             "Argument `ball` must have no external force in the reduced system, because the force's "
             "direction in the body is not known from (Omega, Gamma); use a BallState."
         )
-    angles = driven_angles(ball, t, state)
-    at = moments(ball, t, angles)
-    return ReducedState(
-        Omega=angular_acceleration(at, ball.radius, ball.gravity, state.Omega, state.Gamma),
-        Gamma=cross(state.Gamma, state.Omega),
-        theta=angles[1],
-        thetadot=angles[2],
-    )
+    return apply(state.Lambda.T, system.force(t))
 
 
 def rolling_velocity(Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: Float[Array, ""]) -> Float[Array, "2"]:
@@ -140,20 +162,22 @@ def disk_acceleration(
 
 
 def disk_field(disk: Disk, t: Float[Array, ""], state: DiskState) -> DiskState:
-    """ẋ of the disk, ``eq_rdisk_dynamics``, with ż = −r φ̇ of ``eq_disk_GC``."""
+    """ẋ of the disk, ``eq_rdisk_dynamics``."""
     angles = driven_angles(disk, t, state)
     at = moments(disk, t, angles)
     force = None if disk.force is None else disk.force(t)[0]
+    phiddot = disk_acceleration(at, disk.radius, disk.gravity, state.phi, state.phidot, force)
+    return disk_rates(disk, state, phiddot, angles)
+
+
+def disk_rates(disk: Disk, state: DiskState, phiddot: Float[Array, ""], angles: Rates) -> DiskState:
+    """ẋ where φ̈ is known, with ż = −r φ̇ of ``eq_disk_GC``."""
     return DiskState(
-        phi=state.phidot,
-        phidot=disk_acceleration(at, disk.radius, disk.gravity, state.phi, state.phidot, force),
-        z=-disk.radius * state.phidot,
-        theta=angles[1],
-        thetadot=angles[2],
+        phi=state.phidot, phidot=phiddot, z=-disk.radius * state.phidot, theta=angles[1], thetadot=angles[2]
     )
 
 
-FIELDS = {
+FIELDS: dict[tuple[type, type], Callable[..., Any]] = {
     (Ball, BallState): ball_field,
     (Ball, RotationState): rotation_field,
     (Ball, ReducedState): reduced_field,
@@ -167,10 +191,18 @@ def vector_field(system: System, t: Float[Array, ""], state: AnyState) -> AnySta
 
     **Raises:** ``TypeError`` when the system has no state of that kind.
     """
-    field: Callable[..., Any] | None = FIELDS.get((type(system), type(state)))
+    return field_of(system, state)(system, t, state)
+
+
+def field_of(system: System, state: State) -> Callable[..., Any]:
+    """The equations of motion for the system and the kind of state given.
+
+    **Raises:** ``TypeError`` when the system has no state of that kind.
+    """
+    field = FIELDS.get((type(system), type(state)))
     if field is None:
         raise TypeError(
             f"Argument `state` must be a state of a {type(system).__name__}, but it is a {type(state).__name__}; "
             "a Ball takes a BallState, RotationState or ReducedState, and a Disk takes a DiskState."
         )
-    return field(system, t, state)
+    return field

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ._arrays import to_array
+from ._arrays import default_dtype, to_array
 from .schedules import AbstractSchedule
 from .state import State
 
@@ -21,7 +21,7 @@ class AbstractLaw(eqx.Module):
 
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which u or one of its derivatives jumps."""
-        return jnp.zeros((0,), dtype=jnp.result_type(float))
+        return jnp.zeros((0,), dtype=default_dtype())
 
     def prepare(self) -> "AbstractLaw":
         """The same law, ready to be evaluated many times."""
@@ -46,7 +46,11 @@ class FunctionLaw(AbstractLaw):
 
 
 class FollowSchedules(AbstractLaw):
-    """u(t) = θ̈(t) of given schedules, so that θ and θ̇ are integrated as in the paper."""
+    """u(t) = θ̈(t) of given schedules, so that θ and θ̇ are integrated as in the paper.
+
+    Where θ̈ of several schedules jumps at one time, the derivative of a solve with respect to that time
+    belongs to all of them together; with the schedules prescribed, each has its own.
+    """
 
     schedules: tuple[AbstractSchedule, ...]
 

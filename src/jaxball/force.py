@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ._arrays import Numbers, to_array
+from ._arrays import Numbers, default_dtype, to_array
 from .harmonics import HarmonicSeries
 
 
@@ -20,7 +20,7 @@ class AbstractForce(eqx.Module):
 
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which the force or one of its derivatives jumps."""
-        return jnp.zeros((0,), dtype=jnp.result_type(float))
+        return jnp.zeros((0,), dtype=default_dtype())
 
 
 class HarmonicForce(AbstractForce):

@@ -1,4 +1,4 @@
-"""Momenta about the contact point, their balance, and the integrals of the classical spheres.
+"""The integrals of the classical spheres, and Jellett's rate for any ball.
 
 All vectors are in body axes. With s = rΓ + χ from the contact point to a mass, Ω × s + χ̇ is the mass's
 velocity in space, because the body's point at the contact is at rest.
@@ -9,8 +9,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .dynamics import inertia_about_contact
-from .moments import Moments
+from .moments import AbstractMoments
 from .vectors import apply, cross, dot
 
 
@@ -21,45 +20,16 @@ class RouthIntegrals(NamedTuple):
     routh: Float[Array, ""]
 
 
-def linear_momentum(
-    at: Moments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
-) -> Float[Array, "3"]:
-    """P = Σ m (Ω × s + χ̇)."""
-    return cross(Omega, at.M * r * Gamma + at.p) + at.pdot
-
-
-def contact_momentum(
-    at: Moments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
-) -> Float[Array, "3"]:
-    """Π = 𝕀Ω + Σ m s × (Ω × s + χ̇), the angular momentum about the contact point."""
-    return apply(inertia_about_contact(at, r, Gamma), Omega) + r * cross(Gamma, at.pdot) + at.l
-
-
-def contact_momentum_rate(
-    at: Moments,
-    r: Float[Array, ""],
-    g: Float[Array, ""],
-    Omega: Float[Array, "3"],
-    Gamma: Float[Array, "3"],
-    Ftilde: Float[Array, "3"],
-) -> Float[Array, "3"]:
-    """Π̇ = Π × Ω + g Γ × p + rΓ × F̃ + (rΓ × Ω) × P.
-
-    The last term is there because the contact point moves along the plane. Where p = 0 at all times
-    and no force acts, ΛΠ is constant (Chaplygin's sphere), also while the masses move.
-    """
-    Pi, P = contact_momentum(at, r, Omega, Gamma), linear_momentum(at, r, Omega, Gamma)
-    return cross(Pi, Omega) + cross(Gamma, g * at.p + r * Ftilde) + cross(r * cross(Gamma, Omega), P)
-
-
-def jellett(at: Moments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]) -> Float[Array, ""]:
+def jellett(
+    at: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+) -> Float[Array, ""]:
     """L·s, with L about the centre of mass of the whole and s = rΓ + χ to it from the contact point."""
     L, s, _ = _about_centre_of_mass(at, r, Omega, Gamma)
     return dot(L, s)
 
 
 def jellett_rate(
-    at: Moments,
+    at: AbstractMoments,
     r: Float[Array, ""],
     Omega: Float[Array, "3"],
     Gamma: Float[Array, "3"],
@@ -74,7 +44,7 @@ def jellett_rate(
 
 
 def routh_integrals(
-    at: Moments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+    at: AbstractMoments, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
 ) -> RouthIntegrals:
     """The integrals of Jellett and Routh, constant for d1 = d2, every mass fixed on E3, and no force."""
     height = at.p[2] / at.M
@@ -87,7 +57,7 @@ def routh_integrals(
     )
 
 
-def _about_centre_of_mass(at: Moments, r, Omega, Gamma):
+def _about_centre_of_mass(at: AbstractMoments, r, Omega, Gamma):
     """L, s = rΓ + χ and Ω × χ + χ̇ for the centre of mass χ = p / M."""
     centre, rate = at.p / at.M, at.pdot / at.M
     velocity = cross(Omega, centre) + rate

@@ -4,6 +4,9 @@ Sums run over the shell (i = 0) and the point masses. The paper's equations, whi
 one by one, depend on these sums alone, so the cost of the ball's equation does not grow with n.
 """
 
+from collections.abc import Callable
+from typing import Any
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -14,51 +17,71 @@ from .motion import Driven, Kinematics
 from .vectors import outer
 
 
-class Moments(eqx.Module):
+class AbstractMoments(eqx.Module):
     """Moments of the masses about the geometric centre, in body axes, and their rates."""
 
-    M: Float[Array, ""]  # Σ m
-    p: Float[Array, "3"]  # Σ m χ
+    M: eqx.AbstractVar[Float[Array, ""]]  # Σ m
+    p: eqx.AbstractVar[Float[Array, "3"]]  # Σ m χ
+    pdot: eqx.AbstractVar[Float[Array, "3"]]
+    J: eqx.AbstractVar[Float[Array, "3 3"]]  # 𝕀 − Σ m χ̂², the inertia about the geometric centre
+    l: eqx.AbstractVar[Float[Array, "3"]]  # Σ m χ × χ̇
+
+
+class VelocityMoments(AbstractMoments):
+    """The moments that need no acceleration of a mass."""
+
+    M: Float[Array, ""]
+    p: Float[Array, "3"]
     pdot: Float[Array, "3"]
+    J: Float[Array, "3 3"]
+    l: Float[Array, "3"]
+
+
+class Moments(AbstractMoments):
+    """All moments."""
+
+    M: Float[Array, ""]
+    p: Float[Array, "3"]
+    pdot: Float[Array, "3"]
+    J: Float[Array, "3 3"]
+    l: Float[Array, "3"]
     pddot: Float[Array, "3"]
-    J: Float[Array, "3 3"]  # 𝕀 − Σ m χ̂², the inertia about the geometric centre
     Jdot: Float[Array, "3 3"]
-    l: Float[Array, "3"]  # Σ m χ × χ̇
     ldot: Float[Array, "3"]  # Σ m χ × χ̈
 
 
+Angles = tuple[Float[Array, " driven"], Float[Array, " driven"]]
 Rates = tuple[Float[Array, " driven"], Float[Array, " driven"], Float[Array, " driven"]]
 
 
-def moments(system: System, t: Float[Array, ""], angles: Rates) -> Moments:
-    """The moments at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the driven masses."""
+def velocity_moments(system: System, t: Float[Array, ""], angles: Angles) -> VelocityMoments:
+    """The moments without accelerations at time ``t``, where ``angles`` are θ, θ̇ of the driven masses."""
+    parts = _by_group(system, angles, lambda motion: motion.velocity(t), lambda motion, *x: motion.velocity(*x))
     m0, chi0 = system.mass, system.offset
-    M, p = m0, m0 * chi0
-    pdot = pddot = jnp.zeros_like(chi0)
-    S = m0 * outer(chi0, chi0)
-    Sdot = jnp.zeros_like(S)
-    l = ldot = jnp.zeros_like(chi0)
-    for group, (chi, chidot, chiddot) in _kinematics_by_group(system, t, angles):
+    M, p, S = m0, m0 * chi0, m0 * outer(chi0, chi0)
+    pdot = l = jnp.zeros_like(chi0)
+    for group, (chi, chidot) in parts:
         m = group.mass
         M = M + jnp.sum(m)
         p = p + jnp.sum(m[:, None] * chi, axis=0)
         pdot = pdot + jnp.sum(m[:, None] * chidot, axis=0)
-        pddot = pddot + jnp.sum(m[:, None] * chiddot, axis=0)
         S = S + _second_moment(m, chi, chi)
-        velocity, acceleration = _second_moment(m, chi, chidot), _second_moment(m, chi, chiddot)
+        l = l + _axial(_second_moment(m, chi, chidot))
+    return VelocityMoments(M=M, p=p, pdot=pdot, J=principal_inertia(system) + _inertia_of(S), l=l)
+
+
+def moments(system: System, t: Float[Array, ""], angles: Rates) -> Moments:
+    """All moments at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the driven masses."""
+    pddot = ldot = jnp.zeros_like(system.offset)
+    Sdot = jnp.zeros_like(system.offset, shape=(3, 3))
+    for group, (chi, chidot, chiddot) in _kinematics_by_group(system, t, angles):
+        m = group.mass
+        pddot = pddot + jnp.sum(m[:, None] * chiddot, axis=0)
+        velocity = _second_moment(m, chi, chidot)
         Sdot = Sdot + velocity + velocity.T
-        l = l + _axial(velocity)
-        ldot = ldot + _axial(acceleration)
-    return Moments(
-        M=M,
-        p=p,
-        pdot=pdot,
-        pddot=pddot,
-        J=principal_inertia(system) + _inertia_of(S),
-        Jdot=_inertia_of(Sdot),
-        l=l,
-        ldot=ldot,
-    )
+        ldot = ldot + _axial(_second_moment(m, chi, chiddot))
+    at = velocity_moments(system, t, angles[:2])
+    return Moments(at.M, at.p, at.pdot, at.J, at.l, pddot, _inertia_of(Sdot), ldot)
 
 
 def kinematics(system: System, t: Float[Array, ""], angles: Rates) -> Kinematics:
@@ -85,16 +108,19 @@ def principal_inertia(system: System) -> Float[Array, "3 3"]:
 
 
 def _kinematics_by_group(system: System, t, angles: Rates) -> list[tuple[PointMass, Kinematics]]:
+    return _by_group(system, angles, lambda motion: motion.kinematics(t), lambda motion, *x: motion.kinematics(*x))
+
+
+def _by_group(system: System, angles, prescribed: Callable[..., Any], driven: Callable[..., Any]) -> list:
+    """Each group with what ``prescribed`` finds of its motion, or ``driven`` of its motion and its own angles."""
     slots = {index: slot for slot, index in enumerate(system.driven)}
     found = []
     for group, indices in zip(system.groups, system.order, strict=True):
         if isinstance(group.motion, Driven):
             places = np.asarray([slots[index] for index in indices])
-            own = (values[places] for values in angles)
-            found.append((group, eqx.filter_vmap(lambda motion, *x: motion.kinematics(*x))(group.motion, *own)))
+            found.append((group, eqx.filter_vmap(driven)(group.motion, *(values[places] for values in angles))))
         else:
-            at_t = eqx.filter_vmap(lambda motion: motion.kinematics(t))
-            found.append((group, at_t(group.motion)))
+            found.append((group, eqx.filter_vmap(prescribed)(group.motion)))
     return found
 
 

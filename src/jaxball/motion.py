@@ -9,10 +9,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ._arrays import to_array
+from ._arrays import default_dtype, to_array
 from .calculus import two_derivatives
 from .harmonics import HarmonicSeries
 from .rails import AbstractRail
@@ -39,12 +40,20 @@ class AbstractPrescribedMotion(AbstractMotion):
     """A motion known as a function of time."""
 
     @abc.abstractmethod
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        """χ(t)."""
+
     def kinematics(self, t: Float[Array, ""]) -> Kinematics:
-        """χ(t), χ̇(t) and χ̈(t)."""
+        """χ(t), χ̇(t) and χ̈(t), the rates by forward mode."""
+        return Kinematics(*two_derivatives(self, t))
+
+    def velocity(self, t: Float[Array, ""]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """χ(t) and χ̇(t)."""
+        return jax.jvp(self, (t,), (jnp.ones_like(t),))
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which χ̈ or one of its derivatives jumps."""
-        return jnp.zeros((0,), dtype=jnp.result_type(float))
+        """The times at which χ̈ or one of its derivatives jumps; χ̇ must not."""
+        return jnp.zeros((0,), dtype=default_dtype())
 
 
 def along_rail(
@@ -63,6 +72,9 @@ class OnRail(AbstractPrescribedMotion):
 
     rail: AbstractRail
     schedule: AbstractSchedule
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.rail(self.schedule(t))
 
     def kinematics(self, t: Float[Array, ""]) -> Kinematics:
         return along_rail(self.rail, *self.schedule.derivatives(t))
@@ -85,6 +97,12 @@ class Driven(AbstractMotion):
         """χ, χ̇ and χ̈ for given θ, θ̇ and θ̈."""
         return along_rail(self.rail, theta, thetadot, thetaddot)
 
+    def velocity(
+        self, theta: Float[Array, ""], thetadot: Float[Array, ""]
+    ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """χ and χ̇ for given θ and θ̇."""
+        return jax.jvp(self.rail, (theta,), (thetadot,))
+
     def prepare(self) -> "Driven":
         return Driven(self.rail.prepare())
 
@@ -94,9 +112,8 @@ class Fixed(AbstractPrescribedMotion):
 
     position: Float[Array, "*group 3"] = eqx.field(converter=to_array)
 
-    def kinematics(self, t: Float[Array, ""]) -> Kinematics:
-        zero = jnp.zeros_like(self.position)
-        return Kinematics(self.position, zero, zero)
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.position
 
 
 class Oscillating(AbstractPrescribedMotion):
@@ -104,8 +121,8 @@ class Oscillating(AbstractPrescribedMotion):
 
     path: HarmonicSeries
 
-    def kinematics(self, t: Float[Array, ""]) -> Kinematics:
-        return Kinematics(*two_derivatives(self.path, t))
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.path(t)
 
 
 class Free(AbstractPrescribedMotion):
@@ -119,8 +136,8 @@ class Free(AbstractPrescribedMotion):
     parameters: PyTree = None
     kink_times: Float[Array, "*group kinks"] = eqx.field(converter=to_array, default=())
 
-    def kinematics(self, t: Float[Array, ""]) -> Kinematics:
-        return Kinematics(*two_derivatives(lambda t: self.function(t, self.parameters), t))
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.function(t, self.parameters)
 
     def kinks(self) -> Float[Array, " kinks"]:
         return self.kink_times

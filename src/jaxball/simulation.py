@@ -13,9 +13,10 @@ from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike
 
-from ._arrays import Numbers, to_array
+from ._arrays import Numbers, default_dtype, to_array
 from .body import Ball, System
-from .dynamics import vector_field
+from .dynamics import field_of
+from .packing import Packing
 from .state import BallState, DiskState, State
 from .status import Status
 from .trajectory import Interpolant, Trajectory
@@ -25,6 +26,7 @@ DEFAULT_TOLERANCE = 1e-10
 DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
 NO_PROGRESS = diffrax.NoProgressMeter()
+FINEST = {name: 8 * float(np.finfo(name).eps) for name in ("float32", "float64")}
 
 
 class PrecisionError(ValueError):
@@ -67,6 +69,9 @@ def simulate(
     - ``progress``: a diffrax progress meter.
     - ``throw``: whether a failed solve raises; otherwise it is a status on the trajectory.
 
+    Inside, the solver advances the momentum Π about the contact point, in units of
+    ``momentum.inertia_scale``, in the place of Ω, and the tolerances are for that; see ``momentum``.
+
     **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or
     ``TypeError`` for arguments of the wrong kind, and :class:`~jaxball.SolveError` where asked for.
     """
@@ -74,7 +79,8 @@ def simulate(
     if state is None:
         state = _at_rest(system)
     _check_state(system, state)
-    _check_precision(times.dtype, rtol, atol)
+    rtol, atol = _as_array(rtol), _as_array(atol)
+    _check_precision(rtol, atol)
     method = _Method(
         DEFAULT_SOLVER if solver is None else solver,
         DEFAULT_ADJOINT if adjoint is None else adjoint,
@@ -83,8 +89,7 @@ def simulate(
         dense,
         step_to_times,
     )
-    solved = _solver_of(method)(system, times, state, _number(rtol), _number(atol), method)
-    trajectory = Trajectory(system, times, *solved)
+    trajectory = Trajectory(system, times, *_program(method)(system, times, state, rtol, atol))
     if throw:
         trajectory.raise_if_failed()
     return trajectory
@@ -101,28 +106,32 @@ class _Method(NamedTuple):
     step_to_times: bool
 
 
-def _solver_of(method: _Method) -> Callable[..., tuple]:
+def _program(method: _Method) -> Callable[..., tuple]:
     try:
-        hash(method)
-    except TypeError:  # a solver that carries arrays
-        return _solve_filtered
-    return _solve_hashed
+        return _compiled(method)
+    except TypeError:  # a solver that carries arrays has no hash
+        return eqx.filter_jit(functools.partial(_solve, method))
 
 
-def _solve(system, times, state, rtol, atol, method: _Method) -> tuple:
+@functools.cache
+def _compiled(method: _Method) -> Callable[..., tuple]:
+    return jax.jit(functools.partial(_solve, method))
+
+
+def _solve(method: _Method, system: System, times: Array, state: State, rtol: Array, atol: Array) -> tuple:
     """The fields of a trajectory but ``system`` and ``times``, which a program could only copy."""
-    prepared = system.prepare()
-    initial, unpack = ravel_pytree(state)
+    packing = Packing.of(system.prepare(), state)
+    initial = packing.pack(times[0], state)
     # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
-    parameters, unpack_parameters = ravel_pytree(prepared)
+    parameters, unpack_parameters = ravel_pytree(packing)
     startable = possible(system) & jnp.all(jnp.isfinite(initial)) & jnp.all(jnp.isfinite(times))
 
     def field(t, x, parameters):
-        rates, _ = ravel_pytree(vector_field(unpack_parameters(parameters), t, unpack(x)))
-        return jnp.where(startable, rates, 0.0)
+        return jnp.where(startable, unpack_parameters(parameters).field(t, x), 0.0)
 
     controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=1e-30, force_dtmin=False)
-    kinks = prepared.kinks()
+    # Where a motion has a kink, the rate of momentum is continuous, and moving the step there moves nothing.
+    kinks = jnp.concatenate([jax.lax.stop_gradient(system.motion_kinks()), system.driving_kinks()])
     if kinks.size or method.step_to_times:
         controller = diffrax.ClipStepSizeController(
             controller, jump_ts=kinks if kinks.size else None, step_ts=times if method.step_to_times else None
@@ -144,17 +153,13 @@ def _solve(system, times, state, rtol, atol, method: _Method) -> tuple:
     )
     (_, ended), (states, _) = cast(tuple, solution.ts), cast(tuple, solution.ys)
     return (
-        jax.vmap(unpack)(jnp.where(startable & jnp.isfinite(states), states, jnp.nan)),
+        jax.vmap(packing.unpack)(times, jnp.where(startable & jnp.isfinite(states), states, jnp.nan)),
         jnp.where(startable, ended[0], times[0]),
         jnp.where(startable, _status(solution.result), Status.IMPOSSIBLE),
         solution.stats["num_steps"],
         solution.stats["num_rejected_steps"],
-        Interpolant(solution, jax.tree_util.Partial(unpack)) if method.dense else None,
+        Interpolant(solution, packing) if method.dense else None,
     )
-
-
-_solve_hashed = jax.jit(_solve, static_argnames="method")
-_solve_filtered = eqx.filter_jit(_solve)
 
 
 def _status(result: diffrax.RESULTS) -> Array:
@@ -171,7 +176,7 @@ def _at_rest(system: System) -> State:
             f"Argument `state` must be given, because the masses {list(system.driven)} are driven by a feedback "
             "law and their angles belong to the state; pass BallState(theta=..., thetadot=...)."
         )
-    return _default_state(BallState if isinstance(system, Ball) else DiskState, jnp.result_type(float))
+    return _default_state(BallState if isinstance(system, Ball) else DiskState, default_dtype())
 
 
 @functools.cache
@@ -180,20 +185,19 @@ def _default_state(kind: type[State], dtype: Any) -> State:
         return kind()
 
 
-def _number(x: ArrayLike) -> ArrayLike:
-    return x if isinstance(x, jax.Array) else np.asarray(x, dtype=jnp.result_type(float))
+def _as_array(x: Numbers) -> Array | np.ndarray:
+    """``x`` as an array; kept in NumPy where it is known, because that costs microseconds less a call."""
+    return to_array(x) if isinstance(x, Tracer) else np.asarray(x, dtype=default_dtype())
 
 
 def _checked_times(times: Numbers) -> Array | np.ndarray:
-    """``times`` as an array; kept in NumPy where it is known, because that costs microseconds less a call."""
-    known = not isinstance(times, Tracer)
-    array = np.asarray(times, dtype=jnp.result_type(float)) if known else to_array(times)
+    array = _as_array(times)
     if array.ndim != 1 or array.size < 2:
         raise ValueError(
             "Argument `times` must be two or more increasing numbers, from the start to the end of the run, "
             f"but its shape is {array.shape}."
         )
-    if known and not np.all(np.diff(array) > 0):
+    if isinstance(array, np.ndarray) and not np.all(np.diff(array) > 0):
         raise ValueError(
             "Argument `times` must be increasing and finite, but it starts with "
             f"{array[:3].tolist()} and ends with {array[-3:].tolist()}."
@@ -202,6 +206,7 @@ def _checked_times(times: Numbers) -> Array | np.ndarray:
 
 
 def _check_state(system: System, state: State) -> None:
+    field_of(system, state)
     wanted = (len(system.driven),)
     if state.theta.shape != wanted or state.thetadot.shape != wanted:
         raise ValueError(
@@ -210,10 +215,10 @@ def _check_state(system: System, state: State) -> None:
         )
 
 
-def _check_precision(dtype: Any, rtol: ArrayLike, atol: ArrayLike) -> None:
-    tolerances = [x for x in (rtol, atol) if not isinstance(x, Tracer)]
-    finest = 8 * float(jnp.finfo(dtype).eps)
-    if not tolerances or max(float(np.max(x)) for x in tolerances) >= finest:
+def _check_precision(rtol: Array | np.ndarray, atol: Array | np.ndarray) -> None:
+    known = [x.max() for x in (rtol, atol) if isinstance(x, np.ndarray)]
+    dtype, finest = rtol.dtype, FINEST[rtol.dtype.name]
+    if not known or max(known) >= finest:
         return
     remedy = (
         'enable float64 before the first array is made, with `jax.config.update("jax_enable_x64", True)`, or '

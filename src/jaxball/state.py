@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ._arrays import Numbers, to_array
+from .trigonometry import sine_cosine
 from .versor import from_rotation_matrix, rotation_matrix, vertical_in_body
 
 EMPTY = ()
@@ -94,6 +95,25 @@ class DiskState(eqx.Module):
     ):
         self.phi, self.phidot, self.z = to_array(phi), to_array(phidot), to_array(z)
         self.theta, self.thetadot = to_array(theta), to_array(thetadot)
+
+    @property
+    def Lambda(self) -> Float[Array, "3 3"]:
+        """The rotation matrix Λ from body to space."""
+        s, c = sine_cosine(self.phi)
+        zero, one = jnp.zeros_like(c), jnp.ones_like(c)
+        return jnp.stack([jnp.stack([c, zero, -s]), jnp.stack([zero, one, zero]), jnp.stack([s, zero, c])])
+
+    @property
+    def Gamma(self) -> Float[Array, "3"]:
+        """Γ = Λ⁻¹ e3."""
+        s, c = sine_cosine(self.phi)
+        return jnp.stack([s, jnp.zeros_like(c), c])
+
+    @property
+    def Omega(self) -> Float[Array, "3"]:
+        """Ω = −φ̇ E2."""
+        zero = jnp.zeros_like(self.phidot)
+        return jnp.stack([zero, -self.phidot, zero])
 
     def in_space(self) -> BallState:
         """The same motion as that of a ball: rotation by −φ about E2, Ω = −φ̇ E2, z = (z, 0)."""

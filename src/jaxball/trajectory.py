@@ -1,7 +1,5 @@
 """The result of a simulation."""
 
-from collections.abc import Callable
-
 import diffrax
 import equinox as eqx
 import jax
@@ -12,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from ._arrays import to_array
 from .body import System
 from .observables import Observables, observe
+from .packing import Packing
 from .state import BallState, DiskState, ReducedState, RotationState, State
 from .status import SolveError, Status
 
@@ -20,10 +19,10 @@ class Interpolant(eqx.Module):
     """The states between the saved times, by the solver's own interpolation."""
 
     solution: diffrax.Solution
-    unpack: Callable[[Array], State]
+    packing: Packing
 
     def __call__(self, t: Float[Array, ""]) -> State:
-        return self.unpack(self.solution.evaluate(t))
+        return self.packing.unpack(t, self.solution.evaluate(t))
 
 
 class Trajectory(eqx.Module):

@@ -51,14 +51,11 @@ def test_a_breach_of_the_layers_would_be_seen(tmp_path):
 
 def test_import_changes_nothing_global():
     program = """
-import os, logging, matplotlib
-before = dict(os.environ), dict(matplotlib.rcParams), list(logging.root.handlers)
-import jax
-flags = dict(jax.config.values)
-import jaxball, jaxball.paper
-assert dict(jax.config.values) == flags
-assert (dict(os.environ), dict(matplotlib.rcParams), list(logging.root.handlers)) == before
-import jax.extend.backend
+import os, logging, matplotlib, jax
+import diffrax, optimistix
+before = dict(os.environ), dict(matplotlib.rcParams), list(logging.root.handlers), dict(jax.config.values)
+import jaxball, jaxball.paper, jaxball.plot, jaxball.reproduce
+assert (dict(os.environ), dict(matplotlib.rcParams), list(logging.root.handlers), dict(jax.config.values)) == before
 jax.config.update("jax_platforms", "nonexistent")  # too late only if a backend had been started
 try:
     jax.devices()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import laws
+from jaxball import laws, momentum
 from jaxball.dynamics import driven_angles
 from jaxball.moments import moments
 
@@ -23,7 +23,7 @@ def momenta(trajectory):
     def at_time(t, state):
         ball = trajectory.system.prepare()
         place = moments(ball, t, driven_angles(ball, t, state)), ball.radius, state.Omega, state.Gamma
-        Pi = laws.contact_momentum(*place)
+        Pi = momentum.contact_momentum(*place)
         return Pi, state.Lambda @ Pi, state.Gamma, laws.routh_integrals(*place)
 
     return jax.vmap(at_time)(trajectory.times, trajectory.state)

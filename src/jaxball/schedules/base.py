@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from .._arrays import to_array
+from .._arrays import default_dtype, to_array
 from ..calculus import two_derivatives
 
 
@@ -25,8 +25,8 @@ class AbstractSchedule(eqx.Module):
         """The schedule θ(t) + ``by``."""
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which θ̈ or one of its derivatives jumps; an integrator steps to them."""
-        return jnp.zeros((0,), dtype=jnp.result_type(float))
+        """The times at which θ̈ or one of its derivatives jumps; θ̇ must not. An integrator steps to them."""
+        return jnp.zeros((0,), dtype=default_dtype())
 
     def prepare(self) -> "AbstractSchedule":
         """The same schedule, ready to be evaluated many times."""
