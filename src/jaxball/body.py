@@ -129,19 +129,7 @@ class Ball(AbstractBody):
         masses: Sequence[PointMass] = (),
         law: AbstractLaw | None = None,
     ):
-        self.mass, self.radius, self.gravity = to_array(mass), to_array(radius), to_array(gravity)
-        self.inertia, self.offset = to_array(inertia), to_array(offset)
-        self.force, self.law = force, law
-        self.groups, self.order, self.driven = _grouped(masses)
-        for name, shape in (
-            ("mass", ()),
-            ("radius", ()),
-            ("gravity", ()),
-            ("inertia", (3,)),
-            ("offset", (3,)),
-        ):
-            _require_shape(name, getattr(self, name), shape)
-        _require_law(self)
+        _fill(self, (3,), mass, inertia, radius, offset, gravity, force, masses, law)
 
 
 class Disk(AbstractBody):
@@ -176,13 +164,7 @@ class Disk(AbstractBody):
         masses: Sequence[PointMass] = (),
         law: AbstractLaw | None = None,
     ):
-        self.mass, self.radius, self.gravity = to_array(mass), to_array(radius), to_array(gravity)
-        self.inertia, self.offset = to_array(inertia), to_array(offset)
-        self.force, self.law = force, law
-        self.groups, self.order, self.driven = _grouped(masses)
-        for name, shape in (("mass", ()), ("radius", ()), ("gravity", ()), ("inertia", ()), ("offset", (3,))):
-            _require_shape(name, getattr(self, name), shape)
-        _require_law(self)
+        _fill(self, (), mass, inertia, radius, offset, gravity, force, masses, law)
 
     def embedded(self) -> Ball:
         """The disk as a ball of three equal moments that rolls in the plane of e1 and e3."""
@@ -238,6 +220,18 @@ def with_integrated_angles(system: System, t0: ArrayLike = 0.0) -> tuple[System,
     }
     law = FollowSchedules(tuple(schedules)) if schedules else None
     return with_masses(system, masses, law), angles
+
+
+def _fill(body, inertia_shape, mass, inertia, radius, offset, gravity, force, masses, law) -> None:
+    """Sets the fields of a ball or a disk in its constructor, and checks what does not depend on values."""
+    body.mass, body.radius, body.gravity = to_array(mass), to_array(radius), to_array(gravity)
+    body.inertia, body.offset = to_array(inertia), to_array(offset)
+    body.force, body.law = force, law
+    body.groups, body.order, body.driven = _grouped(masses)
+    shapes = {"mass": (), "radius": (), "gravity": (), "inertia": inertia_shape, "offset": (3,)}
+    for name, shape in shapes.items():
+        _require_shape(name, getattr(body, name), shape)
+    _require_law(body)
 
 
 def _grouped(

@@ -20,7 +20,7 @@ from .packing import Packing
 from .state import BallState, DiskState, State
 from .status import Status
 from .trajectory import Interpolant, Trajectory
-from .validity import possible
+from .validity import possible, possible_state
 
 DEFAULT_TOLERANCE = 1e-10
 DEFAULT_SOLVER = diffrax.Dopri8()
@@ -110,7 +110,7 @@ def _program(method: _Method) -> Callable[..., tuple]:
     try:
         return _compiled(method)
     except TypeError:  # a solver that carries arrays has no hash
-        return eqx.filter_jit(functools.partial(_solve, method))
+        return functools.partial(_solve_filtered, method)
 
 
 @functools.cache
@@ -124,7 +124,7 @@ def _solve(method: _Method, system: System, times: Array, state: State, rtol: Ar
     initial = packing.pack(times[0], state)
     # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
     parameters, unpack_parameters = ravel_pytree(packing)
-    startable = possible(system) & jnp.all(jnp.isfinite(initial)) & jnp.all(jnp.isfinite(times))
+    startable = possible(system) & possible_state(state) & jnp.all(jnp.isfinite(initial))
 
     def field(t, x, parameters):
         return jnp.where(startable, unpack_parameters(parameters).field(t, x), 0.0)
@@ -162,6 +162,9 @@ def _solve(method: _Method, system: System, times: Array, state: State, rtol: Ar
     )
 
 
+_solve_filtered = eqx.filter_jit(_solve)
+
+
 def _status(result: diffrax.RESULTS) -> Array:
     """A step below 1e-30 means that no step was accepted, however small: the field is not finite."""
     R = diffrax.RESULTS
@@ -197,7 +200,7 @@ def _checked_times(times: Numbers) -> Array | np.ndarray:
             "Argument `times` must be two or more increasing numbers, from the start to the end of the run, "
             f"but its shape is {array.shape}."
         )
-    if isinstance(array, np.ndarray) and not np.all(np.diff(array) > 0):
+    if isinstance(array, np.ndarray) and not (np.all(np.diff(array) > 0) and np.isfinite(array[-1])):
         raise ValueError(
             "Argument `times` must be increasing and finite, but it starts with "
             f"{array[:3].tolist()} and ends with {array[-3:].tolist()}."

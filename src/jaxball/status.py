@@ -29,8 +29,8 @@ _SENTENCES = {
         "give a number that is not finite there; look at the schedules, rails and forces at that time."
     ),
     Status.IMPOSSIBLE: (
-        "The solve did not start, because no body can have these parameters or the initial state is not "
-        "finite; jaxball.problems(system) says which parameter."
+        "The solve did not start, because no body can have these parameters or this initial state; "
+        "jaxball.problems(system, state) says which of them."
     ),
     Status.SOLVER_FAILED: (
         "The solve stopped at t = {reached:.10g} before t = {end:.10g}, because the solver could not take "

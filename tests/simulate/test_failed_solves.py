@@ -94,10 +94,23 @@ def test_nothing_is_wrong_with_the_papers_ball():
     assert jaxball.problems(paper_ball()) == []
 
 
-def test_an_initial_state_that_is_not_finite():
-    run = jaxball.simulate(jaxball.Ball(**SHELL), TIMES, jaxball.BallState(Omega=[np.nan, 0.0, 0.0]))
+@pytest.mark.parametrize(
+    ("state", "sentence"),
+    [
+        (jaxball.BallState(Omega=[np.nan, 0.0, 0.0]), "Argument `state.Omega` must be finite"),
+        (jaxball.BallState(q=[1.0, 0.1, 0.0, 0.0]), "Argument `state.q` must be a versor"),
+        (jaxball.RotationState(Lambda=2 * np.eye(3)), "Argument `state.Lambda` must be a rotation matrix"),
+        (jaxball.RotationState(Lambda=-np.eye(3)), "Argument `state.Lambda` must be a rotation matrix"),
+        (jaxball.ReducedState(Gamma=[0.0, 0.0, 0.9]), "Argument `state.Gamma` must be a unit vector"),
+    ],
+    ids=["not finite", "no versor", "stretched", "mirrored", "no unit vector"],
+)
+def test_an_initial_state_that_cannot_be(state, sentence):
+    ball = jaxball.Ball(**SHELL)
+    run = jaxball.simulate(ball, TIMES, state)
     assert run.status == Status.IMPOSSIBLE
-    assert "initial state is not finite" in run.message
+    assert "this initial state" in run.message
+    assert any(found.startswith(sentence) for found in jaxball.problems(ball, state))
 
 
 def test_a_failed_run_does_not_spoil_its_batch():
