@@ -18,7 +18,7 @@ def run(*command: str, **options) -> subprocess.CompletedProcess:
     [
         ("ruff", "check", "."),
         ("ruff", "format", "--check", "."),
-        ("pyright",),
+        ("basedpyright",),
     ],
     ids=" ".join,
 )
