@@ -86,7 +86,7 @@ def moments_loop(ball):
     import jax.numpy as jnp
     from jax.flatten_util import ravel_pytree
 
-    from jaxball.moments import moments
+    from jaxball.moments import velocity_moments
 
     @jax.jit
     def loop(ball):
@@ -95,7 +95,7 @@ def moments_loop(ball):
 
         def body(k, total):
             t = 20 * k / LOOP
-            return total + ravel_pytree(moments(unpack(parameters), t, (nothing, nothing, nothing)))[0]
+            return total + ravel_pytree(velocity_moments(unpack(parameters), t, (nothing, nothing)))[0]
 
         return jax.lax.fori_loop(0, LOOP, body, jnp.zeros(1 + 3 + 3 + 3 + 9 + 9 + 3 + 3))
 

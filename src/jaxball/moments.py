@@ -24,6 +24,7 @@ class AbstractMoments(eqx.Module):
     p: eqx.AbstractVar[Float[Array, "3"]]  # Σ m χ
     pdot: eqx.AbstractVar[Float[Array, "3"]]
     J: eqx.AbstractVar[Float[Array, "3 3"]]  # 𝕀 − Σ m χ̂², the inertia about the geometric centre
+    Jdot: eqx.AbstractVar[Float[Array, "3 3"]]
     l: eqx.AbstractVar[Float[Array, "3"]]  # Σ m χ × χ̇
 
 
@@ -34,6 +35,7 @@ class VelocityMoments(AbstractMoments):
     p: Float[Array, "3"]
     pdot: Float[Array, "3"]
     J: Float[Array, "3 3"]
+    Jdot: Float[Array, "3 3"]
     l: Float[Array, "3"]
 
 
@@ -44,9 +46,9 @@ class Moments(AbstractMoments):
     p: Float[Array, "3"]
     pdot: Float[Array, "3"]
     J: Float[Array, "3 3"]
+    Jdot: Float[Array, "3 3"]
     l: Float[Array, "3"]
     pddot: Float[Array, "3"]
-    Jdot: Float[Array, "3 3"]
     ldot: Float[Array, "3"]  # Σ m χ × χ̈
 
 
@@ -59,29 +61,28 @@ def velocity_moments(system: System, t: Float[Array, ""], angles: Angles) -> Vel
     parts = _by_group(system, angles, lambda motion: motion.velocity(t), lambda motion, *x: motion.velocity(*x))
     m0, chi0 = system.mass, system.offset
     M, p, S = m0, m0 * chi0, m0 * outer(chi0, chi0)
-    pdot = l = jnp.zeros_like(chi0)
+    pdot, V = jnp.zeros_like(chi0), jnp.zeros_like(S)
     for group, (chi, chidot) in parts:
         m = group.mass
         M = M + jnp.sum(m)
         p = p + jnp.sum(m[:, None] * chi, axis=0)
         pdot = pdot + jnp.sum(m[:, None] * chidot, axis=0)
         S = S + _second_moment(m, chi, chi)
-        l = l + _axial(_second_moment(m, chi, chidot))
-    return VelocityMoments(M=M, p=p, pdot=pdot, J=principal_inertia(system) + _inertia_of(S), l=l)
+        V = V + _second_moment(m, chi, chidot)
+    return VelocityMoments(
+        M=M, p=p, pdot=pdot, J=principal_inertia(system) + _inertia_of(S), Jdot=_inertia_of(V + V.T), l=_axial(V)
+    )
 
 
 def moments(system: System, t: Float[Array, ""], angles: Rates) -> Moments:
     """All moments at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the driven masses."""
+    at = velocity_moments(system, t, angles[:2])
     pddot = ldot = jnp.zeros_like(system.offset)
-    Sdot = jnp.zeros_like(system.offset, shape=(3, 3))
-    for group, (chi, chidot, chiddot) in _kinematics_by_group(system, t, angles):
+    for group, (chi, _, chiddot) in _kinematics_by_group(system, t, angles):
         m = group.mass
         pddot = pddot + jnp.sum(m[:, None] * chiddot, axis=0)
-        velocity = _second_moment(m, chi, chidot)
-        Sdot = Sdot + velocity + velocity.T
         ldot = ldot + _axial(_second_moment(m, chi, chiddot))
-    at = velocity_moments(system, t, angles[:2])
-    return Moments(at.M, at.p, at.pdot, at.J, at.l, pddot, _inertia_of(Sdot), ldot)
+    return Moments(at.M, at.p, at.pdot, at.J, at.Jdot, at.l, pddot, ldot)
 
 
 def kinematics(system: System, t: Float[Array, ""], angles: Rates) -> Kinematics:

@@ -69,8 +69,8 @@ def simulate(
     - ``progress``: a diffrax progress meter.
     - ``throw``: whether a failed solve raises; otherwise it is a status on the trajectory.
 
-    Inside, the solver advances the momentum Π about the contact point, in units of
-    ``momentum.inertia_scale``, in the place of Ω, and the tolerances are for that; see ``momentum``.
+    Inside, the solver advances the locked angular velocity in the place of Ω, so that derivatives with
+    respect to the times of kinks are right; the module ``locked`` says why.
 
     **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or
     ``TypeError`` for arguments of the wrong kind, and :class:`~jaxball.SolveError` where asked for.
@@ -130,7 +130,7 @@ def _solve(method: _Method, system: System, times: Array, state: State, rtol: Ar
         return jnp.where(startable, unpack_parameters(parameters).field(t, x), 0.0)
 
     controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=1e-30, force_dtmin=False)
-    # Where a motion has a kink, the rate of momentum is continuous, and moving the step there moves nothing.
+    # At the kinks of motions the field is continuous, so that moving the end of a step there moves nothing.
     kinks = jnp.concatenate([jax.lax.stop_gradient(system.motion_kinks()), system.driving_kinks()])
     if kinks.size or method.step_to_times:
         controller = diffrax.ClipStepSizeController(
@@ -200,7 +200,7 @@ def _checked_times(times: Numbers) -> Array | np.ndarray:
             "Argument `times` must be two or more increasing numbers, from the start to the end of the run, "
             f"but its shape is {array.shape}."
         )
-    if isinstance(array, np.ndarray) and not (np.all(np.diff(array) > 0) and np.isfinite(array[-1])):
+    if isinstance(array, np.ndarray) and not ((array[1:] > array[:-1]).all() and np.isfinite(array[-1])):
         raise ValueError(
             "Argument `times` must be increasing and finite, but it starts with "
             f"{array[:3].tolist()} and ends with {array[-3:].tolist()}."

@@ -51,6 +51,12 @@ def vee(A: Float[Array, "3 3"]) -> Float[Array, "3"]:
     return jnp.stack([A[2, 1], A[0, 2], A[1, 0]])
 
 
+def inverse(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
+    """A⁻¹ by cofactors; not finite where A is singular."""
+    c0, c1, c2 = cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])
+    return jnp.stack([c0, c1, c2], axis=1) / dot(A[0], c0)
+
+
 def solve(A: Float[Array, "3 3"], b: Float[Array, "3"]) -> Float[Array, "3"]:
     """The solution x of A x = b by Cramer's rule; not finite where A is singular."""
     c0, c1, c2 = cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])

@@ -133,7 +133,7 @@ def test_the_times_of_the_kinks_matter(separate):
 
 
 def test_kinks_that_masses_share(shared):
-    """Each mass has its own derivative where several jump at once, because the momentum does not jump."""
+    """Each mass has its own derivative where several jump at once, because the field does not jump."""
     x, expected = shared
     for found, truth in ((forward(x), expected), (reverse(x), np.asarray(WEIGHTS) @ expected)):
         errors = worst(found, truth)
@@ -156,7 +156,7 @@ def end_of_switched_run(p, adjoint=None):
 
 
 def test_the_time_at_which_a_force_jumps():
-    """The rate of momentum does jump here, and the derivative comes from the step that ends there."""
+    """The field does jump here, and the derivative comes from the step that ends there."""
     p = jnp.asarray([0.7, 0.3])
     run = jax.jit(end_of_switched_run)
     steps = H * jnp.eye(2)
