@@ -93,11 +93,10 @@ def moments_loop(ball):
         parameters, unpack = ravel_pytree(ball.prepare())
         nothing = jnp.zeros(0)
 
-        def body(k, total):
-            t = 20 * k / LOOP
-            return total + ravel_pytree(velocity_moments(unpack(parameters), t, (nothing, nothing)))[0]
+        def at(t):
+            return ravel_pytree(velocity_moments(unpack(parameters), t, (nothing, nothing)))[0]
 
-        return jax.lax.fori_loop(0, LOOP, body, jnp.zeros(1 + 3 + 3 + 3 + 9 + 9 + 3 + 3))
+        return jax.lax.fori_loop(0, LOOP, lambda k, total: total + at(20 * k / LOOP), at(jnp.asarray(0.0)))
 
     return lambda: jax.block_until_ready(loop(ball))
 
