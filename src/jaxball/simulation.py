@@ -91,6 +91,7 @@ def simulate(
     )
     trajectory = Trajectory(system, times, *_program(method)(system, times, state, rtol, atol))
     if throw:
+        _check_untraced(trajectory)
         trajectory.raise_if_failed()
     return trajectory
 
@@ -215,6 +216,14 @@ def _check_state(system: System, state: State) -> None:
         raise ValueError(
             f"Argument `state` must have {wanted[0]} entries in theta and in thetadot, one for each driven mass, "
             f"but it has {state.theta.shape[-1]} and {state.thetadot.shape[-1]}."
+        )
+
+
+def _check_untraced(trajectory: Trajectory) -> None:
+    if isinstance(trajectory.status, Tracer):
+        raise ValueError(
+            "Argument `throw` must be False where the solve is traced, as within jit or vmap, but it is True; "
+            "return the trajectory's status and look at it outside."
         )
 
 

@@ -64,12 +64,13 @@ class Trajectory(eqx.Module):
     def at(self, t: ArrayLike) -> State:
         """The state at any time ``t`` of the run, a number or an array, from dense output.
 
+        NaN before the start and after the time to which the solve came.
+
         **Raises:** ``ValueError`` when the trajectory was made without ``dense=True``.
         """
         if self.interpolant is None:
             raise ValueError("Method `at` needs dense output; call simulate(..., dense=True).")
-        t = to_array(t)
-        return _evaluate(self.interpolant, t)
+        return _evaluate(self.interpolant, to_array(t), self.times[0], self.reached)
 
     @property
     def observables(self) -> Observables:
@@ -111,5 +112,10 @@ def _observe_all(system, times, state) -> Observables:
 
 
 @eqx.filter_jit
-def _evaluate(interpolant, t) -> State:
-    return jax.vmap(interpolant)(t) if t.ndim else interpolant(t)
+def _evaluate(interpolant, t, start, reached) -> State:
+    def one(t):
+        within = (start <= t) & (t <= reached)
+        state = interpolant(jnp.clip(t, start, reached))
+        return jax.tree.map(lambda leaf: jnp.where(within, leaf, jnp.nan), state)
+
+    return jax.vmap(one)(t) if t.ndim else one(t)

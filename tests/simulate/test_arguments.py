@@ -1,5 +1,6 @@
 """Arguments of the wrong kind are refused in one sentence that says what they must be."""
 
+import jax
 import jax.numpy as jnp
 import jaxtyping
 import numpy as np
@@ -27,6 +28,7 @@ def no_type_checks():
         ([0.0, 1.0, 1.0], "`times` must be increasing"),
         ([1.0, 0.0], r"starts with \[1.0, 0.0\]"),
         ([0.0, np.nan], "`times` must be increasing and finite"),
+        ([0.0, np.inf], "`times` must be increasing and finite"),
     ],
 )
 def test_times(times, sentence):
@@ -97,3 +99,8 @@ def test_tolerances_beyond_the_floating_point_type():
     with pytest.raises(jaxball.PrecisionError, match=r"must reach 1\.8e-15 in float64, but they are 1e-16") as refused:
         jaxball.simulate(BALL, [0.0, 1.0], rtol=1e-16, atol=1e-16)
     assert "jax_enable_x64" not in str(refused.value)
+
+
+def test_throw_within_a_traced_function():
+    with pytest.raises(ValueError, match="Argument `throw` must be False where the solve is traced"):
+        jax.jit(lambda ball: jaxball.simulate(ball, [0.0, 1.0], throw=True).state.z)(BALL)

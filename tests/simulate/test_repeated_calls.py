@@ -99,6 +99,11 @@ def test_dense_output_at_saved_times_is_what_was_saved(dense):
     np.testing.assert_allclose(found.z, dense.state.z, atol=1e-14)
 
 
+def test_dense_output_outside_the_run_is_nan(dense):
+    found = dense.at(jnp.asarray([TIMES[0] - 0.1, TIMES[0], TIMES[-1], TIMES[-1] + 0.1]))
+    np.testing.assert_array_equal(np.isnan(found.z[:, 0]), [True, False, False, True])
+
+
 def test_dense_output_between_is_a_solution(dense):
     """Against a run that steps to those times; interpolation costs a digit of the tolerance 1e-10."""
     between = np.array([0.0, 0.05, 0.33, 0.77, 1.91, 2.0])
