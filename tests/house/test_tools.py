@@ -18,9 +18,9 @@ def run(*command: str, **options) -> subprocess.CompletedProcess:
     [
         ("ruff", "check", "."),
         ("ruff", "format", "--check", "."),
-        ("basedpyright",),
+        ("basedpyright", "--pythonpath", sys.executable),
     ],
-    ids=" ".join,
+    ids=lambda tool: " ".join(tool[:2]),
 )
 def test_tool_has_nothing_to_say(tool):
     done = run(sys.executable, "-m", *tool)
