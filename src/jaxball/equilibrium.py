@@ -54,7 +54,8 @@ def balance(
     """Solves for angles that put the system's centre of mass above or below the geometric centre.
 
     This is how section 5 finds its θ_a: the paper fixes θ1 = 0 and solves for θ2 and θ3. The search
-    starts from many points at once, so that it finds every isolated solution of two free angles.
+    starts from many points at once and reports all solutions that it comes to: those of the paper's ball
+    are two. Where more than two angles are free, solutions are not isolated, and there are as many as starts.
 
     **Arguments:**
 

@@ -5,8 +5,6 @@ Every number is the paper's; masses, radii and gravity are scaled so that m = r 
 
 import math
 
-import numpy as np
-
 from .body import Ball, Disk, PointMass
 from .frames import SphericalFrame
 from .motion import OnRail
@@ -68,8 +66,3 @@ def ball() -> Ball:
             for r_i, v_i, theta_i in rails
         ],
     )
-
-
-def saved_times() -> np.ndarray:
-    """t = 0, 1, …, 20, the times at which the reference solutions are known."""
-    return np.arange(START, END + 1)

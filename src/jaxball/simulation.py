@@ -62,7 +62,8 @@ def simulate(
     - ``rtol``, ``atol``: tolerances of the step-size control. Changing them compiles nothing anew.
     - ``dense``: whether the trajectory can be evaluated at any time, ``trajectory.at(t)``.
     - ``step_to_times``: whether the solver steps exactly to each of ``times``. Otherwise the states
-      there come from the solver's interpolation, whose error may be some ten times the tolerance.
+      there come from the solver's interpolation, whose error was up to eighty times the tolerance in
+      the paper's runs.
     - ``adjoint``: a diffrax adjoint: ``diffrax.ForwardMode()`` for jvp and few parameters; reverse
       mode by checkpoints if not given.
     - ``max_steps``: the number of steps, accepted and rejected, after which the solve gives up.

@@ -46,11 +46,6 @@ def hat(a: Float[Array, "3"]) -> Float[Array, "3 3"]:
     )
 
 
-def vee(A: Float[Array, "3 3"]) -> Float[Array, "3"]:
-    """The inverse of :func:`hat`, for an antisymmetric matrix."""
-    return jnp.stack([A[2, 1], A[0, 2], A[1, 0]])
-
-
 def inverse(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     """A⁻¹ by cofactors; not finite where A is singular."""
     c0, c1, c2 = cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])
