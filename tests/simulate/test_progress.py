@@ -1,0 +1,23 @@
+"""A progress meter is told how far a solve has come, and changes nothing of it."""
+
+import diffrax
+import jax
+import numpy as np
+
+import jaxball
+
+BALL = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7), offset=(0.1, 0.0, -0.2))
+TIMES = np.array([0.0, 10.0])
+
+
+def test_a_text_meter(capfd):
+    watched = jaxball.simulate(BALL, TIMES, progress=diffrax.TextProgressMeter(minimum_increase=0.3))
+    jax.effects_barrier()
+    lines = capfd.readouterr().out.split()
+    parts = [float(line.rstrip("%")) for line in lines]
+    assert parts[0] == 0
+    assert parts[-1] == 100
+    assert len(parts) > 2
+    assert parts == sorted(parts)
+    unwatched = jaxball.simulate(BALL, TIMES)
+    np.testing.assert_allclose(watched.state.z, unwatched.state.z, atol=1e-13)
