@@ -1,0 +1,1 @@
+"""The benchmark: problems with known solutions, and the packages that solve them."""

@@ -1,0 +1,122 @@
+"""What a contender of the benchmark is: a way to solve a problem, found by name and imported when it runs."""
+
+import abc
+import importlib
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from ..problem import Problem
+
+MAX_STEPS = 200_000
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a solve counted; None for what a package does not report.
+
+    - ``steps``, ``rejected``: accepted steps, and attempts whose error was too large.
+    - ``evaluations``: of the right-hand side, those for Jacobians by differences among them; where a package
+      differentiates exactly, a Jacobian is counted as the package does.
+    - ``jacobians``, ``decompositions``: of the iteration of an implicit method.
+    """
+
+    steps: int | None = None
+    rejected: int | None = None
+    evaluations: int | None = None
+    jacobians: int | None = None
+    decompositions: int | None = None
+
+    def __add__(self, other: "Work") -> "Work":
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Work(*(None if a is None or b is None else a + b for a, b in pairs))
+
+
+NO_WORK = Work(0, 0, 0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a solve ended: the state at the end, and a sentence that is empty where the solver reports success."""
+
+    state: Float[np.ndarray, " n"]
+    failure: str
+    work: Work
+
+
+class Run(Protocol):
+    """One problem in one contender at one tolerance."""
+
+    def solve(self) -> Any:
+        """The solve from the initial state to the final one, and nothing else: this is timed."""
+        ...
+
+    def outcome(self) -> Outcome:
+        """How a solve like that ends, and what it takes; not timed."""
+        ...
+
+
+class Program(abc.ABC):
+    """One problem, built or compiled for one contender."""
+
+    @abc.abstractmethod
+    def run(self, tolerance: float) -> Run:
+        """The solve with relative tolerance ``tolerance``; what must be built anew for it is built here."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """The contenders of one package.
+
+    - ``module``: the file beside this one that holds ``program(method, problem) -> Program``.
+    - ``packages``: what it imports.
+    """
+
+    name: str
+    module: str
+    packages: tuple[str, ...]
+
+    def missing(self) -> str | None:
+        """Why the family cannot take part here, in a few words; None where it can."""
+        for package in self.packages:
+            try:
+                importlib.import_module(package)
+            except ImportError as error:
+                absent = isinstance(error, ModuleNotFoundError)
+                return f"{package} {'is not installed' if absent else f'cannot be imported ({error})'}"
+        return None
+
+
+@dataclass(frozen=True)
+class Contender:
+    """A solver under the name that figures and tables show.
+
+    - ``method``: what the family's module calls it.
+    - ``explicit``: left out of stiff problems, where stability and not accuracy would set its steps.
+    - ``odes``, ``daes``: which problems it can solve.
+    """
+
+    name: str
+    family: Family
+    method: str
+    explicit: bool = False
+    odes: bool = True
+    daes: bool = False
+
+    def refusal(self, problem: Problem) -> str | None:
+        """Why the contender does not take part in ``problem``, in a few words; None where it does."""
+        dae = problem.constraint is not None
+        if dae and not self.daes:
+            return "it solves no DAE"
+        if not dae and not self.odes:
+            return "it solves DAEs only"
+        if problem.stiff and self.explicit:
+            return "it is explicit, and the problem is stiff"
+        return None
+
+    def program(self, problem: Problem) -> Program:
+        """``problem`` built for this contender; imports the family's packages."""
+        module = importlib.import_module(f"{__package__}.{self.family.module}")
+        return module.program(self.method, problem)

@@ -1,0 +1,86 @@
+"""CasADi with CVODES and IDAS of SUNDIALS, its functions compiled by the C compiler where there is one."""
+
+import shutil
+from dataclasses import dataclass
+from typing import Any
+
+import casadi  # pyright: ignore[reportMissingImports]
+import numpy as np
+
+from ..problem import Piece, Problem
+from ..translate import casadi_dae
+from .base import MAX_STEPS, NO_WORK, Outcome, Program, Run, Work
+
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+    "CVODES Adams": ("cvodes", {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}),
+    "CVODES BDF": ("cvodes", {"linear_multistep_method": "bdf", "nonlinear_solver_iteration": "newton"}),
+    "IDAS": ("idas", {}),
+}
+COMPILER = "gcc"
+FLAGS = ["-O3", "-march=native"]
+
+
+def program(method: str, problem: Problem) -> Program:
+    """The problem in one of :data:`METHODS`."""
+    return _Program(method, problem)
+
+
+@dataclass(frozen=True)
+class _Program(Program):
+    method: str
+    problem: Problem
+
+    def run(self, tolerance: float) -> Run:
+        return _Run(self.method, self.problem, tolerance)
+
+
+class _Leg:
+    """One piece in an integrator of its own; CasADi fixes interval and tolerances when it builds one."""
+
+    def __init__(self, method: str, problem: Problem, piece: Piece, tolerance: float):
+        solver, options = METHODS[method]
+        options = options | {
+            "reltol": tolerance,
+            "abstol": tolerance * problem.atol_over_rtol,
+            "max_num_steps": MAX_STEPS,
+        }
+        if shutil.which(COMPILER) is not None:
+            options |= {"jit": True, "compiler": "shell", "jit_options": {"compiler": COMPILER, "flags": FLAGS}}
+        equations = casadi_dae(problem, piece)
+        self.integrator = casadi.integrator("leg", solver, equations, piece.start, piece.end, options)
+        self.p = casadi.DM(piece.parameters)
+        self.algebraic = piece.algebraic
+
+    def advance(self, x: np.ndarray) -> np.ndarray:
+        k = self.algebraic
+        if k is None:
+            return self.integrator(x0=x, p=self.p)["xf"].full().ravel()
+        ended = self.integrator(x0=np.delete(x, k), z0=x[k], p=self.p)
+        return np.insert(ended["xf"].full().ravel(), k, float(ended["zf"]))
+
+    def work(self) -> Work:
+        stats = self.integrator.stats()
+        return Work(
+            steps=stats["nsteps"],
+            rejected=stats["netfails"],
+            evaluations=stats["nfevals"],
+            jacobians=stats["n_call_jacF"],
+            decompositions=stats["nlinsetups"],
+        )
+
+
+class _Run:
+    def __init__(self, method: str, problem: Problem, tolerance: float):
+        self._initial = np.array(problem.initial, dtype=float)
+        self._legs = [_Leg(method, problem, piece, tolerance) for piece in problem.pieces]
+
+    def solve(self) -> np.ndarray:
+        x = self._initial
+        for leg in self._legs:
+            x = leg.advance(x)
+        return x
+
+    def outcome(self) -> Outcome:
+        """A solve that fails raises, so that one that returns has succeeded."""
+        x = self.solve()
+        return Outcome(x, "", sum((leg.work() for leg in self._legs), start=NO_WORK))

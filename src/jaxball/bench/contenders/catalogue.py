@@ -1,0 +1,49 @@
+"""Who takes part. Nothing here imports a contender's package."""
+
+from .base import Contender, Family
+
+JAXBALL = Family("jaxball", "diffrax_", ("jaxball.solvers",))
+DIFFRAX = Family("diffrax", "diffrax_", ("diffrax",))
+SCIPY = Family("SciPy", "scipy_", ("scipy.integrate", "numba"))
+NUMBALSODA = Family("numbalsoda", "numbalsoda_", ("numba", "numbalsoda"))
+HEYOKA = Family("heyoka", "heyoka_", ("heyoka",))
+CASADI = Family("CasADi", "casadi_", ("casadi",))
+FAMILIES = (JAXBALL, DIFFRAX, SCIPY, NUMBALSODA, HEYOKA, CASADI)
+
+
+def _ours(method: str, *, explicit: bool = False, daes: bool = False) -> Contender:
+    return Contender(method, JAXBALL, method, explicit=explicit, daes=daes)
+
+
+def _theirs(family: Family, method: str, *, explicit: bool = False, daes: bool = False) -> Contender:
+    return Contender(f"{family.name} {method}", family, method, explicit=explicit, daes=daes)
+
+
+# A fixed-point iteration bounds the step as an explicit method's stability does.
+ALL: dict[str, Contender] = {
+    contender.name: contender
+    for contender in (
+        _ours("Gauss", explicit=True),
+        _ours("RadauIIA 3", daes=True),
+        _ours("RadauIIA 5", daes=True),
+        _ours("RadauIIA 7", daes=True),
+        _ours("RadauIIA 7 fixed-point", explicit=True),
+        _ours("Trapezoidal"),
+        _ours("TRBDF2"),
+        _theirs(DIFFRAX, "Tsit5", explicit=True),
+        _theirs(DIFFRAX, "Dopri5", explicit=True),
+        _theirs(DIFFRAX, "Dopri8", explicit=True),
+        _theirs(DIFFRAX, "Kvaerno5"),
+        _theirs(SCIPY, "RK45", explicit=True),
+        _theirs(SCIPY, "DOP853", explicit=True),
+        _theirs(SCIPY, "LSODA"),
+        _theirs(SCIPY, "Radau"),
+        _theirs(SCIPY, "BDF"),
+        _theirs(NUMBALSODA, "LSODA"),
+        _theirs(NUMBALSODA, "DOP853", explicit=True),
+        _theirs(HEYOKA, "Taylor", explicit=True),
+        _theirs(CASADI, "CVODES Adams", explicit=True),
+        _theirs(CASADI, "CVODES BDF"),
+        _theirs(CASADI, "IDAS", daes=True),
+    )
+}

@@ -1,0 +1,78 @@
+"""numbalsoda: LSODA in C++ and Hairer's DOP853 in Fortran around a C function compiled by Numba."""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numba  # pyright: ignore[reportMissingImports]
+import numbalsoda  # pyright: ignore[reportMissingImports]
+import numpy as np
+
+from ..problem import Problem
+from .base import MAX_STEPS, Outcome, Program, Run, Work
+from .numba_ import compiled_rates
+
+METHODS = {"LSODA": numbalsoda.lsoda, "DOP853": numbalsoda.dop853}
+
+
+def program(method: str, problem: Problem) -> Program:
+    """The problem in one of :data:`METHODS`, compiled from piece to piece."""
+    compiled = _Program(problem, _advance(METHODS[method]), _right_hand_side(problem))
+    compiled.run(1e-3).solve()  # Numba compiles for the types of the first call
+    return compiled
+
+
+@dataclass(frozen=True)
+class _Program(Program):
+    problem: Problem
+    advance: Callable[..., tuple[np.ndarray, bool]]
+    right_hand_side: "numba.core.ccallback.CFunc"
+
+    def run(self, tolerance: float) -> Run:
+        return _Run(self, tolerance)
+
+
+class _Run:
+    def __init__(self, program: _Program, tolerance: float):
+        problem = program.problem
+        ends = np.array([[piece.start, piece.end] for piece in problem.pieces])
+        # What the C function gets beside t and x: its own count, and the parameters.
+        data = np.array([(0.0, *piece.parameters) for piece in problem.pieces])
+        tolerances = (tolerance, tolerance * problem.atol_over_rtol)
+        x = np.array(problem.initial, dtype=float)
+        self._advance = program.advance
+        self._arguments = (program.right_hand_side.address, x, ends, data, *tolerances, MAX_STEPS)
+        self._data = data
+
+    def solve(self) -> tuple[np.ndarray, bool]:
+        return self._advance(*self._arguments)
+
+    def outcome(self) -> Outcome:
+        self._data[:, 0] = 0
+        x, succeeded = self.solve()
+        failure = "" if succeeded else "it reports no success, and no reason"
+        return Outcome(x, failure, Work(evaluations=int(self._data[:, 0].sum())))
+
+
+def _advance(method: Callable) -> Callable[..., tuple[np.ndarray, bool]]:
+    def advance(address, x, ends, data, rtol, atol, most_steps):
+        succeeded = True
+        for k in range(len(ends)):
+            states, well = method(address, x, ends[k], data[k], rtol, atol, most_steps)
+            x = states[1]
+            succeeded = succeeded and well
+        return x, succeeded
+
+    # Numba needs the function itself where a type checker has wrapped it.
+    return numba.njit(inspect.unwrap(advance))
+
+
+def _right_hand_side(problem: Problem) -> "numba.core.ccallback.CFunc":
+    rates, n, size = compiled_rates(problem), len(problem.initial), 1 + len(problem.pieces[0].parameters)
+
+    def right_hand_side(t, x, out, data):
+        own = numba.carray(data, (size,))
+        own[0] += 1
+        rates(t, numba.carray(x, (n,)), own[1:], numba.carray(out, (n,)))
+
+    return numba.cfunc(numbalsoda.lsoda_sig)(inspect.unwrap(right_hand_side))

@@ -1,0 +1,217 @@
+"""Times, errors and work of contenders that solve one problem."""
+
+import itertools
+import math
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import numpy as np
+
+from .contenders import Contender, Program, Run
+from .problem import Problem
+
+Result = TypeVar("Result")
+Echo = Callable[[str], None]
+
+ROUNDS = 5
+FEWEST, MOST = 3, 50
+COLD = 0.05  # seconds: what a call loses to cold caches is nothing beside this
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to measure.
+
+    - ``tolerances``: the relative ones.
+    - ``budget``: seconds of timed calls for each contender and tolerance.
+    - ``limit``: seconds that a solve may take; a slower one is left out, and so are its tighter tolerances.
+    """
+
+    tolerances: tuple[float, ...]
+    budget: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """One contender at one tolerance. Times are in seconds.
+
+    - ``failure``: empty, or how the solve failed; then there is neither an error nor a time.
+    - ``error``: the achieved one, :meth:`Problem.error` of the final state.
+    - ``time``, ``quartiles``, ``repeats``: the median of warm calls, where their middle half lies, how many.
+    - ``build_time``: to build or compile what the solve needs, shared parts included.
+    - ``state``: the final state.
+    - ``steps`` and those after it: see :class:`~jaxball.bench.contenders.Work`.
+    """
+
+    problem: str
+    solver: str
+    family: str
+    tolerance: float
+    failure: str
+    error: float | None
+    time: float | None
+    quartiles: tuple[float, float] | None
+    repeats: int
+    build_time: float
+    state: tuple[float, ...] | None
+    steps: int | None
+    rejected: int | None
+    evaluations: int | None
+    jacobians: int | None
+    decompositions: int | None
+
+
+@dataclass
+class Measured:
+    """The rows of one problem, and a sentence for everything that was left out of it."""
+
+    rows: list[Row] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+
+
+@dataclass
+class _Entry:
+    """A solve that takes part in the timing."""
+
+    contender: Contender
+    tolerance: float
+    run: Run
+    build_time: float
+    once: float
+    times: list[float] = field(default_factory=list)
+
+
+def measure(problem: Problem, contenders: Sequence[Contender], settings: Settings, echo: Echo) -> Measured:
+    """Solves ``problem`` with every one of ``contenders`` that can, at every tolerance.
+
+    First each is built and solves once; then all take turns, a block of calls at a time, so that a drift of
+    the machine's speed meets them all alike; last come the uncounted solves that give errors and work.
+    """
+    measured = Measured()
+
+    def leave_out(sentence: str) -> None:
+        measured.left_out.append(sentence)
+        echo(f"  {sentence}")
+
+    entries: list[_Entry] = []
+    for contender in contenders:
+        reason = contender.refusal(problem)
+        if reason is not None:
+            leave_out(f"Left out: {contender.name}, because {reason}.")
+            continue
+        found, failures = _build(problem, contender, settings, leave_out)
+        entries += found
+        measured.rows += failures
+    time_in_turns(entries, settings.budget)
+    measured.rows += [_row(problem, entry) for entry in entries]
+    order = {contender.name: place for place, contender in enumerate(contenders)}
+    measured.rows.sort(key=lambda row: (order[row.solver], -row.tolerance))
+    return measured
+
+
+def _build(
+    problem: Problem, contender: Contender, settings: Settings, leave_out: Echo
+) -> tuple[list[_Entry], list[Row]]:
+    """The solves of one contender within the limit, and rows for those that raised an exception."""
+    entries, failures = [], []
+    try:
+        build_time, program = timed(lambda: contender.program(problem))
+    except Exception as error:  # whatever a package raises, the others are still to be measured
+        leave_out(f"Left out: {contender.name}, because building the problem failed: {first_line(error)}.")
+        return [], []
+    for tolerance in sorted(settings.tolerances, reverse=True):
+        try:
+            entry = _entry(contender, program, tolerance, build_time)
+        except Exception as error:
+            failures.append(failed(problem, contender, tolerance, build_time, first_line(error)))
+            continue
+        if entry.once > settings.limit:
+            leave_out(
+                f"Left out: {contender.name} at tolerance {tolerance:.0e} and finer ones, because a solve took "
+                f"{entry.once:.1f} s, more than {settings.limit:g} s."
+            )
+            break
+        entries.append(entry)
+    return entries, failures
+
+
+def _entry(contender: Contender, program: Program, tolerance: float, build_time: float) -> _Entry:
+    own_time, run = timed(lambda: program.run(tolerance))
+    first, _ = timed(run.solve)
+    once = first if first > 1 else timed(run.solve)[0]
+    return _Entry(contender, tolerance, run, build_time + own_time, once)
+
+
+def time_in_turns(entries: Sequence[_Entry], budget: float) -> None:
+    """Fills the times of ``entries``, in rounds of blocks; the first call of a block, with cold caches, is untimed."""
+    wanted = {id(entry): min(max(int(budget / entry.once), FEWEST), MOST) for entry in entries}
+    for _, entry in itertools.product(range(ROUNDS), entries):
+        left = wanted[id(entry)] - len(entry.times)
+        block = min(math.ceil(wanted[id(entry)] / ROUNDS), left)
+        if block <= 0:
+            continue
+        if entry.once < COLD:
+            entry.run.solve()
+        entry.times += [timed(entry.run.solve)[0] for _ in range(block)]
+
+
+def _row(problem: Problem, entry: _Entry) -> Row:
+    try:
+        outcome = entry.run.outcome()
+    except Exception as error:
+        return failed(problem, entry.contender, entry.tolerance, entry.build_time, first_line(error))
+    finite = bool(np.isfinite(outcome.state).all())
+    failure = outcome.failure or ("" if finite else "the final state is not finite")
+    if failure:
+        return failed(problem, entry.contender, entry.tolerance, entry.build_time, failure)
+    low, _, high = statistics.quantiles(entry.times, n=4, method="inclusive")
+    return Row(
+        problem=problem.name,
+        solver=entry.contender.name,
+        family=entry.contender.family.name,
+        tolerance=entry.tolerance,
+        failure="",
+        error=problem.error(outcome.state),
+        time=statistics.median(entry.times),
+        quartiles=(low, high),
+        repeats=len(entry.times),
+        build_time=entry.build_time,
+        state=tuple(map(float, outcome.state)),
+        **vars(outcome.work),
+    )
+
+
+def failed(problem: Problem, contender: Contender, tolerance: float, build_time: float, failure: str) -> Row:
+    """A row that says how the solve failed, and holds no number that it did not earn."""
+    numbers = dict.fromkeys(("steps", "rejected", "evaluations", "jacobians", "decompositions"))
+    return Row(
+        problem=problem.name,
+        solver=contender.name,
+        family=contender.family.name,
+        tolerance=tolerance,
+        failure=failure,
+        error=None,
+        time=None,
+        quartiles=None,
+        repeats=0,
+        build_time=build_time,
+        state=None,
+        **numbers,
+    )
+
+
+def timed(call: Callable[[], Result]) -> tuple[float, Result]:
+    """Seconds that ``call`` took, and its result; ``call`` must wait for what it started."""
+    start = time.perf_counter()
+    result = call()
+    return time.perf_counter() - start, result
+
+
+def first_line(error: Exception) -> str:
+    """The kind of ``error`` and the first line of what it says, without a full stop."""
+    lines = str(error).strip().splitlines() or ["no message"]
+    return f"{type(error).__name__}: {lines[0].rstrip('.')}"

@@ -1,0 +1,51 @@
+"""Van der Pol's relaxation oscillation, in its own time and in the time in which a period is of order one.
+
+Hairer & Wanner, *Solving Ordinary Differential Equations II*, section IV.1, eq. (1.5'). The two are one motion:
+z̈ = μ (1 − z²) ż − z with μ = 1000 becomes ε y₂' = (1 − y₁²) y₂ − y₁ with ε = 1/μ² = 1e-6 in the time t/μ. The rate
+1/ε is often called μ = 1e6. To a solver they differ in how large t and the second component are.
+"""
+
+from collections.abc import Sequence
+
+from ..problem import Functions, Piece, Problem, Scalar
+
+MU = 1e3
+SOURCE = "Mazzia & Magherini, Test Set for IVP Solvers, release 2.4 (2008), problem {}: by RADAU in quadruple precision"
+
+
+def rates(t: Scalar, x: Sequence[Scalar], p: Sequence[Scalar], functions: Functions) -> list[Scalar]:
+    """ż and z̈ = μ (1 − z²) ż − z."""
+    return [x[1], MU * (1.0 - x[0] * x[0]) * x[1] - x[0]]
+
+
+def scaled_rates(t: Scalar, x: Sequence[Scalar], p: Sequence[Scalar], functions: Functions) -> list[Scalar]:
+    """y₁' = y₂ and y₂' = ((1 − y₁²) y₂ − y₁) / ε."""
+    return [x[1], MU * MU * ((1.0 - x[0] * x[0]) * x[1] - x[0])]
+
+
+VAN_DER_POL = Problem(
+    name="van-der-pol",
+    title="Van der Pol, μ = 1e3",
+    source=SOURCE.format("VDPOLM"),
+    pieces=(Piece(0.0, 2 * MU),),
+    initial=(2.0, 0.0),
+    rates=rates,
+    exact=(0.1706167732170469e1, -0.8928097010248125e-3),
+    measured=(0, 1),
+    relative=True,
+    stiff=True,
+    atol_over_rtol=1e-3,
+)
+VAN_DER_POL_SCALED = Problem(
+    name="van-der-pol-scaled",
+    title="Van der Pol, 1/ε = 1e6",
+    source=SOURCE.format("VDPOL"),
+    pieces=(Piece(0.0, 2.0),),
+    initial=(2.0, 0.0),
+    rates=scaled_rates,
+    exact=(0.1706167732170483e1, -0.8928097010247975e0),
+    measured=(0, 1),
+    relative=True,
+    stiff=True,
+    atol_over_rtol=1.0,
+)

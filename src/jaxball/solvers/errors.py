@@ -1,0 +1,82 @@
+"""Estimates of the error of a step of a collocation method."""
+
+import abc
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from numpy.polynomial import legendre
+
+from .stages import StageEquations, Stages, combine
+
+
+class AbstractErrorEstimate(eqx.Module):
+    """How the error of a step is estimated."""
+
+    @abc.abstractmethod
+    def order(self, stages: int) -> int:
+        """The power of the step that the estimate is proportional to."""
+
+    @abc.abstractmethod
+    def estimate(self, equations: StageEquations, stages: Stages, coefficients: Float[Array, "s n"]) -> Float[Array, " n"]:
+        """The estimate, given the Legendre ``coefficients`` of the slopes K."""
+
+
+class EmbeddedError(AbstractErrorEstimate):
+    """For stiff problems: the estimate of radau5, for any odd number of stages.
+
+    The slope of the collocation polynomial at the start of the step misses the vector field there by a
+    defect; (γM − h∂g/∂x)⁻¹ times it is the distance to an embedded formula of order s, and stays small
+    in stiff components (Hairer & Wanner 1996, section IV.8, eqs. (8.17)–(8.19)).
+    """
+
+    def order(self, stages: int) -> int:
+        return stages + 1
+
+    def estimate(self, equations, stages, coefficients):
+        f0 = equations.slope(equations.t0, equations.x0) if stages.f0 is None else stages.f0
+        at_start = (-1.0) ** np.arange(len(coefficients))
+        defect = f0 - equations.mass_times(combine(at_start[None], coefficients))[0]
+        if stages.smooth is None:
+            return defect / equations.tableau.eigenvalues[0].real
+        return jnp.sum(stages.smooth * defect, axis=1)
+
+
+class TailError(AbstractErrorEstimate):
+    """For smooth problems, where the solution is wanted between the steps as well.
+
+    The last Legendre coefficients of the slopes say what the next ones would be, and those are what the
+    collocation polynomial lacks, so its error is controlled over the whole step.
+    """
+
+    def order(self, stages: int) -> int:
+        return stages
+
+    def estimate(self, equations, stages, coefficients):
+        return _tail(coefficients) / (2 * len(coefficients))
+
+
+class StepError(AbstractErrorEstimate):
+    """For smooth problems, where the solution is wanted at the ends of steps alone.
+
+    There a collocation method has about twice the order it has between (superconvergence): its error is a
+    product of what the polynomial lacks with what the problem's sensitivity lacks, two tails of the same
+    decay, and is estimated as the tail squared over the leading coefficient. Steps become about twice as
+    long as with :class:`TailError`; the dense output then only has about half the digits asked for.
+    """
+
+    def order(self, stages: int) -> int:
+        return 2 * stages - 1
+
+    def estimate(self, equations, stages, coefficients):
+        tail = _tail(coefficients)
+        largest = jnp.max(jnp.abs(coefficients), axis=0)
+        return tail * tail / jnp.maximum(largest, jnp.finfo(tail.dtype).tiny)
+
+
+def _tail(coefficients: Float[Array, "s n"]) -> Float[Array, " n"]:
+    """The last coefficient or the one before: either alone may vanish by symmetry."""
+    return jnp.max(jnp.abs(coefficients[-2:]), axis=0)

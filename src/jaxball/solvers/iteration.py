@@ -1,0 +1,51 @@
+"""When to stop an iteration that solves the stages of a step, and when to give it up."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PyTree
+
+
+class Iterate(NamedTuple):
+    """Where an iteration stands."""
+
+    x: PyTree[Array]
+    change: Float[Array, ""]  # the norm of the last change, in units of the tolerance
+    rate: Float[Array, ""]  # by which factor a change is smaller than the one before
+    count: Int[Array, ""]
+    converged: Bool[Array, ""]
+    hopeless: Bool[Array, ""]
+
+
+def iterate(
+    update: Callable[[PyTree[Array]], tuple[PyTree[Array], Float[Array, ""]]],
+    start: PyTree[Array],
+    rate: Float[Array, ""],
+    *,
+    limit: Float[Array, ""],
+    floor: Float[Array, ""],
+    max_steps: int,
+) -> Iterate:
+    """Repeats ``update``, which gives the next iterate and the norm of its change.
+
+    Hairer & Wanner (1996), section IV.8: with the rate Θ = |Δₖ|/|Δₖ₋₁| the error that remains is about
+    Θ/(1 − Θ) |Δₖ|; the iteration ends when that is below ``limit`` or the change is below ``floor``, the
+    level of rounding, and it is given up when the rate does not let it get there in ``max_steps``. Before there are two changes,
+    ``rate`` stands for the rate. A change that is not a number is hopeless at once.
+    """
+
+    def body(at: Iterate) -> Iterate:
+        x, change = update(at.x)
+        first = at.count == 0
+        rate = jnp.where(first, at.rate, change / at.change)
+        left = max_steps - 1 - at.count
+        remaining = rate / jnp.maximum(1 - rate, 1e-3) * change
+        converged = (remaining <= limit) & (rate < 1) | (change <= floor)
+        too_slow = (rate >= 1) | (remaining * rate**left > limit)
+        hopeless = ~converged & (~jnp.isfinite(change) | ~first & too_slow | (left == 0))
+        return Iterate(x, change, rate, at.count + 1, converged, hopeless)
+
+    start = Iterate(start, jnp.ones_like(limit), rate, jnp.asarray(0), jnp.asarray(False), jnp.asarray(False))
+    return jax.lax.while_loop(lambda at: ~at.converged & ~at.hopeless, body, start)

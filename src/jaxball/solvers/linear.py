@@ -1,0 +1,55 @@
+"""Linear systems of a few unknowns, several at once, within a loop."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Inexact
+
+# Above this size a library's factorisation is faster than ours; below, the call of it costs more than the work.
+LARGEST_SMALL = 32
+
+
+class Solver(eqx.Module):
+    """Solves k systems of n equations again and again, by their inverses."""
+
+    inverses: Inexact[Array, "k n n"]
+
+    def __call__(self, b: Inexact[Array, "k n"]) -> Inexact[Array, "k n"]:
+        """The solutions of all systems, each with its own right-hand side."""
+        return jnp.sum(self.inverses * b[:, None, :], axis=2)
+
+
+def factorise(matrices: Inexact[Array, "k n n"]) -> Solver:
+    """A solver for the systems of these matrices; of a singular one, it gives numbers that are not finite."""
+    if matrices.shape[-1] > LARGEST_SMALL:
+        return Solver(jnp.linalg.inv(matrices))
+    return Solver(inverses(matrices))
+
+
+def inverses(matrices: Inexact[Array, "k n n"]) -> Inexact[Array, "k n n"]:
+    """Inverses by Gauss and Jordan with partial pivoting, in place and without a call of a library.
+
+    Rows are not exchanged: the row of each column's pivot is remembered, and rows and columns are put in
+    order at the end.
+    """
+    k, n, _ = matrices.shape
+    index = jnp.arange(n)
+
+    def eliminate(j, carry):
+        B, used, pivots = carry
+        column = jax.lax.dynamic_index_in_dim(B, j, axis=2, keepdims=False)
+        size = (column * column.conj()).real
+        pivot = jnp.argmax(jnp.where(used, -1.0, size), axis=1)
+        is_pivot, here = pivot[:, None] == index, index == j
+        row = jnp.take_along_axis(B, pivot[:, None, None], axis=1)[:, 0]
+        row = jnp.where(here, 1.0, row) / jnp.take_along_axis(row, jnp.full((k, 1), j), axis=1)
+        others = jnp.where(here, 0.0, B) - column[:, :, None] * row[:, None, :]
+        B = jnp.where(is_pivot[:, :, None], row[:, None, :], others)
+        return B, used | is_pivot, jax.lax.dynamic_update_index_in_dim(pivots, pivot, j, axis=1)
+
+    start = (matrices, jnp.zeros((k, n), bool), jnp.zeros((k, n), index.dtype))
+    B, _, pivots = jax.lax.fori_loop(0, n, eliminate, start)
+    B = jnp.take_along_axis(B, pivots[:, :, None], axis=1)
+    # The column that belongs to row i is the one whose pivot was in row i.
+    columns = jnp.sum(jnp.where(pivots[:, :, None] == index, index[:, None], 0), axis=1)
+    return jnp.take_along_axis(B, columns[:, None, :], axis=2)

@@ -1,0 +1,103 @@
+"""The equations that the stages of one step satisfy, and the contract of an iteration that solves them."""
+
+import abc
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Inexact, PyTree
+
+from .mass import Mass
+from .tableau import Tableau
+
+
+# What stands for "as the step-size controller has it": diffrax puts it there itself in its own solvers.
+FROM_CONTROLLER = diffrax.ImplicitEuler().root_finder.rtol  # pyright: ignore[reportAttributeAccessIssue]
+
+
+class StageEquations(NamedTuple):
+    """M Zᵢ = Σⱼ aᵢⱼ Kⱼ with Kⱼ = h g(tⱼ, x₀ + Zⱼ), for the increments Zᵢ = Xᵢ − x₀ of the s stages.
+
+    ``slope(t, x)`` is h g(t, x). Where ``known`` is given, it is added to the right-hand side: what stages
+    that were solved before contribute.
+    """
+
+    tableau: Tableau
+    slope: Callable[[Float[Array, ""], Float[Array, " n"]], Float[Array, " n"]]
+    t0: Float[Array, ""]
+    times: Float[Array, " s"]
+    x0: Float[Array, " n"]
+    unravel: Callable[[Float[Array, " n"]], PyTree[Array]]
+    mass: Mass | None = None
+    known: Float[Array, " n"] | None = None
+
+    def slopes(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
+        """K for given Z."""
+        return jax.vmap(self.slope)(self.times, self.x0 + Z)
+
+    def increments(self, K: Float[Array, "s n"]) -> Float[Array, "s n"]:
+        """Z for given K where there is no mass matrix."""
+        Z = combine(self.tableau.A, K)
+        return Z if self.known is None else Z + self.known
+
+    def mass_times(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
+        """M Z of all stages."""
+        return Z if self.mass is None else self.mass.times(Z)
+
+    def residual(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
+        """M Z − A K(Z) − known, which is zero at the solution."""
+        return self.mass_times(Z) - self.increments(self.slopes(Z))
+
+
+class Stages(NamedTuple):
+    """The stages of a step, solved or given up.
+
+    ``K`` are the slopes at the nodes of the polynomial through x₀ and the stages, in units of 1/h. ``smooth``
+    is (γM − h∂g/∂x)⁻¹ and ``f0`` is h g(t₀, x₀), for the error estimate, where the iteration has them.
+    """
+
+    Z: Float[Array, "s n"]
+    K: Float[Array, "s n"]
+    converged: Bool[Array, ""]
+    rate: Float[Array, ""]
+    smooth: Float[Array, "n n"] | None
+    f0: Float[Array, " n"] | None
+
+
+class AbstractStageIteration(eqx.Module):
+    """How the equations of the stages are solved. It stands where diffrax expects a root finder.
+
+    ``rtol``, ``atol`` and ``norm`` are the measure of what is small; diffrax puts those of its step-size
+    controller here.
+    """
+
+    rtol: eqx.AbstractVar[Any]
+    atol: eqx.AbstractVar[Any]
+    norm: eqx.AbstractVar[Any]
+
+    @abc.abstractmethod
+    def solve(self, equations: StageEquations, guess: Float[Array, "s n"], rate: Float[Array, ""]) -> Stages:
+        """The stages, from a ``guess`` of the slopes K and the ``rate`` of convergence of the step before.
+
+        Derivatives pass by the theorem of implicit functions, not through the iteration.
+        """
+
+    def size(self, equations: StageEquations, change: Float[Array, "s n"]) -> Float[Array, ""]:
+        """The norm of changes of the stages, in units of the tolerance."""
+        scaled = change / (self.atol + self.rtol * jnp.abs(equations.x0))
+        return self.norm(jax.vmap(equations.unravel)(scaled))
+
+    def rounding(self, equations: StageEquations) -> Float[Array, ""]:
+        """The norm of changes that rounding can make of, in units of the tolerance."""
+        x0 = equations.x0
+        return self.size(equations, 4 * jnp.finfo(x0.dtype).eps * jnp.broadcast_to(x0, (len(equations.times), x0.size)))
+
+
+def combine(matrix: np.ndarray, X: Inexact[Array, "s n"]) -> Inexact[Array, "m n"]:
+    """``matrix @ X``, as a sum: within a loop on a CPU, the call of a library costs more than a product this small."""
+    dtype = np.result_type(X.dtype, np.complex64) if np.iscomplexobj(matrix) else X.dtype
+    return jnp.sum(jnp.asarray(matrix, dtype=dtype)[:, :, None] * X[None].astype(dtype), axis=1)
