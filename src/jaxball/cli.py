@@ -1,4 +1,4 @@
-"""The command line: ``jaxball scenarios``, ``jaxball simulate`` and ``jaxball reproduce``."""
+"""The command line: ``jaxball scenarios``, ``jaxball simulate``, ``jaxball reproduce`` and ``jaxball bench``."""
 
 import argparse
 import dataclasses
@@ -28,12 +28,13 @@ from .trajectory import Trajectory
 
 BAD_INPUT = 2
 FAILED_SOLVE = 3
+INTERRUPTED = 130
 ANIMATIONS = (".mp4", ".gif")
 FRAMES = 30
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs a command, and returns its exit code: 0, 2 for bad input, 3 for a solve that failed."""
+    """Runs a command, and returns its exit code: 0, 2 for bad input, 3 for a solve that failed, 130 for Ctrl-C."""
     options = _parser().parse_args(arguments)
     cpu.prepare()
     jax.config.update("jax_enable_x64", True)
@@ -54,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_scenarios(commands)
     _add_simulate(commands)
     _add_reproduce(commands)
+    _add_bench(commands)
     return parser
 
 
@@ -79,6 +81,19 @@ def _add_reproduce(commands) -> None:
     parser = commands.add_parser("reproduce", help="reproduce both runs of Putkaradze & Rogers (2018)")
     parser.add_argument("--out", type=Path, default=Path("out"), metavar="FOLDER", help="where to (default: out)")
     parser.set_defaults(run=_reproduce)
+
+
+def _add_bench(commands) -> None:
+    parser = commands.add_parser("bench", help="compare solvers at equal achieved error")
+    parser.add_argument("problems", nargs="*", metavar="PROBLEM", help="which problems (default: all)")
+    parser.add_argument("--solvers", nargs="+", default=[], metavar="NAME", help="a solver, a package, or words of one")
+    parser.add_argument("--tolerances", nargs="+", type=_tolerance, metavar="RTOL", help="default: 1e-4 to 1e-13")
+    parser.add_argument("--budget", type=_tolerance, metavar="SECONDS", help="of timed calls for each setting")
+    parser.add_argument("--limit", type=_tolerance, metavar="SECONDS", help="leave out what solves more slowly")
+    parser.add_argument("--out", type=Path, default=Path("out/bench"), metavar="FOLDER", help="default: out/bench")
+    parser.add_argument("--quick", action="store_true", help="two problems, a few solvers, two tolerances")
+    parser.add_argument("--list", action="store_true", help="list problems and solvers")
+    parser.set_defaults(run=_bench)
 
 
 def _tolerance(text: str) -> float:
@@ -131,6 +146,30 @@ def _reproduce(options: argparse.Namespace) -> int:
         raise OutputError(f'Argument `--out` must be a folder, but "{options.out}" is a file.')
     reproduce(options.out)
     return 0
+
+
+def _bench(options: argparse.Namespace) -> int:
+    # Imported here, because the problems hold arrays, and the other commands have no use for them.
+    from . import bench
+
+    if options.list:
+        print(bench.listing())
+        return 0
+    if options.out.exists() and not options.out.is_dir():
+        raise OutputError(f'Argument `--out` must be a folder, but "{options.out}" is a file.')
+    try:
+        plan = bench.plan(options.problems, options.solvers, quick=options.quick)
+    except bench.SelectionError as error:
+        print(f"jaxball: {error}", file=sys.stderr)
+        return BAD_INPUT
+    changes = {
+        "tolerances": options.tolerances and tuple(options.tolerances),
+        "budget": options.budget,
+        "limit": options.limit,
+    }
+    settings = dataclasses.replace(plan.settings, **{key: value for key, value in changes.items() if value is not None})
+    done = bench.bench(plan.problems, plan.contenders, settings, options.out)
+    return INTERRUPTED if done.interrupted else 0
 
 
 def _check_destinations(options: argparse.Namespace) -> None:

@@ -1,1 +1,11 @@
-"""The benchmark: problems with known solutions, and the packages that solve them."""
+"""Solvers compared at equal achieved error: ``jaxball bench``."""
+
+from .measure import Measured as Measured, Row as Row, Settings as Settings
+from .plan import FULL as FULL, QUICK as QUICK, Plan as Plan, listing as listing, plan as plan
+from .problem import Problem as Problem
+from .run import Bench as Bench, bench as bench
+from .selection import (
+    SelectionError as SelectionError,
+    select_contenders as select_contenders,
+    select_problems as select_problems,
+)

@@ -119,15 +119,15 @@ def _build(
     """The solves of one contender within the limit, and rows for those that raised an exception."""
     entries, failures = [], []
     try:
-        build_time, program = timed(lambda: contender.program(problem))
+        program = contender.program(problem)
     except Exception as error:  # whatever a package raises, the others are still to be measured
-        leave_out(f"Left out: {contender.name}, because building the problem failed: {first_line(error)}.")
+        leave_out(f"Left out: {contender.name}, because building the problem failed: {cause(error)}.")
         return [], []
     for tolerance in sorted(settings.tolerances, reverse=True):
         try:
-            entry = _entry(contender, program, tolerance, build_time)
+            entry = _entry(contender, program, tolerance)
         except Exception as error:
-            failures.append(failed(problem, contender, tolerance, build_time, first_line(error)))
+            failures.append(failed(problem, contender, tolerance, program.build_time, cause(error)))
             continue
         if entry.once > settings.limit:
             leave_out(
@@ -139,11 +139,11 @@ def _build(
     return entries, failures
 
 
-def _entry(contender: Contender, program: Program, tolerance: float, build_time: float) -> _Entry:
+def _entry(contender: Contender, program: Program, tolerance: float) -> _Entry:
     own_time, run = timed(lambda: program.run(tolerance))
     first, _ = timed(run.solve)
     once = first if first > 1 else timed(run.solve)[0]
-    return _Entry(contender, tolerance, run, build_time + own_time, once)
+    return _Entry(contender, tolerance, run, program.build_time + own_time, once)
 
 
 def time_in_turns(entries: Sequence[_Entry], budget: float) -> None:
@@ -163,7 +163,7 @@ def _row(problem: Problem, entry: _Entry) -> Row:
     try:
         outcome = entry.run.outcome()
     except Exception as error:
-        return failed(problem, entry.contender, entry.tolerance, entry.build_time, first_line(error))
+        return failed(problem, entry.contender, entry.tolerance, entry.build_time, cause(error))
     finite = bool(np.isfinite(outcome.state).all())
     failure = outcome.failure or ("" if finite else "the final state is not finite")
     if failure:
@@ -211,7 +211,7 @@ def timed(call: Callable[[], Result]) -> tuple[float, Result]:
     return time.perf_counter() - start, result
 
 
-def first_line(error: Exception) -> str:
-    """The kind of ``error`` and the first line of what it says, without a full stop."""
+def cause(error: Exception) -> str:
+    """The kind of ``error`` and the end of what it says, where packages that nest messages put the cause."""
     lines = str(error).strip().splitlines() or ["no message"]
-    return f"{type(error).__name__}: {lines[0].rstrip('.')}"
+    return f"{type(error).__name__}: {lines[-1].rstrip('.')}"

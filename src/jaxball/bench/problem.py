@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
@@ -10,6 +10,7 @@ from jaxtyping import Array, ArrayLike, Float
 Scalar = Any  # a float, a JAX scalar, a CasADi SX, a heyoka expression, a SymPy symbol
 
 
+@runtime_checkable
 class Functions(Protocol):
     """The functions that equations may call besides + − × ÷: ``math``, ``jax.numpy``, ``casadi``, ``heyoka``, …"""
 
@@ -17,8 +18,6 @@ class Functions(Protocol):
     def sin(self) -> Callable[[Scalar], Scalar]: ...
     @property
     def cos(self) -> Callable[[Scalar], Scalar]: ...
-    @property
-    def sqrt(self) -> Callable[[Scalar], Scalar]: ...
 
 
 Rates = Callable[[Scalar, Sequence[Scalar], Sequence[Scalar], Functions], list[Scalar]]
@@ -112,7 +111,7 @@ class Problem:
         return g
 
     def mass(self, piece: Piece) -> tuple[float, ...] | None:
-        """The diagonal of M in M ẋ = g on ``piece``: ones, and a zero where the equation is algebraic; None for an ODE."""
+        """The diagonal of M in M ẋ = g on ``piece``: ones, and a zero for the algebraic equation; None for an ODE."""
         if piece.algebraic is None:
             return None
         return tuple(float(i != piece.algebraic) for i in range(len(self.initial)))

@@ -72,9 +72,6 @@ class Recorder:
     def cos(self, a: Scalar) -> Recorded:
         return self._record("cos", self._operand(a))
 
-    def sqrt(self, a: Scalar) -> Recorded:
-        return self._record("sqrt", self._operand(a))
-
     def binary(self, symbol: str, a: Scalar, b: Scalar) -> Recorded:
         """a + b, a − b, a × b or a / b, where nothing is recorded for constants, a zero or a one."""
         a, b = self._operand(a), self._operand(b)
@@ -128,16 +125,14 @@ def _rate(recorder: Recorder, symbol: str, value: Recorded, a: Sequence[Scalar],
             return (da[0] - value * da[1]) / a[1]
         case "sin":
             return recorder.cos(a[0]) * da[0]
-        case "cos":
+        case _:  # cos
             return -recorder.sin(a[0]) * da[0]
-        case _:  # sqrt
-            return da[0] / (2.0 * value)
 
 
 def source(signature: str, recorder: Recorder, targets: dict[str, Scalar]) -> str:
-    """A Python function ``def signature:`` of one assignment a line that fills ``targets``; what none needs is left out.
+    """A Python function ``def signature:`` of one assignment a line that fills ``targets``.
 
-    It calls ``sin``, ``cos`` and ``sqrt``, which its globals must have.
+    Operations that no target needs are left out. It calls ``sin`` and ``cos``, which its globals must have.
     """
     ends = {target: value.operand if isinstance(value, Recorded) else float(value) for target, value in targets.items()}
     needed, kept = set(ends.values()), []

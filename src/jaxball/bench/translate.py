@@ -18,7 +18,7 @@ def jax_field(g: Rates) -> Callable[[Float[Array, ""], Float[Array, " state"], A
     """g as a vector field f(t, x, args) for diffrax; ``args`` is the array of the piece's parameters."""
 
     def field(t: Float[Array, ""], x: Float[Array, " state"], args: Float[Array, " parameters"]):
-        return jnp.stack(g(t, x, args, jnp))
+        return jnp.stack(g(t, list(x), list(args), jnp))
 
     return field
 
@@ -39,7 +39,7 @@ def jax_parameters(problem: Problem) -> Callable[[Float[Array, ""]], Float[Array
 def python_source(g: Rates, states: int, parameters: int, name: str = "rates") -> str:
     """A function ``name(t, x, p, rates)`` that fills the array ``rates``, one operation a line, for a compiler.
 
-    Its globals must have ``sin``, ``cos`` and ``sqrt``.
+    Its globals must have ``sin`` and ``cos``.
     """
     recorder, results = record(g, states, parameters)
     return source(f"{name}(t, x, p, rates)", recorder, {f"rates[{i}]": rate for i, rate in enumerate(results)})
@@ -48,7 +48,7 @@ def python_source(g: Rates, states: int, parameters: int, name: str = "rates") -
 def jacobian_source(g: Rates, states: int, parameters: int, name: str = "jacobian") -> str:
     """A function ``name(t, x, p, jacobian)`` that fills ``jacobian[i, j]`` with ∂g_i/∂x_j, zeros too.
 
-    Its globals must have ``sin``, ``cos`` and ``sqrt``.
+    Its globals must have ``sin`` and ``cos``.
     """
     recorder, results = record(g, states, parameters)
     targets = {}

@@ -1,7 +1,24 @@
-"""Solvers."""
-from .errors import EmbeddedError, StepError, TailError
-from .fixed_point import FixedPoint
-from .gauss import Gauss
-from .mass import MassMatrixTerm, SwitchingMassMatrixTerm
-from .newton import SimplifiedNewton
-from .radau import RadauIIA
+"""Implicit solvers for diffrax: collocation of Radau and Gauss, mass matrices, trapezoidal rule and TR-BDF2."""
+
+from .consistency import InitialValues as InitialValues, consistent_initial_values as consistent_initial_values
+from .errors import (
+    AbstractErrorEstimate as AbstractErrorEstimate,
+    EmbeddedError as EmbeddedError,
+    StepError as StepError,
+    TailError as TailError,
+)
+from .fixed_point import FixedPoint as FixedPoint
+from .gauss import Gauss as Gauss
+from .kinks import StepToKinks as StepToKinks
+from .mass import (
+    AbstractMassTerm as AbstractMassTerm,
+    MassMatrixTerm as MassMatrixTerm,
+    SwitchingMassMatrixTerm as SwitchingMassMatrixTerm,
+)
+from .newton import SimplifiedNewton as SimplifiedNewton
+from .outcome import explain as explain
+from .projection import Projected as Projected
+from .radau import RadauIIA as RadauIIA
+from .stages import AbstractStageIteration as AbstractStageIteration
+from .tr_bdf2 import TRBDF2 as TRBDF2
+from .trapezoidal import Trapezoidal as Trapezoidal

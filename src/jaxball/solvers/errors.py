@@ -1,14 +1,12 @@
 """Estimates of the error of a step of a collocation method."""
 
 import abc
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
-from numpy.polynomial import legendre
 
 from .stages import StageEquations, Stages, combine
 
@@ -21,7 +19,9 @@ class AbstractErrorEstimate(eqx.Module):
         """The power of the step that the estimate is proportional to."""
 
     @abc.abstractmethod
-    def estimate(self, equations: StageEquations, stages: Stages, coefficients: Float[Array, "s n"]) -> Float[Array, " n"]:
+    def estimate(
+        self, equations: StageEquations, stages: Stages, coefficients: Float[Array, "s n"]
+    ) -> Float[Array, " n"]:
         """The estimate, given the Legendre ``coefficients`` of the slopes K."""
 
 
@@ -40,9 +40,7 @@ class EmbeddedError(AbstractErrorEstimate):
         f0 = equations.slope(equations.t0, equations.x0) if stages.f0 is None else stages.f0
         at_start = (-1.0) ** np.arange(len(coefficients))
         defect = f0 - equations.mass_times(combine(at_start[None], coefficients))[0]
-        if stages.smooth is None:
-            return defect / equations.tableau.eigenvalues[0].real
-        return jnp.sum(stages.smooth * defect, axis=1)
+        return smoothed(equations, stages, defect / equations.tableau.eigenvalues[0].real)
 
 
 class TailError(AbstractErrorEstimate):
@@ -80,3 +78,13 @@ class StepError(AbstractErrorEstimate):
 def _tail(coefficients: Float[Array, "s n"]) -> Float[Array, " n"]:
     """The last coefficient or the one before: either alone may vanish by symmetry."""
     return jnp.max(jnp.abs(coefficients[-2:]), axis=0)
+
+
+def smoothed(equations: StageEquations, stages: Stages, error: Float[Array, " n"]) -> Float[Array, " n"]:
+    """``error`` with its stiff components damped, γ (γM − h∂g/∂x)⁻¹ times it, where the iteration has the matrix.
+
+    The result is not to be differentiated: it serves to choose steps.
+    """
+    if stages.smooth is not None:
+        error = equations.tableau.eigenvalues[0].real * jnp.sum(stages.smooth * error, axis=1)
+    return jax.lax.stop_gradient(error)

@@ -2,13 +2,13 @@
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .iteration import iterate
-from .stages import FROM_CONTROLLER, AbstractStageIteration, StageEquations, Stages
-
+from .stages import FROM_CONTROLLER, AbstractStageIteration, StageEquations, Stages, combine
 
 LONGEST_SERIES = 100
 
@@ -33,34 +33,27 @@ class FixedPoint(AbstractStageIteration):
     atol: Any = FROM_CONTROLLER
     norm: Any = FROM_CONTROLLER
 
-    def solve(self, equations: StageEquations, guess: Float[Array, "s n"], rate: Float[Array, ""]) -> Stages:
+    def iterate(self, equations: StageEquations, guess: Float[Array, "s n"], rate: Float[Array, ""]) -> Stages:
         if equations.mass is not None:
             raise TypeError(
-                "Argument `root_finder` must be a SimplifiedNewton for a problem with a mass matrix, but it is a FixedPoint."
+                "Argument `root_finder` must be a SimplifiedNewton where there is a mass matrix, "
+                "but it is a FixedPoint."
             )
-        K, (converged, rate) = jax.lax.custom_root(
-            lambda K: K - equations.slopes(equations.increments(K)),
-            guess,
-            lambda _, K: self._iterate(equations, K, rate),
-            _solve_linear,
-            has_aux=True,
-        )
-        return Stages(equations.increments(K), K, converged, rate, None, None)
 
-    def _iterate(self, equations: StageEquations, K: Float[Array, "s n"], rate: Float[Array, ""]):
         def update(K):
-            new = equations.slopes(equations.increments(K))
+            new = equations.slopes(equations.right_side(K))
             return new, self.size(equations, new - K)
 
-        end = iterate(
-            update, K, rate, limit=self.kappa, floor=self.rounding(equations), max_steps=self.max_steps
-        )
-        return end.x, (end.converged, end.rate)
+        end = iterate(update, guess, rate, limit=self.kappa, floor=self.rounding(equations), max_steps=self.max_steps)
+        return Stages(equations.right_side(end.x), end.x, end.converged, end.rate, jnp.asarray(False))
 
-
-def _solve_linear(linear, y: Float[Array, "s n"]) -> Float[Array, "s n"]:
-    """Solves ``linear(K) = y``, where ``linear`` is K − h∂f/∂x A K, by the same iteration, to rounding."""
-    return jax.lax.custom_linear_solve(linear, y, _series, transpose_solve=_series)
+    def tangents(self, equations, stages, changes):
+        """The tangents of the iteration's limit, K = slopes(A K), by the same iteration, to rounding."""
+        _, change = eqx.filter_jvp(lambda e: e.slopes(e.right_side(stages.K)), (equations,), (changes,))
+        _, slopes = jax.linearize(equations.slopes, stages.Z)
+        A = equations.tableau.A
+        K = jax.lax.custom_linear_solve(lambda K: K - slopes(combine(A, K)), change, _series, transpose_solve=_series)
+        return changes.with_known(combine(A, K)), K
 
 
 def _series(linear, y: Float[Array, "s n"]) -> Float[Array, "s n"]:

@@ -1,9 +1,11 @@
 """The problem of one step over a flat state."""
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import diffrax
+import equinox as eqx
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
@@ -11,17 +13,38 @@ from jaxtyping import Array, Float, PyTree
 from .mass import Mass, mass_term
 
 
-class FlatProblem(NamedTuple):
-    """h g(t, x) and M for one step, with x of one axis."""
+class Slope(eqx.Module):
+    """h g(t, x)."""
 
-    slope: Callable[[Float[Array, ""], Float[Array, " n"]], Float[Array, " n"]]
+    field: Callable[[Float[Array, ""], Float[Array, " n"]], Float[Array, " n"]]
+    control: Float[Array, ""]
+
+    def __call__(self, t: Float[Array, ""], x: Float[Array, " n"]) -> Float[Array, " n"]:
+        return self.field(t, x) * self.control.astype(x.dtype)
+
+
+class FlatProblem(NamedTuple):
+    """g(t, x), h g(t, x) and M for one step, with x of one axis."""
+
+    field: Callable[[Float[Array, ""], Float[Array, " n"]], Float[Array, " n"]]
+    slope: Slope
     x0: Float[Array, " n"]
     unravel: Callable[[Float[Array, " n"]], PyTree[Array]]
     control: Float[Array, ""]
     mass: Mass | None
 
+    def refuse_mass(self, solver: diffrax.AbstractSolver) -> None:
+        """Raises ``TypeError`` if there is a mass matrix, which ``solver`` does not know."""
+        if self.mass is not None:
+            raise TypeError(
+                "Argument `solver` must be a RadauIIA for a term with a mass matrix, M ẋ = g(t, x), "
+                f"but it is a {type(solver).__name__}."
+            )
 
-def flat_problem(terms: diffrax.AbstractTerm, t0, t1, y0: PyTree[Array], args: Any) -> FlatProblem:
+
+def flat_problem(
+    terms: diffrax.AbstractTerm, t0: Float[Array, ""], t1: Float[Array, ""], y0: PyTree[Array], args: Any
+) -> FlatProblem:
     """The problem that ``terms`` pose for the step from ``t0`` to ``t1``.
 
     **Raises:** ``TypeError`` for a term whose control is not time, as in a stochastic equation, and for a
@@ -39,15 +62,22 @@ def flat_problem(terms: diffrax.AbstractTerm, t0, t1, y0: PyTree[Array], args: A
             f"Argument `y0` must be real floating-point numbers of one kind, but it is {x0.dtype}; "
             "give a complex state as its real and imaginary parts."
         )
-    switched = mass_term(terms)
-    field, mass = (terms.vf, None)
-    if switched is not None:
+    mass_problem = mass_term(terms)
+    if mass_problem is None:
+        field, mass = terms.vf, None
+    else:
+        # diffrax runs time backwards by a change of its sign.
         direction = getattr(terms, "direction", 1)
-        choice, mass = switched.at_step(t0 * direction, y0, args)
-        field = terms.vf if switched.constant else lambda t, y, args: choice(t * direction, y, args)
+        g, mass = mass_problem.at_step(t0 * direction, y0, args)
+        field = functools.partial(_reflected, g, direction)
 
-    def slope(t, x):
-        rates, _ = ravel_pytree(field(t, unravel(x), args))
-        return rates.astype(x.dtype) * control.astype(x.dtype)
+    def flat(t, x):
+        return ravel_pytree(field(t, unravel(x), args))[0].astype(x.dtype)
 
-    return FlatProblem(slope, x0, unravel, control, mass)
+    # Traced once here, and not once more by all that use it.
+    flat = eqx.filter_closure_convert(flat, t0, x0)
+    return FlatProblem(flat, Slope(flat, control), x0, unravel, control, mass)
+
+
+def _reflected(g, direction, t, y, args):
+    return g(t * direction, y, args)

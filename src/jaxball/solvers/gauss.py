@@ -1,4 +1,5 @@
 """Gauss."""
+
 import equinox as eqx
 
 from .collocation import AbstractCollocation

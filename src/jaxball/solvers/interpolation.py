@@ -18,12 +18,39 @@ class CollocationPolynomial(diffrax.AbstractLocalInterpolation):
         if t1 is not None:
             return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
         count = len(jax.tree.leaves(self.coefficients)[0])
-        width = self.t1 - self.t0
-        theta = (t0 - self.t0) / jnp.where(width == 0, 1.0, width)
-        weights = jnp.stack(integrals(theta, count))
+        weights = jnp.stack(integrals(_fraction(self, t0), count))
         return jax.tree.map(
             lambda y, a: y + jnp.tensordot(weights.astype(y.dtype), a, axes=1), self.y0, self.coefficients
         )
+
+
+class CubicHermite(diffrax.AbstractLocalInterpolation):
+    """The cubic with values y₀, y₁ and slopes k₀, k₁ at the ends, in units of 1/h."""
+
+    t0: Float[Array, ""]
+    t1: Float[Array, ""]
+    y0: PyTree[Array]
+    y1: PyTree[Array]
+    k0: PyTree[Array]
+    k1: PyTree[Array]
+
+    def evaluate(self, t0, t1=None, left=True):
+        if t1 is not None:
+            return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
+        theta = _fraction(self, t0)
+
+        def cubic(y0, y1, k0, k1):
+            u = theta.astype(y0.dtype)
+            lacking = (1 - 2 * u) * (y1 - y0) + (u - 1) * k0 + u * k1
+            return (1 - u) * y0 + u * y1 + u * (u - 1) * lacking
+
+        return jax.tree.map(cubic, self.y0, self.y1, self.k0, self.k1)
+
+
+def _fraction(step, t: Float[Array, ""]) -> Float[Array, ""]:
+    """Where in the step ``t`` is, from 0 to 1."""
+    width = step.t1 - step.t0
+    return (t - step.t0) / jnp.where(width == 0, 1.0, width)
 
 
 def integrals(x: Float[Array, ""], count: int) -> list[Float[Array, ""]]:

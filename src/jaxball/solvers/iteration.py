@@ -7,6 +7,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+# A rate that was seen on the last step is trusted down to here on this one.
+LEAST_GUESS = 1e-2
+
 
 class Iterate(NamedTuple):
     """Where an iteration stands."""
@@ -32,14 +35,14 @@ def iterate(
 
     Hairer & Wanner (1996), section IV.8: with the rate Θ = |Δₖ|/|Δₖ₋₁| the error that remains is about
     Θ/(1 − Θ) |Δₖ|; the iteration ends when that is below ``limit`` or the change is below ``floor``, the
-    level of rounding, and it is given up when the rate does not let it get there in ``max_steps``. Before there are two changes,
-    ``rate`` stands for the rate. A change that is not a number is hopeless at once.
+    level of rounding, and it is given up when the rate does not let it get there in ``max_steps``. Before
+    there are two changes, ``rate`` stands for the rate. A change that is not a number is hopeless at once.
     """
 
     def body(at: Iterate) -> Iterate:
         x, change = update(at.x)
         first = at.count == 0
-        rate = jnp.where(first, at.rate, change / at.change)
+        rate = jnp.where(first, jnp.maximum(at.rate**0.8, LEAST_GUESS), change / at.change)
         left = max_steps - 1 - at.count
         remaining = rate / jnp.maximum(1 - rate, 1e-3) * change
         converged = (remaining <= limit) & (rate < 1) | (change <= floor)

@@ -9,6 +9,11 @@ from jaxtyping import Array, Inexact
 LARGEST_SMALL = 32
 
 
+def product(A: Inexact[Array, "m n"], B: Inexact[Array, "n k"]) -> Inexact[Array, "m k"]:
+    """``A @ B``, as a sum."""
+    return jnp.sum(A[:, :, None] * B[None], axis=1)
+
+
 class Solver(eqx.Module):
     """Solves k systems of n equations again and again, by their inverses."""
 

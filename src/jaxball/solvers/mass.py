@@ -140,7 +140,9 @@ def _mass(mass: PyTree, null_spaces: tuple[Array, Array] | None, y: PyTree[Array
 
 
 def _may_be_full(mass: PyTree) -> bool:
-    return not isinstance(mass, (tuple, list, dict)) and getattr(mass, "ndim", 0) == 2 and mass.shape[0] == mass.shape[1]
+    return (
+        not isinstance(mass, (tuple, list, dict)) and getattr(mass, "ndim", 0) == 2 and mass.shape[0] == mass.shape[1]
+    )
 
 
 def _null_spaces(mass: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -3,10 +3,11 @@
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .iteration import iterate
 from .linear import factorise
@@ -34,23 +35,12 @@ class SimplifiedNewton(AbstractStageIteration):
     atol: Any = FROM_CONTROLLER
     norm: Any = FROM_CONTROLLER
 
-    def solve(self, equations: StageEquations, guess: Float[Array, "s n"], rate: Float[Array, ""]) -> Stages:
-        Z, (converged, rate, smooth, f0) = jax.lax.custom_root(
-            equations.residual,
-            equations.increments(guess),
-            lambda _, Z: self._iterate(equations, Z, rate),
-            lambda linear, y: _solve_exactly(equations, linear, y),
-            has_aux=True,
-        )
-        K = combine(equations.tableau.A_inverse, Z)
-        return Stages(Z, K, converged, rate, smooth, f0)
-
-    def _iterate(self, equations: StageEquations, Z: Float[Array, "s n"], rate: Float[Array, ""]):
+    def iterate(self, equations: StageEquations, guess: Float[Array, "s n"], rate: Float[Array, ""]) -> Stages:
         tableau, x0 = equations.tableau, equations.x0
-        f0, J = _value_and_jacobian(lambda x: equations.slope(equations.t0, x), x0)
-        M = jnp.eye(x0.size, dtype=x0.dtype) if equations.mass is None else equations.mass.matrix
-        modes = jnp.asarray(tableau.eigenvalues, dtype=np.result_type(x0.dtype, np.complex64))
-        solve = factorise(modes[:, None, None] * M - J)
+        f0, J = value_and_jacobian(lambda x: equations.slope(equations.t0, x), x0)
+        modes = tableau.eigenvalues
+        modes = jnp.asarray(modes, np.result_type(x0.dtype, np.complex64) if np.iscomplexobj(modes) else x0.dtype)
+        solve = factorise(modes[:, None, None] * equations.mass_matrix() - J)
         weights = tableau.eigenvalues[:, None] * tableau.to_modes
 
         def update(Z):
@@ -58,31 +48,34 @@ class SimplifiedNewton(AbstractStageIteration):
             return Z + change, self.size(equations, change)
 
         end = iterate(
-            update, Z, rate, limit=self.kappa, floor=self.rounding(equations), max_steps=self.max_steps
+            update,
+            equations.right_side(guess),
+            rate,
+            limit=self.kappa,
+            floor=self.rounding(equations),
+            max_steps=self.max_steps,
         )
+        K = combine(tableau.A_inverse, equations.without_known(end.x))
         smooth = solve.inverses[0].real if tableau.eigenvalues[0].imag == 0 else None
-        return end.x, (end.converged, end.rate, smooth, f0)
+        singular = jnp.all(jnp.isfinite(J)) & ~jnp.all(jnp.isfinite(solve.inverses))
+        return Stages(end.x, K, end.converged, end.rate, singular, smooth, f0)
+
+    def tangents(self, equations, stages, changes):
+        """One linear system of s·n equations with the Jacobian of each stage its own, solved exactly."""
+        tableau, (s, n) = equations.tableau, stages.Z.shape
+        _, residual = eqx.filter_jvp(lambda e: e.residual(stages.Z), (equations,), (changes,))
+        J = jax.vmap(lambda t, x: value_and_jacobian(lambda x: equations.slope(t, x), x)[1])(
+            equations.times, equations.x0 + stages.Z
+        )
+        A, eye = jnp.asarray(tableau.A, dtype=J.dtype), jnp.eye(s, dtype=J.dtype)
+        matrix = eye[:, None, :, None] * equations.mass_matrix()[None, :, None, :]
+        matrix = matrix - A[:, None, :, None] * jnp.transpose(J, (1, 0, 2))[None]
+        Z = jnp.linalg.solve(matrix.reshape(s * n, s * n), -residual.reshape(s * n)).reshape(s, n)
+        return Z, combine(tableau.A_inverse, changes.without_known(Z))
 
 
-def _value_and_jacobian(f: Callable, x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
+def value_and_jacobian(f: Callable, x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:
     """f(x) and ∂f/∂x by forward mode, in one pass."""
     basis = jnp.eye(x.size, dtype=x.dtype)
     value, columns = jax.vmap(lambda v: jax.jvp(f, (x,), (v,)), out_axes=(None, 1))(basis)
     return value, columns
-
-
-def _solve_exactly(equations: StageEquations, linear: Callable, y: Float[Array, "s n"]) -> Float[Array, "s n"]:
-    """Solves ``linear(Z) = y``, where ``linear`` is M Z − A (h∂g/∂x) Z with the Jacobian of each stage its own.
-
-    A vector that is the same in all stages shows one column of all the Jacobians at once, so that n
-    products are enough for the matrix of s·n equations.
-    """
-    tableau, (s, n) = equations.tableau, y.shape
-    M = jnp.eye(n, dtype=y.dtype) if equations.mass is None else equations.mass.matrix
-    probes = jnp.broadcast_to(jnp.eye(n, dtype=y.dtype)[:, None], (n, s, n))
-    answers = jax.vmap(lambda V: combine(tableau.A_inverse, equations.mass_times(V) - linear(V)))(probes)
-    J = jnp.transpose(answers, (1, 2, 0))
-    A = jnp.asarray(tableau.A, dtype=y.dtype)
-    eye = jnp.eye(s, dtype=y.dtype)
-    matrix = jnp.einsum("ij,ab->iajb", eye, M) - jnp.einsum("ij,jab->iajb", A, J)
-    return jnp.linalg.solve(matrix.reshape(s * n, s * n), y.reshape(s * n)).reshape(s, n)

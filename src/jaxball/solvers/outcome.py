@@ -1,25 +1,96 @@
-"""What a step tells diffrax when its stages could not be solved."""
+"""What a step tells diffrax when something went wrong, and what that means."""
 
 import diffrax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from .stages import Stages
 
 RESULTS = diffrax.RESULTS
 
+NO_FAULT, INCONSISTENT, NOT_INDEX_ONE = 0, 1, 2
+
+SENTENCES = [
+    (RESULTS.successful, ""),
+    (
+        RESULTS.nonfinite,
+        (
+            "The vector field is not a finite number, however short the step. Look at the state where the solve "
+            "ended, with "
+            "SaveAt(t1=True) and throw=False."
+        ),
+    ),
+    (
+        RESULTS.nonlinear_divergence,
+        (
+            "The iteration for the stages does not converge, however short the step. Where the root finder is FixedPoint, "
+            "the problem may be stiff: use SimplifiedNewton. Otherwise the vector field may jump: give its kinks to "
+            "StepToKinks."
+        ),
+    ),
+    (
+        RESULTS.singular,
+        (
+            "The equations do not determine the step: either the equations without a derivative do not determine the "
+            "algebraic variables, because the index is greater than 1, or the matrix of the iteration is singular, "
+            "however short the step. Differentiate constraints until they hold the algebraic variables."
+        ),
+    ),
+    (
+        RESULTS.nonlinear_max_steps_reached,
+        (
+            "The initial values do not satisfy the equations without a derivative. Start from those that "
+            "consistent_initial_values finds."
+        ),
+    ),
+    (
+        RESULTS.max_steps_reached,
+        (
+            "The solve has taken all the steps that it may. Give it more max_steps, or a looser tolerance; if most were "
+            "rejected, the problem may be too stiff for the solver or its vector field may jump."
+        ),
+    ),
+    (
+        RESULTS.dt_min_reached,
+        (
+            "The steps became shorter than the step-size controller allows, so the tolerance was out of reach at the time "
+            "where the solve ended."
+        ),
+    ),
+    (RESULTS.event_occurred, "An event ended the solve."),
+]
+
+
+def explain(result: diffrax.RESULTS) -> str:
+    """A sentence on how a solve by a solver of this package ended, for ``solution.result``; empty for success."""
+    for known, sentence in SENTENCES:
+        if bool(result == known):
+            return sentence
+    return str(RESULTS[result])
+
 
 def outcome(
-    stages: Stages, error: Float[Array, " n"], t0: Float[Array, ""], t1: Float[Array, ""]
+    stages: Stages,
+    error: Float[Array, " n"],
+    t0: Float[Array, ""],
+    t1: Float[Array, ""],
+    fault: Int[Array, ""] | int = NO_FAULT,
 ) -> tuple[Float[Array, " n"], diffrax.RESULTS]:
     """The error estimate and the result of a step.
 
     A step whose stages were given up has an infinite error, so that a step-size controller tries a
     shorter one. When it is so short that time hardly moves, or where the step is kept all the same, as with
-    a constant step size, the solve ends with a result that says so.
+    a constant step size, the solve ends with a result that says why. A fault of the problem ends it at once.
     """
-    last = jnp.abs(t1 - t0) <= 16 * jnp.finfo(t0.dtype).eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1))
-    failed = jnp.where(last, 0.0, jnp.inf)
+    info = jnp.finfo(t0.dtype)
+    shortest = jnp.maximum(16 * info.eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1)), jnp.sqrt(info.tiny))
+    at_end = (jnp.abs(t1 - t0) <= shortest) | (fault != NO_FAULT)
+    y_error = jnp.where(stages.converged, error, jnp.inf)
     finite = jnp.all(jnp.isfinite(stages.K))
     why = RESULTS.where(finite, RESULTS.nonlinear_divergence, RESULTS.nonfinite)
-    return jnp.where(stages.converged, error, failed), RESULTS.where(stages.converged, RESULTS.successful, why)
+    why = RESULTS.where(stages.singular, RESULTS.singular, why)
+    result = RESULTS.where(stages.converged, RESULTS.successful, why)
+    result = RESULTS.where(fault == INCONSISTENT, RESULTS.nonlinear_max_steps_reached, result)
+    result = RESULTS.where(fault == NOT_INDEX_ONE, RESULTS.singular, result)
+    failed = ~stages.converged | (fault != NO_FAULT)
+    return jnp.where(failed & at_end, 0.0, y_error), result

@@ -1,7 +1,5 @@
 """Radau IIA."""
 
-from typing import ClassVar
-
 import equinox as eqx
 
 from .collocation import AbstractCollocation

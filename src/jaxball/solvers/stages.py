@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import diffrax
 import equinox as eqx
@@ -14,24 +14,23 @@ from jaxtyping import Array, Bool, Float, Inexact, PyTree
 from .mass import Mass
 from .tableau import Tableau
 
-
 # What stands for "as the step-size controller has it": diffrax puts it there itself in its own solvers.
 FROM_CONTROLLER = diffrax.ImplicitEuler().root_finder.rtol  # pyright: ignore[reportAttributeAccessIssue]
 
 
-class StageEquations(NamedTuple):
-    """M Zᵢ = Σⱼ aᵢⱼ Kⱼ with Kⱼ = h g(tⱼ, x₀ + Zⱼ), for the increments Zᵢ = Xᵢ − x₀ of the s stages.
+class StageEquations(eqx.Module):
+    """M Zᵢ = Σⱼ aᵢⱼ Kⱼ + known with Kⱼ = h g(tⱼ, x₀ + Zⱼ), for the increments Zᵢ = Xᵢ − x₀ of the s stages.
 
-    ``slope(t, x)`` is h g(t, x). Where ``known`` is given, it is added to the right-hand side: what stages
-    that were solved before contribute.
+    ``slope(t, x)`` is h g(t, x). ``known`` is what stages that were solved before contribute; zero for
+    collocation methods.
     """
 
-    tableau: Tableau
+    tableau: Tableau = eqx.field(static=True)
     slope: Callable[[Float[Array, ""], Float[Array, " n"]], Float[Array, " n"]]
     t0: Float[Array, ""]
     times: Float[Array, " s"]
     x0: Float[Array, " n"]
-    unravel: Callable[[Float[Array, " n"]], PyTree[Array]]
+    unravel: Callable[[Float[Array, " n"]], PyTree[Array]] = eqx.field(static=True)
     mass: Mass | None = None
     known: Float[Array, " n"] | None = None
 
@@ -39,33 +38,46 @@ class StageEquations(NamedTuple):
         """K for given Z."""
         return jax.vmap(self.slope)(self.times, self.x0 + Z)
 
-    def increments(self, K: Float[Array, "s n"]) -> Float[Array, "s n"]:
-        """Z for given K where there is no mass matrix."""
-        Z = combine(self.tableau.A, K)
-        return Z if self.known is None else Z + self.known
+    def right_side(self, K: Float[Array, "s n"]) -> Float[Array, "s n"]:
+        """A K + known: Z for given K where there is no mass matrix."""
+        return self.with_known(combine(self.tableau.A, K))
+
+    def with_known(self, AK: Float[Array, "s n"]) -> Float[Array, "s n"]:
+        """``AK`` with what is known added."""
+        return AK if self.known is None else AK + self.known
+
+    def without_known(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
+        """``Z`` with what is known taken off."""
+        return Z if self.known is None else Z - self.known
 
     def mass_times(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
         """M Z of all stages."""
         return Z if self.mass is None else self.mass.times(Z)
 
+    def mass_matrix(self) -> Float[Array, "n n"]:
+        """M."""
+        return jnp.eye(self.x0.size, dtype=self.x0.dtype) if self.mass is None else self.mass.matrix
+
     def residual(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
         """M Z − A K(Z) − known, which is zero at the solution."""
-        return self.mass_times(Z) - self.increments(self.slopes(Z))
+        return self.mass_times(Z) - self.right_side(self.slopes(Z))
 
 
-class Stages(NamedTuple):
+class Stages(eqx.Module):
     """The stages of a step, solved or given up.
 
-    ``K`` are the slopes at the nodes of the polynomial through x₀ and the stages, in units of 1/h. ``smooth``
-    is (γM − h∂g/∂x)⁻¹ and ``f0`` is h g(t₀, x₀), for the error estimate, where the iteration has them.
+    ``K`` are the slopes at the nodes of the polynomial through x₀ and the stages, in units of 1/h.
+    ``singular`` says that the iteration met a singular matrix. For the error estimate, ``smooth`` is
+    (γM − h∂g/∂x)⁻¹ and ``f0`` is h g(t₀, x₀), where the iteration has them.
     """
 
     Z: Float[Array, "s n"]
     K: Float[Array, "s n"]
     converged: Bool[Array, ""]
     rate: Float[Array, ""]
-    smooth: Float[Array, "n n"] | None
-    f0: Float[Array, " n"] | None
+    singular: Bool[Array, ""]
+    smooth: Float[Array, "n n"] | None = None
+    f0: Float[Array, " n"] | None = None
 
 
 class AbstractStageIteration(eqx.Module):
@@ -75,16 +87,24 @@ class AbstractStageIteration(eqx.Module):
     controller here.
     """
 
+    max_steps: eqx.AbstractVar[int]
     rtol: eqx.AbstractVar[Any]
     atol: eqx.AbstractVar[Any]
     norm: eqx.AbstractVar[Any]
 
     @abc.abstractmethod
-    def solve(self, equations: StageEquations, guess: Float[Array, "s n"], rate: Float[Array, ""]) -> Stages:
-        """The stages, from a ``guess`` of the slopes K and the ``rate`` of convergence of the step before.
+    def iterate(self, equations: StageEquations, guess: Float[Array, "s n"], rate: Float[Array, ""]) -> Stages:
+        """The stages, from a ``guess`` of the slopes K and the ``rate`` of convergence of the step before."""
 
-        Derivatives pass by the theorem of implicit functions, not through the iteration.
-        """
+    @abc.abstractmethod
+    def tangents(
+        self, equations: StageEquations, stages: Stages, changes: StageEquations
+    ) -> tuple[Float[Array, "s n"], Float[Array, "s n"]]:
+        """By how much Z and K change, to first order, if the equations do."""
+
+    def solve(self, equations: StageEquations, guess: Float[Array, "s n"], rate: Float[Array, ""]) -> Stages:
+        """:meth:`iterate`, whose derivatives come from the theorem of implicit functions."""
+        return _solve(self, equations, guess, rate)
 
     def size(self, equations: StageEquations, change: Float[Array, "s n"]) -> Float[Array, ""]:
         """The norm of changes of the stages, in units of the tolerance."""
@@ -95,6 +115,20 @@ class AbstractStageIteration(eqx.Module):
         """The norm of changes that rounding can make of, in units of the tolerance."""
         x0 = equations.x0
         return self.size(equations, 4 * jnp.finfo(x0.dtype).eps * jnp.broadcast_to(x0, (len(equations.times), x0.size)))
+
+
+@eqx.filter_custom_jvp
+def _solve(iteration, equations, guess, rate):
+    return iteration.iterate(equations, guess, rate)
+
+
+@_solve.def_jvp
+def _solve_jvp(primals, tangents):
+    iteration, equations, guess, rate = primals
+    stages = _solve(iteration, equations, guess, rate)
+    changes = iteration.tangents(equations, stages, tangents[1])
+    zero = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, stages)
+    return stages, eqx.tree_at(lambda s: (s.Z, s.K), zero, changes)
 
 
 def combine(matrix: np.ndarray, X: Inexact[Array, "s n"]) -> Inexact[Array, "m n"]:

@@ -6,13 +6,14 @@ coefficient is typed in, and all are good to a few units of the last digit for d
 """
 
 import functools
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import legendre
 
 
-class Tableau(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Tableau:
     """A collocation method with s stages: Hairer & Wanner (1996), section IV.5.
 
     ``c`` nodes, ``b`` weights and ``A`` the matrix of Butcher. ``expansion`` takes values at the nodes to

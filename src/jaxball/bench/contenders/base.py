@@ -2,6 +2,7 @@
 
 import abc
 import importlib
+import importlib.util
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -58,8 +59,14 @@ class Run(Protocol):
         ...
 
 
+@dataclass(frozen=True)
 class Program(abc.ABC):
-    """One problem, built or compiled for one contender."""
+    """One problem, built or compiled for one contender.
+
+    ``build_time`` is what that took in seconds, or would have taken had another contender not done a part of it.
+    """
+
+    build_time: float
 
     @abc.abstractmethod
     def run(self, tolerance: float) -> Run:
@@ -71,22 +78,17 @@ class Family:
     """The contenders of one package.
 
     - ``module``: the file beside this one that holds ``program(method, problem) -> Program``.
-    - ``packages``: what it imports.
+    - ``packages``: what must be installed beside jaxball.
     """
 
     name: str
     module: str
-    packages: tuple[str, ...]
+    packages: tuple[str, ...] = ()
 
     def missing(self) -> str | None:
         """Why the family cannot take part here, in a few words; None where it can."""
-        for package in self.packages:
-            try:
-                importlib.import_module(package)
-            except ImportError as error:
-                absent = isinstance(error, ModuleNotFoundError)
-                return f"{package} {'is not installed' if absent else f'cannot be imported ({error})'}"
-        return None
+        absent = [package for package in self.packages if importlib.util.find_spec(package) is None]
+        return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} not installed" if absent else None
 
 
 @dataclass(frozen=True)

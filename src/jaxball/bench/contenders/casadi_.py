@@ -1,15 +1,19 @@
 """CasADi with CVODES and IDAS of SUNDIALS, its functions compiled by the C compiler where there is one."""
 
+import importlib
+import math
 import shutil
 from dataclasses import dataclass
 from typing import Any
 
-import casadi  # pyright: ignore[reportMissingImports]
 import numpy as np
 
 from ..problem import Piece, Problem
 from ..translate import casadi_dae
 from .base import MAX_STEPS, NO_WORK, Outcome, Program, Run, Work
+
+# Without types, because it need not be installed where types are checked.
+casadi: Any = importlib.import_module("casadi")
 
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
     "CVODES Adams": ("cvodes", {"linear_multistep_method": "adams", "nonlinear_solver_iteration": "functional"}),
@@ -22,7 +26,7 @@ FLAGS = ["-O3", "-march=native"]
 
 def program(method: str, problem: Problem) -> Program:
     """The problem in one of :data:`METHODS`."""
-    return _Program(method, problem)
+    return _Program(0.0, method, problem)
 
 
 @dataclass(frozen=True)
@@ -46,6 +50,8 @@ class _Leg:
         }
         if shutil.which(COMPILER) is not None:
             options |= {"jit": True, "compiler": "shell", "jit_options": {"compiler": COMPILER, "flags": FLAGS}}
+        if solver == "idas":
+            options |= _idas_options(problem, piece)
         equations = casadi_dae(problem, piece)
         self.integrator = casadi.integrator("leg", solver, equations, piece.start, piece.end, options)
         self.p = casadi.DM(piece.parameters)
@@ -67,6 +73,17 @@ class _Leg:
             jacobians=stats["n_call_jacF"],
             decompositions=stats["nlinsetups"],
         )
+
+
+def _idas_options(problem: Problem, piece: Piece) -> dict[str, Any]:
+    """Without the initial rates, IDAS fails to find consistent ones for Robertson's reaction; with the algebraic
+    component in its error test, it takes steps without end there."""
+    k = piece.algebraic
+    options: dict[str, Any] = {} if k is None else {"suppress_algebraic": True}
+    if piece is problem.pieces[0]:
+        rates = problem.rates(piece.start, problem.initial, piece.parameters, math)  # pyright: ignore
+        options["init_xdot"] = [float(rate) for i, rate in enumerate(rates) if i != k]
+    return options
 
 
 class _Run:

@@ -2,9 +2,9 @@
 
 from .base import Contender, Family
 
-JAXBALL = Family("jaxball", "diffrax_", ("jaxball.solvers",))
-DIFFRAX = Family("diffrax", "diffrax_", ("diffrax",))
-SCIPY = Family("SciPy", "scipy_", ("scipy.integrate", "numba"))
+JAXBALL = Family("jaxball", "diffrax_")
+DIFFRAX = Family("diffrax", "diffrax_")
+SCIPY = Family("SciPy", "scipy_", ("scipy", "numba"))
 NUMBALSODA = Family("numbalsoda", "numbalsoda_", ("numba", "numbalsoda"))
 HEYOKA = Family("heyoka", "heyoka_", ("heyoka",))
 CASADI = Family("CasADi", "casadi_", ("casadi",))

@@ -1,13 +1,17 @@
 """heyoka: Taylor series of an order that suits the tolerance, compiled by LLVM."""
 
+import importlib
 from dataclasses import dataclass
+from typing import Any
 
-import heyoka  # pyright: ignore[reportMissingImports]
 import numpy as np
 
 from ..problem import Problem
 from ..translate import heyoka_system
 from .base import MAX_STEPS, Outcome, Program, Run, Work
+
+# Without types, because it need not be installed where types are checked.
+heyoka: Any = importlib.import_module("heyoka")
 
 ENDED_AT_THE_TIME = heyoka.taylor_outcome.time_limit
 
@@ -15,7 +19,7 @@ ENDED_AT_THE_TIME = heyoka.taylor_outcome.time_limit
 def program(method: str, problem: Problem) -> Program:
     """The problem in ``Taylor``, the only method of heyoka."""
     heyoka.llvm_state.set_diskcache_enabled(False)  # so that the build time is one of building
-    return _Program(problem)
+    return _Program(0.0, problem)
 
 
 @dataclass(frozen=True)

@@ -1,32 +1,40 @@
 """numbalsoda: LSODA in C++ and Hairer's DOP853 in Fortran around a C function compiled by Numba."""
 
+import dataclasses
+import importlib
 import inspect
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
-import numba  # pyright: ignore[reportMissingImports]
-import numbalsoda  # pyright: ignore[reportMissingImports]
 import numpy as np
 
 from ..problem import Problem
 from .base import MAX_STEPS, Outcome, Program, Run, Work
-from .numba_ import compiled_rates
+from .numba_ import Compiled, compiled_rates
+
+# Without types, because it need not be installed where types are checked.
+numba: Any = importlib.import_module("numba")
+numbalsoda: Any = importlib.import_module("numbalsoda")
 
 METHODS = {"LSODA": numbalsoda.lsoda, "DOP853": numbalsoda.dop853}
 
 
 def program(method: str, problem: Problem) -> Program:
     """The problem in one of :data:`METHODS`, compiled from piece to piece."""
-    compiled = _Program(problem, _advance(METHODS[method]), _right_hand_side(problem))
-    compiled.run(1e-3).solve()  # Numba compiles for the types of the first call
-    return compiled
+    start = time.perf_counter()
+    rates = compiled_rates(problem)
+    built = _Program(0.0, problem, _advance(METHODS[method]), _right_hand_side(problem, rates))
+    built.run(1e-3).solve()  # Numba compiles for the types of the first call
+    return dataclasses.replace(built, build_time=max(time.perf_counter() - start, rates.seconds))
 
 
 @dataclass(frozen=True)
 class _Program(Program):
     problem: Problem
     advance: Callable[..., tuple[np.ndarray, bool]]
-    right_hand_side: "numba.core.ccallback.CFunc"
+    right_hand_side: Any
 
     def run(self, tolerance: float) -> Run:
         return _Run(self, tolerance)
@@ -67,8 +75,8 @@ def _advance(method: Callable) -> Callable[..., tuple[np.ndarray, bool]]:
     return numba.njit(inspect.unwrap(advance))
 
 
-def _right_hand_side(problem: Problem) -> "numba.core.ccallback.CFunc":
-    rates, n, size = compiled_rates(problem), len(problem.initial), 1 + len(problem.pieces[0].parameters)
+def _right_hand_side(problem: Problem, compiled: Compiled) -> Any:
+    rates, n, size = compiled.fill, len(problem.initial), 1 + len(problem.pieces[0].parameters)
 
     def right_hand_side(t, x, out, data):
         own = numba.carray(data, (size,))

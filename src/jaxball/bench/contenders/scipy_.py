@@ -7,7 +7,7 @@ import scipy.integrate
 
 from ..problem import Piece, Problem
 from .base import MAX_STEPS, NO_WORK, Outcome, Program, Run, Work
-from .numba_ import Filling, compiled_jacobian, compiled_rates, parameters
+from .numba_ import Compiled, compiled_jacobian, compiled_rates, parameters
 
 METHODS = {
     "RK45": scipy.integrate.RK45,
@@ -22,15 +22,16 @@ EXPLICIT = ("RK45", "DOP853")
 def program(method: str, problem: Problem) -> Program:
     """The problem in one of :data:`METHODS`."""
     jacobian = None if method in EXPLICIT else compiled_jacobian(problem)
-    return _Program(method, problem, compiled_rates(problem), jacobian)
+    rates = compiled_rates(problem)
+    return _Program(rates.seconds + (jacobian.seconds if jacobian else 0.0), method, problem, rates, jacobian)
 
 
 @dataclass(frozen=True)
 class _Program(Program):
     method: str
     problem: Problem
-    rates: Filling
-    jacobian: Filling | None
+    rates: Compiled
+    jacobian: Compiled | None
 
     def run(self, tolerance: float) -> Run:
         return _Run(self, tolerance)
@@ -77,13 +78,13 @@ class _Run:
 
         def field(t, x):
             out = np.empty_like(x)
-            rates(t, x, p, out)
+            rates.fill(t, x, p, out)
             return out
 
         def matrix(t, x):
             out = np.empty((x.size, x.size))
             assert jacobian is not None
-            jacobian(t, x, p, out)
+            jacobian.fill(t, x, p, out)
             return out
 
         rtol, atol = self.tolerance, self.tolerance * program.problem.atol_over_rtol

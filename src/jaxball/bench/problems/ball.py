@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ... import paper, reference
+from ...state import BallState
 from ..problem import Form, Functions, Problem, Scalar
 from ._triples import Triple, add, cross, dot, scale, solve_symmetric
 from .own_form import own_form
@@ -48,7 +49,7 @@ def angular_acceleration(
     d1, d2, d3 = INERTIA
     d_Omega = (d1 * Omega[0], d2 * Omega[1], d3 * Omega[2])
     # The shell's own centre of mass is at rest in the body.
-    masses = [(OFFSET, cross(Omega, cross(Omega, OFFSET)))]
+    masses: list[tuple[Triple, Triple]] = [(OFFSET, cross(Omega, cross(Omega, OFFSET)))]
     for (n, b), r_i, theta_i, w in zip(RAILS, paper.BALL_RAIL_RADII, theta, thetadot, strict=True):
         c, s = r_i * functions.cos(theta_i), r_i * functions.sin(theta_i)
         zeta = add(scale(c, n), scale(s, b))
@@ -91,7 +92,7 @@ def rotation_matrix(q: Sequence[Scalar]) -> tuple[Triple, Triple, Triple]:
 
 def form() -> Form:
     """jaxball's own form, whose θ(t) is exact."""
-    return own_form(paper.ball(), lambda state: np.array([*BALL.exact[:Q], *state.q, *state.Omega, *state.z]))
+    return own_form(paper.ball(), BallState(), lambda end: np.array([*BALL.exact[:Q], *end.q, *end.Omega, *end.z]))
 
 
 BALL = Problem(

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ... import paper, reference
+from ...state import DiskState
 from ..problem import Form, Functions, Problem, Scalar
 from .own_form import own_form
 from .pulse import PIECES, push
@@ -40,7 +41,7 @@ def rates(t: Scalar, x: Sequence[Scalar], p: Sequence[Scalar], functions: Functi
 
 def form() -> Form:
     """jaxball's own form, whose θ(t) is exact."""
-    return own_form(paper.disk(), lambda state: np.array([*DISK.exact[: 2 * N], state.phi, state.phidot]))
+    return own_form(paper.disk(), DiskState(), lambda end: np.array([*DISK.exact[: 2 * N], end.phi, end.phidot]))
 
 
 DISK = Problem(

@@ -1,31 +1,33 @@
 """The paper's systems as jaxball itself integrates them."""
 
 from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from jaxtyping import Array, Float
 
 from ..._arrays import to_array
-from ...body import Ball, System
+from ...body import System
 from ...packing import Packing
 from ...paper import END, START
-from ...state import BallState, DiskState, State
+from ...state import BallState, DiskState
 from ..problem import Form
 
+AnyState = TypeVar("AnyState", BallState, DiskState)
 
-def own_form(system: System, whole: Callable[[State], Float[np.ndarray, " state"]]) -> Form:
+
+def own_form(system: System, start: AnyState, whole: Callable[[AnyState], Float[np.ndarray, " state"]]) -> Form:
     """The equations that :func:`jaxball.simulate` solves: the masses by their moments, θ(t) in closed form, and the
     locked angular velocity for Ω.
 
     ``whole`` makes a state of the problem from jaxball's state at the end.
     """
-    rest = BallState() if isinstance(system, Ball) else DiskState()
-    packing = Packing.of(system.prepare(), rest)
+    packing = Packing.of(system.prepare(), start)
 
-    def field(t: Float[Array, ""], x: Float[Array, " form"], args: None) -> Float[Array, " form"]:
+    def field(t: Float[Array, ""], x: Float[Array, " form"], args: Any) -> Float[Array, " form"]:
         return packing.field(t, x)
 
     def final(x: Float[np.ndarray, " form"]) -> Float[np.ndarray, " state"]:
-        return whole(packing.unpack(to_array(END), to_array(x)))
+        return whole(cast(AnyState, packing.unpack(to_array(END), to_array(x))))
 
-    return Form(field, tuple(map(float, packing.pack(to_array(START), rest))), final)
+    return Form(field, tuple(map(float, packing.pack(to_array(START), start))), final)

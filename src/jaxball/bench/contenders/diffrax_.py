@@ -1,0 +1,180 @@
+"""diffrax's own solvers and jaxball's, all by ``diffrax.diffeqsolve``."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ... import solvers
+from ...reproduce.evaluations import Counter
+from ..problem import Problem
+from ..translate import jax_field, jax_parameters
+from .base import MAX_STEPS, Outcome, Program, Run, Work
+
+METHODS: dict[str, diffrax.AbstractAdaptiveSolver] = {
+    "Tsit5": diffrax.Tsit5(),
+    "Dopri5": diffrax.Dopri5(),
+    "Dopri8": diffrax.Dopri8(),
+    "Kvaerno5": diffrax.Kvaerno5(),
+    "Gauss": solvers.Gauss(stages=8),
+    "RadauIIA 3": solvers.RadauIIA(stages=3),
+    "RadauIIA 5": solvers.RadauIIA(stages=5),
+    "RadauIIA 7": solvers.RadauIIA(stages=7),
+    "RadauIIA 7 fixed-point": solvers.RadauIIA(stages=7, root_finder=solvers.FixedPoint()),
+    "Trapezoidal": solvers.Trapezoidal(),
+    "TRBDF2": solvers.TRBDF2(),
+}
+LOOSE = 1e-3
+Field = Callable[[Any, Any, Any], Float[Array, " state"]]
+
+
+class Ended(NamedTuple):
+    """What a compiled solve returns."""
+
+    x: Float[Array, " state"]
+    result: diffrax.RESULTS
+    steps: Array
+    rejected: Array
+
+
+def program(method: str, problem: Problem) -> Program:
+    """The problem in one of :data:`METHODS`, in jaxball's own form where the problem has one."""
+    statement = _statement(problem)
+    counter = Counter()
+
+    def solve_with(field: Field) -> Callable[[Array, Array], Ended]:
+        term = statement.term(field)
+        return jax.jit(lambda initial, tolerance: _solve(METHODS[method], problem, term, initial, tolerance))
+
+    solve, counted = solve_with(statement.field), solve_with(_counting(statement.field, counter))
+    built = _Program(0.0, problem, statement, solve, counted, counter)
+    first, again = (_seconds(built.run(LOOSE)) for _ in range(2))
+    return _Program(max(first - again, 0.0), problem, statement, built.solve, built.counted, counter)
+
+
+class _Statement(NamedTuple):
+    """A problem as diffrax is given it: a field, the term made of it, where it starts, and the way back."""
+
+    field: Field
+    term: Callable[[Field], diffrax.AbstractTerm]
+    initial: tuple[float, ...]
+    final: Callable[[Float[np.ndarray, " state"]], Float[np.ndarray, " n"]]
+
+
+def _statement(problem: Problem) -> _Statement:
+    if problem.form is not None:
+        form = problem.form()
+        return _Statement(form.field, diffrax.ODETerm, form.initial, form.final)
+    parameters = jax_parameters(problem)
+    if problem.constraint is None:
+        g = jax_field(problem.rates)
+        return _Statement(lambda t, x, args: g(t, x, parameters(t)), diffrax.ODETerm, problem.initial, np.asarray)
+    return _Statement(_dae_field(problem), lambda g: _mass_term(problem, g), problem.initial, np.asarray)
+
+
+def _dae_field(problem: Problem) -> Field:
+    """g(t, x, args) whose ``args`` is the index of the algebraic component."""
+    rates, parameters, constraint = jax_field(problem.rates), jax_parameters(problem), problem.constraint
+    assert constraint is not None
+
+    def g(t, x, algebraic):
+        return jnp.where(jnp.arange(x.size) == algebraic, constraint(x), rates(t, x, parameters(t)))
+
+    return g
+
+
+def _mass_term(problem: Problem, g: Field) -> diffrax.AbstractTerm:
+    """One mass matrix for all times if the algebraic component is always the same one."""
+    places = [piece.algebraic or 0 for piece in problem.pieces]
+    if len(set(places)) == 1:
+        place = places[0]
+        mass = np.asarray(problem.mass(problem.pieces[0]))
+        return solvers.MassMatrixTerm(lambda t, x, args: g(t, x, place), mass)
+    indices = np.arange(len(problem.initial))
+
+    def choose(t, x, args):
+        chosen = jnp.asarray(places[0])
+        for piece, later in zip(problem.pieces[1:], places[1:], strict=True):
+            chosen = jnp.where(t >= piece.start, later, chosen)
+        return chosen
+
+    return solvers.SwitchingMassMatrixTerm(
+        vector_field=lambda t, x, args, place: g(t, x, place),
+        mass=lambda place: jnp.where(indices == place, 0.0, 1.0),
+        choose=choose,
+    )
+
+
+def _counting(field: Field, counter: Counter) -> Field:
+    """``field`` that tells ``counter`` of each evaluation; under vmap, of each lane, because it passes on t and x."""
+
+    def counted(t, x, args):
+        jax.debug.callback(lambda t, x: counter(), t, x)
+        return field(t, x, args)
+
+    return counted
+
+
+def _solve(solver, problem: Problem, term, initial: Float[Array, " state"], tolerance: Float[Array, ""]) -> Ended:
+    controller = diffrax.PIDController(rtol=tolerance, atol=tolerance * problem.atol_over_rtol)
+    if problem.kinks:
+        controller = diffrax.ClipStepSizeController(controller, jump_ts=jnp.asarray(problem.kinks))
+    solution = diffrax.diffeqsolve(
+        term,
+        solver,
+        problem.start,
+        problem.end,
+        None,
+        initial,
+        stepsize_controller=controller,
+        max_steps=MAX_STEPS,
+        throw=False,
+    )
+    assert solution.ys is not None
+    stats = solution.stats
+    return Ended(solution.ys[-1], solution.result, stats["num_accepted_steps"], stats["num_rejected_steps"])
+
+
+@dataclass(frozen=True)
+class _Program(Program):
+    problem: Problem
+    statement: _Statement
+    solve: Callable[[Array, Array], Ended]
+    counted: Callable[[Array, Array], Ended]
+    counter: Counter
+
+    def run(self, tolerance: float) -> Run:
+        return _Run(self, tolerance)
+
+
+class _Run:
+    def __init__(self, program: _Program, tolerance: float):
+        self._program = program
+        self._arguments = jnp.asarray(program.statement.initial), jnp.asarray(tolerance)
+
+    def solve(self) -> np.ndarray:
+        return np.asarray(self._program.solve(*self._arguments).x)
+
+    def outcome(self) -> Outcome:
+        """Evaluations are counted in a program of its own, whose other numbers are not used."""
+        program = self._program
+        ended = program.solve(*self._arguments)
+        before = program.counter.read()
+        jax.block_until_ready(program.counted(*self._arguments))
+        evaluations = program.counter.read() - before
+        succeeded = bool(ended.result == diffrax.RESULTS.successful)
+        failure = "" if succeeded else " ".join(diffrax.RESULTS[ended.result].split())
+        work = Work(steps=int(ended.steps), rejected=int(ended.rejected), evaluations=evaluations)
+        return Outcome(program.statement.final(np.asarray(ended.x)), failure, work)
+
+
+def _seconds(run: Run) -> float:
+    start = time.perf_counter()
+    run.solve()
+    return time.perf_counter() - start

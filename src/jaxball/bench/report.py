@@ -1,0 +1,136 @@
+"""Tables of the rows: which solver is the cheapest at an achieved error, and whether all agree."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .measure import Measured, Row
+from .problem import Problem
+
+GOALS = (1e-6, 1e-8, 1e-10, 1e-12)
+COLUMNS = (
+    "Solver", "Tolerance", "Error", "Time", "Ratio", "Build",
+    "Steps", "Rejected", "Evaluations", "Jacobians", "Decompositions",
+)  # fmt: skip
+ABOUT = (
+    "Achieved errors against reference solutions, medians of warm calls, build or compile time apart. For each bound "
+    "on the achieved error the cheapest setting of each solver; *ratio* is its time over that of the fastest. "
+    "A dash stands for what a package does not report."
+)
+
+
+class Spread(NamedTuple):
+    """The largest difference between two final states, in the norm of the error, and whose they are."""
+
+    difference: float
+    solvers: tuple[str, str]
+
+
+def cheapest(rows: Sequence[Row], goal: float) -> list[Row]:
+    """Of each solver the fastest row with an achieved error of at most ``goal``; the fastest solver first."""
+    good = [(row.time, row) for row in rows if row.error is not None and row.error <= goal and row.time is not None]
+    found: dict[str, Row] = {}
+    for _, row in sorted(good, key=lambda pair: pair[0]):
+        found.setdefault(row.solver, row)
+    return list(found.values())
+
+
+def asked(rows: Sequence[Row], goal: float) -> list[Row]:
+    """Of each solver the row with the loosest tolerance that is not above ``goal``."""
+    good = [row for row in rows if not row.failure and row.tolerance <= goal]
+    return list({row.solver: row for row in sorted(good, key=lambda row: row.tolerance)}.values())
+
+
+def spread(problem: Problem, rows: Sequence[Row]) -> Spread | None:
+    """How far apart the final states of ``rows`` are; None for fewer than two."""
+    indices = list(problem.measured)
+    scale = np.abs(np.asarray(problem.exact)[indices]) if problem.relative else 1.0
+    states = {row.solver: np.asarray(row.state)[indices] / scale for row in rows if row.state is not None}
+    pairs = itertools.combinations(states, 2)
+    return max((Spread(float(np.max(np.abs(states[a] - states[b]))), (a, b)) for a, b in pairs), default=None)
+
+
+def markdown(problems: Sequence[Problem], results: Mapping[str, Measured]) -> str:
+    """The tables of all problems that have results."""
+    done = [problem for problem in problems if problem.name in results]
+    parts = ["# Solvers compared", ABOUT, _summary(done, results)]
+    for problem in done:
+        parts += _section(problem, results[problem.name])
+    return "\n\n".join(parts) + "\n"
+
+
+def seconds(time: float) -> str:
+    """A time with three digits in a unit that suits it."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3)):
+        if time >= size:
+            return f"{time / size:.3g} {unit}"
+    return f"{time / 1e-6:.3g} μs"
+
+
+def _summary(problems: Sequence[Problem], results: Mapping[str, Measured]) -> str:
+    """The fastest solver of each problem at each goal."""
+    lines = [_line(["Fastest for an error of at most", *(f"{goal:.0e}" for goal in GOALS)]), _rule(1, len(GOALS))]
+    for problem in problems:
+        best = [cheapest(results[problem.name].rows, goal)[:1] for goal in GOALS]
+        cells = [f"{found[0].solver}, {seconds(found[0].time or 0.0)}" if found else "–" for found in best]
+        lines.append(_line([problem.title, *cells]))
+    return "\n".join(lines)
+
+
+def _section(problem: Problem, measured: Measured) -> list[str]:
+    kind = "largest relative" if problem.relative else "largest"
+    parts = [
+        f"## {problem.title}",
+        f"t from {problem.start:g} to {problem.end:g}; the error is the {kind} one of the compared components at the "
+        f"end. Reference: {problem.source}.",
+    ]
+    for goal in GOALS:
+        found = cheapest(measured.rows, goal)
+        if found:
+            parts += [f"### Achieved error at most {goal:.0e}", _table(found), _agreement(problem, measured.rows, goal)]
+    omitted = [f"- {sentence}" for sentence in measured.left_out]
+    omitted += [f"- Failed: {row.solver} at {row.tolerance:.0e}: {row.failure}" for row in measured.rows if row.failure]
+    return [*parts, "### Left out and failed", "\n".join(omitted)] if omitted else parts
+
+
+def _table(rows: Sequence[Row]) -> str:
+    fastest = rows[0].time or 0.0
+    return "\n".join([_line(COLUMNS), _rule(1, len(COLUMNS) - 1), *(_line(_cells(row, fastest)) for row in rows)])
+
+
+def _cells(row: Row, fastest: float) -> list[str]:
+    counts = (row.steps, row.rejected, row.evaluations, row.jacobians, row.decompositions)
+    assert row.time is not None
+    return [
+        row.solver,
+        f"{row.tolerance:.0e}",
+        f"{row.error:.1e}",
+        seconds(row.time),
+        f"{row.time / fastest:.2f}",
+        seconds(row.build_time),
+        *("–" if count is None else str(count) for count in counts),
+    ]
+
+
+def _agreement(problem: Problem, rows: Sequence[Row], goal: float) -> str:
+    sentences = [
+        _apart(spread(problem, cheapest(rows, goal)), "The final states of these"),
+        _apart(spread(problem, asked(rows, goal)), f"Those of every solver that was asked for {goal:.0e}"),
+    ]
+    return " ".join(filter(None, sentences))
+
+
+def _apart(found: Spread | None, whose: str) -> str:
+    if found is None:
+        return ""
+    return f"{whose} lie within {found.difference:.1e} of one another ({' and '.join(found.solvers)} farthest apart)."
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
+
+
+def _rule(left: int, right: int) -> str:
+    return "|" + ":--|" * left + "--:|" * right

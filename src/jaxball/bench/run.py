@@ -1,0 +1,120 @@
+"""The benchmark from names to files."""
+
+import dataclasses
+import datetime
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+from ..results import replacing
+from . import report
+from .contenders import FAMILIES, Contender
+from .machine import description
+from .measure import Echo, Measured, Row, Settings, measure
+from .problem import Problem
+
+ABOUT = "The achieved error and the time of solvers on initial value problems; times in seconds."
+
+
+@dataclasses.dataclass(frozen=True)
+class Bench:
+    """What was measured, problem by problem; ``interrupted`` where the user stopped it before the end."""
+
+    results: dict[str, Measured]
+    interrupted: bool
+
+    @property
+    def rows(self) -> list[Row]:
+        """All rows."""
+        return [row for measured in self.results.values() for row in measured.rows]
+
+
+def bench(
+    problems: Sequence[Problem], contenders: Sequence[Contender], settings: Settings, out: Path, echo: Echo = print
+) -> Bench:
+    """Measures ``contenders`` on ``problems``, and writes what is found into the folder ``out``.
+
+    After each problem ``results.json`` and ``table.md`` are written anew and the problem's diagram is drawn, so
+    that an interruption with Ctrl-C, after which this returns, loses one problem at most.
+
+    **Raises:** :class:`~jaxball.results.OutputError` when a file cannot be written.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    present, missing = _present(contenders)
+    for sentence in missing:
+        echo(sentence)
+    results: dict[str, Measured] = {}
+    interrupted = False
+    for problem in problems:
+        echo(problem.title)
+        start = time.perf_counter()
+        try:
+            results[problem.name] = measure(problem, present, settings, echo)
+        except KeyboardInterrupt:
+            echo(f"Interrupted while {problem.name} was measured, of which nothing is kept.")
+            interrupted = True
+            break
+        echo(f"  {_finding(results[problem.name].rows)} ({time.perf_counter() - start:.0f} s)")
+        _write(out, problems, results, settings, missing)
+    echo(f"In {out}: results.json, table.md and a diagram for each problem." if results else "Nothing was measured.")
+    return Bench(results, interrupted)
+
+
+def _present(contenders: Sequence[Contender]) -> tuple[list[Contender], list[str]]:
+    """The contenders whose packages are installed, and a sentence for each family that is left out."""
+    absent, sentences = set(), []
+    for family in FAMILIES:
+        names = [contender.name for contender in contenders if contender.family == family]
+        reason = family.missing() if names else None
+        if reason is not None:
+            absent.add(family)
+            sentences.append(f"Left out: {', '.join(names)}, because {reason}; pip install 'jaxball[bench]'.")
+    return [contender for contender in contenders if contender.family not in absent], sentences
+
+
+def _finding(rows: Sequence[Row]) -> str:
+    good = [row for row in rows if not row.failure]
+    solvers = len({row.solver for row in good})
+    for goal in reversed(report.GOALS):
+        found = report.cheapest(rows, goal)
+        if found:
+            time = report.seconds(found[0].time or 0.0)
+            return f"{solvers} solvers, {len(good)} settings; fastest to {goal:.0e}: {found[0].solver}, {time}"
+    return f"{solvers} solvers, {len(good)} settings, none with an error of at most {report.GOALS[0]:.0e}"
+
+
+def _write(
+    out: Path, problems: Sequence[Problem], results: dict[str, Measured], settings: Settings, missing: list[str]
+) -> None:
+    from . import figures  # only here, because matplotlib takes longer to import than a list of names needs
+
+    content = {
+        "about": ABOUT,
+        "date": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        **description(),
+        "settings": dataclasses.asdict(settings),
+        "missing": missing,
+        "problems": {problem.name: _about(problem, results) for problem in problems if problem.name in results},
+        "rows": [dataclasses.asdict(row) for measured in results.values() for row in measured.rows],
+    }
+    with replacing(out / "results.json") as beside:
+        beside.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    with replacing(out / "table.md") as beside:
+        beside.write_text(report.markdown(problems, results), encoding="utf-8")
+    latest = problems[len(results) - 1]
+    figures.draw(latest, results[latest.name].rows, out)
+
+
+def _about(problem: Problem, results: dict[str, Measured]) -> dict[str, object]:
+    return {
+        "title": problem.title,
+        "source": problem.source,
+        "start": problem.start,
+        "end": problem.end,
+        "kinks": problem.kinks,
+        "measured": problem.measured,
+        "relative_error": problem.relative,
+        "atol_over_rtol": problem.atol_over_rtol,
+        "left_out": results[problem.name].left_out,
+    }

@@ -1,0 +1,84 @@
+"""Projection after each step."""
+
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import equinox as eqx
+from jaxtyping import Array, PyTree
+
+
+class Projected(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWrappedSolver):
+    """``solver`` with each step followed by a projection, such as that of a versor to |q| = 1.
+
+    The order is kept if ``project`` moves a state by no more than a multiple of its distance to the
+    constraint, as the nearest point on it does: a step is off by its local error, and the projection
+    moves it by as much again at most (Hairer, Lubich & Wanner 2006, section IV.4). Dense output is
+    projected too.
+
+    **Arguments:**
+
+    - ``solver``: any diffrax solver.
+    - ``project``: takes a state to the state on the constraint.
+    """
+
+    solver: diffrax.AbstractSolver  # pyright: ignore[reportIncompatibleVariableOverride]
+    project: Callable[[PyTree[Array]], PyTree[Array]]
+
+    @property
+    def term_structure(self) -> Any:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The terms that the inner solver takes."""
+        return self.solver.term_structure
+
+    @property
+    def interpolation_cls(self) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The inner solver's dense output, projected."""
+        return _ProjectedInterpolation(self.solver.interpolation_cls, self.project)
+
+    @property
+    def root_finder(self) -> Any:
+        """The root finder of an implicit solver, where diffrax puts the tolerances."""
+        return self.solver.root_finder  # pyright: ignore[reportAttributeAccessIssue]
+
+    def order(self, terms):
+        return self.solver.order(terms)
+
+    def error_order(self, terms):
+        return self.solver.error_order(terms)
+
+    def init(self, terms, t0, t1, y0, args):
+        return self.solver.init(terms, t0, t1, y0, args)
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        y1, *rest = self.solver.step(terms, t0, t1, y0, args, solver_state, made_jump)
+        return self.project(y1), *rest
+
+    def func(self, terms, t0, y0, args):
+        return self.solver.func(terms, t0, y0, args)
+
+
+class _ProjectedInterpolation(eqx.Module):
+    """Makes the interpolation of a step, as a class of interpolations does."""
+
+    inner: Callable[..., diffrax.AbstractLocalInterpolation] = eqx.field(static=True)
+    project: Callable[[PyTree[Array]], PyTree[Array]]
+
+    def __call__(self, *, t0, t1, **dense_info) -> "_ProjectedStep":
+        return _ProjectedStep(t0, t1, self.inner(t0=t0, t1=t1, **dense_info), self.project)
+
+
+class _ProjectedStep(diffrax.AbstractLocalInterpolation):
+    t0: Any
+    t1: Any
+    inner: diffrax.AbstractLocalInterpolation
+    project: Callable[[PyTree[Array]], PyTree[Array]]
+
+    def evaluate(self, t0, t1=None, left=True):
+        y = self.project(self.inner.evaluate(t0, left=left))
+        if t1 is None:
+            return y
+        return eqx.apply_updates(self.evaluate(t1, left=left), _negated(y))
+
+
+def _negated(y: PyTree[Array]) -> PyTree[Array]:
+    return eqx.tree_at(lambda t: t, y, replace_fn=lambda leaf: -leaf)
