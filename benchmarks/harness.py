@@ -1,9 +1,7 @@
 """What every benchmark needs: settings, interleaved timing, the machine's description, JSON."""
 
-import importlib.metadata
 import json
 import os
-import platform
 import statistics
 import time
 from collections.abc import Callable
@@ -23,6 +21,9 @@ def set_up_jax(cpu_settings: bool) -> None:
 
 def description(*packages: str) -> dict[str, object]:
     """The machine, the settings of XLA, and the versions of Python and of those ``packages`` there are."""
+    # Imported here, because it imports JAX, which is to be set up before.
+    from jaxball.bench.machine import machine, versions
+
     return {
         "machine": machine(),
         "XLA_FLAGS": os.environ.get("XLA_FLAGS", ""),
@@ -51,31 +52,6 @@ def interleaved_medians(calls: dict[str, Callable], rounds: int = 30, block: int
     return {name: statistics.median(values) for name, values in times.items()}
 
 
-def machine() -> dict[str, object]:
-    """The processor, its cores, and the system."""
-    return {"cpu": _cpu_model(), "cores": os.cpu_count(), "system": platform.platform()}
-
-
-def versions(*packages: str) -> dict[str, str]:
-    """The versions of Python and of those ``packages`` that are installed."""
-    found = {"python": platform.python_version()}
-    for package in packages:
-        try:
-            found[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found
-
-
 def write_json(path: Path | str, content: dict) -> None:
     """Writes ``content`` as readable JSON."""
     Path(path).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-
-
-def _cpu_model() -> str:
-    info = Path("/proc/cpuinfo")
-    if info.exists():
-        for line in info.read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()

@@ -4,9 +4,10 @@ from collections.abc import Callable
 
 import equinox as eqx
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from .body import System
+from .dae import algebraic_component, constrained, mass_diagonal, projected
 from .locked import from_locked, locked_field, to_locked
 from .state import State
 
@@ -34,3 +35,20 @@ class Packing(eqx.Module):
     def field(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The rate of the vector."""
         return ravel_pytree(locked_field(self.system, t, self.unravel(x)))[0]
+
+    def dae_field(self, t: Float[Array, ""], x: Float[Array, " size"], component: Int[Array, ""]) -> Float[Array, " size"]:
+        """The right-hand side of the differential-algebraic form: M ẋ of the vector."""
+        state = self.unravel(x)
+        return ravel_pytree(constrained(locked_field(self.system, t, state), state, component))[0]
+
+    def mass_diagonal(self, x: Float[Array, " size"], component: Int[Array, ""]) -> Float[Array, " size"]:
+        """The diagonal of M."""
+        return ravel_pytree(mass_diagonal(self.unravel(x), component))[0]
+
+    def algebraic_component(self, x: Float[Array, " size"]) -> Int[Array, ""]:
+        """The component that is algebraic in a step that starts at ``x``."""
+        return algebraic_component(self.unravel(x))
+
+    def projected(self, x: Float[Array, " size"]) -> Float[Array, " size"]:
+        """The vector of the nearest state with |q| = 1."""
+        return ravel_pytree(projected(self.unravel(x)))[0]

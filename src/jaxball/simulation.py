@@ -15,8 +15,10 @@ from jaxtyping import Array, ArrayLike
 
 from ._arrays import Numbers, default_dtype, to_array
 from .body import Ball, System
+from .dae import has_unit
 from .dynamics import field_of
 from .packing import Packing
+from .solvers import Projected, RadauIIA, StepToKinks, SwitchingMassMatrixTerm
 from .state import BallState, DiskState, State
 from .status import Status
 from .trajectory import Interpolant, Trajectory
@@ -43,6 +45,8 @@ def simulate(
     atol: ArrayLike = DEFAULT_TOLERANCE,
     dense: bool = False,
     step_to_times: bool = False,
+    dae: bool = False,
+    project: bool = False,
     adjoint: diffrax.AbstractAdjoint | None = None,
     max_steps: int = 16384,
     progress: diffrax.AbstractProgressMeter | None = None,
@@ -64,6 +68,10 @@ def simulate(
     - ``step_to_times``: whether the solver steps exactly to each of ``times``. Otherwise the states
       there come from the solver's interpolation, whose error was up to eighty times the tolerance in
       the paper's runs.
+    - ``dae``: whether to solve the differential-algebraic form of the paper, in which |q|² = 1 determines a
+      component of q, the largest at the start of each step (module ``dae``), with a solver that knows mass
+      matrices: :class:`jaxball.solvers.RadauIIA`.
+    - ``project``: whether each step ends with q normalised (Γ, or Λ, in states that have these instead).
     - ``adjoint``: a diffrax adjoint: ``diffrax.ForwardMode()`` for jvp and few parameters; reverse
       mode by checkpoints if not given.
     - ``max_steps``: the number of steps, accepted and rejected, after which the solve gives up.
@@ -82,6 +90,8 @@ def simulate(
     _check_state(system, state)
     rtol, atol = _as_array(rtol), _as_array(atol)
     _check_precision(rtol, atol)
+    if dae:
+        _check_dae(state, solver)
     method = _Method(
         DEFAULT_SOLVER if solver is None else solver,
         DEFAULT_ADJOINT if adjoint is None else adjoint,
@@ -89,6 +99,8 @@ def simulate(
         max_steps,
         dense,
         step_to_times,
+        dae,
+        project,
     )
     trajectory = Trajectory(system, times, *_program(method)(system, times, state, rtol, atol))
     if throw:
@@ -106,6 +118,8 @@ class _Method(NamedTuple):
     max_steps: int
     dense: bool
     step_to_times: bool
+    dae: bool
+    project: bool
 
 
 def _program(method: _Method) -> Callable[..., tuple]:
@@ -131,23 +145,26 @@ def _solve(method: _Method, system: System, times: Array, state: State, rtol: Ar
     def field(t, x, parameters):
         return jnp.where(startable, unpack_parameters(parameters).field(t, x), 0.0)
 
-    controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=1e-30, force_dtmin=False)
-    # At the kinks of motions the field is continuous, so that moving the end of a step there moves nothing.
-    kinks = jnp.concatenate([jax.lax.stop_gradient(system.motion_kinks()), system.driving_kinks()])
-    if kinks.size or method.step_to_times:
-        controller = diffrax.ClipStepSizeController(
-            controller, jump_ts=kinks if kinks.size else None, step_ts=times if method.step_to_times else None
+    def dae_field(t, x, parameters, component):
+        return jnp.where(startable, unpack_parameters(parameters).dae_field(t, x, component), 0.0)
+
+    term = diffrax.ODETerm(field)
+    if method.dae:
+        term = SwitchingMassMatrixTerm(
+            dae_field,
+            mass=lambda component: packing.mass_diagonal(initial, component),
+            choose=lambda t, x, _: packing.algebraic_component(x),
         )
     solution = diffrax.diffeqsolve(
-        diffrax.ODETerm(field),
-        method.solver,
+        term,
+        Projected(method.solver, packing.projected) if method.project else method.solver,
         times[0],
         times[-1],
         None,
         jnp.where(startable, initial, 0.0),
         args=parameters,
         saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(ts=times), diffrax.SubSaveAt(t1=True)], dense=method.dense),
-        stepsize_controller=controller,
+        stepsize_controller=_controller(method, system, times, rtol, atol),
         adjoint=method.adjoint,
         max_steps=method.max_steps,
         progress_meter=method.progress,
@@ -167,10 +184,23 @@ def _solve(method: _Method, system: System, times: Array, state: State, rtol: Ar
 _solve_filtered = eqx.filter_jit(_solve)
 
 
+def _controller(
+    method: _Method, system: System, times: Array, rtol: Array, atol: Array
+) -> diffrax.AbstractAdaptiveStepSizeController:
+    """Steps by the tolerances, to the kinks and, where asked for, to ``times``."""
+    controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=1e-30, force_dtmin=False)
+    if method.step_to_times:
+        controller = diffrax.ClipStepSizeController(controller, step_ts=times)
+    # At the kinks of motions the field is continuous, so that moving the end of a step there moves nothing.
+    kinks = jnp.concatenate([jax.lax.stop_gradient(system.motion_kinks()), system.driving_kinks()])
+    return StepToKinks(controller, kinks) if kinks.size else controller
+
+
 def _status(result: diffrax.RESULTS) -> Array:
     """A step below 1e-30 means that no step was accepted, however small: the field is not finite."""
     R = diffrax.RESULTS
     status = jnp.where(result == R.successful, Status.SUCCESS, Status.SOLVER_FAILED)
+    status = jnp.where(result == R.nonfinite, Status.NOT_FINITE, status)
     status = jnp.where(result == R.max_steps_reached, Status.MAX_STEPS, status)
     return jnp.where(result == R.dt_min_reached, Status.NOT_FINITE, status)
 
@@ -217,6 +247,19 @@ def _check_state(system: System, state: State) -> None:
         raise ValueError(
             f"Argument `state` must have {wanted[0]} entries in theta and in thetadot, one for each driven mass, "
             f"but it has {state.theta.shape[-1]} and {state.thetadot.shape[-1]}."
+        )
+
+
+def _check_dae(state: State, solver: diffrax.AbstractSolver | None) -> None:
+    if not has_unit(state):
+        raise TypeError(
+            "Argument `state` must be a BallState or a ReducedState where `dae` is True, because it is a component of "
+            f"their unit vector that becomes algebraic, but it is a {type(state).__name__}."
+        )
+    if not isinstance(solver, RadauIIA):
+        raise TypeError(
+            "Argument `solver` must be a jaxball.solvers.RadauIIA where `dae` is True, because other solvers know no "
+            f"mass matrix, but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
         )
 
 

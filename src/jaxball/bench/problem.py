@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
+
+from .._arrays import Numbers
 
 Scalar = Any  # a float, a JAX scalar, a CasADi SX, a heyoka expression, a SymPy symbol
 
@@ -116,7 +118,7 @@ class Problem:
             return None
         return tuple(float(i != piece.algebraic) for i in range(len(self.initial)))
 
-    def error(self, x: ArrayLike) -> float:
+    def error(self, x: Numbers) -> float:
         """The largest error of the measured components of ``x``, the state at the end; infinite if not finite.
 
         **Raises:** ``ValueError`` when ``x`` has another length than the state.

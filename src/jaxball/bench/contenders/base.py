@@ -4,7 +4,7 @@ import abc
 import importlib
 import importlib.util
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -47,16 +47,16 @@ class Outcome:
     work: Work
 
 
-class Run(Protocol):
+class Run(abc.ABC):
     """One problem in one contender at one tolerance."""
 
+    @abc.abstractmethod
     def solve(self) -> Any:
         """The solve from the initial state to the final one, and nothing else: this is timed."""
-        ...
 
+    @abc.abstractmethod
     def outcome(self) -> Outcome:
         """How a solve like that ends, and what it takes; not timed."""
-        ...
 
 
 @dataclass(frozen=True)

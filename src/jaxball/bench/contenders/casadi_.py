@@ -86,7 +86,7 @@ def _idas_options(problem: Problem, piece: Piece) -> dict[str, Any]:
     return options
 
 
-class _Run:
+class _Run(Run):
     def __init__(self, method: str, problem: Problem, tolerance: float):
         self._initial = np.array(problem.initial, dtype=float)
         self._legs = [_Leg(method, problem, piece, tolerance) for piece in problem.pieces]

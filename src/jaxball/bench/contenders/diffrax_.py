@@ -31,6 +31,7 @@ METHODS: dict[str, diffrax.AbstractAdaptiveSolver] = {
     "TRBDF2": solvers.TRBDF2(),
 }
 LOOSE = 1e-3
+COUNTABLE = 10_000  # steps; each evaluation calls Python, and more would take minutes
 Field = Callable[[Any, Any, Any], Float[Array, " state"]]
 
 
@@ -153,7 +154,7 @@ class _Program(Program):
         return _Run(self, tolerance)
 
 
-class _Run:
+class _Run(Run):
     def __init__(self, program: _Program, tolerance: float):
         self._program = program
         self._arguments = jnp.asarray(program.statement.initial), jnp.asarray(tolerance)
@@ -162,16 +163,21 @@ class _Run:
         return np.asarray(self._program.solve(*self._arguments).x)
 
     def outcome(self) -> Outcome:
-        """Evaluations are counted in a program of its own, whose other numbers are not used."""
+        """Evaluations are counted by a program of their own, whose other numbers are not used."""
         program = self._program
         ended = program.solve(*self._arguments)
-        before = program.counter.read()
-        jax.block_until_ready(program.counted(*self._arguments))
-        evaluations = program.counter.read() - before
         succeeded = bool(ended.result == diffrax.RESULTS.successful)
         failure = "" if succeeded else " ".join(diffrax.RESULTS[ended.result].split())
-        work = Work(steps=int(ended.steps), rejected=int(ended.rejected), evaluations=evaluations)
+        steps, rejected = int(ended.steps), int(ended.rejected)
+        evaluations = self._evaluations() if succeeded and steps + rejected <= COUNTABLE else None
+        work = Work(steps=steps, rejected=rejected, evaluations=evaluations)
         return Outcome(program.statement.final(np.asarray(ended.x)), failure, work)
+
+    def _evaluations(self) -> int:
+        counter = self._program.counter
+        before = counter.read()
+        jax.block_until_ready(self._program.counted(*self._arguments))
+        return counter.read() - before
 
 
 def _seconds(run: Run) -> float:

@@ -30,7 +30,7 @@ class _Program(Program):
         return _Run(self.problem, tolerance)
 
 
-class _Run:
+class _Run(Run):
     """heyoka has one tolerance, relative to the largest component where that is above 1, and absolute below."""
 
     def __init__(self, problem: Problem, tolerance: float):

@@ -40,7 +40,7 @@ class _Program(Program):
         return _Run(self, tolerance)
 
 
-class _Run:
+class _Run(Run):
     def __init__(self, program: _Program, tolerance: float):
         problem = program.problem
         ends = np.array([[piece.start, piece.end] for piece in problem.pieces])

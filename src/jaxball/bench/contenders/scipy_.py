@@ -38,7 +38,7 @@ class _Program(Program):
 
 
 @dataclass(frozen=True)
-class _Run:
+class _Run(Run):
     """Steps its solver itself, because ``solve_ivp`` would also keep every state, and counts no steps."""
 
     program: _Program
@@ -67,7 +67,7 @@ class _Run:
         counted = Work(
             steps=steps,
             evaluations=solver.nfev,
-            jacobians=solver.njev if implicit else None,
+            jacobians=int(solver.njev) if implicit else None,
             decompositions=solver.nlu if self.program.method in ("Radau", "BDF") else None,
         )
         return solver.y, failure, counted
