@@ -16,14 +16,14 @@ def problem(**parts):
     return Problem(**common, **parts)
 
 
-# x' = p x: the parameter changes at kinks that no solver would meet by itself.
+# x' = p x and y' = −p y: the parameter changes at kinks that no solver would meet by itself.
 KINKED = problem(
     name="kinked",
     pieces=(Piece(0.0, 0.3, (1.0,)), Piece(0.3, 1.7, (-0.5,)), Piece(1.7, 2.0, (2.0,))),
-    initial=(1.0,),
-    rates=lambda t, x, p, functions: [p[0] * x[0]],
-    exact=(math.exp(0.3 - 0.5 * 1.4 + 2.0 * 0.3),),
-    measured=(0,),
+    initial=(1.0, 1.0),
+    rates=lambda t, x, p, functions: [p[0] * x[0], -p[0] * x[1]],
+    exact=(math.exp(0.3 - 0.5 * 1.4 + 2.0 * 0.3), math.exp(-0.3 + 0.5 * 1.4 - 2.0 * 0.3)),
+    measured=(0, 1),
 )
 # x'' = -x without parameters.
 CIRCLE = problem(

@@ -13,7 +13,8 @@ from jaxball.bench.contenders import ALL, Work
 from jaxball.bench.figures import GAP, apart, diagram
 from jaxball.bench.measure import Row
 from jaxball.bench.problems import ALL as PROBLEMS
-from jaxball.bench.report import asked, cheapest, seconds, spread
+from jaxball.bench.report import asked, cheapest, spread
+from jaxball.bench.texts import power, seconds
 
 ROBERTSON = PROBLEMS["robertson"]
 
@@ -69,6 +70,11 @@ def test_the_spread_is_the_largest_relative_difference_of_two_states():
 @pytest.mark.parametrize(("time", "text"), [(2.5, "2.5 s"), (0.0123, "12.3 ms"), (2.34567e-4, "235 μs")])
 def test_times_have_a_unit_that_suits_them(time, text):
     assert seconds(time) == text
+
+
+@pytest.mark.parametrize(("x", "digits", "text"), [(1e-8, 1, "1e-8"), (2.345e-10, 2, "2.3e-10"), (20.0, 1, "2e1")])
+def test_exponents_have_no_leading_zeros(x, digits, text):
+    assert power(x, digits) == text
 
 
 def test_the_diagram_holds_the_numbers_of_the_rows():
@@ -156,4 +162,5 @@ def test_unknown_names_come_with_the_nearest_ones(name, nearest):
 def test_every_problem_states_what_a_figure_needs():
     for problem in PROBLEMS.values():
         (ax,) = diagram(problem, [dataclasses.replace(ROWS[0], problem=problem.name)]).axes
-        assert ax.get_title(loc="left") == problem.title
+        assert ax.get_title(loc="left") == problem.title.replace("₀", "$_0$")
+        ax.figure.draw_without_rendering()  # a glyph that the font lacks would be a warning

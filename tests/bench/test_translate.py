@@ -11,7 +11,7 @@ import pytest
 
 from jaxball.bench import translate
 from jaxball.bench.problems import ALL
-from jaxball.bench.recorder import derivatives, record, source
+from jaxball.bench.recorder import jacobian, record, source
 
 MATH = {"sin": math.sin, "cos": math.cos}
 CASES = [
@@ -185,7 +185,7 @@ class TestRecorder:
     )
     def test_arithmetic_and_its_derivative(self, expression):
         recorder, (value,) = record(lambda t, x, p, functions: [expression(*x)], 2, 0)
-        slopes = [derivatives(recorder, [value], f"x[{i}]")[0] for i in range(2)]
+        (slopes,) = jacobian(recorder, [value], ["x[0]", "x[1]"])
         f = compiled(source("f(x, y)", recorder, {f"y[{i}]": v for i, v in enumerate([value, *slopes])}), "f")
         found = np.empty(3)
         f((1.7, 0.6), found)
@@ -199,4 +199,4 @@ class TestRecorder:
         found = np.empty(2)
         f((0.25,), found)
         assert found.tolist() == [1.5, 0.25]
-        assert derivatives(recorder, results, "x[0]") == [0.0, 1.0]
+        assert jacobian(recorder, results, ["x[0]"]) == [[0.0], [1.0]]

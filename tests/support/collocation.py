@@ -32,7 +32,7 @@ def collocation_matrix(c):
 
 
 def solve(f, jacobian, x, start, end, tolerance, stages=9, digits=32):
-    """x at ``end`` of ẋ = ``f(x)``, in ``digits`` digits.
+    """x at ``end`` of ẋ = ``f(x)``, in ``digits`` digits; numbers may be given as decimal strings.
 
     ``tolerance`` bounds h times the last Legendre coefficient of ẋ, relative to each component: a quantity of order
     ``stages``, far above the error, which is of order 2 ``stages`` − 1.

@@ -1,5 +1,6 @@
 """Work–precision diagrams: the time of a solve over the error that it achieved."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +19,7 @@ SIZE = (7.2, 4.8)
 SMALLEST = 1e-17  # where an error of exactly zero is drawn
 GAP = 0.043  # between two labels, as a fraction of the height
 LABELS_AT = 1.05
+LEADER = {"arrowstyle": "-", "linewidth": 0.4, "linestyle": ":", "shrinkA": 2, "shrinkB": 3, "relpos": (0.0, 0.5)}
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "h")
 
 
@@ -63,7 +65,7 @@ def diagram(problem: Problem, rows: Sequence[Row]) -> Figure:
     ax.set_axisbelow(True)
     kind = "largest relative error" if problem.relative else "largest error"
     style.named(ax, f"{kind} at $t = {_number(problem.end)}$", "time of a solve [s]")
-    ax.set_title(problem.title, fontproperties=style.LABEL, loc="left")
+    ax.set_title(_with_subscripts(problem.title), fontproperties=style.LABEL, loc="left")
     _name_lines(ax)
     figure = ax.figure
     assert isinstance(figure, Figure)
@@ -113,7 +115,7 @@ def _name_lines(ax: Axes) -> None:
             va="center",
             fontproperties=style.SMALL,
             annotation_clip=False,
-            arrowprops={"arrowstyle": "-", "color": colour, "linewidth": 0.4, "linestyle": ":", "shrinkB": 3},
+            arrowprops=LEADER | {"color": colour},
         )
 
 
@@ -128,6 +130,11 @@ def apart(heights: Sequence[float], gap: float) -> list[float]:
         placed[i] = min(placed[i], ceiling)
         ceiling = placed[i] - gap
     return placed
+
+
+def _with_subscripts(title: str) -> str:
+    """``title`` with small digits set by TeX, because the font has none."""
+    return re.sub("[₀-₉]", lambda found: f"$_{'₀₁₂₃₄₅₆₇₈₉'.index(found[0])}$", title)
 
 
 def _number(x: float) -> str:

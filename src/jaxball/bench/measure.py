@@ -12,6 +12,7 @@ import numpy as np
 
 from .contenders import Contender, Program, Run
 from .problem import Problem
+from .texts import power, seconds
 
 Result = TypeVar("Result")
 Echo = Callable[[str], None]
@@ -97,15 +98,16 @@ def measure(problem: Problem, contenders: Sequence[Contender], settings: Setting
         measured.left_out.append(sentence)
         echo(f"  {sentence}")
 
+    refusals = {contender.name: contender.refusal(problem) for contender in contenders}
+    for reason in dict.fromkeys(filter(None, refusals.values())):
+        leave_out(f"Left out as {reason}: {', '.join(name for name in refusals if refusals[name] == reason)}.")
     entries: list[_Entry] = []
     for contender in contenders:
-        reason = contender.refusal(problem)
-        if reason is not None:
-            leave_out(f"Left out: {contender.name}, because {reason}.")
+        if refusals[contender.name] is not None:
             continue
         found, failures = _build(problem, contender, settings, leave_out)
         if found:
-            echo(f"  {contender.name}: {len(found)} settings, built in {found[0].build_time:.1f} s")
+            echo(f"  {contender.name}: {len(found)} settings, built in {seconds(found[0].build_time)}")
         entries += found
         measured.rows += failures
     time_in_turns(entries, settings.budget)
@@ -133,7 +135,7 @@ def _build(
             continue
         if entry.once > settings.limit:
             leave_out(
-                f"Left out: {contender.name} at tolerance {tolerance:.0e} and finer ones, because a solve took "
+                f"Left out: {contender.name} at tolerance {power(tolerance)} and finer ones, because a solve took "
                 f"{entry.once:.1f} s, more than {settings.limit:g} s."
             )
             break

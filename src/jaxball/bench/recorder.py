@@ -102,12 +102,20 @@ def record(g: Rates, states: int, parameters: int) -> tuple[Recorder, list[Scala
     return recorder, g(recorder.variable("t"), x, p, recorder)
 
 
-def derivatives(recorder: Recorder, results: Sequence[Scalar], variable: str) -> list[Scalar]:
-    """The derivative of each of ``results`` by ``variable``, recorded behind them, by forward mode."""
+def jacobian(recorder: Recorder, results: Sequence[Scalar], variables: Sequence[str]) -> list[list[Scalar]]:
+    """The derivatives of each of ``results``, a row, by each of ``variables``, recorded behind them by forward mode."""
+    lines = recorder.lines
+    columns = [_column(recorder, lines, results, variable) for variable in variables]
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+def _column(
+    recorder: Recorder, lines: Sequence[tuple[str, tuple]], results: Sequence[Scalar], variable: str
+) -> list[Scalar]:
     rates: dict[Operand, Scalar] = {variable: 1.0}
-    for name, (symbol, *operands) in recorder.lines:
-        given = [rates.get(operand, 0.0) for operand in operands]
-        if any(isinstance(rate, Recorded) or rate != 0.0 for rate in given):
+    for name, (symbol, *operands) in lines:
+        if any(operand in rates for operand in operands):
+            given = [rates.get(operand, 0.0) for operand in operands]
             values = [recorder.variable(a) if isinstance(a, str) else a for a in operands]
             rates[name] = _rate(recorder, symbol, recorder.variable(name), values, given)
     return [rates.get(result.operand, 0.0) if isinstance(result, Recorded) else 0.0 for result in results]

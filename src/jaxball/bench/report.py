@@ -8,6 +8,7 @@ import numpy as np
 
 from .measure import Measured, Row
 from .problem import Problem
+from .texts import power, seconds
 
 GOALS = (1e-6, 1e-8, 1e-10, 1e-12)
 COLUMNS = (
@@ -61,17 +62,9 @@ def markdown(problems: Sequence[Problem], results: Mapping[str, Measured]) -> st
     return "\n\n".join(parts) + "\n"
 
 
-def seconds(time: float) -> str:
-    """A time with three digits in a unit that suits it."""
-    for unit, size in (("s", 1.0), ("ms", 1e-3)):
-        if time >= size:
-            return f"{time / size:.3g} {unit}"
-    return f"{time / 1e-6:.3g} μs"
-
-
 def _summary(problems: Sequence[Problem], results: Mapping[str, Measured]) -> str:
     """The fastest solver of each problem at each goal."""
-    lines = [_line(["Fastest for an error of at most", *(f"{goal:.0e}" for goal in GOALS)]), _rule(1, len(GOALS))]
+    lines = [_line(["Fastest for an error of at most", *(power(goal) for goal in GOALS)]), _rule(1, len(GOALS))]
     for problem in problems:
         best = [cheapest(results[problem.name].rows, goal)[:1] for goal in GOALS]
         cells = [f"{found[0].solver}, {seconds(found[0].time or 0.0)}" if found else "–" for found in best]
@@ -89,9 +82,11 @@ def _section(problem: Problem, measured: Measured) -> list[str]:
     for goal in GOALS:
         found = cheapest(measured.rows, goal)
         if found:
-            parts += [f"### Achieved error at most {goal:.0e}", _table(found), _agreement(problem, measured.rows, goal)]
+            parts += [f"### Achieved error at most {power(goal)}", _table(found)]
+            parts.append(_agreement(problem, measured.rows, goal))
     omitted = [f"- {sentence}" for sentence in measured.left_out]
-    omitted += [f"- Failed: {row.solver} at {row.tolerance:.0e}: {row.failure}" for row in measured.rows if row.failure]
+    failed = (row for row in measured.rows if row.failure)
+    omitted += [f"- Failed: {row.solver} at {power(row.tolerance)}: {row.failure}." for row in failed]
     return [*parts, "### Left out and failed", "\n".join(omitted)] if omitted else parts
 
 
@@ -103,10 +98,11 @@ def _table(rows: Sequence[Row]) -> str:
 def _cells(row: Row, fastest: float) -> list[str]:
     counts = (row.steps, row.rejected, row.evaluations, row.jacobians, row.decompositions)
     assert row.time is not None
+    assert row.error is not None
     return [
         row.solver,
-        f"{row.tolerance:.0e}",
-        f"{row.error:.1e}",
+        power(row.tolerance),
+        power(row.error, 2),
         seconds(row.time),
         f"{row.time / fastest:.2f}",
         seconds(row.build_time),
@@ -117,7 +113,7 @@ def _cells(row: Row, fastest: float) -> list[str]:
 def _agreement(problem: Problem, rows: Sequence[Row], goal: float) -> str:
     sentences = [
         _apart(spread(problem, cheapest(rows, goal)), "The final states of these"),
-        _apart(spread(problem, asked(rows, goal)), f"Those of every solver that was asked for {goal:.0e}"),
+        _apart(spread(problem, asked(rows, goal)), f"Those of every solver that was asked for {power(goal)}"),
     ]
     return " ".join(filter(None, sentences))
 
@@ -125,7 +121,8 @@ def _agreement(problem: Problem, rows: Sequence[Row], goal: float) -> str:
 def _apart(found: Spread | None, whose: str) -> str:
     if found is None:
         return ""
-    return f"{whose} lie within {found.difference:.1e} of one another ({' and '.join(found.solvers)} farthest apart)."
+    farthest = " and ".join(found.solvers)
+    return f"{whose} lie within {power(found.difference, 2)} of one another ({farthest} farthest apart)."
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -13,6 +13,7 @@ from .contenders import FAMILIES, Contender
 from .machine import description
 from .measure import Echo, Measured, Row, Settings, measure
 from .problem import Problem
+from .texts import power, seconds
 
 ABOUT = "The achieved error and the time of solvers on initial value problems; times in seconds."
 
@@ -79,9 +80,9 @@ def _finding(rows: Sequence[Row]) -> str:
     for goal in reversed(report.GOALS):
         found = report.cheapest(rows, goal)
         if found:
-            time = report.seconds(found[0].time or 0.0)
-            return f"{solvers} solvers, {len(good)} settings; fastest to {goal:.0e}: {found[0].solver}, {time}"
-    return f"{solvers} solvers, {len(good)} settings, none with an error of at most {report.GOALS[0]:.0e}"
+            time = seconds(found[0].time or 0.0)
+            return f"{solvers} solvers, {len(good)} settings; fastest to {power(goal)}: {found[0].solver}, {time}"
+    return f"{solvers} solvers, {len(good)} settings, none with an error of at most {power(report.GOALS[0])}"
 
 
 def _write(

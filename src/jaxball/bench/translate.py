@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .problem import Piece, Problem, Rates
-from .recorder import derivatives, record, source
+from .recorder import jacobian, record, source
 
 if TYPE_CHECKING:
     import casadi
@@ -51,10 +51,8 @@ def jacobian_source(g: Rates, states: int, parameters: int, name: str = "jacobia
     Its globals must have ``sin`` and ``cos``.
     """
     recorder, results = record(g, states, parameters)
-    targets = {}
-    for j in range(states):
-        for i, entry in enumerate(derivatives(recorder, results, f"x[{j}]")):
-            targets[f"jacobian[{i}, {j}]"] = entry
+    rows = jacobian(recorder, results, [f"x[{j}]" for j in range(states)])
+    targets = {f"jacobian[{i}, {j}]": entry for i, row in enumerate(rows) for j, entry in enumerate(row)}
     return source(f"{name}(t, x, p, jacobian)", recorder, targets)
 
 

@@ -86,5 +86,5 @@ def smoothed(equations: StageEquations, stages: Stages, error: Float[Array, " n"
     The result is not to be differentiated: it serves to choose steps.
     """
     if stages.smooth is not None:
-        error = equations.tableau.eigenvalues[0].real * jnp.sum(stages.smooth * error, axis=1)
+        error = equations.tableau.eigenvalues[0].real * jnp.sum(stages.smooth * error[None], axis=1)
     return jax.lax.stop_gradient(error)

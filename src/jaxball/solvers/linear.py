@@ -45,10 +45,10 @@ def inverses(matrices: Inexact[Array, "k n n"]) -> Inexact[Array, "k n n"]:
         column = jax.lax.dynamic_index_in_dim(B, j, axis=2, keepdims=False)
         size = (column * column.conj()).real
         pivot = jnp.argmax(jnp.where(used, -1.0, size), axis=1)
-        is_pivot, here = pivot[:, None] == index, index == j
+        is_pivot, here = pivot[:, None] == index[None], (index == j)[None]
         row = jnp.take_along_axis(B, pivot[:, None, None], axis=1)[:, 0]
         row = jnp.where(here, 1.0, row) / jnp.take_along_axis(row, jnp.full((k, 1), j), axis=1)
-        others = jnp.where(here, 0.0, B) - column[:, :, None] * row[:, None, :]
+        others = jnp.where(here[:, None], 0.0, B) - column[:, :, None] * row[:, None, :]
         B = jnp.where(is_pivot[:, :, None], row[:, None, :], others)
         return B, used | is_pivot, jax.lax.dynamic_update_index_in_dim(pivots, pivot, j, axis=1)
 
@@ -56,5 +56,5 @@ def inverses(matrices: Inexact[Array, "k n n"]) -> Inexact[Array, "k n n"]:
     B, _, pivots = jax.lax.fori_loop(0, n, eliminate, start)
     B = jnp.take_along_axis(B, pivots[:, :, None], axis=1)
     # The column that belongs to row i is the one whose pivot was in row i.
-    columns = jnp.sum(jnp.where(pivots[:, :, None] == index, index[:, None], 0), axis=1)
+    columns = jnp.sum(jnp.where(pivots[:, :, None] == index[None, None], index[None, :, None], 0), axis=1)
     return jnp.take_along_axis(B, columns[:, None, :], axis=2)

@@ -40,7 +40,8 @@ class SimplifiedNewton(AbstractStageIteration):
         f0, J = value_and_jacobian(lambda x: equations.slope(equations.t0, x), x0)
         modes = tableau.eigenvalues
         modes = jnp.asarray(modes, np.result_type(x0.dtype, np.complex64) if np.iscomplexobj(modes) else x0.dtype)
-        solve = factorise(modes[:, None, None] * equations.mass_matrix() - J)
+        M = equations.mass_matrix().astype(modes.dtype)
+        solve = factorise(modes[:, None, None] * M[None] - J[None].astype(modes.dtype))
         weights = tableau.eigenvalues[:, None] * tableau.to_modes
 
         def update(Z):
@@ -65,7 +66,7 @@ class SimplifiedNewton(AbstractStageIteration):
         tableau, (s, n) = equations.tableau, stages.Z.shape
         _, residual = eqx.filter_jvp(lambda e: e.residual(stages.Z), (equations,), (changes,))
         J = jax.vmap(lambda t, x: value_and_jacobian(lambda x: equations.slope(t, x), x)[1])(
-            equations.times, equations.x0 + stages.Z
+            equations.times, equations.x0[None] + stages.Z
         )
         A, eye = jnp.asarray(tableau.A, dtype=J.dtype), jnp.eye(s, dtype=J.dtype)
         matrix = eye[:, None, :, None] * equations.mass_matrix()[None, :, None, :]

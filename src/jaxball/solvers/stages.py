@@ -32,11 +32,11 @@ class StageEquations(eqx.Module):
     x0: Float[Array, " n"]
     unravel: Callable[[Float[Array, " n"]], PyTree[Array]] = eqx.field(static=True)
     mass: Mass | None = None
-    known: Float[Array, " n"] | None = None
+    known: Float[Array, "s n"] | None = None
 
     def slopes(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
         """K for given Z."""
-        return jax.vmap(self.slope)(self.times, self.x0 + Z)
+        return jax.vmap(lambda t, z: self.slope(t, self.x0 + z))(self.times, Z)
 
     def right_side(self, K: Float[Array, "s n"]) -> Float[Array, "s n"]:
         """A K + known: Z for given K where there is no mass matrix."""
@@ -108,13 +108,13 @@ class AbstractStageIteration(eqx.Module):
 
     def size(self, equations: StageEquations, change: Float[Array, "s n"]) -> Float[Array, ""]:
         """The norm of changes of the stages, in units of the tolerance."""
-        scaled = change / (self.atol + self.rtol * jnp.abs(equations.x0))
-        return self.norm(jax.vmap(equations.unravel)(scaled))
+        tolerance = self.atol + self.rtol * jnp.abs(equations.x0)
+        return self.norm(jax.vmap(lambda row: equations.unravel(row / tolerance))(change))
 
     def rounding(self, equations: StageEquations) -> Float[Array, ""]:
         """The norm of changes that rounding can make of, in units of the tolerance."""
         x0 = equations.x0
-        return self.size(equations, 4 * jnp.finfo(x0.dtype).eps * jnp.broadcast_to(x0, (len(equations.times), x0.size)))
+        return self.size(equations, 4 * jnp.finfo(x0.dtype).eps * x0[None])
 
 
 @eqx.filter_custom_jvp

@@ -111,11 +111,11 @@ class Contender:
         """Why the contender does not take part in ``problem``, in a few words; None where it does."""
         dae = problem.constraint is not None
         if dae and not self.daes:
-            return "it solves no DAE"
+            return "unable to solve DAEs"
         if not dae and not self.odes:
-            return "it solves DAEs only"
+            return "for DAEs only"
         if problem.stiff and self.explicit:
-            return "it is explicit, and the problem is stiff"
+            return "explicit on a stiff problem"
         return None
 
     def program(self, problem: Problem) -> Program:
