@@ -27,7 +27,7 @@ def description(*packages: str) -> dict[str, object]:
     return {
         "machine": machine(),
         "XLA_FLAGS": os.environ.get("XLA_FLAGS", ""),
-        "versions": versions(*packages),
+        "versions": versions(packages),
     }
 
 

@@ -11,9 +11,9 @@ from matplotlib.text import Text
 from jaxball.bench import SelectionError, select_contenders, select_problems
 from jaxball.bench.contenders import ALL, Work
 from jaxball.bench.figures import GAP, apart, diagram
-from jaxball.bench.measure import Row
+from jaxball.bench.measure import Measured, Row
 from jaxball.bench.problems import ALL as PROBLEMS
-from jaxball.bench.report import asked, cheapest, spread
+from jaxball.bench.report import asked, cheapest, markdown, spread
 from jaxball.bench.texts import power, seconds
 
 ROBERTSON = PROBLEMS["robertson"]
@@ -164,3 +164,12 @@ def test_every_problem_states_what_a_figure_needs():
         (ax,) = diagram(problem, [dataclasses.replace(ROWS[0], problem=problem.name)]).axes
         assert ax.get_title(loc="left") == problem.title.replace("₀", "$_0$")
         ax.figure.draw_without_rendering()  # a glyph that the font lacks would be a warning
+
+
+def test_failures_alike_are_one_sentence():
+    rows = [row("SciPy Radau", tolerance, None, None) for tolerance in (1e-4, 1e-6)]
+    text = markdown([ROBERTSON], {"robertson": Measured([*ROWS[:2], *rows], ["Left out: x, because y."])})
+    assert text.count("Failed: ") == 1
+    assert "- Failed: SciPy Radau at 1e-4, 1e-6, because it failed.\n" in text
+    assert "- Left out: x, because y.\n" in text
+    assert "| Robertson | Gauss, 300 μs | Gauss, 300 μs | Gauss, 400 μs | – |" in text

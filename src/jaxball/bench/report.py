@@ -84,10 +84,20 @@ def _section(problem: Problem, measured: Measured) -> list[str]:
         if found:
             parts += [f"### Achieved error at most {power(goal)}", _table(found)]
             parts.append(_agreement(problem, measured.rows, goal))
-    omitted = [f"- {sentence}" for sentence in measured.left_out]
-    failed = (row for row in measured.rows if row.failure)
-    omitted += [f"- Failed: {row.solver} at {power(row.tolerance)}: {row.failure}." for row in failed]
+    omitted = [f"- {sentence}" for sentence in (*measured.left_out, *_failures(measured.rows))]
     return [*parts, "### Left out and failed", "\n".join(omitted)] if omitted else parts
+
+
+def _failures(rows: Sequence[Row]) -> list[str]:
+    """A sentence for each solver and each way in which it failed."""
+    alike: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        if row.failure:
+            alike.setdefault((row.solver, row.failure), []).append(row)
+    return [
+        f"Failed: {solver} at {', '.join(power(row.tolerance) for row in found)}, because {failure}."
+        for (solver, failure), found in alike.items()
+    ]
 
 
 def _table(rows: Sequence[Row]) -> str:
@@ -113,7 +123,7 @@ def _cells(row: Row, fastest: float) -> list[str]:
 def _agreement(problem: Problem, rows: Sequence[Row], goal: float) -> str:
     sentences = [
         _apart(spread(problem, cheapest(rows, goal)), "The final states of these"),
-        _apart(spread(problem, asked(rows, goal)), f"Those of every solver that was asked for {power(goal)}"),
+        _apart(spread(problem, asked(rows, goal)), f"The final states of all solvers that were asked for {power(goal)}"),
     ]
     return " ".join(filter(None, sentences))
 

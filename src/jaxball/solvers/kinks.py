@@ -77,9 +77,14 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
 
 def _before(t: Float[Array, "..."]) -> Float[Array, "..."]:
     """The floating-point number before ``t``, with the derivative of ``t``."""
-    return t + jax.lax.stop_gradient(jnp.nextafter(t, -jnp.inf) - t)
+    return _neighbour(t, -jnp.inf)
 
 
 def _after(t: Float[Array, "..."]) -> Float[Array, "..."]:
     """The floating-point number after ``t``, with the derivative of ``t``."""
-    return t + jax.lax.stop_gradient(jnp.nextafter(t, jnp.inf) - t)
+    return _neighbour(t, jnp.inf)
+
+
+def _neighbour(t: Float[Array, "..."], towards: float) -> Float[Array, "..."]:
+    fixed = jax.lax.stop_gradient(t)
+    return t + (jnp.nextafter(fixed, jnp.full_like(fixed, towards)) - fixed)

@@ -167,7 +167,7 @@ class _Run(Run):
         program = self._program
         ended = program.solve(*self._arguments)
         succeeded = bool(ended.result == diffrax.RESULTS.successful)
-        failure = "" if succeeded else " ".join(diffrax.RESULTS[ended.result].split())
+        failure = "" if succeeded else _sentence(ended.result)
         steps, rejected = int(ended.steps), int(ended.rejected)
         evaluations = self._evaluations() if succeeded and steps + rejected <= COUNTABLE else None
         work = Work(steps=steps, rejected=rejected, evaluations=evaluations)
@@ -178,6 +178,12 @@ class _Run(Run):
         before = counter.read()
         jax.block_until_ready(self._program.counted(*self._arguments))
         return counter.read() - before
+
+
+def _sentence(result: diffrax.RESULTS) -> str:
+    """The first sentence of diffrax's message, to stand behind a "because"."""
+    first, _, _ = " ".join(diffrax.RESULTS[result].split()).partition(". ")
+    return first[:1].lower() + first[1:].rstrip(".")
 
 
 def _seconds(run: Run) -> float:
