@@ -36,7 +36,9 @@ class Packing(eqx.Module):
         """The rate of the vector."""
         return ravel_pytree(locked_field(self.system, t, self.unravel(x)))[0]
 
-    def dae_field(self, t: Float[Array, ""], x: Float[Array, " size"], component: Int[Array, ""]) -> Float[Array, " size"]:
+    def dae_field(
+        self, t: Float[Array, ""], x: Float[Array, " size"], component: Int[Array, ""]
+    ) -> Float[Array, " size"]:
         """The right-hand side of the differential-algebraic form: M ẋ of the vector."""
         state = self.unravel(x)
         return ravel_pytree(constrained(locked_field(self.system, t, state), state, component))[0]

@@ -123,7 +123,9 @@ def _cells(row: Row, fastest: float) -> list[str]:
 def _agreement(problem: Problem, rows: Sequence[Row], goal: float) -> str:
     sentences = [
         _apart(spread(problem, cheapest(rows, goal)), "The final states of these"),
-        _apart(spread(problem, asked(rows, goal)), f"The final states of all solvers that were asked for {power(goal)}"),
+        _apart(
+            spread(problem, asked(rows, goal)), f"The final states of all solvers that were asked for {power(goal)}"
+        ),
     ]
     return " ".join(filter(None, sentences))
 

@@ -13,7 +13,7 @@ class AbstractStageSolver(diffrax.AbstractImplicitSolver, diffrax.AbstractAdapti
 
     term_structure: ClassVar = diffrax.AbstractTerm
 
-    root_finder: eqx.AbstractVar[AbstractStageIteration]
+    root_finder: eqx.AbstractVar[AbstractStageIteration]  # pyright: ignore[reportIncompatibleVariableOverride]
 
     @property
     def root_find_max_steps(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -1,6 +1,6 @@
 """A step of a collocation method, whatever its nodes."""
 
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -40,17 +40,17 @@ class AbstractCollocation(AbstractStageSolver):
     def error_order(self, terms) -> int:
         return self.error.order(len(self.tableau.c))
 
-    def init(self, terms, t0, t1, y0, args) -> CollocationState:
+    def init(self, terms, t0: Any, t1: Any, y0, args) -> CollocationState:
         problem = flat_problem(terms, t0, t1, y0, args)
-        fault = None if problem.mass is None else fault_of(problem, t0, self.root_finder)
+        fault = None if problem.mass is None else fault_of(problem, problem.mass, t0, self.root_finder)
         empty = jnp.zeros((len(self.tableau.c), problem.x0.size), problem.x0.dtype)
         return CollocationState(empty, problem.control, jnp.asarray(1.0, empty.dtype), fault)
 
-    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+    def step(self, terms, t0: Any, t1: Any, y0, args, solver_state, made_jump: Any):
         problem = flat_problem(terms, t0, t1, y0, args)
         tableau, unravel = self.tableau, problem.unravel
-        x0 = problem.x0 if problem.mass is None else consistent_after_jump(problem, t0, made_jump)
-        times = t0 + jnp.asarray(tableau.c, t0.dtype) * (t1 - t0)
+        x0 = problem.x0 if problem.mass is None else consistent_after_jump(problem, problem.mass, t0, made_jump)
+        times = t0 + (t1 - t0) * jnp.asarray(tableau.c, jnp.result_type(t0))
         equations = StageEquations(tableau, problem.slope, t0, times, x0, unravel, problem.mass)
         guess = jnp.where(made_jump, 0.0, _predicted(tableau, solver_state, problem.control))
         stages = self.root_finder.solve(equations, guess, solver_state.rate)

@@ -1,5 +1,6 @@
 """Consistent initial values of problems with a mass matrix."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -104,7 +105,7 @@ def solve_algebraic(
     return x, small(x, correction.change), correction.index_one
 
 
-def algebraic_correction(g, mass: Mass, x: Float[Array, " n"]) -> Correction:
+def algebraic_correction(g: Callable, mass: Mass, x: Float[Array, " n"]) -> Correction:
     """One step of Newton's iteration for the equations without a derivative.
 
     M + R (∂g/∂x) V, with the projections R on these equations and V on the algebraic variables, takes
@@ -123,9 +124,9 @@ def algebraic_correction(g, mass: Mass, x: Float[Array, " n"]) -> Correction:
     return Correction(jnp.where(index_one, change, 0.0), index_one & jnp.all(jnp.isfinite(value)))
 
 
-def fault_of(problem: FlatProblem, t0: Float[Array, ""], measure: AbstractStageIteration) -> Int[Array, ""]:
+def fault_of(problem: FlatProblem, mass: Mass, t0: Float[Array, ""], measure: AbstractStageIteration) -> Int[Array, ""]:
     """What is wrong with the values at the start: not consistent to within the tolerance, or not of index 1."""
-    correction = algebraic_correction(lambda x: problem.field(t0, x), problem.mass, problem.x0)
+    correction = algebraic_correction(lambda x: problem.field(t0, x), mass, problem.x0)
     scaled = correction.change / (measure.atol + measure.rtol * jnp.abs(problem.x0))
     consistent = measure.norm(problem.unravel(scaled)) <= 1
     fault = jnp.where(consistent, NO_FAULT, INCONSISTENT)
@@ -133,14 +134,14 @@ def fault_of(problem: FlatProblem, t0: Float[Array, ""], measure: AbstractStageI
 
 
 def consistent_after_jump(
-    problem: FlatProblem, t0: Float[Array, ""], made_jump: Bool[Array, ""] | bool
+    problem: FlatProblem, mass: Mass, t0: Float[Array, ""], made_jump: Bool[Array, ""] | bool
 ) -> Float[Array, " n"]:
     """The state at the start of a step, whose algebraic variables may have jumped with g."""
     if made_jump is False:
         return problem.x0
 
     def corrected(x0):
-        x, converged, _ = solve_algebraic(lambda x: problem.field(t0, x), problem.mass, x0)
+        x, converged, _ = solve_algebraic(lambda x: problem.field(t0, x), mass, x0)
         return jnp.where(converged, x, x0)
 
     change = jax.lax.cond(made_jump, lambda x0: corrected(x0) - x0, jnp.zeros_like, problem.x0)

@@ -1,5 +1,7 @@
 """The collocation polynomial as dense output."""
 
+from typing import Any
+
 import diffrax
 import jax
 import jax.numpy as jnp
@@ -9,12 +11,12 @@ from jaxtyping import Array, Float, PyTree
 class CollocationPolynomial(diffrax.AbstractLocalInterpolation):
     """u(t0 + θh) = y₀ + Σₖ coefficientₖ ∫₀^θ P̃ₖ."""
 
-    t0: Float[Array, ""]
-    t1: Float[Array, ""]
+    t0: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
+    t1: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
     y0: PyTree[Array]
     coefficients: PyTree[Array]
 
-    def evaluate(self, t0, t1=None, left=True):
+    def evaluate(self, t0: Any, t1: Any = None, left=True):
         if t1 is not None:
             return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
         count = len(jax.tree.leaves(self.coefficients)[0])
@@ -27,14 +29,14 @@ class CollocationPolynomial(diffrax.AbstractLocalInterpolation):
 class CubicHermite(diffrax.AbstractLocalInterpolation):
     """The cubic with values y₀, y₁ and slopes k₀, k₁ at the ends, in units of 1/h."""
 
-    t0: Float[Array, ""]
-    t1: Float[Array, ""]
+    t0: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
+    t1: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
     y0: PyTree[Array]
     y1: PyTree[Array]
     k0: PyTree[Array]
     k1: PyTree[Array]
 
-    def evaluate(self, t0, t1=None, left=True):
+    def evaluate(self, t0: Any, t1: Any = None, left=True):
         if t1 is not None:
             return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
         theta = _fraction(self, t0)

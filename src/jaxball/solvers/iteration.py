@@ -17,7 +17,7 @@ class Iterate(NamedTuple):
     x: PyTree[Array]
     change: Float[Array, ""]  # the norm of the last change, in units of the tolerance
     rate: Float[Array, ""]  # by which factor a change is smaller than the one before
-    count: Int[Array, ""]
+    passes: Int[Array, ""]
     converged: Bool[Array, ""]
     hopeless: Bool[Array, ""]
 
@@ -27,7 +27,7 @@ def iterate(
     start: PyTree[Array],
     rate: Float[Array, ""],
     *,
-    limit: Float[Array, ""],
+    limit: float,
     floor: Float[Array, ""],
     max_steps: int,
 ) -> Iterate:
@@ -41,14 +41,14 @@ def iterate(
 
     def body(at: Iterate) -> Iterate:
         x, change = update(at.x)
-        first = at.count == 0
+        first = at.passes == 0
         rate = jnp.where(first, jnp.maximum(at.rate**0.8, LEAST_GUESS), change / at.change)
-        left = max_steps - 1 - at.count
+        left = max_steps - 1 - at.passes
         remaining = rate / jnp.maximum(1 - rate, 1e-3) * change
         converged = (remaining <= limit) & (rate < 1) | (change <= floor)
         too_slow = (rate >= 1) | (remaining * rate**left > limit)
         hopeless = ~converged & (~jnp.isfinite(change) | ~first & too_slow | (left == 0))
-        return Iterate(x, change, rate, at.count + 1, converged, hopeless)
+        return Iterate(x, change, rate, at.passes + 1, converged, hopeless)
 
-    start = Iterate(start, jnp.ones_like(limit), rate, jnp.asarray(0), jnp.asarray(False), jnp.asarray(False))
+    start = Iterate(start, jnp.ones_like(floor), rate, jnp.asarray(0), jnp.asarray(False), jnp.asarray(False))
     return jax.lax.while_loop(lambda at: ~at.converged & ~at.hopeless, body, start)

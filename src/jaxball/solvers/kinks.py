@@ -1,9 +1,13 @@
 """Stepping to the kinks of a vector field."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import diffrax
+import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
 
 class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
@@ -25,13 +29,21 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
     controller: diffrax.AbstractAdaptiveStepSizeController
     kinks: Float[Array, " kinks"]
 
+    def __init__(
+        self,
+        controller: diffrax.AbstractAdaptiveStepSizeController,
+        kinks: Float[ArrayLike, " kinks"] | Sequence[float],
+    ):
+        self.controller = controller
+        self.kinks = jnp.asarray(kinks)
+
     @property
-    def rtol(self):
+    def rtol(self):  # pyright: ignore[reportIncompatibleVariableOverride]
         """The relative tolerance of the inner controller."""
         return self.controller.rtol
 
     @property
-    def atol(self):
+    def atol(self):  # pyright: ignore[reportIncompatibleVariableOverride]
         """The absolute tolerance of the inner controller."""
         return self.controller.atol
 
@@ -41,9 +53,10 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
         return self.controller.norm
 
     def wrap(self, direction):
-        return StepToKinks(self.controller.wrap(direction), self.kinks * direction)
+        controller = self.controller.wrap(direction)
+        return eqx.tree_at(lambda s: (s.controller, s.kinks), self, (controller, self.kinks * direction))
 
-    def init(self, terms, t0, t1, y0, dt0, args, func, error_order):
+    def init(self, terms, t0: Any, t1: Any, y0, dt0, args, func, error_order):
         t1, state = self.controller.init(terms, t0, t1, y0, dt0, args, func, error_order)
         clipped, _ = self._clip(t0, t1)
         return clipped, (t1 - t0, state)
@@ -56,7 +69,7 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
         length = next_t1 - next_t0
         # A step that was cut short says nothing about longer ones.
         length = jnp.where(keep & (t1 - t0 < 0.99 * wanted), jnp.maximum(length, jax.lax.stop_gradient(wanted)), length)
-        past, jumped = self._past(next_t0)
+        past, jumped = self._past(jnp.asarray(next_t0))
         clipped, _ = self._clip(past, past + length)
         return keep, past, clipped, made_jump | jumped, (length, state), result
 

@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
@@ -42,7 +43,7 @@ class AbstractMassTerm(diffrax.AbstractTerm):
     """
 
     @abc.abstractmethod
-    def at_step(self, t: Float[Array, ""], y: PyTree[Array], args: Any) -> tuple[VectorField, Mass]:
+    def at_step(self, t: Any, y: PyTree[Array], args: Any) -> tuple[VectorField, Mass]:
         """The vector field g and the mass matrix for the step that starts at ``t``, ``y``."""
 
     def vf(self, t, y, args):
@@ -79,7 +80,7 @@ class MassMatrixTerm(AbstractMassTerm):
 
     vector_field: VectorField
     mass: PyTree[Any]
-    null_spaces: tuple[Array, Array] | None
+    null_spaces: tuple[Any, Any] | None
 
     def __init__(self, vector_field: VectorField, mass: PyTree[ArrayLike]):
         self.vector_field = vector_field
@@ -125,7 +126,7 @@ def mass_term(term: diffrax.AbstractTerm) -> AbstractMassTerm | None:
     return term if isinstance(term, AbstractMassTerm) else None
 
 
-def _mass(mass: PyTree, null_spaces: tuple[Array, Array] | None, y: PyTree[Array], x: Float[Array, " n"]) -> Mass:
+def _mass(mass: PyTree, null_spaces: tuple[Any, Any] | None, y: PyTree[Array], x: Float[Array, " n"]) -> Mass:
     if null_spaces is not None:
         if mass.shape != (x.size, x.size):
             raise ValueError(
@@ -146,7 +147,7 @@ def _may_be_full(mass: PyTree) -> bool:
 
 
 def _null_spaces(mass: Any) -> tuple[np.ndarray, np.ndarray]:
-    if isinstance(mass, jax.core.Tracer):
+    if isinstance(mass, Tracer):
         raise ValueError(
             "Argument `mass` must be known when the term is made if it is a full matrix, but it is traced by JAX; "
             "make it of NumPy arrays outside of the transformation, or give a diagonal."

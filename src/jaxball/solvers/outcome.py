@@ -1,61 +1,51 @@
 """What a step tells diffrax when something went wrong, and what that means."""
 
+from typing import Any
+
 import diffrax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from .stages import Stages
 
-RESULTS = diffrax.RESULTS
+# Typed loosely: to a type checker, the items of an enumeration of equinox are not of its type.
+RESULTS: Any = diffrax.RESULTS
 
 NO_FAULT, INCONSISTENT, NOT_INDEX_ONE = 0, 1, 2
 
-SENTENCES = [
+SENTENCES: list[tuple[Any, str]] = [
     (RESULTS.successful, ""),
     (
         RESULTS.nonfinite,
-        (
-            "The vector field is not a finite number, however short the step. Look at the state where the solve "
-            "ended, with "
-            "SaveAt(t1=True) and throw=False."
-        ),
+        "The vector field is not a finite number, however short the step. Look at where the solve ended, with "
+        "SaveAt(t1=True) and throw=False.",
     ),
     (
         RESULTS.nonlinear_divergence,
-        (
-            "The iteration for the stages does not converge, however short the step. Where the root finder is FixedPoint, "
-            "the problem may be stiff: use SimplifiedNewton. Otherwise the vector field may jump: give its kinks to "
-            "StepToKinks."
-        ),
+        "The iteration for the stages does not converge, however short the step. If its root finder is FixedPoint, "
+        "the problem may be stiff: use SimplifiedNewton. Otherwise the vector field may jump: give its kinks to "
+        "StepToKinks.",
     ),
     (
         RESULTS.singular,
-        (
-            "The equations do not determine the step: either the equations without a derivative do not determine the "
-            "algebraic variables, because the index is greater than 1, or the matrix of the iteration is singular, "
-            "however short the step. Differentiate constraints until they hold the algebraic variables."
-        ),
+        "The equations do not determine the step: either those without a derivative do not determine the algebraic "
+        "variables, because the index is greater than 1, or the matrix of the iteration is singular, however short "
+        "the step. Differentiate constraints until they hold the algebraic variables.",
     ),
     (
         RESULTS.nonlinear_max_steps_reached,
-        (
-            "The initial values do not satisfy the equations without a derivative. Start from those that "
-            "consistent_initial_values finds."
-        ),
+        "The initial values do not satisfy the equations without a derivative. Start from those that "
+        "consistent_initial_values finds.",
     ),
     (
         RESULTS.max_steps_reached,
-        (
-            "The solve has taken all the steps that it may. Give it more max_steps, or a looser tolerance; if most were "
-            "rejected, the problem may be too stiff for the solver or its vector field may jump."
-        ),
+        "The solve has taken all the steps that it may. Give it more max_steps, or a looser tolerance; if most were "
+        "rejected, the problem may be too stiff for the solver, or its vector field may jump.",
     ),
     (
         RESULTS.dt_min_reached,
-        (
-            "The steps became shorter than the step-size controller allows, so the tolerance was out of reach at the time "
-            "where the solve ended."
-        ),
+        "The steps became shorter than the step-size controller allows: the tolerance was out of reach at the time "
+        "where the solve ended.",
     ),
     (RESULTS.event_occurred, "An event ended the solve."),
 ]

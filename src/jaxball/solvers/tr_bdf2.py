@@ -1,7 +1,7 @@
 """TR-BDF2."""
 
 import math
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -56,11 +56,11 @@ class TRBDF2(AbstractStageSolver):
     def error_order(self, terms) -> int:
         return 3
 
-    def init(self, terms, t0, t1, y0, args) -> TRBDF2State:
+    def init(self, terms, t0: Any, t1: Any, y0, args) -> TRBDF2State:
         x0, _ = ravel_pytree(y0)
         return TRBDF2State(jnp.zeros_like(x0), jnp.asarray(1.0, x0.dtype), jnp.asarray(False))
 
-    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+    def step(self, terms, t0: Any, t1: Any, y0, args, solver_state, made_jump: Any):
         problem = flat_problem(terms, t0, t1, y0, args)
         problem.refuse_mass(self)
         x0, unravel, slope = problem.x0, problem.unravel, problem.slope

@@ -1,6 +1,6 @@
 """The trapezoidal rule."""
 
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -54,12 +54,12 @@ class Trapezoidal(AbstractStageSolver):
     def error_order(self, terms) -> int:
         return 3
 
-    def init(self, terms, t0, t1, y0, args) -> TrapezoidalState:
+    def init(self, terms, t0: Any, t1: Any, y0, args) -> TrapezoidalState:
         x0, _ = ravel_pytree(y0)
         one = jnp.asarray(1.0, x0.dtype)
         return TrapezoidalState(one, jnp.zeros_like(x0), jnp.zeros_like(x0), one, jnp.asarray(False))
 
-    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+    def step(self, terms, t0: Any, t1: Any, y0, args, solver_state, made_jump: Any):
         problem = flat_problem(terms, t0, t1, y0, args)
         problem.refuse_mass(self)
         x0, unravel, slope = problem.x0, problem.unravel, problem.slope
