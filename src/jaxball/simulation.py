@@ -142,9 +142,12 @@ def _solve(method: _Method, system: System, times: Array, state: State, rtol: Ar
     parameters, unpack_parameters = ravel_pytree(packing)
     startable = possible(system) & possible_state(state) & jnp.all(jnp.isfinite(initial))
 
+    # Compiled on their own, they are traced once; diffrax traces a step several times.
+    @jax.jit
     def field(t, x, parameters):
         return jnp.where(startable, unpack_parameters(parameters).field(t, x), 0.0)
 
+    @jax.jit
     def dae_field(t, x, parameters, component):
         return jnp.where(startable, unpack_parameters(parameters).dae_field(t, x, component), 0.0)
 

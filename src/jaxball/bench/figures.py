@@ -1,5 +1,6 @@
 """Work–precision diagrams: the time of a solve over the error that it achieved."""
 
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,8 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullLocator
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullLocator
 
 from ..plot import style
 from .contenders import ALL
@@ -59,8 +61,7 @@ def diagram(problem: Problem, rows: Sequence[Row]) -> Figure:
     ax.set_yscale("log")
     ax.invert_xaxis()
     for axis in (ax.xaxis, ax.yaxis):
-        axis.set_major_locator(LogLocator(numticks=20))
-        axis.set_minor_locator(NullLocator())
+        _number_axis(axis)
     ax.grid(True, color=style.FAINT, linewidth=0.4)
     ax.set_axisbelow(True)
     kind = "largest relative error" if problem.relative else "largest error"
@@ -86,6 +87,15 @@ def line_style(solver: str) -> dict[str, Any]:
         "markersize": pen.size,
         "zorder": 3 if family == "jaxball" else 2,
     }
+
+
+def _number_axis(axis: Axis) -> None:
+    """A number at each power of ten, and at twice and five times it where there are few powers."""
+    low, high = sorted(axis.get_view_interval())
+    few = high < 100 * low
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,), numticks=20))
+    axis.set_major_formatter(LogFormatterSciNotation(minor_thresholds=(math.inf, math.inf)))
+    axis.set_minor_locator(NullLocator())
 
 
 def _line(ax: Axes, solver: str, rows: Sequence[Row]) -> None:

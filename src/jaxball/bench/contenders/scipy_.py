@@ -62,7 +62,7 @@ class _Run(Run):
         while solver.status == "running" and steps < MAX_STEPS:
             message = solver.step()
             steps += 1
-        failure = {"finished": "", "running": f"it took {MAX_STEPS} steps"}.get(solver.status, str(message))
+        failure = {"finished": "", "running": f"it took {MAX_STEPS} steps"}.get(solver.status, str(message).rstrip("."))
         implicit = self.program.jacobian is not None
         counted = Work(
             steps=steps,
