@@ -26,16 +26,17 @@ def exact(t, args):
 
 
 def field_with_algebraic(t, x, args):
-    """M ẋ of (w, u, v), where w + w³/10 = 1 − r² + u determines w, and stands for 1 − r² + u in the other equations."""
+    """M ẋ of (w, u, v), where w + w³/10 = 1 + u determines w, and w + w³/10 − u stands for 1 in the other equations."""
     w, u, v = x
     r2 = u**2 + v**2
-    growth, turn = w + w**3 / 10 - u, args[0] * (1 + args[1] * t) + r2
-    return jnp.stack([w + w**3 / 10 - u - 1 + r2, growth * u - turn * v, growth * v + turn * u])
+    one = w + w**3 / 10 - u
+    growth, turn = one - r2, args[0] * (1 + args[1] * t) + r2
+    return jnp.stack([one - 1, growth * u - turn * v, growth * v + turn * u])
 
 
 def exact_with_algebraic(t, args):
     """(w, u, v); the cubic w³ + pw = q is solved by hyperbolic functions (Cardano's formula)."""
     u, v = exact(t, args)
-    p, q = 10.0, 10 * (1 - u**2 - v**2 + u)
+    p, q = 10.0, 10 * (1 + u)
     w = 2 * jnp.sqrt(p / 3) * jnp.sinh(jnp.arcsinh(1.5 * q / p * jnp.sqrt(3 / p)) / 3)
     return jnp.stack([w, u, v])

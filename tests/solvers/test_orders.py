@@ -41,7 +41,7 @@ AT_ENDS = [
     pytest.param(gauss(5), 10, FAST, (32, 48, 64), id="Gauss, 5 stages", marks=pytest.mark.slow),
     pytest.param(gauss(6), 12, FAST, (20, 24, 32), id="Gauss, 6 stages", marks=pytest.mark.slow),
     pytest.param(gauss(7), 14, FAST, (16, 20, 24), id="Gauss, 7 stages", marks=pytest.mark.slow),
-    pytest.param(gauss(8), 16, FAST, (14, 16, 20), id="Gauss, 8 stages"),
+    pytest.param(gauss(8), 16, FAST, (12, 14, 16), id="Gauss, 8 stages"),
     pytest.param(TRAPEZOIDAL, 2, SLOW, (32, 64, 128), id="trapezoidal rule"),
     pytest.param(TR_BDF2, 2, SLOW, (32, 64, 128), id="TR-BDF2"),
 ]
@@ -73,7 +73,7 @@ def test_local_error_of_gauss_with_12_stages_has_order_25(drive):
         pytest.param(radau(7), (10, 12, 16), id="Radau IIA, 7 stages"),
         pytest.param(gauss(2), (32, 64, 128), id="Gauss, 2 stages"),
         pytest.param(gauss(4), (16, 32, 64), id="Gauss, 4 stages"),
-        pytest.param(gauss(8), (8, 10, 12), id="Gauss, 8 stages"),
+        pytest.param(gauss(8), (5, 6, 8), id="Gauss, 8 stages"),
     ],
 )
 def test_collocation_polynomial_has_order_s_plus_1_throughout_a_step(solver, steps):
@@ -90,9 +90,11 @@ def test_hermite_cubic_is_as_accurate_between_the_steps_as_at_their_ends(solver)
 
 @pytest.mark.parametrize("components", [[0], [1, 2]], ids=["algebraic", "differential"])
 @pytest.mark.parametrize(
-    ("stages", "steps"), [(3, (32, 64, 128)), (5, (12, 16, 20)), (7, (5, 6, 7))], ids=["3 stages", "5 stages", "7 stages"]
+    ("stages", "steps"),
+    [(3, (32, 48, 64)), (5, (20, 24, 32)), (7, (10, 12, 14))],
+    ids=["3 stages", "5 stages", "7 stages"],
 )
 def test_radau_has_the_same_order_in_algebraic_variables(stages, steps, components):
-    args = (SLOW, DRIVEN)
+    args = (10.0, DRIVEN)
     lengths, errors = runs(radau(stages), steps, args, DAE, rotating.exact_with_algebraic, components)
-    assert observed_order(lengths, [e.end for e in errors]) == pytest.approx(2 * stages - 1, abs=0.4)
+    assert observed_order(lengths, [e.end for e in errors]) == pytest.approx(2 * stages - 1, abs=0.35)

@@ -44,14 +44,18 @@ class Piece:
 class Form:
     """The same problem as jaxball itself states it, in JAX and in another state.
 
-    - ``field``: f(t, x, args), with args None, right on the whole interval; at a kink it is either one-sided value.
+    - ``field``: f(t, x, args), right on the whole interval; at a kink it is either one-sided value.
     - ``initial``: x at the problem's start.
     - ``final``: from x at the problem's end to the state of the problem.
+    - ``mass``, ``choose``: of a DAE, the diagonal of M for an algebraic component, and the component to be algebraic in
+      a step that starts at x; the ``args`` of ``field`` are that component.
     """
 
     field: Callable[[Float[Array, ""], Float[Array, " form"], Any], Float[Array, " form"]]
     initial: tuple[float, ...]
     final: Callable[[Float[np.ndarray, " form"]], Float[np.ndarray, " state"]]
+    mass: Callable[[Any], Float[Array, " form"]] | None = None
+    choose: Callable[[Float[Array, ""], Float[Array, " form"], Any], Any] | None = None
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,14 @@
 """A problem's equations in the languages of the packages that solve them."""
 
+import importlib
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .problem import Piece, Problem, Rates
 from .recorder import jacobian, record, source
-
-if TYPE_CHECKING:
-    import casadi
-    import heyoka
 
 
 def jax_field(g: Rates) -> Callable[[Float[Array, ""], Float[Array, " state"], Any], Float[Array, " state"]]:
@@ -56,25 +53,25 @@ def jacobian_source(g: Rates, states: int, parameters: int, name: str = "jacobia
     return source(f"{name}(t, x, p, jacobian)", recorder, targets)
 
 
-def casadi_function(g: Rates, states: int, parameters: int) -> "casadi.Function":
+def casadi_function(g: Rates, states: int, parameters: int) -> Any:
     """g as a CasADi function (t, x, p) → g.
 
     **Raises:** ``ImportError`` where CasADi is not installed.
     """
-    import casadi
+    casadi: Any = importlib.import_module("casadi")
 
     t, x, p = casadi.SX.sym("t"), casadi.SX.sym("x", states), casadi.SX.sym("p", parameters)
     rates = g(t, casadi.vertsplit(x), casadi.vertsplit(p), casadi)
     return casadi.Function("g", [t, x, p], [casadi.vertcat(*rates)], ["t", "x", "p"], ["rates"])
 
 
-def casadi_dae(problem: Problem, piece: Piece) -> dict[str, "casadi.SX"]:
+def casadi_dae(problem: Problem, piece: Piece) -> dict[str, Any]:
     """The problem on ``piece`` as ``casadi.integrator`` takes it: x, ode and, of a DAE, z, the component that is
     algebraic, and alg, the constraint.
 
     **Raises:** ``ImportError`` where CasADi is not installed.
     """
-    import casadi
+    casadi: Any = importlib.import_module("casadi")
 
     t, x = casadi.SX.sym("t"), casadi.SX.sym("x", len(problem.initial))
     p = casadi.SX.sym("p", len(piece.parameters))
@@ -93,13 +90,13 @@ def casadi_dae(problem: Problem, piece: Piece) -> dict[str, "casadi.SX"]:
     }
 
 
-def heyoka_system(g: Rates, states: int, parameters: int) -> list[tuple["heyoka.expression", "heyoka.expression"]]:
+def heyoka_system(g: Rates, states: int, parameters: int) -> list[tuple[Any, Any]]:
     """g as heyoka's pairs of a variable and its rate; the parameters are ``heyoka.par[i]``.
 
     **Raises:** ``ImportError`` where heyoka is not installed.
     """
-    import heyoka
+    heyoka: Any = importlib.import_module("heyoka")
 
-    x = heyoka.make_vars(*[f"x{i}" for i in range(states)])
+    x = [heyoka.expression(f"x{i}") for i in range(states)]
     rates = g(heyoka.time, x, [heyoka.par[i] for i in range(parameters)], heyoka)
     return list(zip(x, rates, strict=True))

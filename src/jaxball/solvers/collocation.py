@@ -1,18 +1,21 @@
 """A step of a collocation method, whatever its nodes."""
 
+import abc
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from .base import AbstractStageSolver
-from .consistency import consistent_after_jump, fault_of
+from .consistency import start_of_step
 from .errors import AbstractErrorEstimate
 from .flat import flat_problem
 from .interpolation import CollocationPolynomial, legendre
-from .outcome import NO_FAULT, outcome
+from .mass import mass_term
+from .outcome import NO_FAULT, UNKNOWN, outcome
 from .stages import StageEquations, combine
 from .tableau import Tableau
 
@@ -35,35 +38,40 @@ class AbstractCollocation(AbstractStageSolver):
     interpolation_cls: ClassVar = CollocationPolynomial
 
     error: eqx.AbstractVar[AbstractErrorEstimate]
-    tableau: eqx.AbstractVar[Tableau]
+
+    @property
+    @abc.abstractmethod
+    def tableau(self) -> Tableau:
+        """The coefficients."""
 
     def error_order(self, terms) -> int:
         return self.error.order(len(self.tableau.c))
 
     def init(self, terms, t0: Any, t1: Any, y0, args) -> CollocationState:
-        problem = flat_problem(terms, t0, t1, y0, args)
-        fault = None if problem.mass is None else fault_of(problem, problem.mass, t0, self.root_finder)
-        empty = jnp.zeros((len(self.tableau.c), problem.x0.size), problem.x0.dtype)
-        return CollocationState(empty, problem.control, jnp.asarray(1.0, empty.dtype), fault)
+        x0, _ = ravel_pytree(y0)
+        fault = None if mass_term(terms) is None else jnp.asarray(UNKNOWN)
+        empty = jnp.zeros((len(self.tableau.c), x0.size), x0.dtype)
+        return CollocationState(empty, terms.contr(t0, t1), jnp.asarray(1.0, empty.dtype), fault)
 
     def step(self, terms, t0: Any, t1: Any, y0, args, solver_state, made_jump: Any):
         problem = flat_problem(terms, t0, t1, y0, args)
-        tableau, unravel = self.tableau, problem.unravel
-        x0 = problem.x0 if problem.mass is None else consistent_after_jump(problem, problem.mass, t0, made_jump)
+        tableau, unravel, mass = self.tableau, problem.unravel, problem.mass
+        x0, fault = problem.x0, solver_state.fault
+        if mass is not None:
+            x0, fault = start_of_step(problem, mass, t0, self.root_finder, fault, made_jump)
         times = t0 + (t1 - t0) * jnp.asarray(tableau.c, jnp.result_type(t0))
-        equations = StageEquations(tableau, problem.slope, t0, times, x0, unravel, problem.mass)
+        equations = StageEquations(tableau, problem.slope, t0, times, x0, unravel, mass)
         guess = jnp.where(made_jump, 0.0, _predicted(tableau, solver_state, problem.control))
         stages = self.root_finder.solve(equations, guess, solver_state.rate)
         coefficients = combine(tableau.expansion, stages.K)
         increment = stages.Z[-1] if tableau.c[-1] == 1 else coefficients[0]
         error = jax.lax.stop_gradient(self.error.estimate(equations, stages, coefficients))
-        fault = NO_FAULT
-        if problem.mass is not None:
-            error, fault = problem.mass.without_algebraic(error), solver_state.fault
-        y_error, result = outcome(stages, error, t0, t1, fault)
+        if mass is not None:
+            error = mass.without_algebraic(error)
+        y_error, result = outcome(stages, error, t0, t1, NO_FAULT if fault is None else fault)
         dense = {"y0": unravel(x0), "coefficients": jax.vmap(unravel)(coefficients)}
         memory = jax.lax.stop_gradient((coefficients, problem.control, stages.rate))
-        state = CollocationState(*memory, solver_state.fault)
+        state = CollocationState(*memory, fault)
         return unravel(x0 + increment), unravel(y_error), dense, state, result
 
 

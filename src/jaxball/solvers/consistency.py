@@ -13,22 +13,12 @@ from .flat import FlatProblem
 from .linear import factorise, product
 from .mass import AbstractMassTerm, Mass
 from .newton import value_and_jacobian
-from .outcome import INCONSISTENT, NO_FAULT, NOT_INDEX_ONE
+from .outcome import INCONSISTENT, NO_FAULT, NOT_INDEX_ONE, UNKNOWN
 from .stages import AbstractStageIteration
 
 # Beyond this condition number the equations without a derivative do not determine the algebraic variables.
 WORST_CONDITION = 1e-3
 MAX_STEPS = 20
-
-
-class Correction(NamedTuple):
-    """What is lacking for the equations without a derivative to hold, to first order.
-
-    ``change`` is what to add to the algebraic variables; ``index_one`` says whether it is determined.
-    """
-
-    change: Float[Array, " n"]
-    index_one: Bool[Array, ""]
 
 
 class InitialValues(eqx.Module):
@@ -76,37 +66,48 @@ def consistent_initial_values(
     t0 = jnp.asarray(t0, jnp.result_type(*jax.tree.leaves(y0)))
     field, mass = term.at_step(t0, y0, args)
     x0, unravel = ravel_pytree(y0)
-    x, converged, index_one = solve_algebraic(lambda x: ravel_pytree(field(t0, unravel(x), args))[0], mass, x0)
-    found = InitialValues(unravel(x), converged, index_one)
+    solved = solve_algebraic(lambda x: ravel_pytree(field(t0, unravel(x), args))[0], mass, x0)
+    found = InitialValues(unravel(solved.x), solved.converged, solved.index_one)
     if throw and not found.ok:
         raise ValueError(found.message)
     return found
 
 
-def solve_algebraic(
-    g, mass: Mass, x0: Float[Array, " n"]
-) -> tuple[Float[Array, " n"], Bool[Array, ""], Bool[Array, ""]]:
-    """``x0`` with the algebraic part corrected, whether that converged, and whether the index is 1."""
+class Solved(NamedTuple):
+    """Where Newton's iteration for the algebraic variables ended.
+
+    ``lacking`` is what it changed at first, or would have.
+    """
+
+    x: Float[Array, " n"]
+    lacking: Float[Array, " n"]
+    converged: Bool[Array, ""]
+    index_one: Bool[Array, ""]
+    passes: Int[Array, ""]
+
+
+def solve_algebraic(g: Callable, mass: Mass, x0: Float[Array, " n"], needed: Bool[Array, ""] | bool = True) -> Solved:
+    """Solves the equations without a derivative for the algebraic variables, where it is ``needed``.
+
+    One loop holds all of it: a Jacobian more in a program costs more to compile than the rest.
+    """
     eps = jnp.finfo(x0.dtype).eps
 
-    def small(x, change):
-        return jnp.all(jnp.abs(change) <= 16 * eps * (jnp.abs(x) + jnp.max(jnp.abs(x))))
+    def unfinished(at: Solved):
+        return ~at.converged & at.index_one & (at.passes < MAX_STEPS)
 
-    def unfinished(carry):
-        x, correction, count = carry
-        return ~small(x, correction.change) & correction.index_one & (count < MAX_STEPS)
+    def improve(at: Solved) -> Solved:
+        change, index_one = _correction(g, mass, at.x)
+        small = jnp.all(jnp.abs(change) <= 16 * eps * (jnp.abs(at.x) + jnp.max(jnp.abs(at.x))))
+        lacking = jnp.where(at.passes == 0, change, at.lacking)
+        return Solved(at.x + change, lacking, small & index_one, index_one, at.passes + 1)
 
-    def improve(carry):
-        x, correction, count = carry
-        x = x + correction.change
-        return x, algebraic_correction(g, mass, x), count + 1
-
-    x, correction, _ = jax.lax.while_loop(unfinished, improve, (x0, algebraic_correction(g, mass, x0), 0))
-    return x, small(x, correction.change), correction.index_one
+    start = Solved(x0, jnp.zeros_like(x0), ~jnp.asarray(needed), jnp.asarray(True), jnp.asarray(0))
+    return jax.lax.while_loop(unfinished, improve, start)
 
 
-def algebraic_correction(g: Callable, mass: Mass, x: Float[Array, " n"]) -> Correction:
-    """One step of Newton's iteration for the equations without a derivative.
+def _correction(g: Callable, mass: Mass, x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
+    """One step of Newton's iteration for the equations without a derivative, and whether it is determined.
 
     M + R (∂g/∂x) V, with the projections R on these equations and V on the algebraic variables, takes
     apart into M between the differential parts and the Jacobian between the algebraic ones, which is
@@ -114,36 +115,33 @@ def algebraic_correction(g: Callable, mass: Mass, x: Float[Array, " n"]) -> Corr
     """
     value, J = value_and_jacobian(g, x)
     matrix = mass.matrix + product(product(mass.residuals, J), mass.variables)
-    scale = jnp.max(jnp.abs(matrix), axis=1)
-    scaled = matrix / jnp.where(scale == 0, 1.0, scale)[:, None]
-    inverse = factorise(scaled[None]).inverses[0]
-    condition = jnp.max(jnp.sum(jnp.abs(inverse), axis=1)) * jnp.max(jnp.sum(jnp.abs(scaled), axis=1))
+    scale = jnp.max(jnp.abs(matrix), axis=1, keepdims=True)
+    scale = jnp.where(scale == 0, 1.0, scale)
+    inverse = factorise((matrix / scale)[None]).inverses[0]
+    condition = jnp.max(jnp.sum(jnp.abs(inverse), axis=1)) * jnp.max(jnp.sum(jnp.abs(matrix / scale), axis=1))
     index_one = condition * jnp.finfo(x.dtype).eps < WORST_CONDITION
-    residual = product(mass.residuals, value[:, None]) / jnp.where(scale == 0, 1.0, scale)[:, None]
-    change = -product(inverse, residual)[:, 0]
-    return Correction(jnp.where(index_one, change, 0.0), index_one & jnp.all(jnp.isfinite(value)))
+    change = -product(inverse, product(mass.residuals, value[:, None]) / scale)[:, 0]
+    return jnp.where(index_one, change, 0.0), index_one
 
 
-def fault_of(problem: FlatProblem, mass: Mass, t0: Float[Array, ""], measure: AbstractStageIteration) -> Int[Array, ""]:
-    """What is wrong with the values at the start: not consistent to within the tolerance, or not of index 1."""
-    correction = algebraic_correction(lambda x: problem.field(t0, x), mass, problem.x0)
-    scaled = correction.change / (measure.atol + measure.rtol * jnp.abs(problem.x0))
-    consistent = measure.norm(problem.unravel(scaled)) <= 1
-    fault = jnp.where(consistent, NO_FAULT, INCONSISTENT)
-    return jax.lax.stop_gradient(jnp.where(correction.index_one, fault, NOT_INDEX_ONE))
+def start_of_step(
+    problem: FlatProblem,
+    mass: Mass,
+    t0: Float[Array, ""],
+    measure: AbstractStageIteration,
+    fault: Int[Array, ""],
+    made_jump: Bool[Array, ""] | bool,
+) -> tuple[Float[Array, " n"], Int[Array, ""]]:
+    """The state at the start of a step, and what is wrong with the problem.
 
-
-def consistent_after_jump(
-    problem: FlatProblem, mass: Mass, t0: Float[Array, ""], made_jump: Bool[Array, ""] | bool
-) -> Float[Array, " n"]:
-    """The state at the start of a step, whose algebraic variables may have jumped with g."""
-    if made_jump is False:
-        return problem.x0
-
-    def corrected(x0):
-        x, converged, _ = solve_algebraic(lambda x: problem.field(t0, x), mass, x0)
-        return jnp.where(converged, x, x0)
-
-    change = jax.lax.cond(made_jump, lambda x0: corrected(x0) - x0, jnp.zeros_like, problem.x0)
-    # The stages depend on the sum of this change and their increments alone.
-    return problem.x0 + jax.lax.stop_gradient(change)
+    On the first step, where ``fault`` is UNKNOWN, the state must be consistent to within the tolerance; after
+    a jump of g the algebraic variables may jump as well.
+    """
+    first = fault == UNKNOWN
+    solved = solve_algebraic(lambda x: problem.field(t0, x), mass, problem.x0, first | made_jump)
+    scaled = solved.lacking / (measure.atol + measure.rtol * jnp.abs(problem.x0))
+    found = jnp.where(measure.norm(problem.unravel(scaled)) <= 1, NO_FAULT, INCONSISTENT)
+    found = jnp.where(solved.index_one, found, NOT_INDEX_ONE)
+    change = jnp.where(solved.converged, solved.x - problem.x0, 0.0)
+    # The stages depend on the sum of this change and their increments alone, so it has no derivative to pass.
+    return problem.x0 + jax.lax.stop_gradient(change), jnp.where(first, found, fault)

@@ -53,7 +53,7 @@ class Gauss(AbstractCollocation):
             )
 
     @property
-    def tableau(self) -> Tableau:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def tableau(self) -> Tableau:
         """The coefficients."""
         return gauss(self.stages)
 

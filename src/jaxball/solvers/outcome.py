@@ -11,7 +11,8 @@ from .stages import Stages
 # Typed loosely: to a type checker, the items of an enumeration of equinox are not of its type.
 RESULTS: Any = diffrax.RESULTS
 
-NO_FAULT, INCONSISTENT, NOT_INDEX_ONE = 0, 1, 2
+# What is wrong with a problem M ẋ = g.
+NO_FAULT, INCONSISTENT, NOT_INDEX_ONE, UNKNOWN = 0, 1, 2, 3
 
 SENTENCES: list[tuple[Any, str]] = [
     (RESULTS.successful, ""),

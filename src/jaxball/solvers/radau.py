@@ -41,7 +41,7 @@ class RadauIIA(AbstractCollocation):
             raise ValueError(f"Argument `stages` must be 3, 5 or 7, but it is {self.stages}.")
 
     @property
-    def tableau(self) -> Tableau:  # pyright: ignore[reportIncompatibleVariableOverride]
+    def tableau(self) -> Tableau:
         """The coefficients."""
         return radau_right(self.stages)
 

@@ -1,5 +1,6 @@
 """diffrax's own solvers and jaxball's, all by ``diffrax.diffeqsolve``."""
 
+import functools
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +14,7 @@ from jaxtyping import Array, Float
 
 from ... import solvers
 from ...reproduce.evaluations import Counter
-from ..problem import Problem
+from ..problem import Form, Problem
 from ..translate import jax_field, jax_parameters
 from .base import MAX_STEPS, Outcome, Program, Run, Work
 
@@ -22,11 +23,11 @@ METHODS: dict[str, diffrax.AbstractAdaptiveSolver] = {
     "Dopri5": diffrax.Dopri5(),
     "Dopri8": diffrax.Dopri8(),
     "Kvaerno5": diffrax.Kvaerno5(),
-    "Gauss": solvers.Gauss(stages=8),
+    "Gauss": solvers.Gauss(stages=8, error=solvers.StepError()),
     "RadauIIA 3": solvers.RadauIIA(stages=3),
     "RadauIIA 5": solvers.RadauIIA(stages=5),
     "RadauIIA 7": solvers.RadauIIA(stages=7),
-    "RadauIIA 7 fixed-point": solvers.RadauIIA(stages=7, root_finder=solvers.FixedPoint()),
+    "RadauIIA 7 fixed-point": solvers.RadauIIA(stages=7, root_finder=solvers.FixedPoint(), error=solvers.StepError()),
     "Trapezoidal": solvers.Trapezoidal(),
     "TRBDF2": solvers.TRBDF2(),
 }
@@ -50,7 +51,7 @@ def program(method: str, problem: Problem) -> Program:
     counter = Counter()
 
     def solve_with(field: Field) -> Callable[[Array, Array], Ended]:
-        term = statement.term(field)
+        term = statement.term(jax.jit(field))
         return jax.jit(lambda initial, tolerance: _solve(METHODS[method], problem, term, initial, tolerance))
 
     solve, counted = solve_with(statement.field), solve_with(_counting(statement.field, counter))
@@ -71,12 +72,18 @@ class _Statement(NamedTuple):
 def _statement(problem: Problem) -> _Statement:
     if problem.form is not None:
         form = problem.form()
-        return _Statement(form.field, diffrax.ODETerm, form.initial, form.final)
+        return _Statement(form.field, functools.partial(_term, form), form.initial, form.final)
     parameters = jax_parameters(problem)
     if problem.constraint is None:
         g = jax_field(problem.rates)
         return _Statement(lambda t, x, args: g(t, x, parameters(t)), diffrax.ODETerm, problem.initial, np.asarray)
     return _Statement(_dae_field(problem), lambda g: _mass_term(problem, g), problem.initial, np.asarray)
+
+
+def _term(form: Form, field: Field) -> diffrax.AbstractTerm:
+    if form.mass is None or form.choose is None:
+        return diffrax.ODETerm(field)
+    return solvers.SwitchingMassMatrixTerm(lambda t, x, args, component: field(t, x, component), form.mass, form.choose)
 
 
 def _dae_field(problem: Problem) -> Field:
@@ -125,7 +132,7 @@ def _counting(field: Field, counter: Counter) -> Field:
 def _solve(solver, problem: Problem, term, initial: Float[Array, " state"], tolerance: Float[Array, ""]) -> Ended:
     controller = diffrax.PIDController(rtol=tolerance, atol=tolerance * problem.atol_over_rtol)
     if problem.kinks:
-        controller = diffrax.ClipStepSizeController(controller, jump_ts=jnp.asarray(problem.kinks))
+        controller = solvers.StepToKinks(controller, problem.kinks)
     solution = diffrax.diffeqsolve(
         term,
         solver,

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from ... import paper, reference
 from ...state import BallState
@@ -92,7 +93,12 @@ def rotation_matrix(q: Sequence[Scalar]) -> tuple[Triple, Triple, Triple]:
 
 def form() -> Form:
     """jaxball's own form, whose θ(t) is exact."""
-    return own_form(paper.ball(), BallState(), lambda end: np.array([*BALL.exact[:Q], *end.q, *end.Omega, *end.z]))
+    return own_form(paper.ball(), BallState(), whole)
+
+
+def whole(end: BallState) -> Float[np.ndarray, "15"]:
+    """The problem's state of jaxball's state at the end."""
+    return np.array([*BALL.exact[:Q], *end.q, *end.Omega, *end.z])
 
 
 BALL = Problem(

@@ -8,8 +8,11 @@ stays above 0.48; ``BALL_DAE_PAPER`` does as the paper does.
 import dataclasses
 from collections.abc import Sequence
 
-from ..problem import Piece, Scalar
-from .ball import BALL, Q
+from ... import paper
+from ...state import BallState
+from ..problem import Form, Piece, Scalar
+from .ball import BALL, Q, whole
+from .own_form import own_dae_form
 from .pulse import PIECES
 
 PUSH, FALL, COAST = PIECES
@@ -19,6 +22,11 @@ def norm_excess(x: Sequence[Scalar]) -> Scalar:
     """|q|² − 1."""
     q = x[Q : Q + 4]
     return q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0
+
+
+def form() -> Form:
+    """jaxball's own form, which chooses the algebraic component at each step."""
+    return own_dae_form(paper.ball(), BallState(), whole)
 
 
 BALL_DAE = dataclasses.replace(
@@ -33,11 +41,12 @@ BALL_DAE = dataclasses.replace(
         Piece(12.5, COAST.end, COAST.parameters, algebraic=Q),
     ),
     constraint=norm_excess,
-    form=None,
+    form=form,
 )
 BALL_DAE_PAPER = dataclasses.replace(
     BALL_DAE,
     name="ball-dae-paper",
     title="The paper's ball, DAE with q₀ algebraic throughout",
     pieces=tuple(dataclasses.replace(piece, algebraic=Q) for piece in PIECES),
+    form=None,
 )

@@ -1,8 +1,10 @@
 """The paper's systems as jaxball itself integrates them."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -31,3 +33,15 @@ def own_form(system: System, start: AnyState, whole: Callable[[AnyState], Float[
         return whole(cast(AnyState, packing.unpack(to_array(END), to_array(x))))
 
     return Form(field, tuple(map(float, packing.pack(to_array(START), start))), final)
+
+
+def own_dae_form(system: System, start: BallState, whole: Callable[[BallState], Float[np.ndarray, " state"]]) -> Form:
+    """:func:`own_form` as ``jaxball.simulate(dae=True)`` solves it, with the largest component of q algebraic."""
+    form = own_form(system, start, whole)
+    packing, initial = Packing.of(system.prepare(), start), jnp.asarray(form.initial)
+    return dataclasses.replace(
+        form,
+        field=lambda t, x, component: packing.dae_field(t, x, component),
+        mass=lambda component: packing.mass_diagonal(initial, component),
+        choose=lambda t, x, args: packing.algebraic_component(x),
+    )
