@@ -200,7 +200,17 @@ RUNS = {
     ),
     "another solver": (
         BALL + '[solve]\nsolver = "euler"',
-        'Key `solve.solver` must be one of "dopri5", "dopri8", "tsit5", "kvaerno3", "kvaerno5", but it is "euler".',
+        'Key `solve.solver` must be one of "dopri5", "dopri8", "tsit5", "kvaerno3", "kvaerno5", "radau5", "radau9", '
+        '"radau13", "gauss16", "trapezoidal", "tr-bdf2", but it is "euler".',
+    ),
+    "a DAE by a solver for ODEs": (
+        BALL + '[solve]\nsolver = "gauss16"\ndae = true',
+        'Key `solve.solver` must be one of "radau5", "radau9", "radau13" where `solve.dae` is true, because other '
+        'solvers know no mass matrix, but it is "gauss16".',
+    ),
+    "a DAE of a disk": (
+        DISK + '[solve]\nsolver = "radau5"\ndae = true',
+        "Key `solve.dae` must be false for a disk, whose state holds no versor, but it is true; use a ball.",
     ),
     "no tolerance": (
         BALL + "[solve]\nrtol = 0.0",

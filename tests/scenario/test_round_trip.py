@@ -135,15 +135,19 @@ TIME = st.one_of(
     table(start=numbers(-5.0, -0.1), end=numbers(0.1, 9.0), saves=st.integers(2, 50)),
     st.fixed_dictionaries({"at": increasing(4)}),
 )
+RADAU = ["radau5", "radau9", "radau13"]
+SOLVERS = ["dopri5", "dopri8", "tsit5", "kvaerno3", "kvaerno5", *RADAU, "gauss16", "trapezoidal", "tr-bdf2"]
 SOLVE = table(
     optional={
-        "solver": st.sampled_from(["dopri5", "dopri8", "tsit5", "kvaerno3", "kvaerno5"]),
+        "solver": st.sampled_from(SOLVERS),
         "rtol": numbers(1e-12, 1e-3),
         "atol": numbers(1e-12, 1e-3),
         "max_steps": st.integers(1, 10**6),
         "step_to_times": st.booleans(),
+        "project": st.booleans(),
     }
 )
+SOLVE_DAE = table(solver=st.sampled_from(RADAU), dae=st.booleans())
 ACTUATION = st.one_of(st.none(), st.just("integrated"), st.just("servo"))
 
 
@@ -151,7 +155,7 @@ ACTUATION = st.one_of(st.none(), st.just("integrated"), st.just("servo"))
 def documents(draw):
     """Scenario files of balls, of every family of rails, schedules and motions."""
     document = {"format": 1, "kind": "ball", "body": draw(BODY), "title": draw(st.text(max_size=20))}
-    document |= {"initial": draw(INITIAL), "time": draw(TIME), "solve": draw(SOLVE)}
+    document |= {"initial": draw(INITIAL), "time": draw(TIME), "solve": draw(st.one_of(SOLVE, SOLVE, SOLVE_DAE))}
     document["masses"] = draw(st.lists(MASSES, max_size=3))
     if draw(st.booleans()):
         document["force"] = draw(FREE)
@@ -186,6 +190,8 @@ DEFAULTS = {
     "atol": 1e-10,
     "max_steps": 16384,
     "step_to_times": False,
+    "dae": False,
+    "project": False,
 }
 
 
@@ -193,7 +199,7 @@ def same_objects(one: Scenario, other: Scenario) -> bool:
     """Whether two scenarios have the same structure and the same bits in every number."""
     parts = [(s.system, s.state, s.times, s.rtol, s.atol) for s in (one, other)]
     (leaves, structure), (others, other_structure) = (jax.tree.flatten(part) for part in parts)
-    settings = [(s.title, s.solver, s.max_steps, s.step_to_times) for s in (one, other)]
+    settings = [(s.title, s.solver, s.max_steps, s.step_to_times, s.dae, s.project) for s in (one, other)]
     return (
         structure == other_structure
         and settings[0] == settings[1]

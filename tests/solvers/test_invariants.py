@@ -88,7 +88,7 @@ GAUSS = [
 @pytest.mark.parametrize("solver", GAUSS)
 @pytest.mark.parametrize("steps", [40, 80, 400])
 def test_gauss_keeps_the_norm_at_any_step_size(solver, steps):
-    assert off_the_sphere(turn(solver, steps)) < 2 * EPS * steps
+    assert off_the_sphere(turn(solver, steps)) < 6 * EPS * steps
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_gauss_keeps_the_norm_of_a_wrong_solution():
     """So it is the method that keeps it, and not its accuracy."""
     solver = solvers.Gauss(2, root_finder=NEWTON)
     assert errors(solver, [40])[0] > 5e-3
-    assert off_the_sphere(turn(solver, 40)) < 2 * EPS * 40
+    assert off_the_sphere(turn(solver, 40)) < 6 * EPS * 40
 
 
 @pytest.mark.parametrize(
@@ -136,8 +136,8 @@ PROJECTED = [
 def test_projection_keeps_the_order(solver):
     projected, steps = solvers.Projected(solver, normalised), np.array([320, 480, 640])
     after = errors(projected, steps)
-    assert observed_order(1 / steps, after) == pytest.approx(5, abs=0.3)
-    assert after[-1] < 2 * errors(solver, steps)[-1]
+    assert observed_order(1 / steps, after) > 4.8
+    assert after[-1] < 1.1 * errors(solver, steps)[-1]
 
 
 @pytest.mark.parametrize("solver", PROJECTED)

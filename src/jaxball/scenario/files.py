@@ -15,7 +15,7 @@ from .library import builtin_scenarios, builtin_text, nearest
 from .masses import read_masses, write_masses
 from .scenario import Scenario
 from .shell import check_inside, check_start
-from .solve import SOLVE
+from .solve import SOLVE, check_dae
 from .table import Key, read_table, write_table
 from .times import read_times, write_times
 from .values import Choice, Integer, Nested, ScenarioError, Text
@@ -86,6 +86,7 @@ def read_scenario(text: str) -> Scenario:
     masses, law, followed = apply_actuation(actuation, "actuation", masses)
     system = (Disk if kind == "disk" else Ball)(**shell, masses=masses, law=law)
     state = initial_state(initial, "initial", kind, followed, start)
+    check_dae(system, solve["solver"], solve["dae"])
     check_inside(system, times)
     check_start(system, np.asarray(state.theta))
     return Scenario(found["title"], system, state, times, **solve)

@@ -10,7 +10,7 @@ from ..simulation import DEFAULT_TOLERANCE, simulate
 from ..state import BallState, DiskState
 from ..trajectory import Trajectory
 from .shell import mark_escape
-from .solve import SOLVERS
+from .solve import SOLVERS, check_dae
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -21,8 +21,9 @@ class Scenario:
     - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
     - ``state``: the state at ``times[0]``.
     - ``times``: the save times, increasing, in the units of the system.
-    - ``solver``: the name of a solver, one of "dopri5", "dopri8", "tsit5", "kvaerno3", "kvaerno5".
-    - ``rtol``, ``atol``, ``max_steps``, ``step_to_times``: as in :func:`jaxball.simulate`.
+    - ``solver``: the name of a solver: "dopri5", "dopri8", "tsit5", "kvaerno3" and "kvaerno5" of diffrax, and
+      "radau5", "radau9", "radau13", "gauss16", "trapezoidal" and "tr-bdf2" of :mod:`jaxball.solvers`.
+    - ``rtol``, ``atol``, ``max_steps``, ``step_to_times``, ``dae``, ``project``: as in :func:`jaxball.simulate`.
     """
 
     title: str
@@ -34,6 +35,8 @@ class Scenario:
     atol: float = DEFAULT_TOLERANCE
     max_steps: int = 16384
     step_to_times: bool = False
+    dae: bool = False
+    project: bool = False
 
     def simulate(
         self,
@@ -51,17 +54,21 @@ class Scenario:
         A mass that a law carries out of the shell gives the status ``LEFT_SHELL``, at the first saved
         time at which it is outside.
 
-        **Raises:** as :func:`jaxball.simulate`.
+        **Raises:** as :func:`jaxball.simulate`, and :class:`ScenarioError` where the solver does not go with ``dae``.
         """
+        solver = self.solver if solver is None else solver
+        check_dae(self.system, solver, self.dae)
         trajectory = simulate(
             self.system,
             self.times,
             self.state,
-            solver=SOLVERS[self.solver if solver is None else solver](),
+            solver=SOLVERS[solver](),
             rtol=self.rtol if rtol is None else rtol,
             atol=self.atol if atol is None else atol,
             max_steps=self.max_steps if max_steps is None else max_steps,
             step_to_times=self.step_to_times,
+            dae=self.dae,
+            project=self.project,
             dense=dense,
             progress=progress,
         )
