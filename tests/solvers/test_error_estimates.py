@@ -1,4 +1,4 @@
-"""Estimates of the error of a step: which power of the step they are, and that they bound what they promise to bound."""
+"""Estimates of the error of a step: which power of the step they are, and that they bound what they promise to."""
 
 import diffrax
 import jax.numpy as jnp

@@ -1,13 +1,12 @@
 """Order of convergence, of the solution at the ends of steps and between them, on problems with a closed form."""
 
 import diffrax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxball import solvers
 from tests.solvers import rotating
-from tests.solvers.fixed_steps import FIXED_POINT, NEWTON, march, observed_order
+from tests.solvers.fixed_steps import NEWTON, march, observed_order
 
 ODE = diffrax.ODETerm(rotating.field)
 DAE = solvers.MassMatrixTerm(rotating.field_with_algebraic, np.array([0.0, 1.0, 1.0]))

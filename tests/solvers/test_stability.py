@@ -24,9 +24,7 @@ def pade(j, k):
     """The Padé approximant of exp with a numerator of degree ``j`` and a denominator of degree ``k``."""
 
     def sums(z, j, k):
-        return mp.fsum(
-            mp.binomial(j, i) * mp.factorial(j + k - i) / mp.factorial(j + k) * z**i for i in range(j + 1)
-        )
+        return mp.fsum(mp.binomial(j, i) * mp.factorial(j + k - i) / mp.factorial(j + k) * z**i for i in range(j + 1))
 
     return lambda z: sums(z, j, k) / sums(-z, k, j)
 
@@ -52,7 +50,7 @@ METHODS = [
 L_STABLE = [METHODS[0], METHODS[1], METHODS[2], METHODS[-1]]
 SYMMETRIC = METHODS[3:8]
 
-# From the step that resolves λ to the stiffest, in all directions of the left half plane, and near to zero on the right.
+# From a step that resolves λ to the stiffest, in many directions of the left half plane, and a few on the right.
 SIZES = [1e-3, 0.1, 1.0, 3.0, 10.0, 30.0, 1e2, 1e4, 1e6, 1e8]
 DIRECTIONS = np.array([1j, -0.01 + 1j, -0.3 + 1j, -1 + 1j, -1, -1 - 0.6j, -0.1 - 1j, -1j])
 Z = np.concatenate([np.outer(DIRECTIONS / np.abs(DIRECTIONS), SIZES).ravel(), [0.1, 1.0, 0.5 + 1j, 1.5 - 0.7j]])

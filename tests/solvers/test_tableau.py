@@ -153,5 +153,7 @@ def test_expansion_takes_values_to_legendre_coefficients(family, s):
 def test_integrals_of_legendre_polynomials():
     x = np.array([0.0, 0.3, 0.77, 1.0])
     with mp.workdps(30):
-        truth = [[float(mp.quad(lambda t, k=k: mp.legendre(k, 2 * t - 1), [0, mp.mpf(u)])) for k in range(6)] for u in x]
+        truth = [
+            [float(mp.quad(lambda t, k=k: mp.legendre(k, 2 * t - 1), [0, mp.mpf(u)])) for k in range(6)] for u in x
+        ]
     np.testing.assert_allclose(integrals(x, 6), truth, rtol=0, atol=1e-15)

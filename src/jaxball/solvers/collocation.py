@@ -16,19 +16,20 @@ from .flat import flat_problem
 from .interpolation import CollocationPolynomial, legendre
 from .mass import mass_term
 from .outcome import NO_FAULT, UNKNOWN, outcome
-from .stages import StageEquations, combine
+from .stages import Memory, StageEquations, combine
 from .tableau import Tableau
 
 
 class CollocationState(NamedTuple):
-    """What one step leaves to the next: its polynomial, and how fast its iteration converged.
+    """What one step leaves to the next: its polynomial, the slope at its end, and what its iteration leaves.
 
     ``fault`` says what is wrong with a problem M ẋ = g.
     """
 
     coefficients: Float[Array, "s n"]
     control: Float[Array, ""]
-    rate: Float[Array, ""]
+    slope: Float[Array, " n"]
+    memory: Memory
     fault: Int[Array, ""] | None
 
 
@@ -51,7 +52,7 @@ class AbstractCollocation(AbstractStageSolver):
         x0, _ = ravel_pytree(y0)
         fault = None if mass_term(terms) is None else jnp.asarray(UNKNOWN)
         empty = jnp.zeros((len(self.tableau.c), x0.size), x0.dtype)
-        return CollocationState(empty, terms.contr(t0, t1), jnp.asarray(1.0, empty.dtype), fault)
+        return CollocationState(empty, terms.contr(t0, t1), empty[0], self.root_finder.start(self.tableau, x0), fault)
 
     def step(self, terms, t0: Any, t1: Any, y0, args, solver_state, made_jump: Any):
         problem = flat_problem(terms, t0, t1, y0, args)
@@ -60,9 +61,13 @@ class AbstractCollocation(AbstractStageSolver):
         if mass is not None:
             x0, fault = start_of_step(problem, mass, t0, self.root_finder, fault, made_jump)
         times = t0 + (t1 - t0) * jnp.asarray(tableau.c, jnp.result_type(t0))
-        equations = StageEquations(tableau, problem.slope, t0, times, x0, unravel, mass)
+        f0 = None
+        if tableau.c[-1] == 1:
+            slope = solver_state.slope * (problem.control / solver_state.control).astype(x0.dtype)
+            f0 = slope if mass is None else mass.times(slope[None])[0]
+        equations = StageEquations(tableau, problem.slope, t0, times, x0, problem.control, unravel, mass, f0=f0)
         guess = jnp.where(made_jump, 0.0, _predicted(tableau, solver_state, problem.control))
-        stages = self.root_finder.solve(equations, guess, solver_state.rate)
+        stages = self.root_finder.solve(equations, guess, solver_state.memory.forgotten(made_jump))
         coefficients = combine(tableau.expansion, stages.K)
         increment = stages.Z[-1] if tableau.c[-1] == 1 else coefficients[0]
         error = jax.lax.stop_gradient(self.error.estimate(equations, stages, coefficients))
@@ -70,9 +75,8 @@ class AbstractCollocation(AbstractStageSolver):
             error = mass.without_algebraic(error)
         y_error, result = outcome(stages, error, t0, t1, NO_FAULT if fault is None else fault)
         dense = {"y0": unravel(x0), "coefficients": jax.vmap(unravel)(coefficients)}
-        memory = jax.lax.stop_gradient((coefficients, problem.control, stages.rate))
-        state = CollocationState(*memory, fault)
-        return unravel(x0 + increment), unravel(y_error), dense, state, result
+        state = CollocationState(coefficients, problem.control, stages.K[-1], stages.memory, fault)
+        return unravel(x0 + increment), unravel(y_error), dense, jax.lax.stop_gradient(state), result
 
 
 def _predicted(tableau: Tableau, state: CollocationState, control: Float[Array, ""]) -> Float[Array, "s n"]:

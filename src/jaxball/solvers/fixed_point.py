@@ -8,7 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .iteration import iterate
-from .stages import FROM_CONTROLLER, AbstractStageIteration, StageEquations, Stages, combine
+from .stages import FROM_CONTROLLER, AbstractStageIteration, Memory, StageEquations, Stages, combine
+from .tableau import Tableau
 
 LONGEST_SERIES = 100
 
@@ -27,13 +28,16 @@ class FixedPoint(AbstractStageIteration):
     **Raises:** ``TypeError`` for a problem with a mass matrix.
     """
 
-    kappa: float = 1e-3
+    kappa: float = 1e-4
     max_steps: int = 25
     rtol: Any = FROM_CONTROLLER
     atol: Any = FROM_CONTROLLER
     norm: Any = FROM_CONTROLLER
 
-    def iterate(self, equations: StageEquations, guess: Float[Array, "s n"], rate: Float[Array, ""]) -> Stages:
+    def start(self, tableau: Tableau, x0: Float[Array, " n"]) -> Memory:
+        return Memory(jnp.ones((), x0.dtype))
+
+    def iterate(self, equations: StageEquations, guess: Float[Array, "s n"], memory: Memory) -> Stages:
         if equations.mass is not None:
             raise TypeError(
                 "Argument `root_finder` must be a SimplifiedNewton where there is a mass matrix, "
@@ -44,8 +48,11 @@ class FixedPoint(AbstractStageIteration):
             new = equations.slopes(equations.right_side(K))
             return new, self.size(equations, new - K)
 
-        end = iterate(update, guess, rate, limit=self.kappa, floor=self.rounding(equations), max_steps=self.max_steps)
-        return Stages(equations.right_side(end.x), end.x, end.converged, end.rate, jnp.asarray(False))
+        end = iterate(
+            update, guess, memory.rate, limit=self.kappa, floor=self.rounding(equations), max_steps=self.max_steps
+        )
+        Z = equations.right_side(end.x)
+        return Stages(Z, end.x, end.converged, jnp.asarray(False), Memory(end.rate))
 
     def tangents(self, equations, stages, changes):
         """The tangents of the iteration's limit, K = slopes(A K), by the same iteration, to rounding."""

@@ -1,17 +1,21 @@
 """Simplified Newton iteration for the stages: one Jacobian a step, and small systems in place of a large one."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Inexact
 
 from .iteration import iterate
-from .linear import factorise
-from .stages import FROM_CONTROLLER, AbstractStageIteration, StageEquations, Stages, combine
+from .linear import Solver, factorise
+from .stages import FROM_CONTROLLER, AbstractStageIteration, Memory, StageEquations, Stages, combine
+from .tableau import Tableau
+
+# Matrices whose iteration converged more slowly than this are not used again.
+SLOWEST_REUSED = 0.1
 
 
 class SimplifiedNewton(AbstractStageIteration):
@@ -26,23 +30,26 @@ class SimplifiedNewton(AbstractStageIteration):
 
     - ``kappa``: the iteration ends when the error that remains is this fraction of the tolerance.
     - ``max_steps``: iterations after which the step is given up, to be tried again half as long.
+    - ``reuse``: the matrices of the last step serve again while its length over theirs is between this and its
+      inverse, and the iteration converges well with them; 1 makes them anew at every step.
     - ``rtol``, ``atol``, ``norm``: those of the step-size controller unless given.
     """
 
     kappa: float = 1e-2
     max_steps: int = 15
+    reuse: float = 0.8
     rtol: Any = FROM_CONTROLLER
     atol: Any = FROM_CONTROLLER
     norm: Any = FROM_CONTROLLER
 
-    def iterate(self, equations: StageEquations, guess: Float[Array, "s n"], rate: Float[Array, ""]) -> Stages:
-        tableau, x0 = equations.tableau, equations.x0
-        f0, J = value_and_jacobian(lambda x: equations.slope(equations.t0, x), x0)
-        modes = tableau.eigenvalues
-        modes = jnp.asarray(modes, np.result_type(x0.dtype, np.complex64) if np.iscomplexobj(modes) else x0.dtype)
-        M = equations.mass_matrix().astype(modes.dtype)
-        solve = factorise(modes[:, None, None] * M[None] - J[None].astype(modes.dtype))
-        weights = tableau.eigenvalues[:, None] * tableau.to_modes
+    def start(self, tableau: Tableau, x0: Float[Array, " n"]) -> Memory:
+        inverses = jnp.zeros((tableau.eigenvalues.size, x0.size, x0.size), _dtype_of_modes(tableau, x0))
+        return Memory(jnp.ones((), x0.dtype), inverses, jnp.ones((), x0.dtype))
+
+    def iterate(self, equations: StageEquations, guess: Float[Array, "s n"], memory: Memory) -> Stages:
+        tableau = equations.tableau
+        made = self._matrices(equations, memory)
+        solve, weights = Solver(made.inverses), tableau.eigenvalues[:, None] * tableau.to_modes
 
         def update(Z):
             change = combine(tableau.from_modes, solve(combine(weights, -equations.residual(Z)))).real
@@ -51,15 +58,39 @@ class SimplifiedNewton(AbstractStageIteration):
         end = iterate(
             update,
             equations.right_side(guess),
-            rate,
+            memory.rate,
             limit=self.kappa,
             floor=self.rounding(equations),
             max_steps=self.max_steps,
         )
         K = combine(tableau.A_inverse, equations.without_known(end.x))
-        smooth = solve.inverses[0].real if tableau.eigenvalues[0].imag == 0 else None
-        singular = jnp.all(jnp.isfinite(J)) & ~jnp.all(jnp.isfinite(solve.inverses))
-        return Stages(end.x, K, end.converged, end.rate, singular, smooth, f0)
+        smooth = made.inverses[0].real if tableau.eigenvalues[0].imag == 0 else None
+        memory = Memory(end.rate, made.inverses, made.control)
+        return Stages(end.x, K, end.converged, made.singular, memory, smooth, made.f0)
+
+    def _matrices(self, equations: StageEquations, memory: Memory) -> "_Matrices":
+        """The matrices of the step before, where these are good enough, or new ones."""
+        tableau, x0 = equations.tableau, equations.x0
+        control, inverses, made_for = equations.control.astype(x0.dtype), memory.inverses, memory.control
+        assert inverses is not None
+        assert made_for is not None
+
+        def renew():
+            f0, J = value_and_jacobian(lambda x: equations.slope(equations.t0, x), x0)
+            modes = jnp.asarray(tableau.eigenvalues, _dtype_of_modes(tableau, x0))
+            M = equations.mass_matrix().astype(modes.dtype)
+            new = factorise(modes[:, None, None] * M[None] - J[None].astype(modes.dtype)).inverses
+            singular = jnp.all(jnp.isfinite(J)) & ~jnp.all(jnp.isfinite(new))
+            return _Matrices(new, control, None if equations.f0 is None else f0, singular)
+
+        def keep():
+            return _Matrices(inverses, made_for, equations.f0, jnp.asarray(False))
+
+        if self.reuse >= 1:
+            return renew()
+        ratio = control / made_for
+        near = (ratio * self.reuse < 1) & (ratio > self.reuse)
+        return jax.lax.cond(near & (memory.rate < SLOWEST_REUSED), keep, renew)
 
     def tangents(self, equations, stages, changes):
         """One linear system of s·n equations with the Jacobian of each stage its own, solved exactly."""
@@ -73,6 +104,19 @@ class SimplifiedNewton(AbstractStageIteration):
         matrix = matrix - A[:, None, :, None] * jnp.transpose(J, (1, 0, 2))[None]
         Z = jnp.linalg.solve(matrix.reshape(s * n, s * n), -residual.reshape(s * n)).reshape(s, n)
         return Z, combine(tableau.A_inverse, changes.without_known(Z))
+
+
+class _Matrices(NamedTuple):
+    """(λM − h∂g/∂x)⁻¹ of the modes, the step length h they were made for, h g(t₀, x₀), and whether one is singular."""
+
+    inverses: Inexact[Array, "k n n"]
+    control: Float[Array, ""]
+    f0: Float[Array, " n"] | None
+    singular: Bool[Array, ""]
+
+
+def _dtype_of_modes(tableau: Tableau, x0: Float[Array, " n"]) -> Any:
+    return np.result_type(x0.dtype, np.complex64) if np.iscomplexobj(tableau.eigenvalues) else x0.dtype
 
 
 def value_and_jacobian(f: Callable, x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:

@@ -21,8 +21,8 @@ FROM_CONTROLLER = diffrax.ImplicitEuler().root_finder.rtol  # pyright: ignore[re
 class StageEquations(eqx.Module):
     """M Zᵢ = Σⱼ aᵢⱼ Kⱼ + known with Kⱼ = h g(tⱼ, x₀ + Zⱼ), for the increments Zᵢ = Xᵢ − x₀ of the s stages.
 
-    ``slope(t, x)`` is h g(t, x). ``known`` is what stages that were solved before contribute; zero for
-    collocation methods.
+    ``slope(t, x)`` is h g(t, x) and ``control`` is h. ``known`` is what stages that were solved before
+    contribute; none for collocation methods. ``f0`` is h g(t₀, x₀), where the step before told it.
     """
 
     tableau: Tableau = eqx.field(static=True)
@@ -30,9 +30,11 @@ class StageEquations(eqx.Module):
     t0: Float[Array, ""]
     times: Float[Array, " s"]
     x0: Float[Array, " n"]
+    control: Float[Array, ""]
     unravel: Callable[[Float[Array, " n"]], PyTree[Array]] = eqx.field(static=True)
     mass: Mass | None = None
     known: Float[Array, "s n"] | None = None
+    f0: Float[Array, " n"] | None = None
 
     def slopes(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
         """K for given Z."""
@@ -63,6 +65,22 @@ class StageEquations(eqx.Module):
         return self.mass_times(Z) - self.right_side(self.slopes(Z))
 
 
+class Memory(eqx.Module):
+    """What the iteration of one step leaves to that of the next.
+
+    ``rate``: by which factor the last change was smaller than the one before; 1 if nothing is known.
+    ``inverses``: of the matrices λM − h∂g/∂x, made for the step length ``control``, where there are any.
+    """
+
+    rate: Float[Array, ""]
+    inverses: Inexact[Array, "k n n"] | None = None
+    control: Float[Array, ""] | None = None
+
+    def forgotten(self, when: Bool[Array, ""] | bool) -> "Memory":
+        """The memory after a jump."""
+        return eqx.tree_at(lambda m: m.rate, self, jnp.where(when, 1.0, self.rate))
+
+
 class Stages(eqx.Module):
     """The stages of a step, solved or given up.
 
@@ -74,8 +92,8 @@ class Stages(eqx.Module):
     Z: Float[Array, "s n"]
     K: Float[Array, "s n"]
     converged: Bool[Array, ""]
-    rate: Float[Array, ""]
     singular: Bool[Array, ""]
+    memory: Memory
     smooth: Float[Array, "n n"] | None = None
     f0: Float[Array, " n"] | None = None
 
@@ -93,8 +111,12 @@ class AbstractStageIteration(eqx.Module):
     norm: eqx.AbstractVar[Any]
 
     @abc.abstractmethod
-    def iterate(self, equations: StageEquations, guess: Float[Array, "s n"], rate: Float[Array, ""]) -> Stages:
-        """The stages, from a ``guess`` of the slopes K and the ``rate`` of convergence of the step before."""
+    def start(self, tableau: Tableau, x0: Float[Array, " n"]) -> Memory:
+        """The memory before the first step."""
+
+    @abc.abstractmethod
+    def iterate(self, equations: StageEquations, guess: Float[Array, "s n"], memory: Memory) -> Stages:
+        """The stages, from a ``guess`` of the slopes K and what the step before left."""
 
     @abc.abstractmethod
     def tangents(
@@ -102,9 +124,9 @@ class AbstractStageIteration(eqx.Module):
     ) -> tuple[Float[Array, "s n"], Float[Array, "s n"]]:
         """By how much Z and K change, to first order, if the equations do."""
 
-    def solve(self, equations: StageEquations, guess: Float[Array, "s n"], rate: Float[Array, ""]) -> Stages:
+    def solve(self, equations: StageEquations, guess: Float[Array, "s n"], memory: Memory) -> Stages:
         """:meth:`iterate`, whose derivatives come from the theorem of implicit functions."""
-        return _solve(self, equations, guess, rate)
+        return _solve(self, equations, guess, memory)
 
     def size(self, equations: StageEquations, change: Float[Array, "s n"]) -> Float[Array, ""]:
         """The norm of changes of the stages, in units of the tolerance."""
@@ -118,14 +140,14 @@ class AbstractStageIteration(eqx.Module):
 
 
 @eqx.filter_custom_jvp
-def _solve(iteration, equations, guess, rate):
-    return iteration.iterate(equations, guess, rate)
+def _solve(iteration, equations, guess, memory):
+    return iteration.iterate(equations, guess, memory)
 
 
 @_solve.def_jvp
 def _solve_jvp(primals, tangents):
-    iteration, equations, guess, rate = primals
-    stages = _solve(iteration, equations, guess, rate)
+    iteration, equations, guess, memory = primals
+    stages = _solve(iteration, equations, guess, memory)
     changes = iteration.tangents(equations, stages, tangents[1])
     zero = jax.tree.map(lambda leaf: jnp.zeros_like(leaf) if eqx.is_inexact_array(leaf) else None, stages)
     return stages, eqx.tree_at(lambda s: (s.Z, s.K), zero, changes)

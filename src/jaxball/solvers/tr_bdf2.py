@@ -16,7 +16,7 @@ from .flat import flat_problem
 from .interpolation import CubicHermite
 from .newton import SimplifiedNewton
 from .outcome import outcome
-from .stages import AbstractStageIteration, StageEquations, combine
+from .stages import AbstractStageIteration, Memory, StageEquations, combine
 
 GAMMA = 2 - math.sqrt(2)
 W, D = math.sqrt(2) / 4, GAMMA / 2
@@ -30,7 +30,7 @@ class TRBDF2State(NamedTuple):
     """What the step before leaves: f at its end, and whether there was one."""
 
     f_end: Float[Array, " n"]
-    rate: Float[Array, ""]
+    memory: Memory
     known: Bool[Array, ""]
 
 
@@ -58,7 +58,7 @@ class TRBDF2(AbstractStageSolver):
 
     def init(self, terms, t0: Any, t1: Any, y0, args) -> TRBDF2State:
         x0, _ = ravel_pytree(y0)
-        return TRBDF2State(jnp.zeros_like(x0), jnp.asarray(1.0, x0.dtype), jnp.asarray(False))
+        return TRBDF2State(jnp.zeros_like(x0), self.root_finder.start(TABLEAU, x0), jnp.asarray(False))
 
     def step(self, terms, t0: Any, t1: Any, y0, args, solver_state, made_jump: Any):
         problem = flat_problem(terms, t0, t1, y0, args)
@@ -66,12 +66,16 @@ class TRBDF2(AbstractStageSolver):
         x0, unravel, slope = problem.x0, problem.unravel, problem.slope
         k0 = first_slope(problem, t0, solver_state.known & ~jnp.asarray(made_jump), solver_state.f_end)
         times = jnp.stack([t0 + GAMMA * (t1 - t0), t1])
-        equations = StageEquations(TABLEAU, slope, t0, times, x0, unravel, known=combine(FIRST, k0[None]))
-        stages = self.root_finder.solve(equations, jnp.broadcast_to(k0, (2, k0.size)), solver_state.rate)
+        equations = StageEquations(
+            TABLEAU, slope, t0, times, x0, problem.control, unravel, known=combine(FIRST, k0[None])
+        )
+        stages = self.root_finder.solve(
+            equations, jnp.broadcast_to(k0, (2, k0.size)), solver_state.memory.forgotten(made_jump)
+        )
         error = combine(ERROR, jnp.concatenate([k0[None], stages.K]))[0]
         y_error, result = outcome(stages, smoothed(equations, stages, error), t0, t1)
         y1 = unravel(x0 + stages.Z[1])
         dense = {"y0": y0, "y1": y1, "k0": unravel(k0), "k1": unravel(stages.K[1])}
         f_end = stages.K[1] / problem.control.astype(x0.dtype)
-        state = TRBDF2State(f_end, jax.lax.stop_gradient(stages.rate), jnp.asarray(True))
+        state = TRBDF2State(f_end, jax.lax.stop_gradient(stages.memory), jnp.asarray(True))
         return y1, unravel(y_error), dense, state, result

@@ -14,7 +14,7 @@ from .flat import flat_problem
 from .interpolation import CubicHermite
 from .newton import SimplifiedNewton
 from .outcome import outcome
-from .stages import AbstractStageIteration, StageEquations
+from .stages import AbstractStageIteration, Memory, StageEquations
 
 TABLEAU = diagonally_implicit([1.0], [[0.5]])
 
@@ -25,7 +25,7 @@ class TrapezoidalState(NamedTuple):
     length: Float[Array, ""]
     f_start: Float[Array, " n"]
     f_end: Float[Array, " n"]
-    rate: Float[Array, ""]
+    memory: Memory
     known: Bool[Array, ""]
 
 
@@ -56,8 +56,8 @@ class Trapezoidal(AbstractStageSolver):
 
     def init(self, terms, t0: Any, t1: Any, y0, args) -> TrapezoidalState:
         x0, _ = ravel_pytree(y0)
-        one = jnp.asarray(1.0, x0.dtype)
-        return TrapezoidalState(one, jnp.zeros_like(x0), jnp.zeros_like(x0), one, jnp.asarray(False))
+        nothing, memory = jnp.zeros_like(x0), self.root_finder.start(TABLEAU, x0)
+        return TrapezoidalState(jnp.ones((), x0.dtype), nothing, nothing, memory, jnp.asarray(False))
 
     def step(self, terms, t0: Any, t1: Any, y0, args, solver_state, made_jump: Any):
         problem = flat_problem(terms, t0, t1, y0, args)
@@ -66,12 +66,12 @@ class Trapezoidal(AbstractStageSolver):
         h, past = problem.control.astype(x0.dtype), solver_state
         has_past = past.known & ~jnp.asarray(made_jump)
         k0 = first_slope(problem, t0, has_past, past.f_end)
-        equations = StageEquations(TABLEAU, slope, t0, t1[None], x0, unravel, known=k0[None] / 2)
-        stages = self.root_finder.solve(equations, k0[None], past.rate)
+        equations = StageEquations(TABLEAU, slope, t0, t1[None], x0, problem.control, unravel, known=k0[None] / 2)
+        stages = self.root_finder.solve(equations, k0[None], past.memory.forgotten(made_jump))
         k1 = stages.K[0]
         error = jnp.where(has_past, _error(h, past.length, past.f_start, k0, k1), (k1 - k0) / 2)
         y_error, result = outcome(stages, smoothed(equations, stages, error), t0, t1)
-        state = TrapezoidalState(h, k0 / h, k1 / h, jax.lax.stop_gradient(stages.rate), jnp.asarray(True))
+        state = TrapezoidalState(h, k0 / h, k1 / h, jax.lax.stop_gradient(stages.memory), jnp.asarray(True))
         y1 = unravel(x0 + stages.Z[0])
         dense = {"y0": y0, "y1": y1, "k0": unravel(k0), "k1": unravel(k1)}
         return y1, unravel(y_error), dense, state, result

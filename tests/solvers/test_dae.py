@@ -1,0 +1,194 @@
+"""M ẋ = g(t, x): problems with closed solutions, consistent initial values, and which solvers refuse.
+
+The paper's own differential-algebraic equation is in ``test_dae_of_the_ball``.
+"""
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.linalg
+
+from jaxball.solvers import (
+    TRBDF2,
+    FixedPoint,
+    Gauss,
+    MassMatrixTerm,
+    RadauIIA,
+    SimplifiedNewton,
+    StepToKinks,
+    Trapezoidal,
+    consistent_initial_values,
+    explain,
+)
+
+
+def solve(term, x0, end, *, solver=None, tolerance=1e-11, kinks=None, saveat=None):
+    controller = diffrax.PIDController(rtol=tolerance, atol=tolerance)
+    return diffrax.diffeqsolve(
+        term,
+        RadauIIA(5) if solver is None else solver,
+        0.0,
+        end,
+        None,
+        jax.tree.map(jnp.asarray, x0),
+        stepsize_controller=controller if kinks is None else StepToKinks(controller, kinks),
+        adjoint=diffrax.ForwardMode(),
+        saveat=diffrax.SaveAt(t1=True) if saveat is None else saveat,
+        throw=False,
+    )
+
+
+def at_end(solution):
+    assert not explain(solution.result)
+    return jax.tree.map(lambda leaf: np.asarray(leaf[-1]), solution.ys)
+
+
+def mixed(t, x, args):
+    """With u = x₁ + x₂ and v = x₁ − x₂: u̇ = −u and 0 = v − sin t, both in both equations."""
+    u, v = x[0] + x[1], x[0] - x[1]
+    return jnp.stack([-u + 3.0 * (v - jnp.sin(t)), -u - 3.0 * (v - jnp.sin(t))])
+
+
+# M ẋ = (u̇, u̇)
+MIXED = MassMatrixTerm(mixed, np.ones((2, 2)))
+
+
+def balance(t, x, args):
+    """ẏ = −z with 0 = z − y before t = 1 and 0 = z − 2y after it."""
+    factor = jnp.where(t < 1.0, 1.0, 2.0)
+    return {"y": -x["z"], "z": x["z"] - factor * x["y"]}
+
+
+BALANCE = MassMatrixTerm(balance, {"y": 1.0, "z": 0.0})
+
+TIMES = (0.3, 0.999, 1.001, 1.4, 2.0)
+
+
+@jax.jit
+def balanced(kinks):
+    saveat = diffrax.SaveAt(ts=jnp.asarray(TIMES))
+    return solve(BALANCE, {"y": 1.0, "z": 1.0}, 2.0, kinks=kinks, saveat=saveat)
+
+
+class TestClosedSolutions:
+    def test_singular_matrix_that_is_not_diagonal(self):
+        u, v = np.exp(-2.0), np.sin(2.0)
+        x = at_end(solve(MIXED, [0.5, 0.5], 2.0))
+        np.testing.assert_allclose(x, [(u + v) / 2, (u - v) / 2], rtol=0, atol=1e-11)
+
+    def test_algebraic_variable_that_jumps(self):
+        """Both are e^−t at first; then y = e^−1 e^−2(t − 1) and z = 2y."""
+        t = np.asarray(TIMES)
+        y = np.where(t < 1.0, np.exp(-t), np.exp(1.0 - 2.0 * t))
+        solution = balanced(jnp.asarray([1.0]))
+        assert not explain(solution.result)
+        np.testing.assert_allclose(solution.ys["y"], y, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(solution.ys["z"], np.where(t < 1.0, y, 2.0 * y), rtol=0, atol=2e-10)
+        np.testing.assert_allclose(solution.ys["y"][-1], y[-1], rtol=0, atol=1e-11)
+
+    def test_steps_to_the_jump_spare_the_search_for_it(self):
+        stepped, searched = balanced(jnp.asarray([1.0])), balanced(jnp.asarray([-1.0]))
+        np.testing.assert_allclose(at_end(searched)["y"], np.exp(-3.0), rtol=0, atol=1e-9)
+        assert searched.stats["num_steps"] > 2 * stepped.stats["num_steps"]
+
+    def test_regular_matrix(self):
+        """M ẋ = A x is ẋ = M⁻¹A x, whose solution is exp(M⁻¹A t) x₀."""
+        random = np.random.default_rng(44)
+        A, M = random.normal(size=(2, 4, 4))
+        M = M + 4.0 * np.eye(4)
+        x0 = random.normal(size=4)
+        expected = scipy.linalg.expm(3.0 * np.linalg.solve(M, A)) @ x0
+
+        def field(t, x, args):
+            return jnp.sum(A * x[None], axis=1)
+
+        x = at_end(solve(MassMatrixTerm(field, M), x0, 3.0))
+        np.testing.assert_allclose(x, expected, rtol=0, atol=1e-10)
+
+    def test_diagonal_of_any_structure(self):
+        """Masses 2 and 4 with forces −6p and −4q decay at the rates 3 and 1; s is the sum; leaves broadcast."""
+
+        def field(t, x, args):
+            p, q = x["a"]
+            return {"a": (-6.0 * p, -4.0 * q), "s": x["s"] - jnp.sum(p) - q}
+
+        start = {"a": (jnp.asarray([1.0, 2.0]), jnp.asarray(5.0)), "s": jnp.asarray(8.0)}
+        term = MassMatrixTerm(field, {"a": (2.0, 4.0), "s": 0.0})
+        x = at_end(solve(term, start, 1.0))
+        p, q = np.array([1.0, 2.0]) * np.exp(-3.0), 5.0 * np.exp(-1.0)
+        np.testing.assert_allclose(x["a"][0], p, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(x["a"][1], q, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(x["s"], p.sum() + q, rtol=0, atol=1e-11)
+
+
+class TestConsistentInitialValues:
+    def test_found_and_the_others_kept(self):
+        found = consistent_initial_values(BALANCE, 1.5, {"y": 0.7, "z": -3.0})
+        assert found.ok
+        assert found.message == ""
+        assert found.y["y"] == 0.7
+        np.testing.assert_allclose(found.y["z"], 1.4, rtol=1e-15)
+
+    def test_nonlinear_equation(self):
+        term = MassMatrixTerm(lambda t, x, args: jnp.stack([x[1], jnp.exp(x[1]) - args * x[0]]), np.array([1.0, 0.0]))
+        found = consistent_initial_values(term, 0.0, jnp.asarray([0.5, 3.0]), args=jnp.asarray(4.0))
+        np.testing.assert_allclose(found.y, [0.5, np.log(2.0)], rtol=1e-15)
+
+    def test_matrix_that_is_not_diagonal_keeps_its_product(self):
+        """M x is the sum u of both, and the equation without a derivative is v = sin t."""
+        found = consistent_initial_values(MIXED, 0.3, jnp.asarray([0.2, 1.0]))
+        assert found.ok
+        np.testing.assert_allclose(found.y, [(1.2 + np.sin(0.3)) / 2, (1.2 - np.sin(0.3)) / 2], rtol=1e-15)
+
+    def test_index_two_is_refused(self):
+        term = MassMatrixTerm(lambda t, x, args: jnp.stack([x[1], x[0] - t]), np.array([1.0, 0.0]))
+        found = consistent_initial_values(term, 0.0, jnp.asarray([0.0, 0.3]))
+        assert not found.ok
+        assert "the index is greater than 1" in found.message
+        np.testing.assert_array_equal(found.y, [0.0, 0.3])
+        with pytest.raises(ValueError, match="the index is greater than 1"):
+            consistent_initial_values(term, 0.0, jnp.asarray([0.0, 0.3]), throw=True)
+
+    def test_no_solution_is_no_success(self):
+        term = MassMatrixTerm(lambda t, x, args: jnp.stack([x[1], x[1] ** 2 + 1.0]), np.array([1.0, 0.0]))
+        found = consistent_initial_values(term, 0.0, jnp.asarray([0.0, 0.7]))
+        assert not found.ok
+        assert "did not converge" in found.message
+
+    def test_under_vmap(self):
+        @jax.vmap
+        def z(y):
+            found = consistent_initial_values(BALANCE, 0.0, {"y": y, "z": jnp.zeros_like(y)})
+            return jnp.where(found.ok, found.y["z"], jnp.nan)
+
+        y = jnp.asarray([0.5, 1.0, 2.0])
+        np.testing.assert_allclose(z(y), y, rtol=1e-15)
+
+
+class TestRefusals:
+    @pytest.mark.parametrize(
+        ("solver", "sentence"),
+        [
+            (diffrax.Dopri5(), "`solver` must know mass matrices"),
+            (diffrax.Kvaerno5(), "`solver` must know mass matrices"),
+            (Gauss(8), "must be a (RadauIIA|SimplifiedNewton)"),
+            (Gauss(3, root_finder=SimplifiedNewton()), "`solver` must be a RadauIIA"),
+            (Trapezoidal(), "`solver` must be a RadauIIA for a term with a mass matrix.*but it is a Trapezoidal"),
+            (TRBDF2(), "`solver` must be a RadauIIA for a term with a mass matrix.*but it is a TRBDF2"),
+            (RadauIIA(3, root_finder=FixedPoint()), "`root_finder` must be a SimplifiedNewton"),
+        ],
+        ids=["Dopri5", "Kvaerno5", "Gauss", "Gauss with Newton", "Trapezoidal", "TRBDF2", "FixedPoint"],
+    )
+    def test_solvers_that_know_no_mass_matrix(self, solver, sentence):
+        with pytest.raises(TypeError, match=sentence):
+            solve(BALANCE, {"y": 1.0, "z": 1.0}, 1.0, solver=solver)
+
+    def test_matrix_of_another_size(self):
+        with pytest.raises(ValueError, match=r"`mass` must have the shape of the state.*its shape is \(3, 3\)"):
+            solve(MassMatrixTerm(mixed, np.eye(3)), [0.5, 0.5], 1.0)
+
+    def test_matrix_that_is_traced(self):
+        with pytest.raises(ValueError, match="`mass` must be known when the term is made if it is a full matrix"):
+            jax.jit(lambda M: MassMatrixTerm(mixed, M))(jnp.eye(2))
