@@ -30,21 +30,22 @@ def march(solver, term, exact, length, steps, args, components=slice(None)):
 
     ``exact(t, args)`` is the solution.
     """
-    *errors, ok = _march(solver, term, exact, jnp.asarray(length), jnp.asarray(steps), jnp.asarray(args))
+    length, steps, args = jnp.asarray(length, float), jnp.asarray(steps, int), jnp.asarray(args, float)
+    *errors, ok = _march(solver, term, exact, length, steps, args)
     assert ok, f"the iteration of {type(solver).__name__} did not converge"
     return Errors(*(float(np.linalg.norm(np.asarray(e)[components])) for e in errors))
 
 
 @eqx.filter_jit
 def _march(solver, term, exact, length, steps, args):
-    h = length / steps
+    h = length / steps.astype(length.dtype)
 
     def distance(y, t):
         return jnp.abs(y - exact(t, args))
 
     def step(i, carry):
         y, state, dense, _, ok = carry
-        t0, t1 = h * i, h * (i + 1)
+        t0, t1 = h * i.astype(h.dtype), h * (i + 1).astype(h.dtype)
         y1, error, info, state, result = solver.step(term, t0, t1, y, args, state, False)
         between = solver.interpolation_cls(t0=t0, t1=t1, **info).evaluate
         within = jnp.max(jax.vmap(lambda t: distance(between(t), t))(t0 + FRACTIONS * h), axis=0)

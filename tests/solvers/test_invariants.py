@@ -64,7 +64,7 @@ def run(solver, times, steps, y0):
 def turn(solver, steps, times=ENDS, start=None):
     """q at ``times``, by so many steps."""
     start = orientation(0.0) if start is None else start
-    return np.asarray(run(solver, jnp.asarray(times), jnp.asarray(float(steps)), jnp.asarray(start)))
+    return np.asarray(run(solver, jnp.asarray(times), jnp.asarray(steps, float), jnp.asarray(start, float)))
 
 
 def off_the_sphere(q):

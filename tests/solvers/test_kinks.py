@@ -68,7 +68,7 @@ def solve(control, kinks, start, end, solver=DOPRI8, field=from_the_right, adjoi
 
 def measure(control, kinks, start=START, end=END, **options):
     """The relative error at ``end``, and the number of all steps."""
-    kinks, start, end = jnp.asarray(kinks), jnp.asarray(start), jnp.asarray(end)
+    kinks, start, end = (jnp.asarray(t, float) for t in (kinks, start, end))
     y, kept, rejected = solve(control, kinks, start, end, **options)
     return float(abs(y / closed_form(kinks, start, end) - 1)), int(kept + rejected)
 

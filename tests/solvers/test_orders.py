@@ -1,10 +1,12 @@
 """Order of convergence, of the solution at the ends of steps and between them, on problems with a closed form."""
 
 import diffrax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxball import solvers
+from jaxball.solvers.interpolation import CubicHermite
 from tests.solvers import rotating
 from tests.solvers.fixed_steps import NEWTON, march, observed_order
 
@@ -85,6 +87,17 @@ def test_hermite_cubic_is_as_accurate_between_the_steps_as_at_their_ends(solver)
     lengths, errors = runs(solver, (32, 64, 128), (SLOW, DRIVEN))
     assert observed_order(lengths, [e.dense for e in errors]) == pytest.approx(2, abs=0.1)
     assert max(e.dense / e.end for e in errors) < 1.5
+
+
+def test_hermite_cubic_is_the_cubic_with_its_values_and_slopes():
+    cubic = np.polynomial.Polynomial([0.3, -1.2, 2.0, 0.7])
+    t0, t1 = 0.4, 1.9
+    ends = jnp.array([t0, t1])
+    y, k = jnp.asarray(cubic(ends)), jnp.asarray(cubic.deriv()(ends)) * (t1 - t0)
+    between = CubicHermite(t0=ends[0], t1=ends[1], y0=y[0], y1=y[1], k0=k[0], k1=k[1])
+    for t in np.linspace(t0, t1, 7):
+        np.testing.assert_allclose(between.evaluate(jnp.asarray(t)), cubic(t), rtol=1e-14)
+    np.testing.assert_allclose(between.evaluate(ends[0], jnp.asarray(1.1)), cubic(1.1) - cubic(t0), rtol=1e-14)
 
 
 @pytest.mark.parametrize("components", [[0], [1, 2]], ids=["algebraic", "differential"])

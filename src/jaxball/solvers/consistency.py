@@ -16,7 +16,7 @@ from .newton import value_and_jacobian
 from .outcome import INCONSISTENT, NO_FAULT, NOT_INDEX_ONE, UNKNOWN
 from .stages import AbstractStageIteration
 
-# Beyond this condition number the equations without a derivative do not determine the algebraic variables.
+# Where rounding, magnified by the condition number, is above this, the algebraic variables count as undetermined.
 WORST_CONDITION = 1e-3
 MAX_STEPS = 20
 
