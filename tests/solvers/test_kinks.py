@@ -154,7 +154,6 @@ def test_run_that_ends_next_to_a_kink(offset, start):
     assert error < 1e-9
 
 
-@pytest.mark.xfail(strict=True, reason="the neighbours of zero are subnormal, and XLA rounds them to zero")
 def test_kink_at_time_zero():
     shift = 1.7
     _, steps = measure(to_kinks, WITHIN, START, END)

@@ -80,8 +80,15 @@ class AbstractCollocation(AbstractStageSolver):
 
 
 def _predicted(tableau: Tableau, state: CollocationState, control: Float[Array, ""]) -> Float[Array, "s n"]:
-    """The slopes at the nodes, if the polynomial of the last step went on."""
-    ratio = control / state.control
-    beyond = legendre(1 + ratio * jnp.asarray(tableau.c, control.dtype), len(tableau.c))
-    weights = ratio * jnp.stack(beyond, axis=1)
-    return jnp.sum(weights[:, :, None].astype(state.coefficients.dtype) * state.coefficients[None], axis=1)
+    """The slopes at the nodes, if the polynomial of the last step went on.
+
+    Beyond its step P̃ₖ grows, the faster the higher k, so that the last coefficients may say nothing: terms
+    are taken as long as they become smaller.
+    """
+    coefficients, s = state.coefficients, len(tableau.c)
+    dtype, ratio = coefficients.dtype, control / state.control
+    beyond = jnp.stack(legendre(1 + ratio * jnp.asarray(tableau.c, control.dtype), s), axis=1).astype(dtype)
+    sizes = jnp.max(jnp.abs(coefficients), axis=1) * jnp.abs(beyond[-1])
+    last = jnp.argmin(jnp.where(sizes > 0, sizes, jnp.inf))
+    terms = jnp.where((jnp.arange(s) <= last)[:, None], coefficients, 0.0)
+    return ratio.astype(dtype) * jnp.sum(beyond[:, :, None] * terms[None], axis=1)

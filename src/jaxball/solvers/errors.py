@@ -51,7 +51,7 @@ class TailError(AbstractErrorEstimate):
     """
 
     def order(self, stages: int) -> int:
-        return stages
+        return stages - 1
 
     def estimate(self, equations, stages, coefficients):
         return _tail(coefficients) / (2 * len(coefficients))
@@ -67,7 +67,7 @@ class StepError(AbstractErrorEstimate):
     """
 
     def order(self, stages: int) -> int:
-        return 2 * stages - 1
+        return 2 * stages - 3
 
     def estimate(self, equations, stages, coefficients):
         tail = _tail(coefficients)

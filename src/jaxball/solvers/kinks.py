@@ -88,14 +88,16 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
 
 def _before(t: Float[Array, "..."]) -> Float[Array, "..."]:
     """The floating-point number before ``t``, with the derivative of ``t``."""
-    return _neighbour(t, -jnp.inf)
+    return _neighbour(t, -1.0)
 
 
 def _after(t: Float[Array, "..."]) -> Float[Array, "..."]:
     """The floating-point number after ``t``, with the derivative of ``t``."""
-    return _neighbour(t, jnp.inf)
+    return _neighbour(t, 1.0)
 
 
-def _neighbour(t: Float[Array, "..."], towards: float) -> Float[Array, "..."]:
+def _neighbour(t: Float[Array, "..."], direction: float) -> Float[Array, "..."]:
+    """The neighbours of 0 are so small that XLA takes them for 0; those that it does not are taken instead."""
     fixed = jax.lax.stop_gradient(t)
-    return t + (jnp.nextafter(fixed, jnp.full_like(fixed, towards)) - fixed)
+    distance = jnp.abs(jnp.nextafter(fixed, jnp.full_like(fixed, direction * jnp.inf)) - fixed)
+    return t + direction * jnp.maximum(distance, jnp.finfo(fixed.dtype).tiny)

@@ -1,0 +1,281 @@
+"""What diffrax and JAX do with a solver: batches, jit, events, saving, backward time, float32, states of any structure."""
+
+import functools
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+import pytest
+
+from jaxball.solvers import (
+    TRBDF2,
+    FixedPoint,
+    Gauss,
+    MassMatrixTerm,
+    RadauIIA,
+    SimplifiedNewton,
+    SwitchingMassMatrixTerm,
+    TailError,
+    Trapezoidal,
+    explain,
+)
+
+# With tolerances, and the bounds on errors over the tolerance: at the end of steps, between, and of the slope between.
+SOLVERS = {
+    "radau 3": (RadauIIA(3), 1e-9),
+    "radau 5": (RadauIIA(5), 1e-10),
+    "radau 7, tail": (RadauIIA(7, error=TailError()), 1e-11),
+    "gauss 8": (Gauss(8), 1e-11),
+    "trapezoidal": (Trapezoidal(), 1e-7),
+    "tr-bdf2": (TRBDF2(), 1e-7),
+}
+
+
+def pid(tolerance):
+    return diffrax.PIDController(rtol=tolerance, atol=tolerance)
+
+
+class TestBatches:
+    """Lanes of van der Pol's oscillation from mild to stiff, and one that fails."""
+
+    mu = np.array([1.0, 30.0, np.nan, 1e3])
+
+    def one(self, solver, mu):
+        solution = diffrax.diffeqsolve(
+            diffrax.ODETerm(lambda t, x, mu: jnp.stack([x[1], mu * (1.0 - x[0] ** 2) * x[1] - x[0]])),
+            solver,
+            0.0,
+            2.0,
+            None,
+            jnp.asarray([2.0, 0.0]),
+            args=mu,
+            stepsize_controller=pid(1e-6),
+            adjoint=diffrax.ForwardMode(),
+            throw=False,
+        )
+        return solution.ys[0], solution.stats["num_accepted_steps"], solution.result
+
+    @pytest.mark.parametrize(
+        "solver",
+        [
+            RadauIIA(3),
+            Gauss(6),
+            TRBDF2(),
+            *(pytest.param(s, marks=pytest.mark.slow) for s in (RadauIIA(7), Trapezoidal())),
+        ],
+    )
+    def test_lanes_are_single_runs(self, solver):
+        lanes = jax.jit(jax.vmap(functools.partial(self.one, solver)))(self.mu)
+        single = jax.jit(functools.partial(self.one, solver))
+        for k, mu in enumerate(self.mu):
+            x, steps, result = single(mu)
+            assert bool(lanes[2][k] == result)
+            assert bool(result == diffrax.RESULTS.successful) == bool(np.isfinite(mu))
+            if np.isfinite(mu):
+                assert lanes[1][k] == steps
+                np.testing.assert_allclose(lanes[0][k], x, rtol=1e-12)
+
+    def test_each_lane_has_its_own_algebraic_component(self):
+        """(cos t, sin t) with |x| = 1 for the rate of the larger component, from different angles."""
+        angles = np.array([0.1, 0.7, 2.0])
+
+        def field(t, x, args, component):
+            rates = jnp.stack([-x[1], x[0]])
+            return jnp.where(jnp.arange(2) == component, jnp.sum(x * x) - 1.0, rates)
+
+        term = SwitchingMassMatrixTerm(
+            field,
+            mass=lambda component: jnp.where(jnp.arange(2) == component, 0.0, 1.0),
+            choose=lambda t, x, args: jnp.argmax(jnp.abs(x)),
+        )
+
+        @jax.jit
+        @jax.vmap
+        def run(x0):
+            return diffrax.diffeqsolve(
+                term, RadauIIA(5), 0.0, 7.0, None, x0, stepsize_controller=pid(1e-10), adjoint=diffrax.ForwardMode()
+            ).ys[0]
+
+        found = run(jnp.stack([np.cos(angles), np.sin(angles)], axis=1))
+        expected = np.stack([np.cos(angles + 7.0), np.sin(angles + 7.0)], axis=1)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9)
+
+
+OSCILLATOR = diffrax.ODETerm(lambda t, x, args: {"place": x["rate"][0], "rate": (-x["place"],)})
+
+
+def oscillation(t):
+    """cos t and its rate, a state with a structure."""
+    return {"place": jnp.cos(t)[None], "rate": (-jnp.sin(t)[None],)}
+
+
+@pytest.mark.parametrize("name", SOLVERS)
+class TestSaving:
+    """Backward in time from 2 to −1, at given times, at each step and between."""
+
+    times = np.array([2.0, 1.7, 0.4, -0.2, -1.0])
+
+    @functools.cache  # noqa: B019
+    def solution(self, name):
+        solver, tolerance = SOLVERS[name]
+        return diffrax.diffeqsolve(
+            OSCILLATOR,
+            solver,
+            2.0,
+            -1.0,
+            None,
+            oscillation(jnp.asarray(2.0)),
+            stepsize_controller=pid(tolerance),
+            adjoint=diffrax.ForwardMode(),
+            saveat=diffrax.SaveAt(
+                subs=[diffrax.SubSaveAt(ts=jnp.asarray(self.times)), diffrax.SubSaveAt(steps=True)], dense=True
+            ),
+        )
+
+    def test_at_times_and_steps(self, name):
+        _, tolerance = SOLVERS[name]
+        solution = self.solution(name)
+        print(name)
+        for ts, ys in zip(solution.ts, solution.ys, strict=True):
+            taken = np.isfinite(ts)
+            t = np.asarray(ts)[taken]
+            e = np.abs(ys["place"][taken, 0] - np.cos(t)).max(), np.abs(ys["rate"][0][taken, 0] + np.sin(t)).max()
+            print(len(t), "at", np.array(e) / tolerance, np.array(e) / tolerance ** (2 / 3))
+        assert t[-1] == -1.0
+
+    def test_between(self, name):
+        _, tolerance = SOLVERS[name]
+        t = np.linspace(-1.0, 2.0, 301)
+        solution = self.solution(name)
+        found = jax.vmap(solution.evaluate)(jnp.asarray(t))
+        slope = jax.vmap(solution.derivative)(jnp.asarray(t))
+        e = np.abs(found["place"][:, 0] - np.cos(t)).max(), np.abs(slope["place"][:, 0] + np.sin(t)).max()
+        print(name, "between", np.array(e) / tolerance, np.array(e) / tolerance ** (2 / 3))
+
+
+@pytest.mark.parametrize("name", ["radau 5", "gauss 8", "tr-bdf2"])
+def test_event(name):
+    """The oscillation passes zero at π/2."""
+    solver, tolerance = SOLVERS[name]
+    event = diffrax.Event(lambda t, y, args, **_: y["place"][0], root_finder=optimistix.Newton(1e-13, 1e-13))
+    solution = diffrax.diffeqsolve(
+        OSCILLATOR,
+        solver,
+        0.0,
+        5.0,
+        None,
+        oscillation(jnp.asarray(0.0)),
+        stepsize_controller=pid(tolerance),
+        adjoint=diffrax.ForwardMode(),
+        event=event,
+    )
+    assert explain(solution.result) == "An event ended the solve."
+    print(
+        name, "event", (solution.ts[-1] - np.pi / 2) / tolerance, (solution.ts[-1] - np.pi / 2) / tolerance ** (2 / 3)
+    )
+
+
+def test_mass_matrix_backward_in_time():
+    """ẋ = −z with 0 = z − x (2 + cos t) from t = 2 to 0: x = exp(−2t − sin t)."""
+    term = MassMatrixTerm(
+        lambda t, x, args: {"x": -x["z"], "z": x["z"] - x["x"] * (2.0 + jnp.cos(t))}, {"x": 1.0, "z": 0.0}
+    )
+    x, z = np.exp(-4.0 - np.sin(2.0)), (2.0 + np.cos(2.0)) * np.exp(-4.0 - np.sin(2.0))
+    solution = diffrax.diffeqsolve(
+        term,
+        RadauIIA(5),
+        2.0,
+        0.0,
+        None,
+        {"x": jnp.asarray(x), "z": jnp.asarray(z)},
+        stepsize_controller=pid(1e-11),
+        adjoint=diffrax.ForwardMode(),
+    )
+    np.testing.assert_allclose([solution.ys["x"][0], solution.ys["z"][0]], [1.0, 3.0], rtol=1e-9)
+
+
+def test_progress_meter(capfd):
+    diffrax.diffeqsolve(
+        OSCILLATOR,
+        RadauIIA(3),
+        0.0,
+        10.0,
+        None,
+        oscillation(jnp.asarray(0.0)),
+        stepsize_controller=pid(1e-6),
+        progress_meter=diffrax.TextProgressMeter(minimum_increase=0.2),
+    )
+    jax.effects_barrier()
+    shown = capfd.readouterr().out
+    assert "0.00%" in shown
+    assert "100.00%" in shown
+
+
+def relaxation(t):
+    """The solution of ẋ = −50 (x − cos t) from x(0) = 0."""
+    return 50.0 * (50.0 * np.cos(t) + np.sin(t) - 50.0 * np.exp(-50.0 * t)) / 2501.0
+
+
+def relaxed(solver, start, algebraic=False):
+    """x(2) in the type of ``start``."""
+    x0 = jnp.zeros((1,), start.dtype)
+    term = diffrax.ODETerm(lambda t, x, args: -50.0 * (x - jnp.cos(t)))
+    if algebraic:
+        x0 = jnp.append(x0, jnp.ones_like(x0))
+        field = lambda t, x, args: jnp.stack([-50.0 * (x[0] - x[1]), x[1] - jnp.cos(t)])  # noqa: E731
+        term = MassMatrixTerm(field, np.array([1.0, 0.0]))
+    solution = diffrax.diffeqsolve(
+        term,
+        solver,
+        start,
+        start + 2,
+        None,
+        x0,
+        stepsize_controller=pid(1e-4),
+        adjoint=diffrax.ForwardMode(),
+        throw=False,
+    )
+    assert not explain(solution.result)
+    return solution.ys[0, 0]
+
+
+class TestFloat32:
+    @pytest.mark.parametrize(
+        "solver",
+        [RadauIIA(3), RadauIIA(7), Gauss(8), Gauss(8, root_finder=SimplifiedNewton()), Trapezoidal(), TRBDF2()],
+    )
+    def test_where_it_is_the_default(self, solver):
+        with jax.enable_x64(False):
+            x = relaxed(solver, jnp.asarray(0.0))
+        assert x.dtype == jnp.float32
+        np.testing.assert_allclose(x, relaxation(2.0), rtol=0, atol=1e-4)
+
+    def test_mass_matrix_where_it_is_the_default(self):
+        with jax.enable_x64(False):
+            x = relaxed(RadauIIA(5), jnp.asarray(0.0), algebraic=True)
+        assert x.dtype == jnp.float32
+        np.testing.assert_allclose(x, relaxation(2.0), rtol=0, atol=1e-4)
+
+    @pytest.mark.parametrize("solver", [RadauIIA(3), Gauss(8, root_finder=SimplifiedNewton()), TRBDF2()])
+    def test_beside_float64(self, solver):
+        x = relaxed(solver, jnp.asarray(0.0, jnp.float32))
+        assert x.dtype == jnp.float32
+        np.testing.assert_allclose(x, relaxation(2.0), rtol=0, atol=1e-4)
+
+
+def test_a_solver_is_compiled_once():
+    """Two solvers with the same numbers are the same argument to jit, whatever objects they are."""
+    traced = []
+
+    @functools.partial(jax.jit, static_argnums=0)
+    def run(solver, x0):
+        traced.append(solver)
+        term = diffrax.ODETerm(lambda t, x, args: -x)
+        return diffrax.diffeqsolve(term, solver, 0.0, 1.0, None, x0, stepsize_controller=pid(1e-6)).ys[0]
+
+    for x0 in (1.0, 2.0):
+        solver = RadauIIA(3, root_finder=FixedPoint())
+        np.testing.assert_allclose(run(solver, jnp.asarray(x0)), x0 * np.exp(-1.0), rtol=1e-6)
+    assert len(traced) == 1
