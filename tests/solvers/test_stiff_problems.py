@@ -93,8 +93,13 @@ def dae():
     return MassMatrixTerm(lambda t, x, _: rates(problem.name)(x), np.asarray(problem.mass(problem.pieces[0])))
 
 
+def ode():
+    """Any of the other problems, by its index."""
+    return diffrax.ODETerm(field)
+
+
 @functools.cache
-def program(solver, make_term=lambda: diffrax.ODETerm(field)):
+def program(solver, make_term=ode):
     @jax.jit
     def run(index, x0, end, rtol, atol):
         solution = diffrax.diffeqsolve(

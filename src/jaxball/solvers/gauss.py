@@ -22,6 +22,9 @@ class Gauss(AbstractCollocation):
     With fixed-point iteration and 6 to 12 stages, the method for smooth, non-stiff problems at tight
     tolerances, down to rounding.
 
+    The vector field must be smooth within each step: give its kinks to :class:`StepToKinks`. A jump after the
+    last node of a step is in no stage and in no estimate, and the result is wrong without a word.
+
     **Arguments:**
 
     - ``stages``: from 2 to 20; 8 suits tolerances from 1e-6 to 1e-13.
