@@ -33,7 +33,6 @@ INCONSISTENT = "initial values do not satisfy the equations without a derivative
 
 SOLVERS = {
     "radau 3": RadauIIA(3),
-    "radau 7": RadauIIA(7),
     "radau 3, fixed point": RadauIIA(3, root_finder=FixedPoint()),
     "gauss 8": Gauss(8),
     "gauss 3, newton": Gauss(3, root_finder=SimplifiedNewton(), error=EmbeddedError()),
@@ -144,7 +143,7 @@ class TestConstantSteps:
             assert sentence in explain(result)
             assert t <= reached
 
-    @pytest.mark.parametrize("make", [RadauIIA, Gauss, Trapezoidal, TRBDF2])
+    @pytest.mark.parametrize("make", [RadauIIA, Gauss, TRBDF2])
     def test_fixed_point_iteration(self, make):
         solver = make(root_finder=FixedPoint(**self.tolerances))
         t, result = self.program(solver, [lambda t, x: -50.0 * x])(0)
@@ -215,25 +214,34 @@ class TestMassMatrices:
             assert sentence in explain(result), name
 
 
+def breaks_off(t, end):
+    """A schedule that is not a number after ``end``."""
+    return jnp.where(t < end, t, jnp.nan)
+
+
 class TestSimulate:
-    @pytest.mark.parametrize("solver", [RadauIIA(3), Gauss(8)])
-    def test_status_and_what_was_computed_before(self, solver):
-        schedule = jaxball.FunctionSchedule(lambda t, end: jnp.where(t < end, t, jnp.nan), jnp.asarray(1.3))
+    times = np.linspace(0.0, 2.0, 5)
+
+    def ball(self):
+        schedule = jaxball.FunctionSchedule(breaks_off, jnp.asarray(1.3))
         mass = jaxball.PointMass(0.5, jaxball.OnRail(jaxball.Circle(0.5), schedule))
-        ball = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7), masses=[mass])
-        times = np.linspace(0.0, 2.0, 5)
-        run = jaxball.simulate(ball, times, solver=solver)
+        return jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7), masses=[mass])
+
+    @pytest.mark.parametrize("solver", [RadauIIA(3), pytest.param(TRBDF2(), marks=pytest.mark.slow)])
+    def test_motion_that_is_not_a_number(self, solver):
+        run = jaxball.simulate(self.ball(), self.times, solver=solver, rtol=1e-8, atol=1e-8)
         assert run.status == Status.NOT_FINITE
         assert "not finite" in run.message
         np.testing.assert_allclose(run.reached, 1.3, atol=1e-6)
-        assert np.all(np.isnan(run.state.q[times > 1.3]))
-        explicit = jaxball.simulate(ball, times).state.q
-        np.testing.assert_allclose(run.state.q[times < 1.3], explicit[times < 1.3], atol=1e-7)
+        np.testing.assert_array_equal(np.isfinite(run.state.q[:, 0]), self.times < 1.3)
 
-        short = jaxball.simulate(ball, times, solver=solver, max_steps=8)
-        assert short.status == Status.MAX_STEPS
-        assert "`max_steps`" in short.message
+    def test_too_few_steps(self):
+        run = jaxball.simulate(self.ball(), self.times, solver=Gauss(8), max_steps=8)
+        assert run.status == Status.MAX_STEPS
+        assert "`max_steps`" in run.message
+        np.testing.assert_array_equal(np.isfinite(run.state.q[:, 0]), self.times <= float(run.reached))
 
+    @pytest.mark.slow
     def test_versor_that_is_one_to_eight_digits_only(self):
         """Enough for a ball, and not for |q|² = 1 at this tolerance: no silent drift."""
         ball = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7), offset=(0.1, 0.0, 0.0))
