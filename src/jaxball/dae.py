@@ -5,7 +5,7 @@ problem has index 1 there and nowhere else; in the paper's own run of the ball q
 Any component can play the part of q₀, so it is chosen here: the largest is never below ½.
 """
 
-from typing import cast
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -15,7 +15,6 @@ from jaxtyping import Array, Float, Int
 from .body import System
 from .dynamics import AnyState, vector_field
 from .state import BallState, ReducedState, RotationState, State
-from .vectors import dot
 
 # The unit vector of each kind of state that has one.
 UNIT = {BallState: "q", ReducedState: "Gamma"}
@@ -37,7 +36,7 @@ def dae_field(system: System, t: Float[Array, ""], state: AnyState, component: I
 def constrained(rates: AnyState, state: AnyState, component: Int[Array, ""]) -> AnyState:
     """``rates`` with |q|² − 1 in the place of the rate of q's ``component``."""
     unit, rate = _unit(state), _unit(rates)
-    residual = jnp.where(jnp.arange(unit.size) == component, dot(unit, unit) - 1, rate)
+    residual = jnp.where(jnp.arange(unit.size) == component, jnp.sum(unit * unit) - 1, rate)
     return eqx.tree_at(_unit, rates, residual)
 
 
@@ -57,7 +56,7 @@ def projected(state: AnyState) -> AnyState:
     if type(state) not in UNIT:
         return state
     unit = _unit(state)
-    return eqx.tree_at(_unit, state, unit / jnp.sqrt(dot(unit, unit)))
+    return eqx.tree_at(_unit, state, unit / jnp.sqrt(jnp.sum(unit * unit)))
 
 
 def has_unit(state: State) -> bool:
@@ -65,7 +64,8 @@ def has_unit(state: State) -> bool:
     return type(state) in UNIT
 
 
-def _unit(state: State) -> Float[Array, " components"]:
+def _unit(state: State) -> Any:
+    """The unit vector of a state, or what stands in its place while a state is taken apart."""
     if type(state) not in UNIT:
         raise TypeError(
             "Argument `state` must be a BallState or a ReducedState for the differential-algebraic form, which "

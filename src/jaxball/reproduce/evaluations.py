@@ -1,7 +1,7 @@
 """Counting how often a solver evaluates the right-hand side, by asking it and not by a formula."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import diffrax
 import equinox as eqx
@@ -25,6 +25,8 @@ class Counter:
 
 class CountingTerm(diffrax.AbstractTerm):
     """``term`` itself, which calls ``tick`` on the host each time its vector field is evaluated."""
+
+    transparent: ClassVar[bool] = True
 
     term: diffrax.AbstractTerm
     tick: Callable[[], None] = eqx.field(static=True)

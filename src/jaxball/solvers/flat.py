@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
-from .mass import Mass, mass_term
+from .mass import Mass, mass_term, unwrapped
 
 
 class Slope(eqx.Module):
@@ -51,12 +51,13 @@ def flat_problem(
     state that is not real.
     """
     x0, unravel = ravel_pytree(y0)
-    control = terms.contr(t0, t1)
-    if jnp.shape(control) != ():
+    term = unwrapped(terms)
+    if isinstance(term, (diffrax.ControlTerm, diffrax.MultiTerm)):
         raise TypeError(
-            "Argument `terms` must be an ordinary differential equation, with time as its control, for a solver of "
-            f"jaxball.solvers, but the control's shape is {jnp.shape(control)}; use a solver for stochastic equations."
+            "Argument `terms` must be an ordinary differential equation for a solver of jaxball.solvers, an ODETerm or "
+            f"a MassMatrixTerm, but it is a {type(term).__name__}; use one of diffrax's solvers for it."
         )
+    control = terms.contr(t0, t1)
     if not jnp.issubdtype(x0.dtype, jnp.floating):
         raise TypeError(
             f"Argument `y0` must be real floating-point numbers of one kind, but it is {x0.dtype}; "

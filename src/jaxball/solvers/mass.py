@@ -117,13 +117,19 @@ class SwitchingMassMatrixTerm(AbstractMassTerm):
 
 
 def mass_term(term: diffrax.AbstractTerm) -> AbstractMassTerm | None:
-    """The term with a mass matrix that ``term`` is or wraps; None for an ordinary differential equation.
+    """The term with a mass matrix that ``term`` is or wraps; None for an ordinary differential equation."""
+    inner = unwrapped(term)
+    return inner if isinstance(inner, AbstractMassTerm) else None
+
+
+def unwrapped(term: diffrax.AbstractTerm) -> diffrax.AbstractTerm:
+    """The term inside of wrappers.
 
     diffrax wraps terms to give them a direction of time; other wrappers say that they are ``transparent``.
     """
     while hasattr(term, "direction") or getattr(term, "transparent", False):
         term = term.term  # pyright: ignore[reportAttributeAccessIssue]
-    return term if isinstance(term, AbstractMassTerm) else None
+    return term
 
 
 def _mass(mass: PyTree, null_spaces: tuple[Any, Any] | None, y: PyTree[Array], x: Float[Array, " n"]) -> Mass:
