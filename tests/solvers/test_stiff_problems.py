@@ -42,7 +42,7 @@ LOOSE_BOUNDS = {
 }
 # … and at the tight tolerance of a solver, the error of any problem.
 TIGHT = {"radau 3": 1e-8, "radau 5": 1e-10, "radau 7": 1e-11, "gauss 8": 1e-10}
-TIGHT_BOUNDS = {"radau 3": 3e-9, "radau 5": 3e-12, "radau 7": 5e-13, "gauss 8": 5e-11}
+TIGHT_BOUNDS = {"radau 3": 3e-9, "radau 5": 3e-10, "radau 7": 5e-11, "gauss 8": 5e-11}
 # Solvers of order 2: the error is proportional to the tolerance to the power 2/3, with these factors.
 FACTORS = {"robertson": 2.0, "van-der-pol": 6.0, "van-der-pol-scaled": 6.0, "hires": 15.0, "orego": 40.0}
 
