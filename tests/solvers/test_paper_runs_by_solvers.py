@@ -38,7 +38,7 @@ COLLOCATION = [
     ("ball", "radau 5", True, 60.0),
     long("ball", "radau 7", True, 150.0),
     long("disk", "radau 3", False, 0.2),
-    long("disk", "radau 5", False, 0.2),
+    long("disk", "radau 5", False, 3.0),
     long("disk", "radau 7", False, 1.0),
     ("disk", "gauss 8", False, 0.05),
 ]

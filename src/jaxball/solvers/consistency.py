@@ -119,7 +119,8 @@ def _correction(g: Callable, mass: Mass, x: Float[Array, " n"]) -> tuple[Float[A
     scale = jnp.where(scale == 0, 1.0, scale)
     inverse = factorise((matrix / scale)[None]).inverses[0]
     condition = jnp.max(jnp.sum(jnp.abs(inverse), axis=1)) * jnp.max(jnp.sum(jnp.abs(matrix / scale), axis=1))
-    index_one = condition * jnp.finfo(x.dtype).eps < WORST_CONDITION
+    # What is not a number determines nothing, and is another fault.
+    index_one = (condition * jnp.finfo(x.dtype).eps < WORST_CONDITION) | ~jnp.all(jnp.isfinite(J))
     change = -product(inverse, product(mass.residuals, value[:, None]) / scale)[:, 0]
     return jnp.where(index_one, change, 0.0), index_one
 
@@ -140,7 +141,8 @@ def start_of_step(
     first = fault == UNKNOWN
     solved = solve_algebraic(lambda x: problem.field(t0, x), mass, problem.x0, first | made_jump)
     scaled = solved.lacking / (measure.atol + measure.rtol * jnp.abs(problem.x0))
-    found = jnp.where(measure.norm(problem.unravel(scaled)) <= 1, NO_FAULT, INCONSISTENT)
+    # Where g is not a number, the step itself says so.
+    found = jnp.where(measure.norm(problem.unravel(scaled)) > 1, INCONSISTENT, NO_FAULT)
     found = jnp.where(solved.index_one, found, NOT_INDEX_ONE)
     change = jnp.where(solved.converged, solved.x - problem.x0, 0.0)
     # The stages depend on the sum of this change and their increments alone, so it has no derivative to pass.

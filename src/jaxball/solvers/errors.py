@@ -40,7 +40,7 @@ class EmbeddedError(AbstractErrorEstimate):
         f0 = equations.slope(equations.t0, equations.x0) if stages.f0 is None else stages.f0
         at_start = (-1.0) ** np.arange(len(coefficients))
         defect = f0 - equations.mass_times(combine(at_start[None], coefficients))[0]
-        return smoothed(equations, stages, defect / equations.tableau.eigenvalues[0].real)
+        return smoothed(equations, stages, defect / float(equations.tableau.eigenvalues[0].real))
 
 
 class TailError(AbstractErrorEstimate):
@@ -86,5 +86,5 @@ def smoothed(equations: StageEquations, stages: Stages, error: Float[Array, " n"
     The result is not to be differentiated: it serves to choose steps.
     """
     if stages.smooth is not None:
-        error = equations.tableau.eigenvalues[0].real * jnp.sum(stages.smooth * error[None], axis=1)
+        error = float(equations.tableau.eigenvalues[0].real) * jnp.sum(stages.smooth * error[None], axis=1)
     return jax.lax.stop_gradient(error)

@@ -30,17 +30,32 @@ class SimplifiedNewton(AbstractStageIteration):
 
     - ``kappa``: the iteration ends when the error that remains is this fraction of the tolerance.
     - ``max_steps``: iterations after which the step is given up, to be tried again half as long.
-    - ``reuse``: the matrices of the last step serve again while its length over theirs is between this and its
-      inverse, and the iteration converges well with them; 1 makes them anew at every step.
     - ``rtol``, ``atol``, ``norm``: those of the step-size controller unless given.
+    - ``reuse``: the matrices of the last step serve again while its length over theirs is between this and its
+      inverse, and the iteration converges well with them; 1 makes them anew at every step. Unless given, it is 0.8
+      with the tolerances of a step-size controller, which shortens a step whose iteration fails, and 1 with
+      tolerances of one's own, as steps of constant length need them: there a failure would be the end.
     """
 
-    kappa: float = 1e-2
-    max_steps: int = 15
-    reuse: float = 0.8
-    rtol: Any = FROM_CONTROLLER
-    atol: Any = FROM_CONTROLLER
-    norm: Any = FROM_CONTROLLER
+    kappa: float
+    max_steps: int
+    rtol: Any
+    atol: Any
+    norm: Any
+    reuse: float
+
+    def __init__(
+        self,
+        kappa: float = 1e-2,
+        max_steps: int = 15,
+        rtol: Any = FROM_CONTROLLER,
+        atol: Any = FROM_CONTROLLER,
+        norm: Any = FROM_CONTROLLER,
+        reuse: float | None = None,
+    ):
+        self.kappa, self.max_steps = kappa, max_steps
+        self.rtol, self.atol, self.norm = rtol, atol, norm
+        self.reuse = (0.8 if rtol is FROM_CONTROLLER else 1.0) if reuse is None else reuse
 
     def start(self, tableau: Tableau, x0: Float[Array, " n"]) -> Memory:
         inverses = jnp.zeros((tableau.eigenvalues.size, x0.size, x0.size), _dtype_of_modes(tableau, x0))
