@@ -14,15 +14,17 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike
 
 from ._arrays import Numbers, default_dtype, to_array
-from .body import Ball, System
-from .dae import has_unit
+from .body import Ball
+from .classical import AbstractClassicalState, AbstractClassicalSystem
+from .dae import WITH_UNIT, has_unit
 from .dynamics import field_of
 from .packing import Packing
+from .simulable import SimulableState, SimulableSystem
 from .solvers import Projected, RadauIIA, StepToKinks, SwitchingMassMatrixTerm
-from .state import BallState, DiskState, State
+from .state import BallState, DiskState
 from .status import Status
 from .trajectory import Interpolant, Trajectory
-from .validity import possible, possible_state
+from .validity import possible_start
 
 DEFAULT_TOLERANCE = 1e-10
 DEFAULT_SOLVER = diffrax.Dopri8()
@@ -36,9 +38,9 @@ class PrecisionError(ValueError):
 
 
 def simulate(
-    system: System,
+    system: SimulableSystem,
     times: Numbers,
-    state: State | None = None,
+    state: SimulableState | None = None,
     *,
     solver: diffrax.AbstractAdaptiveSolver | None = None,
     rtol: ArrayLike = DEFAULT_TOLERANCE,
@@ -56,12 +58,12 @@ def simulate(
 
     **Arguments:**
 
-    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+    - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, or one of :mod:`jaxball.classical`.
     - ``times``: increasing, two or more. The solver steps as it likes, and exactly to the kinks of
       actuation and force.
     - ``state``: the state at ``times[0]``; at rest at the origin if not given. Its kind chooses the
       equations: :class:`~jaxball.BallState` (versor), :class:`~jaxball.RotationState` (matrix),
-      :class:`~jaxball.ReducedState` (Ω, Γ), or :class:`~jaxball.DiskState`.
+      :class:`~jaxball.ReducedState` (Ω, Γ), or :class:`~jaxball.DiskState`; a classical system has one.
     - ``solver``: any adaptive diffrax solver; ``diffrax.Dopri8()`` if not given.
     - ``rtol``, ``atol``: tolerances of the step-size control. Changing them compiles nothing anew.
     - ``dense``: whether the trajectory can be evaluated at any time, ``trajectory.at(t)``.
@@ -86,7 +88,7 @@ def simulate(
     """
     times = _checked_times(times)
     if state is None:
-        state = _at_rest(system)
+        state = at_rest(system)
     _check_state(system, state)
     rtol, atol = _as_array(rtol), _as_array(atol)
     _check_precision(rtol, atol)
@@ -134,13 +136,13 @@ def _compiled(method: _Method) -> Callable[..., tuple]:
     return jax.jit(functools.partial(_solve, method))
 
 
-def _solve(method: _Method, system: System, times: Array, state: State, rtol: Array, atol: Array) -> tuple:
+def _solve(method: _Method, system: SimulableSystem, times: Array, state: SimulableState, rtol: Array, atol: Array) -> tuple:
     """The fields of a trajectory but ``system`` and ``times``, which a program could only copy."""
     packing = Packing.of(system.prepare(), state)
     initial = packing.pack(times[0], state)
     # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
     parameters, unpack_parameters = ravel_pytree(packing)
-    startable = possible(system) & possible_state(state) & jnp.all(jnp.isfinite(initial))
+    startable = possible_start(system, times[0], state) & jnp.all(jnp.isfinite(initial))
 
     # Compiled on their own, they are traced once; diffrax traces a step several times.
     @jax.jit
@@ -177,7 +179,7 @@ def _solve(method: _Method, system: System, times: Array, state: State, rtol: Ar
     return (
         jax.vmap(packing.unpack)(times, jnp.where(startable & jnp.isfinite(states), states, jnp.nan)),
         jnp.where(startable, ended[0], times[0]),
-        jnp.where(startable, _status(solution.result), Status.IMPOSSIBLE),
+        jnp.where(startable, status_of(solution.result), Status.IMPOSSIBLE),
         solution.stats["num_steps"],
         solution.stats["num_rejected_steps"],
         Interpolant(solution, packing) if method.dense else None,
@@ -188,7 +190,7 @@ _solve_filtered = eqx.filter_jit(_solve)
 
 
 def _controller(
-    method: _Method, system: System, times: Array, rtol: Array, atol: Array
+    method: _Method, system: SimulableSystem, times: Array, rtol: Array, atol: Array
 ) -> diffrax.AbstractAdaptiveStepSizeController:
     """Steps by the tolerances, to the kinks and, where asked for, to ``times``."""
     controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=1e-30, force_dtmin=False)
@@ -199,8 +201,8 @@ def _controller(
     return StepToKinks(controller, kinks) if kinks.size else controller
 
 
-def _status(result: diffrax.RESULTS) -> Array:
-    """A step below 1e-30 means that no step was accepted, however small: the field is not finite."""
+def status_of(result: diffrax.RESULTS) -> Array:
+    """The status of a result: a step below 1e-30 means that none was accepted, because the field is not finite."""
     R = diffrax.RESULTS
     status = jnp.where(result == R.successful, Status.SUCCESS, Status.SOLVER_FAILED)
     status = jnp.where(result == R.nonfinite, Status.NOT_FINITE, status)
@@ -208,7 +210,13 @@ def _status(result: diffrax.RESULTS) -> Array:
     return jnp.where(result == R.dt_min_reached, Status.NOT_FINITE, status)
 
 
-def _at_rest(system: System) -> State:
+def at_rest(system: SimulableSystem) -> SimulableState:
+    """The default initial state: at rest at the origin, upright.
+
+    **Raises:** ``ValueError`` where angles belong to the state.
+    """
+    if isinstance(system, AbstractClassicalSystem):
+        return _default_state(system.state_type, default_dtype())
     if system.driven:
         raise ValueError(
             f"Argument `state` must be given, because the masses {list(system.driven)} are driven by a feedback "
@@ -218,7 +226,7 @@ def _at_rest(system: System) -> State:
 
 
 @functools.cache
-def _default_state(kind: type[State], dtype: Any) -> State:
+def _default_state(kind: type[SimulableState], dtype: Any) -> SimulableState:
     with jax.ensure_compile_time_eval():
         return kind()
 
@@ -243,8 +251,10 @@ def _checked_times(times: Numbers) -> Array | np.ndarray:
     return array
 
 
-def _check_state(system: System, state: State) -> None:
+def _check_state(system: SimulableSystem, state: SimulableState) -> None:
     field_of(system, state)
+    if isinstance(system, AbstractClassicalSystem) or isinstance(state, AbstractClassicalState):
+        return
     wanted = (len(system.driven),)
     if state.theta.shape != wanted or state.thetadot.shape != wanted:
         raise ValueError(
@@ -253,11 +263,11 @@ def _check_state(system: System, state: State) -> None:
         )
 
 
-def _check_dae(state: State, solver: diffrax.AbstractSolver | None) -> None:
+def _check_dae(state: SimulableState, solver: diffrax.AbstractSolver | None) -> None:
     if not has_unit(state):
         raise TypeError(
-            "Argument `state` must be a BallState or a ReducedState where `dae` is True, because it is a component of "
-            f"their unit vector that becomes algebraic, but it is a {type(state).__name__}."
+            f"Argument `state` must be {WITH_UNIT} where `dae` is True, because it is a component of their unit "
+            f"vector that becomes algebraic, but it is a {type(state).__name__}."
         )
     if not isinstance(solver, RadauIIA):
         raise TypeError(

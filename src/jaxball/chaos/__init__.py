@@ -1,0 +1,4 @@
+"""Measures of chaos: Lyapunov exponents of any flow and of rolling bodies, and charts of them."""
+
+from .rolling import lyapunov_spectrum as lyapunov_spectrum
+from .spectrum import LyapunovSpectrum as LyapunovSpectrum, lyapunov_spectrum_of as lyapunov_spectrum_of

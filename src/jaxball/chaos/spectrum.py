@@ -1,0 +1,276 @@
+"""Lyapunov exponents of any flow, by its tangent dynamics."""
+
+import functools
+from typing import Any, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Bool, Float, Int
+
+from .._arrays import Numbers, default_dtype, to_array
+from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, status_of
+from ..solvers import StepToKinks
+from ..status import SolveError, Status
+from .tangent import Field, Normal, generic_vectors, orthonormalised, tangent_field, without_normal
+
+BATCHES = 16  # means of the growth rates from which the standard error is estimated
+FIRST_STEP = 1 / 64  # of an interval; the step-size control corrects it within two or three steps
+
+
+class LyapunovSpectrum(eqx.Module):
+    """Lyapunov exponents λ_1 ≥ λ_2 ≥ … and how they converged. NaN after the time to which the solve came.
+
+    - ``exponents``: the mean growth rates over the run without its transient, shape (k,), in 1/time.
+    - ``standard_error``: of each exponent, from the scatter of its means over sixteen parts of the run. It says how
+      far a chaotic run is from its limit; for a regular one, whose means tend to it as log(t)/t, it says little.
+    - ``times``: the ends of the intervals, shape (n,).
+    - ``rates``: the growth rates within each interval, shape (n, k).
+    - ``running``: the means of the rates from the end of the transient to each of ``times``, shape (n, k).
+    - ``x``: the state at the end, as the vector that was advanced.
+    - ``vectors``: the orthonormal vectors at the end, a row for each exponent.
+    - ``status``, ``reached``, ``steps``: as in a :class:`~jaxball.Trajectory`; ``ok`` and ``message`` read them.
+    """
+
+    exponents: Float[Array, "*batch k"]
+    standard_error: Float[Array, "*batch k"]
+    times: Float[Array, "*batch n"]
+    rates: Float[Array, "*batch n k"]
+    running: Float[Array, "*batch n k"]
+    x: Float[Array, "*batch size"]
+    vectors: Float[Array, "*batch k size"]
+    status: Int[Array, "*batch"]
+    reached: Float[Array, "*batch"]
+    steps: Int[Array, "*batch"]
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run reached its end. For one spectrum, not for a batch."""
+        return int(self.status) == Status.SUCCESS
+
+    @property
+    def message(self) -> str:
+        """A sentence that says how the run ended."""
+        return Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
+
+    @property
+    def dimension(self) -> float:
+        """The Kaplan–Yorke dimension: how many exponents sum to zero, with a fraction of the last.
+
+        NaN where the spectrum has too few exponents to tell.
+        """
+        exponents = np.asarray(self.exponents)
+        sums = np.cumsum(exponents)
+        if not np.all(np.isfinite(sums)):
+            return float("nan")
+        j = int(np.argmax(sums < 0)) if np.any(sums < 0) else -1
+        if j < 0:
+            return float(len(sums)) if len(sums) == self.vectors.shape[-1] else float("nan")
+        return float(j + (sums[j - 1] if j else 0.0) / abs(exponents[j]))
+
+    def raise_if_failed(self) -> "LyapunovSpectrum":
+        """The spectrum itself, or a :class:`~jaxball.SolveError` with the message."""
+        if not self.ok:
+            raise SolveError(self.message)
+        return self
+
+    def __str__(self) -> str:
+        pairs = zip(np.asarray(self.exponents), np.asarray(self.standard_error), strict=True)
+        lines = [f"  λ{i} = {value: .6f} ± {error:.6f}" for i, (value, error) in enumerate(pairs, start=1)]
+        return "\n".join(["Lyapunov exponents", *lines, f"  {self.message}"])
+
+
+def lyapunov_spectrum_of(
+    field: Field,
+    times: Numbers,
+    x: Numbers,
+    args: Any = None,
+    *,
+    exponents: int | None = None,
+    transient: float = 0.0,
+    interval: float = 1.0,
+    solver: diffrax.AbstractAdaptiveSolver | None = None,
+    rtol: ArrayLike = DEFAULT_TOLERANCE,
+    atol: ArrayLike = DEFAULT_TOLERANCE,
+    kinks: Numbers = (),
+    normal: Normal | None = None,
+    max_steps: int = 16384,
+) -> LyapunovSpectrum:
+    """The Lyapunov exponents of ẋ = f(t, x) along the solution that starts at ``x``.
+
+    The deviations δẋ = f′(t, x) δx are advanced with x, under the same control of the step, and made orthonormal
+    again after each interval; an exponent is the mean of log(length before) / interval (Benettin et al. 1980;
+    Shimada & Nagashima 1979). Time is not a part of the state, so a prescribed f(t, x) adds no zero exponent.
+
+    **Arguments:**
+
+    - ``field``: f(t, x, args), from x of shape (size,) to its rate.
+    - ``times``: the start and the end.
+    - ``x``: the state at the start, shape (size,).
+    - ``args``: any arrays that f needs. Changing them compiles nothing anew.
+    - ``exponents``: how many, from the largest on; as many as there are if not given.
+    - ``transient``: the time from the start during which nothing is averaged, while x comes to its attractor and the
+      vectors turn to their directions.
+    - ``interval``: the time between two orthonormalisations; shortened so that a whole number fits. Deviations must
+      not grow by more than about 1e6 in it.
+    - ``solver``, ``rtol``, ``atol``: as for :func:`jaxball.simulate`. A step keeps x and each deviation to the
+      tolerances.
+    - ``kinks``: times at which f jumps or bends, to which the solver steps.
+    - ``normal``: where x stays on a surface, the surface's normal at x. Deviations are tangent to it, so there is one
+      exponent fewer. Rounding along the normal is removed after each interval; the flow must keep the surface.
+    - ``max_steps``: the number of steps after which an interval is given up.
+
+    **Raises:** ``ValueError`` for times, numbers of exponents or intervals that cannot be.
+    """
+    x = to_array(x)
+    exponents = checked_count(exponents, x.size - (normal is not None))
+    edges, skipped = interval_edges(times, transient, interval)
+    method = Method(DEFAULT_SOLVER if solver is None else solver, exponents, skipped, max_steps, normal)
+    return _solve(method, field, to_array(edges), x, args, to_array(rtol), to_array(atol), to_array(kinks))
+
+
+class Method(NamedTuple):
+    """What a program is compiled for."""
+
+    solver: diffrax.AbstractAdaptiveSolver
+    exponents: int
+    skipped: int  # intervals of the transient
+    max_steps: int
+    normal: Normal | None
+
+
+def checked_count(exponents: int | None, largest: int) -> int:
+    """How many exponents, all of them if not said.
+
+    **Raises:** ``ValueError`` when the phase space has not so many.
+    """
+    if exponents is None:
+        return largest
+    if not 1 <= exponents <= largest:
+        raise ValueError(
+            f"Argument `exponents` must be from 1 to {largest}, the dimension of the phase space, but it is {exponents}."
+        )
+    return exponents
+
+
+def interval_edges(times: Numbers, transient: float, interval: float) -> tuple[np.ndarray, int]:
+    """The times at which vectors are made orthonormal, the start first, and how many intervals are transient.
+
+    **Raises:** ``ValueError`` for times or intervals that cannot be.
+    """
+    ends = np.asarray(times, dtype=float)
+    if ends.shape != (2,) or not np.all(np.isfinite(ends)) or ends[1] <= ends[0]:
+        raise ValueError(f"Argument `times` must be the start and a later end, but it is {ends.tolist()}.")
+    start, end = float(ends[0]), float(ends[1])
+    if not interval > 0:
+        raise ValueError(f"Argument `interval` must be a positive time, but it is {interval:g}.")
+    if not 0 <= transient < end - start:
+        raise ValueError(
+            f"Argument `transient` must be from 0 to less than the length of the run, {end - start:g}, but it is "
+            f"{transient:g}."
+        )
+    skipped = _count(transient, interval)
+    averaged = _count(end - start - transient, interval)
+    before = np.linspace(start, start + transient, skipped + 1)[:-1]
+    return np.concatenate([before, np.linspace(start + transient, end, averaged + 1)]), skipped
+
+
+def _count(length: float, interval: float) -> int:
+    return int(np.ceil(length / interval * (1 - 1e-9)))
+
+
+@eqx.filter_jit
+def _solve(method: Method, field: Field, edges, x, args, rtol, atol, kinks) -> LyapunovSpectrum:
+    return spectrum(method, field, edges, x, args, rtol, atol, kinks, jnp.asarray(True))
+
+
+def spectrum(
+    method: Method,
+    field: Field,
+    edges: Float[Array, " edges"],
+    x: Float[Array, " size"],
+    args: Any,
+    rtol: Float[Array, ""],
+    atol: Float[Array, ""],
+    kinks: Float[Array, " kinks"],
+    startable: Bool[Array, ""],
+) -> LyapunovSpectrum:
+    """The spectrum, traceable; see :func:`lyapunov_spectrum_of`. ``startable`` is False where nothing can be solved."""
+    startable = startable & jnp.all(jnp.isfinite(x))
+    x = jnp.where(startable, x, jnp.ones_like(x))
+    vectors = without_normal(jnp.asarray(generic_vectors(method.exponents, x.size), x.dtype), x, method.normal)
+    rates_of = tangent_field(field)
+
+    @jax.jit
+    def moving(t, rows, args):
+        alive, inner = args
+        return jnp.where(alive, rates_of(t, rows, inner), 0.0)
+
+    controller = diffrax.PIDController(rtol=rtol, atol=atol, norm=_largest_row, dtmin=1e-30, force_dtmin=False)
+    if kinks.size:
+        controller = StepToKinks(controller, kinks)
+
+    def advance(carry, ends):
+        rows, step, status, reached, steps = carry
+        alive = status == Status.SUCCESS
+        t0, t1 = ends
+        solution = diffrax.diffeqsolve(
+            diffrax.ODETerm(moving),
+            method.solver,
+            t0,
+            t1,
+            jnp.minimum(step, t1 - t0),
+            rows,
+            (alive, args),
+            stepsize_controller=controller,
+            adjoint=diffrax.ForwardMode(),
+            max_steps=method.max_steps,
+            throw=False,
+        )
+        x = solution.ys[0, 0]
+        vectors, lengths = orthonormalised(without_normal(solution.ys[0, 1:], x, method.normal))
+        status = jnp.where(alive, status_of(solution.result), status)
+        reached = jnp.where(alive, solution.ts[0], reached)
+        taken = solution.stats["num_accepted_steps"]
+        step = (t1 - t0) / jnp.maximum(taken, 1).astype(t0.dtype)
+        steps = steps + jnp.where(alive, solution.stats["num_steps"], 0)
+        growth = jnp.where(status == Status.SUCCESS, jnp.log(lengths) / (t1 - t0), jnp.nan)
+        rows = jnp.concatenate([x[None], vectors])
+        return (rows, step, status, reached, steps), growth
+
+    rows = jnp.concatenate([x[None], orthonormalised(vectors)[0]])
+    status = jnp.where(startable, Status.SUCCESS, Status.IMPOSSIBLE)
+    start = (rows, FIRST_STEP * (edges[1] - edges[0]), status, edges[0], jnp.zeros_like(status))
+    (rows, _, status, reached, steps), growth = jax.lax.scan(advance, start, (edges[:-1], edges[1:]))
+    times, growth = edges[1 + method.skipped :], growth[method.skipped :]
+    running = jnp.cumsum(growth, axis=0) / jnp.arange(1, len(times) + 1, dtype=growth.dtype)[:, None]
+    good = status == Status.SUCCESS
+    return LyapunovSpectrum(
+        exponents=running[-1],
+        standard_error=_standard_error(growth),
+        times=times,
+        rates=growth,
+        running=running,
+        x=jnp.where(good, rows[0], jnp.nan),
+        vectors=jnp.where(good, rows[1:], jnp.nan),
+        status=status,
+        reached=reached,
+        steps=steps,
+    )
+
+
+def _largest_row(rows: Float[Array, "rows size"]) -> Float[Array, ""]:
+    """The root mean square of the worst row: x and each deviation are kept to the tolerances, not their mean."""
+    return jnp.sqrt(jnp.max(jnp.mean(rows**2, axis=1)))
+
+
+def _standard_error(rates: Float[Array, "n k"]) -> Float[Array, " k"]:
+    """Of the means of ``rates``, from means over parts of the run, because neighbours in time are correlated."""
+    parts = min(BATCHES, rates.shape[0])
+    if parts < 2:
+        return jnp.full_like(rates[0], jnp.nan)
+    length = rates.shape[0] // parts
+    means = jnp.mean(rates[rates.shape[0] - parts * length :].reshape(parts, length, -1), axis=1)
+    return jnp.std(means, axis=0, ddof=1) / jnp.sqrt(jnp.asarray(parts, rates.dtype))

@@ -1,0 +1,136 @@
+"""Lyapunov exponents of flows whose exponents are known: linear ones, Lorenz's, and integrable ones."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxball.chaos import lyapunov_spectrum_of
+from jaxball.vectors import cross
+
+SIGMA, RHO, BETA = 10.0, 28.0, 8 / 3
+
+
+def linear(t, x, A):
+    return jnp.sum(A * x[None, :], axis=1)
+
+
+def lorenz(t, x, args):
+    return jnp.stack([SIGMA * (x[1] - x[0]), x[0] * (RHO - x[2]) - x[1], x[0] * x[1] - BETA * x[2]])
+
+
+def symmetric_top(t, x, args):
+    """Euler and Poisson's equations with d = (1, 1, 0.6) and the centre of mass on E3, M g ℓ = 0.8."""
+    d, Omega, Gamma = jnp.asarray([1.0, 1.0, 0.6]), x[:3], x[3:]
+    torque = cross(d * Omega, Omega) + 0.8 * cross(Gamma, jnp.asarray([0.0, 0.0, 1.0]))
+    return jnp.concatenate([torque / d, cross(Gamma, Omega)])
+
+
+def vertical(x):
+    return jnp.concatenate([jnp.zeros(3), x[3:]])
+
+
+@pytest.fixture(scope="module")
+def lorenz_spectrum():
+    return lyapunov_spectrum_of(
+        lorenz, (0.0, 320.0), [1.0, 1.0, 20.0], transient=20.0, interval=0.5, rtol=1e-8, atol=1e-8
+    ).raise_if_failed()
+
+
+def test_a_linear_flow_has_the_real_parts_of_its_eigenvalues():
+    """Real eigenvalues and a matrix that is not normal: after the transient, exp(−0.5 · 40) is left of the error."""
+    rng = np.random.default_rng(3)
+    wanted = np.array([0.3, -0.2, -0.9, -1.5])
+    basis = np.eye(4) + 0.4 * rng.normal(size=(4, 4))
+    A = basis @ np.diag(wanted) @ np.linalg.inv(basis)
+    found = lyapunov_spectrum_of(linear, (0.0, 60.0), np.zeros(4), jnp.asarray(A), transient=40.0)
+    assert found.ok
+    np.testing.assert_allclose(found.exponents, wanted, atol=1e-8)
+    np.testing.assert_allclose(found.running, np.broadcast_to(wanted, found.running.shape), atol=1e-8)
+    assert float(jnp.max(found.standard_error)) < 1e-8
+
+
+def test_complex_eigenvalues_give_their_real_part_twice():
+    """The rates turn with period π / Im, so that their mean over whole periods is exact."""
+    A = jnp.asarray([[-0.1, 2.0, 0.0], [-0.5, -0.1, 0.0], [0.0, 0.0, -3.0]])
+    found = lyapunov_spectrum_of(linear, (0.0, 14 * np.pi), np.zeros(3), A, transient=4 * np.pi, interval=np.pi / 4)
+    np.testing.assert_allclose(found.exponents, [-0.1, -0.1, -3.0], atol=1e-8)
+    assert float(jnp.std(found.rates[:, 0])) > 0.1
+
+
+def test_exponents_of_lorenz_sum_to_the_trace(lorenz_spectrum):
+    """−(σ + 1 + β) in every interval, since the divergence is constant."""
+    np.testing.assert_allclose(jnp.sum(lorenz_spectrum.rates, axis=1), -(SIGMA + 1 + BETA), atol=1e-6)
+
+
+def test_exponents_of_lorenz(lorenz_spectrum):
+    """0.9056, 0 and −14.5723 (Sprott 2003) within the standard error, and dimension 2.062."""
+    wanted = np.array([0.9056, 0.0, -14.5723])
+    error = np.asarray(lorenz_spectrum.standard_error)
+    assert np.all(np.abs(np.asarray(lorenz_spectrum.exponents) - wanted) < 4 * error + 5e-4)
+    assert 1e-3 < error[0] < 0.03
+    assert lorenz_spectrum.dimension == pytest.approx(2.062, abs=3e-3)
+
+
+def test_the_largest_exponent_alone_is_the_first_of_the_spectrum(lorenz_spectrum):
+    """Exactly in theory; the steps differ, and chaos makes the runs differ, so over a short time."""
+    runs = [
+        lyapunov_spectrum_of(lorenz, (0.0, 5.0), [1.0, 1.0, 20.0], exponents=k, interval=0.5).rates[:, 0]
+        for k in (1, 3)
+    ]
+    np.testing.assert_allclose(runs[0], runs[1], atol=1e-6)
+
+
+def test_a_heavy_symmetric_top_has_no_exponent_but_zero():
+    """It is integrable, so that deviations grow linearly and means tend to zero as log(t) / t."""
+    x = np.array([0.4, -0.3, 1.5, np.sin(0.7), 0.0, np.cos(0.7)])
+    found = lyapunov_spectrum_of(symmetric_top, (0.0, 400.0), x, normal=vertical, interval=4.0, rtol=1e-8, atol=1e-8)
+    assert found.exponents.shape == (5,)
+    assert float(jnp.max(jnp.abs(found.exponents))) < 4 * np.log(400.0) / 400.0
+    assert abs(float(jnp.sum(found.exponents))) < 1e-7
+    np.testing.assert_allclose(jnp.sum(found.vectors[:, 3:] * found.x[None, 3:], axis=1), 0, atol=1e-10)
+
+
+@pytest.mark.slow
+def test_the_largest_exponent_of_lorenz_to_three_digits():
+    found = lyapunov_spectrum_of(
+        lorenz, (0.0, 20050.0), [1.0, 1.0, 20.0], exponents=1, transient=50.0, rtol=1e-8, atol=1e-8
+    )
+    assert float(found.exponents[0]) == pytest.approx(0.9056, abs=2e-3)
+
+
+def pole(t, x, args):
+    return jnp.stack([x[0] ** 2, -x[1]])
+
+
+def test_a_solution_that_ends_is_a_status():
+    """ẋ = x² from 1 ends at t = 1."""
+    found = lyapunov_spectrum_of(pole, (0.0, 3.0), [1.0, 1.0], interval=0.5, max_steps=300)
+    assert not found.ok
+    assert float(found.reached) == pytest.approx(1.0, abs=1e-6)
+    assert found.message.startswith("The solve stopped at t = 0.99999")
+    assert np.all(np.isnan(found.exponents))
+    assert np.isnan(found.dimension)
+    assert np.all(np.isfinite(found.rates[0]))
+    assert np.all(np.isnan(found.rates[2:]))
+
+
+def test_a_state_that_is_not_finite_is_a_status():
+    found = lyapunov_spectrum_of(pole, (0.0, 3.0), [np.nan, 1.0], interval=0.5, max_steps=300)
+    assert "did not start" in found.message
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"times": (1.0, 1.0)}, "must be the start and a later end, but it is"),
+        ({"times": (0.0, 1.0, 2.0)}, "must be the start and a later end, but it is"),
+        ({"exponents": 3}, "must be from 1 to 2, the dimension of the phase space, but it is 3"),
+        ({"exponents": 0}, "must be from 1 to 2"),
+        ({"interval": 0.0}, "must be a positive time, but it is 0"),
+        ({"transient": 1.0}, "from 0 to less than the length of the run, 1, but it is 1"),
+    ],
+)
+def test_wrong_arguments(changes, sentence):
+    arguments = {"times": (0.0, 1.0), "x": [1.0, 1.0]} | changes
+    with pytest.raises(ValueError, match=sentence):
+        lyapunov_spectrum_of(pole, **arguments)
