@@ -19,3 +19,10 @@ def default_dtype() -> np.dtype:
 def to_array(x: Numbers) -> Float[Array, "..."]:
     """``x`` as an array of the default floating type."""
     return jnp.asarray(x, dtype=default_dtype())
+
+
+def require_shape(name: str, value: Array, shape: tuple[int, ...]) -> None:
+    """Raises a ``ValueError`` unless the argument ``name`` has the shape () or (n,) that it must have."""
+    if value.shape != shape:
+        wanted = "a single number" if shape == () else f"{shape[0]} numbers"
+        raise ValueError(f"Argument `{name}` must be {wanted}, but its shape is {value.shape}.")

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ._arrays import Numbers, to_array
+from ._arrays import Numbers, require_shape, to_array
 from .feedback import AbstractLaw, FollowSchedules
 from .force import AbstractForce
 from .motion import AbstractMotion, Driven, OnRail
@@ -230,7 +230,7 @@ def _fill(body, inertia_shape, mass, inertia, radius, offset, gravity, force, ma
     body.groups, body.order, body.driven = _grouped(masses)
     shapes = {"mass": (), "radius": (), "gravity": (), "inertia": inertia_shape, "offset": (3,)}
     for name, shape in shapes.items():
-        _require_shape(name, getattr(body, name), shape)
+        require_shape(name, getattr(body, name), shape)
     _require_law(body)
 
 
@@ -240,7 +240,7 @@ def _grouped(
     """The masses stacked by structure, the indices of each group's masses, and those of the driven ones."""
     members: dict[Any, list[int]] = {}
     for index, item in enumerate(masses):
-        _require_shape(f"masses[{index}].mass", item.mass, ())
+        require_shape(f"masses[{index}].mass", item.mass, ())
         leaves, structure = jax.tree.flatten(item)
         members.setdefault((structure, tuple(np.shape(leaf) for leaf in leaves)), []).append(index)
     order = tuple(tuple(indices) for indices in members.values())
@@ -249,12 +249,6 @@ def _grouped(
     )
     driven = tuple(index for index, item in enumerate(masses) if isinstance(item.motion, Driven))
     return groups, order, driven
-
-
-def _require_shape(name: str, value: Array, shape: tuple[int, ...]) -> None:
-    if value.shape != shape:
-        wanted = "a single number" if shape == () else f"{shape[0]} numbers"
-        raise ValueError(f"Argument `{name}` must be {wanted}, but its shape is {value.shape}.")
 
 
 def _require_law(body: AbstractBody) -> None:

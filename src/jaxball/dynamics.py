@@ -12,7 +12,9 @@ from jaxtyping import Array, Float
 
 from . import versor
 from .body import Ball, Disk, System
+from .classical import AbstractClassicalSystem
 from .moments import AbstractMoments, Moments, Rates, moments
+from .simulable import AnySimulableState, SimulableState, SimulableSystem
 from .state import BallState, DiskState, ReducedState, RotationState, State
 from .trigonometry import sine_cosine
 from .vectors import apply, cross, dot, hat, outer, solve
@@ -186,7 +188,7 @@ FIELDS: dict[tuple[type, type], Callable[..., Any]] = {
 AnyState = TypeVar("AnyState", bound=State)
 
 
-def vector_field(system: System, t: Float[Array, ""], state: AnyState) -> AnyState:
+def vector_field(system: SimulableSystem, t: Float[Array, ""], state: AnySimulableState) -> AnySimulableState:
     """ẋ = f(t, x) for the system and the kind of state given.
 
     **Raises:** ``TypeError`` when the system has no state of that kind.
@@ -194,11 +196,13 @@ def vector_field(system: System, t: Float[Array, ""], state: AnyState) -> AnySta
     return field_of(system, state)(system, t, state)
 
 
-def field_of(system: System, state: State) -> Callable[..., Any]:
+def field_of(system: SimulableSystem, state: SimulableState) -> Callable[..., Any]:
     """The equations of motion for the system and the kind of state given.
 
     **Raises:** ``TypeError`` when the system has no state of that kind.
     """
+    if isinstance(system, AbstractClassicalSystem):
+        return _classical_field_of(system, state)
     field = FIELDS.get((type(system), type(state)))
     if field is None:
         raise TypeError(
@@ -206,3 +210,12 @@ def field_of(system: System, state: State) -> Callable[..., Any]:
             "a Ball takes a BallState, RotationState or ReducedState, and a Disk takes a DiskState."
         )
     return field
+
+
+def _classical_field_of(system: AbstractClassicalSystem, state: SimulableState) -> Callable[..., Any]:
+    if not isinstance(state, system.state_type):
+        raise TypeError(
+            f"Argument `state` must be a {system.state_type.__name__} for a {type(system).__name__}, but it is a "
+            f"{type(state).__name__}."
+        )
+    return type(system).field

@@ -1,47 +1,56 @@
 """States as the one vector that a solver advances."""
 
+import abc
 from collections.abc import Callable
+from typing import Any, Generic
 
 import equinox as eqx
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
 from .body import System
+from .classical import AbstractClassicalState, AbstractClassicalSystem
 from .dae import algebraic_component, constrained, mass_diagonal, projected
 from .locked import from_locked, locked_field, to_locked
+from .simulable import AnySimulableState, AnySimulableSystem, SimulableState, SimulableSystem
 from .state import State
 
 
-class Packing(eqx.Module):
-    """How the state of a system becomes a vector, with the locked angular velocity for Ω, and back."""
+class Packing(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
+    """How the state of a system becomes a vector, and back."""
 
-    system: System
-    unravel: Callable[[Float[Array, " size"]], State] = eqx.field(static=True)
+    system: eqx.AbstractVar[AnySimulableSystem]
+    unravel: eqx.AbstractVar[Callable[[Float[Array, " size"]], AnySimulableState]]
 
-    @classmethod
-    def of(cls, system: System, state: State) -> "Packing":
+    @staticmethod
+    def of(system: SimulableSystem, state: SimulableState) -> "Packing[Any, Any]":
         """The packing of states of the kind of ``state``; ``system`` is prepared."""
         _, unravel = ravel_pytree(state)
-        return cls(system, unravel)
+        if isinstance(system, AbstractClassicalSystem):
+            return PlainPacking(system, unravel)
+        return LockedPacking(system, unravel)
 
-    def pack(self, t: Float[Array, ""], state: State) -> Float[Array, " size"]:
+    @abc.abstractmethod
+    def pack(self, t: Float[Array, ""], state: AnySimulableState) -> Float[Array, " size"]:
         """The vector of a state."""
-        return ravel_pytree(to_locked(self.system, t, state))[0]
 
-    def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> State:
+    @abc.abstractmethod
+    def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnySimulableState:
         """The state of a vector."""
-        return from_locked(self.system, t, self.unravel(x))
+
+    @abc.abstractmethod
+    def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnySimulableState:
+        """The rates of what the vector holds, not yet packed."""
 
     def field(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The rate of the vector."""
-        return ravel_pytree(locked_field(self.system, t, self.unravel(x)))[0]
+        return ravel_pytree(self.rates(t, x))[0]
 
     def dae_field(
         self, t: Float[Array, ""], x: Float[Array, " size"], component: Int[Array, ""]
     ) -> Float[Array, " size"]:
         """The right-hand side of the differential-algebraic form: M ẋ of the vector."""
-        state = self.unravel(x)
-        return ravel_pytree(constrained(locked_field(self.system, t, state), state, component))[0]
+        return ravel_pytree(constrained(self.rates(t, x), self.unravel(x), component))[0]
 
     def mass_diagonal(self, x: Float[Array, " size"], component: Int[Array, ""]) -> Float[Array, " size"]:
         """The diagonal of M."""
@@ -54,3 +63,35 @@ class Packing(eqx.Module):
     def projected(self, x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The vector of the nearest state with |q| = 1."""
         return ravel_pytree(projected(self.unravel(x)))[0]
+
+
+class LockedPacking(Packing[System, State]):
+    """The packing of a ball or a disk, with the locked angular velocity for Ω."""
+
+    system: System
+    unravel: Callable[[Float[Array, " size"]], State] = eqx.field(static=True)
+
+    def pack(self, t: Float[Array, ""], state: State) -> Float[Array, " size"]:
+        return ravel_pytree(to_locked(self.system, t, state))[0]
+
+    def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> State:
+        return from_locked(self.system, t, self.unravel(x))
+
+    def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> State:
+        return locked_field(self.system, t, self.unravel(x))
+
+
+class PlainPacking(Packing[AbstractClassicalSystem, AbstractClassicalState]):
+    """The packing of a classical system, whose vector holds the state as it is."""
+
+    system: AbstractClassicalSystem
+    unravel: Callable[[Float[Array, " size"]], AbstractClassicalState] = eqx.field(static=True)
+
+    def pack(self, t: Float[Array, ""], state: AbstractClassicalState) -> Float[Array, " size"]:
+        return ravel_pytree(state)[0]
+
+    def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AbstractClassicalState:
+        return self.unravel(x)
+
+    def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AbstractClassicalState:
+        return self.system.field(t, self.unravel(x))

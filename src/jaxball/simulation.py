@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast, overload
 
 import diffrax
 import equinox as eqx
@@ -14,14 +14,14 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike
 
 from ._arrays import Numbers, default_dtype, to_array
-from .body import Ball
+from .body import Ball, System
 from .classical import AbstractClassicalState, AbstractClassicalSystem
 from .dae import WITH_UNIT, has_unit
 from .dynamics import field_of
 from .packing import Packing
 from .simulable import SimulableState, SimulableSystem
 from .solvers import Projected, RadauIIA, StepToKinks, SwitchingMassMatrixTerm
-from .state import BallState, DiskState
+from .state import BallState, DiskState, State
 from .status import Status
 from .trajectory import Interpolant, Trajectory
 from .validity import possible_start
@@ -53,7 +53,7 @@ def simulate(
     max_steps: int = 16384,
     progress: diffrax.AbstractProgressMeter | None = None,
     throw: bool = False,
-) -> Trajectory:
+) -> Trajectory[Any, Any]:
     """Integrates the equations of motion from ``times[0]`` to ``times[-1]``, saving at each of ``times``.
 
     **Arguments:**
@@ -136,7 +136,9 @@ def _compiled(method: _Method) -> Callable[..., tuple]:
     return jax.jit(functools.partial(_solve, method))
 
 
-def _solve(method: _Method, system: SimulableSystem, times: Array, state: SimulableState, rtol: Array, atol: Array) -> tuple:
+def _solve(
+    method: _Method, system: SimulableSystem, times: Array, state: SimulableState, rtol: Array, atol: Array
+) -> tuple:
     """The fields of a trajectory but ``system`` and ``times``, which a program could only copy."""
     packing = Packing.of(system.prepare(), state)
     initial = packing.pack(times[0], state)
@@ -210,6 +212,14 @@ def status_of(result: diffrax.RESULTS) -> Array:
     return jnp.where(result == R.dt_min_reached, Status.NOT_FINITE, status)
 
 
+@overload
+def at_rest(system: System) -> State: ...
+
+
+@overload
+def at_rest(system: AbstractClassicalSystem) -> AbstractClassicalState: ...
+
+
 def at_rest(system: SimulableSystem) -> SimulableState:
     """The default initial state: at rest at the origin, upright.
 
@@ -226,7 +236,7 @@ def at_rest(system: SimulableSystem) -> SimulableState:
 
 
 @functools.cache
-def _default_state(kind: type[SimulableState], dtype: Any) -> SimulableState:
+def _default_state(kind: type[SimulableState], dtype: Any) -> Any:
     with jax.ensure_compile_time_eval():
         return kind()
 
@@ -276,7 +286,7 @@ def _check_dae(state: SimulableState, solver: diffrax.AbstractSolver | None) -> 
         )
 
 
-def _check_untraced(trajectory: Trajectory) -> None:
+def _check_untraced(trajectory: Trajectory[Any, Any]) -> None:
     if isinstance(trajectory.status, Tracer):
         raise ValueError(
             "Argument `throw` must be False where the solve is traced, as within jit or vmap, but it is True; "

@@ -1,5 +1,7 @@
 """The result of a simulation."""
 
+from typing import Any, Generic
+
 import diffrax
 import equinox as eqx
 import jax
@@ -8,24 +10,25 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from ._arrays import to_array
-from .body import System
+from .classical import AbstractClassicalSystem
 from .observables import Observables, observe
 from .packing import Packing
-from .state import BallState, DiskState, ReducedState, RotationState, State
+from .simulable import AnySimulableState, AnySimulableSystem, SimulableSystem
+from .state import BallState, DiskState, ReducedState, RotationState
 from .status import SolveError, Status
 
 
-class Interpolant(eqx.Module):
+class Interpolant(eqx.Module, Generic[AnySimulableState]):
     """The states between the saved times, by the solver's own interpolation."""
 
     solution: diffrax.Solution
-    packing: Packing
+    packing: Packing[Any, AnySimulableState]
 
-    def __call__(self, t: Float[Array, ""]) -> State:
+    def __call__(self, t: Float[Array, ""]) -> AnySimulableState:
         return self.packing.unpack(t, self.solution.evaluate(t))
 
 
-class Trajectory(eqx.Module):
+class Trajectory(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
     """States of a system at saved times, and how the solve ended.
 
     - ``times``: the saved times, shape (T,).
@@ -36,14 +39,14 @@ class Trajectory(eqx.Module):
     - ``steps``, ``rejected``: how many steps were taken in all, and how many of them were rejected.
     """
 
-    system: System
+    system: AnySimulableSystem
     times: Float[Array | np.ndarray, "*batch T"]
-    state: State
+    state: AnySimulableState
     reached: Float[Array, "*batch"]
     status: Int[Array, "*batch"]
     steps: Int[Array, "*batch"]
     rejected: Int[Array, "*batch"]
-    interpolant: Interpolant | None = None
+    interpolant: Interpolant[AnySimulableState] | None = None
 
     @property
     def ok(self) -> bool:
@@ -55,13 +58,13 @@ class Trajectory(eqx.Module):
         """A sentence that says how the solve ended."""
         return Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
 
-    def raise_if_failed(self) -> "Trajectory":
+    def raise_if_failed(self) -> "Trajectory[AnySimulableSystem, AnySimulableState]":
         """The trajectory itself, or a :class:`~jaxball.SolveError` with the message."""
         if not self.ok:
             raise SolveError(self.message)
         return self
 
-    def at(self, t: ArrayLike) -> State:
+    def at(self, t: ArrayLike) -> AnySimulableState:
         """The state at any time ``t`` of the run, a number or an array, from dense output.
 
         NaN before the start and after the time to which the solve came.
@@ -76,8 +79,14 @@ class Trajectory(eqx.Module):
     def observables(self) -> Observables:
         """Positions, energies and forces at every saved time.
 
-        **Raises:** ``ValueError`` for a reduced trajectory, which does not know where the ball is.
+        **Raises:** ``ValueError`` for a reduced trajectory, which does not know where the ball is, and for
+        one of a classical system, which has ``laws``.
         """
+        if isinstance(self.system, AbstractClassicalSystem):
+            raise ValueError(
+                "The observables are those of a ball or a disk, but this trajectory is of a "
+                f"{type(self.system).__name__}; its `laws` say what is constant in it."
+            )
         if isinstance(self.state, ReducedState):
             raise ValueError(
                 "The observables need the full state, but this trajectory is of a ReducedState; simulate "
@@ -86,14 +95,26 @@ class Trajectory(eqx.Module):
         return _observe_all(self.system, self.times, self.state)
 
     @property
+    def laws(self) -> Any:
+        """The laws of a classical system at every saved time: a named tuple, each entry with T as leading axis.
+
+        **Raises:** ``ValueError`` for a ball or a disk, for which they are functions of a state.
+        """
+        if not isinstance(self.system, AbstractClassicalSystem):
+            raise ValueError(
+                "The laws are those of a classical system, but this trajectory is of a "
+                f"{type(self.system).__name__}; the modules jaxball.laws and jaxball.momentum have its integrals."
+            )
+        return _laws_of_all(self.system, self.times, self.state)
+
+    @property
     def friction_needed(self) -> Float[Array, ""]:
         """μ_min, the largest |f| / N at the saved times: with less friction the ball would slip."""
         return jnp.max(self.observables.friction_ratio)
 
     def __str__(self) -> str:
-        kind = type(self.system).__name__.lower()
         lines = [
-            f"Trajectory of a {kind} with {self.system.n_masses} point masses",
+            f"Trajectory of a {_described(self.system)}",
             f"  {self.times.size} times from {float(self.times[0]):g} to {float(self.times[-1]):g}",
             f"  {int(self.steps)} steps, {int(self.rejected)} of them rejected",
             f"  {self.message}",
@@ -112,7 +133,19 @@ def _observe_all(system, times, state) -> Observables:
 
 
 @eqx.filter_jit
-def _evaluate(interpolant, t, start, reached) -> State:
+def _laws_of_all(system, times, state) -> Any:
+    prepared = system.prepare()
+    return jax.vmap(prepared.laws)(times, state)
+
+
+def _described(system: SimulableSystem) -> str:
+    if isinstance(system, AbstractClassicalSystem):
+        return system.title
+    return f"{type(system).__name__.lower()} with {system.n_masses} point masses"
+
+
+@eqx.filter_jit
+def _evaluate(interpolant, t, start, reached) -> Any:
     def one(t):
         within = (start <= t) & (t <= reached)
         state = interpolant(jnp.clip(t, start, reached))

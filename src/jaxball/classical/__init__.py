@@ -1,0 +1,25 @@
+"""Classical systems of mechanics, after the appendix of Putkaradze & Rogers (2018), each with its laws.
+
+:func:`jaxball.simulate` takes them as it takes a ball, and a system of one's own as well: an
+:class:`AbstractClassicalSystem` with an :class:`AbstractClassicalState`.
+"""
+
+from .axis import AbstractAxis as AbstractAxis, FunctionAxis as FunctionAxis, HarmonicAxis as HarmonicAxis
+from .base import (
+    AbstractClassicalState as AbstractClassicalState,
+    AbstractClassicalSystem as AbstractClassicalSystem,
+)
+from .heavy_top import HeavyTop as HeavyTop, HeavyTopLaws as HeavyTopLaws
+from .particle import (
+    NonholonomicParticle as NonholonomicParticle,
+    ParticleLaws as ParticleLaws,
+    VakonomicLaws as VakonomicLaws,
+    VakonomicParticle as VakonomicParticle,
+)
+from .rigid_body import FreeBodyLaws as FreeBodyLaws, FreeRigidBody as FreeRigidBody
+from .state import (
+    ParticleState as ParticleState,
+    RigidBodyState as RigidBodyState,
+    VakonomicState as VakonomicState,
+)
+from .suslov import SuslovLaws as SuslovLaws, SuslovProblem as SuslovProblem

@@ -1,0 +1,69 @@
+"""The vector ξ(t), fixed or moving in the body, to which Suslov's problem holds Ω orthogonal."""
+
+import abc
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PyTree
+
+from .._arrays import Numbers, default_dtype, require_shape, to_array
+from ..harmonics import HarmonicSeries
+
+
+class AbstractAxis(eqx.Module):
+    """ξ(t) in body axes. Its length has no bearing on the motion, but must not be 0."""
+
+    @abc.abstractmethod
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        """ξ(t)."""
+
+    def derivatives(self, t: Float[Array, ""]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """ξ(t) and ξ̇(t), the latter by forward mode; at a kink, that of the later side."""
+        return jax.jvp(self, (t,), (jnp.ones_like(t),))
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which ξ̇ or one of its derivatives jumps; ξ must not."""
+        return jnp.zeros((0,), dtype=default_dtype())
+
+
+class HarmonicAxis(AbstractAxis):
+    """A constant plus sinusoids: ξ(t) = constant + Σ amplitude_k sin(frequency_k t + phase_k).
+
+    **Raises:** ``ValueError`` when ``constant`` is not three numbers, and when ``amplitude``,
+    ``frequency`` and ``phase`` differ in length.
+    """
+
+    series: HarmonicSeries
+
+    def __init__(
+        self,
+        constant: Numbers,
+        amplitude: Numbers | None = None,
+        frequency: Numbers = (),
+        phase: Numbers | None = None,
+    ):
+        require_shape("constant", to_array(constant), (3,))
+        self.series = HarmonicSeries(constant, amplitude, frequency, phase)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.series(t)
+
+
+class FunctionAxis(AbstractAxis):
+    """ξ(t) = function(t, parameters), for any function that JAX can trace.
+
+    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew. Say
+    in ``kink_times`` when its derivative jumps.
+    """
+
+    function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
+    parameters: PyTree = None
+    kink_times: Float[Array, " kinks"] = eqx.field(converter=to_array, default=())
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.function(t, self.parameters)
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.kink_times

@@ -1,0 +1,99 @@
+"""The heavy top."""
+
+from collections.abc import Iterator
+from typing import ClassVar, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._arrays import Numbers, require_shape, to_array
+from ..conditions import Condition, positive, positive_inertia, real_inertia
+from ..vectors import cross, dot
+from .base import AbstractClassicalSystem
+from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, turned, versor_squared
+from .state import RigidBodyState
+
+
+class HeavyTopLaws(NamedTuple):
+    """The integrals of a heavy top.
+
+    - ``energy``: E = ½⟨𝕀Ω, Ω⟩ + mg⟨χ, Γ⟩, 0 at rest with the centre of mass at the height of the fixed point.
+    - ``vertical_momentum``: ⟨𝕀Ω, Γ⟩, the angular momentum about the vertical through the fixed point.
+    - ``axial_momentum``: ⟨𝕀Ω, χ⟩, Lagrange's integral. It is constant where the top is symmetric about χ,
+      as with d1 = d2 and χ on E3, and not otherwise.
+    - ``vertical_squared``: |Γ|² = 1.
+    - ``versor_squared``: |q|² = 1.
+    """
+
+    energy: Float[Array, ""]
+    vertical_momentum: Float[Array, ""]
+    axial_momentum: Float[Array, ""]
+    vertical_squared: Float[Array, ""]
+    versor_squared: Float[Array, ""]
+
+
+class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
+    """A rigid body that turns about a fixed point under gravity, ``eq_heavy_top``.
+
+    **Arguments:**
+
+    - ``mass``: m.
+    - ``inertia``: the principal moments (d1, d2, d3) about the fixed point; the body axes are principal.
+    - ``chi``: χ, from the fixed point to the centre of mass, body axes.
+    - ``gravity``: g.
+
+    The motion depends on 𝕀 and on the product m g χ alone.
+
+    **Raises:** ``ValueError`` when a shape is wrong. Values are not checked here, so that they may be
+    traced; see :func:`jaxball.problems`.
+    """
+
+    mass: Float[Array, ""]
+    inertia: Float[Array, "3"]
+    chi: Float[Array, "3"]
+    gravity: Float[Array, ""]
+
+    title: ClassVar[str] = "heavy top"
+    state_type: ClassVar[type[RigidBodyState]] = RigidBodyState
+
+    def __init__(self, *, mass: Numbers = 1.0, inertia: Numbers, chi: Numbers, gravity: Numbers = 1.0):
+        self.inertia = principal_moments(inertia)
+        self.mass, self.chi, self.gravity = to_array(mass), to_array(chi), to_array(gravity)
+        require_shape("mass", self.mass, ())
+        require_shape("chi", self.chi, (3,))
+        require_shape("gravity", self.gravity, ())
+
+    def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:
+        """𝕀Ω̇ = 𝕀Ω × Ω + mgΓ × χ and q̇ = ½ q Ω♯, which implies Γ̇ = Γ × Ω."""
+        weight = self.mass * self.gravity * cross(state.Gamma, self.chi)
+        return turned(state, (gyroscopic_torque(self.inertia, state.Omega) + weight) / self.inertia)
+
+    def laws(self, t: Float[Array, ""], state: RigidBodyState) -> HeavyTopLaws:
+        momentum, Gamma = self.inertia * state.Omega, state.Gamma
+        potential = self.mass * self.gravity * dot(self.chi, Gamma)
+        return HeavyTopLaws(
+            energy=kinetic_energy(self.inertia, state.Omega) + potential,
+            vertical_momentum=dot(momentum, Gamma),
+            axial_momentum=dot(momentum, self.chi),
+            vertical_squared=dot(Gamma, Gamma),
+            versor_squared=versor_squared(state),
+        )
+
+    def conditions(self) -> Iterator[Condition]:
+        """Those on each number, and that a body of this mass and inertia can have its centre of mass at χ.
+
+        With the second moments s_j = ∫ x_j² dm = ½ (d1 + d2 + d3) − d_j, those about the centre of mass,
+        diag(s) − m χχᵀ, have no negative eigenvalue just where m Σ χ_j² / s_j ≤ 1.
+        """
+        yield Condition(positive(self.mass), "mass", self.mass, "a positive number")
+        yield positive_inertia(self.inertia)
+        yield real_inertia(self.inertia)
+        yield Condition(jnp.isfinite(self.gravity), "gravity", self.gravity, "a finite number")
+        second = jnp.maximum(jnp.sum(self.inertia) / 2 - self.inertia, 1e-12 * jnp.sum(self.inertia))
+        yield Condition(
+            self.mass * jnp.sum(self.chi**2 / second) <= 1 + 1e-6,
+            "chi",
+            self.chi,
+            "a place where a body of this mass and inertia can have its centre of mass, m Σ χ_j² / s_j ≤ 1 with "
+            "s_j = ½ (d1 + d2 + d3) − d_j (a smaller mass under a greater gravity moves alike)",
+        )

@@ -1,0 +1,91 @@
+"""The free rigid body, and what the bodies with a fixed point share."""
+
+from collections.abc import Iterator
+from typing import ClassVar, NamedTuple
+
+from jaxtyping import Array, Float
+
+from .._arrays import Numbers, require_shape, to_array
+from ..conditions import Condition, positive_inertia, real_inertia
+from ..vectors import apply, cross, dot
+from ..versor import derivative
+from .base import AbstractClassicalSystem
+from .state import RigidBodyState
+
+
+class FreeBodyLaws(NamedTuple):
+    """The integrals of a free rigid body.
+
+    - ``energy``: E = ½⟨𝕀Ω, Ω⟩.
+    - ``spatial_momentum``: Λ𝕀Ω, the angular momentum in space axes.
+    - ``momentum_squared``: |𝕀Ω|², which knows nothing of Λ.
+    - ``versor_squared``: |q|² = 1.
+    """
+
+    energy: Float[Array, ""]
+    spatial_momentum: Float[Array, "3"]
+    momentum_squared: Float[Array, ""]
+    versor_squared: Float[Array, ""]
+
+
+class FreeRigidBody(AbstractClassicalSystem[RigidBodyState]):
+    """A rigid body on which no torque acts, ``EP_fin_rigid_body``.
+
+    **Arguments:** ``inertia``, the principal moments (d1, d2, d3) about the centre of mass, or about a
+    fixed point; the body axes are principal.
+
+    **Raises:** ``ValueError`` when the shape is wrong. Values are not checked here, so that they may be
+    traced; see :func:`jaxball.problems`.
+    """
+
+    inertia: Float[Array, "3"]
+
+    title: ClassVar[str] = "free rigid body"
+    state_type: ClassVar[type[RigidBodyState]] = RigidBodyState
+
+    def __init__(self, *, inertia: Numbers):
+        self.inertia = principal_moments(inertia)
+
+    def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:
+        """𝕀Ω̇ = 𝕀Ω × Ω and q̇ = ½ q Ω♯."""
+        return turned(state, gyroscopic_torque(self.inertia, state.Omega) / self.inertia)
+
+    def laws(self, t: Float[Array, ""], state: RigidBodyState) -> FreeBodyLaws:
+        momentum = self.inertia * state.Omega
+        return FreeBodyLaws(
+            energy=kinetic_energy(self.inertia, state.Omega),
+            spatial_momentum=apply(state.Lambda, momentum),
+            momentum_squared=dot(momentum, momentum),
+            versor_squared=versor_squared(state),
+        )
+
+    def conditions(self) -> Iterator[Condition]:
+        yield positive_inertia(self.inertia)
+        yield real_inertia(self.inertia)
+
+
+def principal_moments(inertia: Numbers) -> Float[Array, "3"]:
+    """Three moments as an array; a ``ValueError`` when they are not three."""
+    d = to_array(inertia)
+    require_shape("inertia", d, (3,))
+    return d
+
+
+def turned(state: RigidBodyState, Omegadot: Float[Array, "3"]) -> RigidBodyState:
+    """The rates of a state where Ω̇ is known: q̇ = ½ q Ω♯."""
+    return RigidBodyState(q=derivative(state.q, state.Omega), Omega=Omegadot)
+
+
+def gyroscopic_torque(inertia: Float[Array, "3"], Omega: Float[Array, "3"]) -> Float[Array, "3"]:
+    """𝕀Ω × Ω."""
+    return cross(inertia * Omega, Omega)
+
+
+def kinetic_energy(inertia: Float[Array, "3"], Omega: Float[Array, "3"]) -> Float[Array, ""]:
+    """½⟨𝕀Ω, Ω⟩."""
+    return 0.5 * dot(inertia * Omega, Omega)
+
+
+def versor_squared(state: RigidBodyState) -> Float[Array, ""]:
+    """|q|²."""
+    return (state.q * state.q).sum()

@@ -1,0 +1,84 @@
+"""The states of the classical systems."""
+
+from collections.abc import Iterator
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from .._arrays import Numbers, to_array
+from ..conditions import Condition, versor
+from ..versor import rotation_matrix, vertical_in_body
+from .base import AbstractClassicalState
+
+
+class RigidBodyState(AbstractClassicalState):
+    """(q, Ω) of a rigid body with a fixed point; at rest and upright by default.
+
+    ``q`` is a versor, whose rotation Λ maps body vectors to space vectors, and ``Omega`` the body
+    angular velocity, in radians per unit time.
+    """
+
+    q: Float[Array, "*batch 4"] = eqx.field(converter=to_array, default=(1.0, 0.0, 0.0, 0.0))
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=to_array, default=(0.0, 0.0, 0.0))
+
+    @property
+    def Lambda(self) -> Float[Array, "3 3"]:
+        """The rotation matrix Λ from body to space."""
+        return rotation_matrix(self.q)
+
+    @property
+    def Gamma(self) -> Float[Array, "3"]:
+        """Γ = Λ⁻¹ e3."""
+        return vertical_in_body(self.q)
+
+    def conditions(self) -> Iterator[Condition]:
+        yield versor(self.q)
+        yield from super().conditions()
+
+
+class ParticleState(AbstractClassicalState):
+    """(x, y, z, ẋ, ẏ) of a particle with ż = y ẋ; at rest at the origin by default."""
+
+    x: Float[Array, "*batch"] = eqx.field(converter=to_array, default=0.0)
+    y: Float[Array, "*batch"] = eqx.field(converter=to_array, default=0.0)
+    z: Float[Array, "*batch"] = eqx.field(converter=to_array, default=0.0)
+    xdot: Float[Array, "*batch"] = eqx.field(converter=to_array, default=0.0)
+    ydot: Float[Array, "*batch"] = eqx.field(converter=to_array, default=0.0)
+
+    @property
+    def zdot(self) -> Float[Array, "*batch"]:
+        """ż = y ẋ, the constraint ``eq_part_constraint``."""
+        return self.y * self.xdot
+
+
+class VakonomicState(AbstractClassicalState):
+    """(x, y, z, ẋ, ẏ, λ) of the vakonomic particle, whose multiplier λ has a rate and an initial value.
+
+    **Arguments:** ``multiplier`` is λ, a momentum; if it is not given, λ = −y ẋ, which is the choice of
+    the paper for a particle of unit mass: its constant c̃ = ż + λ is 0.
+    """
+
+    x: Float[Array, "*batch"]
+    y: Float[Array, "*batch"]
+    z: Float[Array, "*batch"]
+    xdot: Float[Array, "*batch"]
+    ydot: Float[Array, "*batch"]
+    multiplier: Float[Array, "*batch"]
+
+    def __init__(
+        self,
+        x: Numbers = 0.0,
+        y: Numbers = 0.0,
+        z: Numbers = 0.0,
+        xdot: Numbers = 0.0,
+        ydot: Numbers = 0.0,
+        multiplier: Numbers | None = None,
+    ):
+        self.x, self.y, self.z = to_array(x), to_array(y), to_array(z)
+        self.xdot, self.ydot = to_array(xdot), to_array(ydot)
+        self.multiplier = -self.y * self.xdot if multiplier is None else to_array(multiplier)
+
+    @property
+    def zdot(self) -> Float[Array, "*batch"]:
+        """ż = y ẋ, the constraint ``eq_part_constraint``."""
+        return self.y * self.xdot

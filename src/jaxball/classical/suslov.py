@@ -1,0 +1,102 @@
+"""Suslov's problem: a rigid body with a fixed point and the nonholonomic constraint ⟨Ω, ξ⟩ = 0."""
+
+from collections.abc import Iterator
+from typing import ClassVar, NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._arrays import Numbers
+from ..conditions import Condition, positive_inertia, real_inertia
+from ..vectors import apply, dot
+from .axis import AbstractAxis, HarmonicAxis
+from .base import AbstractClassicalSystem
+from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, turned, versor_squared
+from .state import RigidBodyState
+
+ALLOWED = 1e-6  # how far the sine of the angle between Ω and the constraint's plane may be from 0
+
+
+class SuslovLaws(NamedTuple):
+    """What is constant in Suslov's problem, whether ξ is constant or varies.
+
+    - ``energy``: E = ½⟨𝕀Ω, Ω⟩. The reaction torque λξ has the power λ⟨Ω, ξ⟩ = 0 and does no work.
+    - ``constraint``: ⟨Ω, ξ⟩ = 0.
+    - ``versor_squared``: |q|² = 1.
+    """
+
+    energy: Float[Array, ""]
+    constraint: Float[Array, ""]
+    versor_squared: Float[Array, ""]
+
+
+class SuslovProblem(AbstractClassicalSystem[RigidBodyState]):
+    """A rigid body with a fixed point whose angular velocity is orthogonal to ξ(t), ``eq_suslov``.
+
+    **Arguments:**
+
+    - ``inertia``: the principal moments (d1, d2, d3) about the fixed point; the body axes are principal.
+    - ``xi``: ξ in body axes, three numbers, or a function of time as an
+      :class:`~jaxball.classical.AbstractAxis`.
+
+    Textbooks put E3 on ξ and keep the products of inertia I13 and I23; here the axes are principal and
+    ξ is free, which is as general. Where a constant ξ is a principal axis, Ω is constant.
+
+    **Raises:** ``ValueError`` when a shape is wrong. Values are not checked here, so that they may be
+    traced; see :func:`jaxball.problems`.
+    """
+
+    inertia: Float[Array, "3"]
+    xi: AbstractAxis
+
+    title: ClassVar[str] = "Suslov problem"
+    state_type: ClassVar[type[RigidBodyState]] = RigidBodyState
+
+    def __init__(self, *, inertia: Numbers, xi: Numbers | AbstractAxis):
+        self.inertia = principal_moments(inertia)
+        self.xi = xi if isinstance(xi, AbstractAxis) else HarmonicAxis(xi)
+
+    def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:
+        """𝕀Ω̇ = 𝕀Ω × Ω + λξ and q̇ = ½ q Ω♯."""
+        torque = gyroscopic_torque(self.inertia, state.Omega) + self.reaction(t, state)
+        return turned(state, torque / self.inertia)
+
+    def multiplier(self, t: Float[Array, ""], state: RigidBodyState) -> Float[Array, ""]:
+        """λ of ``eq_suslov_lambda``, a torque over the length of ξ."""
+        xi, xidot = self.xi.derivatives(t)
+        along = xi / self.inertia
+        free = dot(gyroscopic_torque(self.inertia, state.Omega), along)
+        return -(dot(state.Omega, xidot) + free) / dot(xi, along)
+
+    def reaction(self, t: Float[Array, ""], state: RigidBodyState) -> Float[Array, "3"]:
+        """λξ, the torque by which the constraint acts on the body, body axes: Λλξ = d/dt (Λ𝕀Ω)."""
+        return self.multiplier(t, state) * self.xi(t)
+
+    def spatial_momentum(self, state: RigidBodyState) -> Float[Array, "3"]:
+        """Λ𝕀Ω, the angular momentum in space axes, which the reaction changes."""
+        return apply(state.Lambda, self.inertia * state.Omega)
+
+    def laws(self, t: Float[Array, ""], state: RigidBodyState) -> SuslovLaws:
+        return SuslovLaws(
+            energy=kinetic_energy(self.inertia, state.Omega),
+            constraint=dot(state.Omega, self.xi(t)),
+            versor_squared=versor_squared(state),
+        )
+
+    def conditions(self) -> Iterator[Condition]:
+        yield positive_inertia(self.inertia)
+        yield real_inertia(self.inertia)
+
+    def start_conditions(self, t: Float[Array, ""], state: RigidBodyState) -> Iterator[Condition]:
+        xi, Omega = self.xi(t), state.Omega
+        size = dot(xi, xi)
+        yield Condition((size > 0) & jnp.isfinite(size), "xi", xi, "three finite numbers, not all zero, at the start")
+        yield Condition(
+            dot(Omega, xi) ** 2 <= ALLOWED**2 * size * dot(Omega, Omega),
+            "state.Omega",
+            Omega,
+            "orthogonal to xi at the start",
+        )
+
+    def driving_kinks(self) -> Float[Array, " kinks"]:
+        return self.xi.kinks()
