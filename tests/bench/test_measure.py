@@ -1,6 +1,7 @@
 """Measuring, with solvers whose answers are known: no failure becomes a number, and nothing measured is lost."""
 
 import dataclasses
+import itertools
 import json
 import sys
 import time
@@ -141,11 +142,23 @@ def test_who_meets_which_problem(contender, problem, reason):
 def test_contenders_take_turns():
     """Within the timing, the blocks of two contenders alternate."""
     calls = []
-    first, second = Answer(0.0, calls=calls), Answer(0.0, calls=calls)
-    measured(known(first, "first"), known(second, "second"), settings=Settings((1e-4,), budget=1e-3, limit=1.0))
-    per_contender = len(calls) // 2
-    assert len(calls) == 2 * per_contender
-    assert per_contender >= 3 + 2  # two to build, three and more to time
+    contenders = [known(Answer(0.0, calls=Log(name, calls)), name) for name in ("first", "second")]
+    measured(*contenders, settings=Settings((1e-4,), budget=1e-3, limit=1.0))
+    assert set(calls) == {"first", "second"}
+    assert min(calls.count(name) for name in set(calls)) >= 3 + 2  # two to build, three and more to time
+    # One after the other would be built and timed with three changes between them.
+    assert sum(before != after for before, after in itertools.pairwise(calls)) > 3
+
+
+@dataclasses.dataclass(frozen=True)
+class Log:
+    """Writes down who was called."""
+
+    name: str
+    calls: list
+
+    def append(self, _):
+        self.calls.append(self.name)
 
 
 @pytest.fixture

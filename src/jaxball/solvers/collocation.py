@@ -58,6 +58,9 @@ class AbstractCollocation(AbstractStageSolver):
         problem = flat_problem(terms, t0, t1, y0, args)
         tableau, unravel, mass = self.tableau, problem.unravel, problem.mass
         x0, fault = problem.x0, solver_state.fault
+        if tableau.c[-1] != 1:
+            # The end of a step is not a stage, and would not satisfy the equations without a derivative.
+            problem.refuse_mass(self)
         if mass is not None:
             x0, fault = start_of_step(problem, mass, t0, self.root_finder, fault, made_jump)
         times = t0 + (t1 - t0) * jnp.asarray(tableau.c, jnp.result_type(t0))

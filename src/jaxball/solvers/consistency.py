@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, ArrayLike, Bool, Float, Int, PyTree
 
 from .flat import FlatProblem
 from .linear import factorise, product
@@ -52,7 +52,7 @@ NOT_FOUND = (
 
 
 def consistent_initial_values(
-    term: AbstractMassTerm, t0: Any, y0: PyTree[Array], args: Any = None, *, throw: bool = False
+    term: AbstractMassTerm, t0: Any, y0: PyTree[ArrayLike], args: Any = None, *, throw: bool = False
 ) -> InitialValues:
     """Changes the algebraic variables of ``y0`` until the equations without a derivative hold.
 

@@ -139,7 +139,7 @@ def _mass(mass: PyTree, null_spaces: tuple[Any, Any] | None, y: PyTree[Array], x
                 f"Argument `mass` must have the shape of the state or be a matrix over its {x.size} entries, "
                 f"but its shape is {mass.shape}."
             )
-        return Mass(*(part.astype(x.dtype) for part in (mass, *null_spaces)))
+        return Mass(*(jnp.asarray(part, x.dtype) for part in (mass, *null_spaces)))
     diagonal = jax.tree.map(lambda m, leaf: jnp.broadcast_to(m, leaf.shape).astype(leaf.dtype), mass, y)
     diagonal, _ = ravel_pytree(diagonal)
     algebraic = jnp.diag((diagonal == 0).astype(x.dtype))

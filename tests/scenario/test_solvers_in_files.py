@@ -1,0 +1,86 @@
+"""The solvers that a scenario file can name, on the paper's two systems against their 30-digit solutions.
+
+The bounds are 5 to 10 times what was measured.
+"""
+
+import os
+
+import diffrax
+import numpy as np
+import pytest
+
+from jaxball.cli import main
+from jaxball.scenario import builtin_text, read_scenario
+from jaxball.scenario.solve import KNOW_MASS_MATRICES, SOLVERS
+from tests.support.paper import reference
+
+EPS = np.finfo(float).eps
+DAE = 'solver = "radau9"\ndae = true'
+
+
+def file(name, solve):
+    """The file of a built-in scenario with other times, t = 0, 1, …, 20, and another table [solve]."""
+    before, _ = builtin_text(name).split("[solve]")
+    return before.replace("step = 0.1", "step = 1.0") + f"[solve]\n{solve}\n"
+
+
+def run(name, solve, tolerance):
+    text = file(name, f"{solve}\nrtol = {tolerance}\natol = {tolerance}\nstep_to_times = true")
+    return read_scenario(text).simulate(throw=True).state
+
+
+def error(name, columns):
+    """The largest difference to the reference solution, whose first columns are θ and θ̇."""
+    expected, names = reference(f"paper_{name}")
+    known = sum(part.startswith("theta") for part in names)
+    return np.max(np.abs(np.concatenate(columns, axis=1) - expected[:, known:]))
+
+
+@pytest.mark.parametrize(
+    ("solver", "tolerance", "bound"),
+    [("radau5", 1e-9, 1e-10), ("gauss16", 1e-9, 3e-12), ("trapezoidal", 1e-6, 3e-3), ("tr-bdf2", 1e-6, 2e-3)],
+)
+def test_disk(solver, tolerance, bound):
+    state = run("disk", f'solver = "{solver}"', tolerance)
+    assert error("disk", [state.phi[:, None], state.phidot[:, None]]) < bound
+
+
+def test_ball_in_differential_algebraic_form():
+    state = run("ball", DAE, 1e-9)
+    assert error("ball", [state.q, state.Omega, state.z]) < 2e-8
+
+
+def test_ball_with_projection():
+    """Without it, |q| is off by some 1e-11."""
+    state = run("ball", 'solver = "radau13"\nproject = true', 1e-9)
+    assert np.max(np.abs(np.linalg.norm(state.q, axis=1) - 1)) <= 2 * EPS
+    assert error("ball", [state.q, state.Omega, state.z]) < 2e-8
+
+
+@pytest.mark.parametrize(
+    ("solver", "order"),
+    [("radau5", 5), ("radau9", 9), ("radau13", 13), ("gauss16", 16), ("trapezoidal", 2), ("tr-bdf2", 2)],
+)
+def test_names_are_of_methods_of_that_order(solver, order):
+    assert SOLVERS[solver]().order(diffrax.ODETerm(lambda t, y, args: y)) == order
+
+
+@pytest.fixture(autouse=True)
+def environment(monkeypatch):
+    """The command line sets XLA_FLAGS; other tests must not see it."""
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+
+
+@pytest.mark.parametrize("solver", [name for name in SOLVERS if name not in KNOW_MASS_MATRICES])
+def test_differential_algebraic_form_by_another_solver(tmp_path, capsys, solver):
+    """Whether the file names it or the command line does, it is bad input, and nothing is solved."""
+    (tmp_path / "file.toml").write_text(file("ball", f'solver = "{solver}"\ndae = true'))
+    (tmp_path / "good.toml").write_text(file("ball", DAE))
+    for arguments in ([str(tmp_path / "file.toml")], [str(tmp_path / "good.toml"), "--solver", solver]):
+        assert main(["simulate", *arguments]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err == (
+            'jaxball: Key `solve.solver` must be one of "radau5", "radau9", "radau13" where `solve.dae` is true, '
+            f'because other solvers know no mass matrix, but it is "{solver}".\n'
+        )
