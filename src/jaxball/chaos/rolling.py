@@ -8,13 +8,13 @@ from jaxtyping import Array, ArrayLike, Float
 
 from .._arrays import Numbers, to_array
 from ..body import System
-from ..dynamics import field_of
 from ..packing import Packing
+from ..phase_space import dimension, normal_of, phase_point
 from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, at_rest
-from ..state import BallState, DiskState, ReducedState, RotationState, State
+from ..state import State
 from ..validity import possible, possible_state
+from .least import normal_force
 from .spectrum import LyapunovSpectrum, Method, checked_count, interval_edges, spectrum
-from .tangent import Normal
 
 
 def lyapunov_spectrum(
@@ -57,19 +57,6 @@ def lyapunov_spectrum(
     return _solve(method, system, state, to_array(edges), to_array(rtol), to_array(atol))
 
 
-def phase_point(system: System, state: State) -> State:
-    """``state`` without place and heading, where the motion does not depend on them."""
-    field_of(system, state)
-    if isinstance(state, BallState | RotationState) and system.force is None:
-        return ReducedState(state.Omega, state.Gamma, state.theta, state.thetadot)
-    return state.in_space() if isinstance(state, RotationState) else state
-
-
-def dimension(state: State) -> int:
-    """The dimension of the phase space."""
-    return ravel_pytree(state)[0].size - (not isinstance(state, DiskState))
-
-
 @eqx.filter_jit
 def _solve(method: Method, system: System, state: State, edges, rtol, atol) -> LyapunovSpectrum:
     return rolling_spectrum(method, system, state, edges, rtol, atol)
@@ -87,9 +74,17 @@ def rolling_spectrum(
     packing = Packing.of(system.prepare(), state)
     parameters, unpack_parameters = ravel_pytree(packing)
     kinks = jnp.concatenate([system.motion_kinks(), system.driving_kinks()])
+
+    def field(t, x, parameters):
+        return unpack_parameters(parameters).field(t, x)
+
+    def normal(t, x, parameters):
+        inner = unpack_parameters(parameters)
+        return normal_force(inner.system, t, inner.unpack(t, x))
+
     return spectrum(
         method,
-        lambda t, x, parameters: unpack_parameters(parameters).field(t, x),
+        field,
         edges,
         packing.pack(edges[0], state),
         parameters,
@@ -97,17 +92,5 @@ def rolling_spectrum(
         atol,
         kinks,
         possible(system) & possible_state(state),
+        normal,
     )
-
-
-def normal_of(state: State) -> Normal | None:
-    """The normal of the sphere on which Γ or q stays; None for a disk, which has neither."""
-    return {ReducedState: _along_Gamma, BallState: _along_q}.get(type(state))
-
-
-def _along_Gamma(x: Float[Array, " size"]) -> Float[Array, " size"]:
-    return jnp.zeros_like(x).at[3:6].set(x[3:6])
-
-
-def _along_q(x: Float[Array, " size"]) -> Float[Array, " size"]:
-    return jnp.zeros_like(x).at[:4].set(x[:4])

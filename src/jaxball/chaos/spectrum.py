@@ -1,6 +1,5 @@
 """Lyapunov exponents of any flow, by its tangent dynamics."""
 
-import functools
 from typing import Any, NamedTuple
 
 import diffrax
@@ -14,6 +13,7 @@ from .._arrays import Numbers, default_dtype, to_array
 from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, status_of
 from ..solvers import StepToKinks
 from ..status import SolveError, Status
+from .least import Watch, Watching
 from .tangent import Field, Normal, generic_vectors, orthonormalised, tangent_field, without_normal
 
 BATCHES = 16  # means of the growth rates from which the standard error is estimated
@@ -21,9 +21,10 @@ FIRST_STEP = 1 / 64  # of an interval; the step-size control corrects it within 
 
 
 class LyapunovSpectrum(eqx.Module):
-    """Lyapunov exponents λ_1 ≥ λ_2 ≥ … and how they converged. NaN after the time to which the solve came.
+    """Lyapunov exponents and how they converged. NaN after the time to which the solve came.
 
-    - ``exponents``: the mean growth rates over the run without its transient, shape (k,), in 1/time.
+    - ``exponents``: the mean growth rates over the run without its transient, shape (k,), in 1/time, in the order of
+      the orthonormalisation, which is falling once they have converged.
     - ``standard_error``: of each exponent, from the scatter of its means over sixteen parts of the run. It says how
       far a chaotic run is from its limit; for a regular one, whose means tend to it as log(t)/t, it says little.
     - ``times``: the ends of the intervals, shape (n,).
@@ -31,6 +32,8 @@ class LyapunovSpectrum(eqx.Module):
     - ``running``: the means of the rates from the end of the transient to each of ``times``, shape (n, k).
     - ``x``: the state at the end, as the vector that was advanced.
     - ``vectors``: the orthonormal vectors at the end, a row for each exponent.
+    - ``least_normal_force``: the least N of a rolling body over all of the run, transient included; where it is not
+      positive, the ball would have left the plane. None for other flows.
     - ``status``, ``reached``, ``steps``: as in a :class:`~jaxball.Trajectory`; ``ok`` and ``message`` read them.
     """
 
@@ -44,6 +47,7 @@ class LyapunovSpectrum(eqx.Module):
     status: Int[Array, "*batch"]
     reached: Float[Array, "*batch"]
     steps: Int[Array, "*batch"]
+    least_normal_force: Float[Array, "*batch"] | None = None
 
     @property
     def ok(self) -> bool:
@@ -196,8 +200,12 @@ def spectrum(
     atol: Float[Array, ""],
     kinks: Float[Array, " kinks"],
     startable: Bool[Array, ""],
+    watch: Watch | None = None,
 ) -> LyapunovSpectrum:
-    """The spectrum, traceable; see :func:`lyapunov_spectrum_of`. ``startable`` is False where nothing can be solved."""
+    """The spectrum, traceable; see :func:`lyapunov_spectrum_of`.
+
+    ``startable`` is False where nothing can be solved. The least value of ``watch`` becomes ``least_normal_force``.
+    """
     startable = startable & jnp.all(jnp.isfinite(x))
     x = jnp.where(startable, x, jnp.ones_like(x))
     vectors = without_normal(jnp.asarray(generic_vectors(method.exponents, x.size), x.dtype), x, method.normal)
@@ -211,19 +219,22 @@ def spectrum(
     controller = diffrax.PIDController(rtol=rtol, atol=atol, norm=_largest_row, dtmin=1e-30, force_dtmin=False)
     if kinks.size:
         controller = StepToKinks(controller, kinks)
+    solver = method.solver
+    if watch is not None:
+        solver = Watching(solver, lambda t, x, args: watch(t, x, args[1]))
 
-    def advance(carry, ends):
-        rows, step, status, reached, steps = carry
-        alive = status == Status.SUCCESS
+    def advance(progress, ends):
+        alive = progress.status == Status.SUCCESS
         t0, t1 = ends
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(moving),
-            method.solver,
+            solver,
             t0,
             t1,
-            jnp.minimum(step, t1 - t0),
-            rows,
+            jnp.minimum(progress.step, t1 - t0),
+            progress.rows,
             (alive, args),
+            saveat=diffrax.SaveAt(t1=True, solver_state=watch is not None),
             stepsize_controller=controller,
             adjoint=diffrax.ForwardMode(),
             max_steps=method.max_steps,
@@ -231,34 +242,57 @@ def spectrum(
         )
         x = solution.ys[0, 0]
         vectors, lengths = orthonormalised(without_normal(solution.ys[0, 1:], x, method.normal))
-        status = jnp.where(alive, status_of(solution.result), status)
-        reached = jnp.where(alive, solution.ts[0], reached)
-        taken = solution.stats["num_accepted_steps"]
-        step = (t1 - t0) / jnp.maximum(taken, 1).astype(t0.dtype)
-        steps = steps + jnp.where(alive, solution.stats["num_steps"], 0)
-        growth = jnp.where(status == Status.SUCCESS, jnp.log(lengths) / (t1 - t0), jnp.nan)
-        rows = jnp.concatenate([x[None], vectors])
-        return (rows, step, status, reached, steps), growth
+        status = jnp.where(alive, status_of(solution.result), progress.status)
+        least = progress.least
+        if watch is not None:
+            least = jnp.where(alive, jnp.minimum(least, solution.solver_state[1]), least)
+        after = _Progress(
+            rows=jnp.concatenate([x[None], vectors]),
+            step=(t1 - t0) / jnp.maximum(solution.stats["num_accepted_steps"], 1).astype(t0.dtype),
+            status=status,
+            reached=jnp.where(alive, solution.ts[0], progress.reached),
+            steps=progress.steps + jnp.where(alive, solution.stats["num_steps"], 0),
+            least=least,
+        )
+        return after, jnp.where(status == Status.SUCCESS, jnp.log(lengths) / (t1 - t0), jnp.nan)
 
-    rows = jnp.concatenate([x[None], orthonormalised(vectors)[0]])
     status = jnp.where(startable, Status.SUCCESS, Status.IMPOSSIBLE)
-    start = (rows, FIRST_STEP * (edges[1] - edges[0]), status, edges[0], jnp.zeros_like(status))
-    (rows, _, status, reached, steps), growth = jax.lax.scan(advance, start, (edges[:-1], edges[1:]))
+    start = _Progress(
+        rows=jnp.concatenate([x[None], orthonormalised(vectors)[0]]),
+        step=FIRST_STEP * (edges[1] - edges[0]),
+        status=status,
+        reached=edges[0],
+        steps=jnp.zeros_like(status),
+        least=jnp.full_like(edges[0], jnp.inf),
+    )
+    end, growth = jax.lax.scan(advance, start, (edges[:-1], edges[1:]))
     times, growth = edges[1 + method.skipped :], growth[method.skipped :]
     running = jnp.cumsum(growth, axis=0) / jnp.arange(1, len(times) + 1, dtype=growth.dtype)[:, None]
-    good = status == Status.SUCCESS
+    rows = jnp.where(end.status == Status.SUCCESS, end.rows, jnp.nan)
     return LyapunovSpectrum(
         exponents=running[-1],
         standard_error=_standard_error(growth),
         times=times,
         rates=growth,
         running=running,
-        x=jnp.where(good, rows[0], jnp.nan),
-        vectors=jnp.where(good, rows[1:], jnp.nan),
-        status=status,
-        reached=reached,
-        steps=steps,
+        x=rows[0],
+        vectors=rows[1:],
+        status=end.status,
+        reached=end.reached,
+        steps=end.steps,
+        least_normal_force=None if watch is None else end.least,
     )
+
+
+class _Progress(NamedTuple):
+    """What one interval hands to the next."""
+
+    rows: Float[Array, "rows size"]  # x and the deviations
+    step: Float[Array, ""]  # a good length for the first step
+    status: Int[Array, ""]
+    reached: Float[Array, ""]
+    steps: Int[Array, ""]
+    least: Float[Array, ""]
 
 
 def _largest_row(rows: Float[Array, "rows size"]) -> Float[Array, ""]:

@@ -1,0 +1,153 @@
+"""Charts of the largest Lyapunov exponent over two parameters."""
+
+import os
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from typing import TYPE_CHECKING, Any
+
+import diffrax
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from .._arrays import Numbers, to_array
+from ..body import System
+from ..phase_space import normal_of, phase_point
+from ..simulation import DEFAULT_SOLVER
+from ..state import State
+from ..status import Status
+from .rolling import rolling_spectrum
+from .spectrum import Method, interval_edges
+
+if TYPE_CHECKING:
+    import xarray
+
+Make = Callable[[Float[Array, ""], Float[Array, ""]], tuple[System, State]]
+
+
+def chart(
+    make: Make,
+    parameters: Mapping[str, Numbers],
+    times: Numbers,
+    *,
+    transient: float = 0.0,
+    interval: float = 10.0,
+    solver: diffrax.AbstractAdaptiveSolver | None = None,
+    rtol: ArrayLike = 1e-8,
+    atol: ArrayLike = 1e-8,
+    max_steps: int = 16384,
+    chunk: int = 128,
+    workers: int | None = None,
+    progress: Callable[[int, int], Any] | None = None,
+) -> "xarray.Dataset":
+    """The largest Lyapunov exponent at each pair of values of two parameters.
+
+    **Arguments:**
+
+    - ``make``: from the values of both parameters to a system and its initial state; traced, so it must not branch on
+      them.
+    - ``parameters``: two names and the values of each: the first has shape (n,), the second (m,).
+    - ``times``, ``transient``, ``interval``, ``solver``, ``rtol``, ``atol``, ``max_steps``: as for
+      :func:`lyapunov_spectrum`.
+    - ``chunk``: how many cells are solved side by side by one program.
+    - ``workers``: how many chunks are solved at the same time; as many as there are processors if not given.
+    - ``progress``: called with the number of cells done and the number of all, after each chunk.
+
+    **Returns:** a data set over both parameters with
+
+    - ``exponent``: the largest exponent in 1/time, NaN where the normal force was not positive throughout, and where
+      the solve failed;
+    - ``exponent_regardless``: the same whatever the normal force; the equations of motion go on where a real ball would
+      leave the plane;
+    - ``standard_error``: as in :class:`LyapunovSpectrum`;
+    - ``least_normal_force``: the least N at the ends of the steps;
+    - ``status``: the number of a :class:`~jaxball.Status`, 0 where the solve reached its end.
+
+    **Raises:** ``ValueError`` for other than two parameters, for values that are not a row of numbers, and for times
+    that cannot be.
+    """
+    names, values = _checked(parameters)
+    edges, skipped = interval_edges(times, transient, interval)
+    solver = DEFAULT_SOLVER if solver is None else solver
+    tolerances = to_array(rtol), to_array(atol)
+    cells = np.stack([grid.ravel() for grid in np.meshgrid(*values, indexing="ij")], axis=1)
+    chunk = min(chunk, len(cells))
+    starts = range(0, len(cells), chunk)
+    rows = np.full((len(cells), 4), np.nan)
+
+    def solve(start: int) -> int:
+        # The last chunk is as long as the others, so that one program does for all.
+        part = slice(min(start, len(cells) - chunk), min(start, len(cells) - chunk) + chunk)
+        rows[part] = np.asarray(
+            _solve(make, solver, skipped, max_steps, to_array(cells[part]), to_array(edges), *tolerances)
+        )
+        return min(start + chunk, len(cells)) - start
+
+    done = solve(0)
+    if progress is not None:
+        progress(done, len(cells))
+    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
+        for future in as_completed([pool.submit(solve, start) for start in starts[1:]]):
+            done += future.result()
+            if progress is not None:
+                progress(done, len(cells))
+    return _dataset(names, values, rows.reshape(len(values[0]), len(values[1]), 4), edges, skipped)
+
+
+@eqx.filter_jit
+def _solve(make: Make, solver, skipped, max_steps, cells, edges, rtol, atol) -> Float[Array, "cells 4"]:
+    def one(cell):
+        system, state = make(cell[0], cell[1])
+        state = phase_point(system, state)
+        method = Method(solver, 1, skipped, max_steps, normal_of(state))
+        found = rolling_spectrum(method, system, state, edges, rtol, atol)
+        assert found.least_normal_force is not None
+        status = found.status.astype(cell.dtype)
+        return jax.numpy.stack([found.exponents[0], found.standard_error[0], found.least_normal_force, status])
+
+    return jax.vmap(one)(cells)
+
+
+def _checked(parameters: Mapping[str, Numbers]) -> tuple[tuple[str, ...], list[np.ndarray]]:
+    if len(parameters) != 2:
+        raise ValueError(
+            f"Argument `parameters` must name two parameters, but it names {len(parameters)}: {list(parameters)}."
+        )
+    values = [np.asarray(value, dtype=float) for value in parameters.values()]
+    for name, value in zip(parameters, values, strict=True):
+        if value.ndim != 1 or value.size == 0:
+            raise ValueError(
+                f"Argument `parameters` must give each parameter a row of values, but `{name}` has the shape "
+                f"{value.shape}."
+            )
+    return tuple(parameters), values
+
+
+def _dataset(names, values, rows, edges, skipped) -> "xarray.Dataset":
+    # Imported here, because it takes longer than all of jaxball's own modules.
+    import xarray
+
+    exponent, error, force, status = np.moveaxis(rows, -1, 0)
+    status = status.astype(int)
+    variables = {
+        "exponent": (np.where(force > 0, exponent, np.nan), "largest Lyapunov exponent", "1/time"),
+        "exponent_regardless": (exponent, "largest Lyapunov exponent, whatever the normal force", "1/time"),
+        "standard_error": (error, "standard error of the exponent", "1/time"),
+        "least_normal_force": (force, "least normal force", "mass length/time^2"),
+        "status": (status, "how the solve ended", ""),
+    }
+    attributes = {
+        "start": float(edges[0]),
+        "averaged_from": float(edges[skipped]),
+        "end": float(edges[-1]),
+        "statuses": ", ".join(f"{item.value} {item.name}" for item in Status),
+    }
+    return xarray.Dataset(
+        {
+            name: (names, array, {"long_name": meaning, "units": units})
+            for name, (array, meaning, units) in variables.items()
+        },
+        dict(zip(names, values, strict=True)),
+        attributes,
+    )

@@ -1,0 +1,50 @@
+"""Bodies whose chaotic rolling has been studied."""
+
+import math
+
+import jax.numpy as jnp
+
+from .._arrays import Numbers, to_array
+from ..body import Ball, PointMass
+from ..motion import OnRail
+from ..rails import Circle
+from ..schedules import ConstantRate
+
+
+def rolling_robot(
+    orbit: Numbers = 0.6, *, rate: Numbers = 2.0, mass: Numbers = 1.0, inertia: Numbers = 2 / 3, gravity: Numbers = 1.0
+) -> Ball:
+    """The rolling robot of Ilin, Moffatt & Vladimirov (2017, PNAS 114, 12858): a point mass driven round in a shell.
+
+    The shell has mass 1 and radius 1. The mass goes round the circle of radius ``orbit`` about the centre, in the plane
+    of E1 and E3, at the constant ``rate``, and starts at −E3. These four numbers and the choice of the unit of time are
+    the paper's four dimensionless parameters.
+
+    **Arguments:**
+
+    - ``orbit``: the radius of the orbit, in radii of the shell.
+    - ``rate``: θ̇, in rad per time.
+    - ``mass``: of the point mass, in masses of the shell.
+    - ``inertia``: d1 = d2 = d3 of the shell; a thin one has 2/3.
+    - ``gravity``: g; with 1, times are in √(r/g).
+    """
+    moment = to_array(inertia)
+    circle = OnRail(Circle(orbit), ConstantRate(-math.pi / 2, rate))
+    return Ball(mass=1.0, inertia=jnp.stack([moment] * 3), gravity=gravity, masses=[PointMass(mass, circle)])
+
+
+def chaplygin_top(
+    offset: Numbers = (0.1, 0.15, 0.2), *, inertia: Numbers = (0.2, 0.35, 0.45), gravity: Numbers = 1.0
+) -> Ball:
+    """Chaplygin's top: a ball with unequal moments whose centre of mass, on none of the axes, is off the centre.
+
+    Of mass 1 and radius 1. It has no integral but the energy, and no invariant measure in general (Borisov, Kazakov &
+    Sataev 2014, Regular and Chaotic Dynamics 19, 718).
+
+    **Arguments:**
+
+    - ``offset``: from the geometric centre to the centre of mass, in radii.
+    - ``inertia``: d1, d2, d3 about the centre of mass.
+    - ``gravity``: g; with 1, times are in √(r/g).
+    """
+    return Ball(mass=1.0, inertia=inertia, offset=offset, gravity=gravity)

@@ -1,0 +1,5 @@
+"""Steady motions of a rolling ball and their linear stability."""
+
+from .rolling import steady_rolling as steady_rolling
+from .rotations import permanent_rotations as permanent_rotations
+from .steady import SteadyMotion as SteadyMotion, stability as stability

@@ -1,0 +1,78 @@
+"""Permanent rotations: a ball that rests, or spins in place about the vertical."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+from jaxtyping import Array, ArrayLike, Float
+
+from .._arrays import Numbers, to_array
+from ..body import Ball
+from ..dynamics import vector_field
+from ..state import ReducedState
+from .steady import SteadyMotion, stability
+
+STARTS = 128
+SAME = 1e-6
+
+
+def permanent_rotations(
+    ball: Ball, rate: ArrayLike = 0.0, *, guess: Numbers | None = None, t: ArrayLike = 0.0
+) -> tuple[SteadyMotion, ...]:
+    """The directions Γ about which ``ball`` can rotate for ever at ``rate`` with its contact point at rest.
+
+    There Ω = ω Γ, so that Γ̇ = 0, and Ω̇ = 0 is solved for Γ by Newton's method from many points of the sphere at once.
+    With ``rate`` zero these are the equilibria, where the centre of mass is above or below the geometric centre. Where
+    the directions are not isolated, as on a cone about the axis of a body of revolution, many of them are found.
+
+    **Arguments:**
+
+    - ``rate``: ω, in rad per time.
+    - ``guess``: directions from which to search instead, shape (n, 3).
+    - ``t``: the time at which schedules are read; the masses must be at rest in the ball.
+
+    **Returns:** the motions found, each once, the most stable first.
+
+    **Raises:** ``ValueError`` where a force acts, masses are driven by a feedback law, or ``guess`` has another shape.
+    """
+    if ball.driven:
+        raise ValueError(
+            f"Argument `ball` must have no driven masses, but {list(ball.driven)} are; hold them with a schedule."
+        )
+    starts = _sphere(STARTS) if guess is None else np.atleast_2d(np.asarray(guess, dtype=float))
+    if starts.shape[1:] != (3,):
+        raise ValueError(f"Argument `guess` must be directions of shape (n, 3), but its shape is {starts.shape}.")
+    ends = np.asarray(_search(ball, to_array(rate), to_array(t), to_array(starts)))
+    kept: list[np.ndarray] = []
+    for Gamma in ends[np.all(np.isfinite(ends), axis=1)]:
+        if all(np.max(np.abs(Gamma - other)) > SAME for other in kept):
+            kept.append(Gamma)
+    found = [stability(ball, ReducedState(rate * Gamma, Gamma), t=t) for Gamma in kept]
+    return tuple(sorted((motion for motion in found if motion.steady), key=lambda motion: motion.growth))
+
+
+@eqx.filter_jit
+def _search(ball: Ball, rate, t, starts) -> Float[Array, "n 3"]:
+    prepared = ball.prepare()
+
+    def residual(Gamma, _: Any):
+        rates = vector_field(prepared, t, ReducedState(rate * Gamma, Gamma))
+        return jnp.concatenate([rates.Omega, jnp.sum(Gamma**2)[None] - 1])
+
+    def one(start):
+        method = optimistix.LevenbergMarquardt(rtol=1e-14, atol=1e-14)
+        Gamma = optimistix.least_squares(residual, method, start, max_steps=200, throw=False).value
+        return Gamma / jnp.sqrt(jnp.sum(Gamma**2))
+
+    return jax.vmap(one)(starts / jnp.sqrt(jnp.sum(starts**2, axis=1))[:, None])
+
+
+def _sphere(count: int) -> np.ndarray:
+    """Points that cover the sphere evenly, on a golden spiral."""
+    height = 1 - (2 * np.arange(count) + 1) / count
+    azimuth = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    radius = np.sqrt(1 - height**2)
+    return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), height], axis=1)

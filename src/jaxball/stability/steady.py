@@ -1,0 +1,133 @@
+"""Steady motions and their stability by the eigenvalues of the linearised equations."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, ArrayLike, Complex
+
+from .._arrays import to_array
+from ..body import System
+from ..dynamics import vector_field
+from ..phase_space import normal_of, phase_point
+from ..state import ReducedState, State
+from ..vectors import cross
+
+STEADY = 1e-8  # the rate, in units of the largest eigenvalue, up to which a state counts as steady
+NEUTRAL = 1e-7  # the real part, in the same units, that counts as none
+ZERO = 1e-5  # the size that counts as zero: a zero of multiplicity three is found as the cube root of the rounding error
+
+
+class SteadyMotion(eqx.Module):
+    """A motion whose state is constant, or turns about E3 at a constant rate, and its linear stability.
+
+    - ``state``: the point of the phase space: a :class:`~jaxball.ReducedState`, or the state of a disk.
+    - ``turning``: the rate at which Ω and Γ turn about E3 in the body; not zero for a body of revolution only.
+    - ``residual``: the largest rate of change of the state beside this turning.
+    - ``steady``: whether that is zero up to rounding.
+    - ``eigenvalues``: of the equations linearised on the tangent of |Γ| = 1, in the frame that turns along, in 1/time,
+      the largest real part first.
+    - ``kind``: "centre" where none has a real part, "sink" or "source" where real parts are negative or positive only,
+      "saddle" where both occur, and "saddle-centre" where imaginary pairs are there beside them. Zero eigenvalues,
+      which symmetries and integrals cause, do not count.
+    - ``message``: a sentence that says all this.
+    """
+
+    state: State
+    turning: float
+    residual: float
+    steady: bool
+    eigenvalues: Complex[np.ndarray, " n"]
+    kind: str
+    message: str
+
+    @property
+    def stable(self) -> bool:
+        """Whether the motion is spectrally stable: no eigenvalue has a positive real part."""
+        return self.kind in ("centre", "sink")
+
+    @property
+    def growth(self) -> float:
+        """The largest real part of an eigenvalue."""
+        return float(self.eigenvalues[0].real)
+
+
+def stability(system: System, state: State, *, turning: ArrayLike = 0.0, t: ArrayLike = 0.0) -> SteadyMotion:
+    """The linear stability of a steady motion of ``system``.
+
+    The derivative of the reduced equations (``uncon_ball_eqns_explicit``) comes from forward mode, and is restricted to
+    δΓ orthogonal to Γ. Spectral stability is necessary for stability; for a motion without friction losses it says no
+    more than that deviations do not grow exponentially.
+
+    **Arguments:**
+
+    - ``state``: of any kind; place and heading do not matter.
+    - ``turning``: the rate at which Ω and Γ turn about E3, for a body of revolution; see :func:`steady_rolling`.
+    - ``t``: the time at which schedules are read; the masses must be at rest in the body then, and stay so.
+
+    **Raises:** ``TypeError`` for a state of another kind of system, and ``ValueError`` where a force acts.
+    """
+    state = phase_point(system, state)
+    if system.force is not None:
+        raise ValueError("Argument `system` must have no force, because its direction changes in the body.")
+    rates, derivative = _linearised(system, state, to_array(turning), to_array(t))
+    eigenvalues = np.linalg.eigvals(_on_tangent(np.asarray(derivative), state)).astype(complex)
+    eigenvalues = eigenvalues[np.lexsort((-eigenvalues.imag, -eigenvalues.real.round(12)))]
+    size = max(float(np.max(np.abs(eigenvalues))), float(np.sqrt(abs(system.gravity) / system.radius)))
+    residual = float(jnp.max(jnp.abs(rates)))
+    steady = residual <= STEADY * size
+    kind = _kind(eigenvalues / size)
+    return SteadyMotion(
+        state, float(turning), residual, steady, eigenvalues, kind, _message(steady, residual, kind, eigenvalues)
+    )
+
+
+@eqx.filter_jit
+def _linearised(system: System, state: State, turning, t):
+    """The rates beside the turning, and their derivative."""
+    prepared = system.prepare()
+    x, unravel = ravel_pytree(state)
+
+    def field(x):
+        point = unravel(x)
+        rates = ravel_pytree(vector_field(prepared, t, point))[0]
+        if not isinstance(point, ReducedState):
+            return rates
+        axis = jnp.stack([jnp.zeros_like(turning), jnp.zeros_like(turning), turning])
+        turned = jnp.zeros_like(x).at[:6].set(jnp.concatenate([cross(axis, point.Omega), cross(axis, point.Gamma)]))
+        return rates - turned
+
+    return field(x), jax.jacfwd(field)(x)
+
+
+def _on_tangent(matrix: np.ndarray, state: State) -> np.ndarray:
+    """``matrix`` on the vectors orthogonal to the normal of the sphere of Γ."""
+    normal = normal_of(state)
+    if normal is None:
+        return matrix
+    n = np.asarray(normal(ravel_pytree(state)[0]))
+    basis = np.linalg.svd(n[None])[2][1:]
+    return basis @ matrix @ basis.T
+
+
+def _kind(eigenvalues: np.ndarray) -> str:
+    real = np.where(np.abs(eigenvalues) > ZERO, eigenvalues.real, 0.0)
+    growing, falling = bool(np.any(real > NEUTRAL)), bool(np.any(real < -NEUTRAL))
+    turning = bool(np.any((np.abs(real) <= NEUTRAL) & (np.abs(eigenvalues) > ZERO)))
+    if growing and falling:
+        return "saddle-centre" if turning else "saddle"
+    return "source" if growing else "sink" if falling else "centre"
+
+
+def _message(steady: bool, residual: float, kind: str, eigenvalues: np.ndarray) -> str:
+    if not steady:
+        return (
+            f"The state is not steady: it changes at the rate {residual:.3g}, so that the eigenvalues say nothing about "
+            "stability."
+        )
+    if kind in ("centre", "sink"):
+        decay = "all on the imaginary axis" if kind == "centre" else "none with a positive real part"
+        return f"The motion is spectrally stable, a {kind}: its eigenvalues are {decay}."
+    growth = eigenvalues[0].real
+    return f"The motion is unstable, a {kind}: deviations grow as exp({growth:.6g} t)."
