@@ -12,10 +12,12 @@ from jaxball.scenario import builtin_scenarios, load_scenario
 NAMES = (
     "ball",
     "chaplygin-sphere",
+    "chaplygin-top",
     "disk",
     "disk-in-ball",
     "ellipse-and-eight",
     "pendulum",
+    "rolling-robot",
     "routh-sphere",
     "six-tubes",
 )
@@ -98,3 +100,18 @@ def test_chaplygin_sphere_keeps_its_centre_of_mass(runs):
     _, seen = runs("chaplygin-sphere")
     assert np.max(np.abs(seen.centre_of_mass_body)) < 1e-15
     assert np.ptp(seen.kinetic_energy + seen.potential_energy) > 1e-2
+
+
+def test_chaplygin_top_conserves_energy_and_rolls_over(runs):
+    """Γ3 takes both signs, as no motion near rest would have it."""
+    _, seen = runs("chaplygin-top")
+    assert np.ptp(seen.kinetic_energy + seen.potential_energy) < 1e-8
+    assert np.ptp(np.sign(seen.vertical_body[:, 2])) == 2
+
+
+def test_rolling_robot_is_driven_round_at_a_constant_rate(runs):
+    """θ = −π/2 + 1.5 t in the plane of E1 and E3."""
+    trajectory, seen = runs("rolling-robot")
+    angle = 1.5 * np.asarray(trajectory.times)
+    place = 0.8 * np.stack([np.sin(angle), 0 * angle, -np.cos(angle)], axis=1)
+    np.testing.assert_allclose(seen.mass_positions_body[:, 0], place, atol=1e-13)

@@ -12,7 +12,7 @@ from ..schedules import ConstantRate
 
 
 def rolling_robot(
-    orbit: Numbers = 0.6, *, rate: Numbers = 2.0, mass: Numbers = 1.0, inertia: Numbers = 2 / 3, gravity: Numbers = 1.0
+    orbit: Numbers = 0.6, *, rate: Numbers = 1.5, mass: Numbers = 1.0, inertia: Numbers = 2 / 3, gravity: Numbers = 1.0
 ) -> Ball:
     """The rolling robot of Ilin, Moffatt & Vladimirov (2017, PNAS 114, 12858): a point mass driven round in a shell.
 
@@ -34,12 +34,12 @@ def rolling_robot(
 
 
 def chaplygin_top(
-    offset: Numbers = (0.1, 0.15, 0.2), *, inertia: Numbers = (0.2, 0.35, 0.45), gravity: Numbers = 1.0
+    offset: Numbers = (0.2, 0.3, 0.4), *, inertia: Numbers = (0.2, 0.6, 0.7), gravity: Numbers = 1.0
 ) -> Ball:
     """Chaplygin's top: a ball with unequal moments whose centre of mass, on none of the axes, is off the centre.
 
-    Of mass 1 and radius 1. It has no integral but the energy, and no invariant measure in general (Borisov, Kazakov &
-    Sataev 2014, Regular and Chaotic Dynamics 19, 718).
+    Of mass 1 and radius 1. Energy is its only integral, and much of its motion is chaotic (Borisov, Kazakov & Sataev
+    2014, Regular and Chaotic Dynamics 19, 718).
 
     **Arguments:**
 
