@@ -21,7 +21,8 @@ TYPES = {
     ),
     "another kind": (
         edited('"ball"', '"cube"'),
-        'Key `kind` must be one of "ball", "disk", but it is "cube".',
+        'Key `kind` must be one of "ball", "disk", "free-rigid-body", "heavy-top", "suslov", '
+        '"nonholonomic-particle", "vakonomic-particle", but it is "cube".',
     ),
     "title not a text": (
         'title = ["a"]\n' + BALL,

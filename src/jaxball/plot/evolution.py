@@ -20,9 +20,9 @@ def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     times, _, seen = record(trajectory)
     Omega = seen.angular_velocity_body
     if isinstance(trajectory.system, Disk):
-        return _over_time(times, [(-Omega[:, 1], "", COMPONENTS[0])], r"$\dot{\phi}$", ax)
+        return over_time(times, [(-Omega[:, 1], "", COMPONENTS[0])], r"$\dot{\phi}$", ax)
     series = [(Omega[:, j], rf"$\Omega_{j + 1}$", COMPONENTS[j]) for j in range(3)]
-    return _over_time(times, series, r"$\Omega_i$", ax)
+    return over_time(times, series, r"$\Omega_i$", ax)
 
 
 def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -36,7 +36,7 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         (seen.potential_energy, "$V$", COMPONENTS[1]),
         (seen.kinetic_energy + seen.potential_energy, "$E = T + V$", INK),
     ]
-    return _over_time(times, series, "energy", ax)
+    return over_time(times, series, "energy", ax)
 
 
 def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -45,7 +45,7 @@ def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
     times, _, seen = record(trajectory)
-    return _over_time(times, [(seen.power, "", COMPONENTS[0])], r"$\dot{E}$", ax)
+    return over_time(times, [(seen.power, "", COMPONENTS[0])], r"$\dot{E}$", ax)
 
 
 def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -58,7 +58,7 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         (seen.normal_force, "$N$", COMPONENTS[0]),
         (np.linalg.norm(seen.friction, axis=1), r"$|\,\mathbf{f}\,|$", COMPONENTS[1]),
     ]
-    return _over_time(times, series, "contact force", ax)
+    return over_time(times, series, "contact force", ax)
 
 
 def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -73,7 +73,7 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     ratio = seen.friction_ratio
     held = np.isfinite(ratio)
     drawn = np.where(held, ratio, np.nan)
-    ax = _over_time(times, [(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
+    ax = over_time(times, [(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
     ax.set_ylim(bottom=0)
     if not np.all(held):
         sentence = rf"not drawn where $N \leq 0$, first at $t = {times[~held][0]:.4g}$"
@@ -86,7 +86,8 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _over_time(times: Float[np.ndarray, " T"], series: list[Series], name: str, ax: Axes | None) -> Axes:
+def over_time(times: Float[np.ndarray, " T"], series: list[Series], name: str, ax: Axes | None, most: int = 5) -> Axes:
+    """Several series over time, ``name`` on the axis upwards, and ``most`` of their labels to a row."""
     ax = plane_axes(ax)
     for values, label, color in series:
         ax.plot(times, values, color=color, linewidth=1.2, label=label or None)
@@ -96,5 +97,5 @@ def _over_time(times: Float[np.ndarray, " T"], series: list[Series], name: str, 
         ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
     ax.margins(x=0)
     named(ax, "$t$", name)
-    legend_above(ax)
+    legend_above(ax, most)
     return ax

@@ -1,18 +1,22 @@
 """All figures of a trajectory at once."""
 
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
 from ..body import Disk
+from ..classical import AbstractClassicalSystem
 from ..trajectory import Trajectory
 from .actuation import acceleration, accelerations
+from .classical import classical_motion, law_errors
 from .configuration import configuration
 from .evolution import angular_velocity, contact_force, energies, friction_ratio, power
 from .paths import body_paths, centre_path, space_paths
 from .record import record
 from .style import LABEL
 
+CLASSICAL = (classical_motion, law_errors)
 STANDARD = (
     acceleration,
     configuration,
@@ -27,19 +31,22 @@ STANDARD = (
 )
 
 
-def figures(trajectory: Trajectory, folder: str | Path) -> list[Path]:
+def figures(trajectory: Trajectory[Any, Any], folder: str | Path) -> list[Path]:
     """Writes the standard figures of a trajectory into ``folder`` as PNG, and says where they are.
 
     Each file is named by the body and the function, as in ``ball_energies.png``. The acceleration is
-    left out where no mass has an angle to draw.
+    left out where no mass has an angle to draw. Of a classical system, the motion and its laws are drawn.
 
     **Raises:** ``ValueError`` for a reduced trajectory or a batch.
     """
-    record(trajectory)
+    classical = isinstance(trajectory.system, AbstractClassicalSystem)
+    if not classical:
+        record(trajectory)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    kind, paths = type(trajectory.system).__name__.lower(), []
-    for draw in STANDARD:
+    name = trajectory.system.title if classical else type(trajectory.system).__name__
+    kind, paths = name.lower().replace(" ", "_"), []
+    for draw in CLASSICAL if classical else STANDARD:
         if draw is acceleration and not accelerations(trajectory):
             continue
         paths.append(folder / f"{kind}_{draw.__name__}.png")

@@ -94,8 +94,8 @@ def named(ax: Axes, *labels: str) -> None:
         getattr(ax, f"set_{letter}label")(label, fontproperties=LABEL, **in_space)
 
 
-def legend_above(ax: Axes) -> None:
-    """A legend above the axes, where it hides nothing; none where nothing is labelled."""
+def legend_above(ax: Axes, most: int = 5) -> None:
+    """A legend above the axes, where it hides nothing; none where nothing is labelled. ``most`` labels to a row."""
     handles, labels = ax.get_legend_handles_labels()
     if labels:
         ax.legend(
@@ -103,7 +103,7 @@ def legend_above(ax: Axes) -> None:
             labels,
             loc="lower center",
             bbox_to_anchor=(0.5, 1.0),
-            ncols=min(len(labels), max(5, math.ceil(len(labels) / 4))),
+            ncols=min(len(labels), max(most, math.ceil(len(labels) / 4))),
             frameon=False,
             prop=SMALL,
             handlelength=1.3,

@@ -1,9 +1,10 @@
 """A trajectory as a labelled data set."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..classical import AbstractClassicalSystem
 from ..scenario import Scenario, write_scenario
 from ..trajectory import Trajectory
 from .provenance import attributes
@@ -13,8 +14,8 @@ if TYPE_CHECKING:
     import xarray
 
 
-def to_dataset(trajectory: Trajectory, scenario: Scenario | None = None) -> "xarray.Dataset":
-    """The trajectory and all its observables as an ``xarray.Dataset``.
+def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = None) -> "xarray.Dataset":
+    """The trajectory and all its observables, or the laws of a classical system, as an ``xarray.Dataset``.
 
     Dimensions are ``time``, ``mass``, ``driven`` (the masses whose angles belong to the state) and
     those of vectors: ``axis`` 1 to 3, ``direction`` 1 and 2 in the plane, ``component`` 0 to 3 of a
@@ -31,7 +32,9 @@ def to_dataset(trajectory: Trajectory, scenario: Scenario | None = None) -> "xar
         variables[name] = (("time", *variable.dimensions), array, notes)
         used |= set(variable.dimensions)
     system = trajectory.system
-    labels = {**COORDINATES, "mass": np.arange(system.n_masses), "driven": np.asarray(system.driven)}
+    labels: dict[str, Any] = dict(COORDINATES)
+    if not isinstance(system, AbstractClassicalSystem):
+        labels |= {"mass": np.arange(system.n_masses), "driven": np.asarray(system.driven)}
     coordinates = {name: np.asarray(label) for name, label in labels.items() if name in used}
     times = ("time", np.asarray(trajectory.times), {"units": "time", "long_name": "time"})
     title = "" if scenario is None else scenario.title

@@ -1,6 +1,7 @@
 """What a result file says about the run it came from."""
 
 import importlib.metadata
+from typing import Any
 
 from ..status import Status
 from ..trajectory import Trajectory
@@ -8,7 +9,7 @@ from ..trajectory import Trajectory
 PACKAGES = ("jaxball", "jax", "diffrax")
 
 
-def attributes(trajectory: Trajectory, title: str, scenario: str) -> dict[str, str | int | float]:
+def attributes(trajectory: Trajectory[Any, Any], title: str, scenario: str) -> dict[str, str | int | float]:
     """Title, how the solve ended, the scenario's text, and the versions of the packages.
 
     ``ok`` is 1 for a solve that reached its end and 0 for one that failed.

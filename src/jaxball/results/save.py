@@ -20,8 +20,8 @@ class OutputError(ValueError):
     """A file cannot be written; the message is one sentence that names it."""
 
 
-def save(trajectory: Trajectory, path: str | Path, scenario: Scenario | None = None) -> Path:
-    """Saves a trajectory with all its observables, in the format that the suffix of ``path`` names.
+def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario | None = None) -> Path:
+    """Saves a trajectory with all its observables, or laws, in the format that the suffix of ``path`` names.
 
     - ``.nc``: netCDF, see :func:`to_dataset`; ``xarray.open_dataset(path)`` reads it.
     - ``.npz``: the same arrays, and the attributes as texts and numbers.
@@ -76,11 +76,11 @@ def check_destination(path: Path, suffixes: tuple[str, ...] | None = None) -> No
         raise OutputError(f'Argument `path` must lie in a folder that can be written, but "{path.parent}" cannot.')
 
 
-def _write_netcdf(trajectory: Trajectory, path: Path, scenario: Scenario | None) -> None:
+def _write_netcdf(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None) -> None:
     to_dataset(trajectory, scenario).to_netcdf(path, engine="h5netcdf")
 
 
-def _write_npz(trajectory: Trajectory, path: Path, scenario: Scenario | None) -> None:
+def _write_npz(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None) -> None:
     title, text = ("", "") if scenario is None else (scenario.title, write_scenario(scenario))
     arrays: dict[str, Any] = {"time": np.asarray(trajectory.times)}
     arrays |= {name: array for name, (_, array) in values(trajectory).items()}
@@ -88,7 +88,7 @@ def _write_npz(trajectory: Trajectory, path: Path, scenario: Scenario | None) ->
     np.savez_compressed(path, **arrays)
 
 
-def _write_csv(trajectory: Trajectory, path: Path, scenario: Scenario | None) -> None:
+def _write_csv(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None) -> None:
     columns = {"time": np.asarray(trajectory.times)}
     for name, (variable, array) in values(trajectory).items():
         for index in np.ndindex(array.shape[1:]):
@@ -102,7 +102,7 @@ def _write_csv(trajectory: Trajectory, path: Path, scenario: Scenario | None) ->
     np.savetxt(path, table, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
 
 
-WRITERS: dict[str, Callable[[Trajectory, Path, Scenario | None], None]] = {
+WRITERS: dict[str, Callable[[Trajectory[Any, Any], Path, Scenario | None], None]] = {
     ".nc": _write_netcdf,
     ".npz": _write_npz,
     ".csv": _write_csv,

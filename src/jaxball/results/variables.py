@@ -1,9 +1,10 @@
 """The variables of a saved trajectory: their dimensions, units and meaning."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..classical import AbstractClassicalSystem
 from ..state import DiskState, ReducedState
 from ..trajectory import Trajectory
 
@@ -36,6 +37,32 @@ STATE = {
     "thetadot": Variable(("driven",), "rad or length / time", "rate of theta"),
 }
 
+CLASSICAL_STATE = {
+    "q": STATE["q"],
+    "Omega": STATE["Omega"],
+    "x": Variable((), "length", "coordinate x"),
+    "y": Variable((), "length", "coordinate y"),
+    "z": Variable((), "length", "coordinate z"),
+    "xdot": Variable((), "length/time", "rate of x"),
+    "ydot": Variable((), "length/time", "rate of y"),
+    "multiplier": Variable((), "momentum", "multiplier of the constraint"),
+}
+
+LAWS = {
+    "energy": Variable((), "energy", "total energy"),
+    "spatial_momentum": Variable(("axis",), "angular momentum", "angular momentum in space axes"),
+    "momentum_squared": Variable((), "angular momentum^2", "square of the angular momentum"),
+    "vertical_momentum": Variable((), "angular momentum", "angular momentum about the vertical"),
+    "axial_momentum": Variable((), "angular momentum * length", "angular momentum along chi, Lagrange's integral"),
+    "vertical_squared": Variable((), "1", "square of the upward vertical in body axes"),
+    "versor_squared": Variable((), "1", "square of the versor"),
+    "constraint": Variable((), "rad/time", "angular velocity along xi, 0 by the constraint"),
+    "p_y": Variable((), "momentum", "momentum along y"),
+    "p_xz": Variable((), "momentum", "momentum in the plane of x and z"),
+    "p_x": Variable((), "momentum", "momentum along x, that of the multiplier included"),
+    "p_z": Variable((), "momentum", "momentum along z, that of the multiplier included"),
+}
+
 OBSERVABLES = {
     "mass_positions_body": Variable(("mass", "axis"), "length", "place of a mass from centre, body axes"),
     "mass_positions_space": Variable(("mass", "axis"), "length", "place of a mass from centre, space axes"),
@@ -57,10 +84,11 @@ OBSERVABLES = {
 }
 
 
-def values(trajectory: Trajectory) -> dict[str, tuple[Variable, np.ndarray]]:
+def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.ndarray]]:
     """Every variable of a trajectory with its array, ``time`` first; NaN where the solve did not come.
 
-    A reduced trajectory has its state only. ``z`` of a disk is one number.
+    A reduced trajectory has its state only, and one of a classical system its state and its laws. ``z`` of
+    a disk is one number.
 
     **Raises:** ``ValueError`` for a batch of trajectories.
     """
@@ -69,6 +97,8 @@ def values(trajectory: Trajectory) -> dict[str, tuple[Variable, np.ndarray]]:
             "Argument `trajectory` must be a single trajectory, but it is a batch with times of shape "
             f"{np.shape(trajectory.times)}; save its members one by one."
         )
+    if isinstance(trajectory.system, AbstractClassicalSystem):
+        return _classical_values(trajectory)
     found = {}
     for name, leaf in vars(trajectory.state).items():
         array, variable = np.asarray(leaf), STATE[name]
@@ -85,3 +115,17 @@ def values(trajectory: Trajectory) -> dict[str, tuple[Variable, np.ndarray]]:
         array[missing] = np.nan
         found[name] = (variable, array)
     return found
+
+
+def _classical_values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.ndarray]]:
+    found = {}
+    for known, entries in ((CLASSICAL_STATE, vars(trajectory.state)), (LAWS, trajectory.laws._asdict())):
+        for name, leaf in entries.items():
+            array = np.asarray(leaf)
+            found[name] = known.get(name) or _of_ones_own(name, array), array
+    return found
+
+
+def _of_ones_own(name: str, array: np.ndarray) -> Variable:
+    """A variable of a system that is not of this package: its dimensions are named after it."""
+    return Variable(tuple(f"{name}_{k}" for k in range(1, array.ndim)), "", name)

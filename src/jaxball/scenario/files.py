@@ -8,8 +8,11 @@ import numpy as np
 import tomli_w
 
 from ..body import Ball, Disk
+from ..classical import AbstractClassicalState, AbstractClassicalSystem
+from ..simulable import SimulableState, SimulableSystem
 from .actuation import apply_actuation, write_actuation
 from .body import kind_of, read_force, read_shell, write_body
+from .classical import CLASSICAL, read_classical, write_classical
 from .initial import balanced, initial_state, read_initial, write_initial
 from .library import builtin_scenarios, builtin_text, nearest
 from .masses import read_masses, write_masses
@@ -31,7 +34,7 @@ _WHOLE = Nested(_as_it_is, _as_it_is)
 _KEYS = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
-    "kind": Key(Choice(("ball", "disk"))),
+    "kind": Key(Choice(("ball", "disk", *CLASSICAL))),
     "body": Key(_WHOLE),
     "force": Key(_WHOLE, None),
     "masses": Key(_WHOLE, ()),
@@ -40,6 +43,10 @@ _KEYS = {
     "time": Key(_WHOLE),
     "solve": Key(_WHOLE, None),
 }
+
+
+_CLASSICAL_KEYS = {name: _KEYS[name] for name in ("format", "title", "kind", "initial", "time", "solve")}
+_CLASSICAL_KEYS["body"] = Key(_WHOLE, None)
 
 
 def load_scenario(source: str | Path) -> Scenario:
@@ -71,6 +78,8 @@ def read_scenario(text: str) -> Scenario:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"A scenario must be a TOML document, but it is not: {error}.") from None
+    if document.get("kind") in tuple(CLASSICAL):
+        return _classical(document)
     found = read_table(document, "", _KEYS)
     kind = found["kind"]
     shell = read_shell(found["body"], "body", kind)
@@ -92,22 +101,41 @@ def read_scenario(text: str) -> Scenario:
     return Scenario(found["title"], system, state, times, **solve)
 
 
+def _classical(document: dict[str, Any]) -> Scenario:
+    found = read_table(document, "", _CLASSICAL_KEYS)
+    times = read_times(found["time"], "time")
+    solve = read_table({} if found["solve"] is None else found["solve"], "solve", SOLVE)
+    system, state = read_classical(found["kind"], found["body"], found["initial"], float(times[0]))
+    check_dae(system, solve["solver"], solve["dae"])
+    return Scenario(found["title"], system, state, times, **solve)
+
+
 def write_scenario(scenario: Scenario) -> str:
     """The text of a file that describes the scenario; reading it gives the same numbers, bit for bit.
 
     **Raises:** :class:`ScenarioError` for what a file cannot hold: Python functions, and states other
     than that of a ball with a versor and of a disk.
     """
-    system = scenario.system
     found = {
         "format": FORMAT,
         "title": scenario.title,
-        "kind": kind_of(system),
-        **write_body(system),
-        "masses": write_masses(system, "masses"),
-        "actuation": write_actuation(system),
-        "initial": write_initial(system, scenario.state),
+        **_tables(scenario.system, scenario.state),
         "time": write_times(scenario.times),
         "solve": write_table({name: getattr(scenario, name) for name in SOLVE}, "solve", SOLVE),
     }
     return tomli_w.dumps({name: value for name, value in found.items() if value not in ({}, [], "")})
+
+
+def _tables(system: SimulableSystem, state: SimulableState) -> dict[str, Any]:
+    """The kind of a system, and the tables of its parameters and of its state."""
+    if isinstance(system, AbstractClassicalSystem) and isinstance(state, AbstractClassicalState):
+        return write_classical(system, state)
+    assert not isinstance(system, AbstractClassicalSystem)
+    assert not isinstance(state, AbstractClassicalState)
+    return {
+        "kind": kind_of(system),
+        **write_body(system),
+        "masses": write_masses(system, "masses"),
+        "actuation": write_actuation(system),
+        "initial": write_initial(system, state),
+    }

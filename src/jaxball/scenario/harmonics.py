@@ -30,23 +30,23 @@ def check_lengths(found: dict[str, Any], path: str) -> None:
             )
 
 
-def _series(constant, amplitude, frequency, phase) -> HarmonicSeries:
+def series_of(constant, amplitude, frequency, phase) -> HarmonicSeries:
     """A series of which a file may leave out the phases, or every sinusoid."""
     still = len(frequency) == 0
     return HarmonicSeries(constant, None if still else amplitude, frequency, None if len(phase) == 0 else phase)
 
 
 def _force(**keys: Any) -> HarmonicForce:
-    series = _series(**keys)
+    series = series_of(**keys)
     return HarmonicForce(series.constant, series.amplitude, series.frequency, series.phase)
 
 
 def _oscillating(**keys: Any) -> Oscillating:
-    return Oscillating(_series(**keys))
+    return Oscillating(series_of(**keys))
 
 
 def _sinusoids(theta, rate, **waves: Any) -> Sinusoids:
-    series = _series(theta, **waves)
+    series = series_of(theta, **waves)
     return Sinusoids(theta, series.amplitude, series.frequency, series.phase, rate)
 
 

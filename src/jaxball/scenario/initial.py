@@ -35,7 +35,11 @@ def read_initial(values: Any, path: str, kind: str) -> dict[str, Any]:
     """The arguments of a state, those for driven masses as far as they are given, and ``balance``."""
     if kind == "disk":
         return read_table(values, path, _DISK)
-    choice, found = read_one_of(values, path, _CHOICES, otherwise=_MOVING)
+    return read_orientation(*read_one_of(values, path, _CHOICES, otherwise=_MOVING), path)
+
+
+def read_orientation(choice: str, found: dict[str, Any], path: str) -> dict[str, Any]:
+    """``found`` with the versor ``q`` in the place of an axis and an angle, or of the key ``versor``."""
     if choice == "axis":
         axis, half = found.pop("axis"), float(found.pop("angle")) / 2
         found["q"] = np.array([np.cos(half), *(np.sin(half) * axis / np.linalg.norm(axis))])

@@ -1,11 +1,13 @@
 """A scenario: all that a run needs, as one object."""
 
 import dataclasses
+from typing import Any
 
 import diffrax
 import numpy as np
 
-from ..body import System
+from ..classical import AbstractClassicalState, AbstractClassicalSystem
+from ..simulable import SimulableSystem
 from ..simulation import DEFAULT_TOLERANCE, simulate
 from ..state import BallState, DiskState
 from ..trajectory import Trajectory
@@ -18,7 +20,7 @@ class Scenario:
     """A system, its initial state, the times to save, and how to solve. The content of a scenario file.
 
     - ``title``: a line that says what it is.
-    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+    - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, or one of :mod:`jaxball.classical`.
     - ``state``: the state at ``times[0]``.
     - ``times``: the save times, increasing, in the units of the system.
     - ``solver``: the name of a solver: "dopri5", "dopri8", "tsit5", "kvaerno3" and "kvaerno5" of diffrax, and
@@ -27,8 +29,8 @@ class Scenario:
     """
 
     title: str
-    system: System
-    state: BallState | DiskState
+    system: SimulableSystem
+    state: BallState | DiskState | AbstractClassicalState
     times: np.ndarray
     solver: str = "dopri8"
     rtol: float = DEFAULT_TOLERANCE
@@ -48,7 +50,7 @@ class Scenario:
         dense: bool = False,
         progress: diffrax.AbstractProgressMeter | None = None,
         throw: bool = False,
-    ) -> Trajectory:
+    ) -> Trajectory[Any, Any]:
         """The trajectory, with the scenario's own settings where no other is given.
 
         A mass that a law carries out of the shell gives the status ``LEFT_SHELL``, at the first saved
@@ -72,5 +74,6 @@ class Scenario:
             dense=dense,
             progress=progress,
         )
-        trajectory = mark_escape(trajectory)
+        if not isinstance(self.system, AbstractClassicalSystem):
+            trajectory = mark_escape(trajectory)
         return trajectory.raise_if_failed() if throw else trajectory

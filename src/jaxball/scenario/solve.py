@@ -5,7 +5,9 @@ from collections.abc import Callable, Mapping
 
 import diffrax
 
-from ..body import Disk, System
+from ..body import Disk
+from ..classical import NonholonomicParticle, VakonomicParticle
+from ..simulable import SimulableSystem
 from ..simulation import DEFAULT_TOLERANCE
 from ..solvers import TRBDF2, Gauss, RadauIIA, Trapezoidal
 from .table import Key
@@ -38,11 +40,15 @@ SOLVE = {
 }
 
 
-def check_dae(system: System, solver: str, dae: bool) -> None:
+def check_dae(system: SimulableSystem, solver: str, dae: bool) -> None:
     """Raises a :class:`ScenarioError` where the differential-algebraic form is asked for and there is none."""
     if dae and isinstance(system, Disk):
         raise ScenarioError(
             "Key `solve.dae` must be false for a disk, whose state holds no versor, but it is true; use a ball."
+        )
+    if dae and isinstance(system, NonholonomicParticle | VakonomicParticle):
+        raise ScenarioError(
+            "Key `solve.dae` must be false for a particle, whose state holds no versor, but it is true."
         )
     if dae and solver not in KNOW_MASS_MATRICES:
         names = ", ".join(f'"{name}"' for name in KNOW_MASS_MATRICES)

@@ -1,0 +1,113 @@
+"""Classical systems in a scenario file: their parameters and initial states."""
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from .._arrays import to_array
+from ..classical import (
+    AbstractClassicalState,
+    AbstractClassicalSystem,
+    FreeRigidBody,
+    HarmonicAxis,
+    HeavyTop,
+    NonholonomicParticle,
+    ParticleState,
+    RigidBodyState,
+    SuslovProblem,
+    VakonomicParticle,
+    VakonomicState,
+)
+from ..conditions import Condition
+from .harmonics import SERIES, WAVES_IN_SPACE, check_lengths, series_of
+from .initial import read_orientation
+from .table import Key, Module, join, read_one_of, read_table, write_member, write_table
+from .values import NOT_ALL_ZERO, POSITIVE, Nested, Numbers, key_error
+
+INERTIA = {"inertia": Key(Numbers((3,), POSITIVE))}
+PARTICLE_MASS = {"mass": Key(Numbers(rule=POSITIVE), 1.0)}
+
+
+def _axis(**keys: Any) -> HarmonicAxis:
+    series = series_of(**keys)
+    return HarmonicAxis(series.constant, series.amplitude, series.frequency, series.phase)
+
+
+_AXIS = Module(
+    HarmonicAxis,
+    {"constant": Key(Numbers((3,))), **WAVES_IN_SPACE},
+    build=_axis,
+    attributes=SERIES,
+    check=check_lengths,
+)
+# As a family of one, so that a FunctionAxis is refused by name where a file is written.
+_XI = Nested(_AXIS.read, lambda item, path: write_member(item, path, {"harmonic": _AXIS})[1])
+
+CLASSICAL = {
+    "free-rigid-body": Module(FreeRigidBody, INERTIA),
+    "heavy-top": Module(
+        HeavyTop,
+        {"mass": Key(Numbers(rule=POSITIVE)), **INERTIA, "chi": Key(Numbers((3,))), "gravity": Key(Numbers())},
+    ),
+    "suslov": Module(SuslovProblem, {**INERTIA, "xi": Key(_XI)}),
+    "nonholonomic-particle": Module(NonholonomicParticle, PARTICLE_MASS),
+    "vakonomic-particle": Module(VakonomicParticle, PARTICLE_MASS),
+}
+
+_OMEGA = {"Omega": Key(Numbers((3,)), (0.0, 0.0, 0.0))}
+_VERSOR = {"versor": Key(Numbers((4,)), (1.0, 0.0, 0.0, 0.0)), **_OMEGA}
+_ORIENTED = {
+    "versor": _VERSOR,
+    "axis": {"axis": Key(Numbers((3,), NOT_ALL_ZERO)), "angle": Key(Numbers()), **_OMEGA},
+}
+_PARTICLE = {name: Key(Numbers(), 0.0) for name in ("x", "y", "z", "xdot", "ydot")}
+_PARTICLES = {
+    ParticleState: _PARTICLE,
+    VakonomicState: {**_PARTICLE, "multiplier": Key(Numbers(), None)},
+}
+
+
+def read_classical(
+    kind: str, body: Any, initial: Any, start: float
+) -> tuple[AbstractClassicalSystem, AbstractClassicalState]:
+    """The system of the table ``body`` and the state of the table ``initial`` at time ``start``.
+
+    **Raises:** :class:`ScenarioError` for parameters and states that cannot be.
+    """
+    system = CLASSICAL[kind].read({} if body is None else body, "body")
+    _refuse(system.conditions())
+    state = _read_state(system.state_type, {} if initial is None else initial)
+    _refuse(state.conditions())
+    _refuse(system.start_conditions(to_array(start), state))
+    return system, state
+
+
+def write_classical(system: AbstractClassicalSystem, state: AbstractClassicalState) -> dict[str, Any]:
+    """The kind and the tables [body] and [initial].
+
+    **Raises:** :class:`ScenarioError` for a system that a file cannot hold: one of one's own, or with a function.
+    """
+    kind, body = write_member(system, "body", CLASSICAL)
+    if isinstance(state, RigidBodyState):
+        initial = write_table({"versor": state.q, "Omega": state.Omega}, "initial", _VERSOR)
+    else:
+        keys = _PARTICLES[type(state)]
+        initial = write_table({name: getattr(state, name) for name in keys}, "initial", keys)
+    return {"kind": kind, "body": body, "initial": initial}
+
+
+def _read_state(kind: type[AbstractClassicalState], values: Any) -> AbstractClassicalState:
+    if kind is RigidBodyState:
+        choice, found = read_one_of(values, "initial", _ORIENTED, otherwise=_OMEGA)
+        return RigidBodyState(**read_orientation(choice, found, "initial"))
+    return kind(**read_table(values, "initial", _PARTICLES[kind]))
+
+
+def _refuse(conditions: Iterable[Condition]) -> None:
+    """Raises for the first condition that does not hold, with the path of its key."""
+    for condition in conditions:
+        if not bool(condition.holds):
+            table, _, name = condition.name.rpartition(".")
+            path = join("initial" if table else "body", name)
+            raise key_error(path, condition.must, repr(np.asarray(condition.value).tolist()))

@@ -1,0 +1,60 @@
+"""Runs of classical systems are saved with their laws, drawn, and summed up on the command line."""
+
+import numpy as np
+import pytest
+import xarray
+
+import jaxball
+from jaxball import classical, plot
+from jaxball.cli import main
+
+TIMES = np.linspace(0.0, 2.0, 5)
+
+
+@pytest.fixture(scope="module")
+def body():
+    start = classical.RigidBodyState(Omega=[0.3, 1.0, -0.4])
+    return jaxball.simulate(classical.FreeRigidBody(inertia=(1.0, 1.6, 2.1)), TIMES, start)
+
+
+def test_netcdf_holds_the_state_and_the_laws(body, tmp_path):
+    with xarray.open_dataset(jaxball.save(body, tmp_path / "run.nc")) as data:
+        assert dict(data.sizes) == {"time": 5, "component": 4, "axis": 3}
+        np.testing.assert_array_equal(data["Omega"], body.state.Omega)
+        np.testing.assert_array_equal(data["spatial_momentum"], body.laws.spatial_momentum)
+        assert data["energy"].attrs["units"] == "energy"
+        assert data.attrs["ok"] == 1
+
+
+def test_csv_has_a_column_for_each_number(body, tmp_path):
+    header = jaxball.save(body, tmp_path / "run.csv").read_text().splitlines()[0]
+    laws = "energy,spatial_momentum_1,spatial_momentum_2,spatial_momentum_3,momentum_squared,versor_squared"
+    assert header == f"time,q_0,q_1,q_2,q_3,Omega_1,Omega_2,Omega_3,{laws},status"
+
+
+def test_figures_draw_the_numbers(body, tmp_path):
+    ax = plot.classical_motion(body)
+    drawn = np.stack([line.get_ydata() for line in ax.get_lines()[:3]], axis=1)
+    np.testing.assert_array_equal(drawn, body.state.Omega)
+    changes = plot.law_errors(body).get_lines()[0].get_ydata()
+    np.testing.assert_array_equal(changes[1:], np.abs(body.laws.energy - body.laws.energy[0])[1:])
+    names = [path.name for path in plot.figures(body, tmp_path / "figures")]
+    assert names == ["free_rigid_body_classical_motion.png", "free_rigid_body_law_errors.png"]
+
+
+def test_a_ball_is_drawn_by_other_functions():
+    ball = jaxball.simulate(jaxball.Ball(mass=1.0, inertia=(1.0, 1.0, 1.0)), TIMES)
+    with pytest.raises(ValueError, match="must be of a classical system, but it is of a Ball"):
+        plot.law_errors(ball)
+
+
+def test_the_command_line(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv("XLA_FLAGS", "")
+    assert main(["simulate", "vakonomic-particle", "--out", str(tmp_path / "run.npz")]) == 0
+    out = capsys.readouterr().out
+    assert "Trajectory of a vakonomic particle\n  101 times from 0 to 1" in out
+    assert "change of the laws: energy " in out
+    with np.load(tmp_path / "run.npz") as data:
+        np.testing.assert_allclose(data["p_x"], 2.0, rtol=1e-8)
+    assert main(["simulate", "heavy-top", "--animate", str(tmp_path / "top.gif")]) == 2
+    assert "`--animate` must be left out for a heavy top" in capsys.readouterr().err

@@ -1,0 +1,99 @@
+"""Classical systems in scenario files: what is read, written again, and refused in one sentence."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxball import classical
+from jaxball.scenario import Scenario, ScenarioError, builtin_text, read_scenario, write_scenario
+
+TOP = """\
+format = 1
+kind = "heavy-top"
+body = { mass = 0.5, inertia = [1.3, 1.1, 0.8], chi = [0.0, 0.1, 0.7], gravity = 3.0 }
+initial = { axis = [0.0, 0.0, 2.0], angle = 1.0, Omega = [0.1, 0.2, 0.3] }
+time = { start = 0.0, end = 1.0, saves = 3 }
+"""
+SUSLOV = """\
+format = 1
+kind = "suslov"
+time = { start = 0.0, end = 1.0, saves = 3 }
+initial = { Omega = [0.0, 0.0, 1.0] }
+
+[body]
+inertia = [1.0, 1.6, 2.1]
+xi = { constant = [1.0, 0.0, 0.0], amplitude = [[0.0, 0.3, 0.0]], frequency = [2.0] }
+"""
+PARTICLE = builtin_text("vakonomic-particle")
+
+
+def test_a_top():
+    scenario = read_scenario(TOP)
+    top, state = scenario.system, scenario.state
+    assert isinstance(top, classical.HeavyTop)
+    np.testing.assert_array_equal(top.chi, [0.0, 0.1, 0.7])
+    np.testing.assert_allclose(state.q, [np.cos(0.5), 0.0, 0.0, np.sin(0.5)], rtol=1e-15)
+    np.testing.assert_array_equal(state.Omega, [0.1, 0.2, 0.3])
+
+
+def test_the_particle_of_a_file_has_the_papers_multiplier():
+    state = read_scenario(PARTICLE).state
+    assert state.multiplier == -state.y * state.xdot
+    assert read_scenario(PARTICLE.replace("x = 1.0", "multiplier = 0.5\nx = 1.0", 1)).state.multiplier == 0.5
+
+
+@pytest.mark.parametrize("text", [TOP, SUSLOV, PARTICLE], ids=["top", "suslov", "particle"])
+def test_what_is_written_reads_the_same(text):
+    scenario = read_scenario(text)
+    again = read_scenario(write_scenario(scenario))
+    assert jax.tree.structure(again.system) == jax.tree.structure(scenario.system)
+    for pair in ((scenario.system, again.system), (scenario.state, again.state)):
+        jax.tree.map(np.testing.assert_array_equal, *pair)
+    np.testing.assert_array_equal(again.times, scenario.times)
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "sentence"),
+    [
+        (TOP, "heavy-top", "heavy-tap", '`kind` must be one of "ball", "disk", "free-rigid-body", "heavy-top"'),
+        (TOP, '"heavy-top"', '["heavy-top"]', "`kind` must be one of"),
+        (TOP, "chi = [0.0, 0.1, 0.7], ", "", "`body.chi` must be a list of 3 finite numbers, but it is missing"),
+        (TOP, "0.7]", "1.7]", "`body.chi` must be a place where a body of this mass and inertia can have"),
+        (TOP, "0.8]", "2.8]", "`body.inertia` must be three moments of which none exceeds"),
+        (TOP, "gravity", "gravty", "`body.gravty` is not known; did you mean `gravity`"),
+        (TOP, "format = 1", "format = 1\nmasses = []", "`masses` is not known"),
+        (
+            TOP,
+            "axis = [0.0, 0.0, 2.0], angle = 1.0",
+            "versor = [1.0, 1.0, 0.0, 0.0]",
+            "`initial.versor` must be a versor",
+        ),
+        (SUSLOV, "[0.0, 0.0, 1.0]", "[0.1, 0.0, 1.0]", "`initial.Omega` must be orthogonal to xi at the start"),
+        (SUSLOV, "[1.0, 0.0, 0.0]", "[0.0, 0.0, 0.0]", "`body.xi` must be three finite numbers, not all zero"),
+        (SUSLOV, "frequency = [2.0]", "frequency = []", "`body.xi.frequency` must be"),
+        (PARTICLE, "xdot", "xdor", "`initial.xdor` is not known"),
+        (
+            PARTICLE,
+            "[time]",
+            "[solve]\nsolver = 'radau5'\ndae = true\n[time]",
+            "`solve.dae` must be false for a particle",
+        ),
+    ],
+)
+def test_what_is_refused(text, old, new, sentence):
+    assert old in text
+    with pytest.raises(ScenarioError) as refused:
+        read_scenario(text.replace(old, new, 1))
+    assert sentence in str(refused.value)
+
+
+def fixed(t, parameters):
+    return jnp.array([1.0, 0.0, 0.0])
+
+
+def test_a_function_of_time_cannot_be_written():
+    problem = classical.SuslovProblem(inertia=(1.0, 1.6, 2.1), xi=classical.FunctionAxis(fixed))
+    scenario = Scenario("", problem, classical.RigidBodyState(), np.array([0.0, 1.0]))
+    with pytest.raises(ScenarioError, match=r"`body.xi` must be one of HarmonicAxis .* but it is a FunctionAxis"):
+        write_scenario(scenario)
