@@ -1,4 +1,4 @@
-"""The command line: ``jaxball scenarios``, ``jaxball simulate``, ``jaxball reproduce`` and ``jaxball bench``."""
+"""The command line: ``jaxball scenarios``, ``simulate``, ``chaos``, ``reproduce`` and ``bench``."""
 
 import argparse
 import dataclasses
@@ -8,11 +8,15 @@ import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
 
 from . import cpu
+from .classical import AbstractClassicalSystem
+from .commands import chaos
+from .commands.options import BAD_INPUT, FAILED_SOLVE, INTERRUPTED, positive
 from .results import OutputError, check_destination, replacing, save
 from .scenario import (
     Scenario,
@@ -26,9 +30,6 @@ from .scenario.solve import SOLVERS
 from .simulation import PrecisionError
 from .trajectory import Trajectory
 
-BAD_INPUT = 2
-FAILED_SOLVE = 3
-INTERRUPTED = 130
 ANIMATIONS = (".mp4", ".gif")
 FRAMES = 30
 
@@ -54,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_scenarios(commands)
     _add_simulate(commands)
+    chaos.add(commands)
     _add_reproduce(commands)
     _add_bench(commands)
     return parser
@@ -72,8 +74,8 @@ def _add_simulate(commands) -> None:
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw the figures into this folder")
     parser.add_argument("--animate", type=Path, metavar="FILE", help="make an animation: .mp4 or .gif")
     parser.add_argument("--solver", choices=SOLVERS, help="instead of the scenario's")
-    parser.add_argument("--rtol", type=_tolerance, help="relative tolerance, instead of the scenario's")
-    parser.add_argument("--atol", type=_tolerance, help="absolute tolerance, instead of the scenario's")
+    parser.add_argument("--rtol", type=positive, help="relative tolerance, instead of the scenario's")
+    parser.add_argument("--atol", type=positive, help="absolute tolerance, instead of the scenario's")
     parser.set_defaults(run=_simulate)
 
 
@@ -87,23 +89,13 @@ def _add_bench(commands) -> None:
     parser = commands.add_parser("bench", help="compare solvers at equal achieved error")
     parser.add_argument("problems", nargs="*", metavar="PROBLEM", help="which problems (default: all)")
     parser.add_argument("--solvers", nargs="+", default=[], metavar="NAME", help="a solver, a package, or words of one")
-    parser.add_argument("--tolerances", nargs="+", type=_tolerance, metavar="RTOL", help="default: 1e-4 to 1e-13")
-    parser.add_argument("--budget", type=_tolerance, metavar="SECONDS", help="of timed calls for each setting")
-    parser.add_argument("--limit", type=_tolerance, metavar="SECONDS", help="leave out what solves more slowly")
+    parser.add_argument("--tolerances", nargs="+", type=positive, metavar="RTOL", help="default: 1e-4 to 1e-13")
+    parser.add_argument("--budget", type=positive, metavar="SECONDS", help="of timed calls for each setting")
+    parser.add_argument("--limit", type=positive, metavar="SECONDS", help="leave out what solves more slowly")
     parser.add_argument("--out", type=Path, default=Path("out/bench"), metavar="FOLDER", help="default: out/bench")
     parser.add_argument("--quick", action="store_true", help="two problems, a few solvers, two tolerances")
     parser.add_argument("--list", action="store_true", help="list problems and solvers")
     parser.set_defaults(run=_bench)
-
-
-def _tolerance(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value < math.inf:
-        raise argparse.ArgumentTypeError(f"it must be a positive number, but it is {text}")
-    return value
 
 
 def _scenarios(options: argparse.Namespace) -> int:
@@ -122,6 +114,7 @@ def _simulate(options: argparse.Namespace) -> int:
     changes = {name: getattr(options, name) for name in ("solver", "rtol", "atol")}
     changes = {name: value for name, value in changes.items() if value is not None}
     scenario = dataclasses.replace(load_scenario(options.scenario), **changes)
+    _check_animation(options, scenario)
     trajectory = scenario.simulate()
     if options.out is not None:
         save(trajectory, options.out, scenario)
@@ -185,6 +178,14 @@ def _check_destinations(options: argparse.Namespace) -> None:
             )
 
 
+def _check_animation(options: argparse.Namespace, scenario: Scenario) -> None:
+    if options.animate is not None and isinstance(scenario.system, AbstractClassicalSystem):
+        raise OutputError(
+            f"Argument `--animate` must be left out for a {scenario.system.title}, which has no shell to draw, but it "
+            f'is "{options.animate}"; use --plot or --out.'
+        )
+
+
 def _draw(options: argparse.Namespace, scenario: Scenario, trajectory: Trajectory) -> list[str]:
     if options.plot is None and options.animate is None:
         return []
@@ -209,15 +210,24 @@ def _for_film(scenario: Scenario) -> Trajectory:
 
 
 def _summary(scenario: Scenario, trajectory: Trajectory, written: Sequence[str]) -> str:
-    least = float(np.min(trajectory.observables.normal_force))
     lines = [str(trajectory)]
     if scenario.title:
         lines.insert(0, scenario.title)
-    if least > 0:
-        mu = float(trajectory.friction_needed)
-        lines.append(f"  least normal force {least:.6g}; friction needed, max |f|/N, {mu:.6g} (at the saved times)")
-    else:
-        lines.append(f"  the ball would lift off: the least normal force at the saved times is {least:.6g}")
+    lines += _laws(trajectory) if isinstance(scenario.system, AbstractClassicalSystem) else _contact(trajectory)
     if written:
         lines.append("  written: " + ", ".join(written))
     return "\n".join(lines)
+
+
+def _contact(trajectory: Trajectory) -> list[str]:
+    least = float(np.min(trajectory.observables.normal_force))
+    if least > 0:
+        mu = float(trajectory.friction_needed)
+        return [f"  least normal force {least:.6g}; friction needed, max |f|/N, {mu:.6g} (at the saved times)"]
+    return [f"  the ball would lift off: the least normal force at the saved times is {least:.6g}"]
+
+
+def _laws(trajectory: Trajectory[Any, Any]) -> list[str]:
+    found = {name: np.asarray(values) for name, values in trajectory.laws._asdict().items()}
+    drifts = (f"{name} {np.max(np.abs(values - values[0])):.1e}" for name, values in found.items())
+    return ["  change of the laws: " + ", ".join(drifts)]

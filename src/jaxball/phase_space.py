@@ -1,37 +1,48 @@
-"""The phase space of a rolling body: what of its state the motion depends on."""
+"""The phase space of a system: what of its state the motion depends on."""
 
 from collections.abc import Callable
+from typing import overload
 
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from .body import System
+from .body import Ball, Disk, System
+from .classical import RigidBodyState
 from .dynamics import field_of
-from .state import BallState, DiskState, ReducedState, RotationState, State
+from .simulable import SimulableState, SimulableSystem
+from .state import BallState, ReducedState, RotationState, State
 
 Normal = Callable[[Float[Array, " size"]], Float[Array, " size"]]
 
 
-def phase_point(system: System, state: State) -> State:
+@overload
+def phase_point(system: System, state: State) -> State: ...
+
+
+@overload
+def phase_point(system: SimulableSystem, state: SimulableState) -> SimulableState: ...
+
+
+def phase_point(system: SimulableSystem, state: SimulableState) -> SimulableState:
     """``state`` as a point of the phase space: (Ω, Γ) of a ball, unless a force acts, which they cannot express.
 
     **Raises:** ``TypeError`` when the system has no state of that kind.
     """
     field_of(system, state)
-    if isinstance(state, BallState | RotationState) and system.force is None:
+    if isinstance(state, BallState | RotationState) and isinstance(system, Ball | Disk) and system.force is None:
         return ReducedState(state.Omega, state.Gamma, state.theta, state.thetadot)
     return state.in_space() if isinstance(state, RotationState) else state
 
 
-def dimension(state: State) -> int:
+def dimension(state: SimulableState) -> int:
     """The dimension of the phase space: a unit vector counts one less than its components."""
-    return ravel_pytree(state)[0].size - (not isinstance(state, DiskState))
+    return ravel_pytree(state)[0].size - (normal_of(state) is not None)
 
 
-def normal_of(state: State) -> Normal | None:
-    """The normal, at a packed state, of the sphere on which Γ or q stays; None for a disk, which has neither."""
-    return {ReducedState: _along_Gamma, BallState: _along_q}.get(type(state))
+def normal_of(state: SimulableState) -> Normal | None:
+    """The normal, at a packed state, of the sphere on which Γ or q stays; None where there is neither."""
+    return {ReducedState: _along_Gamma, BallState: _along_q, RigidBodyState: _along_q}.get(type(state))
 
 
 def _along_Gamma(x: Float[Array, " size"]) -> Float[Array, " size"]:

@@ -93,3 +93,14 @@ def test_wrong_arguments():
         lyapunov_spectrum(CHAPLYGIN, (0.0, 1.0), exponents=6)
     with pytest.raises(TypeError, match="must be a state of a Ball"):
         lyapunov_spectrum(CHAPLYGIN, (0.0, 1.0), jaxball.DiskState())
+
+
+def test_a_classical_system_has_its_own_phase_space():
+    """A free rigid body that spins about its middle axis: ±Ω √( (d2 − d1)(d3 − d2) / (d1 d3) ), and zeros."""
+    body = jaxball.classical.FreeRigidBody(inertia=(1.0, 2.0, 2.5))
+    start = jaxball.classical.RigidBodyState(Omega=[0.0, 1.5, 0.0])
+    found = lyapunov_spectrum(body, (0.0, 120.0), start, transient=80.0)
+    rate = 1.5 * np.sqrt((2.0 - 1.0) * (2.5 - 2.0) / (1.0 * 2.5))
+    assert found.least_normal_force is None
+    np.testing.assert_allclose(found.exponents[jnp.array([0, 5])], [rate, -rate], atol=1e-6)
+    np.testing.assert_allclose(found.exponents[1:5], 0, atol=0.02)

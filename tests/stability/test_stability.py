@@ -1,6 +1,5 @@
 """Steady motions and their stability against closed forms, and against runs."""
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 

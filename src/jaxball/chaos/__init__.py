@@ -1,6 +1,7 @@
 """Measures of chaos: Lyapunov exponents of any flow and of rolling bodies, and charts of them."""
 
 from .chart import chart as chart
+from .result import LyapunovSpectrum as LyapunovSpectrum
 from .robots import chaplygin_top as chaplygin_top, rolling_robot as rolling_robot
-from .rolling import lyapunov_spectrum as lyapunov_spectrum
-from .spectrum import LyapunovSpectrum as LyapunovSpectrum, lyapunov_spectrum_of as lyapunov_spectrum_of
+from .spectrum import lyapunov_spectrum_of as lyapunov_spectrum_of
+from .system import lyapunov_spectrum as lyapunov_spectrum

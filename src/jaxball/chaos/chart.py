@@ -17,8 +17,8 @@ from ..phase_space import normal_of, phase_point
 from ..simulation import DEFAULT_SOLVER
 from ..state import State
 from ..status import Status
-from .rolling import rolling_spectrum
 from .spectrum import Method, interval_edges
+from .system import system_spectrum
 
 if TYPE_CHECKING:
     import xarray
@@ -101,7 +101,7 @@ def _solve(make: Make, solver, skipped, max_steps, cells, edges, rtol, atol) -> 
         system, state = make(cell[0], cell[1])
         state = phase_point(system, state)
         method = Method(solver, 1, skipped, max_steps, normal_of(state))
-        found = rolling_spectrum(method, system, state, edges, rtol, atol)
+        found = system_spectrum(method, system, state, edges, rtol, atol)
         assert found.least_normal_force is not None
         status = found.status.astype(cell.dtype)
         return jax.numpy.stack([found.exponents[0], found.standard_error[0], found.least_normal_force, status])

@@ -29,7 +29,7 @@ def rolling_robot(
     - ``gravity``: g; with 1, times are in √(r/g).
     """
     moment = to_array(inertia)
-    circle = OnRail(Circle(orbit), ConstantRate(-math.pi / 2, rate))
+    circle = OnRail(Circle(radius=orbit), ConstantRate(-math.pi / 2, rate))
     return Ball(mass=1.0, inertia=jnp.stack([moment] * 3), gravity=gravity, masses=[PointMass(mass, circle)])
 
 

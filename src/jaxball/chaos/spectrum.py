@@ -1,6 +1,6 @@
 """Lyapunov exponents of any flow, by its tangent dynamics."""
 
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import diffrax
 import equinox as eqx
@@ -9,81 +9,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
-from .._arrays import Numbers, default_dtype, to_array
+from .._arrays import Numbers, to_array
 from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, status_of
 from ..solvers import StepToKinks
-from ..status import SolveError, Status
+from ..status import Status
 from .least import Watch, Watching
+from .result import LyapunovSpectrum
 from .tangent import Field, Normal, generic_vectors, orthonormalised, tangent_field, without_normal
 
 BATCHES = 16  # means of the growth rates from which the standard error is estimated
 FIRST_STEP = 1 / 64  # of an interval; the step-size control corrects it within two or three steps
-
-
-class LyapunovSpectrum(eqx.Module):
-    """Lyapunov exponents and how they converged. NaN after the time to which the solve came.
-
-    - ``exponents``: the mean growth rates over the run without its transient, shape (k,), in 1/time, in the order of
-      the orthonormalisation, which is falling once they have converged.
-    - ``standard_error``: of each exponent, from the scatter of its means over sixteen parts of the run. It says how
-      far a chaotic run is from its limit; for a regular one, whose means tend to it as log(t)/t, it says little.
-    - ``times``: the ends of the intervals, shape (n,).
-    - ``rates``: the growth rates within each interval, shape (n, k).
-    - ``running``: the means of the rates from the end of the transient to each of ``times``, shape (n, k).
-    - ``x``: the state at the end, as the vector that was advanced.
-    - ``vectors``: the orthonormal vectors at the end, a row for each exponent.
-    - ``least_normal_force``: the least N of a rolling body over all of the run, transient included; where it is not
-      positive, the ball would have left the plane. None for other flows.
-    - ``status``, ``reached``, ``steps``: as in a :class:`~jaxball.Trajectory`; ``ok`` and ``message`` read them.
-    """
-
-    exponents: Float[Array, "*batch k"]
-    standard_error: Float[Array, "*batch k"]
-    times: Float[Array, "*batch n"]
-    rates: Float[Array, "*batch n k"]
-    running: Float[Array, "*batch n k"]
-    x: Float[Array, "*batch size"]
-    vectors: Float[Array, "*batch k size"]
-    status: Int[Array, "*batch"]
-    reached: Float[Array, "*batch"]
-    steps: Int[Array, "*batch"]
-    least_normal_force: Float[Array, "*batch"] | None = None
-
-    @property
-    def ok(self) -> bool:
-        """Whether the run reached its end. For one spectrum, not for a batch."""
-        return int(self.status) == Status.SUCCESS
-
-    @property
-    def message(self) -> str:
-        """A sentence that says how the run ended."""
-        return Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
-
-    @property
-    def dimension(self) -> float:
-        """The Kaplan–Yorke dimension: how many exponents sum to zero, with a fraction of the last.
-
-        NaN where the spectrum has too few exponents to tell.
-        """
-        exponents = np.asarray(self.exponents)
-        sums = np.cumsum(exponents)
-        if not np.all(np.isfinite(sums)):
-            return float("nan")
-        j = int(np.argmax(sums < 0)) if np.any(sums < 0) else -1
-        if j < 0:
-            return float(len(sums)) if len(sums) == self.vectors.shape[-1] else float("nan")
-        return float(j + (sums[j - 1] if j else 0.0) / abs(exponents[j]))
-
-    def raise_if_failed(self) -> "LyapunovSpectrum":
-        """The spectrum itself, or a :class:`~jaxball.SolveError` with the message."""
-        if not self.ok:
-            raise SolveError(self.message)
-        return self
-
-    def __str__(self) -> str:
-        pairs = zip(np.asarray(self.exponents), np.asarray(self.standard_error), strict=True)
-        lines = [f"  λ{i} = {value: .6f} ± {error:.6f}" for i, (value, error) in enumerate(pairs, start=1)]
-        return "\n".join(["Lyapunov exponents", *lines, f"  {self.message}"])
 
 
 def lyapunov_spectrum_of(
@@ -154,7 +89,8 @@ def checked_count(exponents: int | None, largest: int) -> int:
         return largest
     if not 1 <= exponents <= largest:
         raise ValueError(
-            f"Argument `exponents` must be from 1 to {largest}, the dimension of the phase space, but it is {exponents}."
+            f"Argument `exponents` must be from 1 to {largest}, the dimension of the phase space, but it is "
+            f"{exponents}."
         )
     return exponents
 
@@ -240,17 +176,18 @@ def spectrum(
             max_steps=method.max_steps,
             throw=False,
         )
-        x = solution.ys[0, 0]
-        vectors, lengths = orthonormalised(without_normal(solution.ys[0, 1:], x, method.normal))
+        rows, reached = cast(Array, solution.ys)[0], cast(Array, solution.ts)[0]
+        vectors, lengths = orthonormalised(without_normal(rows[1:], rows[0], method.normal))
         status = jnp.where(alive, status_of(solution.result), progress.status)
         least = progress.least
         if watch is not None:
-            least = jnp.where(alive, jnp.minimum(least, solution.solver_state[1]), least)
+            least = jnp.where(alive, jnp.minimum(least, cast(tuple, solution.solver_state)[1]), least)
         after = _Progress(
-            rows=jnp.concatenate([x[None], vectors]),
+            # What failed stands still at 1 from there on, because no step passes the control of numbers like NaN.
+            rows=jnp.where(status == Status.SUCCESS, jnp.concatenate([rows[:1], vectors]), 1.0),
             step=(t1 - t0) / jnp.maximum(solution.stats["num_accepted_steps"], 1).astype(t0.dtype),
             status=status,
-            reached=jnp.where(alive, solution.ts[0], progress.reached),
+            reached=jnp.where(alive, reached, progress.reached),
             steps=progress.steps + jnp.where(alive, solution.stats["num_steps"], 0),
             least=least,
         )

@@ -46,8 +46,8 @@ def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Arra
     across = np.abs(np.concatenate([p[:2], J[np.triu_indices(3, 1)], [J[0, 0] - J[1, 1]]]))
     if np.max(across) > ROUND * max(float(np.max(np.abs(J))), M * float(ball.radius)):
         raise ValueError(
-            "Argument `ball` must be a body of revolution about E3, with equal moments across it and the centre of mass "
-            f"on it, but its moments are {J.tolist()} and its centre of mass is at {(p / M).tolist()}."
+            "Argument `ball` must be a body of revolution about E3, with equal moments across it and the centre of "
+            f"mass on it, but its moments are {J.tolist()} and its centre of mass is at {(p / M).tolist()}."
         )
     r, g, height = float(ball.radius), float(ball.gravity), p[2] / M
     A, C = J[0, 0] - M * height**2, J[2, 2]

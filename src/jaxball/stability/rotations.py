@@ -20,7 +20,7 @@ SAME = 1e-6
 
 
 def permanent_rotations(
-    ball: Ball, rate: ArrayLike = 0.0, *, guess: Numbers | None = None, t: ArrayLike = 0.0
+    ball: Ball, rate: float = 0.0, *, guess: Numbers | None = None, t: ArrayLike = 0.0
 ) -> tuple[SteadyMotion, ...]:
     """The directions Γ about which ``ball`` can rotate for ever at ``rate`` with its contact point at rest.
 

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, ArrayLike, Complex
+from jaxtyping import ArrayLike, Complex
 
 from .._arrays import to_array
 from ..body import System
@@ -16,7 +16,7 @@ from ..vectors import cross
 
 STEADY = 1e-8  # the rate, in units of the largest eigenvalue, up to which a state counts as steady
 NEUTRAL = 1e-7  # the real part, in the same units, that counts as none
-ZERO = 1e-5  # the size that counts as zero: a zero of multiplicity three is found as the cube root of the rounding error
+ZERO = 1e-5  # the size that counts as zero: a threefold zero is found as the cube root of the rounding error
 
 
 class SteadyMotion(eqx.Module):
@@ -53,7 +53,7 @@ class SteadyMotion(eqx.Module):
         return float(self.eigenvalues[0].real)
 
 
-def stability(system: System, state: State, *, turning: ArrayLike = 0.0, t: ArrayLike = 0.0) -> SteadyMotion:
+def stability(system: System, state: State, *, turning: float = 0.0, t: ArrayLike = 0.0) -> SteadyMotion:
     """The linear stability of a steady motion of ``system``.
 
     The derivative of the reduced equations (``uncon_ball_eqns_explicit``) comes from forward mode, and is restricted to
@@ -73,13 +73,13 @@ def stability(system: System, state: State, *, turning: ArrayLike = 0.0, t: Arra
         raise ValueError("Argument `system` must have no force, because its direction changes in the body.")
     rates, derivative = _linearised(system, state, to_array(turning), to_array(t))
     eigenvalues = np.linalg.eigvals(_on_tangent(np.asarray(derivative), state)).astype(complex)
-    eigenvalues = eigenvalues[np.lexsort((-eigenvalues.imag, -eigenvalues.real.round(12)))]
+    eigenvalues = eigenvalues[np.lexsort((-np.imag(eigenvalues), -np.real(eigenvalues).round(12)))]
     size = max(float(np.max(np.abs(eigenvalues))), float(np.sqrt(abs(system.gravity) / system.radius)))
     residual = float(jnp.max(jnp.abs(rates)))
     steady = residual <= STEADY * size
     kind = _kind(eigenvalues / size)
     return SteadyMotion(
-        state, float(turning), residual, steady, eigenvalues, kind, _message(steady, residual, kind, eigenvalues)
+        state, turning, residual, steady, eigenvalues, kind, _message(steady, residual, kind, eigenvalues)
     )
 
 
@@ -112,7 +112,7 @@ def _on_tangent(matrix: np.ndarray, state: State) -> np.ndarray:
 
 
 def _kind(eigenvalues: np.ndarray) -> str:
-    real = np.where(np.abs(eigenvalues) > ZERO, eigenvalues.real, 0.0)
+    real = np.where(np.abs(eigenvalues) > ZERO, np.real(eigenvalues), 0.0)
     growing, falling = bool(np.any(real > NEUTRAL)), bool(np.any(real < -NEUTRAL))
     turning = bool(np.any((np.abs(real) <= NEUTRAL) & (np.abs(eigenvalues) > ZERO)))
     if growing and falling:
@@ -123,8 +123,8 @@ def _kind(eigenvalues: np.ndarray) -> str:
 def _message(steady: bool, residual: float, kind: str, eigenvalues: np.ndarray) -> str:
     if not steady:
         return (
-            f"The state is not steady: it changes at the rate {residual:.3g}, so that the eigenvalues say nothing about "
-            "stability."
+            f"The state is not steady: it changes at the rate {residual:.3g}, so that the eigenvalues say nothing "
+            "about stability."
         )
     if kind in ("centre", "sink"):
         decay = "all on the imaginary axis" if kind == "centre" else "none with a positive real part"

@@ -1,4 +1,4 @@
-"""Lyapunov exponents of a rolling ball or disk."""
+"""Lyapunov exponents of a rolling ball or disk, or of a classical system."""
 
 import diffrax
 import equinox as eqx
@@ -7,20 +7,25 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float
 
 from .._arrays import Numbers, to_array
-from ..body import System
+from ..body import Ball, Disk, System
+from ..contact import total_inertial_force
+from ..dynamics import driven_angles, vector_field
+from ..moments import moments
 from ..packing import Packing
 from ..phase_space import dimension, normal_of, phase_point
+from ..simulable import SimulableState, SimulableSystem
 from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, at_rest
 from ..state import State
-from ..validity import possible, possible_state
-from .least import normal_force
-from .spectrum import LyapunovSpectrum, Method, checked_count, interval_edges, spectrum
+from ..validity import possible_start
+from ..vectors import dot
+from .result import LyapunovSpectrum
+from .spectrum import Method, checked_count, interval_edges, spectrum
 
 
 def lyapunov_spectrum(
-    system: System,
+    system: SimulableSystem,
     times: Numbers,
-    state: State | None = None,
+    state: SimulableState | None = None,
     *,
     exponents: int | None = None,
     transient: float = 0.0,
@@ -35,7 +40,8 @@ def lyapunov_spectrum(
     The phase space is that of (Ω, Γ) with |Γ| = 1 (``uncon_ball_eqns_explicit``), of dimension 5; each mass that a
     feedback law drives adds its θ and θ̇. Place and heading follow by integration and would add zeros. Where a force
     acts, which (Ω, Γ) cannot express, the phase space is that of (q, Ω, z) with |q| = 1, of dimension 8. For a disk
-    it is that of (φ, φ̇, z). Time adds no exponent, because the motion of the masses is prescribed.
+    it is that of (φ, φ̇, z), and for a classical system that of its own state. Time adds no exponent, because the motion
+    of the masses is prescribed.
 
     Deviations of Γ are tangent to the sphere: Γ̇ = Γ × Ω keeps Γ·δΓ = 0, and rounding is removed after each interval.
     The vector that is advanced holds the locked angular velocity W for Ω (module ``locked``); the exponents are those
@@ -45,7 +51,8 @@ def lyapunov_spectrum(
 
     - ``times``: the start and the end.
     - ``state``: the state at the start, of any kind; at rest and upright if not given.
-    - all others: as for :func:`lyapunov_spectrum_of`. With ``exponents=1`` the largest alone takes a third of the time.
+    - all others: as for :func:`lyapunov_spectrum_of`. The largest exponent alone, with
+      ``exponents=1``, takes half of the time.
 
     **Raises:** ``ValueError`` for times, numbers of exponents or intervals that cannot be, and ``TypeError`` for a
     state of another kind of system.
@@ -58,19 +65,19 @@ def lyapunov_spectrum(
 
 
 @eqx.filter_jit
-def _solve(method: Method, system: System, state: State, edges, rtol, atol) -> LyapunovSpectrum:
-    return rolling_spectrum(method, system, state, edges, rtol, atol)
+def _solve(method: Method, system: SimulableSystem, state: SimulableState, edges, rtol, atol) -> LyapunovSpectrum:
+    return system_spectrum(method, system, state, edges, rtol, atol)
 
 
-def rolling_spectrum(
+def system_spectrum(
     method: Method,
-    system: System,
-    state: State,
+    system: SimulableSystem,
+    state: SimulableState,
     edges: Float[Array, " edges"],
     rtol: Float[Array, ""],
     atol: Float[Array, ""],
 ) -> LyapunovSpectrum:
-    """The spectrum of a rolling body, traceable; ``state`` is a phase point and ``method.normal`` belongs to it."""
+    """The spectrum of a system, traceable; ``state`` is a phase point and ``method.normal`` belongs to it."""
     packing = Packing.of(system.prepare(), state)
     parameters, unpack_parameters = ravel_pytree(packing)
     kinks = jnp.concatenate([system.motion_kinks(), system.driving_kinks()])
@@ -78,9 +85,9 @@ def rolling_spectrum(
     def field(t, x, parameters):
         return unpack_parameters(parameters).field(t, x)
 
-    def normal(t, x, parameters):
+    def normal_force(t, x, parameters):
         inner = unpack_parameters(parameters)
-        return normal_force(inner.system, t, inner.unpack(t, x))
+        return _normal_force(inner.system, t, inner.unpack(t, x))
 
     return spectrum(
         method,
@@ -91,6 +98,14 @@ def rolling_spectrum(
         rtol,
         atol,
         kinks,
-        possible(system) & possible_state(state),
-        normal,
+        possible_start(system, edges[0], state),
+        normal_force if isinstance(system, Ball | Disk) else None,
     )
+
+
+def _normal_force(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
+    """N from any kind of state: Γ · Σ m a + M g − Fe · e3, as in :func:`jaxball.contact.contact_force`."""
+    at = moments(system, t, driven_angles(system, t, state))
+    inertial = total_inertial_force(at, system.radius, state.Gamma, state.Omega, vector_field(system, t, state).Omega)
+    N = dot(state.Gamma, inertial) + at.M * system.gravity
+    return N if system.force is None else N - system.force(t)[2]

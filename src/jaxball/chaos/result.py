@@ -1,0 +1,75 @@
+"""A Lyapunov spectrum, and how it converged."""
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..status import SolveError, Status
+
+
+class LyapunovSpectrum(eqx.Module):
+    """Lyapunov exponents and how they converged. NaN after the time to which the solve came.
+
+    - ``exponents``: the mean growth rates over the run without its transient, shape (k,), in 1/time, in the order of
+      the orthonormalisation, which is falling once they have converged.
+    - ``standard_error``: of each exponent, from the scatter of its means over sixteen parts of the run. It says how
+      far a chaotic run is from its limit; for a regular one, whose means tend to it as log(t)/t, it says little.
+    - ``times``: the ends of the intervals, shape (n,).
+    - ``rates``: the growth rates within each interval, shape (n, k).
+    - ``running``: the means of the rates from the end of the transient to each of ``times``, shape (n, k).
+    - ``x``: the state at the end, as the vector that was advanced.
+    - ``vectors``: the orthonormal vectors at the end, a row for each exponent.
+    - ``least_normal_force``: the least N of a rolling body over all of the run, transient included; where it is not
+      positive, the ball would have left the plane. None for other flows.
+    - ``status``, ``reached``, ``steps``: as in a :class:`~jaxball.Trajectory`; ``ok`` and ``message`` read them.
+    """
+
+    exponents: Float[Array, "*batch k"]
+    standard_error: Float[Array, "*batch k"]
+    times: Float[Array, "*batch n"]
+    rates: Float[Array, "*batch n k"]
+    running: Float[Array, "*batch n k"]
+    x: Float[Array, "*batch size"]
+    vectors: Float[Array, "*batch k size"]
+    status: Int[Array, "*batch"]
+    reached: Float[Array, "*batch"]
+    steps: Int[Array, "*batch"]
+    least_normal_force: Float[Array, "*batch"] | None = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run reached its end. For one spectrum, not for a batch."""
+        return int(self.status) == Status.SUCCESS
+
+    @property
+    def message(self) -> str:
+        """A sentence that says how the run ended."""
+        return Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
+
+    @property
+    def dimension(self) -> float:
+        """The Kaplan–Yorke dimension: how many exponents sum to zero, with a fraction of the last.
+
+        NaN where the spectrum has too few exponents to tell.
+        """
+        exponents = np.asarray(self.exponents)
+        sums = np.cumsum(exponents)
+        if not np.all(np.isfinite(sums)):
+            return float("nan")
+        j = int(np.argmax(sums < 0)) if np.any(sums < 0) else -1
+        if j < 0:
+            return float(len(sums)) if len(sums) == self.vectors.shape[-1] else float("nan")
+        return float(j + (sums[j - 1] if j else 0.0) / abs(exponents[j]))
+
+    def raise_if_failed(self) -> "LyapunovSpectrum":
+        """The spectrum itself, or a :class:`~jaxball.SolveError` with the message."""
+        if not self.ok:
+            raise SolveError(self.message)
+        return self
+
+    def __str__(self) -> str:
+        pairs = zip(np.asarray(self.exponents), np.asarray(self.standard_error), strict=True)
+        lines = [f"  λ{i} = {value: .6f} ± {error:.6f}" for i, (value, error) in enumerate(pairs, start=1)]
+        if self.least_normal_force is not None:
+            lines.append(f"  least normal force {float(self.least_normal_force):.6g} (at the ends of the steps)")
+        return "\n".join(["Lyapunov exponents", *lines, f"  {self.message}"])

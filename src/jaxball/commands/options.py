@@ -1,0 +1,28 @@
+"""What the commands share: exit codes, and the kinds of numbers that their options take."""
+
+import argparse
+import math
+
+BAD_INPUT = 2
+FAILED_SOLVE = 3
+INTERRUPTED = 130
+
+
+def positive(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        raise argparse.ArgumentTypeError(f"it must be a positive number, but it is {text}")
+    return value
+
+
+def number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"it must be a finite number, but it is {text}")
+    return value
