@@ -1,6 +1,7 @@
 """What `simulate` gives for a ball it gives for a classical system: status, dense output, derivatives, errors."""
 
 import re
+from typing import NamedTuple
 
 import diffrax
 import equinox as eqx
@@ -73,6 +74,10 @@ class Oscillation(classical.AbstractClassicalState):
     v: jaxtyping.Float[jax.Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
 
 
+class Energy(NamedTuple):
+    energy: jax.Array
+
+
 class Oscillator(classical.AbstractClassicalSystem[Oscillation]):
     """A system of one's own."""
 
@@ -85,16 +90,14 @@ class Oscillator(classical.AbstractClassicalSystem[Oscillation]):
         return Oscillation(state.v, -self.stiffness * state.u)
 
     def laws(self, t, state):
-        return (0.5 * state.v**2 + 0.5 * self.stiffness * state.u**2,)
-
-    def conditions(self):
-        yield from ()
+        return Energy(0.5 * state.v**2 + 0.5 * self.stiffness * state.u**2)
 
 
 def test_a_system_of_ones_own():
     run = jaxball.simulate(Oscillator(4.0), TIMES).raise_if_failed()
     np.testing.assert_allclose(run.state.u, np.cos(2 * TIMES), rtol=0, atol=3e-8)
-    np.testing.assert_allclose(run.laws[0], 2.0, rtol=1e-7)
+    np.testing.assert_allclose(run.laws.energy, 2.0, rtol=1e-7)
+    assert set(jaxball.to_dataset(run).data_vars) == {"u", "v", "energy"}
 
 
 @pytest.mark.parametrize(

@@ -29,8 +29,9 @@ AnyClassicalState = TypeVar("AnyClassicalState", bound=AbstractClassicalState)
 class AbstractClassicalSystem(eqx.Module, Generic[AnyClassicalState]):
     """Parameters of a classical system, with its equations of motion and the laws that these imply.
 
-    A system implements ``field``, ``laws`` and ``conditions``; ``start_conditions`` where an initial
-    state must suit the parameters, and ``driving_kinks`` where ``field`` is not smooth in time.
+    A system implements ``field`` and ``laws``; ``conditions`` where not every number will do,
+    ``start_conditions`` where an initial state must suit the parameters, and ``driving_kinks`` where
+    ``field`` is not smooth in time.
     ``title`` names it in sentences, and ``state_type`` is the class of its states.
     """
 
@@ -45,9 +46,9 @@ class AbstractClassicalSystem(eqx.Module, Generic[AnyClassicalState]):
     def laws(self, t: Float[Array, ""], state: AnyClassicalState) -> Any:
         """A named tuple of quantities that are constant along every motion, or are where its entries say so."""
 
-    @abc.abstractmethod
     def conditions(self) -> Iterator[Condition]:
         """Every condition that the parameters must meet; traceable."""
+        yield from ()
 
     def start_conditions(self, t: Float[Array, ""], state: AnyClassicalState) -> Iterator[Condition]:
         """Every condition that an initial state must meet beside those of its own; traceable."""
