@@ -13,13 +13,13 @@ from jaxball import classical
 from tests.classical.mechanics import turn
 
 TIMES = np.linspace(0.0, 10.0, 41)
-TOLERANCES = {"rtol": 1e-12, "atol": 1e-12}
+SETTINGS = {"rtol": 1e-12, "atol": 1e-12, "dense": True}  # those of other tests, so that all share a program
 START = classical.RigidBodyState([0.9, 0.3, -0.3, 0.1], [0.4, -0.3, 1.9])
 
 
 def run(inertia, chi, start=START):
     top = classical.HeavyTop(mass=0.5, inertia=inertia, chi=chi, gravity=3.0)
-    return jaxball.simulate(top, TIMES, start, **TOLERANCES).raise_if_failed()
+    return jaxball.simulate(top, TIMES, start, **SETTINGS).raise_if_failed()
 
 
 @pytest.fixture(scope="module")

@@ -118,7 +118,13 @@ def test_rolling_robot_is_driven_round_at_a_constant_rate(runs):
     np.testing.assert_allclose(seen.mass_positions_body[:, 0], place, atol=1e-13)
 
 
-@pytest.mark.parametrize("name", CLASSICAL)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in ("free-rigid-body", "nonholonomic-particle") else ())
+        for name in CLASSICAL
+    ],
+)
 def test_classical_systems_keep_their_laws(name):
     """Between steps the solver interpolates, to about a hundred times its tolerance of 1e-10 or 1e-12."""
     trajectory = load_scenario(name).simulate(throw=True)
