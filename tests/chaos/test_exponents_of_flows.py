@@ -74,6 +74,7 @@ def test_exponents_of_lorenz(lorenz_spectrum):
     assert lorenz_spectrum.dimension == pytest.approx(2.062, abs=3e-3)
 
 
+@pytest.mark.slow
 def test_the_first_exponents_alone_are_those_of_the_whole_spectrum(lorenz_spectrum):
     """In theory exactly; the steps differ, so that chaos parts the runs."""
     found = lyapunov_spectrum_of(
@@ -83,6 +84,7 @@ def test_the_first_exponents_alone_are_those_of_the_whole_spectrum(lorenz_spectr
     assert difference < 4 * float(found.standard_error[0] + lorenz_spectrum.standard_error[0])
 
 
+@pytest.mark.slow
 def test_a_heavy_symmetric_top_has_no_exponent_but_zero():
     """It is integrable, so that deviations grow linearly and means tend to zero as log(t) / t."""
     x = np.array([0.4, -0.3, 1.5, np.sin(0.7), 0.0, np.cos(0.7)])

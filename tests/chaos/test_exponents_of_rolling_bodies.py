@@ -31,6 +31,7 @@ def test_a_top_heavy_ball_at_rest_has_the_real_parts_of_its_eigenvalues():
     assert found.dimension == pytest.approx(5.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_forces_and_driven_masses_enlarge_the_phase_space():
     """A force, though of no size, keeps place and heading: three zeros. A mass at the centre, on a spring that
     takes no notice of the ball, adds the roots of λ² + 3λ + 2 = 0, and its inertia m r². Where the ball spins a

@@ -11,7 +11,7 @@ Watch = Callable[[Float[Array, ""], Float[Array, " size"], Any], Float[Array, ""
 
 
 class Watching(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWrappedSolver):
-    """``solver``, with the least value of ``of(t, x, args)`` at the ends of its steps in its state.
+    """``solver``, with the least value of ``of(t, x, args)`` at the ends of its steps, not at the start, in its state.
 
     It takes the same few operations in every step, as many solves side by side want it. What it misses between two ends
     is at most (step)² / 8 times the second derivative.
@@ -47,12 +47,13 @@ class Watching(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWrappedSolver):
         return self.solver.error_order(terms)
 
     def init(self, terms, t0, t1, y0, args):
-        return self.solver.init(terms, t0, t1, y0, args), self.of(t0, y0[0], args)
+        return self.solver.init(terms, t0, t1, y0, args), jnp.full((), jnp.inf, y0.dtype)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         inner, least = solver_state
         y1, y_error, dense, inner, result = self.solver.step(terms, t0, t1, y0, args, inner, made_jump)
-        return y1, y_error, dense, (inner, jnp.minimum(least, self.of(t1, y1[0], args))), result
+        least = jnp.minimum(least, self.of(jnp.asarray(t1), y1[0], args))
+        return y1, y_error, dense, (inner, least), result
 
     def func(self, terms, t0, y0, args):
         return self.solver.func(terms, t0, y0, args)

@@ -200,7 +200,7 @@ def spectrum(
         status=status,
         reached=edges[0],
         steps=jnp.zeros_like(status),
-        least=jnp.full_like(edges[0], jnp.inf),
+        least=jnp.full_like(edges[0], jnp.inf) if watch is None else watch(edges[0], x, args),
     )
     end, growth = jax.lax.scan(advance, start, (edges[:-1], edges[1:]))
     times, growth = edges[1 + method.skipped :], growth[method.skipped :]

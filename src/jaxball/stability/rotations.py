@@ -60,11 +60,12 @@ def _search(ball: Ball, rate, t, starts) -> Float[Array, "n 3"]:
 
     def residual(Gamma, _: Any):
         rates = vector_field(prepared, t, ReducedState(rate * Gamma, Gamma))
-        return jnp.concatenate([rates.Omega, jnp.sum(Gamma**2)[None] - 1])
+        # Γ·BΩ̇ = 0 for every Γ, so that the sum is zero only where both terms are.
+        return rates.Omega + Gamma * (jnp.sum(Gamma**2) - 1)
 
     def one(start):
-        method = optimistix.LevenbergMarquardt(rtol=1e-14, atol=1e-14)
-        Gamma = optimistix.least_squares(residual, method, start, max_steps=200, throw=False).value
+        newton = optimistix.Newton(rtol=1e-13, atol=1e-13)
+        Gamma = optimistix.root_find(residual, newton, start, max_steps=60, throw=False).value
         return Gamma / jnp.sqrt(jnp.sum(Gamma**2))
 
     return jax.vmap(one)(starts / jnp.sqrt(jnp.sum(starts**2, axis=1))[:, None])
