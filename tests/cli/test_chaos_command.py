@@ -34,7 +34,10 @@ def test_the_table_of_a_disk_and_its_figure(tmp_path, capsys):
     [
         (["none.toml"], '"none.toml" (No such file or directory)'),
         (["ball", "--plot", "means.txt"], "must end in one of .png, .pdf, .svg"),
-        (["ball", "--transient", "50"], "`transient` must be from 0 to less than the length of the run, 20, but it is 50"),
+        (
+            ["ball", "--transient", "50"],
+            "`transient` must be from 0 to less than the length of the run, 20, but it is 50",
+        ),
         (["ball", "--exponents", "6"], "`exponents` must be from 1 to 5"),
     ],
 )
