@@ -12,6 +12,13 @@ from .body import (
 )
 from .dynamics import vector_field as vector_field
 from .equilibrium import Balance as Balance, balance as balance, with_angles as with_angles
+from .events import (
+    AbstractEvent as AbstractEvent,
+    Detachment as Detachment,
+    Event as Event,
+    Slip as Slip,
+)
+from .extremes import ContactExtremes as ContactExtremes, contact_extremes as contact_extremes
 from .feedback import (
     AbstractLaw as AbstractLaw,
     FollowSchedules as FollowSchedules,
@@ -38,6 +45,7 @@ from .motion import (
     Oscillating as Oscillating,
 )
 from .observables import Observables as Observables, observe as observe
+from .occurrences import Occurrences as Occurrences
 from .rails import (
     AbstractRail as AbstractRail,
     BernoulliEight as BernoulliEight,

@@ -5,8 +5,11 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .moments import Moments
-from .vectors import apply, cross
+from .body import System
+from .dynamics import driven_angles, force_in_body, vector_field
+from .moments import Moments, moments
+from .state import State
+from .vectors import apply, cross, dot
 
 
 class ContactForce(NamedTuple):
@@ -39,6 +42,40 @@ def contact_force(
     """
     R = apply(Lambda, total_inertial_force(at, r, Lambda[2], Omega, Omegadot)) - Fe
     return ContactForce(normal=R[2] + at.M * g, friction=R[:2])
+
+
+class Reaction(NamedTuple):
+    """The size of the reaction: the normal force N and the square of the friction |f|."""
+
+    normal: Float[Array, "*batch"]
+    friction_squared: Float[Array, "*batch"]
+
+    @property
+    def friction(self) -> Float[Array, "*batch"]:
+        """|f|; its derivative is 0 where it is 0."""
+        positive = self.friction_squared > 0
+        return jnp.where(positive, jnp.sqrt(jnp.where(positive, self.friction_squared, 1.0)), 0.0)
+
+    @property
+    def ratio(self) -> Float[Array, "*batch"]:
+        """|f| / N; infinite where N ≤ 0."""
+        held = ~(self.normal <= 0)
+        return jnp.where(held, self.friction / jnp.where(held, self.normal, 1.0), jnp.inf)
+
+
+def reaction(system: System, t: Float[Array, ""], state: State) -> Reaction:
+    """N and |f|² from any kind of state, in body axes, so that the heading need not be known.
+
+    R̃ = Σ m a − F̃ + M g Γ is the reaction in body axes, N = R̃·Γ, and f̃ = R̃ − NΓ.
+    """
+    at = moments(system, t, driven_angles(system, t, state))
+    Gamma, Omegadot = state.Gamma, vector_field(system, t, state).Omega
+    R = total_inertial_force(at, system.radius, Gamma, state.Omega, Omegadot) + at.M * system.gravity * Gamma
+    Ftilde = force_in_body(system, t, state)
+    R = R if Ftilde is None else R - Ftilde
+    normal = dot(R, Gamma)
+    friction = R - normal * Gamma
+    return Reaction(normal, dot(friction, friction))
 
 
 def total_inertial_force(

@@ -1,7 +1,7 @@
 """The one entry function: a system, times and a state in, a trajectory out."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, cast, overload
 
 import diffrax
@@ -18,6 +18,7 @@ from .body import Ball, System
 from .classical import AbstractClassicalState, AbstractClassicalSystem
 from .dae import WITH_UNIT, has_unit
 from .dynamics import field_of
+from .events import AbstractEvent
 from .packing import Packing
 from .simulable import SimulableState, SimulableSystem
 from .solvers import Projected, RadauIIA, StepToKinks, SwitchingMassMatrixTerm
@@ -25,11 +26,13 @@ from .state import BallState, DiskState, State
 from .status import Status
 from .trajectory import Interpolant, Trajectory
 from .validity import possible_start
+from .watch import checked, locate, stop
 
 DEFAULT_TOLERANCE = 1e-10
 DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
 NO_PROGRESS = diffrax.NoProgressMeter()
+FEW_STEPS = (256, 2048)
 FINEST = {name: 8 * float(np.finfo(name).eps) for name in ("float32", "float64")}
 
 
@@ -49,6 +52,7 @@ def simulate(
     step_to_times: bool = False,
     dae: bool = False,
     project: bool = False,
+    events: Mapping[str, AbstractEvent] | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
     max_steps: int = 16384,
     progress: diffrax.AbstractProgressMeter | None = None,
@@ -74,6 +78,9 @@ def simulate(
       component of q, the largest at the start of each step (module ``dae``), with a solver that knows mass
       matrices: :class:`jaxball.solvers.RadauIIA`.
     - ``project``: whether each step ends with q normalised (Γ, or Λ, in states that have these instead).
+    - ``events``: what to look for, :class:`~jaxball.Detachment`, :class:`~jaxball.Slip` or any
+      :class:`~jaxball.Event`, by name; when each happened is ``trajectory.events[name]``. One that ends the run is
+      its status, and the states saved after that are NaN.
     - ``adjoint``: a diffrax adjoint: ``diffrax.ForwardMode()`` for jvp and few parameters; reverse
       mode by checkpoints if not given.
     - ``max_steps``: the number of steps, accepted and rejected, after which the solve gives up.
@@ -90,21 +97,23 @@ def simulate(
     if state is None:
         state = at_rest(system)
     _check_state(system, state)
-    rtol, atol = _as_array(rtol), _as_array(atol)
-    _check_precision(rtol, atol)
+    rtol, atol = checked_tolerances(rtol, atol)
     if dae:
         _check_dae(state, solver)
+    events = checked(system, events)
     method = _Method(
         DEFAULT_SOLVER if solver is None else solver,
         DEFAULT_ADJOINT if adjoint is None else adjoint,
         NO_PROGRESS if progress is None else progress,
         max_steps,
-        dense,
+        dense or bool(events),
         step_to_times,
         dae,
         project,
     )
-    trajectory = Trajectory(system, times, *_program(method)(system, times, state, rtol, atol))
+    trajectory = _run(method, system, times, state, rtol, atol, events)
+    if events:
+        trajectory = locate(trajectory, events)
     if throw:
         _check_untraced(trajectory)
         trajectory.raise_if_failed()
@@ -124,6 +133,19 @@ class _Method(NamedTuple):
     project: bool
 
 
+def _run(method: _Method, system: SimulableSystem, times: Any, *others: Any) -> Trajectory[Any, Any]:
+    """A trajectory. Dense output has room for few steps at first, because room that is not used costs time as well."""
+    for room in FEW_STEPS if method.dense else ():
+        if room >= method.max_steps:
+            break
+        trajectory = Trajectory(system, times, *_program(method._replace(max_steps=room))(system, times, *others))
+        if isinstance(trajectory.status, Tracer):
+            break
+        if int(jnp.max(trajectory.steps)) < room:
+            return trajectory
+    return Trajectory(system, times, *_program(method)(system, times, *others))
+
+
 def _program(method: _Method) -> Callable[..., tuple]:
     try:
         return _compiled(method)
@@ -137,23 +159,29 @@ def _compiled(method: _Method) -> Callable[..., tuple]:
 
 
 def _solve(
-    method: _Method, system: SimulableSystem, times: Array, state: SimulableState, rtol: Array, atol: Array
+    method: _Method,
+    system: SimulableSystem,
+    times: Array,
+    state: SimulableState,
+    rtol: Array,
+    atol: Array,
+    events: dict[str, AbstractEvent],
 ) -> tuple:
     """The fields of a trajectory but ``system`` and ``times``, which a program could only copy."""
     packing = Packing.of(system.prepare(), state)
     initial = packing.pack(times[0], state)
     # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
-    parameters, unpack_parameters = ravel_pytree(packing)
+    parameters, unpack_parameters = ravel_pytree((packing, events))
     startable = possible_start(system, times[0], state) & jnp.all(jnp.isfinite(initial))
 
     # Compiled on their own, they are traced once; diffrax traces a step several times.
     @jax.jit
     def field(t, x, parameters):
-        return jnp.where(startable, unpack_parameters(parameters).field(t, x), 0.0)
+        return jnp.where(startable, unpack_parameters(parameters)[0].field(t, x), 0.0)
 
     @jax.jit
     def dae_field(t, x, parameters, component):
-        return jnp.where(startable, unpack_parameters(parameters).dae_field(t, x, component), 0.0)
+        return jnp.where(startable, unpack_parameters(parameters)[0].dae_field(t, x, component), 0.0)
 
     term = diffrax.ODETerm(field)
     if method.dae:
@@ -164,7 +192,7 @@ def _solve(
         )
     solution = diffrax.diffeqsolve(
         term,
-        Projected(method.solver, packing.projected) if method.project else method.solver,
+        _stepping(method, packing),
         times[0],
         times[-1],
         None,
@@ -173,6 +201,7 @@ def _solve(
         saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(ts=times), diffrax.SubSaveAt(t1=True)], dense=method.dense),
         stepsize_controller=_controller(method, system, times, rtol, atol),
         adjoint=method.adjoint,
+        event=stop(events, unpack_parameters),
         max_steps=method.max_steps,
         progress_meter=method.progress,
         throw=False,
@@ -186,6 +215,18 @@ def _solve(
         solution.stats["num_rejected_steps"],
         Interpolant(solution, packing) if method.dense else None,
     )
+
+
+def _stepping(method: _Method, packing: Packing) -> diffrax.AbstractSolver:
+    """The solver, with projections where asked for."""
+    solver = method.solver
+    if not method.project:
+        return solver
+    if isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
+        # What diffrax does for forward mode where it can see the solver.
+        kind = {diffrax.ForwardMode: "lax", diffrax.DirectAdjoint: "bounded"}.get(type(method.adjoint))
+        solver = eqx.tree_at(lambda s: s.scan_kind, solver, kind, is_leaf=lambda leaf: leaf is None)
+    return Projected(solver, packing.projected)
 
 
 _solve_filtered = eqx.filter_jit(_solve)
@@ -206,7 +247,7 @@ def _controller(
 def status_of(result: diffrax.RESULTS) -> Array:
     """The status of a result: a step below 1e-30 means that none was accepted, because the field is not finite."""
     R = diffrax.RESULTS
-    status = jnp.where(result == R.successful, Status.SUCCESS, Status.SOLVER_FAILED)
+    status = jnp.where((result == R.successful) | (result == R.event_occurred), Status.SUCCESS, Status.SOLVER_FAILED)
     status = jnp.where(result == R.nonfinite, Status.NOT_FINITE, status)
     status = jnp.where(result == R.max_steps_reached, Status.MAX_STEPS, status)
     return jnp.where(result == R.dt_min_reached, Status.NOT_FINITE, status)
@@ -294,11 +335,16 @@ def _check_untraced(trajectory: Trajectory[Any, Any]) -> None:
         )
 
 
-def _check_precision(rtol: Array | np.ndarray, atol: Array | np.ndarray) -> None:
+def checked_tolerances(rtol: Numbers, atol: Numbers) -> tuple[Array | np.ndarray, Array | np.ndarray]:
+    """The tolerances as arrays.
+
+    **Raises:** :class:`PrecisionError` when the floating-point type cannot reach them.
+    """
+    rtol, atol = _as_array(rtol), _as_array(atol)
     known = [x.max() for x in (rtol, atol) if isinstance(x, np.ndarray)]
     dtype, finest = rtol.dtype, FINEST[rtol.dtype.name]
     if not known or max(known) >= finest:
-        return
+        return rtol, atol
     remedy = (
         'enable float64 before the first array is made, with `jax.config.update("jax_enable_x64", True)`, or '
         if dtype == jnp.float32

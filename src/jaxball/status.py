@@ -12,6 +12,9 @@ class Status(enum.IntEnum):
     IMPOSSIBLE = 3
     SOLVER_FAILED = 4
     LEFT_SHELL = 5
+    DETACHED = 6
+    SLIPPED = 7
+    EVENT = 8
 
     def sentence(self, reached: float, end: float) -> str:
         """What happened, where ``reached`` is the time to which the result is good."""
@@ -40,6 +43,15 @@ _SENTENCES = {
         "The solve reached t = {end:.10g}, but a mass left the shell at t = {reached:.10g}, and the result "
         "means nothing after that."
     ),
+    Status.DETACHED: (
+        "The run ended at t = {reached:.10g} before t = {end:.10g}, because the normal force was zero there: the ball "
+        "would leave the plane, and the equations of rolling do not hold after that."
+    ),
+    Status.SLIPPED: (
+        "The run ended at t = {reached:.10g} before t = {end:.10g}, because rolling needed all the friction there is: "
+        "the ball would slip, and the equations of rolling do not hold after that."
+    ),
+    Status.EVENT: "The run ended at t = {reached:.10g} before t = {end:.10g}, where an event ended it.",
 }
 
 

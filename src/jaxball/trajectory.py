@@ -12,6 +12,7 @@ from jaxtyping import Array, ArrayLike, Float, Int
 from ._arrays import to_array
 from .classical import AbstractClassicalSystem
 from .observables import Observables, observe
+from .occurrences import Occurrences
 from .packing import Packing
 from .simulable import AnySimulableState, AnySimulableSystem, SimulableSystem
 from .state import BallState, DiskState, ReducedState, RotationState
@@ -37,6 +38,7 @@ class Trajectory(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
     - ``status``: a :class:`~jaxball.Status`; ``ok`` and ``message`` read it.
     - ``reached``: the time to which the solve came.
     - ``steps``, ``rejected``: how many steps were taken in all, and how many of them were rejected.
+    - ``events``: the :class:`~jaxball.Occurrences` of each event, by name.
     """
 
     system: AnySimulableSystem
@@ -47,11 +49,12 @@ class Trajectory(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
     steps: Int[Array, "*batch"]
     rejected: Int[Array, "*batch"]
     interpolant: Interpolant[AnySimulableState] | None = None
+    events: dict[str, Occurrences] = eqx.field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
-        """Whether the solve reached its end. For one trajectory, not for a batch."""
-        return int(self.status) == Status.SUCCESS
+        """Whether the solve reached its end, or an event that it was to end at. For one trajectory, not for a batch."""
+        return int(self.status) in (Status.SUCCESS, Status.EVENT)
 
     @property
     def message(self) -> str:
@@ -109,7 +112,7 @@ class Trajectory(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
 
     @property
     def friction_needed(self) -> Float[Array, ""]:
-        """μ_min, the largest |f| / N at the saved times: with less friction the ball would slip."""
+        """The largest |f| / N at the saved times; :func:`~jaxball.contact_extremes` finds μ_min of the whole run."""
         return jnp.max(self.observables.friction_ratio)
 
     def __str__(self) -> str:

@@ -1,0 +1,98 @@
+"""What may happen along a motion: the ball leaves the plane or slips, or whatever a function says."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ._arrays import Numbers, to_array
+from .contact import reaction
+from .status import Status
+
+UP, DOWN, EITHER = 1, -1, 0
+
+
+class AbstractEvent(eqx.Module):
+    """Something that happens where a function of time and state crosses zero.
+
+    - ``direction``: 1 if it happens only where the function rises, −1 if only where it falls, 0 for both.
+    - ``terminal``: whether it ends the run.
+    - ``from_start``: whether it has happened already in a run that starts beyond zero.
+    - ``room``: how many of its times and states are kept; all are counted.
+    - ``status``: how the run that it ended is said to have ended.
+    """
+
+    direction: eqx.AbstractVar[int]
+    terminal: eqx.AbstractVar[bool]
+    from_start: eqx.AbstractClassVar[bool]
+    room: eqx.AbstractVar[int]
+    status: eqx.AbstractClassVar[Status]
+
+    def value(self, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
+        """The function that crosses zero."""
+        raise NotImplementedError
+
+
+class Event(AbstractEvent):
+    """A place reached, an angle at a bound, a Poincaré section: wherever ``of(system, t, state)`` crosses zero.
+
+    **Arguments:**
+
+    - ``of``: a scalar function, written with ``jax.numpy``. A named function rather than a new ``lambda`` at each
+      call saves compiling anew.
+    - ``direction``: 1 for upward crossings alone, −1 for downward ones, 0 for both.
+    - ``terminal``: whether the first crossing ends the run.
+    - ``room``: how many crossings are kept; all are counted.
+    """
+
+    of: Callable[[Any, Float[Array, ""], Any], Float[Array, ""]] = eqx.field(static=True)
+    direction: int = eqx.field(static=True, default=EITHER)
+    terminal: bool = eqx.field(static=True, default=False)
+    room: int = eqx.field(static=True, default=64)
+    from_start = False
+    status = Status.EVENT
+
+    def __check_init__(self):
+        if not callable(self.of):
+            raise TypeError(f"Argument `of` must be a function of (system, t, state), but it is {self.of!r}.")
+        if self.direction not in (UP, DOWN, EITHER):
+            raise ValueError(f"Argument `direction` must be 1, -1 or 0, but it is {self.direction}.")
+        if self.room < 1:
+            raise ValueError(f"Argument `room` must be 1 or more, but it is {self.room}.")
+
+    def value(self, system, t, state):
+        return jnp.asarray(self.of(system, t, state))
+
+
+class Detachment(AbstractEvent):
+    """The normal force N falls to zero, and the ball would leave the plane. Ends the run."""
+
+    terminal: bool = eqx.field(static=True, default=True)
+    room: int = eqx.field(static=True, default=8)
+    direction = DOWN
+    from_start = True
+    status = Status.DETACHED
+
+    def value(self, system, t, state):
+        return reaction(system, t, state).normal
+
+
+class Slip(AbstractEvent):
+    """The friction |f| rises to μN, all that a plane with the coefficient of friction μ can give. Ends the run."""
+
+    friction: Float[Array, ""] = eqx.field(converter=to_array)
+    terminal: bool = eqx.field(static=True)
+    room: int = eqx.field(static=True)
+    direction = DOWN
+    from_start = True
+    status = Status.SLIPPED
+
+    def __init__(self, friction: Numbers, terminal: bool = True, room: int = 8):
+        self.friction, self.terminal, self.room = to_array(friction), terminal, room
+
+    def value(self, system, t, state):
+        """μ²N|N| − |f|², which is smooth where f is zero, as μN − |f| is not."""
+        found = reaction(system, t, state)
+        return self.friction**2 * found.normal * jnp.abs(found.normal) - found.friction_squared

@@ -1,0 +1,37 @@
+"""When an event happened, and where the system was then."""
+
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+
+class Occurrences(eqx.Module):
+    """The occurrences of one event in a run, in the order of time.
+
+    - ``count``: how many there were.
+    - ``times``: when, shape (room,); NaN where there are fewer. All differentiable.
+    - ``state``: the states then; each of its arrays has room as leading axis.
+    - ``least``, ``largest``: the extreme values of the event's function, where the solve looked.
+    """
+
+    count: Int[Array, "*batch"]
+    times: Float[Array, "*batch room"]
+    state: Any
+    least: Float[Array, "*batch"]
+    largest: Float[Array, "*batch"]
+
+    @property
+    def message(self) -> str:
+        """A sentence on how often it happened. For one trajectory, not for a batch."""
+        count, room = int(self.count), self.times.shape[-1]
+        span = f"its function was between {float(self.least):.6g} and {float(self.largest):.6g}"
+        if count == 0:
+            return f"It never happened: {span}, and did not cross zero in the direction asked for."
+        first = f"first at t = {float(np.asarray(self.times)[0]):.10g}"
+        if count == 1:
+            return f"It happened once, at t = {float(np.asarray(self.times)[0]):.10g}."
+        if count <= room:
+            return f"It happened {count} times, {first}."
+        return f"It happened {count} times, {first}; the first {room} are kept, and a larger `room` keeps more."

@@ -1,0 +1,70 @@
+"""The steps of a solve, as its dense output has them."""
+
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, PyTree
+
+from .sampling import sampling
+
+
+class Steps(eqx.Module):
+    """Steps, of which the first ``count`` were taken, and what their dense output is made of.
+
+    ``start`` and ``end`` are their times without derivatives; ``end`` lies a little before the end of a step, so
+    that a kink there is seen from before.
+    """
+
+    start: Float[Array, " steps"]
+    end: Float[Array, " steps"]
+    count: Int[Array, ""]
+    times: Float[Array, " steps_and_one"]
+    infos: PyTree[Float[Array, "steps ..."]]
+    interpolation: Callable[..., diffrax.AbstractLocalInterpolation] = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, solution: Any, room: int, until: Float[Array, ""]) -> "Steps":
+        """The first ``room`` steps of a solution with dense output, cut off at ``until``."""
+        dense = solution.interpolation
+        times = dense.ts[: room + 1]
+        fixed, until = jax.lax.stop_gradient((times, until))
+        start, end = fixed[:-1], jnp.minimum(fixed[1:], until)
+        end = jnp.maximum(start, end - 4 * jnp.finfo(end.dtype).eps * jnp.abs(end))
+        count = jnp.sum((start < until) & (jnp.arange(start.size) < dense.ts_size - 1))
+        return cls(
+            start, end, count, times, jax.tree.map(lambda leaf: leaf[:room], dense.infos), dense.interpolation_cls
+        )
+
+    @property
+    def taken(self) -> Bool[Array, " steps"]:
+        """Which of them were taken."""
+        return jnp.arange(self.start.size) < self.count
+
+    def state(self, index: Int[Array, ""], t: Float[Array, ""]) -> Float[Array, " size"]:
+        """The vector of the state at a time within a step."""
+        info = jax.tree.map(lambda leaf: leaf[index], self.infos)
+        return self.interpolation(t0=self.times[index], t1=self.times[index + 1], **info).evaluate(t)
+
+    def samples(
+        self,
+        value: Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, "*k"]],
+        shape: tuple[int, ...] = (),
+    ) -> Float[Array, "steps nodes *k"]:
+        """``value(t, x)`` at the nodes of all steps that were taken, without derivatives; zero in the others.
+
+        One by one: as a batch, a long formula on small vectors takes XLA several times as long to compile.
+        """
+        nodes = sampling().nodes.size
+        times = sampling().times(self.start, self.end, sampling().nodes)
+        fixed = jax.lax.stop_gradient(self)
+
+        def one(k, samples):
+            i, j = k // nodes, k % nodes
+            return samples.at[i, j].set(value(times[i, j], fixed.state(i, times[i, j])))
+
+        empty = jnp.zeros((*times.shape, *shape), times.dtype)
+        return jax.lax.fori_loop(0, self.count * nodes, one, empty)

@@ -1,0 +1,138 @@
+"""Events in a solve: where it may stop, and when exactly each of them happened."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from .body import Ball, Disk
+from .crossings import Crossings, crossings
+from .events import DOWN, UP, AbstractEvent, Detachment, Slip
+from .occurrences import Occurrences
+from .packing import Packing
+from .status import Status
+from .steps import Steps
+from .trajectory import Trajectory
+
+# Programs are made for so many steps and multiples of it, so that there are few of them.
+STEPS_AT_A_TIME = 64
+
+
+def checked(system: Any, events: Mapping[str, AbstractEvent] | None) -> dict[str, AbstractEvent]:
+    """The events to look for.
+
+    **Raises:** ``TypeError`` for what is not an event, or cannot happen to such a system.
+    """
+    events = {} if events is None else events
+    if not isinstance(events, Mapping) or not all(isinstance(event, AbstractEvent) for event in events.values()):
+        raise TypeError(
+            'Argument `events` must be a dictionary of events by name, such as {"lift": Detachment()}, but it is '
+            f"{events!r}."
+        )
+    touching = [name for name, event in events.items() if isinstance(event, Detachment | Slip)]
+    if touching and not isinstance(system, Ball | Disk):
+        raise TypeError(
+            f"Argument `events` must not hold a Detachment or a Slip for a {type(system).__name__}, which touches no "
+            f'plane, but "{touching[0]}" is one.'
+        )
+    return dict(events)
+
+
+def stop(events: Mapping[str, AbstractEvent], unpack: Callable[[Array], tuple[Packing, Any]]) -> diffrax.Event | None:
+    """Ends a solve soon after the first terminal event, at the end of a step.
+
+    ``unpack`` takes a solve's parameters to its packing and its events.
+    """
+
+    def condition(name: str) -> Callable:
+        def value(t, x, parameters, *, t0, **_):
+            packing, events = unpack(parameters)
+            found = events[name].value(packing.system, t, packing.unpack(t, x))
+            # The start is not a crossing, whatever rounding makes of a zero; what is not a number has no sign.
+            return jnp.where(t == t0, jnp.nan, found)
+
+        return value
+
+    found, directions = {}, {}
+    for name, event in events.items():
+        for direction in (UP, DOWN):
+            if event.terminal and event.direction != -direction:
+                found[f"{name} {direction}"], directions[f"{name} {direction}"] = condition(name), direction == UP
+    return diffrax.Event(found, direction=directions) if found else None
+
+
+def locate(trajectory: Trajectory[Any, Any], events: Mapping[str, AbstractEvent]) -> Trajectory[Any, Any]:
+    """The trajectory with the occurrences of its events, ended at the first terminal one."""
+    return _locate(trajectory, dict(events), room_for(trajectory))
+
+
+def room_for(trajectory: Trajectory[Any, Any]) -> int:
+    """How many steps to look at: those that were taken and a few more, or all there is room for where traced."""
+    assert trajectory.interpolant is not None
+    largest = trajectory.interpolant.solution.interpolation.ts.shape[-1] - 1
+    if isinstance(trajectory.steps, Tracer):
+        return largest
+    accepted = int(jnp.max(trajectory.steps - trajectory.rejected))
+    return min(largest, STEPS_AT_A_TIME * -(-max(accepted, 1) // STEPS_AT_A_TIME))
+
+
+@eqx.filter_jit
+def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], room: int) -> Trajectory[Any, Any]:
+    interpolant = trajectory.interpolant
+    assert interpolant is not None
+    packing, started = interpolant.packing, trajectory.status != Status.IMPOSSIBLE
+    steps = Steps.of(interpolant.solution, room, trajectory.reached)
+    found = {name: _crossings(steps, packing, event) for name, event in events.items()}
+    end, status = jnp.full_like(trajectory.reached, jnp.inf), trajectory.status
+    for name, event in events.items():
+        if event.terminal:
+            first = jnp.where(started & (found[name].count > 0), found[name].times[0], jnp.inf)
+            status = jnp.where(first < end, int(event.status), status)
+            end = jnp.minimum(first, end)
+    reached = jnp.minimum(trajectory.reached, end)
+    times = jnp.asarray(trajectory.times)
+
+    def cut(leaf):
+        return jnp.where((times <= reached).reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, jnp.nan)
+
+    occurrences = {name: _occurrences(packing, found[name], started, reached) for name in events}
+    return eqx.tree_at(
+        lambda t: (t.state, t.reached, t.status, t.events),
+        trajectory,
+        (jax.tree.map(cut, trajectory.state), reached, status, occurrences),
+    )
+
+
+def _crossings(steps: Steps, packing: Packing, event: AbstractEvent) -> Crossings:
+    return crossings(
+        steps,
+        lambda t, x: event.value(packing.system, t, packing.unpack(t, x)),
+        packing.field,
+        direction=event.direction,
+        from_start=event.from_start,
+        room=event.room,
+    )
+
+
+def _occurrences(packing: Packing, found: Crossings, started: Array, reached: Float[Array, ""]) -> Occurrences:
+    within = (found.times <= reached) & started
+    late = jnp.sum(jnp.isfinite(found.times) & ~within)
+    states = jax.vmap(packing.unpack)(
+        jnp.where(within, found.times, 0.0), jnp.where(within[:, None], found.vectors, 1.0)
+    )
+
+    def masked(leaf):
+        return jnp.where(within.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, jnp.nan)
+
+    return Occurrences(
+        count=jnp.where(started, found.count - late, 0),
+        times=masked(found.times),
+        state=jax.tree.map(masked, states),
+        least=found.least,
+        largest=found.largest,
+    )
