@@ -92,6 +92,8 @@ def test_parameters_that_cannot_be_are_a_status():
 def test_wrong_arguments():
     with pytest.raises(ValueError, match="must be from 1 to 5, the dimension of the phase space, but it is 6"):
         lyapunov_spectrum(CHAPLYGIN, (0.0, 1.0), exponents=6)
+    with pytest.raises(jaxball.PrecisionError, match="must reach"):
+        lyapunov_spectrum(CHAPLYGIN, (0.0, 1.0), rtol=1e-17, atol=1e-17)
     with pytest.raises(TypeError, match="must be a state of a Ball"):
         lyapunov_spectrum(CHAPLYGIN, (0.0, 1.0), jaxball.DiskState())
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Float
 from .._arrays import Numbers, to_array
 from ..body import System
 from ..phase_space import normal_of, phase_point
-from ..simulation import DEFAULT_SOLVER
+from ..simulation import DEFAULT_SOLVER, checked_tolerances
 from ..state import State
 from ..status import Status
 from .spectrum import Method, interval_edges
@@ -65,12 +65,12 @@ def chart(
     - ``status``: the number of a :class:`~jaxball.Status`, 0 where the solve reached its end.
 
     **Raises:** ``ValueError`` for other than two parameters, for values that are not a row of numbers, and for times
-    that cannot be.
+    that cannot be, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
     names, values = _checked(parameters)
     edges, skipped = interval_edges(times, transient, interval)
     solver = DEFAULT_SOLVER if solver is None else solver
-    tolerances = to_array(rtol), to_array(atol)
+    tolerances = tuple(map(to_array, checked_tolerances(rtol, atol)))
     cells = np.stack([grid.ravel() for grid in np.meshgrid(*values, indexing="ij")], axis=1)
     chunk = min(chunk, len(cells))
     starts = range(0, len(cells), chunk)

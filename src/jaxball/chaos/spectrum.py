@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float, Int
 
 from .._arrays import Numbers, to_array
-from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, status_of
+from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_tolerances, status_of
 from ..solvers import StepToKinks
 from ..status import Status
 from .least import Watch, Watching
@@ -61,13 +61,15 @@ def lyapunov_spectrum_of(
       exponent fewer. Rounding along the normal is removed after each interval; the flow must keep the surface.
     - ``max_steps``: the number of steps after which an interval is given up.
 
-    **Raises:** ``ValueError`` for times, numbers of exponents or intervals that cannot be.
+    **Raises:** ``ValueError`` for times, numbers of exponents or intervals that cannot be, and
+    :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
     x = to_array(x)
     exponents = checked_count(exponents, x.size - (normal is not None))
     edges, skipped = interval_edges(times, transient, interval)
     method = Method(DEFAULT_SOLVER if solver is None else solver, exponents, skipped, max_steps, normal)
-    return _solve(method, field, to_array(edges), x, args, to_array(rtol), to_array(atol), to_array(kinks))
+    rtol, atol = map(to_array, checked_tolerances(rtol, atol))
+    return _solve(method, field, to_array(edges), x, args, rtol, atol, to_array(kinks))
 
 
 class Method(NamedTuple):

@@ -7,17 +7,13 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float
 
 from .._arrays import Numbers, to_array
-from ..body import Ball, Disk, System
-from ..contact import total_inertial_force
-from ..dynamics import driven_angles, vector_field
-from ..moments import moments
+from ..body import Ball, Disk
+from ..contact import reaction
 from ..packing import Packing
 from ..phase_space import dimension, normal_of, phase_point
 from ..simulable import SimulableState, SimulableSystem
-from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, at_rest
-from ..state import State
+from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, at_rest, checked_tolerances
 from ..validity import possible_start
-from ..vectors import dot
 from .result import LyapunovSpectrum
 from .spectrum import Method, checked_count, interval_edges, spectrum
 
@@ -54,14 +50,14 @@ def lyapunov_spectrum(
     - all others: as for :func:`lyapunov_spectrum_of`. The largest exponent alone, with
       ``exponents=1``, takes half of the time.
 
-    **Raises:** ``ValueError`` for times, numbers of exponents or intervals that cannot be, and ``TypeError`` for a
-    state of another kind of system.
+    **Raises:** ``ValueError`` for times, numbers of exponents or intervals that cannot be, ``TypeError`` for a state of
+    another kind of system, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
     state = phase_point(system, at_rest(system) if state is None else state)
     edges, skipped = interval_edges(times, transient, interval)
     exponents = checked_count(exponents, dimension(state))
     method = Method(DEFAULT_SOLVER if solver is None else solver, exponents, skipped, max_steps, normal_of(state))
-    return _solve(method, system, state, to_array(edges), to_array(rtol), to_array(atol))
+    return _solve(method, system, state, to_array(edges), *map(to_array, checked_tolerances(rtol, atol)))
 
 
 @eqx.filter_jit
@@ -87,7 +83,7 @@ def system_spectrum(
 
     def normal_force(t, x, parameters):
         inner = unpack_parameters(parameters)
-        return _normal_force(inner.system, t, inner.unpack(t, x))
+        return reaction(inner.system, t, inner.unpack(t, x)).normal
 
     return spectrum(
         method,
@@ -101,11 +97,3 @@ def system_spectrum(
         possible_start(system, edges[0], state),
         normal_force if isinstance(system, Ball | Disk) else None,
     )
-
-
-def _normal_force(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
-    """N from any kind of state: Γ · Σ m a + M g − Fe · e3, as in :func:`jaxball.contact.contact_force`."""
-    at = moments(system, t, driven_angles(system, t, state))
-    inertial = total_inertial_force(at, system.radius, state.Gamma, state.Omega, vector_field(system, t, state).Omega)
-    N = dot(state.Gamma, inertial) + at.M * system.gravity
-    return N if system.force is None else N - system.force(t)[2]

@@ -1,0 +1,97 @@
+"""Poincaré maps: where a motion crosses a section of its phase space."""
+
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from .._arrays import Numbers
+from ..events import Event
+from ..simulable import SimulableState, SimulableSystem
+from ..simulation import DEFAULT_TOLERANCE, simulate
+from ..status import Status
+
+
+class PoincareMap(eqx.Module):
+    """The crossings of a section, in the order of time: each is the image of the one before it.
+
+    - ``times``: when, shape (n,).
+    - ``state``: the states there; each of its arrays has n as leading axis.
+    - ``count``: how many crossings there were; more than n where they had no room.
+    - ``status``, ``reached``: how the run ended; ``ok`` and ``message`` read them.
+    """
+
+    times: Float[np.ndarray, " n"]
+    state: Any
+    count: int
+    status: int
+    reached: float
+    end: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether the run reached its end, and all crossings are kept."""
+        return self.status == Status.SUCCESS and self.count == len(self.times)
+
+    @property
+    def message(self) -> str:
+        """A sentence that says how the run ended, and one that says how many crossings are kept."""
+        kept = f"Of {self.count} crossings {len(self.times)} are kept"
+        more = "; raise `room` to keep them all." if self.count > len(self.times) else "."
+        return f"{Status(self.status).sentence(self.reached, self.end)} {kept}{more}"
+
+
+def poincare_map(
+    system: SimulableSystem,
+    section: Callable[[Any, Float[ArrayLike, ""], Any], Any],
+    times: Numbers,
+    state: SimulableState | None = None,
+    *,
+    direction: int = 1,
+    room: int = 1024,
+    solver: diffrax.AbstractAdaptiveSolver | None = None,
+    rtol: ArrayLike = DEFAULT_TOLERANCE,
+    atol: ArrayLike = DEFAULT_TOLERANCE,
+    max_steps: int = 16384,
+) -> PoincareMap:
+    """The states at which the motion of ``system`` crosses a section, located to the accuracy of the solve.
+
+    For masses driven with a period, the stroboscopic map is the states at multiples of it, which
+    :func:`jaxball.simulate` saves; a section is for motions that time does not enter.
+
+    **Arguments:**
+
+    - ``section``: a function of (system, t, state) that is zero on the section, as for :class:`jaxball.Event`.
+    - ``times``: the start and the end.
+    - ``state``: the state at the start. A :class:`~jaxball.ReducedState` is the shortest for a ball.
+    - ``direction``: 1 for crossings at which ``section`` rises, −1 where it falls, 0 for both.
+    - ``room``: how many crossings are kept.
+    - all others: as for :func:`jaxball.simulate`.
+
+    **Raises:** as :func:`jaxball.simulate` and :class:`jaxball.Event` do.
+    """
+    trajectory = simulate(
+        system,
+        times,
+        state,
+        solver=solver,
+        rtol=rtol,
+        atol=atol,
+        max_steps=max_steps,
+        events={"section": Event(of=section, direction=direction, room=room)},  # pyright: ignore[reportCallIssue]
+    )
+    found = trajectory.events["section"]
+    count = int(found.count)
+    kept = slice(0, min(count, room))
+    return PoincareMap(
+        times=np.asarray(found.times)[kept],
+        state=jax.tree.map(lambda leaf: np.asarray(leaf)[kept], found.state),
+        count=count,
+        status=int(trajectory.status),
+        reached=float(trajectory.reached),
+        end=float(np.asarray(times)[-1]),
+    )
