@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 import diffrax
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._arrays import Numbers, to_array
-from ..body import System
 from ..phase_space import normal_of, phase_point
+from ..simulable import SimulableState, SimulableSystem
 from ..simulation import DEFAULT_SOLVER, checked_tolerances
-from ..state import State
 from ..status import Status
 from .spectrum import Method, interval_edges
 from .system import system_spectrum
@@ -23,7 +23,7 @@ from .system import system_spectrum
 if TYPE_CHECKING:
     import xarray
 
-Make = Callable[[Float[Array, ""], Float[Array, ""]], tuple[System, State]]
+Make = Callable[[Float[Array, ""], Float[Array, ""]], tuple[SimulableSystem, SimulableState]]
 
 
 def chart(
@@ -61,7 +61,7 @@ def chart(
     - ``exponent_regardless``: the same whatever the normal force; the equations of motion go on where a real ball would
       leave the plane;
     - ``standard_error``: as in :class:`LyapunovSpectrum`;
-    - ``least_normal_force``: the least N at the ends of the steps;
+    - ``least_normal_force``: the least N at the start and at the ends of the steps, infinite for a classical system;
     - ``status``: the number of a :class:`~jaxball.Status`, 0 where the solve reached its end.
 
     **Raises:** ``ValueError`` for other than two parameters, for values that are not a row of numbers, and for times
@@ -102,9 +102,8 @@ def _solve(make: Make, solver, skipped, max_steps, cells, edges, rtol, atol) -> 
         state = phase_point(system, state)
         method = Method(solver, 1, skipped, max_steps, normal_of(state))
         found = system_spectrum(method, system, state, edges, rtol, atol)
-        assert found.least_normal_force is not None
-        status = found.status.astype(cell.dtype)
-        return jax.numpy.stack([found.exponents[0], found.standard_error[0], found.least_normal_force, status])
+        force = jnp.full_like(cell[0], jnp.inf) if found.least_normal_force is None else found.least_normal_force
+        return jnp.stack([found.exponents[0], found.standard_error[0], force, found.status.astype(cell.dtype)])
 
     return jax.vmap(one)(cells)
 

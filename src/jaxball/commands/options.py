@@ -9,6 +9,7 @@ INTERRUPTED = 130
 
 
 def positive(text: str) -> float:
+    """A positive number, for argparse."""
     try:
         value = float(text)
     except ValueError:
@@ -19,6 +20,7 @@ def positive(text: str) -> float:
 
 
 def number(text: str) -> float:
+    """A finite number, for argparse."""
     try:
         value = float(text)
     except ValueError:
