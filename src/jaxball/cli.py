@@ -17,6 +17,8 @@ from . import cpu
 from .classical import AbstractClassicalSystem
 from .commands import chaos
 from .commands.options import BAD_INPUT, FAILED_SOLVE, INTERRUPTED, positive
+from .events import AbstractEvent, Detachment, Slip
+from .extremes import contact_extremes
 from .results import OutputError, check_destination, replacing, save
 from .scenario import (
     Scenario,
@@ -76,6 +78,8 @@ def _add_simulate(commands) -> None:
     parser.add_argument("--solver", choices=SOLVERS, help="instead of the scenario's")
     parser.add_argument("--rtol", type=positive, help="relative tolerance, instead of the scenario's")
     parser.add_argument("--atol", type=positive, help="absolute tolerance, instead of the scenario's")
+    parser.add_argument("--friction", type=positive, metavar="MU", help="end where more friction than this is needed")
+    parser.add_argument("--detachment", action="store_true", help="end where the ball would leave the plane")
     parser.set_defaults(run=_simulate)
 
 
@@ -115,7 +119,8 @@ def _simulate(options: argparse.Namespace) -> int:
     changes = {name: value for name, value in changes.items() if value is not None}
     scenario = dataclasses.replace(load_scenario(options.scenario), **changes)
     _check_animation(options, scenario)
-    trajectory = scenario.simulate()
+    touches = not isinstance(scenario.system, AbstractClassicalSystem)
+    trajectory = scenario.simulate(dense=touches, events=_events(options, scenario))
     if options.out is not None:
         save(trajectory, options.out, scenario)
     if not trajectory.ok:
@@ -219,12 +224,22 @@ def _summary(scenario: Scenario, trajectory: Trajectory, written: Sequence[str])
     return "\n".join(lines)
 
 
+def _events(options: argparse.Namespace, scenario: Scenario) -> dict[str, AbstractEvent]:
+    found: dict[str, AbstractEvent] = {}
+    if options.friction is not None:
+        found["slip"] = Slip(options.friction)
+    if options.detachment:
+        found["detachment"] = Detachment()
+    if found and isinstance(scenario.system, AbstractClassicalSystem):
+        raise ScenarioError(
+            "Arguments `--friction` and `--detachment` must be left out for what touches no plane, such as the "
+            f"{scenario.system.title} of this scenario."
+        )
+    return found
+
+
 def _contact(trajectory: Trajectory) -> list[str]:
-    least = float(np.min(trajectory.observables.normal_force))
-    if least > 0:
-        mu = float(trajectory.friction_needed)
-        return [f"  least normal force {least:.6g}; friction needed, max |f|/N, {mu:.6g} (at the saved times)"]
-    return [f"  the ball would lift off: the least normal force at the saved times is {least:.6g}"]
+    return [f"  {line}" for line in str(contact_extremes(trajectory)).splitlines()]
 
 
 def _laws(trajectory: Trajectory[Any, Any]) -> list[str]:

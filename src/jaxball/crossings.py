@@ -1,8 +1,8 @@
 """The times within the steps of a solve at which a function of the state crosses zero, all of them."""
 
 from collections.abc import Callable
-from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -16,7 +16,7 @@ Value = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, ""]]
 Field = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " size"]]
 
 
-class Crossings(NamedTuple):
+class Crossings(eqx.Module):
     """Where a function crossed zero.
 
     - ``count``: how often. ``times`` and ``vectors`` hold the first of them, as many as there is room for; NaN where

@@ -1,7 +1,7 @@
 """What may happen along a motion: the ball leaves the plane or slips, or whatever a function says."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -26,9 +26,9 @@ class AbstractEvent(eqx.Module):
 
     direction: eqx.AbstractVar[int]
     terminal: eqx.AbstractVar[bool]
-    from_start: eqx.AbstractClassVar[bool]
+    from_start: ClassVar[bool]
     room: eqx.AbstractVar[int]
-    status: eqx.AbstractClassVar[Status]
+    status: ClassVar[Status]
 
     def value(self, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
         """The function that crosses zero."""
@@ -51,8 +51,8 @@ class Event(AbstractEvent):
     direction: int = eqx.field(static=True, default=EITHER)
     terminal: bool = eqx.field(static=True, default=False)
     room: int = eqx.field(static=True, default=64)
-    from_start = False
-    status = Status.EVENT
+    from_start: ClassVar[bool] = False
+    status: ClassVar[Status] = Status.EVENT
 
     def __check_init__(self):
         if not callable(self.of):
@@ -71,9 +71,9 @@ class Detachment(AbstractEvent):
 
     terminal: bool = eqx.field(static=True, default=True)
     room: int = eqx.field(static=True, default=8)
-    direction = DOWN
-    from_start = True
-    status = Status.DETACHED
+    direction: int = eqx.field(static=True, default=DOWN, init=False)
+    from_start: ClassVar[bool] = True
+    status: ClassVar[Status] = Status.DETACHED
 
     def value(self, system, t, state):
         return reaction(system, t, state).normal
@@ -85,12 +85,12 @@ class Slip(AbstractEvent):
     friction: Float[Array, ""] = eqx.field(converter=to_array)
     terminal: bool = eqx.field(static=True)
     room: int = eqx.field(static=True)
-    direction = DOWN
-    from_start = True
-    status = Status.SLIPPED
+    direction: int = eqx.field(static=True)
+    from_start: ClassVar[bool] = True
+    status: ClassVar[Status] = Status.SLIPPED
 
     def __init__(self, friction: Numbers, terminal: bool = True, room: int = 8):
-        self.friction, self.terminal, self.room = to_array(friction), terminal, room
+        self.friction, self.terminal, self.room, self.direction = to_array(friction), terminal, room, DOWN
 
     def value(self, system, t, state):
         """μ²N|N| − |f|², which is smooth where f is zero, as μN − |f| is not."""

@@ -37,8 +37,8 @@ class Sampling(NamedTuple):
 @cache
 def sampling() -> Sampling:
     """The nodes of Gauss–Lobatto, the zeros of (1 − x²) P′, and 32 equal parts of a step."""
-    inner = np.polynomial.legendre.Legendre.basis(NODES - 1).deriv().roots()
-    nodes = np.concatenate([[0.0], (1 + inner) / 2, [1.0]])
+    inner = np.real(np.polynomial.legendre.Legendre.basis(NODES - 1).deriv().roots())
+    nodes = np.concatenate([[0.0], 0.5 + 0.5 * inner, [1.0]])
     fractions = np.union1d(nodes, np.linspace(0.0, 1.0, FINENESS + 1))
     matrix = np.array([[_lagrange(nodes, k, x) for k in range(NODES)] for x in fractions])
     return Sampling(nodes, fractions, matrix)

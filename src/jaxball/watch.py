@@ -1,7 +1,7 @@
 """Events in a solve: where it may stop, and when exactly each of them happened."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, cast
 
 import diffrax
 import equinox as eqx
@@ -74,7 +74,7 @@ def locate(trajectory: Trajectory[Any, Any], events: Mapping[str, AbstractEvent]
 def room_for(trajectory: Trajectory[Any, Any]) -> int:
     """How many steps to look at: those that were taken and a few more, or all there is room for where traced."""
     assert trajectory.interpolant is not None
-    largest = trajectory.interpolant.solution.interpolation.ts.shape[-1] - 1
+    largest = cast(Any, trajectory.interpolant.solution.interpolation).ts.shape[-1] - 1
     if isinstance(trajectory.steps, Tracer):
         return largest
     accepted = int(jnp.max(trajectory.steps - trajectory.rejected))

@@ -141,3 +141,21 @@ def test_law_that_carries_a_mass_out(folder, monkeypatch, capsys):
     assert main(["simulate", "out.toml", "--out", "run.csv"]) == 3
     assert "a mass left the shell at t = 2" in capsys.readouterr().err
     assert set(np.genfromtxt(folder / "run.csv", delimiter=",", names=True)["status"]) == {5}
+
+
+def test_a_run_ends_where_more_friction_is_needed_than_there_is(folder, monkeypatch, capsys):
+    """The paper's disk needs 0.295097 at t = 19.397."""
+    monkeypatch.chdir(folder)
+    assert main(["simulate", "disk", "--friction", "0.29", "--detachment", "--out", "run.nc"]) == 3
+    assert "because rolling needed all the friction there is" in capsys.readouterr().err
+    with xarray.open_dataset(folder / "run.nc") as data:
+        assert data.attrs["status"] == "SLIPPED"
+        np.testing.assert_allclose(data.attrs["contact_friction_needed"], 0.29, atol=1e-6)
+        assert 18.0 < data.attrs["reached"] < 19.397
+    assert main(["simulate", "disk", "--friction", "0.3"]) == 0
+    assert "friction needed, max |f|/N, 0.2950968" in capsys.readouterr().out
+
+
+def test_friction_of_what_touches_no_plane(capsys):
+    assert main(["simulate", "heavy-top", "--friction", "0.3"]) == 2
+    assert "must be left out for what touches no plane, such as the heavy top" in capsys.readouterr().err

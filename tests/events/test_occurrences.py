@@ -73,7 +73,9 @@ def runs():
     body = FreeRigidBody(inertia=INERTIA)
     return {
         "sections": simulate(body, TIMES, START, events=SECTIONS),
-        "gauss": simulate(body, TIMES, START, events={"middle": Event(middle)}, solver=Gauss(8), rtol=1e-12, atol=1e-12),
+        "gauss": simulate(
+            body, TIMES, START, events={"middle": Event(middle)}, solver=Gauss(8), rtol=1e-12, atol=1e-12
+        ),
         "ended": simulate(body, TIMES, START, events={"a": Event(middle, terminal=True), "b": Event(between)}),
     }
 
@@ -114,9 +116,10 @@ def test_sentences(runs):
     )
     assert events["middle"].message.startswith(f"It happened {len(zeros())} times, first at t = ")
     few = Event(middle, room=1)
-    assert "the first 1 are kept" in simulate(FreeRigidBody(inertia=INERTIA), TIMES, START, events={"few": few}).events[
-        "few"
-    ].message
+    assert (
+        "the first 1 are kept"
+        in simulate(FreeRigidBody(inertia=INERTIA), TIMES, START, events={"few": few}).events["few"].message
+    )
 
 
 def test_a_terminal_event_ends_the_run(runs):

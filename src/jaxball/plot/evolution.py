@@ -5,6 +5,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from ..body import Disk
+from ..extremes import contact_extremes
 from ..trajectory import Trajectory
 from .record import record
 from .style import COMPONENTS, INK, legend_above, named, plane_axes, write
@@ -64,6 +65,7 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """|f| / N, with its largest value μ_min marked: with less friction the ball would slip.
 
+    That of the whole run is marked where there is dense output, and otherwise the largest at the saved times.
     Where N ≤ 0 the ball would leave the plane: nothing is drawn there, and a note takes the place of
     the mark.
 
@@ -79,11 +81,20 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         sentence = rf"not drawn where $N \leq 0$, first at $t = {times[~held][0]:.4g}$"
         write(ax, (0.5, 1.02), sentence, transform=ax.transAxes, ha="center", va="bottom")
     elif len(ratio):
-        k = int(np.argmax(ratio))
-        label = rf"$\mu_{{\min}} = {ratio[k]:.4g}$ at $t = {times[k]:.4g}$"
-        ax.plot(times[k], ratio[k], "o", ms=5, color=COMPONENTS[1], linestyle="none", label=label, clip_on=False)
+        at, mu = _largest_ratio(trajectory, times, ratio)
+        label = rf"$\mu_{{\min}} = {mu:.4g}$ at $t = {at:.4g}$"
+        ax.plot(at, mu, "o", ms=5, color=COMPONENTS[1], linestyle="none", label=label, clip_on=False)
         legend_above(ax)
     return ax
+
+
+def _largest_ratio(trajectory: Trajectory, times: np.ndarray, ratio: np.ndarray) -> tuple[float, float]:
+    """When |f| / N is largest, and how large: of the whole run where it has dense output."""
+    if trajectory.interpolant is not None:
+        extremes = contact_extremes(trajectory)
+        return float(extremes.friction_needed_time), float(extremes.friction_needed)
+    k = int(np.argmax(ratio))
+    return float(times[k]), float(ratio[k])
 
 
 def over_time(times: Float[np.ndarray, " T"], series: list[Series], name: str, ax: Axes | None, most: int = 5) -> Axes:

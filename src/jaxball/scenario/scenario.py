@@ -1,12 +1,14 @@
 """A scenario: all that a run needs, as one object."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import diffrax
 import numpy as np
 
 from ..classical import AbstractClassicalState, AbstractClassicalSystem
+from ..events import AbstractEvent
 from ..simulable import SimulableSystem
 from ..simulation import DEFAULT_TOLERANCE, simulate
 from ..state import BallState, DiskState
@@ -48,6 +50,7 @@ class Scenario:
         atol: float | None = None,
         max_steps: int | None = None,
         dense: bool = False,
+        events: Mapping[str, AbstractEvent] | None = None,
         progress: diffrax.AbstractProgressMeter | None = None,
         throw: bool = False,
     ) -> Trajectory[Any, Any]:
@@ -72,6 +75,7 @@ class Scenario:
             dae=self.dae,
             project=self.project,
             dense=dense,
+            events=events,
             progress=progress,
         )
         if not isinstance(self.system, AbstractClassicalSystem):
