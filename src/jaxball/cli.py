@@ -1,4 +1,4 @@
-"""The command line: ``jaxball scenarios``, ``simulate``, ``chaos``, ``reproduce`` and ``bench``."""
+"""The command line: ``jaxball scenarios``, ``simulate``, ``chaos``, ``verify``, ``reproduce`` and ``bench``."""
 
 import argparse
 import dataclasses
@@ -15,7 +15,7 @@ import numpy as np
 
 from . import cpu
 from .classical import AbstractClassicalSystem
-from .commands import chaos
+from .commands import chaos, verify
 from .commands.options import BAD_INPUT, FAILED_SOLVE, INTERRUPTED, positive
 from .events import AbstractEvent, Detachment, Slip
 from .extremes import contact_extremes
@@ -37,7 +37,10 @@ FRAMES = 30
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs a command, and returns its exit code: 0, 2 for bad input, 3 for a solve that failed, 130 for Ctrl-C."""
+    """Runs a command, and returns its exit code.
+
+    0, 1 for a run that is not to be believed, 2 for bad input, 3 for a solve that failed, 130 for Ctrl-C.
+    """
     options = _parser().parse_args(arguments)
     cpu.prepare()
     jax.config.update("jax_enable_x64", True)
@@ -58,6 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_scenarios(commands)
     _add_simulate(commands)
     chaos.add(commands)
+    verify.add(commands)
     _add_reproduce(commands)
     _add_bench(commands)
     return parser

@@ -1,0 +1,4 @@
+"""The laws of mechanics that a run must keep, checked, and how far ahead its result can be trusted."""
+
+from .report import Report as Report, Row as Row, Trust as Trust
+from .run import LAWS as LAWS, verify as verify

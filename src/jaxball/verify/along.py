@@ -1,0 +1,78 @@
+"""The laws that hold along a run: balances, integrals and the contact."""
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from ..classical import AbstractClassicalSystem, HeavyTop
+from ..extremes import contact_extremes
+from ..state import DiskState
+from .case import SAFETY, Case
+from .report import Row
+from .symmetry import why_no_revolution, why_not_chaplygin, why_not_routh
+
+BALANCES: dict[str, str] = {
+    "energy": "E(t) − E(t0) = ∫ of the power of the actuation and the force",
+    "momentum": "the momentum about the contact point changes by the moments of weight and force and by −ċ × P",
+    "chaplygin": "ΛΠ is constant where the centre of mass is the geometric centre and no force acts",
+    "jellett-rate": "d/dt (L·s) = L·(Ω × χ + χ̇) − s·(χ × F̃), for any ball",
+    "jellett": "L·s is constant for a body of revolution with fixed masses and no force",
+    "routh": "Routh's integral is constant for the same bodies",
+    "norm": "|q| = 1",
+    "rolling": "z(t) − z(t0) = ∫ (ω × r e3)₁₂, no slip at the contact point",
+}
+
+
+def balance(name: str, case: Case) -> Row:
+    """The row of a balance or an integral.
+
+    A quantity whose law holds exactly departs from it by errors of the solver alone. Each step adds one of about the
+    tolerance, and because the law holds on the exact motion from there on as well, it does not grow. So what is
+    expected is steps × the change of the quantity for a change of the state by its tolerance, times a safety of 10.
+    """
+    drift = case.samples.drifts[name]
+    return Row(name, drift.residual, SAFETY * case.steps * drift.sensitivity, reason=_why_not(name, case))
+
+
+def contact(case: Case) -> Row:
+    """The row of the normal force, found as a fraction of the weight, with the friction that rolling needs."""
+    found = contact_extremes(case.run)
+    least, when = float(found.margin), float(found.least_normal_force_time)
+    note = f"the least N is {least:.4g} of the weight, at t = {when:.4g}"
+    if np.isfinite(found.friction_needed):
+        friction, when = float(found.friction_needed), float(found.friction_needed_time)
+        note += f"; rolling needs the friction |f|/N = {friction:.4g}, at t = {when:.4g}"
+    return Row("contact", least, 0.0, note=note, at_least=True)
+
+
+def laws_along(case: Case) -> dict[str, Callable[[Case], Row]]:
+    """The laws that are looked at along a run of this system, by name."""
+    if isinstance(case.scenario.system, AbstractClassicalSystem):
+        # The names are known once a state is seen; the samples are needed anyway.
+        return {name: partial(balance, name) for name in case.samples.drifts}
+    return {**{name: partial(balance, name) for name in BALANCES}, "contact": contact}
+
+
+def _why_not(name: str, case: Case) -> str:
+    system, samples = case.scenario.system, case.samples
+    if isinstance(system, AbstractClassicalSystem):
+        return _why_not_classical(name, case)
+    assert samples.moments is not None
+    assert samples.axis is not None
+    if name == "chaplygin":
+        return why_not_chaplygin(system, samples.moments)
+    if name in ("jellett", "routh"):
+        return why_not_routh(system, samples.moments, samples.axis)
+    if isinstance(case.scenario.state, DiskState):
+        return {"norm": "a disk's state holds no versor", "jellett-rate": "L·s is 0 for a disk"}.get(name, "")
+    return ""
+
+
+def _why_not_classical(name: str, case: Case) -> str:
+    system = case.scenario.system
+    if not isinstance(system, HeavyTop) or name != "axial_momentum":
+        return ""
+    chi = np.asarray(system.chi)
+    length = np.linalg.norm(chi)
+    return "" if length == 0 else why_no_revolution(np.diag(np.asarray(system.inertia)), chi / length)

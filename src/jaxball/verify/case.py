@@ -1,0 +1,135 @@
+"""The runs that a verification compares, each made when it is first needed and then kept."""
+
+import dataclasses
+from functools import cached_property
+from typing import Any
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Float
+
+from ..chaos.tangent import generic_vectors
+from ..dae import projected
+from ..scenario import Scenario
+from ..simulable import SimulableState, SimulableSystem
+from ..simulation import FINEST, simulate
+from ..trajectory import Trajectory
+from .samples import Samples, sample
+
+REFERENCE = 1e-13
+MOST_STEPS = 2**18
+DEVIATION = 1e-7
+DIRECTIONS = 4
+SAFETY = 10  # for the control of the step, which keeps an estimate of the error to the tolerance, and its mean square
+INTERPOLATION = 10  # steps: what the interpolation errs by at the saved times
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Case:
+    """A scenario and its runs."""
+
+    scenario: Scenario
+
+    @property
+    def tolerance(self) -> float:
+        """The larger of both tolerances."""
+        return max(self.scenario.rtol, self.scenario.atol)
+
+    @property
+    def finest(self) -> float:
+        """The tolerance of the reference."""
+        return max(FINEST["float64"], min(REFERENCE, self.tolerance / 10))
+
+    @cached_property
+    def run(self) -> Trajectory[Any, Any]:
+        """The scenario's own run, with dense output."""
+        return self.scenario.simulate(dense=True)
+
+    @property
+    def steps(self) -> int:
+        """How many steps' errors the run may hold; see :meth:`Case.expected`."""
+        return int(self.run.steps) + INTERPOLATION
+
+    @cached_property
+    def samples(self) -> Samples:
+        """The balances along the run."""
+        return sample(self.run, self.scenario.rtol, self.scenario.atol)
+
+    @cached_property
+    def reference(self) -> Trajectory[Any, Any]:
+        """The same motion by Dopri8 at a tolerance of 1e-13, or a tenth of the run's where that is finer."""
+        return self.precise(self.scenario.state)
+
+    def precise(self, state: SimulableState) -> Trajectory[Any, Any]:
+        """The motion from an initial state as precise as it can be had."""
+        return self.other(diffrax.Dopri8(), state=state, tolerance=self.finest)
+
+    def other(
+        self,
+        solver: diffrax.AbstractAdaptiveSolver,
+        *,
+        system: SimulableSystem | None = None,
+        state: SimulableState | None = None,
+        tolerance: float | None = None,
+        dae: bool = False,
+    ) -> Trajectory[Any, Any]:
+        """The run in another way; ``tolerance`` takes the place of the larger of both, the other in proportion."""
+        finer = 1.0 if tolerance is None else tolerance / self.tolerance
+        return simulate(
+            self.scenario.system if system is None else system,
+            self.scenario.times,
+            self.scenario.state if state is None else state,
+            solver=solver,
+            rtol=finer * self.scenario.rtol,
+            atol=finer * self.scenario.atol,
+            max_steps=MOST_STEPS,
+            dae=dae,
+        )
+
+    @cached_property
+    def weights(self) -> Float[np.ndarray, " size"]:
+        """What the tolerances are relative to: 1 + max |x| of each component where both are equal."""
+        largest = np.max(np.abs(flat(self.reference.state)), axis=0)
+        return (self.scenario.atol + self.scenario.rtol * largest) / self.tolerance
+
+    def distance(self, a: SimulableState, b: SimulableState) -> Float[np.ndarray, " T"]:
+        """How far apart two motions are at each saved time: their largest component over its weight."""
+        return np.max(np.abs(flat(a) - flat(b)) / self.weights[None], axis=1)
+
+    @cached_property
+    def errors(self) -> Float[np.ndarray, " T"]:
+        """The error of the run at each saved time, against the reference."""
+        return self.distance(self.run.state, self.reference.state)
+
+    @cached_property
+    def growth(self) -> Float[np.ndarray, " T"]:
+        """By how much small deviations of the initial state have grown at each saved time, at least 1.
+
+        The largest over four generic directions, which differ from the fastest by the square root of the dimension or
+        so. Runs from nearby states, rather than tangents, because these need no program of their own.
+        """
+        start, unravel = ravel_pytree(self.scenario.state)
+        found = np.ones(len(self.scenario.times))
+        for direction in generic_vectors(DIRECTIONS, start.size):
+            change = DEVIATION * direction / np.linalg.norm(direction) * self.weights
+            nearby = projected(unravel(start + jnp.asarray(change, start.dtype)))
+            apart = self.distance(self.precise(nearby).state, self.reference.state)
+            found = np.maximum(found, apart / apart[0])
+        return found
+
+    @property
+    def expected(self) -> float:
+        """The error that the tolerances explain: steps × tolerance × growth, times a safety of 10.
+
+        Each step adds an error of about the tolerance, and what it added grows as any deviation does.
+        """
+        return SAFETY * self.steps * self.tolerance * float(np.max(self.growth))
+
+
+def flat(state: SimulableState) -> Float[np.ndarray, "T size"]:
+    """States along a leading axis as rows."""
+    leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(state)]
+    return np.concatenate([leaf.reshape(leaf.shape[0], -1) for leaf in leaves], axis=1)

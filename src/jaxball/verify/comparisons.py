@@ -1,0 +1,125 @@
+"""The laws that compare runs: solvers, forms of the equations, tolerances."""
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ..body import Disk
+from ..classical import NonholonomicParticle
+from ..dae import WITH_UNIT, has_unit
+from ..scenario.solve import SOLVERS
+from ..solvers import Gauss, RadauIIA
+from ..state import DiskState
+from ..trajectory import Trajectory
+from .case import Case
+from .report import Row
+
+COARSER = (1e4, 1e2, 1.0)  # tolerances of the ladder, times the run's
+LADDER_FALLS = 0.3  # at least, from rung to rung, where the tolerance falls to 0.01; an error follows it as h^p does
+SATURATED = 1e-1
+INTERPOLATED = 100  # what the interpolation of the reference may err by, over its tolerance
+LOOSEST = 1e-2
+
+COMPARISONS: dict[str, str] = {
+    "error": "the run agrees with one at a tolerance of 1e-13",
+    "convergence": "the error falls with the tolerance",
+    "solvers": "the run agrees with one by a solver of another family",
+    "dae": "the run agrees with that of the differential-algebraic equations",
+    "embedding": "a disk rolls as the ball does in which it is embedded",
+    "closed-form": "the run agrees with the solution in closed form",
+}
+SLOW = ("solvers", "dae", "embedding")  # each compiles a program of its own
+
+
+def error(case: Case) -> Row:
+    """Of the run at the saved times."""
+    if not case.reference.ok:
+        return Row("error", note=f"the run at a tolerance of 1e-13 failed: {case.reference.message}")
+    return Row("error", float(np.max(case.errors)), case.expected)
+
+
+def convergence(case: Case) -> Row:
+    """The largest ratio of errors at one tolerance to those at a tolerance a hundred times as large."""
+    tolerances = [case.tolerance * factor for factor in COARSER]
+    tolerances = [tolerance for tolerance in tolerances if tolerance <= LOOSEST]
+    errors = [_error_at(case, tolerance) for tolerance in tolerances]
+    floor = INTERPOLATED * case.finest * float(np.max(case.growth))
+    ratios = [
+        fine / coarse for coarse, fine in itertools.pairwise(errors) if not coarse >= SATURATED and not fine <= floor
+    ]
+    rungs = zip(errors, tolerances, strict=True)
+    note = "errors " + ", ".join(f"{value:.0e} at {tolerance:.0e}" for value, tolerance in rungs)
+    return Row("convergence", max(ratios, default=0.0), LADDER_FALLS, note=note)
+
+
+def solvers(case: Case) -> Row:
+    """Dopri8 or Gauss's method of order 16, whichever is of another family than the scenario's solver."""
+    explicit = isinstance(SOLVERS[case.scenario.solver](), diffrax.AbstractERK)
+    other = Gauss(stages=8) if explicit else diffrax.Dopri8()
+    return _agreement("solvers", case, case.other(other), type(other).__name__)
+
+
+def dae(case: Case) -> Row:
+    """The form of the paper in which |q|² = 1 determines a component of q, by Radau IIA of order 13."""
+    if not has_unit(case.scenario.state):
+        return Row("dae", reason=f"it is for {WITH_UNIT}, in which a component of a unit vector is algebraic")
+    return _agreement("dae", case, case.other(RadauIIA(stages=7), dae=True), "RadauIIA")
+
+
+def embedding(case: Case) -> Row:
+    """The disk as a ball with rails in the plane of E1 and E3 and three equal moments."""
+    system, state = case.scenario.system, case.scenario.state
+    if not isinstance(system, Disk) or not isinstance(state, DiskState):
+        return Row("embedding", reason="it is for disks")
+    embedded = case.other(diffrax.Dopri8(), system=system.embedded(), state=state.in_space())
+    if not embedded.ok:
+        return Row("embedding", note=f"the run of the ball failed: {embedded.message}")
+    return Row("embedding", _apart(case.run.state.in_space(), embedded.state), 2 * case.expected)
+
+
+def closed_form(case: Case) -> Row:
+    """``eq_part_LdA_x`` of the nonholonomic particle."""
+    system, start = case.scenario.system, case.scenario.state
+    if not isinstance(system, NonholonomicParticle):
+        return Row("closed-form", reason="the motion is not known in closed form")
+    times = jnp.asarray(case.scenario.times)
+    exact = jax.jit(jax.vmap(lambda t: system.solution(t, start, times[0])))(times)  # pyright: ignore[reportArgumentType]
+    return Row("closed-form", float(np.max(case.distance(case.run.state, exact))), case.expected)
+
+
+CHECKS: dict[str, Callable[[Case], Row]] = {
+    "error": error,
+    "convergence": convergence,
+    "solvers": solvers,
+    "dae": dae,
+    "embedding": embedding,
+    "closed-form": closed_form,
+}
+
+
+def _agreement(law: str, case: Case, other: Trajectory[Any, Any], name: str) -> Row:
+    """Two runs at the same tolerance, each with its own error."""
+    if not other.ok:
+        return Row(law, note=f"the run by {name} failed: {other.message}")
+    return Row(law, float(np.max(case.distance(case.run.state, other.state))), 2 * case.expected, note=f"with {name}")
+
+
+def _error_at(case: Case, tolerance: float) -> float:
+    if tolerance == case.tolerance:
+        return float(np.max(case.errors))
+    finer = tolerance / case.tolerance
+    scenario = case.scenario
+    run = scenario.simulate(rtol=finer * scenario.rtol, atol=finer * scenario.atol, dense=True)
+    return float(np.max(case.distance(run.state, case.reference.state)))
+
+
+def _apart(a: Any, b: Any) -> float:
+    """The largest difference of two kinds of motion, relative to 1 + |x|."""
+    pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+    differences = [np.abs(np.asarray(x) - np.asarray(y)) / (1 + np.max(np.abs(y), initial=0.0)) for x, y in pairs]
+    return max(float(np.max(d, initial=0.0)) for d in differences)

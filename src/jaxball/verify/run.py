@@ -1,0 +1,88 @@
+"""The one entry function: a scenario, or a system with times and a state, in; a report out."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from .._arrays import Numbers
+from ..classical import AbstractClassicalState
+from ..scenario import Scenario
+from ..simulable import SimulableState, SimulableSystem
+from ..simulation import at_rest
+from ..state import BallState, DiskState
+from .along import BALANCES, laws_along
+from .case import Case
+from .comparisons import CHECKS, COMPARISONS, SLOW
+from .report import Report
+from .trust import trust
+
+LAWS: Mapping[str, str] = {
+    **BALANCES,
+    "contact": "N > 0: the plane holds the ball",
+    **COMPARISONS,
+}
+"""Every law by its name. A classical system has those of its ``laws`` in the place of the balances."""
+
+
+def verify(
+    system: Scenario | SimulableSystem,
+    times: Numbers | None = None,
+    state: SimulableState | None = None,
+    *,
+    laws: Sequence[str] | None = None,
+    quick: bool = False,
+    **settings: Any,
+) -> Report:
+    """Runs a scenario and checks every law of mechanics that applies to it.
+
+    **Arguments:**
+
+    - ``system``: a :class:`~jaxball.Scenario`; or a system, and then ``times`` and ``state`` are those of
+      :func:`jaxball.simulate`, and ``settings`` are fields of a scenario, such as ``solver``, ``rtol`` and ``atol``.
+    - ``laws``: the names of those to check, of :data:`LAWS` or of a classical system's laws; all of them if not given.
+      Where one does not apply, its row says why.
+    - ``quick``: whether to leave out the laws for which another solver or another system must be compiled.
+
+    A solve that fails is the report's ``failure``.
+
+    **Raises:** ``ValueError`` for a name that is no law, ``TypeError`` for states without a place, and what
+    :func:`jaxball.simulate` raises.
+    """
+    case = Case(_scenario(system, times, state, settings))
+    if not case.run.ok:
+        return Report(case.scenario.title, (), failure=case.run.message)
+    known = {**laws_along(case), **CHECKS}
+    chosen = [name for name in known if not (quick and name in SLOW)] if laws is None else _checked(laws, known)
+    rows = tuple(known[name](case) for name in chosen)
+    # Of all laws, a motion that is not known in closed form is worth no line.
+    if laws is None:
+        rows = tuple(row for row in rows if row.applies or row.law != "closed-form")
+    wanted = laws is None or any(name in CHECKS for name in chosen)
+    return Report(case.scenario.title, rows, trust(case) if wanted else None)
+
+
+def _scenario(system: Scenario | SimulableSystem, times: Any, state: Any, settings: dict[str, Any]) -> Scenario:
+    if isinstance(system, Scenario):
+        if times is not None or state is not None or settings:
+            raise ValueError(
+                "Arguments `times`, `state` and settings must be left out for a Scenario, which has them; use "
+                "dataclasses.replace(scenario, rtol=...)."
+            )
+        return system
+    if times is None:
+        raise ValueError("Argument `times` must be given for a system, two or more increasing numbers, but it is None.")
+    state = at_rest(system) if state is None else state
+    if not isinstance(state, BallState | DiskState | AbstractClassicalState):
+        raise TypeError(
+            "Argument `state` must be a BallState, a DiskState or a state of a classical system, but it is a "
+            f"{type(state).__name__}; a RotationState has `in_space`."
+        )
+    return Scenario("", system, state, np.asarray(times, dtype=float), **settings)
+
+
+def _checked(laws: Sequence[str], known: Mapping[str, Any]) -> list[str]:
+    unknown = [name for name in laws if name not in known]
+    if unknown:
+        raise ValueError(f'Argument `laws` must hold names of {", ".join(known)}, but it holds "{unknown[0]}".')
+    return list(dict.fromkeys(laws))

@@ -1,0 +1,51 @@
+"""For which balls the integrals of Chaplygin, Jellett and Routh hold, found from the moments along a run."""
+
+import numpy as np
+from jaxtyping import Float
+
+from ..body import Disk, System
+from ..moments import Moments
+
+NONE = 1e-9  # of the scale: what counts as zero
+
+
+def why_not_chaplygin(system: System, at: Moments) -> str:
+    """Why ΛΠ is not constant; empty where it is, for p = 0 at all times and no force."""
+    if system.force is not None:
+        return "a force acts"
+    distance = float(np.max(np.linalg.norm(at.p, axis=-1) / np.asarray(at.M)))
+    if distance > NONE * float(system.radius):
+        return f"the centre of mass is up to {distance:.3g} from the geometric centre"
+    return ""
+
+
+def why_not_routh(system: System, at: Moments, axis: Float[np.ndarray, "steps nodes 3"]) -> str:
+    """Why the integrals of Jellett and Routh are not constant; empty where they are.
+
+    They are where no force acts, no mass moves, and the ball with its masses is a body of revolution, about the axis
+    through the geometric centre and the centre of mass: for d1 = d2 and every mass on E3, and in any other axes.
+    """
+    if isinstance(system, Disk):
+        return "a disk rolls in a plane, where both are zero"
+    if system.force is not None:
+        return "a force acts"
+    J, p = np.asarray(at.J), np.asarray(at.p)
+    moved = max(np.ptp(J, axis=(0, 1)).max(), np.ptp(p, axis=(0, 1)).max() * float(system.radius))
+    # A mass that goes round the axis with an equal one opposite changes neither J nor p.
+    if moved > NONE * np.max(np.abs(J)) or np.max(np.abs(at.l)) > 0:
+        return "masses move"
+    J, p = J[0, 0], p[0, 0]
+    about_centre_of_mass = J - (p @ p * np.eye(3) - np.outer(p, p)) / float(at.M[0, 0])
+    return why_no_revolution(about_centre_of_mass, axis[0, 0])
+
+
+def why_no_revolution(J: Float[np.ndarray, "3 3"], axis: Float[np.ndarray, "3"]) -> str:
+    """Why a body with the moments ``J`` is not one of revolution about ``axis``; empty where it is."""
+    scale = float(np.max(np.abs(J)))
+    along = J @ axis
+    if np.max(np.abs(along - (axis @ along) * axis)) > NONE * scale:
+        return "the line through the geometric centre and the centre of mass is not a principal axis"
+    across = np.sort(np.linalg.eigvalsh(J + 10 * scale * np.outer(axis, axis)))[:2]
+    if across[1] - across[0] > NONE * scale:
+        return f"the moments across the axis of the centre of mass differ, {across[0]:.4g} and {across[1]:.4g}"
+    return ""
