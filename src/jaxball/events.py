@@ -63,7 +63,13 @@ class Event(AbstractEvent):
             raise ValueError(f"Argument `room` must be 1 or more, but it is {self.room}.")
 
     def value(self, system, t, state):
-        return jnp.asarray(self.of(system, t, state))
+        found = jnp.asarray(self.of(system, t, state))
+        if found.shape != () or not jnp.issubdtype(found.dtype, jnp.floating):
+            raise TypeError(
+                "Argument `of` must be a function whose value is one real number that crosses zero, but it gives "
+                f"{found.dtype} of shape {found.shape}."
+            )
+        return found
 
 
 class Detachment(AbstractEvent):

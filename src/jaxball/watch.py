@@ -7,11 +7,12 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from .body import Ball, Disk
-from .crossings import Crossings, crossings
+from .crossings import Crossings, Kind, crossings
 from .events import DOWN, UP, AbstractEvent, Detachment, Slip
 from .occurrences import Occurrences
 from .packing import Packing
@@ -77,7 +78,7 @@ def room_for(trajectory: Trajectory[Any, Any]) -> int:
     largest = cast(Any, trajectory.interpolant.solution.interpolation).ts.shape[-1] - 1
     if isinstance(trajectory.steps, Tracer):
         return largest
-    accepted = int(jnp.max(trajectory.steps - trajectory.rejected))
+    accepted = int(np.max(np.asarray(trajectory.steps) - np.asarray(trajectory.rejected)))
     return min(largest, STEPS_AT_A_TIME * -(-max(accepted, 1) // STEPS_AT_A_TIME))
 
 
@@ -87,7 +88,7 @@ def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], 
     assert interpolant is not None
     packing, started = interpolant.packing, trajectory.status != Status.IMPOSSIBLE
     steps = Steps.of(interpolant.solution, room, trajectory.reached)
-    found = {name: _crossings(steps, packing, event) for name, event in events.items()}
+    found = _crossings(steps, packing, events)
     end, status = jnp.full_like(trajectory.reached, jnp.inf), trajectory.status
     for name, event in events.items():
         if event.terminal:
@@ -108,15 +109,15 @@ def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], 
     )
 
 
-def _crossings(steps: Steps, packing: Packing, event: AbstractEvent) -> Crossings:
-    return crossings(
-        steps,
-        lambda t, x: event.value(packing.system, t, packing.unpack(t, x)),
-        packing.field,
-        direction=event.direction,
-        from_start=event.from_start,
-        room=event.room,
-    )
+def _crossings(steps: Steps, packing: Packing, events: dict[str, AbstractEvent]) -> dict[str, Crossings]:
+    """Those of all events, by name; together, so that what their functions have in common is computed once."""
+
+    def values(t, x):
+        state = packing.unpack(t, x)
+        return jnp.stack([event.value(packing.system, t, state) for event in events.values()])
+
+    kinds = [Kind(event.direction, event.from_start, event.room) for event in events.values()]
+    return dict(zip(events, crossings(steps, values, packing.field, kinds), strict=True))
 
 
 def _occurrences(packing: Packing, found: Crossings, started: Array, reached: Float[Array, ""]) -> Occurrences:

@@ -67,6 +67,7 @@ def test_extremes_of_the_papers_disk():
     np.testing.assert_allclose(found.least_normal_force, 4.40228, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_extremes_do_not_depend_on_the_saved_times(ball):
     few = contact_extremes(simulate(paper_ball(), [0.0, 20.0], dense=True, **TIGHT))
     np.testing.assert_allclose(few.friction_needed, contact_extremes(ball).friction_needed, rtol=1e-11)

@@ -183,6 +183,11 @@ class TestArguments:
         with pytest.raises(TypeError, match="`events` must be a dictionary of events by name"):
             simulate(FreeRigidBody(inertia=INERTIA), TIMES, START, events={"a": middle})
 
+    @pytest.mark.parametrize("of", [lambda system, t, state: state.Omega, lambda system, t, state: t > 1.0])
+    def test_an_event_is_one_real_number(self, of):
+        with pytest.raises(TypeError, match="`of` must be a function whose value is one real number"):
+            simulate(FreeRigidBody(inertia=INERTIA), TIMES, START, events={"a": Event(of)})
+
     @pytest.mark.parametrize(
         ("make", "sentence"),
         [
