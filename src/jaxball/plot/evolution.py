@@ -52,6 +52,8 @@ def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """The force of the plane: the normal force N and the magnitude |f| of the friction.
 
+    With dense output, the least N of the whole run is marked.
+
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
     times, _, seen = record(trajectory)
@@ -59,7 +61,12 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         (seen.normal_force, "$N$", COMPONENTS[0]),
         (np.linalg.norm(seen.friction, axis=1), r"$|\,\mathbf{f}\,|$", COMPONENTS[1]),
     ]
-    return over_time(times, series, "contact force", ax)
+    ax = over_time(times, series, "contact force", ax)
+    if trajectory.interpolant is not None:
+        extremes = contact_extremes(trajectory)
+        at, least = float(extremes.least_normal_force_time), float(extremes.least_normal_force)
+        _mark(ax, at, least, rf"least $N = {least:.4g}$ at $t = {at:.4g}$", COMPONENTS[0])
+    return ax
 
 
 def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -83,9 +90,14 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     elif len(ratio):
         at, mu = _largest_ratio(trajectory, times, ratio)
         label = rf"$\mu_{{\min}} = {mu:.4g}$ at $t = {at:.4g}$"
-        ax.plot(at, mu, "o", ms=5, color=COMPONENTS[1], linestyle="none", label=label, clip_on=False)
-        legend_above(ax)
+        _mark(ax, at, mu, label, COMPONENTS[1])
     return ax
+
+
+def _mark(ax: Axes, t: float, value: float, label: str, color: str) -> None:
+    """A dot where a quantity is extreme."""
+    ax.plot(t, value, "o", ms=5, color=color, linestyle="none", label=label, clip_on=False)
+    legend_above(ax)
 
 
 def _largest_ratio(trajectory: Trajectory, times: np.ndarray, ratio: np.ndarray) -> tuple[float, float]:
