@@ -54,7 +54,7 @@ def convergence(case: Case) -> Row:
     ]
     rungs = zip(errors, tolerances, strict=True)
     note = "errors " + ", ".join(f"{value:.0e} at {tolerance:.0e}" for value, tolerance in rungs)
-    return Row("convergence", max(ratios, default=0.0), LADDER_FALLS, note=note)
+    return Row("convergence", float(np.max([0.0, *ratios])), LADDER_FALLS, note=note)
 
 
 def solvers(case: Case) -> Row:

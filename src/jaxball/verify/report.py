@@ -57,9 +57,9 @@ class Trust:
 
     - ``error``: the largest of the run, against a run at a tolerance of 1e-13.
     - ``growth``: by how much a small deviation of the initial state grows in the run, at most.
-    - ``lyapunov_time``: the time in which small deviations grow e-fold at the end of the run; infinite where they
-      grow as a power of time.
-    - ``horizon``: the time at which the error reaches 1e-3; beyond the end of the run an estimate from the growth.
+    - ``lyapunov_time``: the time in which it grows e-fold on average, the inverse of the finite-time Lyapunov exponent.
+    - ``horizon``: the time at which the error reaches 1e-3. Beyond the end of the run it is an estimate by the mean
+      growth, and too early where the motion is regular.
     """
 
     error: float
@@ -69,12 +69,9 @@ class Trust:
     end: float
 
     def __str__(self) -> str:
-        law = "as a power of time" if math.isinf(self.lyapunov_time) else f"e-fold in {self.lyapunov_time:.3g}"
-        reach = "reached" if self.horizon <= self.end else "would reach"
-        return (
-            f"error {self.error:.1e}; small deviations grow {self.growth:.3g}-fold, {law}; "
-            f"the error {reach} {ERROR_ALLOWED:g} at t = {self.horizon:.3g}"
-        )
+        growth = f"{self.growth:.3g}-fold, e-fold in {self.lyapunov_time:.3g}"
+        when = f"at t = {self.horizon:.3g}" if self.horizon <= self.end else f"not before t = {self.horizon:.3g}"
+        return f"error {self.error:.1e}; small deviations grow {growth}; the error reaches {ERROR_ALLOWED:g} {when}"
 
 
 @dataclasses.dataclass(frozen=True)

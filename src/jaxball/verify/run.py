@@ -14,7 +14,7 @@ from ..state import BallState, DiskState
 from .along import BALANCES, laws_along
 from .case import Case
 from .comparisons import CHECKS, COMPARISONS, SLOW
-from .report import Report
+from .report import Report, Row
 from .trust import trust
 
 LAWS: Mapping[str, str] = {
@@ -23,6 +23,8 @@ LAWS: Mapping[str, str] = {
     **COMPARISONS,
 }
 """Every law by its name. A classical system has those of its ``laws`` in the place of the balances."""
+
+ROLLING_ONLY = "it is for a ball or a disk"
 
 
 def verify(
@@ -50,11 +52,11 @@ def verify(
     :func:`jaxball.simulate` raises.
     """
     case = Case(_scenario(system, times, state, settings))
+    known = {**laws_along(case.scenario), **CHECKS}
+    chosen = [name for name in known if not (quick and name in SLOW)] if laws is None else _checked(laws, known)
     if not case.run.ok:
         return Report(case.scenario.title, (), failure=case.run.message)
-    known = {**laws_along(case), **CHECKS}
-    chosen = [name for name in known if not (quick and name in SLOW)] if laws is None else _checked(laws, known)
-    rows = tuple(known[name](case) for name in chosen)
+    rows = tuple(known[name](case) if name in known else Row(name, reason=ROLLING_ONLY) for name in chosen)
     # Of all laws, a motion that is not known in closed form is worth no line.
     if laws is None:
         rows = tuple(row for row in rows if row.applies or row.law != "closed-form")
@@ -82,7 +84,7 @@ def _scenario(system: Scenario | SimulableSystem, times: Any, state: Any, settin
 
 
 def _checked(laws: Sequence[str], known: Mapping[str, Any]) -> list[str]:
-    unknown = [name for name in laws if name not in known]
+    unknown = [name for name in laws if name not in known and name not in LAWS]
     if unknown:
         raise ValueError(f'Argument `laws` must hold names of {", ".join(known)}, but it holds "{unknown[0]}".')
     return list(dict.fromkeys(laws))

@@ -7,6 +7,8 @@ from ..body import Disk, System
 from ..moments import Moments
 
 NONE = 1e-9  # of the scale: what counts as zero
+MASSES_MOVE = "masses move"
+PLANAR = "a disk rolls in a plane, where it is zero"
 
 
 def why_not_chaplygin(system: System, at: Moments) -> str:
@@ -26,14 +28,14 @@ def why_not_routh(system: System, at: Moments, axis: Float[np.ndarray, "steps no
     through the geometric centre and the centre of mass: for d1 = d2 and every mass on E3, and in any other axes.
     """
     if isinstance(system, Disk):
-        return "a disk rolls in a plane, where both are zero"
+        return PLANAR
     if system.force is not None:
         return "a force acts"
     J, p = np.asarray(at.J), np.asarray(at.p)
     moved = max(np.ptp(J, axis=(0, 1)).max(), np.ptp(p, axis=(0, 1)).max() * float(system.radius))
     # A mass that goes round the axis with an equal one opposite changes neither J nor p.
     if moved > NONE * np.max(np.abs(J)) or np.max(np.abs(at.l)) > 0:
-        return "masses move"
+        return MASSES_MOVE
     J, p = J[0, 0], p[0, 0]
     about_centre_of_mass = J - (p @ p * np.eye(3) - np.outer(p, p)) / float(at.M[0, 0])
     return why_no_revolution(about_centre_of_mass, axis[0, 0])

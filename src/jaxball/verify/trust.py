@@ -7,37 +7,25 @@ import numpy as np
 from .case import Case
 from .report import ERROR_ALLOWED, Trust
 
-POLYNOMIAL = 2.0  # the highest power of time at which deviations grow where the motion is regular, and one more
+LEAST_ERROR = 1e-16
 
 
 def trust(case: Case) -> Trust | None:
     """What the growth of small deviations means for the error; None where there is no precise run to tell.
 
-    Between the middle and the end of the run a power t^p grows 2^p-fold. What grows more than fourfold counts as
-    exponential, with the mean rate over that half; regular motions have p = 1.
+    With G their growth over the run of length T, log(G) / T is the finite-time Lyapunov exponent, and an error is
+    taken to go on growing at that rate. In a regular motion deviations grow as time does and the exponent falls as
+    log(T) / T, so that the error stays small for longer than this says.
     """
     if not case.reference.ok:
         return None
-    times = case.scenario.times - case.scenario.times[0]
-    growth, errors = np.maximum.accumulate(case.growth), np.maximum.accumulate(case.errors)
-    middle = int(np.argmin(np.abs(times - times[-1] / 2)))
-    doubled = math.log(growth[-1] / growth[middle]) if np.isfinite(growth[-1]) else math.nan
-    exponential = doubled > POLYNOMIAL * math.log(2.0)
-    rate = doubled / (times[-1] - times[middle]) if exponential else 0.0
-    start, end = float(case.scenario.times[0]), float(case.scenario.times[-1])
-    late = errors > ERROR_ALLOWED
-    ahead = math.log(ERROR_ALLOWED / max(float(errors[-1]), 1e-300))
+    times = np.asarray(case.scenario.times)
+    errors = np.maximum.accumulate(case.errors)
+    error, growth = float(errors[-1]), float(np.max(case.growth))
+    lyapunov_time = float(times[-1] - times[0]) / math.log(growth) if growth > 1 else math.inf
+    late = ~(errors <= ERROR_ALLOWED)
     if late.any():
-        horizon = float(case.scenario.times[int(np.argmax(late))])
-    elif exponential:
-        horizon = end + ahead / rate
+        horizon = float(times[int(np.argmax(late))])
     else:
-        power = max(doubled / math.log(2.0), 1.0)
-        horizon = start + (end - start) * math.exp(ahead / power)
-    return Trust(
-        error=float(errors[-1]),
-        growth=float(growth[-1]),
-        lyapunov_time=1 / rate if exponential else math.inf,
-        horizon=horizon,
-        end=end,
-    )
+        horizon = float(times[-1]) + lyapunov_time * math.log(ERROR_ALLOWED / max(error, LEAST_ERROR))
+    return Trust(error=error, growth=growth, lyapunov_time=lyapunov_time, horizon=horizon, end=float(times[-1]))
