@@ -135,13 +135,11 @@ class _Method(NamedTuple):
 
 def _run(method: _Method, system: SimulableSystem, times: Any, *others: Any) -> Trajectory[Any, Any]:
     """A trajectory. Dense output has room for few steps at first, because room that is not used costs time as well."""
-    for room in FEW_STEPS if method.dense else ():
-        if room >= method.max_steps:
-            break
+    staged = isinstance(jnp.zeros(()), Tracer)
+    rooms = [room for room in FEW_STEPS if room < method.max_steps and method.dense and not staged]
+    for room in rooms:
         trajectory = Trajectory(system, times, *_program(method._replace(max_steps=room))(system, times, *others))
-        if isinstance(trajectory.status, Tracer):
-            break
-        if int(jnp.max(trajectory.steps)) < room:
+        if not isinstance(trajectory.status, Tracer) and int(jnp.max(trajectory.steps)) < room:
             return trajectory
     return Trajectory(system, times, *_program(method)(system, times, *others))
 

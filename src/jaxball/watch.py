@@ -95,8 +95,10 @@ def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], 
             first = jnp.where(started & (found[name].count > 0), found[name].times[0], jnp.inf)
             status = jnp.where(first < end, int(event.status), status)
             end = jnp.minimum(first, end)
-    reached = jnp.minimum(trajectory.reached, end)
-    times = jnp.asarray(trajectory.times)
+    reached, times = jnp.minimum(trajectory.reached, end), jnp.asarray(trajectory.times)
+    # A function that touched zero at the end of a step has stopped the solve without a crossing.
+    touched = (status == Status.SUCCESS) & (reached < times[-1])
+    status = jnp.where(touched, int(Status.EVENT), status)
 
     def cut(leaf):
         return jnp.where((times <= reached).reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, jnp.nan)
