@@ -106,19 +106,21 @@ class Case:
 
     @cached_property
     def growth(self) -> Float[np.ndarray, " T"]:
-        """By how much small deviations of the initial state have grown at each saved time, at least 1.
+        """By how much small deviations of the initial state have grown at each saved time, at least 1; NaN if unknown.
 
         The largest over four generic directions, which differ from the fastest by the square root of the dimension or
         so. Runs from nearby states, rather than tangents, because these need no program of their own.
         """
         start, unravel = ravel_pytree(self.scenario.state)
-        found = np.ones(len(self.scenario.times))
+        found = []
         for direction in generic_vectors(DIRECTIONS, start.size):
             change = DEVIATION * direction / np.linalg.norm(direction) * self.weights
-            nearby = projected(unravel(start + jnp.asarray(change, start.dtype)))
-            apart = self.distance(self.precise(nearby).state, self.reference.state)
-            found = np.maximum(found, apart / apart[0])
-        return found
+            nearby = self.precise(projected(unravel(start + jnp.asarray(change, start.dtype))))
+            # A body held to a constraint may not start from every nearby state.
+            if nearby.ok:
+                apart = self.distance(nearby.state, self.reference.state)
+                found.append(apart / apart[0])
+        return np.maximum(1.0, np.max(found, axis=0)) if found else np.full(len(self.scenario.times), np.nan)
 
     @property
     def expected(self) -> float:

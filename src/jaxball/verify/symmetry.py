@@ -46,8 +46,12 @@ def why_no_revolution(J: Float[np.ndarray, "3 3"], axis: Float[np.ndarray, "3"])
     scale = float(np.max(np.abs(J)))
     along = J @ axis
     if np.max(np.abs(along - (axis @ along) * axis)) > NONE * scale:
-        return "the line through the geometric centre and the centre of mass is not a principal axis"
+        return f"the axis {_text(axis)} is not a principal one"
     across = np.sort(np.linalg.eigvalsh(J + 10 * scale * np.outer(axis, axis)))[:2]
     if across[1] - across[0] > NONE * scale:
-        return f"the moments across the axis of the centre of mass differ, {across[0]:.4g} and {across[1]:.4g}"
+        return f"the moments across the axis {_text(axis)} differ, {across[0]:.4g} and {across[1]:.4g}"
     return ""
+
+
+def _text(axis: Float[np.ndarray, "3"]) -> str:
+    return "(" + ", ".join(f"{value:.3g}" for value in axis) + ")"
