@@ -66,7 +66,7 @@ def _sweep(study, options: argparse.Namespace) -> int:
         return FAILED_SOLVE
     if outcome.interrupted:
         print(
-            f"jaxball: Stopped with {outcome.done:,} of {outcome.rows:,} rows done; run the same command again to go on.",
+            f"jaxball: Stopped with {outcome.done:,} of {outcome.rows:,} rows done; run the same command to go on.",
             file=sys.stderr,
         )
         return INTERRUPTED

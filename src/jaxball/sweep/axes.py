@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,6 +20,7 @@ _COUNT = Key(Integer(1, MOST_POINTS))
 _SEED = Key(Integer(0, 2**63 - 1), 0)
 
 
+@runtime_checkable
 class Axis(Protocol):
     """Numbers that change together, and their values, computed from the index of a point alone."""
 

@@ -30,8 +30,9 @@ class Wanted(NamedTuple):
     most: int
 
 
-# From scenarios that differ in numbers alone to arrays with the scenarios as leading axis: `status`, `steps`, `rejected`,
-# `reached`, the entries of the state at each of a scenario's times, and the extremes of the contact force where wanted.
+# From scenarios that differ in numbers alone to arrays with the scenarios as leading axis: `status`, `steps`,
+# `rejected`, `reached`, the entries of the state at each of a scenario's times, and the extremes of the contact force
+# where wanted.
 # It must be a function of a module, so that it can be sent to a worker.
 Engine = Callable[[Sequence[Scenario], Wanted], dict[str, np.ndarray]]
 

@@ -32,20 +32,20 @@ def points(path: Path, digest: str, indices: np.ndarray) -> np.ndarray:
 @functools.lru_cache(maxsize=4)
 def _table(path: Path, digest: str) -> tuple[tuple[str, ...], np.ndarray]:
     # Imported here, because it belongs to the extra `sweep`.
-    import pandas
+    import pyarrow.csv
+    import pyarrow.parquet
 
     if hashlib.sha256(path.read_bytes()).hexdigest() != digest:
         raise StudyError(f'Key `points` must stay the same file while a study runs, but "{path}" has changed.')
     if path.suffix not in (".csv", ".parquet"):
         raise StudyError(f'Key `points` must be a .csv or .parquet file, but it is "{path}".')
     try:
-        if path.suffix == ".csv":
-            frame = pandas.read_csv(path, float_precision="round_trip")
-        else:
-            frame = pandas.read_parquet(path)
+        read = pyarrow.csv.read_csv if path.suffix == ".csv" else pyarrow.parquet.read_table
+        table = read(path)
     except (ValueError, OSError) as error:
         raise StudyError(f'Key `points` must be a table, but "{path}" is not: {error}.') from None
-    for name in frame.columns:
-        if frame[name].dtype.kind not in "iuf":
-            raise StudyError(f'Column `{name}` of "{path}" must hold numbers alone, but it holds {frame[name].dtype}.')
-    return tuple(map(str, frame.columns)), frame.to_numpy(dtype=float)
+    for field in table.schema if table.num_rows else ():
+        if not (pyarrow.types.is_integer(field.type) or pyarrow.types.is_floating(field.type)):
+            raise StudyError(f'Column `{field.name}` of "{path}" must hold numbers alone, but it holds {field.type}.')
+    columns = [np.asarray(column.to_numpy(), dtype=float) for column in table.columns]
+    return tuple(table.column_names), np.stack(columns, axis=1)

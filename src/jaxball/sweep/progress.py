@@ -1,16 +1,27 @@
 """A line that says how far a study has come."""
 
 import time
-from typing import TextIO
+from typing import Any, Protocol, runtime_checkable
 
 SECONDS_BETWEEN_LINES = 30.0
 SECONDS_BETWEEN_CHANGES = 0.2
 
 
+@runtime_checkable
+class Stream(Protocol):
+    """What a line can be shown on, as ``sys.stderr``."""
+
+    def write(self, text: str, /) -> Any: ...
+
+    def flush(self) -> None: ...
+
+    def isatty(self) -> bool: ...
+
+
 class Progress:
     """Rows done of all, their rate, the time to go, and failures; on one line of a terminal, else line by line."""
 
-    def __init__(self, stream: TextIO, rows: int, done: int, mine: int):
+    def __init__(self, stream: Stream, rows: int, done: int, mine: int):
         """``rows`` in all, ``done`` before, and ``mine`` that are to be done now."""
         self.stream, self.rows, self.done, self.mine = stream, rows, done, mine
         self.now, self.failed, self.start, self.shown = 0, 0, time.monotonic(), 0.0

@@ -5,7 +5,7 @@ import contextlib
 import io
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import Any, NamedTuple
 
 import jax
 
@@ -15,7 +15,7 @@ from .errors import StudyError
 from .executors import executor_of, solve_all
 from .interrupt import asked_to_stop
 from .outputs import outputs_of
-from .progress import Progress
+from .progress import Progress, Stream
 from .store import Store, open_store
 from .study import Study
 from .table import has_table, write_table
@@ -48,7 +48,7 @@ def sweep(
     executor: Any = None,
     shard: tuple[int, int] = (1, 1),
     engine: Engine = solve_in_lanes,
-    stream: TextIO | None = None,
+    stream: Stream | None = None,
 ) -> Outcome:
     """Runs a study, or goes on with it, and writes a Zarr store and, at the end, a Parquet table.
 
