@@ -15,8 +15,8 @@ import jax
 from jaxball.sweep import sweep
 from tests.sweep.studies import pretend, study
 
-AXES = '[[axes]]\npath = "body.mass"\nlinear = { from = 1.0, to = 2.0, count = 90 }\n'
-FEWEST = 6
+AXES = '[[axes]]\npath = "body.mass"\nlinear = { from = 1.0, to = 2.0, count = 60 }\n'
+FEWEST = 4
 
 
 def once(folder: Path) -> None:

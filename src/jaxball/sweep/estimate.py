@@ -44,7 +44,7 @@ def estimate(study: Study, engine: Engine = solve_in_lanes) -> Estimate:
     return Estimate(study.rows, study.chunks, size, seconds * study.rows / len(rows))
 
 
-def _bytes(size: float) -> str:
+def _bytes(size: int) -> str:
     units = ("B", "kB", "MB", "GB", "TB")
     power = min(int(math.log10(max(size, 1))) // 3, len(units) - 1)
     return f"{size / 1000**power:.3g} {units[power]}"
