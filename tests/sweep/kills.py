@@ -16,7 +16,7 @@ from jaxball.sweep import sweep
 from tests.sweep.studies import pretend, study
 
 AXES = '[[axes]]\npath = "body.mass"\nlinear = { from = 1.0, to = 2.0, count = 60 }\n'
-FEWEST = 4
+FEWEST = 3
 
 
 def once(folder: Path) -> None:

@@ -18,7 +18,7 @@ values = [0.5, -1.0, 1.5]
 
 [[axes]]
 path = "masses[0].schedule.rate"
-values = [0.2, 3.0]
+values = [0.2, 300.0]
 
 [[axes]]
 path = "masses[0].rail.radius"
@@ -29,9 +29,9 @@ SETTINGS = 'save = "times"\ntitle = "Disks"\nchunk = 8'
 
 @pytest.fixture(scope="module")
 def disks(tmp_path_factory):
-    """Twelve disks in two chunks: a shell of negative mass, and rails outside the shell, are among them."""
+    """Twelve disks in two chunks: shells of negative mass, rails outside the shell and fast masses are among them."""
     folder = tmp_path_factory.mktemp("disks")
-    found = study(folder, AXES, SETTINGS)
+    found = study(folder, AXES, SETTINGS, DISK + "[solve]\nmax_steps = 40\n")
     outcome = sweep(found, folder / "disks.zarr")
     assert outcome.finished
     return found, outcome
@@ -51,16 +51,19 @@ def test_rows_are_single_runs(disks, data):
     assert list(possible(data)) == [0, 2, 8, 10]
     for row in possible(data):
         single = disks[0].scenario(int(row)).simulate()
+        assert single.ok == (row in (0, 8))
         for name in ("phi", "phidot", "z"):
             np.testing.assert_allclose(data[name][row], getattr(single.state, name), rtol=1e-9, atol=1e-9)
         np.testing.assert_array_equal(data["time"][row], single.times)
         assert (int(data["steps"][row]), int(data["rejected"][row])) == (int(single.steps), int(single.rejected))
-        assert (int(data["status"][row]), float(data["reached"][row])) == (0, 2.0)
+        assert int(data["status"][row]) == int(single.status)
+        # Steps are as long as estimates of errors near rounding make them.
+        np.testing.assert_allclose(data["reached"][row], single.reached, rtol=3e-7)
 
 
 @pytest.mark.slow
 def test_extremes_of_the_contact_force_are_those_of_single_runs(tmp_path):
-    axes = AXES.replace("[0.2, 3.0]", "[0.2, 0.4]")
+    axes = AXES.replace("[0.2, 300.0]", "[0.2, 0.4]")
     found = study(tmp_path, axes, "contact = true")
     outcome = sweep(found, tmp_path / "disks.zarr")
     frame = pandas.read_parquet(outcome.table)
@@ -78,7 +81,7 @@ def test_a_row_that_no_body_can_have_is_a_status_and_no_number(disks, data):
     for name in ("phi", "reached", "z"):
         assert np.all(np.isnan(data[name][bad]))
     lines = describe(disks[1].store)
-    assert "12 of 12 rows are done (100.0 %)\n  4 SUCCESS\n  8 IMPOSSIBLE" in lines
+    assert "12 of 12 rows are done (100.0 %)\n  2 SUCCESS\n  2 MAX_STEPS\n  8 IMPOSSIBLE" in lines
     assert "the first to fail is row 1, IMPOSSIBLE, with body.mass = 0.5" in lines
     assert "Key `masses[0].rail` must be a curve inside the shell of radius 1" in lines
 
@@ -104,6 +107,7 @@ def test_the_table_has_the_ends_of_the_runs(disks, data):
     assert "time" not in frame
 
 
+@pytest.mark.slow
 def test_solves_that_give_up_are_rows_with_a_status(tmp_path):
     axes = '[[axes]]\npath = "masses[0].schedule.rate"\nvalues = [0.0, 300.0]\n'
     text = BALL + "[solve]\nmax_steps = 40\n"

@@ -105,6 +105,18 @@ def test_the_store_of_another_study_is_refused_and_left(tmp_path, changes, what)
     assert files(first.store) == before
 
 
+def test_points_are_known_by_what_their_file_holds(tmp_path):
+    axes, texts = '[[axes]]\npoints = "points.csv"\n', ("body.mass\n1.0\n2.0\n", "body.mass\n1.0\n2.5\n")
+    for name, text in zip(("here", "there", "changed"), (texts[0], *texts), strict=True):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "points.csv").write_text(text)
+    store = tmp_path / "s.zarr"
+    for name in ("here", "there"):
+        assert sweep(study(tmp_path / name, axes), store, engine=pretend).finished
+    with pytest.raises(StoreError, match="with other axes"):
+        sweep(study(tmp_path / "changed", axes), store, engine=pretend)
+
+
 def test_the_store_of_another_version_is_refused(tmp_path, monkeypatch):
     found = study(tmp_path, settings=SMALL)
     sweep(found, tmp_path / "s.zarr", engine=pretend)

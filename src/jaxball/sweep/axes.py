@@ -93,9 +93,9 @@ class Designed:
 
 @dataclasses.dataclass(frozen=True)
 class FromFile:
-    """Numbers whose values a file lists, each column named by a path."""
+    """Numbers whose values a file lists, each column named by a path; known by what the file holds."""
 
-    file: Path
+    file: Path = dataclasses.field(repr=False)
     digest: str
     paths: tuple[str, ...]
     size: int

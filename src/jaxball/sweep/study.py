@@ -106,8 +106,8 @@ class Study:
         return read_document(self.document)
 
     def identity(self) -> dict[str, str]:
-        """All that the results depend on, but for versions, as texts."""
-        axes = repr(tuple(_without_folders(axis) for axis in self.axes))
+        """All that the results depend on, but for versions, as texts; files in it are known by their SHA-256."""
+        axes = repr(self.axes)
         kept = f"save = {self.save}, contact = {self.contact}, chunk = {self.chunk}"
         return {"scenario": tomli_w.dumps(self.document), "axes": axes, "settings": kept}
 
@@ -178,12 +178,3 @@ def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any]) -> None:
 def _chunk_for(rows: int) -> int:
     """Enough chunks to share among workers and to lose little, but not so many that their files are a burden."""
     return min(max(SMALLEST_CHUNK, 1 << (rows // 64).bit_length()), LARGEST_CHUNK)
-
-
-def _without_folders(axis: Axis) -> Axis:
-    """The axis, its files named by what they hold and not by where they lie."""
-    if dataclasses.is_dataclass(axis) and hasattr(axis, "file"):
-        return dataclasses.replace(axis, file=Path())  # pyright: ignore
-    if hasattr(axis, "members"):
-        return dataclasses.replace(axis, members=tuple(map(_without_folders, axis.members)))  # pyright: ignore
-    return axis
