@@ -25,8 +25,8 @@ class Estimate(NamedTuple):
         """The estimate in words, for so many workers."""
         share = duration(self.seconds / min(workers, self.chunks))
         return (
-            f"{self.rows:,} rows in {self.chunks:,} chunks, a store of {_bytes(self.size)}, about {share} with "
-            f"{workers} {'worker' if workers == 1 else 'workers'} once they are compiled"
+            f"{_counted(self.rows, 'row')} in {_counted(self.chunks, 'chunk')}, a store of {_bytes(self.size)}, "
+            f"about {share} with {_counted(workers, 'worker')} once they are compiled"
         )
 
 
@@ -48,3 +48,7 @@ def _bytes(size: int) -> str:
     units = ("B", "kB", "MB", "GB", "TB")
     power = min(int(math.log10(max(size, 1))) // 3, len(units) - 1)
     return f"{size / 1000**power:.3g} {units[power]}"
+
+
+def _counted(n: int, noun: str) -> str:
+    return f"{n:,} {noun}" if n == 1 else f"{n:,} {noun}s"

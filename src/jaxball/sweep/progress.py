@@ -24,7 +24,8 @@ class Progress:
     def __init__(self, stream: Stream, rows: int, done: int, mine: int):
         """``rows`` in all, ``done`` before, and ``mine`` that are to be done now."""
         self.stream, self.rows, self.done, self.mine = stream, rows, done, mine
-        self.now, self.failed, self.start, self.shown = 0, 0, time.monotonic(), 0.0
+        self.now, self.told, self.failed = 0, 0, 0
+        self.start, self.shown = time.monotonic(), 0.0
         self.terminal = stream.isatty()
 
     def add(self, rows: int, failed: int) -> None:
@@ -37,14 +38,15 @@ class Progress:
 
     def show(self) -> None:
         """Shows the line now."""
-        self.shown = time.monotonic()
+        self.shown, self.told = time.monotonic(), self.now
         self.stream.write(f"\r\x1b[K{self.line()}" if self.terminal else f"{self.line()}\n")
         self.stream.flush()
 
     def close(self) -> None:
         """Shows the last line, if there is one to show."""
         if self.now:
-            self.show()
+            if self.terminal or self.told != self.now:
+                self.show()
             if self.terminal:
                 self.stream.write("\n")
 

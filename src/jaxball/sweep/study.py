@@ -177,4 +177,4 @@ def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any]) -> None:
 
 def _chunk_for(rows: int) -> int:
     """Enough chunks to share among workers and to lose little, but not so many that their files are a burden."""
-    return min(max(SMALLEST_CHUNK, 1 << (rows // 64).bit_length()), LARGEST_CHUNK)
+    return min(max(SMALLEST_CHUNK, 1 << (rows // 64).bit_length()), LARGEST_CHUNK, rows)
