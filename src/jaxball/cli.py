@@ -1,4 +1,4 @@
-"""The command line: ``jaxball scenarios``, ``simulate``, ``chaos``, ``verify``, ``reproduce`` and ``bench``."""
+"""The command line: ``jaxball scenarios``, ``simulate``, ``chaos``, ``verify``, ``sweep``, ``reproduce``, ``bench``."""
 
 import argparse
 import dataclasses
@@ -15,7 +15,7 @@ import numpy as np
 
 from . import cpu
 from .classical import AbstractClassicalSystem
-from .commands import chaos, verify
+from .commands import chaos, sweep, verify
 from .commands.options import BAD_INPUT, FAILED_SOLVE, INTERRUPTED, positive
 from .events import AbstractEvent, Detachment, Slip
 from .extremes import contact_extremes
@@ -62,6 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_simulate(commands)
     chaos.add(commands)
     verify.add(commands)
+    sweep.add(commands)
     _add_reproduce(commands)
     _add_bench(commands)
     return parser

@@ -2,6 +2,7 @@
 
 from .files import (
     load_scenario as load_scenario,
+    read_document as read_document,
     read_scenario as read_scenario,
     write_scenario as write_scenario,
 )

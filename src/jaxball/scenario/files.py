@@ -78,6 +78,14 @@ def read_scenario(text: str) -> Scenario:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"A scenario must be a TOML document, but it is not: {error}.") from None
+    return read_document(document)
+
+
+def read_document(document: dict[str, Any]) -> Scenario:
+    """The scenario that a parsed file describes, which is left as it is.
+
+    **Raises:** :class:`ScenarioError` as :func:`read_scenario`.
+    """
     if document.get("kind") in tuple(CLASSICAL):
         return _classical(document)
     found = read_table(document, "", _KEYS)

@@ -1,0 +1,89 @@
+"""``jaxball sweep``: a study run over all its rows, and how far one has come."""
+
+import argparse
+import importlib.util
+import sys
+from pathlib import Path
+
+from .options import BAD_INPUT, FAILED_SOLVE, INTERRUPTED
+
+NEEDED = ("zarr", "pandas", "pyarrow", "scipy")
+
+
+def add(commands) -> None:
+    """Adds the command to the subparsers of argparse."""
+    parser = commands.add_parser(
+        "sweep",
+        help="run a study: a scenario with other numbers in each row",
+        usage=(
+            "jaxball sweep STUDY --out STORE [--workers N] [--shard K/N] [--dry-run]\n       jaxball sweep status STORE"
+        ),
+        description="Runs a study, or goes on with one that was stopped, whatever stopped it.",
+    )
+    parser.add_argument("study", metavar="STUDY", help="a study file, or the word status")
+    parser.add_argument("store", nargs="?", type=Path, metavar="STORE", help="the store of which to tell the status")
+    parser.add_argument("--out", type=Path, metavar="STORE", help="the store, .zarr; the table is beside it, .parquet")
+    parser.add_argument("--workers", type=_count, default=1, metavar="N", help="how many processes (default: 1)")
+    parser.add_argument("--shard", type=_shard, default=(1, 1), metavar="K/N", help="the K-th of N parts alone")
+    parser.add_argument("--dry-run", action="store_true", help="say how many rows, how large, how long")
+    parser.set_defaults(run=lambda options: _run(parser, options))
+
+
+def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
+    # Imported here, because the other commands have no use for it.
+    from .. import sweep
+
+    if options.study == "status":
+        if options.store is None:
+            parser.error("the following argument is required after status: STORE")
+        print(sweep.describe(options.store))
+        return 0
+    if options.store is not None:
+        parser.error(f"unrecognized argument: {options.store}")
+    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
+    if missing:
+        print(
+            f"jaxball: A sweep needs {', '.join(missing)}, which are not installed; pip install 'jaxball[sweep]'.",
+            file=sys.stderr,
+        )
+        return BAD_INPUT
+    study = sweep.load_study(options.study)
+    if options.dry_run:
+        print(sweep.estimate(study).sentence(options.workers))
+        return 0
+    if options.out is None:
+        parser.error("the following argument is required: --out")
+    return _sweep(study, options)
+
+
+def _sweep(study, options: argparse.Namespace) -> int:
+    from .. import sweep
+
+    try:
+        outcome = sweep.sweep(study, options.out, workers=options.workers, shard=options.shard, stream=sys.stderr)
+    except sweep.WorkerError as error:
+        print(f"jaxball: {error}", file=sys.stderr)
+        return FAILED_SOLVE
+    if outcome.interrupted:
+        print(
+            f"jaxball: Stopped with {outcome.done:,} of {outcome.rows:,} rows done; run the same command to go on.",
+            file=sys.stderr,
+        )
+        return INTERRUPTED
+    print(sweep.describe(outcome.store))
+    written = f"{outcome.store}, {outcome.table}" if outcome.finished else f"{outcome.store}; other shards are not done"
+    print(f"  written: {written}")
+    return 0
+
+
+def _count(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"it must be a whole number, 1 or more, but it is {text}")
+    return int(text)
+
+
+def _shard(text: str) -> tuple[int, int]:
+    part, _, parts = text.partition("/")
+    if not (part.isdigit() and parts.isdigit() and 1 <= int(part) <= int(parts)):
+        raise argparse.ArgumentTypeError(f"it must be K/N with K from 1 to N, but it is {text}")
+    return int(part), int(parts)

@@ -1,0 +1,8 @@
+"""Studies: a scenario run over and over, with other numbers in each row."""
+
+from .engine import Engine as Engine, Wanted as Wanted, solve_in_lanes as solve_in_lanes
+from .errors import StoreError as StoreError, StudyError as StudyError, WorkerError as WorkerError
+from .estimate import Estimate as Estimate, estimate as estimate
+from .run import Outcome as Outcome, sweep as sweep
+from .state import describe as describe
+from .study import Study as Study, load_study as load_study, read_study as read_study

@@ -1,0 +1,92 @@
+"""A chunk of rows: computed, and written to the store. What a worker does."""
+
+import dataclasses
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from ..scenario import Scenario, ScenarioError
+from ..status import Status
+from .engine import Engine, Wanted
+from .errors import StudyError
+from .outputs import Output, outputs_of
+from .store import Store
+from .study import Study
+
+
+class Task(NamedTuple):
+    """All that a worker needs to know."""
+
+    study: Study
+    store: Path
+    chunk: int
+    engine: Engine
+
+
+class Done(NamedTuple):
+    """How many rows a chunk had, and how many of them failed."""
+
+    rows: int
+    failed: int
+
+
+def solve_chunk(task: Task) -> Done:
+    """Computes a chunk and writes it to the store."""
+    study, template = task.study, task.study.template()
+    outputs = outputs_of(study, template)
+    rows = study.rows_of(task.chunk)
+    arrays = compute(study, template, outputs, rows, task.engine)
+    Store(task.store, study, outputs).write(task.chunk, arrays)
+    return Done(len(rows), int(np.sum(arrays["status"] != Status.SUCCESS)))
+
+
+def solve_chunk_elsewhere(task: Task) -> Done:
+    """The same in a process of a worker, whose settings of JAX are its own."""
+    jax.config.update("jax_enable_x64", True)
+    return solve_chunk(task)
+
+
+def compute(
+    study: Study, template: Scenario, outputs: dict[str, Output], rows: np.ndarray, engine: Engine
+) -> dict[str, np.ndarray]:
+    """The variables of ``rows``. A row that no body can have has the status IMPOSSIBLE, and harms no other."""
+    arrays = {name: output.empty(len(rows)) for name, output in outputs.items()}
+    values = study.values(rows)
+    arrays["row"][:] = rows
+    for column, path in enumerate(study.paths):
+        arrays[path][:] = values[:, column]
+    arrays["status"][:] = Status.IMPOSSIBLE
+    arrays["steps"][:] = arrays["rejected"][:] = 0
+    possible, scenarios = [], []
+    for k, row in enumerate(rows):
+        try:
+            scenario = study.scenario_with(values[k])
+        except ScenarioError:
+            continue
+        if study.save == "end" and not scenario.step_to_times and not getattr(scenario.system, "driven", ()):
+            # Steps are as they would be, and nothing else looks at the times between.
+            scenario = dataclasses.replace(scenario, times=scenario.times[[0, -1]])
+        else:
+            _check_times(scenario, template, int(row))
+        possible.append(k)
+        scenarios.append(scenario)
+    if not scenarios:
+        return arrays
+    if "time" in arrays:
+        arrays["time"][possible] = np.stack([scenario.times for scenario in scenarios])
+    solved = engine(scenarios, Wanted(study.contact, study.chunk))
+    for name in outputs.keys() & solved.keys():
+        array = solved[name]
+        at_each_time = name in vars(template.state) and study.save == "end"
+        arrays[name][possible] = array[:, -1] if at_each_time else array
+    return arrays
+
+
+def _check_times(scenario: Scenario, template: Scenario, row: int) -> None:
+    if scenario.times.size != template.times.size:
+        raise StudyError(
+            f"Row {row} must have as many save times as the scenario, {template.times.size}, but it has "
+            f"{scenario.times.size}; give `time.saves` instead of `time.step`."
+        )

@@ -1,0 +1,44 @@
+"""Points in the unit cube: random ones, Latin hypercubes, and Sobol's sequence."""
+
+import functools
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from jaxtyping import Float, Int
+
+Design = Callable[[Int[np.ndarray, " points"], int, int, int], Float[np.ndarray, "points numbers"]]
+
+
+def random(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
+    """Independent uniform numbers, those of a point computed from its index alone by a counter-based generator."""
+    blocks = -(-dimension // 4)  # of four numbers for a step of the counter
+    bits = [np.random.Philox(key=seed, counter=int(k) * blocks).random_raw(dimension) for k in indices]
+    return (np.asarray(bits, dtype=np.uint64).reshape(-1, dimension) >> np.uint64(11)).astype(float) * 2.0**-53
+
+
+def latin_hypercube(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
+    """A Latin hypercube of ``count`` points: in each number, one point in each of ``count`` equal parts."""
+    return _latin_hypercube(count, dimension, seed)[indices]
+
+
+def sobol(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
+    """The first ``count`` points, a power of two, of Sobol's sequence, scrambled."""
+    return _sobol(count, dimension, seed)[indices]
+
+
+DESIGNS: Mapping[str, Design] = {"random": random, "latin-hypercube": latin_hypercube, "sobol": sobol}
+
+
+# A point of these depends on all the others; one design in a process is the usual number.
+@functools.lru_cache(maxsize=4)
+def _latin_hypercube(count: int, dimension: int, seed: int) -> np.ndarray:
+    from scipy.stats import qmc
+
+    return qmc.LatinHypercube(dimension, rng=seed).random(count)
+
+
+@functools.lru_cache(maxsize=4)
+def _sobol(count: int, dimension: int, seed: int) -> np.ndarray:
+    from scipy.stats import qmc
+
+    return qmc.Sobol(dimension, scramble=True, rng=seed).random(count)

@@ -1,0 +1,121 @@
+"""How the rows of a chunk are solved."""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from ..body import Ball, Disk
+from ..extremes import contact_extremes
+from ..scenario import Scenario
+from ..scenario.shell import mark_escape
+from ..scenario.solve import SOLVERS
+from ..simulation import FEW_STEPS, simulate
+from ..trajectory import Trajectory
+from .outputs import CONTACT
+
+LANES = 64
+
+
+class Wanted(NamedTuple):
+    """What an engine is asked for.
+
+    - ``contact``: whether to find the extremes of the contact force.
+    - ``most``: the largest number of scenarios that a call has in this study.
+    """
+
+    contact: bool
+    most: int
+
+
+# From scenarios that differ in numbers alone to arrays with the scenarios as leading axis: `status`, `steps`,
+# `rejected`, `reached`, the entries of the state at each of a scenario's times, and the extremes of the contact force
+# where wanted.
+# It must be a function of a module, so that it can be sent to a worker.
+Engine = Callable[[Sequence[Scenario], Wanted], dict[str, np.ndarray]]
+
+
+class _Method(NamedTuple):
+    """What a program is compiled for."""
+
+    solver: str
+    max_steps: int
+    step_to_times: bool
+    dae: bool
+    project: bool
+    contact: bool
+
+
+def solve_in_lanes(scenarios: Sequence[Scenario], wanted: Wanted) -> dict[str, np.ndarray]:
+    """The rows, ``LANES`` side by side, by :func:`jaxball.simulate` under ``vmap``; an ``Engine``."""
+    parts = [scenarios[start : start + LANES] for start in range(0, len(scenarios), LANES)]
+    found = [_solve_part(part, min(LANES, wanted.most), wanted.contact) for part in parts]
+    return {name: np.concatenate([part[name] for part in found]) for name in found[0]}
+
+
+def _solve_part(scenarios: Sequence[Scenario], lanes: int, contact: bool) -> dict[str, np.ndarray]:
+    # Programs are compiled for a number of lanes; the last scenario fills those that are left over.
+    padded = [*scenarios, *[scenarios[-1]] * (lanes - len(scenarios))]
+    first = scenarios[0]
+    method = _Method(first.solver, first.max_steps, first.step_to_times, first.dae, first.project, contact)
+    columns = [(item.system, item.times, item.state, item.rtol, item.atol) for item in padded]
+    stacked = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *columns)
+    state, reached, status, steps, rejected, extremes = jax.tree.map(np.asarray, _run(method, stacked))
+    if getattr(first.system, "driven", ()):
+        status, reached = _escaped(stacked, state, reached, status, steps, rejected)
+    found = {"status": status, "steps": steps, "rejected": rejected, "reached": reached, **vars(state)}
+    if extremes is not None:
+        found |= {name: getattr(extremes, name) for name in CONTACT}
+    return {name: array[: len(scenarios)] for name, array in found.items()}
+
+
+def _run(method: _Method, stacked: Any) -> Any:
+    """The solves. Dense output has room for few steps at first, because it is a large array."""
+    for room in FEW_STEPS if method.contact else ():
+        if room < method.max_steps:
+            found = _program(method._replace(max_steps=room))(*stacked)
+            if int(np.max(found[3])) < room:
+                return found
+    return _program(method)(*stacked)
+
+
+@functools.cache
+def _program(method: _Method) -> Callable[..., Any]:
+    def one(system, times, state, rtol, atol):
+        trajectory = simulate(
+            system,
+            times,
+            state,
+            solver=SOLVERS[method.solver](),
+            rtol=rtol,
+            atol=atol,
+            max_steps=method.max_steps,
+            step_to_times=method.step_to_times,
+            dae=method.dae,
+            project=method.project,
+            dense=method.contact,
+        )
+        touches = method.contact and isinstance(system, Ball | Disk)
+        extremes = contact_extremes(trajectory) if touches else None
+        return (
+            trajectory.state,
+            trajectory.reached,
+            trajectory.status,
+            trajectory.steps,
+            trajectory.rejected,
+            extremes,
+        )
+
+    return jax.jit(jax.vmap(one))
+
+
+def _escaped(stacked, state, reached, status, steps, rejected) -> tuple[np.ndarray, np.ndarray]:
+    """Statuses and the times reached, where driven masses that left the shell are seen."""
+    system, times = stacked[:2]
+    marked = []
+    for k in range(len(status)):
+        rows = jax.tree.map(lambda leaf, k=k: leaf[k], (system, times, state, reached, status, steps, rejected))
+        marked.append(mark_escape(Trajectory(*jax.tree.map(jax.numpy.asarray, rows))))
+    return np.stack([np.asarray(x.status) for x in marked]), np.stack([np.asarray(x.reached) for x in marked])

@@ -1,0 +1,56 @@
+"""The numbers of a scenario's document, addressed by their paths: ``masses[0].rail.radius``."""
+
+import difflib
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from .errors import StudyError
+
+_STEP = re.compile(r"\.?([A-Za-z_][\w-]*)|\[(\d+)\]")
+# These change what is compiled or how much is saved, and not the motion.
+_FIXED = re.compile(r"format|time\.saves|solve\.max_steps|.*\.balance\.masses\[\d+\]")
+
+
+def numbers_of(document: Any, path: str = "") -> Iterator[str]:
+    """The paths of all numbers that a study can change, in the order of the document."""
+    if isinstance(document, Mapping):
+        for name, value in document.items():
+            yield from numbers_of(value, f"{path}.{name}" if path else name)
+    elif isinstance(document, list):
+        for index, value in enumerate(document):
+            yield from numbers_of(value, f"{path}[{index}]")
+    elif isinstance(document, int | float) and not isinstance(document, bool) and not _FIXED.fullmatch(path):
+        yield path
+
+
+def check_number(document: Mapping[str, Any], path: str) -> None:
+    """Raises a :class:`StudyError` unless ``path`` is that of a number that a study can change."""
+    known = list(numbers_of(document))
+    if path in known:
+        return
+    if _FIXED.fullmatch(path):
+        raise StudyError(f"Key `{path}` must be the same in all rows, because it shapes what is computed and saved.")
+    near = difflib.get_close_matches(path, known, n=1)
+    hint = f"did you mean `{near[0]}`?" if near else f"its numbers are {', '.join(known)}."
+    raise StudyError(
+        f"Key `{path}` names no number that stands in the scenario; write it there if it has its default, {hint}"
+    )
+
+
+def with_numbers(document: Mapping[str, Any], values: Mapping[str, float]) -> dict[str, Any]:
+    """A copy of the document with other numbers at the paths in ``values``, all of which it has."""
+    copy = _copy(document)
+    for path, value in values.items():
+        *above, last = (name or int(index) for name, index in _STEP.findall(path))
+        place = copy
+        for step in above:
+            place = place[step]
+        place[last] = value
+    return copy
+
+
+def _copy(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {name: _copy(item) for name, item in value.items()}
+    return [_copy(item) for item in value] if isinstance(value, list) else value

@@ -1,0 +1,85 @@
+"""What a study keeps of each row: names, dimensions, units."""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..extremes import ContactExtremes
+from ..results.variables import CLASSICAL_STATE, COORDINATES, STATE, Variable
+from ..scenario import Scenario
+from ..state import BallState, DiskState
+from .study import Study
+
+NOT_COMPUTED = -1  # the status of a row that has none yet
+CONTACT = tuple(field.name for field in dataclasses.fields(ContactExtremes) if field.name != "weight")
+_PER_ROW = {
+    "status": (np.int8, "", "how the solve ended, the number of a jaxball.Status; -1 before it is computed"),
+    "steps": (np.int32, "", "steps taken, accepted and rejected"),
+    "rejected": (np.int32, "", "steps rejected"),
+    "reached": (np.float64, "time", "the time to which the solve came"),
+}
+
+
+class Output(NamedTuple):
+    """A variable of a store: its dimensions and its shape after ``row``, and what it is."""
+
+    dimensions: tuple[str, ...]
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    units: str
+    meaning: str
+    coordinate: bool = False
+
+    @property
+    def fill(self) -> Any:
+        """What stands where nothing was computed."""
+        return np.nan if self.dtype.kind == "f" else NOT_COMPUTED
+
+    def empty(self, rows: int) -> np.ndarray:
+        """An array for so many rows, in which nothing was computed."""
+        return np.full((rows, *self.shape), self.fill, dtype=self.dtype)
+
+
+def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
+    """Every variable of a study's store by name: the row, the numbers that change, and the results."""
+    found = {"row": Output((), (), np.dtype(np.int64), "", "row of the study", True)}
+    for path in study.paths:
+        found[path] = _number("", f"the number {path} of the scenario", coordinate=True)
+    for name, (dtype, units, meaning) in _PER_ROW.items():
+        found[name] = Output((), (), np.dtype(dtype), units, meaning)
+    saves = (template.times.size,) if study.save == "times" else ()
+    dimensions = ("save",) * len(saves)
+    if saves:
+        found["time"] = Output(dimensions, saves, np.dtype(np.float64), "time", "save time", True)
+    for name, leaf in vars(template.state).items():
+        shape = np.shape(leaf)
+        if np.prod(shape) > 0:
+            known = _variable(template, name, shape)
+            found[name] = Output(
+                (*dimensions, *known.dimensions), (*saves, *shape), np.dtype(np.float64), known.units, known.meaning
+            )
+    for name in CONTACT if study.contact else ():
+        units = "1" if name == "friction_needed" else "time" if name.endswith("_time") else "force"
+        found[name] = _number(units, name.replace("_", " ") + " of the run")
+    return found
+
+
+def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:
+    """The labels along each dimension but ``row``."""
+    used = {name: n for item in outputs.values() for name, n in zip(item.dimensions, item.shape, strict=True)}
+    labels = {name: np.asarray(COORDINATES[name]).astype(np.int64) for name in used if name in COORDINATES}
+    if "driven" in used:
+        labels["driven"] = np.asarray(getattr(template.system, "driven"))  # noqa: B009
+    return labels | {name: np.arange(n) for name, n in used.items() if name not in labels}
+
+
+def _number(units: str, meaning: str, coordinate: bool = False) -> Output:
+    return Output((), (), np.dtype(np.float64), units, meaning, coordinate)
+
+
+def _variable(template: Scenario, name: str, shape: tuple[int, ...]) -> Variable:
+    if isinstance(template.state, BallState | DiskState):
+        known = STATE[name]
+        return known if len(shape) == len(known.dimensions) else known._replace(dimensions=())
+    return CLASSICAL_STATE.get(name) or Variable(tuple(f"{name}_{k}" for k in range(1, len(shape) + 1)), "", name)

@@ -1,0 +1,135 @@
+"""A study run, or gone on with: chunks computed by workers, each written to the store as it ends."""
+
+import concurrent.futures
+import contextlib
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+
+from .chunk import Task
+from .engine import Engine, solve_in_lanes
+from .errors import StudyError
+from .executors import executor_of, solve_all
+from .interrupt import asked_to_stop
+from .outputs import outputs_of
+from .progress import Progress, Stream
+from .store import Store, open_store
+from .study import Study
+from .table import has_table, write_table
+
+TASKS_PER_WORKER = 2
+
+
+class Outcome(NamedTuple):
+    """How far a study has come.
+
+    - ``store``, ``table``: the Zarr store, and the Parquet table, which is there once ``finished``.
+    - ``rows``, ``done``: how many rows there are, and how many of them are in the store.
+    - ``finished``: whether all are.
+    - ``interrupted``: whether Ctrl-C ended the run.
+    """
+
+    store: Path
+    table: Path
+    rows: int
+    done: int
+    finished: bool
+    interrupted: bool
+
+
+def sweep(
+    study: Study,
+    out: str | Path,
+    *,
+    workers: int = 1,
+    executor: Any = None,
+    shard: tuple[int, int] = (1, 1),
+    engine: Engine = solve_in_lanes,
+    stream: Stream | None = None,
+) -> Outcome:
+    """Runs a study, or goes on with it, and writes a Zarr store and, at the end, a Parquet table.
+
+    A chunk of rows is written whole or not at all, and so a run that was killed at any moment goes on when it is called
+    again. The finished files are the same, byte for byte, whatever the number of workers and the order of chunks, as
+    long as all workers have the same versions, the same ``XLA_FLAGS`` and the same kind of processor.
+
+    **Arguments:**
+
+    - ``study``: from :func:`load_study`.
+    - ``out``: the store, a path that ends in ``.zarr``; the table is beside it and ends in ``.parquet``.
+    - ``workers``: how many processes compute. One is this process.
+    - ``executor``: instead of these, an executor in the style of ``concurrent.futures``, such as
+      ``dask.distributed.Client(...).get_executor()``; its workers must see the folder of ``out``.
+    - ``shard``: (k, n) computes the k-th of n parts, k from 1 on. The last to end makes the table.
+    - ``engine``: how the rows of a chunk are solved.
+    - ``stream``: where to show the progress; nothing is shown if not given.
+
+    **Raises:** :class:`StoreError` when the store cannot be written or belongs to another study, :class:`StudyError`
+    for a row that cannot be a row of this study and where float64 is not enabled, :class:`WorkerError` when a worker
+    was killed, ``ValueError`` for arguments that cannot be.
+    """
+    _check(workers, shard)
+    template = study.template()
+    store = open_store(Path(out).resolve(), study, template, outputs_of(study, template))
+    before = set(store.done())
+    mine = [k for k in range(shard[0] - 1, study.chunks, shard[1]) if k not in before]
+    progress = Progress(
+        io.StringIO() if stream is None else stream,
+        study.rows,
+        sum(len(study.rows_of(k)) for k in before),
+        sum(len(study.rows_of(k)) for k in mine),
+    )
+    tasks = (Task(study, store.folder, k, engine) for k in mine)
+    with asked_to_stop() as stop, _running(executor, min(workers, max(len(mine), 1))) as pool:
+        try:
+            ahead = TASKS_PER_WORKER * (workers if executor is None else _size(executor))
+            for done in solve_all(pool, tasks, ahead, stop):
+                progress.add(*done)
+        finally:
+            progress.close()
+        interrupted = stop.is_set()
+    return _ended(store, interrupted)
+
+
+def _ended(store: Store, interrupted: bool) -> Outcome:
+    """The outcome; where all chunks are done, the table is made."""
+    study, done = store.study, store.done()
+    finished = len(done) == study.chunks
+    if finished and not has_table(store):
+        store.tidy()
+        write_table(store)
+    rows = sum(len(study.rows_of(k)) for k in done)
+    return Outcome(store.folder, store.table, study.rows, rows, finished, interrupted and not finished)
+
+
+@contextlib.contextmanager
+def _running(executor: Any, workers: int) -> Iterator[Any]:
+    """The executor given, which stays as it is, or one of our own, which ends with the run."""
+    if executor is not None:
+        yield executor
+        return
+    own: concurrent.futures.Executor = executor_of(workers)
+    try:
+        yield own
+    finally:
+        own.shutdown(wait=True, cancel_futures=True)
+
+
+def _size(executor: Any) -> int:
+    return int(getattr(executor, "_max_workers", 0) or 32)
+
+
+def _check(workers: int, shard: tuple[int, int]) -> None:
+    if workers < 1:
+        raise ValueError(f"Argument `workers` must be 1 or more, but it is {workers}.")
+    part, parts = shard
+    if not 1 <= part <= parts:
+        raise ValueError(f"Argument `shard` must be (k, n) with k from 1 to n, but it is {shard}.")
+    if not jax.config.read("jax_enable_x64"):
+        raise StudyError(
+            "A sweep computes in float64, which is not enabled; call "
+            '`jax.config.update("jax_enable_x64", True)` before the first array is made.'
+        )

@@ -1,0 +1,194 @@
+"""The store of a study: a Zarr group that xarray opens, each of its chunks written whole or not at all.
+
+The arrays are not compressed, so that a chunk of an array is a file of its numbers, which can be written beside its
+place and moved there. When all files of a chunk of rows are on the disk, a mark says so; rows without one are computed
+again.
+"""
+
+import os
+import tempfile
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..scenario import Scenario
+from ..status import Status
+from .attributes import differences, identity_of, read_attributes
+from .disk import flush_folder, remove_parts, write_whole
+from .errors import StoreError
+from .outputs import Output, labels_of
+from .study import Study
+
+MARKS = ".done"
+
+
+class Store:
+    """The folder of a study's results, which exists and is the study's."""
+
+    def __init__(self, folder: Path, study: Study, outputs: dict[str, Output]):
+        self.folder, self.study, self.outputs = folder, study, outputs
+
+    @property
+    def table(self) -> Path:
+        """The Parquet table beside the store."""
+        return self.folder.with_suffix(".parquet")
+
+    def write(self, chunk: int, arrays: dict[str, np.ndarray]) -> None:
+        """Writes all variables of a chunk, and then its mark.
+
+        **Raises:** :class:`StoreError` when that cannot be; the chunk then has no mark.
+        """
+        folders = set()
+        try:
+            for name, output in self.outputs.items():
+                padded = output.empty(self.study.chunk)
+                padded[: len(arrays[name])] = arrays[name]
+                path = self._file(name, chunk)
+                write_whole(path, padded.astype(output.dtype.newbyteorder("<")).tobytes())
+                folders |= set(_up_to(path.parent, self.folder))
+            for folder in folders:
+                flush_folder(folder)
+            write_whole(self._mark(chunk), b"")
+            flush_folder(self._mark(chunk).parent)
+        except OSError as error:
+            raise StoreError(
+                f'The store "{self.folder}" cannot be written: {error.strerror or error}. What it holds is whole; '
+                "make room for the rest, and run the same command again."
+            ) from error
+
+    def is_done(self, chunk: int) -> bool:
+        """Whether a chunk is on the disk."""
+        return self._mark(chunk).exists()
+
+    def done(self) -> list[int]:
+        """The chunks that are on the disk, in their order."""
+        names = os.listdir(self.folder / MARKS)
+        return sorted(int(name) for name in names if name.isdigit())
+
+    def read(self, name: str, chunk: int) -> np.ndarray:
+        """A variable in the rows of a chunk that is done.
+
+        **Raises:** :class:`StoreError` when something else has changed its file.
+        """
+        path, output = self._file(name, chunk), self.outputs[name]
+        shape = (self.study.chunk, *output.shape)
+        content = path.read_bytes() if path.exists() else b""
+        if len(content) != int(np.prod(shape)) * output.dtype.itemsize:
+            raise StoreError(
+                f'The file "{path}" must hold a chunk of {shape[0]} rows, but something has changed it; remove '
+                f'"{self._mark(chunk)}" and run the same command, to compute the chunk again.'
+            )
+        found = np.frombuffer(content, output.dtype.newbyteorder("<")).reshape(shape)
+        return found[: len(self.study.rows_of(chunk))]
+
+    def counts(self) -> dict[Status, int]:
+        """How many of the rows done have each status."""
+        counts = np.zeros(len(Status), dtype=int)
+        for chunk in self.done():
+            counts += np.bincount(self.read("status", chunk), minlength=len(Status))
+        return {status: int(counts[status]) for status in Status if counts[status]}
+
+    def tidy(self) -> None:
+        """Removes what killed processes left."""
+        remove_parts(self.folder)
+
+    def _file(self, name: str, chunk: int) -> Path:
+        zeros = ["0"] * len(self.outputs[name].shape)
+        return self.folder.joinpath(name, "c", str(chunk), *zeros)
+
+    def _mark(self, chunk: int) -> Path:
+        return self.folder / MARKS / str(chunk)
+
+
+def open_store(folder: Path, study: Study, template: Scenario, outputs: dict[str, Output]) -> Store:
+    """The store of ``study`` at ``folder``, made where there is none.
+
+    **Raises:** :class:`StoreError` when there is something else at that place, the store of another study or of other
+    versions included, and when it cannot be made. What is there is left as it is.
+    """
+    if folder.suffix != ".zarr":
+        raise StoreError(f'Argument `out` must end in .zarr, but it is "{folder}".')
+    wanted = identity_of(study)
+    store = Store(folder, study, outputs)
+    if not os.path.lexists(folder):
+        if os.path.lexists(store.table):
+            raise StoreError(
+                f'The table of the study would be "{store.table}", but that exists and is not of this study; choose '
+                "another name for the store, or move the table."
+            )
+        _create(folder, study, template, outputs, wanted)
+    differing = differences(read_attributes(folder), wanted)
+    if differing:
+        raise StoreError(
+            f'The store "{folder}" belongs to another study, with other {", ".join(differing)}; it is left as it is. '
+            "Choose another name, or remove it."
+        )
+    return store
+
+
+def _create(
+    folder: Path, study: Study, template: Scenario, outputs: dict[str, Output], attributes: dict[str, Any]
+) -> None:
+    try:
+        with tempfile.TemporaryDirectory(prefix=".part-", dir=folder.parent) as beside:
+            made = Path(beside) / "store"
+            _write_metadata(made, study, template, outputs, attributes)
+            (made / MARKS).mkdir()
+            try:
+                made.rename(folder)
+            except OSError:
+                if not (folder / "zarr.json").exists():  # unless another shard was faster
+                    raise
+        flush_folder(folder.parent)
+    except OSError as error:
+        raise StoreError(
+            f'Argument `out` must lie in a folder that can be written, but "{folder}" cannot be made: '
+            f"{error.strerror or error}."
+        ) from error
+
+
+def _write_metadata(
+    folder: Path, study: Study, template: Scenario, outputs: dict[str, Output], attributes: dict[str, Any]
+) -> None:
+    # Imported here, because it belongs to the extra `sweep`.
+    import zarr
+
+    solve = {name: getattr(template, name) for name in ("solver", "rtol", "atol", "max_steps")}
+    about = {
+        "title": study.title,
+        **solve,
+        "shape": list(study.shape),
+        "paths": list(study.paths),
+        "rows": study.rows,
+        "chunk": study.chunk,
+        "statuses": ", ".join(f"{item.value} {item.name}" for item in Status),
+        "coordinates": " ".join(name for name, item in outputs.items() if item.coordinate and name != "row"),
+    }
+    group = zarr.open_group(folder, mode="w-", zarr_format=3, attributes={**about, **attributes})
+    for name, output in outputs.items():
+        group.create_array(
+            name,
+            shape=(study.rows, *output.shape),
+            chunks=(study.chunk, *output.shape),
+            dtype=output.dtype,
+            fill_value=output.fill,
+            dimension_names=["row", *output.dimensions],
+            compressors=None,
+            filters=None,
+            attributes={"units": output.units, "long_name": output.meaning},
+        )
+    for name, labels in labels_of(outputs, template).items():
+        group.create_array(name, data=labels, dimension_names=[name], compressors=None)
+    with warnings.catch_warnings():
+        # zarr warns that its metadata in one file are not yet in the standard; without them xarray warns.
+        warnings.simplefilter("ignore")
+        zarr.consolidate_metadata(folder)
+
+
+def _up_to(path: Path, top: Path) -> Iterator[Path]:
+    while path != top:
+        yield path
+        path = path.parent

@@ -1,0 +1,180 @@
+"""A study: a scenario, the axes along which its numbers change, and what to keep of each run."""
+
+import dataclasses
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+from jaxtyping import Float, Int
+
+from ..body import Ball, Disk
+from ..scenario import Scenario, ScenarioError, builtin_scenarios, builtin_text, read_document
+from ..scenario.table import Key, read_table
+from ..scenario.values import Choice, Flag, Integer, Nested, Text, key_error, shown
+from .axes import Axis, read_axis
+from .errors import StudyError
+from .numbers import check_number, with_numbers
+
+FORMAT = 1
+LARGEST_CHUNK = 1024
+SMALLEST_CHUNK = 16
+_AS_IT_IS = Nested(lambda value, path: value, lambda value, path: value, "a table, a name or a file")
+_KEYS = {
+    "format": Key(Integer(FORMAT, FORMAT)),
+    "title": Key(Text(), ""),
+    "scenario": Key(_AS_IT_IS),
+    "axes": Key(_AS_IT_IS),
+    "save": Key(Choice(("end", "times")), "end"),
+    "contact": Key(Flag(), False),
+    "chunk": Key(Integer(1, 2**20), None),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Study:
+    """A scenario whose numbers change from row to row. The content of a study file.
+
+    The rows are the points of all axes crossed, the last axis changing fastest. Row k is computed from k alone.
+
+    - ``title``: a line that says what it is.
+    - ``document``: the scenario, as the TOML document that its file is.
+    - ``axes``: what changes; each axis has one or more paths of numbers in the document.
+    - ``save``: "end" for the state at the end of each run, "times" for that at all of the scenario's save times.
+    - ``contact``: whether to find the extremes of the contact force over each run, μ_min among them.
+    - ``chunk``: how many rows are solved and written together.
+    """
+
+    title: str
+    document: dict[str, Any]
+    axes: tuple[Axis, ...]
+    save: str
+    contact: bool
+    chunk: int
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The sizes of the axes."""
+        return tuple(axis.size for axis in self.axes)
+
+    @property
+    def rows(self) -> int:
+        """How many rows there are."""
+        return math.prod(self.shape)
+
+    @property
+    def chunks(self) -> int:
+        """How many chunks there are; the last may be shorter than the others."""
+        return -(-self.rows // self.chunk)
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """The paths of the numbers that change."""
+        return tuple(path for axis in self.axes for path in axis.paths)
+
+    def rows_of(self, chunk: int) -> Int[np.ndarray, " rows"]:
+        """The rows of a chunk."""
+        return np.arange(chunk * self.chunk, min((chunk + 1) * self.chunk, self.rows))
+
+    def values(self, rows: Int[np.ndarray, " rows"]) -> Float[np.ndarray, "rows numbers"]:
+        """The numbers that change, in the order of ``paths``, for each of ``rows``."""
+        indices = np.unravel_index(rows, self.shape)
+        return np.concatenate([axis.values(k) for axis, k in zip(self.axes, indices, strict=True)], axis=1)
+
+    def scenario(self, row: int) -> Scenario:
+        """The scenario of a row.
+
+        **Raises:** :class:`StudyError`, which names the row, where no body can have its numbers.
+        """
+        values = self.values(np.asarray([row]))[0]
+        try:
+            return self.scenario_with(values)
+        except ScenarioError as error:
+            raise StudyError(f"Row {row}: {error}") from None
+
+    def scenario_with(self, values: Float[np.ndarray, " numbers"]) -> Scenario:
+        """The scenario with ``values`` at ``paths``.
+
+        **Raises:** :class:`~jaxball.scenario.ScenarioError` where no body can have them.
+        """
+        return read_document(with_numbers(self.document, dict(zip(self.paths, values.tolist(), strict=True))))
+
+    def template(self) -> Scenario:
+        """The scenario itself, which says what all rows have in common."""
+        return read_document(self.document)
+
+    def identity(self) -> dict[str, str]:
+        """All that the results depend on, but for versions, as texts; files in it are known by their SHA-256."""
+        axes = repr(self.axes)
+        kept = f"save = {self.save}, contact = {self.contact}, chunk = {self.chunk}"
+        return {"scenario": tomli_w.dumps(self.document), "axes": axes, "settings": kept}
+
+
+def load_study(source: str | Path) -> Study:
+    """The study of a file.
+
+    **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence, when there is no such file, when it is not
+    TOML, when a key of it or of its scenario is misspelt, missing or wrong, and when an axis names no number.
+    """
+    try:
+        text = Path(source).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise StudyError(f'Argument `source` must be a study file, but it is "{source}" ({reason}).') from None
+    return read_study(text, Path(source).parent)
+
+
+def read_study(text: str, folder: str | Path = ".") -> Study:
+    """The study that the text of a file describes; files that it names are looked for from ``folder`` on.
+
+    **Raises:** as :func:`load_study`.
+    """
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise StudyError(f"A study must be a TOML document, but it is not: {error}.") from None
+    found, folder = read_table(document, "", _KEYS), Path(folder)
+    scenario = _scenario(found["scenario"], folder)
+    try:
+        template = read_document(scenario)
+    except ScenarioError as error:
+        raise StudyError(f"The scenario of the study is wrong: {error}") from None
+    if found["contact"] and not isinstance(template.system, Ball | Disk):
+        raise StudyError(f"Key `contact` must be false for a {template.system.title}, which touches no plane.")
+    if not isinstance(found["axes"], list) or not found["axes"]:
+        raise key_error("axes", "a list of tables, each under the heading [[axes]]", shown(found["axes"]))
+    axes = tuple(read_axis(item, f"axes[{k}]", folder) for k, item in enumerate(found["axes"]))
+    _check_paths(axes, scenario)
+    rows = math.prod(axis.size for axis in axes)
+    chunk = _chunk_for(rows) if found["chunk"] is None else min(found["chunk"], rows)
+    return Study(found["title"], scenario, axes, found["save"], found["contact"], chunk)
+
+
+def _scenario(value: Any, folder: Path) -> dict[str, Any]:
+    if isinstance(value, dict):
+        return value
+    if not isinstance(value, str):
+        raise key_error("scenario", _AS_IT_IS.words, shown(value))
+    try:
+        return tomllib.loads(builtin_text(value) if value in builtin_scenarios() else (folder / value).read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise StudyError(
+            f"Key `scenario` must be a table, a scenario file or one of {', '.join(builtin_scenarios())}, but it is "
+            f'"{value}" ({getattr(error, "strerror", None) or error}).'
+        ) from None
+
+
+def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any]) -> None:
+    seen = set()
+    for path in (path for axis in axes for path in axis.paths):
+        check_number(scenario, path)
+        if path in seen:
+            raise StudyError(f"Key `{path}` must be in one axis, but it is in two.")
+        seen.add(path)
+
+
+def _chunk_for(rows: int) -> int:
+    """Enough chunks to share among workers and to lose little, but not so many that their files are a burden."""
+    return min(max(SMALLEST_CHUNK, 1 << (rows // 64).bit_length()), LARGEST_CHUNK, rows)

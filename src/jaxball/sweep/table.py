@@ -1,0 +1,75 @@
+"""The flat table of a study: a Parquet file with a row for each run."""
+
+import os
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from ..results.variables import COORDINATES
+from .disk import flush_folder, whole
+from .errors import StoreError
+from .outputs import Output
+from .store import Store
+
+ROWS_OF_A_GROUP = 2**16
+
+
+def write_table(store: Store) -> None:
+    """Writes the table of a store all of whose chunks are done; states are those at the end of each run.
+
+    Its bytes depend on the store alone. No more than a group of its rows is in memory.
+
+    **Raises:** :class:`StoreError` when it cannot be written; a table that was there is then as it was.
+    """
+    # Imported here, because it belongs to the extra `sweep`.
+    import pyarrow
+    import pyarrow.parquet
+
+    columns = dict(_columns(store.outputs))
+    schema = pyarrow.schema(
+        [
+            pyarrow.field(name, pyarrow.from_numpy_dtype(store.outputs[source].dtype))
+            for name, (source, _) in columns.items()
+        ]
+    )
+    together = max(1, ROWS_OF_A_GROUP // store.study.chunk)
+    try:
+        with whole(store.table) as beside, pyarrow.parquet.ParquetWriter(beside, schema) as writer:
+            for start in range(0, store.study.chunks, together):
+                chunks = range(start, min(start + together, store.study.chunks))
+                writer.write_table(pyarrow.table(_group(store, columns, chunks), schema=schema))
+        flush_folder(store.table.parent)
+    except OSError as error:
+        raise StoreError(
+            f'The table "{store.table}" cannot be written: {error.strerror or error}. The store is whole; make room, '
+            "and run the same command again."
+        ) from error
+
+
+def _columns(outputs: dict[str, Output]) -> Iterator[tuple[str, tuple[str, tuple[Any, ...]]]]:
+    """The name of each column, with the variable it is from and the place in it."""
+    for name, output in outputs.items():
+        if name == "time":
+            continue
+        saved = output.dimensions[:1] == ("save",)
+        dimensions, shape = output.dimensions[saved:], output.shape[saved:]
+        for index in np.ndindex(shape):
+            labels = [
+                COORDINATES[dimension][k] if dimension in COORDINATES else str(k)
+                for dimension, k in zip(dimensions, index, strict=True)
+            ]
+            yield "_".join([name, *labels]), (name, (slice(None), *[-1] * saved, *index))
+
+
+def _group(store: Store, columns: dict[str, Any], chunks: range) -> dict[str, np.ndarray]:
+    arrays = {
+        name: np.concatenate([store.read(name, chunk) for chunk in chunks])
+        for name in dict.fromkeys(source for source, _ in columns.values())
+    }
+    return {name: np.ascontiguousarray(arrays[source][place]) for name, (source, place) in columns.items()}
+
+
+def has_table(store: Store) -> bool:
+    """Whether the table is there."""
+    return os.path.lexists(store.table)

@@ -1,0 +1,202 @@
+"""Stores: whole whatever the order, the workers and the ends of runs; and never another study's."""
+
+import concurrent.futures
+import os
+import signal
+
+import numpy as np
+import pytest
+import xarray
+
+from jaxball.sweep import StoreError, StudyError, describe, engine, executors, sweep
+from tests.sweep.studies import GRAVITIES, MASSES, files, pretend, study
+
+SMALL = "chunk = 4"
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The files of a study that nothing interrupted."""
+    folder = tmp_path_factory.mktemp("whole")
+    outcome = sweep(study(folder, settings=SMALL), folder / "s.zarr", engine=pretend)
+    assert outcome[2:] == (15, 15, True, False)
+    return files(outcome.store)
+
+
+def interrupting(scenarios, wanted):
+    """An engine during which Ctrl-C is pressed."""
+    os.kill(os.getpid(), signal.SIGINT)
+    return pretend(scenarios, wanted)
+
+
+def failing(scenarios, wanted):
+    """An engine on a disk that fills up."""
+    if float(scenarios[0].system.mass) > 1:
+        raise OSError(28, "No space left on device")
+    return pretend(scenarios, wanted)
+
+
+def test_shards_in_any_order_make_the_same_files(tmp_path, whole):
+    found = study(tmp_path, settings=SMALL)
+    for part in (3, 1, 2):
+        outcome = sweep(found, tmp_path / "s.zarr", engine=pretend, shard=(part, 3))
+        assert outcome.finished == (part == 2)
+        assert outcome.table.exists() == (part == 2)
+    assert files(outcome.store) == whole
+
+
+def test_an_executor_of_ones_own_makes_the_same_files(tmp_path, whole):
+    with concurrent.futures.ThreadPoolExecutor(3) as pool:
+        outcome = sweep(study(tmp_path, settings=SMALL), tmp_path / "s.zarr", engine=pretend, executor=pool)
+        assert pool.submit(int).result() == 0
+    assert files(outcome.store) == whole
+
+
+def test_ctrl_c_stops_at_the_end_of_a_chunk(tmp_path, whole):
+    found, store = study(tmp_path, settings=SMALL), tmp_path / "s.zarr"
+    outcome = sweep(found, store, engine=interrupting)
+    assert outcome[2:] == (15, 4, False, True)
+    assert "4 of 15 rows are done (26.7 %)\n  4 SUCCESS" in describe(store)
+    with xarray.open_zarr(store) as data:
+        assert list(data["status"].values) == [0] * 4 + [-1] * 11
+        assert np.all(np.isnan(data["phi"].values[4:]))
+    assert sweep(found, store, engine=pretend).finished
+    assert files(store) == whole
+    before = {path: path.stat().st_mtime_ns for path in store.rglob("*")}
+    assert sweep(found, store, engine=failing).finished  # nothing is computed again
+    assert before == {path: path.stat().st_mtime_ns for path in store.rglob("*")}
+
+
+def test_a_disk_that_fills_up_leaves_what_was_done(tmp_path, whole, monkeypatch):
+    found, store = study(tmp_path, settings=SMALL), tmp_path / "s.zarr"
+    flush, calls = os.fsync, []
+
+    def full(descriptor):
+        calls.append(descriptor)
+        if len(calls) > 60:
+            raise OSError(28, "No space left on device")
+        flush(descriptor)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(StoreError, match=r"cannot be written: No space left on device. What it holds is whole"):
+            sweep(found, store, engine=pretend)
+    assert describe(store).startswith(("4 of 15", "8 of 15"))
+    assert sweep(found, store, engine=pretend).finished
+    assert files(store) == whole
+
+
+@pytest.mark.parametrize(
+    ("changes", "what"),
+    [
+        ({"axes": MASSES}, "axes"),
+        ({"scenario": "kinder"}, "scenario"),
+        ({"settings": "chunk = 5"}, "settings"),
+    ],
+)
+def test_the_store_of_another_study_is_refused_and_left(tmp_path, changes, what):
+    first = sweep(study(tmp_path, settings=SMALL), tmp_path / "s.zarr", engine=pretend)
+    before = files(first.store)
+    if "scenario" in changes:
+        changes = {"scenario": (tmp_path / "disk.toml").read_text().replace("radius = 0.9", "radius = 0.8")}
+    other = study(tmp_path, **{"settings": SMALL, **changes})
+    with pytest.raises(StoreError, match=f"belongs to another study, with other {what}; it is left as it is"):
+        sweep(other, first.store, engine=pretend)
+    assert files(first.store) == before
+
+
+def test_points_are_known_by_what_their_file_holds(tmp_path):
+    axes, texts = '[[axes]]\npoints = "points.csv"\n', ("body.mass\n1.0\n2.0\n", "body.mass\n1.0\n2.5\n")
+    for name, text in zip(("here", "there", "changed"), (texts[0], *texts), strict=True):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "points.csv").write_text(text)
+    store = tmp_path / "s.zarr"
+    for name in ("here", "there"):
+        assert sweep(study(tmp_path / name, axes), store, engine=pretend).finished
+    with pytest.raises(StoreError, match="with other axes"):
+        sweep(study(tmp_path / "changed", axes), store, engine=pretend)
+
+
+def test_the_store_of_another_version_is_refused(tmp_path, monkeypatch):
+    found = study(tmp_path, settings=SMALL)
+    sweep(found, tmp_path / "s.zarr", engine=pretend)
+    with monkeypatch.context() as patch:
+        patch.setattr("importlib.metadata.version", lambda name: "9" if name == "diffrax" else "0")
+        with pytest.raises(StoreError, match="diffrax_version"):
+            sweep(found, tmp_path / "s.zarr", engine=pretend)
+
+
+@pytest.mark.parametrize("content", [None, "", "{}", '{"attributes": {"title": "mine"}}', "[1]"])
+def test_what_is_no_store_is_refused_and_left(tmp_path, content):
+    place = tmp_path / "s.zarr"
+    place.mkdir()
+    (place / "precious").write_text("precious")
+    if content is not None:
+        (place / "zarr.json").write_text(content)
+    before = sorted(place.rglob("*"))
+    with pytest.raises(StoreError, match="must be the store of a study, but it is something else"):
+        sweep(study(tmp_path), place, engine=pretend)
+    assert sorted(place.rglob("*")) == before
+
+
+def test_a_table_of_something_else_is_refused_and_left(tmp_path):
+    (tmp_path / "s.parquet").write_text("precious")
+    with pytest.raises(StoreError, match=r'"\S+s.parquet", but that exists and is not of this study'):
+        sweep(study(tmp_path), tmp_path / "s.zarr", engine=pretend)
+    assert (tmp_path / "s.parquet").read_text() == "precious"
+    assert not (tmp_path / "s.zarr").exists()
+
+
+def test_a_folder_that_cannot_be_written(tmp_path):
+    (tmp_path / "file").write_text("")
+    for place in (tmp_path / "none" / "s.zarr", tmp_path / "file" / "s.zarr"):
+        with pytest.raises(StoreError, match="must lie in a folder that can be written"):
+            sweep(study(tmp_path), place, engine=pretend)
+    with pytest.raises(StoreError, match=r"must end in .zarr"):
+        sweep(study(tmp_path), tmp_path / "s.nc", engine=pretend)
+
+
+def test_a_file_that_something_else_changed_is_named(tmp_path):
+    found = study(tmp_path, settings=SMALL)
+    outcome = sweep(found, tmp_path / "s.zarr", engine=pretend)
+    outcome.table.unlink()
+    (outcome.store / "phi" / "c" / "2").write_bytes(b"short")
+    with pytest.raises(StoreError, match=r'phi/c/2" must hold a chunk of 4 rows.* remove "\S+/.done/2" and run'):
+        sweep(found, outcome.store, engine=pretend)
+    assert not outcome.table.exists()
+
+
+def test_rows_with_another_number_of_save_times_are_named(tmp_path):
+    axes = '[[axes]]\npath = "time.end"\nvalues = [2.0, 3.0]\n'
+    scenario = study_scenario(tmp_path).replace("saves = 5", "step = 0.5")
+    with pytest.raises(StudyError, match="Row 1 must have as many save times as the scenario, 5, but it has 7; give"):
+        sweep(study(tmp_path, axes, 'save = "times"', scenario=scenario), tmp_path / "s.zarr", engine=pretend)
+
+
+def study_scenario(folder):
+    study(folder, MASSES + GRAVITIES)
+    return (folder / "disk.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"workers": 0}, "`workers` must be 1 or more"),
+        ({"shard": (0, 3)}, "`shard` must be"),
+        ({"shard": (4, 3)}, "`shard` must be"),
+    ],
+)
+def test_arguments(tmp_path, options, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        sweep(study(tmp_path), tmp_path / "s.zarr", engine=pretend, **options)
+
+
+def test_a_worker_that_is_killed_is_told(tmp_path):
+    class Broken:
+        def submit(self, function, task):
+            future = concurrent.futures.Future()
+            future.set_exception(concurrent.futures.BrokenExecutor())
+            return future
+
+    with pytest.raises(executors.WorkerError, match="A worker ended before its chunk did"):
+        sweep(study(tmp_path), tmp_path / "s.zarr", executor=Broken(), engine=engine.solve_in_lanes)
