@@ -62,6 +62,11 @@ class Reaction(NamedTuple):
         held = ~(self.normal <= 0)
         return jnp.where(held, self.friction / jnp.where(held, self.normal, 1.0), jnp.inf)
 
+    @property
+    def angle(self) -> Float[Array, "*batch"]:
+        """The angle of the reaction from the vertical, atan2(|f|, N), which grows with |f| / N, smoothly past N = 0."""
+        return jnp.arctan2(self.friction, self.normal)
+
 
 def reaction(system: System, t: Float[Array, ""], state: State) -> Reaction:
     """N and |f|² from any kind of state, in body axes, so that the heading need not be known.

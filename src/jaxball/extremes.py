@@ -88,7 +88,8 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
 
     def forces(t, x):
         found = at(t, x)
-        return jnp.stack([-found.normal, found.ratio, found.friction])
+        # The angle is largest where |f| / N is, and has no spike where N is small.
+        return jnp.stack([-found.normal, found.angle, found.friction])
 
     times, vectors = maxima(Steps.of(interpolant.solution, room, reached), forces, 3)
     values = jax.lax.map(lambda found: at(*found), (times, vectors))
