@@ -63,6 +63,7 @@ def test_a_chaplygin_sphere_has_no_exponent_but_zero():
     assert float(jnp.max(jnp.abs(jnp.sum(found.vectors[:, 3:] * found.x[None, 3:], axis=1)))) < 1e-10
 
 
+@pytest.mark.slow
 def test_exponents_do_not_depend_on_the_kind_of_state():
     """A versor, a matrix and (Ω, Γ) are one phase point."""
     reduced = jaxball.ReducedState(LEANING.Omega, LEANING.Gamma)
@@ -72,6 +73,7 @@ def test_exponents_do_not_depend_on_the_kind_of_state():
     np.testing.assert_allclose(runs[2], runs[0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_chaplygin_top_is_chaotic_and_keeps_two_zeros():
     """The flow and the energy give a zero each. The motion is reversible, and as chaotic back in time."""
     top = jaxball.Ball(mass=1.0, inertia=(2.0, 6.0, 7.0), offset=(1.0, 1.5, 1.9), radius=3.0, gravity=100.0)

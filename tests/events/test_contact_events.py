@@ -59,6 +59,7 @@ def test_extremes_of_the_papers_ball(ball, ratio):
     assert str(found).startswith("least normal force 3.51742")
 
 
+@pytest.mark.slow
 def test_extremes_of_the_papers_disk():
     """At t = 19.397 the friction ratio is 0.295097."""
     found = contact_extremes(simulate(paper_disk(), TIMES, dense=True, **TIGHT))
@@ -103,6 +104,7 @@ def test_a_fast_wheel_leaves_the_plane():
     np.testing.assert_array_equal(np.isfinite(run.state.phi), run.reached >= TIMES)
 
 
+@pytest.mark.slow
 def test_the_time_of_detachment_is_differentiable():
     """Against differences of runs at a tight tolerance."""
 
@@ -128,6 +130,7 @@ def test_the_time_of_detachment_is_differentiable():
     np.testing.assert_allclose(slope, (time(4.0 + h) - time(4.0 - h)) / (2 * h), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_run_that_detaches_at_its_start_keeps_its_start():
     disk, _ = wheel(0.0)
     run = simulate(disk, TIMES, DiskState(phi=np.pi, phidot=2.5), events={"lift": Detachment()})

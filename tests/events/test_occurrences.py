@@ -108,6 +108,7 @@ def test_two_crossings_close_together_are_both_found(runs):
     np.testing.assert_allclose(found.times[:2], [5.0, 5.02], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_sentences(runs):
     events = runs["sections"].events
     assert events["late"].count == 0
@@ -165,6 +166,7 @@ def test_times_are_differentiable():
     np.testing.assert_allclose(backward, forward, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_lanes_of_a_batch_are_single_runs():
     time = jax.jit(time_of_first_crossing(diffrax.ForwardMode()))
     w = np.array([0.3, 0.4, 0.5])

@@ -30,10 +30,12 @@ SOLVERS = {
     "trapezoidal": (Trapezoidal(), 1e-8, 5e-5),
     "tr-bdf2": (TRBDF2(), 1e-8, 5e-5),
 }
-SLOW = ("radau 7, tail", "gauss 8, newton")
+SLOW = ("radau 3", "radau 7", "radau 7, tail", "gauss 8, newton", "trapezoidal", "tr-bdf2")
 CHECKPOINT, DIRECT = diffrax.RecursiveCheckpointAdjoint(), diffrax.DirectAdjoint()
-REVERSE = [("radau 3", CHECKPOINT), ("radau 5, dae", DIRECT), ("gauss 8", CHECKPOINT), ("tr-bdf2", DIRECT)]
+REVERSE = [("radau 5, dae", DIRECT), ("gauss 8", CHECKPOINT)]
 REVERSE_SLOW = [
+    ("radau 3", CHECKPOINT),
+    ("tr-bdf2", DIRECT),
     ("radau 3", DIRECT),
     ("radau 5, dae", CHECKPOINT),
     ("radau 7", CHECKPOINT),

@@ -35,7 +35,7 @@ COLLOCATION = [
     ("ball", "radau 7", False, 60.0),
     ("ball", "gauss 8", False, 0.2),
     long("ball", "radau 3", True, 10.0),
-    ("ball", "radau 5", True, 60.0),
+    long("ball", "radau 5", True, 60.0),
     long("ball", "radau 7", True, 150.0),
     long("disk", "radau 3", False, 0.2),
     long("disk", "radau 5", False, 3.0),
@@ -46,7 +46,7 @@ COLLOCATION = [
 SECOND_ORDER = [
     long("ball", "trapezoidal", 300.0),
     ("ball", "tr-bdf2", 200.0),
-    ("disk", "trapezoidal", 20.0),
+    long("disk", "trapezoidal", 20.0),
     long("disk", "tr-bdf2", 15.0),
 ]
 

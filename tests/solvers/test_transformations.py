@@ -62,8 +62,8 @@ class TestBatches:
         "solver",
         [
             RadauIIA(3),
-            Gauss(6),
-            TRBDF2(),
+            pytest.param(Gauss(6), marks=SLOW),
+            pytest.param(TRBDF2(), marks=SLOW),
             pytest.param(RadauIIA(7), marks=SLOW),
             pytest.param(Trapezoidal(), marks=SLOW),
         ],
@@ -115,7 +115,9 @@ def oscillation(t):
     return {"place": jnp.cos(t)[None], "rate": (-jnp.sin(t)[None],)}
 
 
-@pytest.mark.parametrize("name", SOLVERS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in ("radau 3", "gauss 8", "tr-bdf2") else SLOW) for n in SOLVERS]
+)
 class TestSaving:
     """Backward in time from 2 to −1, at given times, at each step and between."""
 

@@ -133,6 +133,7 @@ def test_a_failed_solve_is_the_reports_failure():
     assert "Do not believe this run: The solve did not start" in str(report)
 
 
+@pytest.mark.slow
 def test_a_disk_with_moving_masses_keeps_the_balances():
     report = verify(paper_disk(), np.linspace(0.0, 20.0, 21), laws=["energy", "momentum", "rolling", "norm", "routh"])
     assert report.ok
