@@ -21,9 +21,7 @@ class ContactForce(NamedTuple):
     @property
     def ratio(self) -> Float[Array, ""]:
         """|f| / N, the coefficient of friction that this instant needs; infinite where N ≤ 0."""
-        size = jnp.sqrt(jnp.sum(self.friction**2, axis=-1))
-        held = ~(self.normal <= 0)  # NaN counts as held, so that it stays NaN
-        return jnp.where(held, size / jnp.where(held, self.normal, 1.0), jnp.inf)
+        return _ratio(jnp.sqrt(jnp.sum(self.friction**2, axis=-1)), self.normal)
 
 
 def contact_force(
@@ -59,8 +57,7 @@ class Reaction(NamedTuple):
     @property
     def ratio(self) -> Float[Array, "*batch"]:
         """|f| / N; infinite where N ≤ 0."""
-        held = ~(self.normal <= 0)
-        return jnp.where(held, self.friction / jnp.where(held, self.normal, 1.0), jnp.inf)
+        return _ratio(self.friction, self.normal)
 
     @property
     def angle(self) -> Float[Array, "*batch"]:
@@ -92,3 +89,8 @@ def total_inertial_force(
 ) -> Float[Array, "3"]:
     """Σ m a in body axes, with a the accelerations in space."""
     return cross(Omegadot, at.M * r * Gamma + at.p) + cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot
+
+
+def _ratio(friction: Float[Array, "*batch"], normal: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+    held = ~(normal <= 0)  # NaN counts as held, so that it stays NaN
+    return jnp.where(held, friction / jnp.where(held, normal, 1.0), jnp.inf)

@@ -1,5 +1,6 @@
 """What may happen along a motion: the ball leaves the plane or slips, or whatever a function says."""
 
+import abc
 from collections.abc import Callable
 from typing import Any, ClassVar
 
@@ -30,9 +31,9 @@ class AbstractEvent(eqx.Module):
     room: eqx.AbstractVar[int]
     status: ClassVar[Status]
 
+    @abc.abstractmethod
     def value(self, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
         """The function that crosses zero."""
-        raise NotImplementedError
 
 
 class Event(AbstractEvent):

@@ -190,7 +190,7 @@ def _solve(
         )
     solution = diffrax.diffeqsolve(
         term,
-        _stepping(method, packing),
+        Projected(method.solver, packing.projected) if method.project else method.solver,
         times[0],
         times[-1],
         None,
@@ -213,18 +213,6 @@ def _solve(
         solution.stats["num_rejected_steps"],
         Interpolant(solution, packing) if method.dense else None,
     )
-
-
-def _stepping(method: _Method, packing: Packing) -> diffrax.AbstractSolver:
-    """The solver, with projections where asked for."""
-    solver = method.solver
-    if not method.project:
-        return solver
-    if isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
-        # What diffrax does for forward mode where it can see the solver.
-        kind = {diffrax.ForwardMode: "lax", diffrax.DirectAdjoint: "bounded"}.get(type(method.adjoint))
-        solver = eqx.tree_at(lambda s: s.scan_kind, solver, kind, is_leaf=lambda leaf: leaf is None)
-    return Projected(solver, packing.projected)
 
 
 _solve_filtered = eqx.filter_jit(_solve)

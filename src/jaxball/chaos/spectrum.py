@@ -205,6 +205,13 @@ def spectrum(
         least=jnp.full_like(edges[0], jnp.inf) if watch is None else watch(edges[0], x, args),
     )
     end, growth = jax.lax.scan(advance, start, (edges[:-1], edges[1:]))
+    return _result(method, edges, end, growth, watch is not None)
+
+
+def _result(
+    method: Method, edges: Float[Array, " edges"], end: "_Progress", growth: Float[Array, "intervals k"], watched: bool
+) -> LyapunovSpectrum:
+    """The means of the growth rates after the transient."""
     times, growth = edges[1 + method.skipped :], growth[method.skipped :]
     running = jnp.cumsum(growth, axis=0) / jnp.arange(1, len(times) + 1, dtype=growth.dtype)[:, None]
     rows = jnp.where(end.status == Status.SUCCESS, end.rows, jnp.nan)
@@ -219,7 +226,7 @@ def spectrum(
         status=end.status,
         reached=end.reached,
         steps=end.steps,
-        least_normal_force=None if watch is None else end.least,
+        least_normal_force=end.least if watched else None,
     )
 
 

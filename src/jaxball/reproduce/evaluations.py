@@ -1,11 +1,13 @@
 """Counting how often a solver evaluates the right-hand side, by asking it and not by a formula."""
 
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import diffrax
 import equinox as eqx
 import jax
+
+from ..solvers import AbstractWrappingSolver
 
 
 class Counter:
@@ -45,7 +47,7 @@ class CountingTerm(diffrax.AbstractTerm):
         return self.term.is_vf_expensive(t0, t1, y, args)
 
 
-class CountingSolver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWrappedSolver):
+class CountingSolver(AbstractWrappingSolver):
     """``solver`` itself, for an ordinary differential equation, which counts its evaluations with ``tick``.
 
     An implicit solver's Jacobian counts as one evaluation, because it is one pass through the
@@ -54,25 +56,6 @@ class CountingSolver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWrappedSolv
 
     solver: diffrax.AbstractSolver  # pyright: ignore[reportIncompatibleVariableOverride]
     tick: Callable[[], None] = eqx.field(static=True)
-
-    @property
-    def term_structure(self) -> Any:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return self.solver.term_structure
-
-    @property
-    def interpolation_cls(self) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
-        return self.solver.interpolation_cls
-
-    @property
-    def root_finder(self) -> Any:
-        """The root finder of an implicit solver, where diffrax puts the tolerances."""
-        return self.solver.root_finder  # pyright: ignore[reportAttributeAccessIssue]
-
-    def order(self, terms):
-        return self.solver.order(terms)
-
-    def error_order(self, terms):
-        return self.solver.error_order(terms)
 
     def init(self, terms, t0, t1, y0, args):
         return self.solver.init(self._counted(terms), t0, t1, y0, args)

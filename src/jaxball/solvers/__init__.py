@@ -22,3 +22,4 @@ from .radau import RadauIIA as RadauIIA
 from .stages import AbstractStageIteration as AbstractStageIteration
 from .tr_bdf2 import TRBDF2 as TRBDF2
 from .trapezoidal import Trapezoidal as Trapezoidal
+from .wrapping import AbstractWrappingSolver as AbstractWrappingSolver

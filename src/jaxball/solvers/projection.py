@@ -7,8 +7,10 @@ import diffrax
 import equinox as eqx
 from jaxtyping import Array, PyTree
 
+from .wrapping import AbstractWrappingSolver
 
-class Projected(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWrappedSolver):
+
+class Projected(AbstractWrappingSolver):
     """``solver`` with each step followed by a projection, such as that of a versor to |q| = 1.
 
     The order is kept if ``project`` moves a state by no more than a multiple of its distance to the
@@ -26,35 +28,13 @@ class Projected(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWrappedSolver):
     project: Callable[[PyTree[Array]], PyTree[Array]]
 
     @property
-    def term_structure(self) -> Any:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """The terms that the inner solver takes."""
-        return self.solver.term_structure
-
-    @property
     def interpolation_cls(self) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         """The inner solver's dense output, projected."""
         return _ProjectedInterpolation(self.solver.interpolation_cls, self.project)
 
-    @property
-    def root_finder(self) -> Any:
-        """The root finder of an implicit solver, where diffrax puts the tolerances."""
-        return self.solver.root_finder  # pyright: ignore[reportAttributeAccessIssue]
-
-    def order(self, terms):
-        return self.solver.order(terms)
-
-    def error_order(self, terms):
-        return self.solver.error_order(terms)
-
-    def init(self, terms, t0, t1, y0, args):
-        return self.solver.init(terms, t0, t1, y0, args)
-
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         y1, y_error, dense, state, result = self.solver.step(terms, t0, t1, y0, args, solver_state, made_jump)
         return self.project(y1), y_error, dense, state, result
-
-    def func(self, terms, t0, y0, args):
-        return self.solver.func(terms, t0, y0, args)
 
 
 class _ProjectedInterpolation(eqx.Module):

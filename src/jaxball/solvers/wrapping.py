@@ -1,0 +1,47 @@
+"""What solvers that wrap another have in common."""
+
+from typing import Any
+
+import diffrax
+import equinox as eqx
+
+
+class AbstractWrappingSolver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWrappedSolver):
+    """A solver that does what ``solver`` does, but for what its subclass changes."""
+
+    solver: eqx.AbstractVar[diffrax.AbstractSolver]  # pyright: ignore[reportIncompatibleVariableOverride]
+
+    @property
+    def term_structure(self) -> Any:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The terms that the inner solver takes."""
+        return self.solver.term_structure
+
+    @property
+    def interpolation_cls(self) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """The inner solver's dense output."""
+        return self.solver.interpolation_cls
+
+    @property
+    def root_finder(self) -> Any:
+        """The root finder of an implicit solver, where diffrax puts the tolerances."""
+        return self.solver.root_finder  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
+    def scan_kind(self) -> Any:
+        """The kind of loop of an explicit solver, where ``diffrax.ForwardMode`` puts one that has a jvp."""
+        return self.solver.scan_kind  # pyright: ignore[reportAttributeAccessIssue]
+
+    def order(self, terms):
+        return self.solver.order(terms)
+
+    def error_order(self, terms):
+        return self.solver.error_order(terms)
+
+    def init(self, terms, t0, t1, y0, args):
+        return self.solver.init(terms, t0, t1, y0, args)
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        return self.solver.step(terms, t0, t1, y0, args, solver_state, made_jump)
+
+    def func(self, terms, t0, y0, args):
+        return self.solver.func(terms, t0, y0, args)
