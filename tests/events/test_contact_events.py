@@ -130,7 +130,6 @@ def test_the_time_of_detachment_is_differentiable():
     np.testing.assert_allclose(slope, (time(4.0 + h) - time(4.0 - h)) / (2 * h), rtol=1e-6)
 
 
-@pytest.mark.slow
 def test_a_run_that_detaches_at_its_start_keeps_its_start():
     disk, _ = wheel(0.0)
     run = simulate(disk, TIMES, DiskState(phi=np.pi, phidot=2.5), events={"lift": Detachment()})
