@@ -3,7 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, ArrayLike, Float
 
 from .._arrays import to_array
 from ..body import Ball, Disk, PointMass, System
@@ -61,10 +64,10 @@ def initial_state(
 ) -> BallState | DiskState:
     """The state; θ and θ̇ of driven masses are those of their schedules unless they are given."""
     found = {name: value for name, value in found.items() if name != "balance"}
-    for order, name in enumerate(("theta", "thetadot")):
+    for name in ("theta", "thetadot"):
         given = found[name]
         if given is None:
-            found[name] = [float(schedule.derivatives(to_array(start))[order]) for schedule in schedules]
+            found[name] = starting_angles(tuple(schedules), to_array(start))[name] if schedules else ()
         elif len(given) != len(schedules):
             raise key_error(
                 join(path, name),
@@ -72,6 +75,15 @@ def initial_state(
                 f"one of {len(given)}",
             )
     return (DiskState if kind == "disk" else BallState)(**found)
+
+
+@jax.jit
+def starting_angles(
+    schedules: tuple[AbstractSchedule, ...], t: Float[ArrayLike, ""]
+) -> dict[str, Float[Array, " schedules"]]:
+    """θ and θ̇ of one schedule or more at ``t``, as ``theta`` and ``thetadot``; compiled once for schedules of a kind."""
+    rates = [schedule.derivatives(jnp.asarray(t)) for schedule in schedules]
+    return {"theta": jnp.stack([rate[0] for rate in rates]), "thetadot": jnp.stack([rate[1] for rate in rates])}
 
 
 def balanced(

@@ -28,6 +28,7 @@ def check_inside(system: System, times: np.ndarray) -> None:
     A closed rail must lie inside the shell as a whole; on an open one, and in free motion, the mass
     must stay inside from the first of ``times`` to the last.
     """
+    system = _on_the_host(system)
     for index, item in enumerate(system.point_masses):
         path, motion = f"masses[{index}]", item.motion
         if isinstance(motion, Fixed):
@@ -41,6 +42,9 @@ def check_inside(system: System, times: np.ndarray) -> None:
 
 def check_start(system: System, theta: Float[np.ndarray, " driven"]) -> None:
     """Raises a :class:`ScenarioError` when a driven mass starts outside the shell."""
+    if not system.driven:
+        return
+    system = _on_the_host(system)
     masses, radius = system.point_masses, float(system.radius)
     for slot, index in enumerate(system.driven):
         motion = masses[index].motion
@@ -83,6 +87,11 @@ def _places(motion: AbstractPrescribedMotion, times):
     return jax.vmap(lambda t: prepared.kinematics(t).chi)(times)
 
 
+def _on_the_host(system: System) -> System:
+    """The system with NumPy arrays, which are taken apart much faster."""
+    return jax.tree.map(np.asarray, system)
+
+
 def _check_position(motion: Fixed, path: str, system: System) -> None:
     place, radius = np.asarray(motion.position, dtype=float), float(system.radius)
     if not np.linalg.norm(place) < radius:
@@ -90,13 +99,22 @@ def _check_position(motion: Fixed, path: str, system: System) -> None:
     _check_plane(place[None], path, system)
 
 
+def reach(
+    rail: AbstractRail, radius: float
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
+    """Many θ, the points of a rail there, and how far it comes from the centre near each of them.
+
+    They go once round a closed rail, and along an open one from 0 to ``radius``.
+    """
+    theta = np.linspace(0.0, radius if rail.period is None else rail.period, RAIL_SAMPLES + 1)
+    points = np.asarray(rail_points(rail, jnp.asarray(theta)))
+    return theta, points, _peaks(np.linalg.norm(points, axis=1))
+
+
 def _check_rail(rail: AbstractRail, path: str, system: System) -> None:
     radius = float(system.radius)
-    span = radius if rail.period is None else rail.period
-    theta = np.linspace(0.0, span, RAIL_SAMPLES + 1)
-    points = np.asarray(rail_points(rail, jnp.asarray(theta)))
+    theta, points, distance = reach(rail, radius)
     _check_plane(points, path, system)
-    distance = _peaks(np.linalg.norm(points, axis=1))
     k = int(np.argmax(distance))
     if rail.period is not None and not distance[k] < radius:
         raise ScenarioError(

@@ -3,11 +3,15 @@
 A kind of value reads what the TOML parser gave, or raises one sentence, and writes it back.
 """
 
-from collections.abc import Callable
+import contextlib
+import math
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 LONGEST_SHOWN = 60
 
@@ -50,18 +54,18 @@ class Kind(Protocol):
 
 
 class Rule(NamedTuple):
-    """A condition on numbers, with the words before and after "numbers" that say it."""
+    """A condition on the numbers of each row, with the words before and after "numbers" that say it."""
 
     before: str
-    holds: Callable[[np.ndarray], bool]
+    holds: Callable[[Float[np.ndarray, "rows numbers"]], Bool[np.ndarray, " rows"]]
     after: str = ""
 
 
-FINITE = Rule("finite", lambda x: True)
-POSITIVE = Rule("positive", lambda x: bool(np.all(x > 0)))
-NOT_NEGATIVE = Rule("non-negative", lambda x: bool(np.all(x >= 0)))
-NOT_ALL_ZERO = Rule("finite", lambda x: bool(np.any(x != 0)), ", not all zero")
-INCREASING = Rule("increasing", lambda x: bool(np.all(np.diff(x) > 0)))
+FINITE = Rule("finite", lambda x: np.full(len(x), True))
+POSITIVE = Rule("positive", lambda x: np.all(x > 0, axis=1))
+NOT_NEGATIVE = Rule("non-negative", lambda x: np.all(x >= 0, axis=1))
+NOT_ALL_ZERO = Rule("finite", lambda x: np.any(x != 0, axis=1), ", not all zero")
+INCREASING = Rule("increasing", lambda x: np.all(x[:, 1:] > x[:, :-1], axis=1))
 
 
 @dataclass(frozen=True)
@@ -82,11 +86,17 @@ class Numbers:
 
     def read(self, value: Any, path: str) -> np.ndarray | float:
         array = _as_floats(value)
-        if array is None or not self._fits(array.shape):
+        if array is None or not self._fits(array.shape) or not self.hold(array[None])[0]:
             raise key_error(path, self.words, shown(value))
-        if not np.all(np.isfinite(array)) or not self.rule.holds(array):
-            raise key_error(path, self.words, shown(value))
+        seen = _SEEN.get()
+        if seen is not None:
+            seen[path] = self
         return array if self.shape else float(array)
+
+    def hold(self, stacked: Float[np.ndarray, "rows ..."]) -> Bool[np.ndarray, " rows"]:
+        """Which rows of ``stacked``, each of this kind's shape, are numbers of this kind."""
+        rows = stacked.reshape(len(stacked), math.prod(stacked.shape[1:]))
+        return np.all(np.isfinite(rows), axis=1) & self.rule.holds(rows)
 
     def write(self, value: Any, path: str) -> Any:
         return np.asarray(value, dtype=float).tolist()
@@ -95,6 +105,20 @@ class Numbers:
         return len(shape) == len(self.shape) and all(
             n > 0 if wanted is None else n == wanted for n, wanted in zip(shape, self.shape, strict=True)
         )
+
+
+_SEEN: ContextVar[dict[str, Numbers] | None] = ContextVar("_SEEN", default=None)
+
+
+@contextlib.contextmanager
+def kinds_of_numbers() -> Iterator[dict[str, Numbers]]:
+    """The kind of every number, and of every list of numbers, that is read within, by its path."""
+    seen: dict[str, Numbers] = {}
+    token = _SEEN.set(seen)
+    try:
+        yield seen
+    finally:
+        _SEEN.reset(token)
 
 
 @dataclass(frozen=True)

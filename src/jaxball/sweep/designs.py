@@ -12,8 +12,11 @@ Design = Callable[[Int[np.ndarray, " points"], int, int, int], Float[np.ndarray,
 def random(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
     """Independent uniform numbers, those of a point computed from its index alone by a counter-based generator."""
     blocks = -(-dimension // 4)  # of four numbers for a step of the counter
-    bits = [np.random.Philox(key=seed, counter=int(k) * blocks).random_raw(dimension) for k in indices]
-    return (np.asarray(bits, dtype=np.uint64).reshape(-1, dimension) >> np.uint64(11)).astype(float) * 2.0**-53
+    different, places = np.unique(indices, return_inverse=True)
+    runs = np.split(different, np.flatnonzero(np.diff(different) > 1) + 1)
+    bits = [np.random.Philox(key=seed, counter=int(run[0]) * blocks).random_raw(4 * blocks * len(run)) for run in runs]
+    found = np.concatenate(bits).reshape(-1, 4 * blocks)[places, :dimension]
+    return (found >> np.uint64(11)).astype(float) * 2.0**-53
 
 
 def latin_hypercube(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
