@@ -1,4 +1,4 @@
-"""``jaxball sweep``: a study run over all its rows, and how far one has come."""
+"""``jaxball sweep``: a study run over all its rows, how far one has come, and pictures of it."""
 
 import argparse
 import importlib.util
@@ -16,16 +16,24 @@ def add(commands) -> None:
         "sweep",
         help="run a study: a scenario with other numbers in each row",
         usage=(
-            "jaxball sweep STUDY --out STORE [--workers N] [--shard K/N] [--dry-run]\n       jaxball sweep status STORE"
+            "jaxball sweep STUDY --out STORE [--workers N] [--shard K/N] [--dry-run]\n"
+            "       jaxball sweep status STORE\n"
+            "       jaxball sweep plot STORE --out FOLDER [--result NAME ...] [--against PATH ...]"
         ),
         description="Runs a study, or goes on with one that was stopped, whatever stopped it.",
     )
-    parser.add_argument("study", metavar="STUDY", help="a study file, or the word status")
-    parser.add_argument("store", nargs="?", type=Path, metavar="STORE", help="the store of which to tell the status")
-    parser.add_argument("--out", type=Path, metavar="STORE", help="the store, .zarr; the table is beside it, .parquet")
+    parser.add_argument("study", metavar="STUDY", help="a study file, or the word status or plot")
+    parser.add_argument(
+        "store", nargs="?", type=Path, metavar="STORE", help="the store of which to tell the status, or to draw"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="STORE", help="the store, .zarr, with the table beside it; or a folder"
+    )
     parser.add_argument("--workers", type=_count, default=1, metavar="N", help="how many processes (default: 1)")
     parser.add_argument("--shard", type=_shard, default=(1, 1), metavar="K/N", help="the K-th of N parts alone")
     parser.add_argument("--dry-run", action="store_true", help="say how many rows, how large, how long")
+    parser.add_argument("--result", nargs="+", default=[], metavar="NAME", help="what to draw, such as z[0]")
+    parser.add_argument("--against", nargs="+", default=[], metavar="PATH", help="over which numbers to draw it")
     parser.set_defaults(run=lambda options: _run(parser, options))
 
 
@@ -38,14 +46,14 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
             parser.error("the following argument is required after status: STORE")
         print(sweep.describe(options.store))
         return 0
+    if options.study == "plot":
+        return _plot(parser, options)
+    for name in ("result", "against"):
+        if getattr(options, name):
+            parser.error(f"argument --{name} is for jaxball sweep plot")
     if options.store is not None:
         parser.error(f"unrecognized argument: {options.store}")
-    missing = [name for name in NEEDED if importlib.util.find_spec(name) is None]
-    if missing:
-        print(
-            f"jaxball: A sweep needs {', '.join(missing)}, which are not installed; pip install 'jaxball[sweep]'.",
-            file=sys.stderr,
-        )
+    if _is_missing(NEEDED):
         return BAD_INPUT
     study = sweep.load_study(options.study)
     if options.dry_run:
@@ -74,6 +82,38 @@ def _sweep(study, options: argparse.Namespace) -> int:
     written = f"{outcome.store}, {outcome.table}" if outcome.finished else f"{outcome.store}; other shards are not done"
     print(f"  written: {written}")
     return 0
+
+
+def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
+    if options.store is None or options.out is None:
+        parser.error("the following arguments are required after plot: STORE, --out")
+    if _is_missing(("zarr",)):
+        return BAD_INPUT
+    from .. import plot, sweep
+
+    data = sweep.open_dataset(options.store)
+    if options.out.exists() and not options.out.is_dir():
+        raise sweep.StoreError(f'Argument `--out` must be a folder, but "{options.out}" is a file.')
+    try:
+        paths = plot.sweep_figures(data, options.out, options.result, options.against)
+    except plot.PictureError as error:
+        print(f"jaxball: {error}", file=sys.stderr)
+        return BAD_INPUT
+    print(f"{len(paths)} figures of {options.store}")
+    for path in paths:
+        print(f"  written: {path}")
+    return 0
+
+
+def _is_missing(packages: tuple[str, ...]) -> bool:
+    """Whether one of the packages is not installed, which is then told."""
+    missing = [name for name in packages if importlib.util.find_spec(name) is None]
+    if missing:
+        print(
+            f"jaxball: A sweep needs {', '.join(missing)}, which are not installed; pip install 'jaxball[sweep]'.",
+            file=sys.stderr,
+        )
+    return bool(missing)
 
 
 def _count(text: str) -> int:

@@ -18,3 +18,9 @@ from .evolution import (
 )
 from .paths import body_paths as body_paths, centre_path as centre_path, space_paths as space_paths
 from .report import figures as figures, overview as overview
+from .sweeps.errors import PictureError as PictureError
+from .sweeps.fans import sweep_fan as sweep_fan
+from .sweeps.maps import sweep_map as sweep_map
+from .sweeps.matrix import sweep_matrix as sweep_matrix
+from .sweeps.report import sweep_figures as sweep_figures
+from .sweeps.slices import sweep_slice as sweep_slice

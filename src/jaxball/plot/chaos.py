@@ -8,7 +8,7 @@ from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
 from ..chaos import LyapunovSpectrum
-from .style import LABEL, SMALL, legend_above, mass_line, named, plane_axes
+from .style import SMALL, colour_bar, legend_above, mass_line, named, plane_axes
 
 if TYPE_CHECKING:
     import xarray
@@ -45,10 +45,7 @@ def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: f
             keys.append(Patch(color=colour, label=name))
     if keys:
         ax.legend(handles=keys, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, frameon=False, prop=SMALL)
-    bar = ax.figure.colorbar(mesh, ax=ax, extend="max" if known.size and known.max() > top else "neither")
-    bar.set_label(r"$\lambda_1$", fontproperties=LABEL)
-    bar.ax.tick_params(width=0.6, length=3, labelsize=9, labelfontfamily="STIXGeneral")
-    bar.outline.set_linewidth(0.6)  # pyright: ignore[reportAttributeAccessIssue]
+    colour_bar(ax, mesh, r"$\lambda_1$", extend="max" if known.size and known.max() > top else "neither")
     first, second = dataset["exponent"].dims
     named(ax, str(second), str(first))
     return ax

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.text import Text
@@ -110,6 +112,15 @@ def legend_above(ax: Axes, most: int = 5) -> None:
             columnspacing=1.0,
             handletextpad=0.4,
         )
+
+
+def colour_bar(ax: Axes, shown: ScalarMappable, label: str, **options: Any) -> Colorbar:
+    """A colour bar beside the axes, with thin ticks."""
+    bar = ax.figure.colorbar(shown, ax=ax, **options)
+    bar.set_label(label, fontproperties=LABEL)
+    bar.ax.tick_params(width=0.6, length=3, labelsize=9, labelfontfamily="STIXGeneral")
+    bar.outline.set_linewidth(0.6)  # pyright: ignore[reportAttributeAccessIssue]
+    return bar
 
 
 def write(ax: Axes, at: Sequence[float] | Float[np.ndarray, " d"], sentence: str, **options: Any) -> Text:

@@ -1,5 +1,6 @@
 """Studies: a scenario run over and over, with other numbers in each row."""
 
+from .dataset import open_dataset as open_dataset
 from .engine import Engine as Engine, Wanted as Wanted, solve_in_lanes as solve_in_lanes
 from .errors import StoreError as StoreError, StudyError as StudyError, WorkerError as WorkerError
 from .estimate import Estimate as Estimate, estimate as estimate

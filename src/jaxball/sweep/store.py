@@ -17,8 +17,9 @@ import numpy as np
 from ..scenario import Scenario
 from ..status import Status
 from .attributes import differences, identity_of, read_attributes
-from .disk import flush_folder, remove_parts, write_whole
+from .disk import flush_folder, part_prefix, remove_dead_parts, remove_parts, write_whole
 from .errors import StoreError
+from .layout import layout_of
 from .outputs import Output, labels_of
 from .study import Study
 
@@ -113,6 +114,7 @@ def open_store(folder: Path, study: Study, template: Scenario, outputs: dict[str
         raise StoreError(f'Argument `out` must end in .zarr, but it is "{folder}".')
     wanted = identity_of(study)
     store = Store(folder, study, outputs)
+    remove_dead_parts(folder.parent)
     if not os.path.lexists(folder):
         if os.path.lexists(store.table):
             raise StoreError(
@@ -133,7 +135,7 @@ def _create(
     folder: Path, study: Study, template: Scenario, outputs: dict[str, Output], attributes: dict[str, Any]
 ) -> None:
     try:
-        with tempfile.TemporaryDirectory(prefix=".part-", dir=folder.parent) as beside:
+        with tempfile.TemporaryDirectory(prefix=part_prefix(), dir=folder.parent) as beside:
             made = Path(beside) / "store"
             _write_metadata(made, study, template, outputs, attributes)
             (made / MARKS).mkdir()
@@ -164,6 +166,7 @@ def _write_metadata(
         "paths": list(study.paths),
         "rows": study.rows,
         "chunk": study.chunk,
+        **layout_of(study),
         "statuses": ", ".join(f"{item.value} {item.name}" for item in Status),
         "coordinates": " ".join(name for name, item in outputs.items() if item.coordinate and name != "row"),
     }

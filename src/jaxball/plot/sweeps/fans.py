@@ -1,0 +1,107 @@
+"""Trajectories of a study, fanned out over one of its numbers."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_rgba
+
+from ..style import named, plane_axes
+from .failures import LOOKS, marks, names_of
+from .fixed import fixed, sample
+from .heading import COLOURS, coloured, heading, norm_of
+from .results import histories_of, label_of, parsed, result_names
+from .rows import Rows, rows_of
+
+if TYPE_CHECKING:
+    import xarray
+
+SIZE = (5.6, 4.0)
+MOST_CURVES = 200
+
+
+def sweep_fan(
+    data: "xarray.Dataset",
+    by: str,
+    ax: Axes | None = None,
+    *,
+    result: str | None = None,
+    at: Mapping[str, float] | None = None,
+) -> Axes:
+    """The trajectories of a study with ``save = "times"``, coloured by one of its numbers.
+
+    Drawn is the path of a ball's centre in the plane, z of a disk over time, or ``result`` over time. A row that failed
+    is drawn as far as it came, in the colour of its status, with a mark at its end; those that did not start are
+    counted in the legend.
+
+    **Arguments:**
+
+    - ``data``, ``at``: as in :func:`sweep_slice`.
+    - ``by``: the path of the number that gives the colours.
+    - ``result``: such as ``"Omega[1]"``.
+
+    **Raises:** as :func:`sweep_slice`, and :class:`PictureError` where states were not saved at all times.
+    """
+    rows = rows_of(data)
+    rows, notes = fixed(rows, {rows.axis_of(by)}, at)
+    names, (drawn, left_out) = names_of(rows.status), sample(rows, MOST_CURVES)
+    rows, ax = rows.chosen(drawn), plane_axes(ax, SIZE)
+    curves, numbers = _curves(rows, result), rows.number(by)
+    shown = ScalarMappable(norm_of(numbers, rows.is_logarithmic(by)), COLOURS)
+    shown.set_array(numbers)
+    colours = shown.to_rgba(numbers)
+    for code in names:
+        colours[rows.status == code] = to_rgba(LOOKS[code].colour)
+    order = np.argsort(rows.failed, kind="stable")  # those that failed above the others
+    ax.add_collection(LineCollection(list(curves[order]), colors=colours[order], linewidths=0.9))
+    ends = np.stack([_end(curve) for curve in curves])
+    keys = marks(ax, ends[:, 0], ends[:, 1], rows.status, names)
+    if result is None and _in_the_plane(data):
+        ax.set_aspect("equal", adjustable="datalim")
+    ax.autoscale_view()
+    named(ax, *_labels(data, result))
+    coloured(ax, shown, by)
+    heading(ax, notes + left_out, keys, most=2)
+    return ax
+
+
+def _curves(rows: Rows, result: str | None) -> Float[np.ndarray, "rows saves 2"]:
+    """The points of each row's curve, NaN after the time to which its result is good."""
+    if result is None and _in_the_plane(rows.data):
+        columns = [histories_of(rows, "z[0]"), histories_of(rows, "z[1]")]
+    else:
+        columns = [_times(rows), histories_of(rows, result or _standard(rows.data))]
+    curves, reached = np.stack(columns, axis=-1), rows.data["reached"].values[rows.places]
+    late = rows.failed[:, None] & ~(_times(rows) <= reached[:, None])
+    return np.where(late[:, :, None], np.nan, curves)
+
+
+def _times(rows: Rows) -> Float[np.ndarray, "rows saves"]:
+    return rows.data["time"].isel(row=rows.places).values
+
+
+def _in_the_plane(data: "xarray.Dataset") -> bool:
+    return {"z[0]", "z[1]"} <= set(result_names(data))
+
+
+def _standard(data: "xarray.Dataset") -> str:
+    """The first result that was saved at all times, or the first of all, where the study has none."""
+    names = result_names(data)
+    return next((name for name in names if "save" in data[parsed(data, name)[0]].dims), names[0])
+
+
+def _labels(data: "xarray.Dataset", result: str | None) -> tuple[str, str]:
+    if result is None and _in_the_plane(data):
+        names = [label_of(data, name, at_the_end=False) for name in ("z[0]", "z[1]")]
+        return names[0], names[1]
+    return "$t$", label_of(data, result or _standard(data), at_the_end=False)
+
+
+def _end(curve: Float[np.ndarray, "saves 2"]) -> Float[np.ndarray, " 2"]:
+    """The last point of a curve, NaN where it has none."""
+    finite = np.flatnonzero(np.all(np.isfinite(curve), axis=1))
+    return curve[finite[-1]] if finite.size else np.full(2, np.nan)

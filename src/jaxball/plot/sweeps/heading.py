@@ -1,0 +1,72 @@
+"""Titles and legends above the axes, scales of their numbers, and colours for a number."""
+
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from ..style import SMALL, colour_bar
+
+COLOURS = "viridis"
+_WIDE_DECADES = 3.0
+_LETTERS = 62
+
+
+def heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), most: int = 3) -> None:
+    """What is fixed and left out, and below it the keys, ``most`` to a row, above the axes, where they hide nothing."""
+    title = "\n".join(textwrap.wrap("; ".join(sentences), _LETTERS))
+    if not keys:
+        ax.set_title(title, fontproperties=SMALL)
+        return
+    legend = ax.legend(
+        handles=keys,
+        loc="lower center",
+        bbox_to_anchor=(0.5, 1.0),
+        ncols=min(len(keys), most),
+        frameon=False,
+        prop=SMALL,
+        title=title or None,
+        title_fontproperties=SMALL,
+        handlelength=1.6,
+        columnspacing=1.2,
+        handletextpad=0.5,
+    )
+    legend.set_in_layout(True)
+
+
+def scale(axis: Axis, logarithmic: bool, values: np.ndarray) -> None:
+    """A logarithmic scale where ``values`` are spread so; a short one with round numbers written out."""
+    values = values[np.isfinite(values)]
+    if not logarithmic or not values.size or values.min() <= 0:
+        return
+    axis.axes.set(**{f"{axis.axis_name}scale": "log"})  # pyright: ignore[reportAttributeAccessIssue]
+    _short_scale(axis, float(values.max() / values.min()))
+
+
+def coloured(ax: Axes, shown: ScalarMappable, label: str) -> None:
+    """A colour bar, its scale that of the colours."""
+    bar = colour_bar(ax, shown, label)
+    if isinstance(shown.norm, LogNorm):
+        low, high = bar.ax.get_ylim()
+        _short_scale(bar.ax.yaxis, high / low)
+
+
+def _short_scale(axis: Axis, ratio: float) -> None:
+    """Round numbers written out on a logarithmic scale that is not long."""
+    if np.log10(ratio) < _WIDE_DECADES:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def norm_of(values: np.ndarray, logarithmic: bool = False) -> Normalize:
+    """From ``values``, where they are finite, to the colours."""
+    values = values[np.isfinite(values)]
+    least, most = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    return LogNorm(least, most) if logarithmic and 0 < least < most else Normalize(least, most)

@@ -1,0 +1,138 @@
+"""A result over two of the numbers that a study changes."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+
+from ...status import Status
+from ..style import named, plane_axes
+from .errors import PictureError
+from .failures import LOOKS, MANY, marks, names_of, outcomes, patch
+from .fixed import fixed, sample
+from .heading import COLOURS, coloured, heading, norm_of, scale
+from .results import label_of, values_of
+from .rows import Rows, rows_of
+
+if TYPE_CHECKING:
+    import xarray
+
+SIZE = (5.4, 4.2)
+MOST_CELLS = 500  # to each side
+MOST_DOTS = 20_000
+
+
+def sweep_map(
+    data: "xarray.Dataset",
+    result: str,
+    right: str,
+    up: str,
+    ax: Axes | None = None,
+    *,
+    at: Mapping[str, float] | None = None,
+) -> Axes:
+    """A result of a study in colours over two of its numbers; rows that failed are hatched by their status.
+
+    Crossed axes give cells, white where nothing was computed; two numbers of a scattered axis give dots, and rows that
+    failed marks. The title says at what the other axes are fixed.
+
+    **Arguments:** as :func:`sweep_slice`, with ``right`` and ``up``, the paths of both numbers.
+
+    **Raises:** as :func:`sweep_slice`.
+    """
+    if right == up:
+        raise PictureError(f"Argument `up` must be another number than `right`, but both are `{up}`.")
+    rows = rows_of(data)
+    rows, notes = fixed(rows, {rows.axis_of(right), rows.axis_of(up)}, at)
+    crossed = rows.axis_of(right) != rows.axis_of(up) and not (rows.is_scattered(right) or rows.is_scattered(up))
+    ax = plane_axes(ax, SIZE)
+    shown, keys, more = (_cells if crossed else _dots)(ax, rows, result, right, up)
+    for axis, path in ((ax.xaxis, right), (ax.yaxis, up)):
+        scale(axis, rows.is_logarithmic(path), rows.number(path))
+    coloured(ax, shown, label_of(data, result))
+    named(ax, right, up)
+    heading(ax, notes + more, keys, most=2)
+    return ax
+
+
+def _cells(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any, list[Any], list[str]]:
+    names, size = names_of(outcomes(rows.status, values_of(rows, result))), len(rows)
+    for path in (right, up):
+        rows = _with_fewer_points(rows, path)
+    notes = [] if len(rows) == size else [f"{len(rows):,} of {size:,} rows drawn"]
+    (columns, x), (lines, y) = _ordered(rows, right), _ordered(rows, up)
+    values = values_of(rows, result)
+    outcome = outcomes(rows.status, values)
+    good = outcome == Status.SUCCESS
+    grid = np.full((len(y), len(x)), np.nan)
+    grid[lines[good], columns[good]] = values[good]
+    edges = _edges(x, rows.is_logarithmic(right)), _edges(y, rows.is_logarithmic(up))
+    shown = ax.pcolormesh(*edges, grid, cmap=COLOURS, norm=norm_of(values[good]), rasterized=True)
+    for code in names:
+        ax.add_patch(_hatched(code, columns[outcome == code], lines[outcome == code], *edges))
+    return shown, [patch(*item) for item in names.items()], notes
+
+
+def _with_fewer_points(rows: Rows, path: str) -> Rows:
+    """At most ``MOST_CELLS`` points of the axis of ``path``, equally spaced."""
+    along = rows.indices[:, rows.axis_of(path)]
+    points = np.unique(along)
+    if len(points) <= MOST_CELLS:
+        return rows
+    kept = points[np.linspace(0, len(points) - 1, MOST_CELLS).round().astype(int)]
+    return rows.chosen(np.isin(along, kept))
+
+
+def _ordered(rows: Rows, path: str) -> tuple[np.ndarray, Float[np.ndarray, " points"]]:
+    """For each row its place among the values at ``path``, and these values in their order."""
+    values, places = np.unique(rows.number(path), return_inverse=True)
+    return places, values
+
+
+def _edges(values: Float[np.ndarray, " points"], logarithmic: bool) -> Float[np.ndarray, " edges"]:
+    """The edges of cells around ``values``, halfway between them, or between their logarithms."""
+    if logarithmic and values[0] > 0:
+        return np.exp(_edges(np.log(values), False))
+    if len(values) == 1:
+        return values[0] + np.array([-0.5, 0.5])
+    between = (values[1:] + values[:-1]) / 2
+    return np.concatenate([[2 * values[0] - between[0]], between, [2 * values[-1] - between[-1]]])
+
+
+def _hatched(code: int, columns: np.ndarray, lines: np.ndarray, x: np.ndarray, y: np.ndarray) -> PathPatch:
+    """The cells with a status, as one patch."""
+    corners = [(columns, lines), (columns + 1, lines), (columns + 1, lines + 1), (columns, lines + 1), (columns, lines)]
+    points = np.stack([np.stack([x[column], y[line]], axis=-1) for column, line in corners], axis=1)
+    codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(points))
+    look = LOOKS[code]
+    return PathPatch(
+        Path(points.reshape(-1, 2), codes),
+        facecolor=look.colour,
+        edgecolor="white",
+        hatch=look.hatch,
+        linewidth=0.0,
+        rasterized=True,
+    )
+
+
+def _dots(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any, list[Any], list[str]]:
+    names, (drawn, notes) = names_of(outcomes(rows.status, values_of(rows, result))), sample(rows, MOST_DOTS)
+    rows = rows.chosen(drawn)
+    x, y, values = rows.number(right), rows.number(up), values_of(rows, result)
+    outcome = outcomes(rows.status, values)
+    good = outcome == Status.SUCCESS
+    shown = ax.scatter(
+        x[good],
+        y[good],
+        c=values[good],
+        s=14.0 if len(rows) <= MANY else 4.0,
+        cmap=COLOURS,
+        norm=norm_of(values[good]),
+        linewidths=0.0,
+        rasterized=True,
+    )
+    return shown, marks(ax, x, y, outcome, names), notes

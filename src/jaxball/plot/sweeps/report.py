@@ -1,0 +1,94 @@
+"""The figures of a study that fit it."""
+
+import itertools
+import re
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from .fans import sweep_fan
+from .maps import sweep_map
+from .matrix import MOST_VARIABLES, sweep_matrix
+from .results import parsed, result_names, standard_results
+from .rows import Rows, rows_of
+from .slices import MOST_CURVES, sweep_slice
+
+if TYPE_CHECKING:
+    import xarray
+
+MOST_NUMBERS = 4
+DPI = 200
+
+
+def sweep_figures(
+    data: "xarray.Dataset", folder: str | Path, results: Sequence[str] = (), against: Sequence[str] = ()
+) -> list[Path]:
+    """Writes figures of a study into ``folder`` as PNG, and says where they are.
+
+    Slices along each number of crossed axes, maps over two numbers, fans of trajectories where states were saved
+    at all times, and all numbers and results against one another. A file is named by the figure, the result and the
+    paths, as in ``slice_z_0_body.mass.png``.
+
+    **Arguments:**
+
+    - ``data``: from ``xarray.open_zarr`` of a store.
+    - ``results``: which; if not given, the friction needed and the place at the end where there are, and the steps.
+    - ``against``: the paths of the numbers; if not given, the first four that vary, with
+      maps over the first two alone.
+
+    **Raises:** :class:`PictureError` when nothing can be drawn, and for an unknown result or path, naming those there
+    are; nothing is written then. ``OSError`` when a file cannot be written.
+    """
+    rows = rows_of(data)
+    for name in results:
+        parsed(data, name)
+    for path in against:
+        rows.axis_of(path)
+    rows.data.drop_vars([name for name in data.variables if "save" in data[name].dims]).load()  # once for all figures
+    numbers = list(against) or (rows.varying() or list(rows.paths))[:MOST_NUMBERS]
+    pairs = list(itertools.combinations(numbers, 2))
+    drawings = list(_drawings(rows, list(results) or standard_results(data), numbers, pairs if against else pairs[:1]))
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for words, draw in drawings:
+        paths.append(folder / f"{_file_name(words)}.png")
+        drawn = draw()
+        figure = drawn if isinstance(drawn, Figure) else drawn.figure
+        figure.savefig(paths[-1], dpi=DPI)
+    return paths
+
+
+def _drawings(
+    rows: Rows, results: list[str], numbers: list[str], pairs: list[tuple[str, str]]
+) -> Iterator[tuple[list[str], Callable[[], Any]]]:
+    """The words of each file's name, and what draws it."""
+    data = rows.data
+    for result, number in itertools.product(results, numbers):
+        if not rows.is_scattered(number) or len(numbers) == 1:
+            by = _few_curves(rows, number, numbers)
+            yield ["slice", result, number], lambda r=result, n=number, b=by: sweep_slice(data, r, n, by=b)
+    for result, (first, second) in itertools.product(results, pairs):
+        if rows.axis_of(first) != rows.axis_of(second) or rows.is_scattered(first):
+            yield ["map", result, first, second], lambda r=result, a=first, b=second: sweep_map(data, r, a, b)
+    if any("save" in data[parsed(data, name)[0]].dims for name in result_names(data)):
+        for number in numbers:
+            yield ["fan", number], lambda n=number: sweep_fan(data, n)
+    if len(numbers) >= 2 and len(numbers) + len(results) <= MOST_VARIABLES:
+        yield ["matrix"], lambda: sweep_matrix(data, results, numbers)
+
+
+def _few_curves(rows: Rows, number: str, numbers: Sequence[str]) -> str | None:
+    """The path of another axis with few points, for a curve each, if there is one."""
+    for path in numbers:
+        axis = rows.axis_of(path)
+        if axis != rows.axis_of(number) and len(np.unique(rows.indices[:, axis])) <= MOST_CURVES:
+            return path
+    return None
+
+
+def _file_name(words: Sequence[str]) -> str:
+    return "_".join(re.sub(r"[^\w.-]+", "_", word).strip("_") for word in words)

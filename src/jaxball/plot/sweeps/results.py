@@ -1,0 +1,105 @@
+"""Results of the rows by their names, such as ``z[0]``, and how they are called in a figure."""
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from .errors import PictureError
+from .rows import Rows
+
+if TYPE_CHECKING:
+    import xarray
+
+_SYMBOLS = {
+    "q": "q",
+    "Lambda": r"\Lambda",
+    "Omega": r"\Omega",
+    "Gamma": r"\Gamma",
+    "x": "x",
+    "y": "y",
+    "z": "z",
+    "xdot": r"\dot{x}",
+    "ydot": r"\dot{y}",
+    "phi": r"\phi",
+    "phidot": r"\dot{\phi}",
+    "theta": r"\theta",
+    "thetadot": r"\dot{\theta}",
+    "multiplier": r"\lambda",
+}
+_WORDS = {"friction_needed": r"$\mu_{\min}$", "reached": "time reached", "least_normal_force": "least $N$"}
+_FIRST = ("friction_needed", "z", "phi", "x", "y")
+_NOT_RESULTS = ("row", "status")
+MOST_STANDARD = 3
+
+
+def result_names(data: "xarray.Dataset") -> list[str]:
+    """The names of all results of a study: entries of vectors are counted from 0, as in ``z[0]``."""
+    names = [str(name) for name in data.data_vars if name not in _NOT_RESULTS and "row" in data[name].dims]
+    names.sort(key=lambda name: (_FIRST.index(name) if name in _FIRST else len(_FIRST), name))
+    return [name + "".join(f"[{k}]" for k in index) for name in names for index in np.ndindex(_shape(data, name))]
+
+
+def standard_results(data: "xarray.Dataset") -> list[str]:
+    """A few results that say most: the friction needed and the place at the end where there are, and the steps."""
+    names = [name for name in result_names(data) if name not in ("steps", "rejected", "reached")]
+    return [*names[:MOST_STANDARD], "steps"]
+
+
+def values_of(rows: Rows, result: str) -> Float[np.ndarray, " rows"]:
+    """A result of each row; where there are many save times, at the last one.
+
+    **Raises:** :class:`PictureError` when there is no such result.
+    """
+    name, index = parsed(rows.data, result)
+    array = rows.data[name]
+    if "save" in array.dims:
+        array = array.isel(save=-1)
+    return array.values[(rows.places, *index)].astype(float)
+
+
+def histories_of(rows: Rows, result: str) -> Float[np.ndarray, "rows saves"]:
+    """A result of each row at all save times; only these rows are read.
+
+    **Raises:** :class:`PictureError` when there is no such result, and where it was not saved at all times.
+    """
+    name, index = parsed(rows.data, result)
+    array = rows.data[name]
+    if "save" not in array.dims:
+        saved = [item for item in result_names(rows.data) if "save" in rows.data[parsed(rows.data, item)[0]].dims]
+        known = ", ".join(saved) or 'none: the study needs `save = "times"`'
+        raise PictureError(f"Result `{result}` must be one that was saved at all times, of which there are {known}.")
+    return array.isel(row=rows.places).values[(slice(None), slice(None), *index)]
+
+
+def parsed(data: "xarray.Dataset", result: str) -> tuple[str, tuple[int, ...]]:
+    """The variable and the index in it that a name such as ``z[0]`` stands for.
+
+    **Raises:** :class:`PictureError` when there is no such result.
+    """
+    known = result_names(data)
+    if result not in known:
+        raise PictureError(f"Result `{result}` must be one of those that the study has, {', '.join(known)}.")
+    return result.partition("[")[0], tuple(int(k) for k in re.findall(r"\[(\d+)\]", result))
+
+
+def label_of(data: "xarray.Dataset", result: str, *, at_the_end: bool = True) -> str:
+    """What a result is called in a figure, with its units."""
+    name, index = parsed(data, result)
+    words = _WORDS.get(name, name.replace("_", " "))
+    if name in _SYMBOLS:
+        dimensions = [dimension for dimension in data[name].dims if dimension not in ("row", "save")]
+        labels = [_label(data, dimension, k) for dimension, k in zip(dimensions, index, strict=True)]
+        words = f"${_SYMBOLS[name]}{'_{' + ','.join(labels) + '}' if labels else ''}$"
+        words += " at the end" if at_the_end else ""
+    units = data[name].attrs.get("units", "")
+    return words if units in ("", "1") else f"{words} ({units})"
+
+
+def _label(data: "xarray.Dataset", dimension: Any, k: int) -> str:
+    return str(data[dimension].values[k]) if dimension in data.variables else str(k)
+
+
+def _shape(data: "xarray.Dataset", name: str) -> tuple[int, ...]:
+    return tuple(size for dimension, size in data[name].sizes.items() if dimension not in ("row", "save"))

@@ -1,0 +1,109 @@
+"""A result against one of the numbers that a study changes."""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+
+from ...status import Status
+from ..style import COMPONENTS, named, plane_axes
+from .errors import PictureError
+from .failures import make_room, marks, names_of, outcomes
+from .fixed import fixed, sample
+from .heading import COLOURS, heading, scale
+from .results import label_of, values_of
+from .rows import Rows, rows_of
+
+if TYPE_CHECKING:
+    import xarray
+
+SIZE = (5.2, 3.6)
+MOST_DRAWN = 20_000
+MOST_DOTTED = 60
+MOST_CURVES = 6
+
+
+def sweep_slice(
+    data: "xarray.Dataset",
+    result: str,
+    against: str,
+    ax: Axes | None = None,
+    *,
+    by: str | None = None,
+    at: Mapping[str, float] | None = None,
+) -> Axes:
+    """A result of a study against one of its numbers; rows that failed are marked by their status on the lower edge.
+
+    The points of a scattered axis are not joined. The title says at what the other axes are fixed.
+
+    **Arguments:**
+
+    - ``data``: from ``xarray.open_zarr`` of a store.
+    - ``result``: such as ``"z[0]"``, ``"friction_needed"`` or ``"steps"``; of a state, that at the end.
+    - ``against``: the path of the number to the right.
+    - ``by``: the path of a number of another axis, with a curve for each of at most six of its points.
+    - ``at``: numbers at which the other axes are fixed, by path; the next to them that were computed are taken. An axis
+      without one is fixed at its middle, a scattered one at its first point.
+
+    **Raises:** :class:`PictureError` when nothing can be drawn, and for an unknown result or path, naming those there
+    are; ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    rows = rows_of(data)
+    rows, notes = fixed(rows, _free(rows, against, by), at)
+    rows = rows if by is None else _few(rows, by)
+    outcome = outcomes(rows.status, values_of(rows, result))
+    names, (drawn, left_out) = names_of(outcome), sample(rows, MOST_DRAWN)
+    rows, outcome = rows.chosen(drawn), outcome[drawn]
+    numbers, values = rows.number(against), np.where(outcome == Status.SUCCESS, values_of(rows, result), np.nan)
+    ax, keys = plane_axes(ax, SIZE), []
+    look = {"linestyle": "none" if rows.is_scattered(against) else "-", **_markers(rows, against)}
+    for label, which, colour in _curves(rows, by):
+        order = which[np.argsort(numbers[which], kind="stable")]
+        lines = ax.plot(numbers[order], values[order], color=colour, linewidth=1.2, label=label or None, **look)
+        keys += lines if label else []
+    scale(ax.xaxis, rows.is_logarithmic(against), numbers)
+    make_room(ax, names)
+    keys += marks(ax, numbers, None, outcome, names)
+    named(ax, against, label_of(data, result))
+    heading(ax, notes + left_out, keys)
+    return ax
+
+
+def _free(rows: Rows, against: str, by: str | None) -> set[int]:
+    free = {rows.axis_of(against)}
+    if by is None:
+        return free
+    if rows.axis_of(by) in free:
+        raise PictureError(
+            f"Argument `by` must be a number of another axis than `{against}`, but `{by}` changes together with it."
+        )
+    return free | {rows.axis_of(by)}
+
+
+def _few(rows: Rows, by: str) -> Rows:
+    """The rows at a few points of the axis of ``by``, equally spaced."""
+    along = rows.indices[:, rows.axis_of(by)]
+    points = np.unique(along)
+    places = np.linspace(0, len(points) - 1, min(len(points), MOST_CURVES)).round().astype(int)
+    return rows.chosen(np.isin(along, points[places]))
+
+
+def _curves(rows: Rows, by: str | None) -> Iterator[tuple[str, np.ndarray, str]]:
+    """The label of each curve, which rows it has, and its colour."""
+    if by is None:
+        yield "", np.arange(len(rows)), COMPONENTS[0]
+        return
+    numbers = rows.number(by)
+    points = np.unique(numbers)
+    for number, colour in zip(points, colormaps[COLOURS](np.linspace(0.0, 0.85, len(points))), strict=True):
+        yield f"{by} = {number:.4g}", np.flatnonzero(numbers == number), to_hex(colour)
+
+
+def _markers(rows: Rows, against: str) -> dict[str, Any]:
+    """Dots where there are few points to a curve, or where no line joins them."""
+    few = len(np.unique(rows.number(against))) <= MOST_DOTTED
+    dotted = few or rows.is_scattered(against)
+    return {"marker": "o" if dotted else "", "markersize": 3.5 if few else 1.5, "rasterized": not few}
