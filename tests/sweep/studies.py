@@ -1,12 +1,10 @@
 """Small studies, and an engine that solves nothing, for what is not about motion."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from jaxball.scenario import Scenario
-from jaxball.sweep import Study, Wanted, read_study
+from jaxball.sweep import Batch, Study, Wanted, read_study
 from tests.scenario.documents import DISK
 
 MASSES = """
@@ -32,17 +30,17 @@ def study_text(folder: Path, axes: str = MASSES + GRAVITIES, settings: str = "",
     return f'format = 1\nscenario = "disk.toml"\n{settings}\n{axes}'
 
 
-def pretend(scenarios: Sequence[Scenario], wanted: Wanted) -> dict[str, np.ndarray]:
+def pretend(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
     """An engine: each disk is at φ = m g at all times, after as many steps as there are save times."""
-    n, times = len(scenarios), scenarios[0].times.size
-    phi = np.array([float(item.system.mass) * float(item.system.gravity) for item in scenarios])
+    n, times = batch.times.shape
+    phi = batch.system.mass * batch.system.gravity
     counts = np.full(n, times)
     at_times = np.tile(phi[:, None], (1, times))
     return {
         "status": np.zeros(n, dtype=int),
         "steps": counts,
         "rejected": 0 * counts,
-        "reached": np.array([item.times[-1] for item in scenarios]),
+        "reached": batch.times[:, -1],
         "phi": at_times,
         "phidot": 0 * at_times,
         "z": -at_times,

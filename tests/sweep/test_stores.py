@@ -23,17 +23,17 @@ def whole(tmp_path_factory):
     return files(outcome.store)
 
 
-def interrupting(scenarios, wanted):
+def interrupting(batch, wanted):
     """An engine during which Ctrl-C is pressed."""
     os.kill(os.getpid(), signal.SIGINT)
-    return pretend(scenarios, wanted)
+    return pretend(batch, wanted)
 
 
-def failing(scenarios, wanted):
+def failing(batch, wanted):
     """An engine on a disk that fills up."""
-    if float(scenarios[0].system.mass) > 1:
+    if batch.system.mass[0] > 1:
         raise OSError(28, "No space left on device")
-    return pretend(scenarios, wanted)
+    return pretend(batch, wanted)
 
 
 def test_shards_in_any_order_make_the_same_files(tmp_path, whole):

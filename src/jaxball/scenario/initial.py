@@ -81,7 +81,7 @@ def initial_state(
 def starting_angles(
     schedules: tuple[AbstractSchedule, ...], t: Float[ArrayLike, ""]
 ) -> dict[str, Float[Array, " schedules"]]:
-    """θ and θ̇ of one schedule or more at ``t``, as ``theta`` and ``thetadot``; compiled once for schedules of a kind."""
+    """θ and θ̇ of one schedule or more at ``t``, by name; compiled once for schedules of the same kinds."""
     rates = [schedule.derivatives(jnp.asarray(t)) for schedule in schedules]
     return {"theta": jnp.stack([rate[0] for rate in rates]), "thetadot": jnp.stack([rate[1] for rate in rates])}
 

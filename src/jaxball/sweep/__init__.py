@@ -1,7 +1,8 @@
 """Studies: a scenario run over and over, with other numbers in each row."""
 
+from .batch import Batch as Batch, Engine as Engine, Wanted as Wanted
 from .dataset import open_dataset as open_dataset
-from .engine import Engine as Engine, Wanted as Wanted, solve_in_lanes as solve_in_lanes
+from .engine import solve_in_lanes as solve_in_lanes
 from .errors import StoreError as StoreError, StudyError as StudyError, WorkerError as WorkerError
 from .estimate import Estimate as Estimate, estimate as estimate
 from .run import Outcome as Outcome, sweep as sweep

@@ -1,17 +1,16 @@
 """A chunk of rows: computed, and written to the store. What a worker does."""
 
-import dataclasses
 from pathlib import Path
 from typing import NamedTuple
 
 import jax
 import numpy as np
 
-from ..scenario import Scenario, ScenarioError
+from ..scenario import Scenario
 from ..status import Status
-from .engine import Engine, Wanted
-from .errors import StudyError
+from .batch import Engine, Wanted
 from .outputs import Output, outputs_of
+from .reading import read_rows
 from .store import Store
 from .study import Study
 
@@ -59,34 +58,14 @@ def compute(
         arrays[path][:] = values[:, column]
     arrays["status"][:] = Status.IMPOSSIBLE
     arrays["steps"][:] = arrays["rejected"][:] = 0
-    possible, scenarios = [], []
-    for k, row in enumerate(rows):
-        try:
-            scenario = study.scenario_with(values[k])
-        except ScenarioError:
-            continue
-        if study.save == "end" and not scenario.step_to_times and not getattr(scenario.system, "driven", ()):
-            # Steps are as they would be, and nothing else looks at the times between.
-            scenario = dataclasses.replace(scenario, times=scenario.times[[0, -1]])
-        else:
-            _check_times(scenario, template, int(row))
-        possible.append(k)
-        scenarios.append(scenario)
-    if not scenarios:
+    possible, batch = read_rows(study, template, rows, values)
+    if batch is None:
         return arrays
     if "time" in arrays:
-        arrays["time"][possible] = np.stack([scenario.times for scenario in scenarios])
-    solved = engine(scenarios, Wanted(study.contact, study.chunk))
+        arrays["time"][possible] = batch.times
+    solved = engine(batch, Wanted(study.contact, study.chunk))
     for name in outputs.keys() & solved.keys():
         array = solved[name]
         at_each_time = name in vars(template.state) and study.save == "end"
         arrays[name][possible] = array[:, -1] if at_each_time else array
     return arrays
-
-
-def _check_times(scenario: Scenario, template: Scenario, row: int) -> None:
-    if scenario.times.size != template.times.size:
-        raise StudyError(
-            f"Row {row} must have as many save times as the scenario, {template.times.size}, but it has "
-            f"{scenario.times.size}; give `time.saves` instead of `time.step`."
-        )

@@ -1,7 +1,7 @@
 """How the rows of a chunk are solved."""
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -9,32 +9,14 @@ import numpy as np
 
 from ..body import Ball, Disk
 from ..extremes import contact_extremes
-from ..scenario import Scenario
 from ..scenario.shell import mark_escape
 from ..scenario.solve import SOLVERS
 from ..simulation import FEW_STEPS, simulate
 from ..trajectory import Trajectory
+from .batch import Batch, Wanted
 from .outputs import CONTACT
 
 LANES = 64
-
-
-class Wanted(NamedTuple):
-    """What an engine is asked for.
-
-    - ``contact``: whether to find the extremes of the contact force.
-    - ``most``: the largest number of scenarios that a call has in this study.
-    """
-
-    contact: bool
-    most: int
-
-
-# From scenarios that differ in numbers alone to arrays with the scenarios as leading axis: `status`, `steps`,
-# `rejected`, `reached`, the entries of the state at each of a scenario's times, and the extremes of the contact force
-# where wanted.
-# It must be a function of a module, so that it can be sent to a worker.
-Engine = Callable[[Sequence[Scenario], Wanted], dict[str, np.ndarray]]
 
 
 class _Method(NamedTuple):
@@ -48,27 +30,26 @@ class _Method(NamedTuple):
     contact: bool
 
 
-def solve_in_lanes(scenarios: Sequence[Scenario], wanted: Wanted) -> dict[str, np.ndarray]:
+def solve_in_lanes(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
     """The rows, ``LANES`` side by side, by :func:`jaxball.simulate` under ``vmap``; an ``Engine``."""
-    parts = [scenarios[start : start + LANES] for start in range(0, len(scenarios), LANES)]
+    parts = [batch.take(slice(start, start + LANES)) for start in range(0, batch.rows, LANES)]
     found = [_solve_part(part, min(LANES, wanted.most), wanted.contact) for part in parts]
     return {name: np.concatenate([part[name] for part in found]) for name in found[0]}
 
 
-def _solve_part(scenarios: Sequence[Scenario], lanes: int, contact: bool) -> dict[str, np.ndarray]:
+def _solve_part(batch: Batch, lanes: int, contact: bool) -> dict[str, np.ndarray]:
     # Programs are compiled for a number of lanes; the last scenario fills those that are left over.
-    padded = [*scenarios, *[scenarios[-1]] * (lanes - len(scenarios))]
-    first = scenarios[0]
+    padded = batch.take(np.minimum(np.arange(lanes), batch.rows - 1))
+    first = batch.template
     method = _Method(first.solver, first.max_steps, first.step_to_times, first.dae, first.project, contact)
-    columns = [(item.system, item.times, item.state, item.rtol, item.atol) for item in padded]
-    stacked = jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *columns)
+    stacked = (padded.system, padded.times, padded.state, padded.rtol, padded.atol)
     state, reached, status, steps, rejected, extremes = jax.tree.map(np.asarray, _run(method, stacked))
     if getattr(first.system, "driven", ()):
         status, reached = _escaped(stacked, state, reached, status, steps, rejected)
     found = {"status": status, "steps": steps, "rejected": rejected, "reached": reached, **vars(state)}
     if extremes is not None:
         found |= {name: getattr(extremes, name) for name in CONTACT}
-    return {name: array[: len(scenarios)] for name, array in found.items()}
+    return {name: array[: batch.rows] for name, array in found.items()}
 
 
 def _run(method: _Method, stacked: Any) -> Any:

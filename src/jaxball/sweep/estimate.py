@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .batch import Engine
 from .chunk import compute
-from .engine import LANES, Engine, solve_in_lanes
+from .engine import LANES, solve_in_lanes
 from .outputs import outputs_of
 from .progress import duration
 from .study import Study

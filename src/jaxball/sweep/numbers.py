@@ -42,12 +42,33 @@ def with_numbers(document: Mapping[str, Any], values: Mapping[str, float]) -> di
     """A copy of the document with other numbers at the paths in ``values``, all of which it has."""
     copy = _copy(document)
     for path, value in values.items():
-        *above, last = (name or int(index) for name, index in _STEP.findall(path))
-        place = copy
-        for step in above:
-            place = place[step]
-        place[last] = value
+        *above, last = _steps(path)
+        _at(copy, above)[last] = value
     return copy
+
+
+def list_of(path: str) -> tuple[str, tuple[int, ...]]:
+    """The path of the list in which a number stands, and its place there; of a number in no list, its own and ()."""
+    name = re.sub(r"(\[\d+\])+$", "", path)
+    return name, tuple(int(index) for _, index in _STEP.findall(path[len(name) :]))
+
+
+def value_at(document: Mapping[str, Any], path: str) -> Any:
+    """What stands in the document at ``path``.
+
+    **Raises:** ``LookupError`` when nothing does.
+    """
+    return _at(document, _steps(path))
+
+
+def _steps(path: str) -> list[str | int]:
+    return [name or int(index) for name, index in _STEP.findall(path)]
+
+
+def _at(place: Any, steps: list[str | int]) -> Any:
+    for step in steps:
+        place = place[step]
+    return place
 
 
 def _copy(value: Any) -> Any:

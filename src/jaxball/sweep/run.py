@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import jax
 
+from .batch import Engine
 from .chunk import Task
-from .engine import Engine, solve_in_lanes
+from .engine import solve_in_lanes
 from .errors import StudyError
 from .executors import executor_of, solve_all
 from .interrupt import asked_to_stop

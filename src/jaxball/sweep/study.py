@@ -1,6 +1,7 @@
 """A study: a scenario, the axes along which its numbers change, and what to keep of each run."""
 
 import dataclasses
+import functools
 import math
 import tomllib
 from pathlib import Path
@@ -103,7 +104,7 @@ class Study:
 
     def template(self) -> Scenario:
         """The scenario itself, which says what all rows have in common."""
-        return read_document(self.document)
+        return _read(tomli_w.dumps(self.document))
 
     def identity(self) -> dict[str, str]:
         """All that the results depend on, but for versions, as texts; files in it are known by their SHA-256."""
@@ -150,6 +151,11 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     rows = math.prod(axis.size for axis in axes)
     chunk = _chunk_for(rows) if found["chunk"] is None else min(found["chunk"], rows)
     return Study(found["title"], scenario, axes, found["save"], found["contact"], chunk)
+
+
+@functools.lru_cache(maxsize=4)
+def _read(document: str) -> Scenario:
+    return read_document(tomllib.loads(document))
 
 
 def _scenario(value: Any, folder: Path) -> dict[str, Any]:

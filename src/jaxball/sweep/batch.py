@@ -1,0 +1,55 @@
+"""What an engine is given: scenarios that differ in numbers alone, stacked."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from ..scenario import Scenario
+
+
+class Batch(NamedTuple):
+    """Scenarios that differ in numbers alone, each array with them as its leading axis. All arrays are NumPy's.
+
+    - ``template``: what all have in common: its ``solver``, ``max_steps``, ``step_to_times``, ``dae`` and ``project``
+      hold for all of them, its numbers for none.
+    - ``system``, ``state``: as those of a scenario, every leaf stacked.
+    - ``times``: the times to save, as many for each scenario; the first and the last alone where nothing looks at
+      those between.
+    - ``rtol``, ``atol``: the tolerances.
+    """
+
+    template: Scenario
+    system: Any
+    times: Float[np.ndarray, "rows times"]
+    state: Any
+    rtol: Float[np.ndarray, " rows"]
+    atol: Float[np.ndarray, " rows"]
+
+    @property
+    def rows(self) -> int:
+        """How many scenarios there are."""
+        return len(self.times)
+
+    def take(self, rows: Any) -> "Batch":
+        """Some of the scenarios, by a slice or by their places."""
+        return Batch(self.template, *jax.tree.map(lambda leaf: leaf[rows], tuple(self[1:])))
+
+
+class Wanted(NamedTuple):
+    """What an engine is asked for.
+
+    - ``contact``: whether to find the extremes of the contact force.
+    - ``most``: the largest number of scenarios that a call has in this study.
+    """
+
+    contact: bool
+    most: int
+
+
+# From scenarios to arrays with the scenarios as leading axis: `status`, `steps`, `rejected`, `reached`, the entries of
+# the state at each of a scenario's times, and the extremes of the contact force where wanted.
+# It must be a function of a module, so that it can be sent to a worker.
+Engine = Callable[[Batch, Wanted], dict[str, np.ndarray]]
