@@ -23,12 +23,8 @@ def add(commands) -> None:
         description="Runs a study, or goes on with one that was stopped, whatever stopped it.",
     )
     parser.add_argument("study", metavar="STUDY", help="a study file, or the word status or plot")
-    parser.add_argument(
-        "store", nargs="?", type=Path, metavar="STORE", help="the store of which to tell the status, or to draw"
-    )
-    parser.add_argument(
-        "--out", type=Path, metavar="STORE", help="the store, .zarr, with the table beside it; or a folder"
-    )
+    parser.add_argument("store", nargs="?", type=Path, metavar="STORE", help="the store to tell of or to draw")
+    parser.add_argument("--out", type=Path, metavar="STORE", help="the store, .zarr; of figures, their folder")
     parser.add_argument("--workers", type=_count, default=1, metavar="N", help="how many processes (default: 1)")
     parser.add_argument("--shard", type=_shard, default=(1, 1), metavar="K/N", help="the K-th of N parts alone")
     parser.add_argument("--dry-run", action="store_true", help="say how many rows, how large, how long")

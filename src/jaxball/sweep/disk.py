@@ -11,12 +11,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 SECONDS_OF_A_PART = 24 * 3600.0
-_PART = re.compile(r"\.part-(?P<host>.+)-(?P<process>\d+)-[^-]+")
+_PART = re.compile(r"\.part-(?P<machine>.+)-(?P<process>\d+)-[^-]+")
 
 
 def part_prefix() -> str:
     """How the names begin of files and folders that this process has not finished: they say whose they are."""
-    return f".part-{socket.gethostname()}-{os.getpid()}-"
+    return f".part-{_machine()}-{os.getpid()}-"
 
 
 @contextlib.contextmanager
@@ -72,11 +72,17 @@ def _is_dead(path: Path) -> bool:
     named = _PART.fullmatch(path.name)
     if named is None:
         return False
-    if named["host"] == socket.gethostname() and not _is_running(int(named["process"])):
+    if named["machine"] == _machine() and not _is_running(int(named["process"])):
         return True
     with contextlib.suppress(OSError):
         return time.time() - path.stat().st_mtime > SECONDS_OF_A_PART
     return False
+
+
+def _machine() -> str:
+    """Where the number of a process says which it is: the machine and, on Linux, the namespace of the numbers."""
+    namespace = Path("/proc/self/ns/pid")
+    return f"{socket.gethostname()}-{namespace.stat().st_ino if namespace.exists() else 0}"
 
 
 def _is_running(process: int) -> bool:

@@ -74,7 +74,8 @@ def _curves(rows: Rows, result: str | None) -> Float[np.ndarray, "rows saves 2"]
     if result is None and _in_the_plane(rows.data):
         columns = [histories_of(rows, "z[0]"), histories_of(rows, "z[1]")]
     else:
-        columns = [_times(rows), histories_of(rows, result or _standard(rows.data))]
+        history = histories_of(rows, result or _standard(rows.data))
+        columns = [_times(rows), history]
     curves, reached = np.stack(columns, axis=-1), rows.data["reached"].values[rows.places]
     late = rows.failed[:, None] & ~(_times(rows) <= reached[:, None])
     return np.where(late[:, :, None], np.nan, curves)

@@ -78,19 +78,30 @@ def _cells(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any,
 
 
 def _with_fewer_points(rows: Rows, path: str) -> Rows:
-    """At most ``MOST_CELLS`` points of the axis of ``path``, equally spaced."""
+    """Each k-th point of the axis of ``path``, so that there are no more than ``MOST_CELLS``."""
     along = rows.indices[:, rows.axis_of(path)]
-    points = np.unique(along)
-    if len(points) <= MOST_CELLS:
-        return rows
-    kept = points[np.linspace(0, len(points) - 1, MOST_CELLS).round().astype(int)]
-    return rows.chosen(np.isin(along, kept))
+    step = -(-(np.max(along) + 1) // MOST_CELLS)
+    return rows.chosen(along % step == 0)
 
 
 def _ordered(rows: Rows, path: str) -> tuple[np.ndarray, Float[np.ndarray, " points"]]:
-    """For each row its place among the values at ``path``, and these values in their order."""
-    values, places = np.unique(rows.number(path), return_inverse=True)
-    return places, values
+    """For each row its place among the values at ``path``, and these values in their order.
+
+    Points of which no row was computed have values between those of their neighbours, and so an empty place.
+    """
+    along, numbers = rows.indices[:, rows.axis_of(path)], rows.number(path)
+    known, first = np.unique(along, return_index=True)
+    steps = np.diff(numbers[first])
+    if not (np.all(steps > 0) or np.all(steps < 0)):
+        values, places = np.unique(numbers, return_inverse=True)
+        return places, values
+    step = np.gcd.reduce(np.diff(known)) if len(known) > 1 else 1
+    points = np.arange(known[0], known[-1] + 1, step)
+    if rows.is_logarithmic(path) and np.min(numbers) > 0:
+        values = np.exp(np.interp(points, known, np.log(numbers[first])))
+    else:
+        values = np.interp(points, known, numbers[first])
+    return (along - known[0]) // step, values
 
 
 def _edges(values: Float[np.ndarray, " points"], logarithmic: bool) -> Float[np.ndarray, " edges"]:

@@ -1,0 +1,308 @@
+"""Pictures of studies draw each row where it is, and those that failed too."""
+
+import os
+
+import matplotlib.image
+import numpy as np
+import pytest
+import xarray
+from matplotlib.collections import LineCollection, PathCollection, QuadMesh
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+
+from jaxball import plot
+from jaxball.cli import main
+from jaxball.plot.sweeps import fans, maps, slices
+from jaxball.plot.sweeps.fixed import sample
+from jaxball.plot.sweeps.rows import rows_of
+from tests.plot.lines import drawn
+from tests.plot.studies import DESIGN, GRID, HEAVY, MASSES, balls, disks, g, heavy_ones_fail, m, store
+from tests.sweep.studies import pretend
+
+OVER_MASS, TIMES = "body.mass", 'save = "times"'
+
+
+def texts(ax):
+    """The title and the entries of the legend."""
+    legend = ax.get_legend()
+    return [ax.get_title() if legend is None else legend.get_title().get_text()] + (
+        [] if legend is None else [text.get_text() for text in legend.get_texts()]
+    )
+
+
+def only(ax, kind):
+    """The one artist of a kind."""
+    (found,) = (item for item in ax.get_children() if isinstance(item, kind))
+    return found
+
+
+def kept(values):
+    """The values of rows that succeeded, NaN for others."""
+    return np.where(values > HEAVY, np.nan, values)
+
+
+def test_a_slice_is_at_the_middle_of_other_axes():
+    ax = plot.sweep_slice(disks(), "phi", OVER_MASS)
+    np.testing.assert_allclose(ax.lines[0].get_xydata(), np.column_stack([m, kept(m)]), rtol=1e-15)
+    np.testing.assert_allclose(drawn(ax, "MAX_STEPS (1)")[:, 0], m[m > HEAVY])
+    assert texts(ax) == ["body.gravity = 1", "MAX_STEPS (1)"]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (OVER_MASS, r"$\phi$ at the end (rad)")
+    assert ax.get_xscale() == "log"
+
+
+def test_a_slice_is_at_the_numbers_that_are_given():
+    ax = plot.sweep_slice(disks(), "z", "body.gravity", at={OVER_MASS: 0.8})
+    np.testing.assert_allclose(ax.lines[0].get_xydata(), np.column_stack([g, -m[1] * g]), rtol=1e-15)
+    assert texts(ax) == ["body.mass = 0.7071"]
+    assert ax.get_xscale() == "linear"
+
+
+def test_failed_rows_stand_below_all_that_is_drawn():
+    ax = plot.sweep_slice(disks(), "phi", OVER_MASS, by="body.gravity")
+    ax.figure.draw_without_rendering()
+    (marks,) = (line for line in ax.lines if line.get_label() == "MAX_STEPS (4)")
+    height = (kept(m[:, None] * g) - ax.get_ylim()[0]) / np.ptp(ax.get_ylim())
+    assert 0 < np.max(marks.get_ydata()) < np.nanmin(height)
+
+
+def test_a_curve_for_each_point_of_another_axis():
+    ax = plot.sweep_slice(disks(), "phi", OVER_MASS, by="body.gravity")
+    for gravity in g:
+        np.testing.assert_allclose(drawn(ax, f"body.gravity = {gravity:.4g}")[:, 1], kept(m * gravity), rtol=1e-15)
+    assert texts(ax)[1:] == ["body.gravity = 0.5", "body.gravity = 1", "body.gravity = 2", "MAX_STEPS (4)"]
+
+
+def test_no_line_joins_the_points_of_a_design():
+    ax = plot.sweep_slice(disks(DESIGN), "steps", OVER_MASS)
+    assert ax.lines[0].get_linestyle() == "None"
+    assert np.count_nonzero(np.isfinite(ax.lines[0].get_ydata())) == np.sum(disks(DESIGN)["status"].values == 0)
+
+
+def test_cells_of_a_map_are_around_their_numbers():
+    ax = plot.sweep_map(disks(), "phi", OVER_MASS, "body.gravity")
+    mesh = only(ax, QuadMesh)
+    np.testing.assert_allclose(np.ma.filled(mesh.get_array(), np.nan), kept(m * g[:, None]), rtol=1e-15)
+    x, y = np.moveaxis(mesh.get_coordinates(), -1, 0)
+    np.testing.assert_allclose(np.sqrt(x[0, 1:] * x[0, :-1]), m, rtol=1e-14)
+    np.testing.assert_allclose(y[1:-1, 0], [0.75, 1.5])
+    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "linear")
+
+
+def test_failed_cells_are_hatched():
+    ax = plot.sweep_map(disks(), "phi", OVER_MASS, "body.gravity")
+    patch = only(ax, PathPatch)
+    corners = patch.get_path().vertices.reshape(-1, 5, 2)[:, :4]
+    centres = {(round(float(np.sqrt(x[0] * x[1])), 9), y[0] < 2.0 < y[2]) for x, y in np.moveaxis(corners, 2, 1)}
+    # Each mass with its heaviest gravity is above HEAVY from m = 1 on, and the heaviest one with g = 1 too.
+    assert centres == {(1.0, True), (1.414213562, True), (2.0, True), (2.0, False)}
+    assert patch.get_hatch()
+    assert texts(ax) == ["", "MAX_STEPS (4)"]
+
+
+def test_cells_of_rows_that_are_to_come_are_empty(tmp_path):
+    path = store(tmp_path, GRID, "chunk = 6", engine=pretend, shard=(1, 2))
+    with xarray.open_zarr(path) as data:
+        mesh = only(plot.sweep_map(data, "phi", OVER_MASS, "body.gravity"), QuadMesh)
+    expected = m[:, None] * g
+    expected.reshape(-1)[6:12] = np.nan  # the second of three chunks
+    np.testing.assert_allclose(np.ma.filled(mesh.get_array(), np.nan), expected.T, rtol=1e-15)
+    x = mesh.get_coordinates()[0, :, 0]
+    np.testing.assert_allclose(np.sqrt(x[1:] * x[:-1]), m, rtol=1e-14)
+
+
+def test_points_of_a_design_are_dots():
+    ax, data = plot.sweep_map(disks(DESIGN), "phi", OVER_MASS, "body.gravity"), disks(DESIGN)
+    both = np.column_stack([data[OVER_MASS], data["body.gravity"]])
+    good = np.prod(both, axis=1) <= HEAVY
+    dots = only(ax, PathCollection)
+    np.testing.assert_array_equal(dots.get_offsets(), both[good])
+    np.testing.assert_array_equal(dots.get_array(), np.prod(both[good], axis=1))
+    np.testing.assert_array_equal(drawn(ax, f"MAX_STEPS ({np.sum(~good)})"), both[~good])
+    assert ax.get_xscale() == "log"
+
+
+def test_a_fan_of_disks_is_coloured_by_the_number():
+    ax = plot.sweep_fan(disks(GRID, TIMES), OVER_MASS, at={"body.gravity": 2.0})
+    curves, t = only(ax, LineCollection), np.linspace(0.0, 2.0, 5)
+    good, heavy = m[2 * m <= HEAVY], m[2 * m > HEAVY]
+    for mass, points in zip([*good, *heavy], curves.get_segments(), strict=True):
+        np.testing.assert_allclose(points, np.column_stack([t, -2 * mass + 0 * t])[: 5 if mass in good else 3])
+    bar = ax.figure.axes[1]
+    assert bar.get_ylabel() == OVER_MASS
+    np.testing.assert_allclose(bar.get_ylim(), [0.5, 2.0])
+    shown = LogNorm(0.5, 2.0)(good)
+    np.testing.assert_allclose(curves.get_colors()[: len(good)], matplotlib.colormaps["viridis"](shown))
+    np.testing.assert_allclose(drawn(ax, "MAX_STEPS (3)"), np.column_stack([0 * heavy + 1.0, -2 * heavy]))
+    assert texts(ax) == ["body.gravity = 2", "MAX_STEPS (3)"]
+
+
+def test_a_fan_of_balls_is_in_the_plane():
+    ax = plot.sweep_fan(balls([0, 0, 3]), "initial.speed")
+    segments = only(ax, LineCollection).get_segments()
+    np.testing.assert_allclose(segments[1], np.column_stack([np.arange(5.0), np.arange(5.0)]))
+    np.testing.assert_allclose(drawn(ax, "IMPOSSIBLE (1)"), [[4.0, 2.0]])
+    assert (ax.get_xlabel(), ax.get_ylabel(), ax.get_aspect()) == ("$z_{1}$ (length)", "$z_{2}$ (length)", 1.0)
+    over_time = plot.sweep_fan(balls([0, 0]), "initial.speed", result="z[0]")
+    np.testing.assert_allclose(only(over_time, LineCollection).get_segments()[1][:, 1], np.arange(5.0))
+
+
+def test_a_matrix_has_every_pair_once():
+    data = disks(DESIGN)
+    figure = plot.sweep_matrix(data, ["phi", "steps"])
+    mass, gravity = (data[path].values for path in (OVER_MASS, "body.gravity"))
+    good = mass * gravity <= HEAVY
+    panels = [ax for ax in figure.axes if ax.lines]
+    assert (len(panels), len(figure.axes)) == (6, 10)
+    np.testing.assert_array_equal(panels[0].lines[0].get_xydata(), np.column_stack([mass, gravity])[good])
+    np.testing.assert_array_equal(panels[0].lines[1].get_xydata(), np.column_stack([mass, gravity])[~good])
+    np.testing.assert_array_equal(panels[1].lines[0].get_xydata(), np.column_stack([mass, mass * gravity])[good])
+    np.testing.assert_array_equal(panels[1].lines[1].get_xdata(), mass[~good])
+    counted = [sum(bar.get_height() for bar in bars) for bars in figure.axes[0].containers]
+    assert counted == [good.sum(), (~good).sum()]
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [f"MAX_STEPS ({np.sum(~good)})"]
+
+
+def test_results_that_are_infinite_are_told_apart():
+    data = disks().copy()
+    data["phi"] = data["phi"].where(data["phi"] < 1.2, np.inf)
+    ax = plot.sweep_slice(data, "phi", OVER_MASS)
+    assert texts(ax)[1:] == ["not finite (1)", "MAX_STEPS (1)"]
+    np.testing.assert_allclose(drawn(ax, "not finite (1)")[0, 0], np.sqrt(2.0))
+
+
+def test_a_sample_is_always_the_same_and_has_some_that_failed():
+    rows = rows_of(balls([0] * 500 + [1] + [0] * 500))
+    chosen, sentences = sample(rows, 100)
+    assert sentences == ["100 of 1,001 rows drawn"]
+    assert len(np.unique(chosen)) == 100
+    assert 500 in chosen
+    np.testing.assert_array_equal(chosen, sample(rows, 100)[0])
+    everything, sentences = sample(rows, 1001)
+    assert (len(everything), sentences) == (1001, [])
+
+
+def test_too_many_rows_are_drawn_in_part_and_the_title_says_so(monkeypatch):
+    for module, name, most in ((slices, "MOST_DRAWN", 3), (maps, "MOST_CELLS", 2), (fans, "MOST_CURVES", 2)):
+        monkeypatch.setattr(module, name, most)
+    assert texts(plot.sweep_slice(disks(), "phi", OVER_MASS))[0] == "body.gravity = 1; 3 of 5 rows drawn"
+    ax = plot.sweep_map(disks(), "phi", OVER_MASS, "body.gravity")
+    assert texts(ax) == ["4 of 15 rows drawn", "MAX_STEPS (4)"]
+    np.testing.assert_allclose(
+        np.ma.filled(only(ax, QuadMesh).get_array(), np.nan), kept(m[[0, 3]] * g[[0, 2]][:, None])
+    )
+    assert len(only(plot.sweep_fan(balls([0] * 9), "initial.speed"), LineCollection).get_segments()) == 2
+
+
+def test_functions_draw_into_the_axes_that_they_are_given():
+    for draw in (
+        lambda ax: plot.sweep_slice(disks(), "phi", OVER_MASS, ax),
+        lambda ax: plot.sweep_map(disks(), "phi", OVER_MASS, "body.gravity", ax),
+        lambda ax: plot.sweep_fan(disks(GRID, TIMES), OVER_MASS, ax),
+    ):
+        ax = Figure().add_subplot()
+        assert draw(ax) is ax
+        with pytest.raises(ValueError, match=r"^Argument `ax` must be a plane Axes, but it is a Axes3D;"):
+            draw(Figure().add_subplot(projection="3d"))
+
+
+def altered(**status):
+    return disks().assign(status=("row", np.full(15, status["status"], dtype=np.int8)))
+
+
+@pytest.mark.parametrize(
+    ("draw", "sentence"),
+    [
+        (lambda: plot.sweep_slice(disks(), "ph", OVER_MASS), r"^Result `ph` must be one of .* has, z, phi, .*steps\.$"),
+        (lambda: plot.sweep_slice(balls([0]), "z", "initial.speed"), r"^Result `z` must be .* z\[0\], z\[1\], "),
+        (
+            lambda: plot.sweep_slice(disks(), "phi", "mass"),
+            r"^Path `mass` must be one .* body.mass, body\.gravity\.$",
+        ),
+        (lambda: plot.sweep_slice(disks(DESIGN), "phi", OVER_MASS, by="body.gravity"), r"^Argument `by` must be a num"),
+        (lambda: plot.sweep_slice(disks(), "phi", OVER_MASS, at={OVER_MASS: 1.0}), r"^Argument `at` must have no"),
+        (lambda: plot.sweep_map(disks(), "phi", OVER_MASS, OVER_MASS), r"^Argument `up` must be another number than"),
+        (
+            lambda: plot.sweep_fan(disks(), OVER_MASS),
+            r"saved at all times, .* none: the study needs `save",
+        ),
+        (
+            lambda: plot.sweep_matrix(disks(), ["phi"] * 7),
+            r"^Arguments `results` and `numbers` must be 2 to 8 tog",
+        ),
+        (lambda: plot.sweep_slice(disks()[["phi"]].assign_attrs(shape=[]), "phi", OVER_MASS), r"has no status\.$"),
+        (
+            lambda: plot.sweep_slice(xarray.Dataset(), "phi", OVER_MASS),
+            r"must be the store of a study, .* no shape",
+        ),
+        (lambda: plot.sweep_slice(altered(status=3), "phi", OVER_MASS), r"all 15 that are done failed: 15 IMPOSSIBLE;"),
+    ],
+)
+def test_what_cannot_be_drawn_is_a_sentence(draw, sentence):
+    with pytest.raises(plot.PictureError, match=sentence):
+        draw()
+
+
+@pytest.fixture
+def command(monkeypatch, tmp_path):
+    """The command line sets XLA_FLAGS; other tests must not see it."""
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+    monkeypatch.chdir(tmp_path)
+    return lambda *arguments: main(["sweep", "plot", *arguments])
+
+
+def test_the_command_draws_what_fits_the_study(command, tmp_path, capsys):
+    store(tmp_path, settings=TIMES)
+    assert command("s.zarr", "--out", "new/figures", "--result", "phi") == 0
+    names = [
+        "slice_phi_body.mass.png",
+        "slice_phi_body.gravity.png",
+        "map_phi_body.mass_body.gravity.png",
+        "fan_body.mass.png",
+        "fan_body.gravity.png",
+        "matrix.png",
+    ]
+    assert capsys.readouterr().out.splitlines() == [
+        "6 figures of s.zarr",
+        *(f"  written: new/figures/{name}" for name in names),
+    ]
+    for name in names:
+        picture = matplotlib.image.imread(tmp_path / "new" / "figures" / name)
+        assert 0.005 < np.mean(np.any(picture[..., :3] < 0.98, axis=-1)) < 0.9, name
+
+
+def test_the_command_draws_standard_results_of_one_number(command, tmp_path, capsys):
+    store(tmp_path, MASSES, engine=pretend)
+    assert command("s.zarr", "--out", "figures", "--against", OVER_MASS) == 0
+    written = sorted(path.name for path in (tmp_path / "figures").iterdir())
+    assert written == [f"slice_{name}_body.mass.png" for name in ("phi", "phidot", "steps", "z")]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["none.zarr"], 'must be the store of a study at "none.zarr", but there is nothing'),
+        (["."], "must be the store of a study, but it is something else"),
+        (["s.zarr", "--result", "steps", "psi"], "Result `psi` must be one of those that the study has, z, phi, "),
+        (["s.zarr", "--against", "body.masses"], "Path `body.masses` must be one of the numbers"),
+        (["begun.zarr"], "must have a row that was computed, but none of its rows is done yet"),
+    ],
+)
+def test_bad_input_of_the_command(command, tmp_path, capsys, arguments, sentence):
+    (tmp_path / "other").mkdir()
+    store(tmp_path, MASSES, "chunk = 4", shard=(1, 2)).rename("s.zarr")
+    store(tmp_path / "other", MASSES, shard=(2, 2)).rename("begun.zarr")
+    assert command(*arguments, "--out", "figures") == 2
+    assert sentence in capsys.readouterr().err
+    assert not (tmp_path / "figures").exists()
+
+
+def test_the_command_needs_a_folder(command, tmp_path, capsys):
+    store(tmp_path, MASSES, engine=heavy_ones_fail)
+    (tmp_path / "file").write_text("")
+    assert command("s.zarr", "--out", "file") == 2
+    assert 'Argument `--out` must be a folder, but "file" is a file.' in capsys.readouterr().err
+    with pytest.raises(SystemExit):
+        command("s.zarr")
+    with pytest.raises(SystemExit):
+        main(["sweep", "study.toml", "--out", "s.zarr", "--result", "phi"])
