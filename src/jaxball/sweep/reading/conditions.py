@@ -11,10 +11,11 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from ...body import Ball, Disk
-from ...classical import AbstractClassicalSystem
+from ...classical import AbstractClassicalSystem, SuslovProblem
 from ...validity import possible_start, shell_conditions
 from .compiled import on_rows
-from .verdict import GOOD, Verdicts, verdicts, worst
+from .furthest import LARGEST_PHASE, largest_phase
+from .verdict import Verdicts, verdicts, worst
 
 NUDGE = 1e-9
 
@@ -26,7 +27,11 @@ def conditions_hold(system: Any, state: Any, start: Float[np.ndarray, " rows"]) 
     its numbers is a little larger or smaller.
     """
     if isinstance(system, AbstractClassicalSystem):
-        return _robustly(_classical, (system, start, state))
+        found = _robustly(_classical, (system, start, state))
+        if isinstance(system, SuslovProblem):
+            tame = largest_phase(getattr(system.xi, "series"), start) < LARGEST_PHASE  # noqa: B009
+            found = worst(found, verdicts(tame))
+        return found
     names = ("mass", "radius", "inertia", "offset", "gravity")
     shell = {name: getattr(system, name) for name in names}
     if isinstance(system, Ball):
@@ -34,11 +39,11 @@ def conditions_hold(system: Any, state: Any, start: Float[np.ndarray, " rows"]) 
     return worst(_robustly(_disk, shell), _flat(system))
 
 
-def _ball(shell: dict[str, Array]) -> Bool[Array, ""]:
+def _ball(shell: dict[str, Any]) -> Bool[Array, ""]:
     return jnp.all(jnp.stack([condition.holds for condition in shell_conditions(Ball(**shell))]))
 
 
-def _disk(shell: dict[str, Array]) -> Bool[Array, ""]:
+def _disk(shell: dict[str, Any]) -> Bool[Array, ""]:
     return jnp.all(jnp.stack([condition.holds for condition in shell_conditions(Disk(**shell))]))
 
 
@@ -55,8 +60,6 @@ def _flat(disk: Any) -> Verdicts:
 
 
 def _robustly(holds: Callable[[Any], Bool[Array, ""]], stacked: Any) -> Verdicts:
-    if not jax.tree.leaves(stacked):
-        return np.full(1, GOOD)
     every, some = on_rows(functools.partial(_every_and_some, holds), stacked)
     return verdicts(every, ~some)
 

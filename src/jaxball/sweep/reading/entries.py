@@ -10,8 +10,10 @@ from jaxtyping import Float
 from ...scenario import Scenario, ScenarioError, read_document
 from ..numbers import value_at, with_numbers
 
-# Numbers are moved by so little that hardly any condition is broken, and each by its own share.
-_MOVES = (2.0**-36, -(2.0**-34), 2.0**-31)
+# Numbers are moved by so little that hardly any condition is broken, and each by its own share. Where a number is at
+# its limit, moves to one side are enough.
+_MOVES = (2.0**-36, -(2.0**-35), 2.0**-34, -(2.0**-33))
+_ENOUGH = 2
 
 
 class Place(NamedTuple):
@@ -44,7 +46,7 @@ def find_places(
     base = np.array([float(value_at(document, path)) for path in paths])
     before = arrays_of(read_document(dict(document)))
     shares = np.random.default_rng(0).permutation(len(paths)) / max(len(paths), 1)
-    found = None
+    found, readings = None, 0
     for move in _MOVES:
         step = move * (1 + shares) * np.where(base == 0, 1.0, np.abs(base))
         step[list(fixed)] = 0.0
@@ -52,11 +54,13 @@ def find_places(
         try:
             moved = read_document(with_numbers(document, dict(zip(paths, values.tolist(), strict=True))))
         except ScenarioError:
-            return None
+            continue
         places = _compared(before, arrays_of(moved), values, fixed, derived)
         if places is None or found not in (None, places):
             return None
-        found = places
+        found, readings = places, readings + 1
+    if readings < _ENOUGH:
+        return None
     standing = {place.column for place in found or ()} | fixed
     return found if standing == set(range(len(paths))) else None
 

@@ -14,7 +14,7 @@ from .furthest import furthest, reach_of_series
 from .reach import Stacked, bounds, distance, farthest_sample, matrices
 from .verdict import GOOD, UNSURE, Verdicts, verdicts, worst
 
-ROUNDING = 1e-9
+ROUNDING = 1e-8  # frames are orthonormal to 1e-9
 # Parabolas through samples of a distance rise above the samples by an eighth of the largest of them or less.
 RISE = 1.125
 
@@ -77,7 +77,7 @@ def _(motion: Fixed, changes: Any, shell: Shell) -> np.ndarray:
 def _(motion: Oscillating, changes: Any, shell: Shell) -> np.ndarray:
     if not (_any(changes) or shell.radius_changes or shell.span_changes):
         return np.full((1, 1), GOOD)
-    far, aside = reach_of_series(motion.path)
+    far, aside = reach_of_series(motion.path, shell.start, shell.end)
     return verdicts((far * RISE < shell.radius) & _flat(aside, shell))
 
 
@@ -106,17 +106,18 @@ def _rail(rail: AbstractRail, changes: Any, shell: Shell) -> np.ndarray:
         return _open_rail(rail, changes, shell)
     if not _any(changes):
         return _same_rails(rail, shell) if shell.radius_changes else np.full((1, 1), GOOD)
-    found = bounds(rail, _same_frames(rail, changes))
-    good = np.full((len(shell.radius), 1), False)
+    rows, masses = jax.tree.leaves(rail)[0].shape[:2]
+    found, good = bounds(rail, _same_frames(rail, changes)), np.full((rows, masses), False)
     if found is not None:
-        good = (found.far < shell.radius * (1 - ROUNDING)) & _flat(found.aside, shell)
+        good |= (found.far < shell.radius * (1 - ROUNDING)) & _flat(found.aside, shell)
     bad, doubtful = np.zeros_like(good), np.flatnonzero(~np.all(good, axis=1))
     if doubtful.size:
-        some = jax.tree.map(lambda leaf: leaf[doubtful], rail)
-        sampled: Stacked = farthest_sample(some)
-        bad = np.full((len(good), sampled.shape[1]), False)
+        sampled = farthest_sample(jax.tree.map(lambda leaf: leaf[doubtful], rail))
         bad[doubtful] = sampled > shell.radius[doubtful] * (1 + ROUNDING)
-    return verdicts(good, bad)
+    for row, mass in np.argwhere(~good & ~bad & ~np.any(bad, axis=1, keepdims=True)):
+        one = jax.tree.map(lambda leaf, at=(row, mass): leaf[at], rail)
+        bad[row, mass] = _out(one, shell.radius[row], shell.disk)[0]
+    return verdicts(~bad, bad)
 
 
 def _same_frames(rail: AbstractRail, changes: Any) -> Float[np.ndarray, "1 masses 3 3"] | None:
@@ -132,21 +133,22 @@ def _open_rail(rail: AbstractRail, changes: Any, shell: Shell) -> np.ndarray:
         return np.full((1, 1), GOOD)
     if not isinstance(rail, Tube):
         return np.full((1, 1), UNSURE)
-    return verdicts((rail.direction[..., 1] == 0) & (rail.centre[..., 1] == 0))
+    return verdicts(np.asarray((rail.direction[..., 1] == 0) & (rail.centre[..., 1] == 0)))
 
 
 def _same_rails(rail: AbstractRail, shell: Shell) -> np.ndarray:
     """Rails that are the same in all rows, by what the check itself finds."""
-    count = len(jax.tree.leaves(rail)[0][0])
-    found = []
-    for k in range(count):
-        one = jax.tree.map(lambda leaf, k=k: leaf[0, k], rail)
-        _, points, far = reach(one, 0.0)
-        bad = ~(np.max(far) < shell.radius[:, 0])
-        if shell.disk:
-            bad |= np.max(np.abs(points[:, 1])) > FLAT * shell.radius[:, 0]
-        found.append(verdicts(~bad, bad))
-    return np.stack(found, axis=1)
+    masses = jax.tree.leaves(rail)[0].shape[1]
+    rails = [jax.tree.map(lambda leaf, k=k: leaf[0, k], rail) for k in range(masses)]
+    bad = np.stack([_out(one, shell.radius[:, 0], shell.disk) for one in rails], axis=1)
+    return verdicts(~bad, bad)
+
+
+def _out(rail: AbstractRail, radius: Float[np.ndarray, " radii"], disk: bool) -> Bool[np.ndarray, " radii"]:
+    """Whether a closed rail leaves shells of several radii, or the plane of a disk, by what the check itself finds."""
+    _, points, far = reach(rail, 0.0)
+    bad = ~(np.max(far) < radius)
+    return bad | (np.max(np.abs(points[:, 1])) > FLAT * radius) if disk else bad
 
 
 def _flat(aside: Stacked, shell: Shell) -> Bool[np.ndarray, "_ _"]:

@@ -37,7 +37,8 @@ def _fits(part: Any) -> np.ndarray:
 
 @_fits.register
 def _(part: Pulse) -> np.ndarray:
-    bad = (part.hold < part.start) | (part.end <= part.hold)
+    start, hold, end = map(np.asarray, (part.start, part.hold, part.end))
+    bad = (hold < start) | (end <= hold)
     return verdicts(~bad, bad)
 
 

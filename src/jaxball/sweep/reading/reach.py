@@ -2,7 +2,7 @@
 
 The check of a scenario samples a rail and puts parabolas through the samples. Where y is the distance at a sample,
 parabolas rise above the samples by (a − b)² / 8 (a + b) ≤ max(a, b) / 8 with a and b the differences between
-neighbours, which the step times the rail's speed bounds. The margins here cover that.
+neighbours, which are no more than the step times the fastest change of y. The bounds here cover that.
 """
 
 import functools
@@ -26,8 +26,7 @@ from ...scenario.shell import RAIL_SAMPLES
 from .compiled import on_rows
 
 Stacked = Float[np.ndarray, "_ _"]  # rows and masses, or 1 in the place of either
-PLANAR = 1 + 1e-3  # with a speed up to √5 times the extent, (2π/4096) √5 / 8 < 5e-4
-HARMONIC = 2e-4  # (2π/4096) / 8 for each harmonic
+RISE = 2 * np.pi / RAIL_SAMPLES / 8
 COARSE = 128  # one in so many of the check's samples
 
 
@@ -50,17 +49,21 @@ def _(rail: AbstractPlanarRail, frames: Any = None) -> Bounds | None:
     along, rho = np.einsum("...ij,...i->...j", B, rail.centre), extent(rail)
     if rho is None:
         return None
-    far = np.hypot(along[..., 1], np.hypot(along[..., 0], along[..., 2]) + rho)
+    off = np.hypot(along[..., 0], along[..., 2])
+    far = np.hypot(along[..., 1], off + rho)
+    # The distance from the centre changes with θ by no more than that of a circle's own centre, and on the other curves
+    # than their speed.
+    fastest = off if isinstance(rail, Circle) else np.sqrt(5) * rho
     aside = np.abs(rail.centre[..., 1]) + rho * np.hypot(B[..., 1, 0], B[..., 1, 2])
-    return Bounds(far * PLANAR, aside)
+    return Bounds(far + RISE * fastest, aside)
 
 
 @bounds.register
 def _(rail: FourierRail, frames: Any = None) -> Bounds:
     size = np.hypot(rail.cosine, rail.sine)  # of each harmonic of each coordinate
-    far = _norm(rail.centre) + np.sum(_norm(size), axis=-1)
+    far = _norm(np.asarray(rail.centre)) + np.sum(_norm(size), axis=-1)
     aside = np.abs(rail.centre[..., 1]) + np.sum(size[..., 1], axis=-1)
-    return Bounds(far * (1 + HARMONIC * size.shape[-2]), aside)
+    return Bounds(far * (1 + RISE * size.shape[-2]), aside)
 
 
 @functools.singledispatch

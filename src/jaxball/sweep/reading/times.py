@@ -18,7 +18,7 @@ class Spans(NamedTuple):
 
     start: Float[np.ndarray, " rows"]
     end: Float[np.ndarray, " rows"]
-    count: Int[np.ndarray, " rows"]
+    counts: Int[np.ndarray, " rows"]
     verdict: Verdicts
 
 

@@ -48,7 +48,7 @@ def read_together(
         verdict = worst(verdicts(kinds, ~kinds), span.verdict, found, _judged(plan, columns, span, parts))
     times = _times(plan, columns, span, verdict, ends_only)
     system, state, rtol, atol = parts
-    return Together(Batch(plan.template, system, times, state, rtol, atol), verdict, span.count)
+    return Together(Batch(plan.template, system, times, state, rtol, atol), verdict, span.counts)
 
 
 def _parts(plan: Plan, columns: Columns, span: Spans) -> tuple[tuple, Verdicts]:
@@ -105,6 +105,6 @@ def _times(plan: Plan, columns: Columns, span: Spans, verdict: Verdicts, ends_on
     if ends_only:
         return np.stack([span.start, span.end], axis=1)
     times = np.full((columns.rows, count), np.nan)
-    rows = np.flatnonzero((span.verdict == GOOD) & (verdict != BAD) & (span.count == count))
+    rows = np.flatnonzero((span.verdict == GOOD) & (verdict != BAD) & (span.counts == count))
     times[rows] = save_times(columns, span, rows, count)
     return times
