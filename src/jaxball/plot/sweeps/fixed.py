@@ -16,7 +16,7 @@ def fixed(rows: Rows, free: set[int], at: Mapping[str, float] | None) -> tuple[R
     """The rows at one point of each axis that is not in ``free``, and sentences that say which.
 
     The point is the one whose number is next to that in ``at``; else the middle one of an axis, or the first of a
-    scattered one.
+    scattered one, of those at which a row succeeded.
 
     **Raises:** :class:`PictureError` when ``at`` has a number that the study does not change, or one of a free axis.
     """
@@ -35,7 +35,9 @@ def fixed(rows: Rows, free: set[int], at: Mapping[str, float] | None) -> tuple[R
             distances = sum(np.abs(rows.number(path) - at[path]) for path in given)
             chosen = rows.indices[np.argmin(distances), axis]
         else:
-            chosen = present[0] if rows.is_scattered(paths[0]) else present[len(present) // 2]
+            good = np.unique(rows.indices[~rows.failed, axis])
+            known = good if good.size else present
+            chosen = known[0] if rows.is_scattered(paths[0]) else known[len(known) // 2]
         rows = rows.chosen(rows.indices[:, axis] == chosen)
         if given or len(paths) <= FEW_PATHS:
             sentences += [f"{path} = {rows.number(path)[0]:.4g}" for path in given or paths]

@@ -46,7 +46,7 @@ def sweep_slice(
     - ``against``: the path of the number to the right.
     - ``by``: the path of a number of another axis, with a curve for each of at most six of its points.
     - ``at``: numbers at which the other axes are fixed, by path; the next to them that were computed are taken. An axis
-      without one is fixed at its middle, a scattered one at its first point.
+      without one is fixed at the middle one of its points at which a row succeeded, a scattered one at the first.
 
     **Raises:** :class:`PictureError` when nothing can be drawn, and for an unknown result or path, naming those there
     are; ``ValueError`` when ``ax`` is three-dimensional.
