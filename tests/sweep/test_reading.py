@@ -198,13 +198,17 @@ def test_what_does_not_change_takes_no_room(tmp_path):
     assert batch.rows == found.chunk
 
 
-def test_balance_is_read_row_by_row(tmp_path):
+def test_balance_is_read_row_by_row_where_it_may_change(tmp_path):
     text = with_rail('{ kind = "circle", radius = 0.9 }') + "[initial]\nbalance = { masses = [0] }\n"
     found = study(tmp_path, '[[axes]]\npath = "body.mass"\nvalues = [1.0, 2.0, -1.0]\n', scenario=text)
     assert plan.plan_of(tomli_w.dumps(found.document), found.paths) is None
     possible, batch = read_rows(found, found.template(), np.arange(3), found.values(np.arange(3)))
     assert list(possible) == [0, 1]
     assert list(batch.system.mass) == [1.0, 2.0]
+    together = plan.plan_of(tomli_w.dumps(found.document), ("body.gravity", "time.end"))
+    angle = float(found.template().system.groups[0].motion.schedule.theta[0])
+    batch = read_together(together, ("body.gravity", "time.end"), np.array([[2.0, 3.0]]), ends_only=True).batch
+    assert (float(batch.system.groups[0].motion.schedule.theta[0, 0]), batch.times[0, 1]) == (angle, 3.0)
 
 
 def test_a_number_in_a_wrong_place_is_seen(tmp_path, monkeypatch):

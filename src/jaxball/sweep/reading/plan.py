@@ -20,6 +20,9 @@ from .entries import Place, arrays_of, find_places, parts_of
 _NOWHERE = re.compile(r"time\.|initial\.(versor|axis|angle)\b")
 _OF_ANGLES = re.compile(r"time\.(start|at)\b|masses\[\d+\]\.schedule\.")
 
+# Numbers that have no bearing on where a body is in balance.
+_NOT_OF_BALANCE = re.compile(r"(initial\.(Omega|z|phidot)|body\.(inertia|gravity)|time\.(end|step)|solve\.\w+)\b")
+
 
 class Plan(NamedTuple):
     """How rows are read at once.
@@ -51,14 +54,15 @@ class Plan(NamedTuple):
 def plan_of(text: str, paths: tuple[str, ...]) -> Plan | None:
     """The plan for a scenario's document, given as TOML, with other numbers at ``paths``.
 
-    None where rows must be read one by one: where a scenario has ``balance``, which any number may change, and where
-    it cannot be told what becomes of a number.
+    None where rows must be read one by one: where the angles of ``balance`` may change, and where it cannot be told
+    what becomes of a number.
     """
     document = tomllib.loads(text)
     with kinds_of_numbers() as kinds:
         template = read_document(document)
     names = {list_of(path)[0] for path in paths}
-    if "balance" in document.get("initial", {}) or not names <= kinds.keys():
+    balanced = "balance" in document.get("initial", {}) and not all(map(_NOT_OF_BALANCE.match, paths))
+    if balanced or not names <= kinds.keys():
         return None
     columns = Columns(document, paths, np.empty((0, len(paths))))
     arrays = arrays_of(template)
