@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
@@ -70,3 +71,13 @@ def norm_of(values: np.ndarray, logarithmic: bool = False) -> Normalize:
     values = values[np.isfinite(values)]
     least, most = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
     return LogNorm(least, most) if logarithmic and 0 < least < most else Normalize(least, most)
+
+
+def edges_of(values: Float[np.ndarray, " points"], logarithmic: bool) -> Float[np.ndarray, " edges"]:
+    """The edges of cells around ``values``, halfway between them, or between their logarithms."""
+    if logarithmic and values[0] > 0:
+        return np.exp(edges_of(np.log(values), False))
+    if len(values) == 1:
+        return values[0] + np.array([-0.5, 0.5])
+    between = (values[1:] + values[:-1]) / 2
+    return np.concatenate([[2 * values[0] - between[0]], between, [2 * values[-1] - between[-1]]])

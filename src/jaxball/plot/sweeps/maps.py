@@ -14,7 +14,7 @@ from ..style import named, plane_axes
 from .errors import PictureError
 from .failures import LOOKS, MANY, marks, names_of, outcomes, patch
 from .fixed import fixed, sample
-from .heading import COLOURS, coloured, heading, norm_of, scale
+from .heading import COLOURS, coloured, edges_of, heading, norm_of, scale
 from .results import label_of, values_of
 from .rows import Rows, rows_of
 
@@ -70,10 +70,11 @@ def _cells(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any,
     good = outcome == Status.SUCCESS
     grid = np.full((len(y), len(x)), np.nan)
     grid[lines[good], columns[good]] = values[good]
-    edges = _edges(x, rows.is_logarithmic(right)), _edges(y, rows.is_logarithmic(up))
+    edges = edges_of(x, rows.is_logarithmic(right)), edges_of(y, rows.is_logarithmic(up))
     shown = ax.pcolormesh(*edges, grid, cmap=COLOURS, norm=norm_of(values[good]), rasterized=True)
     for code in names:
-        ax.add_patch(_hatched(code, columns[outcome == code], lines[outcome == code], *edges))
+        # Not add_patch, which goes through all corners for limits that the mesh has set.
+        ax.add_artist(_hatched(code, columns[outcome == code], lines[outcome == code], *edges))
     return shown, [patch(*item) for item in names.items()], notes
 
 
@@ -102,16 +103,6 @@ def _ordered(rows: Rows, path: str) -> tuple[np.ndarray, Float[np.ndarray, " poi
     else:
         values = np.interp(points, known, numbers[first])
     return (along - known[0]) // step, values
-
-
-def _edges(values: Float[np.ndarray, " points"], logarithmic: bool) -> Float[np.ndarray, " edges"]:
-    """The edges of cells around ``values``, halfway between them, or between their logarithms."""
-    if logarithmic and values[0] > 0:
-        return np.exp(_edges(np.log(values), False))
-    if len(values) == 1:
-        return values[0] + np.array([-0.5, 0.5])
-    between = (values[1:] + values[:-1]) / 2
-    return np.concatenate([[2 * values[0] - between[0]], between, [2 * values[-1] - between[-1]]])
 
 
 def _hatched(code: int, columns: np.ndarray, lines: np.ndarray, x: np.ndarray, y: np.ndarray) -> PathPatch:

@@ -13,7 +13,7 @@ from ..style import COMPONENTS, SMALL, named, plane_axes
 from .errors import PictureError
 from .failures import LOOKS, MANY, make_room, marks, names_of, outcomes, present
 from .fixed import sample
-from .heading import scale
+from .heading import edges_of, scale
 from .results import label_of, standard_results, values_of
 from .rows import Rows, rows_of
 
@@ -24,6 +24,7 @@ PANEL = 1.75
 MOST_DOTS = 5_000
 MOST_VARIABLES = 8
 MOST_LETTERS = 18
+MOST_BARS = 30
 _BINS = 20
 
 
@@ -123,9 +124,13 @@ def _counts(ax: Axes, rows: Rows, variable: _Variable) -> None:
     values = variable.values[np.isfinite(variable.values)]
     if not values.size:
         return
-    spread = np.geomspace if variable.logarithmic and values.min() > 0 else np.linspace
-    least, most = float(values.min()), float(values.max())
-    edges = spread(least, most, _BINS + 1) if most > least else least + np.array([-0.5, 0.5])
+    different = np.unique(values)
+    if variable.is_number and len(different) <= MOST_BARS:  # a bar for each point of a crossed axis
+        edges = edges_of(different, variable.logarithmic)
+    else:
+        spread = np.geomspace if variable.logarithmic and different[0] > 0 else np.linspace
+        ends = different[[0, -1]] if len(different) > 1 else different[0] + np.array([-0.5, 0.5])
+        edges = spread(float(ends[0]), float(ends[1]), _BINS + 1)
     codes = [Status.SUCCESS, *(present(rows.status) if variable.is_number else ())]
     ax.hist(
         [variable.values[(rows.status == code) & np.isfinite(variable.values)] for code in codes],
