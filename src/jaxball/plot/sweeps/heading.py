@@ -25,7 +25,7 @@ def heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), most: 
     if not keys:
         ax.set_title(title, fontproperties=SMALL)
         return
-    legend = ax.legend(
+    ax.legend(
         handles=keys,
         loc="lower center",
         bbox_to_anchor=(0.5, 1.0),
@@ -38,7 +38,6 @@ def heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), most: 
         columnspacing=1.2,
         handletextpad=0.5,
     )
-    legend.set_in_layout(True)
 
 
 def scale(axis: Axis, logarithmic: bool, values: np.ndarray) -> None:
