@@ -21,9 +21,10 @@ from .dynamics import field_of
 from .events import AbstractEvent
 from .packing import Packing
 from .simulable import SimulableState, SimulableSystem
-from .solvers import Projected, RadauIIA, StepToKinks, SwitchingMassMatrixTerm
+from .solvers import Projected, RadauIIA, SwitchingMassMatrixTerm
 from .state import BallState, DiskState, State
 from .status import Status
+from .step_size import by_tolerances, kinks_of, to_kinks
 from .trajectory import Interpolant, Trajectory
 from .validity import possible_start
 from .watch import checked, locate, stop
@@ -222,12 +223,10 @@ def _controller(
     method: _Method, system: SimulableSystem, times: Array, rtol: Array, atol: Array
 ) -> diffrax.AbstractAdaptiveStepSizeController:
     """Steps by the tolerances, to the kinks and, where asked for, to ``times``."""
-    controller = diffrax.PIDController(rtol=rtol, atol=atol, dtmin=1e-30, force_dtmin=False)
+    controller = by_tolerances(rtol, atol)
     if method.step_to_times:
         controller = diffrax.ClipStepSizeController(controller, step_ts=times)
-    # At the kinks of motions the field is continuous, so that moving the end of a step there moves nothing.
-    kinks = jnp.concatenate([jax.lax.stop_gradient(system.motion_kinks()), system.driving_kinks()])
-    return StepToKinks(controller, kinks) if kinks.size else controller
+    return to_kinks(controller, kinks_of(system))
 
 
 def status_of(result: diffrax.RESULTS) -> Array:

@@ -1,0 +1,57 @@
+"""How long a step is in every lane: diffrax's step-size control, lane by lane."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+# From kinks and tolerances of one lane to its controller.
+Controller = Callable[
+    [Float[Array, " kinks"], Float[Array, ""], Float[Array, ""]], diffrax.AbstractAdaptiveStepSizeController
+]
+FIRST_STEP = 0.01  # as diffrax begins
+
+
+class Limits(NamedTuple):
+    """What a lane's controller is made of."""
+
+    kinks: Float[Array, "kinks lanes"]
+    rtol: Float[Array, " lanes"]
+    atol: Float[Array, " lanes"]
+
+
+class Verdict(NamedTuple):
+    """What becomes of a step: whether it is kept, where the next begins and ends, and whether there is one."""
+
+    kept: Bool[Array, " lanes"]
+    start: Float[Array, " lanes"]
+    end: Float[Array, " lanes"]
+    memory: Any
+    fine: Bool[Array, " lanes"]
+
+
+def begin(
+    controller: Controller, limits: Limits, t0: Float[Array, " lanes"], order: float
+) -> tuple[Float[Array, " lanes"], Any]:
+    """Where the first step ends, and what the controller remembers."""
+
+    def one(limits, t0):
+        first = jnp.asarray(FIRST_STEP, t0.dtype)
+        return controller(*limits).init(None, t0, t0 + first, t0, first, None, None, order)  # pyright: ignore
+
+    return jax.vmap(one, in_axes=-1, out_axes=-1)(limits, t0)
+
+
+def judge(controller: Controller, limits: Limits, step: Any, memory: Any, order: float) -> Verdict:
+    """Keeps or rejects a step, and chooses the next."""
+
+    def one(limits, start, end, x, y, error, memory):
+        kept, start, end, _, memory, result = controller(*limits).adapt_step_size(
+            start, end, x, y, None, error, order, memory
+        )
+        return Verdict(kept, start, end, memory, result == diffrax.RESULTS.successful)
+
+    return jax.vmap(one, in_axes=-1, out_axes=-1)(limits, step.start, step.end, step.x, step.y, step.error, memory)

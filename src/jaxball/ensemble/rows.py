@@ -1,0 +1,232 @@
+"""Many initial-value problems of the same form, solved a few at a time in lanes that never wait for each other.
+
+A lane whose problem has ended takes the next. Lanes are filled when an eighth of them is idle, because filling them
+costs about as much as a stage.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from .control import Controller, Limits, begin, judge
+from .observers import AbstractObserver
+from .runge_kutta import Step, step
+
+IDLE = 8
+
+
+class Rows(NamedTuple):
+    """The problems, in the last axis of each array: the rows.
+
+    - ``parameters``: what the field is given beside time and state and rows do not share.
+    - ``t0``, ``t1``: start and end. A row for which they are equal costs nothing.
+    - ``x``: the state at the start.
+    - ``observers``: what each observer is given.
+    """
+
+    parameters: Float[Array, "parameters rows"]
+    t0: Float[Array, " rows"]
+    t1: Float[Array, " rows"]
+    x: Float[Array, "size rows"]
+    limits: Limits
+    observers: tuple[Any, ...] = ()
+
+    def take(self, rows: Int[Array, " lanes"]) -> "Rows":
+        """Some of the rows."""
+        return jax.tree.map(lambda leaf: jnp.take(leaf, rows, axis=-1, mode="clip"), self)
+
+
+class Solved(NamedTuple):
+    """How each row ended: its last time and state, whether the field was finite and steps were enough, and what it cost.
+
+    ``executed`` counts the steps of all lanes, idle ones included.
+    """
+
+    t: Float[Array, " rows"]
+    x: Float[Array, "size rows"]
+    finite: Bool[Array, " rows"]
+    steps: Int[Array, " rows"]
+    rejected: Int[Array, " rows"]
+    observed: tuple[Any, ...]
+    executed: Int[Array, ""]
+
+
+class _Lanes(NamedTuple):
+    """What lanes are at, in the last axis."""
+
+    row: Int[Array, " lanes"]  # the number of rows where a lane is idle
+    running: Bool[Array, " lanes"]
+    problem: Rows | None
+    start: Float[Array, " lanes"]
+    end: Float[Array, " lanes"]
+    x: Float[Array, "size lanes"]
+    slope: Float[Array, "size lanes"]
+    memory: Any
+    steps: Int[Array, " lanes"]
+    rejected: Int[Array, " lanes"]
+    finite: Bool[Array, " lanes"]
+    observed: tuple[Any, ...]
+
+
+Field = Callable[[Sequence[Float[Array, " lanes"]], Float[Array, " lanes"], Float[Array, "size lanes"]], Array]
+
+
+class Method(NamedTuple):
+    """How rows are solved: the field, the tableau and the order of its error, the controller, the most steps."""
+
+    field: Field
+    tableau: diffrax.ButcherTableau
+    error_order: float
+    controller: Controller
+    max_steps: int
+
+
+def solve_rows(method: Method, rows: Rows, lanes: int, observers: Sequence[AbstractObserver] = ()) -> Solved:
+    """Every row from its start to its end, ``lanes`` side by side."""
+    count = rows.t0.shape[-1]
+    idle = _take(method, rows, jnp.full(lanes, count, jnp.int32), observers)
+    unpack = _packing(_ended(idle))[1]
+    found = jnp.zeros((_packing(_ended(idle))[0].shape[0], count), rows.x.dtype)
+    zero = jnp.zeros((), jnp.int32)
+
+    def unfinished(carry):
+        lanes, _, following, _ = carry
+        return jnp.any(lanes.running) | (following < count)
+
+    def fill(carry):
+        lanes, found, following, executed = carry
+        found, free = _deliver(lanes, found), ~lanes.running
+        row = jnp.where(free, jnp.minimum(following + _count_before(free), count), lanes.row)
+        fresh = _take(method, rows, row, observers)
+        lanes = jax.tree.map(lambda old, new: jnp.where(free, new, old), lanes, fresh)
+        following = jnp.minimum(following + jnp.sum(free, dtype=jnp.int32), count)
+        lanes, executed = _advance_until_idle(method, lanes, observers, following < count, executed)
+        return lanes, found, following, executed
+
+    state, found, _, executed = jax.lax.while_loop(unfinished, fill, (idle, found, zero, zero))
+    t, x, finite, steps, rejected, observed = unpack(_deliver(state, found))
+    return Solved(t, x, finite, steps, rejected, observed, executed)
+
+
+def _ended(lanes: _Lanes) -> tuple:
+    """What is kept of a lane."""
+    return lanes.start, lanes.x, lanes.finite, lanes.steps, lanes.rejected, lanes.observed
+
+
+def _packing(tree: Any) -> tuple[Float[Array, "numbers lanes"], Callable[[Array], Any]]:
+    """A PyTree of arrays whose last axis is that of the lanes as one matrix, and the way back.
+
+    XLA's CPU compiler of jaxlib 0.10 breaks off at a loop that scatters arrays of several shapes.
+    """
+    leaves, structure = jax.tree.flatten(tree)
+    parts = [leaf.reshape(-1, leaf.shape[-1]) for leaf in leaves]
+    dtype = jnp.result_type(*(leaf.dtype for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.floating)))
+    ends = np.cumsum([part.shape[0] for part in parts])[:-1].tolist()
+
+    def unpack(matrix: Array) -> Any:
+        rows = jnp.split(matrix, ends)
+        whole = [
+            row.reshape(*leaf.shape[:-1], matrix.shape[-1]).astype(leaf.dtype)
+            for row, leaf in zip(rows, leaves, strict=True)
+        ]
+        return jax.tree.unflatten(structure, whole)
+
+    return jnp.concatenate([part.astype(dtype) for part in parts]), unpack
+
+
+def _deliver(lanes: _Lanes, found: Float[Array, "numbers rows"]) -> Float[Array, "numbers rows"]:
+    """The results with those of the lanes that have ended."""
+    row = jnp.where(lanes.running, found.shape[-1], lanes.row)
+    return found.at[:, row].set(_packing(_ended(lanes))[0], mode="drop")
+
+
+def _count_before(holds: Bool[Array, " lanes"]) -> Int[Array, " lanes"]:
+    """For how many lanes before each it holds."""
+    before = jnp.tril(jnp.ones((holds.shape[0], holds.shape[0]), bool), -1)
+    return jnp.sum(before & holds[None], axis=1, dtype=jnp.int32)
+
+
+def _take(method: Method, rows: Rows, row: Int[Array, " lanes"], observers: Sequence[AbstractObserver]) -> _Lanes:
+    """Lanes at the start of rows; idle where there is no such row."""
+    problem, lanes = rows.take(row), row.shape[0]
+    end, memory = begin(method.controller, problem.limits, problem.t0, method.error_order)
+    return _Lanes(
+        row,
+        (row < rows.t0.shape[-1]) & (problem.t0 < problem.t1),
+        problem,
+        problem.t0,
+        jnp.minimum(end, problem.t1),
+        problem.x,
+        method.field(tuple(problem.parameters), problem.t0, problem.x),
+        memory,
+        jnp.zeros(lanes, jnp.int32),
+        jnp.zeros(lanes, jnp.int32),
+        jnp.ones(lanes, bool),
+        tuple(item.begin(given) for item, given in zip(observers, problem.observers, strict=True)),
+    )
+
+
+def _advance_until_idle(
+    method: Method, lanes: _Lanes, observers: Sequence[AbstractObserver], more: Bool[Array, ""], executed: Int[Array, ""]
+) -> tuple[_Lanes, Int[Array, ""]]:
+    """Steps until an eighth of the lanes is idle, or all of them where there are no ``more`` rows."""
+    size = lanes.row.shape[0]
+    enough = jnp.where(more, max(size // IDLE, 1), size)
+
+    # What a loop only reads is not part of what it carries, or else it would be copied in each step; parameters that
+    # are separate arrays are read where they are needed, and rows of a matrix would first be copied, too.
+    whole = lanes.problem
+    assert whole is not None
+    problem = whole._replace(parameters=tuple(whole.parameters))
+
+    def busy(carry):
+        return jnp.sum(~carry[0].running) < enough
+
+    def advance(carry):
+        return _advance(method, problem, carry[0], observers), carry[1] + size
+
+    lanes, executed = jax.lax.while_loop(busy, advance, (lanes._replace(problem=None), executed))
+    return lanes._replace(problem=whole), executed
+
+
+def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Sequence[AbstractObserver]) -> _Lanes:
+    """Lanes after a step; those that are idle are as they were."""
+    taken = step(
+        method.tableau,
+        lambda t, x: method.field(problem.parameters, t, x),
+        lanes.start,
+        lanes.end,
+        lanes.x,
+        lanes.slope,
+    )
+    verdict = judge(method.controller, problem.limits, taken, lanes.memory, method.error_order)
+    steps, finite = lanes.steps + lanes.running, lanes.finite & (verdict.fine | ~lanes.running)
+    advanced = _Lanes(
+        lanes.row,
+        lanes.running & finite & (verdict.start < problem.t1) & (steps < method.max_steps),
+        None,
+        verdict.start,
+        jnp.minimum(verdict.end, problem.t1),
+        jnp.where(verdict.kept[None], taken.y, lanes.x),
+        jnp.where(verdict.kept[None], taken.last, lanes.slope),
+        verdict.memory,
+        steps,
+        lanes.rejected + ~verdict.kept,
+        finite,
+        (),
+    )
+    kept, observed = verdict.kept & lanes.running, lanes.observed
+    advanced = jax.tree.map(
+        lambda old, new: jnp.where(lanes.running, new, old), lanes._replace(observed=()), advanced
+    )
+    return advanced._replace(
+        observed=tuple(
+            item.observe(seen, given, taken, kept)
+            for item, seen, given in zip(observers, observed, problem.observers, strict=True)
+        )
+    )

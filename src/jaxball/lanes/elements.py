@@ -1,0 +1,244 @@
+"""Programs on small arrays as programs on their elements.
+
+A jaxpr is read operation by operation. What moves elements about (stacking, slicing, transposing) costs nothing
+then, and what is known at once (unit matrices, tangents that are zero) is carried out at once.
+"""
+
+import functools
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+from jax.extend.core import ClosedJaxpr, Literal
+
+from .nodes import Graph, Node, is_node
+
+# Arrays of NumPy scalars and nodes. Those of a dtype other than `object` are known at once.
+Elements = np.ndarray
+
+ELEMENTWISE = frozenset(
+    "abs acos add add_any and asin atan atan2 ceil clamp convert_element_type copy copy_p cos cosh div eq erf exp exp2 "
+    "expm1 floor ge gt integer_pow is_finite le log log1p logistic lt max min mul ne neg nextafter not or pow rem round "
+    "rsqrt select_n sign sin sinh sqrt square stop_gradient sub tan tanh xor".split()
+)
+REDUCTIONS: Mapping[str, Any] = {
+    "reduce_sum": lax.add_p,
+    "reduce_max": lax.max_p,
+    "reduce_min": lax.min_p,
+    "reduce_prod": lax.mul_p,
+    "reduce_and": lax.and_p,
+    "reduce_or": lax.or_p,
+}
+
+
+def evaluated(graph: Graph, program: ClosedJaxpr, inputs: Sequence[Elements]) -> list[Elements]:
+    """The outputs of a program for the inputs given."""
+    jaxpr = program.jaxpr
+    found: dict[Any, Elements] = dict(zip(jaxpr.constvars, map(np.asarray, program.consts), strict=True))
+    found |= dict(zip(jaxpr.invars, inputs, strict=True))
+
+    def read(variable: Any) -> Elements:
+        return np.asarray(variable.val) if isinstance(variable, Literal) else found[variable]
+
+    for equation in jaxpr.eqns:
+        results = _equation(graph, equation, [read(variable) for variable in equation.invars])
+        found |= dict(zip(equation.outvars, results, strict=True))
+    return [read(variable) for variable in jaxpr.outvars]
+
+
+def _equation(graph: Graph, equation: Any, operands: list[Elements]) -> Sequence[Elements]:
+    name, params = equation.primitive.name, equation.params
+    inner = params.get("jaxpr", params.get("call_jaxpr"))
+    if isinstance(inner, ClosedJaxpr) and name != "scan":
+        return evaluated(graph, inner, operands)
+    if all(map(_known, operands)):
+        return _at_once(equation, operands)
+    if name in ELEMENTWISE:
+        return [_elementwise(graph, equation, operands)]
+    if name == "scan":
+        return _unrolled(graph, params, operands)
+    if name == "dot_general":
+        return [_product(graph, equation, *operands)]
+    if name in REDUCTIONS:
+        return [_reduced(graph, REDUCTIONS[name], params["axes"], operands[0])]
+    if name in MOVES and all(map(_known, operands[1:])) or name in ("concatenate", "stack"):
+        return MOVES[name](equation, operands)
+    return _as_arrays(graph, equation, operands)
+
+
+def _known(x: Elements) -> bool:
+    return x.dtype != object
+
+
+def as_objects(x: Elements) -> Elements:
+    """The same elements, those that are known as NumPy scalars, which keep their dtypes."""
+    return x if x.dtype == object else _each(x.shape, lambda item: item, x)
+
+
+def _at_once(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
+    with jax.ensure_compile_time_eval():
+        found = equation.primitive.bind(*map(jnp.asarray, operands), **equation.params)
+    return [np.asarray(x) for x in (found if equation.primitive.multiple_results else [found])]
+
+
+def _elementwise(graph: Graph, equation: Any, operands: Sequence[Elements]) -> Elements:
+    aval = equation.outvars[0].aval
+    return _each(
+        aval.shape,
+        lambda *x: graph.operation(equation.primitive, equation.params, x, aval.dtype),
+        *(np.broadcast_to(x, aval.shape) for x in operands),
+    )
+
+
+def _each(shape: tuple[int, ...], function: Callable[..., Any], *operands: Elements) -> Elements:
+    found = np.empty(shape, dtype=object)
+    for index in np.ndindex(*shape):
+        found[index] = function(*(x[index] for x in operands))
+    return found
+
+
+def _reduced(graph: Graph, primitive: Any, axes: Sequence[int], x: Elements) -> Elements:
+    rest = [axis for axis in range(x.ndim) if axis not in axes]
+    rows = x.transpose([*rest, *axes]).reshape([*(x.shape[axis] for axis in rest), -1])
+    found = np.empty(rows.shape[:-1], dtype=object)
+    for index in np.ndindex(*found.shape):
+        value = rows[index][0]
+        for item in rows[index][1:]:
+            value = graph.operation(primitive, {}, (value, item), value.dtype)
+        found[index] = value
+    return found
+
+
+def _unrolled(graph: Graph, params: Mapping[str, Any], operands: Sequence[Elements]) -> list[Elements]:
+    """A scan, step by step."""
+    start, end = params["num_consts"], params["num_consts"] + params["num_carry"]
+    constants, carry, sequences = operands[:start], list(operands[start:end]), operands[end:]
+    order = range(params["length"])
+    found = []
+    for k in reversed(order) if params["reverse"] else order:
+        results = evaluated(graph, params["jaxpr"], [*constants, *carry, *(np.asarray(x[k]) for x in sequences)])
+        carry = results[: len(carry)]
+        found.append(results[len(carry) :])
+    if params["reverse"]:
+        found.reverse()
+    return [*carry, *(np.stack([as_objects(x) for x in column]) for column in zip(*found, strict=True))]
+
+
+def _product(graph: Graph, equation: Any, a: Elements, b: Elements) -> Elements:
+    """A product of matrices, as products and sums of elements."""
+    (a_sum, b_sum), (a_batch, b_batch) = equation.params["dimension_numbers"]
+    a_rest = [axis for axis in range(a.ndim) if axis not in (*a_sum, *a_batch)]
+    b_rest = [axis for axis in range(b.ndim) if axis not in (*b_sum, *b_batch)]
+    shape, dtype = equation.outvars[0].aval.shape, equation.outvars[0].aval.dtype
+    batch, summed = [a.shape[k] for k in a_batch], [a.shape[k] for k in a_sum]
+    left, right = [a.shape[k] for k in a_rest], [b.shape[k] for k in b_rest]
+    whole = [*batch, *left, *right, *summed]
+    a = a.transpose([*a_batch, *a_rest, *a_sum]).reshape([*batch, *left, *(1 for _ in right), *summed])
+    b = b.transpose([*b_batch, *b_rest, *b_sum]).reshape([*batch, *(1 for _ in left), *right, *summed])
+    multiply = functools.partial(graph.operation, lax.mul_p, {})
+    products = _each(
+        tuple(whole), lambda x, y: multiply((x, y), dtype), np.broadcast_to(a, whole), np.broadcast_to(b, whole)
+    )
+    return _reduced(graph, lax.add_p, range(len(shape), len(whole)), products)
+
+
+def _broadcast(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
+    shape, places = equation.params["shape"], equation.params["broadcast_dimensions"]
+    spread = [1] * len(shape)
+    for place, size in zip(places, operands[0].shape, strict=True):
+        spread[place] = size
+    return [np.broadcast_to(operands[0].reshape(spread), shape)]
+
+
+def _sliced(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
+    params = equation.params
+    strides = params["strides"] or [1] * operands[0].ndim
+    places = zip(params["start_indices"], params["limit_indices"], strides, strict=True)
+    return [operands[0][tuple(slice(*place) for place in places)]]
+
+
+def _reshaped(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
+    return [operands[0].reshape(equation.outvars[0].aval.shape)]
+
+
+def _split(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
+    ends = list(itertools.accumulate(equation.params["sizes"]))
+    return np.split(operands[0], ends[:-1], axis=equation.params["axis"])
+
+
+def _concatenated(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
+    return [np.concatenate([as_objects(x) for x in operands], axis=equation.params["dimension"])]
+
+
+def _stacked(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
+    return [np.stack([as_objects(x) for x in operands], axis=equation.params["axis"])]
+
+
+def _picked(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
+    """What moves elements to places known at once, found by moving their numbers."""
+    x = operands[0]
+    numbers = np.arange(x.size).reshape(x.shape)
+    with jax.ensure_compile_time_eval():
+        places = equation.primitive.bind(jnp.asarray(numbers), *map(jnp.asarray, operands[1:]), **equation.params)
+    return [x.reshape(-1)[np.asarray(places)]]
+
+
+MOVES: Mapping[str, Callable[[Any, Sequence[Elements]], Sequence[Elements]]] = {
+    "broadcast_in_dim": _broadcast,
+    "concatenate": _concatenated,
+    "dynamic_slice": _picked,
+    "expand_dims": _reshaped,
+    "reshape": _reshaped,
+    "rev": lambda equation, operands: [np.flip(operands[0], equation.params["dimensions"])],
+    "slice": _sliced,
+    "split": _split,
+    "squeeze": _reshaped,
+    "stack": _stacked,
+    "transpose": lambda equation, operands: [operands[0].transpose(equation.params["permutation"])],
+}
+
+
+def _as_arrays(graph: Graph, equation: Any, operands: Sequence[Elements]) -> list[Elements]:
+    """Any other operation, on arrays again, with the lanes as batch."""
+    shapes = [x.shape for x in operands]
+    dtypes = [variable.aval.dtype for variable in equation.invars]
+    flat = [item for x, dtype in zip(operands, dtypes, strict=True) for item in as_objects(x).reshape(-1)]
+    sizes = np.cumsum([x.size for x in operands])[:-1]
+
+    def whole(*numbers):
+        lanes = numbers[0].shape
+        parts = [list(part) for part in np.split(np.arange(len(numbers)), sizes)]
+        arrays = [
+            jnp.stack([numbers[k] for k in part], axis=-1).reshape(*lanes, *shape) if part else jnp.zeros((*lanes, *shape), dtype)
+            for part, shape, dtype in zip(parts, shapes, dtypes, strict=True)
+        ]
+        bind = lambda *x: equation.primitive.bind(*x, **equation.params)  # noqa: E731
+        for _ in lanes:
+            bind = jax.vmap(bind)
+        found = bind(*arrays)
+        return tuple(found) if equation.primitive.multiple_results else (found,)
+
+    call = graph.node(object(), whole, flat, np.dtype(object))
+    return [
+        _each(
+            variable.aval.shape,
+            lambda index, k=k, dtype=variable.aval.dtype: _part(graph, call, k, index, dtype),
+            _indices(variable.aval.shape),
+        )
+        for k, variable in enumerate(equation.outvars)
+    ]
+
+
+def _indices(shape: tuple[int, ...]) -> Elements:
+    found = np.empty(shape, dtype=object)
+    for index in np.ndindex(*shape):
+        found[index] = index
+    return found
+
+
+def _part(graph: Graph, call: Node, k: int, index: tuple[int, ...], dtype: np.dtype) -> Node:
+    return graph.node((call, k, index), lambda arrays: arrays[k][(..., *index)], (call,), dtype)
