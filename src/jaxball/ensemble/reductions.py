@@ -1,34 +1,30 @@
-"""What can be found of a run while it is computed, so that no more than a number is kept of it."""
+"""What can be found of a run while it is computed, so that no more than a few numbers are kept of it."""
 
 import abc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
-from ..sampling import sampling
-from .interpolation import Between
-from .observers import AbstractObserver
-from .runge_kutta import Step
-
-# From a prepared system, a time and a state to a number.
+# From a system, a time and a state to a number.
 Quantity = Callable[[Any, Float[Array, ""], Any], Float[Array, ""]]
-ROUNDS = 3
-NARROWER = 1 / 12
 
 
-def _as_it_is(value: Array) -> Array:
-    return value
+class Found(NamedTuple):
+    """What was found of a quantity: its value at the start, its extreme values and their times, its integral."""
+
+    start: Float[Array, " runs"]
+    extremes: tuple[Float[Array, " runs"], ...]
+    times: tuple[Float[Array, " runs"], ...]
+    integral: Float[Array, " runs"]
 
 
 class AbstractReduction(eqx.Module):
-    """A number found of a quantity over a run, such as its largest value.
+    """A number found of a quantity over a run.
 
-    ``quantity(system, t, state)`` is kept as it is, so pass the same function each time.
+    ``quantity(system, t, state)`` is kept as it is, so pass the same function each time: a new lambda compiles anew.
     """
 
     quantity: eqx.AbstractVar[Quantity]
@@ -36,31 +32,26 @@ class AbstractReduction(eqx.Module):
     @property
     @abc.abstractmethod
     def signs(self) -> tuple[float, ...]:
-        """By what the quantity is multiplied where its largest value is looked for."""
+        """What the quantity is multiplied by where its largest value is looked for: an entry a search."""
 
     @property
+    @abc.abstractmethod
     def is_integral(self) -> bool:
-        """Whether the quantity is integrated over time."""
-        return False
+        """Whether it needs the integral."""
 
     @abc.abstractmethod
-    def result(self, found: "Found") -> dict[str, Array]:
-        """What is reported, by the ends of names."""
+    def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
+        """What is reported, by what its name has after that of the reduction."""
 
 
-class Found(NamedTuple):
-    """What was found of a quantity: its value at the start, its extreme values and their times, its integral."""
-
-    start: Float[Array, " rows"]
-    extremes: tuple[Float[Array, " rows"], ...]
-    times: tuple[Float[Array, " rows"], ...]
-    integral: Float[Array, " rows"]
+def _as_it_is(value: Array) -> Array:
+    return value
 
 
 class Maximum(AbstractReduction):
-    """The largest value within the steps of a run, not just at their ends, and when it occurs.
+    """The largest value within the steps of a run, not just at their ends, and when it occurs, ``…_time``.
 
-    ``then`` is a growing function that is applied to the value: the maximum of a smooth quantity is found more easily.
+    ``then`` is a growing function that is applied to the value: a smooth quantity has its maximum found more easily.
     """
 
     quantity: Quantity = eqx.field(static=True)
@@ -70,12 +61,16 @@ class Maximum(AbstractReduction):
     def signs(self) -> tuple[float, ...]:
         return (1.0,)
 
-    def result(self, found: Found) -> dict[str, Array]:
+    @property
+    def is_integral(self) -> bool:
+        return False
+
+    def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
         return {"": self.then(found.extremes[0]), "_time": found.times[0]}
 
 
 class Minimum(AbstractReduction):
-    """The smallest value within the steps of a run, not just at their ends, and when it occurs."""
+    """The smallest value within the steps of a run, not just at their ends, and when it occurs, ``…_time``."""
 
     quantity: Quantity = eqx.field(static=True)
 
@@ -83,12 +78,16 @@ class Minimum(AbstractReduction):
     def signs(self) -> tuple[float, ...]:
         return (-1.0,)
 
-    def result(self, found: Found) -> dict[str, Array]:
+    @property
+    def is_integral(self) -> bool:
+        return False
+
+    def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
         return {"": found.extremes[0], "_time": found.times[0]}
 
 
 class Drift(AbstractReduction):
-    """How far the quantity goes from its value at the start, as a number that is never negative."""
+    """The largest distance of the quantity from its value at the start."""
 
     quantity: Quantity = eqx.field(static=True)
 
@@ -96,12 +95,17 @@ class Drift(AbstractReduction):
     def signs(self) -> tuple[float, ...]:
         return (1.0, -1.0)
 
-    def result(self, found: Found) -> dict[str, Array]:
-        return {"": jnp.maximum(found.extremes[0] - found.start, found.start - found.extremes[1])}
+    @property
+    def is_integral(self) -> bool:
+        return False
+
+    def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
+        most, least = found.extremes
+        return {"": jnp.maximum(most - found.start, found.start - least)}
 
 
 class Integral(AbstractReduction):
-    """The integral over time, by the Gauss–Lobatto rule of five nodes in each step."""
+    """The integral over time, by the rule of Gauss and Lobatto with five nodes in each step."""
 
     quantity: Quantity = eqx.field(static=True)
 
@@ -113,5 +117,5 @@ class Integral(AbstractReduction):
     def is_integral(self) -> bool:
         return True
 
-    def result(self, found: Found) -> dict[str, Array]:
+    def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
         return {"": found.integral}

@@ -22,13 +22,12 @@ from ..trajectory import Trajectory
 from ..validity import possible_start
 from .control import Limits
 from .ensemble import Ensemble
-from .interpolation import interpolation
 from .numbers import Prepared, axes, first, split
-from .observers import AbstractObserver
+from .reductions import AbstractReduction
 from .rows import Method, Rows, Solved, solve_rows
 from .runge_kutta import fits
-from .saves import Saves
 from .threads import cores, in_blocks
+from .watched import Watched
 
 LANES = 96
 BLOCK = 4096
@@ -42,6 +41,7 @@ class _Program(NamedTuple):
     lanes: int
     rows: int
     shared: tuple[bool, ...]
+    reductions: tuple[tuple[str, AbstractReduction], ...]
 
 
 def simulate_ensemble(
@@ -53,6 +53,7 @@ def simulate_ensemble(
     rtol: Numbers = DEFAULT_TOLERANCE,
     atol: Numbers = DEFAULT_TOLERANCE,
     max_steps: int = 16384,
+    reductions: Mapping[str, AbstractReduction] | None = None,
     lanes: int | None = None,
     block: int | None = None,
     threads: int | None = None,
@@ -68,6 +69,8 @@ def simulate_ensemble(
       ``Dopri5()``, ``Tsit5()``, ``Bosh3()``.
     - ``rtol``, ``atol``: for all runs, or of shape (runs,).
     - ``max_steps``: as for one run.
+    - ``reductions``: what to find of each run while it is computed, by name: those of ``jaxball.ensemble.REDUCTIONS``, or
+      any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of a function of one's own.
     - ``lanes``: how many runs are computed side by side. 96 if not given, which was fastest on the CPUs that were measured;
       all of a block on a GPU.
     - ``block``: how many runs a compiled program takes at a time: 4096 if not given, all on a GPU.
@@ -96,9 +99,10 @@ def simulate_ensemble(
     block = runs if traced else min(runs, block or (runs if wide else BLOCK))
     lanes = min(block, lanes or (block if wide else LANES))
     compact, which = split((system, state))
-    program = _compiled(_Program(method, max_steps, lanes, block, which))
+    program = _compiled(_Program(method, max_steps, lanes, block, which, tuple((reductions or {}).items())))
     if traced:
-        return program(compact, *given[1::2], *given[4:])
+        *found, extra, executed = program(compact, times, rtol, atol)
+        return Ensemble(Trajectory(system, times, *found), extra, executed)
 
     def take(places: np.ndarray) -> Any:
         # A run that is there only to fill a block is over as it begins.
@@ -152,7 +156,7 @@ def _solve(program: _Program, compact: Any, times: Array, rtol: Array, atol: Arr
 
     lane_program = LaneProgram(field, like[0], np.zeros((), x.dtype), np.zeros(x.shape[1:], x.dtype))
     prepared = Prepared.of(lane_program, system, shares, rows)
-    observers, given = _observers(program, times, x)
+    watched = Watched.of(program.solver, program.reductions, like, system, shares, times, x)
     solved = solve_rows(
         Method(
             prepared,
@@ -161,31 +165,25 @@ def _solve(program: _Program, compact: Any, times: Array, rtol: Array, atol: Arr
             lambda kinks, rtol, atol: to_kinks(by_tolerances(rtol, atol), kinks),
             program.max_steps,
         ),
-        Rows(prepared.moving, t0, jnp.where(startable, t1, t0), x.T, Limits(kinks.T, rtol, atol), given),
+        Rows(prepared.moving, t0, jnp.where(startable, t1, t0), x.T, Limits(kinks.T, rtol, atol), watched.given),
         program.lanes,
-        observers,
+        watched.observers,
     )
     status = _status(solved, startable, t1)
-    states = _states(solved, times, x, startable, status)
+    states = _states(solved.x.T, watched.saved(solved.observed), x, startable, status)
     unpacked = each(
         lambda system, state, times, states: jax.vmap(Packing.of(system.prepare(), state).unpack)(times, states),
         times,
         states,
     )
     reached = jnp.where(startable, jnp.minimum(solved.t, t1), t0)
-    return unpacked, reached, status, solved.steps, solved.rejected, solved.executed
+    extra = watched.reduced(solved.observed, t0, x.T)
+    extra = {name: jnp.where(startable, value, jnp.nan) for name, value in extra.items()}
+    return unpacked, reached, status, solved.steps, solved.rejected, extra, solved.executed
 
 
 def _kink_count(compact: Any, shared: tuple[bool, ...]) -> int:
     return jax.eval_shape(kinks_of, first(compact, shared)[0]).shape[0]
-
-
-def _observers(
-    program: _Program, times: Float[Array, "rows times"], x: Float[Array, "rows size"]
-) -> tuple[list[AbstractObserver], tuple[Any, ...]]:
-    if times.shape[1] == 2:
-        return [], ()
-    return [Saves(interpolation(program.solver, x.shape[1], x.dtype), x.shape[1])], (times[:, 1:-1].T,)
 
 
 def _status(solved: Solved, startable: Array, t1: Array) -> Array:
@@ -194,15 +192,20 @@ def _status(solved: Solved, startable: Array, t1: Array) -> Array:
     return jnp.where(startable, status, Status.IMPOSSIBLE)
 
 
-def _states(solved: Solved, times: Array, x: Array, startable: Array, status: Array) -> Float[Array, "rows times size"]:
+def _states(
+    end: Float[Array, "rows size"],
+    between: Float[Array, "rows between size"],
+    x: Float[Array, "rows size"],
+    startable: Array,
+    status: Array,
+) -> Float[Array, "rows times size"]:
     """The vectors at all times; NaN at those to which a run did not come."""
-    end = jnp.where((status == Status.SUCCESS)[:, None], solved.x.T, jnp.nan)
-    between = jnp.moveaxis(solved.observed[0].states, -1, 0) if solved.observed else jnp.zeros((len(x), 0, x.shape[1]), x.dtype)
+    end = jnp.where((status == Status.SUCCESS)[:, None], end, jnp.nan)
     found = jnp.concatenate([x[:, None], between, end[:, None]], axis=1)
     return jnp.where(startable[:, None, None], found, jnp.nan)
 
 
 def _joined(blocks: list[Any], system: SimulableSystem, times: Numbers, runs: int) -> Ensemble:
     executed = sum(int(block[-1]) for block in blocks)
-    whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:runs], *(block[:-1] for block in blocks))
-    return Ensemble(Trajectory(system, np.asarray(times), *whole), {}, np.asarray(executed))
+    *found, extra = jax.tree.map(lambda *parts: np.concatenate(parts)[:runs], *(block[:-1] for block in blocks))
+    return Ensemble(Trajectory(system, np.asarray(times), *found), extra, np.asarray(executed))

@@ -184,6 +184,8 @@ def _picked(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
     numbers = np.arange(x.size).reshape(x.shape)
     with jax.ensure_compile_time_eval():
         places = equation.primitive.bind(jnp.asarray(numbers), *map(jnp.asarray, operands[1:]), **equation.params)
+    # A place outside an array, which some programs fill with NaN, is never asked for by the indices that are known.
+    assert np.all((np.asarray(places) >= 0) & (np.asarray(places) < x.size))
     return [x.reshape(-1)[np.asarray(places)]]
 
 
@@ -192,6 +194,7 @@ MOVES: Mapping[str, Callable[[Any, Sequence[Elements]], Sequence[Elements]]] = {
     "concatenate": _concatenated,
     "dynamic_slice": _picked,
     "expand_dims": _reshaped,
+    "gather": _picked,
     "reshape": _reshaped,
     "rev": lambda equation, operands: [np.flip(operands[0], equation.params["dimensions"])],
     "slice": _sliced,

@@ -63,8 +63,10 @@ def _run(wanted: Sequence[Any], inputs: Sequence[Node], values: Numbers) -> Numb
     for node in in_order(wanted, frozenset(inputs)):
         assert node.act is not None
         operands = [found[item] if is_node(item) else item for item in node.operands]
-        shape = np.broadcast_shapes(*(jnp.shape(item) for item in operands))
-        found[node] = node.act(*(_spread(item, shape) for item in operands))
+        if not isinstance(operands[0], tuple):
+            shape = np.broadcast_shapes(*(jnp.shape(item) for item in operands))
+            operands = [_spread(item, shape) for item in operands]
+        found[node] = node.act(*operands)
     return [found[item] if is_node(item) else jnp.asarray(item) for item in wanted]
 
 

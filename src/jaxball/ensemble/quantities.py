@@ -1,0 +1,62 @@
+"""Quantities of a ball or a disk that reductions look at."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..body import System
+from ..contact import reaction
+from ..observables import observe
+from ..state import BallState, DiskState, State
+from ..vectors import cross
+from .reductions import AbstractReduction, Drift, Integral, Maximum, Minimum
+
+
+def normal_force(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
+    """N, the normal force."""
+    return reaction(system, t, state).normal
+
+
+def friction(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
+    """|f|, the friction."""
+    return reaction(system, t, state).friction
+
+
+def angle_of_reaction(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
+    """The angle of the reaction from the vertical, whose tangent is |f| / N."""
+    return reaction(system, t, state).angle
+
+
+def tangent_of(angle: Float[Array, "*runs"]) -> Float[Array, "*runs"]:
+    """tan of an angle of a reaction; infinite from π/2 on, where N ≤ 0."""
+    held = angle < jnp.pi / 2
+    return jnp.where(held, jnp.tan(jnp.where(held, angle, 0.0)), jnp.where(jnp.isnan(angle), jnp.nan, jnp.inf))
+
+
+def angular_speed_squared(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
+    """|Ω|²."""
+    return jnp.sum(state.Omega**2)
+
+
+def speed(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
+    """|ż|, how fast the geometric centre moves: r times the horizontal part of the angular velocity."""
+    squared = jnp.sum(cross(state.Omega, state.Gamma) ** 2)
+    moving = squared > 0
+    return system.radius * jnp.where(moving, jnp.sqrt(jnp.where(moving, squared, 1.0)), 0.0)
+
+
+def energy(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Float[Array, ""]:
+    """E, kinetic and potential."""
+    return observe(system, t, state).energy
+
+
+CONTACT: dict[str, AbstractReduction] = {
+    "least_normal_force": Minimum(normal_force),
+    "friction_needed": Maximum(angle_of_reaction, tangent_of),
+    "largest_friction": Maximum(friction),
+}
+REDUCTIONS: dict[str, AbstractReduction] = {
+    **CONTACT,
+    "largest_angular_speed": Maximum(angular_speed_squared, jnp.sqrt),
+    "distance": Integral(speed),
+    "energy_drift": Drift(energy),
+}
