@@ -6,13 +6,20 @@ import statistics
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 
-def set_up_jax(cpu_settings: bool) -> None:
-    """Chooses float64 and, if asked, the command line's CPU settings; to be called before the first array."""
+def set_up_jax(cpu_settings: bool, gpu: bool = False) -> None:
+    """Chooses float64 and, if asked, the command line's CPU settings; to be called before the first array.
+
+    JAX uses the CPU; with ``gpu``, what it finds or the user has chosen, and takes memory as it needs it.
+    """
     os.environ["JAX_ENABLE_X64"] = "1"
-    os.environ["JAX_PLATFORMS"] = "cpu"
     os.environ.pop("XLA_FLAGS", None)
+    if gpu:
+        os.environ["XLA_PYTHON_CLIENT_PREALLOCATE"] = "false"
+    else:
+        os.environ["JAX_PLATFORMS"] = "cpu"
     if cpu_settings:
         from jaxball import cpu
 
@@ -29,6 +36,11 @@ def description(*packages: str) -> dict[str, object]:
         "XLA_FLAGS": os.environ.get("XLA_FLAGS", ""),
         "versions": versions(packages),
     }
+
+
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def timed(call: Callable) -> tuple[float, object]:
@@ -50,6 +62,15 @@ def interleaved_medians(calls: dict[str, Callable], rounds: int = 30, block: int
             call()
             times[name] += [timed(call)[0] for _ in range(block)]
     return {name: statistics.median(values) for name, values in times.items()}
+
+
+def interleaved_best(calls: dict[Any, Callable], rounds: int) -> dict[Any, float]:
+    """The shortest time of each call in seconds; the contenders take turns."""
+    best = {name: timed(call)[0] for name, call in calls.items()}
+    for _ in range(rounds):
+        for name, call in calls.items():
+            best[name] = min(best[name], timed(call)[0])
+    return best
 
 
 def write_json(path: Path | str, content: dict) -> None:
