@@ -7,8 +7,8 @@ import subprocess
 import sys
 
 # The first compiles small loops as one function instead of running them operation by operation; the
-# second lets results that share work be computed together; the third, LLVM's own, lets loops over many arrays use vector
-# instructions. XLA reads them when its backend starts.
+# second lets results that share work be computed together; the third, LLVM's own, lets loops over many arrays use
+# vector instructions. XLA reads them when its backend starts.
 OPTIONS = (
     "xla_cpu_small_while_loop_byte_threshold=100000000,xla_cpu_use_multi_output_fusion=true,"
     "-vectorize-memory-check-threshold=100000"

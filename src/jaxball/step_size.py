@@ -24,7 +24,7 @@ def to_kinks(
 def kinks_of(system: SimulableSystem) -> Float[Array, " kinks"]:
     """The kinks of motions and of what drives.
 
-    At the kinks of motions the field is continuous, so that moving the end of a step there moves nothing, and they have no
-    derivatives.
+    At the kinks of motions the field is continuous, so that moving the end of a step there moves nothing, and they
+    have no derivatives.
     """
     return jnp.concatenate([jax.lax.stop_gradient(system.motion_kinks()), system.driving_kinks()])

@@ -33,9 +33,7 @@ class Verdict(NamedTuple):
     fine: Bool[Array, " lanes"]
 
 
-def begin(
-    controller: Controller, limits: Limits, t0: Float[Array, " lanes"], order: float
-) -> tuple[Float[Array, " lanes"], Any]:
+def begin(controller: Controller, limits: Limits, t0: Float[Array, " lanes"], order: Any) -> Any:
     """Where the first step ends, and what the controller remembers."""
 
     def one(limits, t0):
@@ -45,13 +43,14 @@ def begin(
     return jax.vmap(one, in_axes=-1, out_axes=-1)(limits, t0)
 
 
-def judge(controller: Controller, limits: Limits, step: Any, memory: Any, order: float) -> Verdict:
+def judge(controller: Controller, limits: Limits, step: Any, memory: Any, order: Any) -> Verdict:
     """Keeps or rejects a step, and chooses the next."""
 
     def one(limits, start, end, x, y, error, memory):
         kept, start, end, _, memory, result = controller(*limits).adapt_step_size(
             start, end, x, y, None, error, order, memory
         )
-        return Verdict(kept, start, end, memory, result == diffrax.RESULTS.successful)
+        fine = result == diffrax.RESULTS.successful
+        return Verdict(jnp.asarray(kept), jnp.asarray(start), jnp.asarray(end), memory, fine)
 
     return jax.vmap(one, in_axes=-1, out_axes=-1)(limits, step.start, step.end, step.x, step.y, step.error, memory)

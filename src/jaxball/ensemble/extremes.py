@@ -1,9 +1,9 @@
 """The largest values of quantities within the steps of runs."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -18,56 +18,61 @@ from .runge_kutta import Step
 Quantities = Callable[
     [Float[Array, "numbers lanes"], Float[Array, " lanes"], Float[Array, "size lanes"]], Float[Array, "k lanes"]
 ]
-ROUNDS = 3
+# From what the field is given of each lane, and a start, an end and a state, to the step.
+Again = Callable[
+    [Float[Array, "numbers lanes"], Float[Array, " lanes"], Float[Array, " lanes"], Float[Array, "size lanes"]], Step
+]
+ROUNDS = 4
 # Of a window, what the next one is to either side of the place found in it: some times what a quartic errs by.
 NARROWER = 1 / 12
 
 
 class Best(NamedTuple):
-    """For each quantity its largest value so far, and the step in which it lies."""
+    """For each quantity the largest values in two steps, the better first, and where these begin, and when they end.
 
-    value: Float[Array, "k lanes"]
-    start: Float[Array, "k lanes"]
-    end: Float[Array, "k lanes"]
-    x: Float[Array, "k size lanes"]
-    y: Float[Array, "k size lanes"]
-    slopes: Float[Array, "k stages size lanes"]
-
-    def step(self, k: int) -> Step:
-        """The step of a quantity."""
-        return Step(self.start[k], self.end[k], self.x[k], self.slopes[k], self.y[k], self.y[k])
-
-
-class Extremes(AbstractObserver):
-    """Finds the step in which each of ``k`` quantities is largest, by five values in each; :meth:`refined` finds the place.
-
-    ``signs`` are by what the quantities are multiplied, and ``which`` of them is looked at with each.
+    Two, because where a maximum lies near the end of a step, five values may take the next one for better.
     """
 
-    quantities: Quantities = eqx.field(static=True)
-    between: Between = eqx.field(static=True)
-    which: tuple[int, ...] = eqx.field(static=True)
-    signs: tuple[float, ...] = eqx.field(static=True)
-    size: int = eqx.field(static=True)
-    stages: int = eqx.field(static=True)
+    value: Float[Array, "2 k lanes"]
+    start: Float[Array, "2 k lanes"]
+    end: Float[Array, "2 k lanes"]
+    x: Float[Array, "2 k size lanes"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Extremes(AbstractObserver):
+    """Finds the steps in which each of k quantities is largest, by five values in each; ``refined`` finds the place.
+
+    - ``which``, ``signs``: the quantity of each search, and what it is multiplied by.
+    - ``again``: a step that was taken, computed anew: that takes less time than to keep its stages.
+    """
+
+    quantities: Quantities
+    between: Between
+    which: tuple[int, ...]
+    signs: tuple[float, ...]
+    again: Again
+    size: int
 
     def begin(self, given: Float[Array, "numbers lanes"]) -> Best:
         k, lanes = len(self.which), given.shape[1]
-        state = jnp.zeros((k, self.size, lanes), given.dtype)
-        number = jnp.zeros((k, lanes), given.dtype)
-        slopes = jnp.zeros((k, self.stages, self.size, lanes), given.dtype)
-        return Best(jnp.full_like(number, -jnp.inf), number, number, state, state, slopes)
+        number = jnp.zeros((2, k, lanes), given.dtype)
+        state = jnp.zeros((2, k, self.size, lanes), given.dtype)
+        return Best(jnp.full_like(number, -jnp.inf), number, number, state)
 
     def observe(
         self, seen: Best, given: Float[Array, "numbers lanes"], step: Step, kept: Bool[Array, " lanes"]
     ) -> Best:
-        step = jax.lax.stop_gradient(step)
-        most = _largest(self._samples(jax.lax.stop_gradient(given), step))
-        better = kept[None] & (most > seen.value)
-        found = Best(most, *(jnp.broadcast_to(item[None], old.shape) for item, old in zip(
-            (step.start, step.end, step.x, step.y, step.slopes), seen[1:], strict=True
-        )))
-        return jax.tree.map(lambda old, new: jnp.where(_spread(better, new.ndim), new, old), seen, found)
+        most = _largest(self._samples(*jax.lax.stop_gradient((given, step))))
+        best = kept[None] & (most > seen.value[0])
+        second = kept[None] & (most > seen.value[1])
+
+        def placed(old: Array, new: Array) -> Array:
+            wide = (slice(None), *(None for _ in range(old.ndim - 3)))
+            first = jnp.where(best[wide], new, old[0])
+            return jnp.stack([first, jnp.where(best[wide], old[0], jnp.where(second[wide], new, old[1]))])
+
+        return jax.tree.map(placed, seen, Best(most, step.start[None], step.end[None], step.x[None]))
 
     def _samples(self, given: Float[Array, "numbers lanes"], step: Step) -> Float[Array, "nodes k lanes"]:
         nodes = jnp.asarray(sampling().nodes, step.x.dtype)
@@ -84,33 +89,33 @@ class Extremes(AbstractObserver):
         return jnp.stack([sign * values[k] for k, sign in zip(self.which, self.signs, strict=True)])
 
     def refined(
-        self, seen: Best, given: Float[Array, "numbers rows"]
+        self, seen: Best, given: Float[Array, "numbers rows"], of_field: Float[Array, "others rows"]
     ) -> tuple[Float[Array, "k rows"], Float[Array, "k rows"]]:
         """The largest values, and when they occur; NaN where there was no step or a quantity was never a number.
 
+        ``of_field`` are the numbers of each row with which its step is computed anew.
+
         Values have derivatives and times do not: a maximum does not change to first order as its place does.
         """
-        still, fixed = jax.lax.stop_gradient((seen, given))
 
-        # Loops, because the quantities are a long program that is to be compiled few times.
-        def search(k, times):
-            step = still.step(k)
-            ends = step.start, _inside(step, jnp.ones((), step.end.dtype))
+        # A loop, because the quantities are a long program that is to be compiled few times.
+        def search(i, found):
+            values, times = found
+            rank, k = i // len(self.which), i % len(self.which)
+            step = self.again(of_field, seen.start[rank, k], seen.end[rank, k], seen.x[rank, k])
+            still, fixed = jax.lax.stop_gradient((step, given))
+            last = _inside(still, jnp.ones((), still.end.dtype))
+            t = _place_of_largest(lambda t: self._at(fixed, t, self.between(still, t))[k], still.start, last)
+            value = self._at(given, t, self.between(step, t))[k]
+            return values.at[rank, k].set(value), times.at[rank, k].set(t)
 
-            def values(t: Float[Array, " rows"]) -> Float[Array, " rows"]:
-                return self._at(fixed, t, self.between(step, t))[k]
-
-            return times.at[k].set(_place_of_largest(values, *ends))
-
-        def evaluate(k, values):
-            step = seen.step(k)
-            return values.at[k].set(self._at(given, times[k], self.between(step, times[k]))[k])
-
-        count = len(self.which)
-        times = jax.lax.fori_loop(0, count, search, jnp.zeros_like(still.value))
-        values = jax.lax.fori_loop(0, count, evaluate, jnp.zeros_like(seen.value))
-        found = still.value > -jnp.inf
-        return jnp.where(found, values, jnp.nan), jnp.where(found, times, jnp.nan)
+        empty = jnp.zeros_like(seen.value)
+        values, times = jax.lax.fori_loop(0, 2 * len(self.which), search, (empty, empty))
+        values = jnp.where(seen.value > -jnp.inf, values, -jnp.inf)
+        first = ~(values[1] > values[0])
+        value, time = jnp.where(first, values[0], values[1]), jnp.where(first, times[0], times[1])
+        found = value > -jnp.inf
+        return jnp.where(found, value, jnp.nan), jnp.where(found, jax.lax.stop_gradient(time), jnp.nan)
 
 
 def _place_of_largest(
@@ -158,7 +163,3 @@ def _largest(samples: Float[Array, "nodes k lanes"]) -> Float[Array, "k lanes"]:
         return jnp.where(finite, jnp.maximum(most, value), most)
 
     return jax.lax.fori_loop(0, matrix.shape[0], one, most)
-
-
-def _spread(holds: Bool[Array, "k lanes"], ndim: int) -> Array:
-    return holds.reshape(holds.shape[0], *(1 for _ in range(ndim - 2)), holds.shape[1])

@@ -1,6 +1,7 @@
 """The integrals of quantities over runs."""
 
-import equinox as eqx
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,12 +14,13 @@ from .observers import AbstractObserver
 from .runge_kutta import Step
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
 class Integrals(AbstractObserver):
     """Adds up quantities over time, by the rule of Gauss and Lobatto with five nodes in each step."""
 
-    quantities: Quantities = eqx.field(static=True)
-    between: Between = eqx.field(static=True)
-    count: int = eqx.field(static=True)
+    quantities: Quantities
+    between: Between
+    count: int
 
     def begin(self, given: Float[Array, "numbers lanes"]) -> Float[Array, "k lanes"]:
         return jnp.zeros((self.count, given.shape[1]), given.dtype)

@@ -57,7 +57,7 @@ class Prepared(NamedTuple):
             tuple(None if jnp.ndim(item) else item for item in found),
         )
 
-    def __call__(self, moving: Sequence[Array], *changing: Array) -> Float[Array, "size lanes"]:
+    def __call__(self, moving: Sequence[Array] | Array, *changing: Array) -> Float[Array, "size lanes"]:
         """The program's results where the lanes have ``moving`` of their own."""
         own = iter(moving)
         elements = [next(own) if item is None else item for item in self.fixed]

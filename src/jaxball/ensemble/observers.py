@@ -3,13 +3,12 @@
 import abc
 from typing import Any
 
-import equinox as eqx
 from jaxtyping import Array, Bool
 
 from .runge_kutta import Step
 
 
-class AbstractObserver(eqx.Module):
+class AbstractObserver(abc.ABC):
     """Sees every step. What it has seen is a PyTree of arrays whose last axis is that of the lanes."""
 
     @abc.abstractmethod

@@ -39,6 +39,16 @@ class AbstractReduction(eqx.Module):
     def is_integral(self) -> bool:
         """Whether it needs the integral."""
 
+    @property
+    def needs_start(self) -> bool:
+        """Whether it needs the value at the start."""
+        return False
+
+    @property
+    def ends(self) -> tuple[str, ...]:
+        """What the names of its results have after its own."""
+        return ("",)
+
     @abc.abstractmethod
     def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
         """What is reported, by what its name has after that of the reduction."""
@@ -65,6 +75,10 @@ class Maximum(AbstractReduction):
     def is_integral(self) -> bool:
         return False
 
+    @property
+    def ends(self) -> tuple[str, ...]:
+        return ("", "_time")
+
     def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
         return {"": self.then(found.extremes[0]), "_time": found.times[0]}
 
@@ -82,6 +96,10 @@ class Minimum(AbstractReduction):
     def is_integral(self) -> bool:
         return False
 
+    @property
+    def ends(self) -> tuple[str, ...]:
+        return ("", "_time")
+
     def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
         return {"": found.extremes[0], "_time": found.times[0]}
 
@@ -98,6 +116,10 @@ class Drift(AbstractReduction):
     @property
     def is_integral(self) -> bool:
         return False
+
+    @property
+    def needs_start(self) -> bool:
+        return True
 
     def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
         most, least = found.extremes

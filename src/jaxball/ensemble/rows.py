@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from .control import Controller, Limits, begin, judge
 from .observers import AbstractObserver
-from .runge_kutta import Step, step
+from .runge_kutta import step
 
 IDLE = 8
 
@@ -42,7 +42,7 @@ class Rows(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """How each row ended: its last time and state, whether the field was finite and steps were enough, and what it cost.
+    """How each row ended: its last time and state, whether the field was finite, and how many steps it took.
 
     ``executed`` counts the steps of all lanes, idle ones included.
     """
@@ -73,7 +73,7 @@ class _Lanes(NamedTuple):
     observed: tuple[Any, ...]
 
 
-Field = Callable[[Sequence[Float[Array, " lanes"]], Float[Array, " lanes"], Float[Array, "size lanes"]], Array]
+Field = Callable[[Any, Float[Array, " lanes"], Float[Array, "size lanes"]], Array]
 
 
 class Method(NamedTuple):
@@ -81,7 +81,7 @@ class Method(NamedTuple):
 
     field: Field
     tableau: diffrax.ButcherTableau
-    error_order: float
+    error_order: Any
     controller: Controller
     max_steps: int
 
@@ -101,7 +101,7 @@ def solve_rows(method: Method, rows: Rows, lanes: int, observers: Sequence[Abstr
     def fill(carry):
         lanes, found, following, executed = carry
         found, free = _deliver(lanes, found), ~lanes.running
-        row = jnp.where(free, jnp.minimum(following + _count_before(free), count), lanes.row)
+        row = jnp.where(free, jnp.minimum(following + jnp.cumsum(free, dtype=jnp.int32) - 1, count), lanes.row)
         fresh = _take(method, rows, row, observers)
         lanes = jax.tree.map(lambda old, new: jnp.where(free, new, old), lanes, fresh)
         following = jnp.minimum(following + jnp.sum(free, dtype=jnp.int32), count)
@@ -145,12 +145,6 @@ def _deliver(lanes: _Lanes, found: Float[Array, "numbers rows"]) -> Float[Array,
     return found.at[:, row].set(_packing(_ended(lanes))[0], mode="drop")
 
 
-def _count_before(holds: Bool[Array, " lanes"]) -> Int[Array, " lanes"]:
-    """For how many lanes before each it holds."""
-    before = jnp.tril(jnp.ones((holds.shape[0], holds.shape[0]), bool), -1)
-    return jnp.sum(before & holds[None], axis=1, dtype=jnp.int32)
-
-
 def _take(method: Method, rows: Rows, row: Int[Array, " lanes"], observers: Sequence[AbstractObserver]) -> _Lanes:
     """Lanes at the start of rows; idle where there is no such row."""
     problem, lanes = rows.take(row), row.shape[0]
@@ -172,7 +166,11 @@ def _take(method: Method, rows: Rows, row: Int[Array, " lanes"], observers: Sequ
 
 
 def _advance_until_idle(
-    method: Method, lanes: _Lanes, observers: Sequence[AbstractObserver], more: Bool[Array, ""], executed: Int[Array, ""]
+    method: Method,
+    lanes: _Lanes,
+    observers: Sequence[AbstractObserver],
+    more: Bool[Array, ""],
+    executed: Int[Array, ""],
 ) -> tuple[_Lanes, Int[Array, ""]]:
     """Steps until an eighth of the lanes is idle, or all of them where there are no ``more`` rows."""
     size = lanes.row.shape[0]
@@ -188,7 +186,7 @@ def _advance_until_idle(
         return jnp.sum(~carry[0].running) < enough
 
     def advance(carry):
-        return _advance(method, problem, carry[0], observers), carry[1] + size
+        return _advance(method, problem, carry[0], observers), carry[1] + jnp.int32(size)
 
     lanes, executed = jax.lax.while_loop(busy, advance, (lanes._replace(problem=None), executed))
     return lanes._replace(problem=whole), executed
@@ -205,7 +203,7 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Sequence[A
         lanes.slope,
     )
     verdict = judge(method.controller, problem.limits, taken, lanes.memory, method.error_order)
-    steps, finite = lanes.steps + lanes.running, lanes.finite & (verdict.fine | ~lanes.running)
+    steps, finite = lanes.steps + lanes.running.astype(jnp.int32), lanes.finite & (verdict.fine | ~lanes.running)
     advanced = _Lanes(
         lanes.row,
         lanes.running & finite & (verdict.start < problem.t1) & (steps < method.max_steps),
@@ -216,14 +214,12 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Sequence[A
         jnp.where(verdict.kept[None], taken.last, lanes.slope),
         verdict.memory,
         steps,
-        lanes.rejected + ~verdict.kept,
+        lanes.rejected + (~verdict.kept).astype(jnp.int32),
         finite,
         (),
     )
     kept, observed = verdict.kept & lanes.running, lanes.observed
-    advanced = jax.tree.map(
-        lambda old, new: jnp.where(lanes.running, new, old), lanes._replace(observed=()), advanced
-    )
+    advanced = jax.tree.map(lambda old, new: jnp.where(lanes.running, new, old), lanes._replace(observed=()), advanced)
     return advanced._replace(
         observed=tuple(
             item.observe(seen, given, taken, kept)

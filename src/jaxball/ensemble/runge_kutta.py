@@ -68,6 +68,12 @@ def matrix(tableau: diffrax.ButcherTableau) -> np.ndarray:
 
 def fits(solver: diffrax.AbstractSolver) -> bool:
     """Whether this is an explicit method whose last stage is the slope at the end, and which estimates its error."""
-    tableau = getattr(solver, "tableau", None)
-    explicit = isinstance(solver, diffrax.AbstractERK) and isinstance(tableau, diffrax.ButcherTableau)
-    return explicit and tableau.fsal and tableau.ssal
+    if not isinstance(solver, diffrax.AbstractERK) or not isinstance(solver.tableau, diffrax.ButcherTableau):
+        return False
+    return solver.tableau.fsal and solver.tableau.ssal
+
+
+def tableau_of(solver: diffrax.AbstractERK) -> diffrax.ButcherTableau:
+    """The coefficients of a method that fits."""
+    assert isinstance(solver.tableau, diffrax.ButcherTableau)
+    return solver.tableau

@@ -1,8 +1,8 @@
 """The states at given times."""
 
+import dataclasses
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -13,17 +13,18 @@ from .runge_kutta import Step
 
 
 class Saved(NamedTuple):
-    """How many of its times each lane has passed, and the states there; NaN at the others."""
+    """How many of its times each lane has ``passed``, and the states there; NaN at the others."""
 
-    count: Int[Array, " lanes"]
+    passed: Int[Array, " lanes"]
     states: Float[Array, "times size lanes"]
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
 class Saves(AbstractObserver):
     """Keeps the states at the times that it is given, in the order of time."""
 
-    between: Between = eqx.field(static=True)
-    size: int = eqx.field(static=True)
+    between: Between
+    size: int
 
     def begin(self, given: Float[Array, "times lanes"]) -> Saved:
         times, lanes = given.shape
@@ -41,10 +42,10 @@ class Saves(AbstractObserver):
             return kept & (count < last) & (following(count) <= step.end)
 
         def save(seen: Saved) -> Saved:
-            here = within(seen.count)
-            found = self.between(step, following(seen.count))
-            place = jnp.where(here, seen.count, last)
+            here = within(seen.passed)
+            found = self.between(step, following(seen.passed))
+            place = jnp.where(here, seen.passed, last)
             states = seen.states.at[place, :, lane].set(found.T, mode="drop")
-            return Saved(seen.count + here, states)
+            return Saved(seen.passed + here.astype(jnp.int32), states)
 
-        return jax.lax.while_loop(lambda seen: jnp.any(within(seen.count)), save, seen)
+        return jax.lax.while_loop(lambda seen: jnp.any(within(seen.passed)), save, seen)

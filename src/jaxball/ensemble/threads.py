@@ -16,11 +16,12 @@ def cores() -> int:
 
 
 def in_blocks(
-    function: Callable[[Any], Any], take: Callable[[np.ndarray], Any], rows: int, block: int, threads: int
+    function: Callable[[Any], Any], take: Callable[[np.ndarray], Any], rows: int, block: int, threads: int, warm: bool
 ) -> list[Any]:
     """``function`` of each block of rows, in order; the last row fills what is left over of the last block.
 
-    A compiled program gives the other threads of Python way while it runs. Blocks go to the devices in turn.
+    A compiled program gives the other threads of Python way while it runs. Blocks go to the devices in turn, the first
+    of them alone where the function is not ``warm``, so that it is compiled once.
     """
     devices = jax.local_devices()
     places = [np.minimum(np.arange(start, start + block), rows - 1) for start in range(0, rows, block)]
@@ -30,11 +31,16 @@ def in_blocks(
         with jax.default_device(device):
             return jax.tree.map(np.asarray, function(take(place)))
 
-    jobs = list(zip(places, itertools.cycle(devices)))  # noqa: B905
-    if threads == 1 or len(jobs) == 1:
-        found = [one(job) for job in jobs]
-    else:
-        # The first alone, so that the program is compiled once.
+    jobs = list(zip(places, itertools.cycle(devices)))
+    alone = len(jobs) if threads == 1 else 0 if warm else 1
+    found = [one(job) for job in jobs[:alone]]
+    if jobs[alone:]:
         with concurrent.futures.ThreadPoolExecutor(threads) as pool:
-            found = [one(jobs[0]), *pool.map(one, jobs[1:])]
+            found += pool.map(one, jobs[alone:])
     return found
+
+
+def balanced(rows: int, largest: int, threads: int) -> int:
+    """The size of blocks of which every thread gets as many, none larger than ``largest``."""
+    blocks = threads * -(-rows // (largest * threads))
+    return -(-rows // blocks)

@@ -1,5 +1,6 @@
 """What is looked at in the runs of an ensemble: the states at saved times, and what reductions need."""
 
+import functools
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -16,6 +17,7 @@ from .interpolation import interpolation
 from .numbers import Prepared
 from .observers import AbstractObserver
 from .reductions import AbstractReduction, Found, Quantity
+from .runge_kutta import step, tableau_of
 from .saves import Saves
 
 
@@ -37,6 +39,7 @@ class Watched(NamedTuple):
         like: Any,
         system: Any,
         shared: Sequence[bool],
+        field: Prepared,
         times: Float[Array, "rows times"],
         x: Float[Array, "rows size"],
     ) -> "Watched":
@@ -54,7 +57,12 @@ class Watched(NamedTuple):
         if searches:
             assert values is not None
             which, signs = zip(*searches, strict=True)
-            observers.append(Extremes(values, between, which, signs, size, solver.tableau.num_stages))
+
+            def again(moving, start, end, x):
+                slope = functools.partial(field, moving)
+                return step(tableau_of(solver), slope, start, end, x, slope(start, x))
+
+            observers.append(Extremes(values, between, which, signs, again, size))
             given.append(values.moving)
         if any(item.is_integral for _, item in reductions):
             assert values is not None
@@ -70,16 +78,22 @@ class Watched(NamedTuple):
         return self.empty
 
     def reduced(
-        self, observed: tuple[Any, ...], t0: Float[Array, " rows"], x: Float[Array, "size rows"]
+        self,
+        observed: tuple[Any, ...],
+        of_field: Float[Array, "numbers rows"],
+        t0: Float[Array, " rows"],
+        x: Float[Array, "size rows"],
     ) -> dict[str, Float[Array, " rows"]]:
         """What the reductions report, by name."""
         if self.values is None:
             return {}
-        start = self.values(self.values.moving, t0, x)
-        best, integrals = iter(()), jnp.full_like(start, jnp.nan)
+        start = integrals = jnp.full((len(self.quantities), t0.size), jnp.nan, t0.dtype)
+        if any(item.needs_start for _, item in self.reductions):
+            start = self.values(self.values.moving, t0, x)
+        best = iter(())
         for observer, seen, given in zip(self.observers, observed, self.given, strict=True):
             if isinstance(observer, Extremes):
-                found, times = observer.refined(seen, given)
+                found, times = observer.refined(seen, given, of_field)
                 signs = np.asarray(observer.signs)[:, None].astype(found.dtype)
                 best = zip(found * signs, times, strict=True)
             if isinstance(observer, Integrals):

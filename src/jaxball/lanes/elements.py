@@ -15,16 +15,20 @@ import numpy as np
 from jax import lax
 from jax.extend.core import ClosedJaxpr, Literal
 
-from .nodes import Graph, Node, is_node
+from .nodes import Graph, Node
 
 # Arrays of NumPy scalars and nodes. Those of a dtype other than `object` are known at once.
 Elements = np.ndarray
 
-ELEMENTWISE = frozenset(
-    "abs acos add add_any and asin atan atan2 ceil clamp convert_element_type copy copy_p cos cosh div eq erf exp exp2 "
-    "expm1 floor ge gt integer_pow is_finite le log log1p logistic lt max min mul ne neg nextafter not or pow rem round "
-    "rsqrt select_n sign sin sinh sqrt square stop_gradient sub tan tanh xor".split()
-)
+# fmt: off
+ELEMENTWISE = frozenset({
+    "abs", "acos", "add", "add_any", "and", "asin", "atan", "atan2", "ceil", "clamp", "convert_element_type",
+    "copy", "copy_p", "cos", "cosh", "div", "eq", "erf", "exp", "exp2", "expm1", "floor", "ge", "gt",
+    "integer_pow", "is_finite", "le", "log", "log1p", "logistic", "lt", "max", "min", "mul", "ne", "neg",
+    "nextafter", "not", "or", "pow", "rem", "round", "rsqrt", "select_n", "sign", "sin", "sinh", "sqrt", "square",
+    "stop_gradient", "sub", "tan", "tanh", "xor",
+})
+# fmt: on
 REDUCTIONS: Mapping[str, Any] = {
     "reduce_sum": lax.add_p,
     "reduce_max": lax.max_p,
@@ -64,8 +68,8 @@ def _equation(graph: Graph, equation: Any, operands: list[Elements]) -> Sequence
     if name == "dot_general":
         return [_product(graph, equation, *operands)]
     if name in REDUCTIONS:
-        return [_reduced(graph, REDUCTIONS[name], params["axes"], operands[0])]
-    if name in MOVES and all(map(_known, operands[1:])) or name in ("concatenate", "stack"):
+        return [_reduced(graph, REDUCTIONS[name], [int(axis) for axis in params["axes"]], operands[0])]
+    if (name in MOVES and all(map(_known, operands[1:]))) or name in ("concatenate", "stack"):
         return MOVES[name](equation, operands)
     return _as_arrays(graph, equation, operands)
 
@@ -216,7 +220,9 @@ def _as_arrays(graph: Graph, equation: Any, operands: Sequence[Elements]) -> lis
         lanes = numbers[0].shape
         parts = [list(part) for part in np.split(np.arange(len(numbers)), sizes)]
         arrays = [
-            jnp.stack([numbers[k] for k in part], axis=-1).reshape(*lanes, *shape) if part else jnp.zeros((*lanes, *shape), dtype)
+            jnp.stack([numbers[k] for k in part], axis=-1).reshape(*lanes, *shape)
+            if part
+            else jnp.zeros((*lanes, *shape), dtype)
             for part, shape, dtype in zip(parts, shapes, dtypes, strict=True)
         ]
         bind = lambda *x: equation.primitive.bind(*x, **equation.params)  # noqa: E731

@@ -17,8 +17,8 @@ Numbers = list[Any]  # arrays of the shape of the lanes, or scalars that all lan
 class LaneProgram:
     """A function of parameters and of what changes, on elements whose axes are those of the lanes.
 
-    ``prepare`` computes what depends on the parameters alone, once; a call then computes the function. Elements are those
-    of one array after the other, each in C order, and those that all lanes share may be scalars.
+    ``prepare`` computes what depends on the parameters alone, once; a call then computes the function. Elements are
+    those of one array after the other, each in C order, and those that all lanes share may be scalars.
 
     - ``function(parameters, *changing)``: on PyTrees of small arrays, with arrays of the same shapes for result.
     """

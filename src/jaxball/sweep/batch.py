@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..scenario import Scenario
+from .finds import Find
 
 
 class Batch(NamedTuple):
@@ -42,11 +43,15 @@ class Wanted(NamedTuple):
     """What an engine is asked for.
 
     - ``contact``: whether to find the extremes of the contact force.
+    - ``finds``: what else to find.
     - ``most``: the largest number of scenarios that a call has in this study.
+    - ``threads``: how many cores it may use.
     """
 
     contact: bool
+    finds: tuple[Find, ...]
     most: int
+    threads: int = 1
 
 
 # From scenarios to arrays with the scenarios as leading axis: `status`, `steps`, `rejected`, `reached`, the entries of

@@ -22,6 +22,7 @@ class Task(NamedTuple):
     store: Path
     chunk: int
     engine: Engine
+    threads: int = 1
 
 
 class Done(NamedTuple):
@@ -36,7 +37,7 @@ def solve_chunk(task: Task) -> Done:
     study, template = task.study, task.study.template()
     outputs = outputs_of(study, template)
     rows = study.rows_of(task.chunk)
-    arrays = compute(study, template, outputs, rows, task.engine)
+    arrays = compute(study, template, outputs, rows, task.engine, task.threads)
     Store(task.store, study, outputs).write(task.chunk, arrays)
     return Done(len(rows), int(np.sum(arrays["status"] != Status.SUCCESS)))
 
@@ -48,7 +49,12 @@ def solve_chunk_elsewhere(task: Task) -> Done:
 
 
 def compute(
-    study: Study, template: Scenario, outputs: dict[str, Output], rows: np.ndarray, engine: Engine
+    study: Study,
+    template: Scenario,
+    outputs: dict[str, Output],
+    rows: np.ndarray,
+    engine: Engine,
+    threads: int = 1,
 ) -> dict[str, np.ndarray]:
     """The variables of ``rows``. A row that no body can have has the status IMPOSSIBLE, and harms no other."""
     arrays = {name: output.empty(len(rows)) for name, output in outputs.items()}
@@ -63,7 +69,7 @@ def compute(
         return arrays
     if "time" in arrays:
         arrays["time"][possible] = batch.times
-    solved = engine(batch, Wanted(study.contact, study.chunk))
+    solved = engine(batch, Wanted(study.contact, study.finds, study.chunk, threads))
     for name in outputs.keys() & solved.keys():
         array = solved[name]
         at_each_time = name in vars(template.state) and study.save == "end"

@@ -1,102 +1,48 @@
 """How the rows of a chunk are solved."""
 
-import functools
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from collections.abc import Mapping
 
 import jax
 import numpy as np
 
 from ..body import Ball, Disk
-from ..extremes import contact_extremes
-from ..scenario.shell import mark_escape
+from ..ensemble import AbstractReduction, simulate_ensemble
+from ..ensemble.quantities import CONTACT
 from ..scenario.solve import SOLVERS
-from ..simulation import FEW_STEPS, simulate
-from ..trajectory import Trajectory
 from .batch import Batch, Wanted
-from .outputs import CONTACT
+from .finds import solved_in_lanes
+from .plain import solve_by_vmap
 
-LANES = 64
-
-
-class _Method(NamedTuple):
-    """What a program is compiled for."""
-
-    solver: str
-    max_steps: int
-    step_to_times: bool
-    dae: bool
-    project: bool
-    contact: bool
+# The same for any number of threads, so that results are the same to the last bit.
+BLOCK = 2048
 
 
 def solve_in_lanes(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
-    """The rows, ``LANES`` side by side, by :func:`jaxball.simulate` under ``vmap``; an ``Engine``."""
-    parts = [batch.take(slice(start, start + LANES)) for start in range(0, batch.rows, LANES)]
-    found = [_solve_part(part, min(LANES, wanted.most), wanted.contact) for part in parts]
-    return {name: np.concatenate([part[name] for part in found]) for name in found[0]}
+    """The rows by :func:`jaxball.ensemble.simulate_ensemble` where it knows the method; an ``Engine``.
 
-
-def _solve_part(batch: Batch, lanes: int, contact: bool) -> dict[str, np.ndarray]:
-    # Programs are compiled for a number of lanes; the last scenario fills those that are left over.
-    padded = batch.take(np.minimum(np.arange(lanes), batch.rows - 1))
+    Other methods (implicit ones, the DAE, projection, steps to saved times) and driven masses, which may leave the
+    shell, are left to :func:`jaxball.simulate` under ``vmap``.
+    """
     first = batch.template
-    method = _Method(first.solver, first.max_steps, first.step_to_times, first.dae, first.project, contact)
-    stacked = (padded.system, padded.times, padded.state, padded.rtol, padded.atol)
-    state, reached, status, steps, rejected, extremes = jax.tree.map(np.asarray, _run(method, stacked))
-    if getattr(first.system, "driven", ()):
-        status, reached = _escaped(stacked, state, reached, status, steps, rejected)
-    found = {"status": status, "steps": steps, "rejected": rejected, "reached": reached, **vars(state)}
-    if extremes is not None:
-        found |= {name: getattr(extremes, name) for name in CONTACT}
-    return {name: array[: batch.rows] for name, array in found.items()}
+    if not solved_in_lanes(first):
+        return solve_by_vmap(batch, wanted)
+    found = simulate_ensemble(
+        batch.system,
+        batch.times,
+        batch.state,
+        solver=SOLVERS[first.solver](),
+        rtol=batch.rtol,
+        atol=batch.atol,
+        max_steps=first.max_steps,
+        reductions=_reductions(batch, wanted),
+        block=min(wanted.most, BLOCK),
+        threads=wanted.threads,
+    )
+    trajectory = found.trajectory
+    rows = {name: np.asarray(getattr(trajectory, name)) for name in ("status", "steps", "rejected", "reached")}
+    return rows | jax.tree.map(np.asarray, vars(trajectory.state)) | jax.tree.map(np.asarray, found.reductions)
 
 
-def _run(method: _Method, stacked: Any) -> Any:
-    """The solves. Dense output has room for few steps at first, because it is a large array."""
-    for room in FEW_STEPS if method.contact else ():
-        if room < method.max_steps:
-            found = _program(method._replace(max_steps=room))(*stacked)
-            if int(np.max(found[3])) < room:
-                return found
-    return _program(method)(*stacked)
-
-
-@functools.cache
-def _program(method: _Method) -> Callable[..., Any]:
-    def one(system, times, state, rtol, atol):
-        trajectory = simulate(
-            system,
-            times,
-            state,
-            solver=SOLVERS[method.solver](),
-            rtol=rtol,
-            atol=atol,
-            max_steps=method.max_steps,
-            step_to_times=method.step_to_times,
-            dae=method.dae,
-            project=method.project,
-            dense=method.contact,
-        )
-        touches = method.contact and isinstance(system, Ball | Disk)
-        extremes = contact_extremes(trajectory) if touches else None
-        return (
-            trajectory.state,
-            trajectory.reached,
-            trajectory.status,
-            trajectory.steps,
-            trajectory.rejected,
-            extremes,
-        )
-
-    return jax.jit(jax.vmap(one))
-
-
-def _escaped(stacked, state, reached, status, steps, rejected) -> tuple[np.ndarray, np.ndarray]:
-    """Statuses and the times reached, where driven masses that left the shell are seen."""
-    system, times = stacked[:2]
-    marked = []
-    for k in range(len(status)):
-        rows = jax.tree.map(lambda leaf, k=k: leaf[k], (system, times, state, reached, status, steps, rejected))
-        marked.append(mark_escape(Trajectory(*jax.tree.map(jax.numpy.asarray, rows))))
-    return np.stack([np.asarray(x.status) for x in marked]), np.stack([np.asarray(x.reached) for x in marked])
+def _reductions(batch: Batch, wanted: Wanted) -> Mapping[str, AbstractReduction]:
+    touches = wanted.contact and isinstance(batch.template.system, Ball | Disk)
+    return (CONTACT if touches else {}) | {find.name: find.reduction() for find in wanted.finds}

@@ -8,10 +8,12 @@ import numpy as np
 
 from .batch import Engine
 from .chunk import compute
-from .engine import LANES, solve_in_lanes
+from .engine import solve_in_lanes
 from .outputs import outputs_of
 from .progress import duration
 from .study import Study
+
+TRIED = 512
 
 
 class Estimate(NamedTuple):
@@ -36,7 +38,7 @@ def estimate(study: Study, engine: Engine = solve_in_lanes) -> Estimate:
     template = study.template()
     outputs = outputs_of(study, template)
     size = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks
-    count = min(LANES, study.chunk)
+    count = min(TRIED, study.chunk)
     rows = np.unique(np.linspace(0, study.rows - 1, count).astype(int))
     compute(study, template, outputs, rows, engine)
     start = time.perf_counter()

@@ -59,6 +59,11 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
             found[name] = Output(
                 (*dimensions, *known.dimensions), (*saves, *shape), np.dtype(np.float64), known.units, known.meaning
             )
+    for find in study.finds:
+        for end in find.reduction().ends:
+            found[find.name + end] = _number(
+                "time" if end == "_time" else "", f"{find.name.replace('_', ' ')} of the run"
+            )
     for name in CONTACT if study.contact else ():
         units = "1" if name == "friction_needed" else "time" if name.endswith("_time") else "force"
         found[name] = _number(units, name.replace("_", " ") + " of the run")

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import jax
 
+from ..ensemble.threads import cores
 from .batch import Engine
 from .chunk import Task
 from .engine import solve_in_lanes
@@ -61,7 +62,7 @@ def sweep(
 
     - ``study``: from :func:`load_study`.
     - ``out``: the store, a path that ends in ``.zarr``; the table is beside it and ends in ``.parquet``.
-    - ``workers``: how many processes compute. One is this process.
+    - ``workers``: how many processes compute. One is this process, whose threads use every core; several share them.
     - ``executor``: instead of these, an executor in the style of ``concurrent.futures``, such as
       ``dask.distributed.Client(...).get_executor()``; its workers must see the folder of ``out``.
     - ``shard``: (k, n) computes the k-th of n parts, k from 1 on. The last to end makes the table.
@@ -83,7 +84,8 @@ def sweep(
         sum(len(study.rows_of(k)) for k in before),
         sum(len(study.rows_of(k)) for k in mine),
     )
-    tasks = (Task(study, store.folder, k, engine) for k in mine)
+    threads = max(1, cores() // workers) if executor is None else 1
+    tasks = (Task(study, store.folder, k, engine, threads) for k in mine)
     with asked_to_stop() as stop, _running(executor, min(workers, max(len(mine), 1))) as pool:
         try:
             ahead = TASKS_PER_WORKER * (workers if executor is None else _size(executor))

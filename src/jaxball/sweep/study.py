@@ -17,10 +17,12 @@ from ..scenario.table import Key, read_table
 from ..scenario.values import Choice, Flag, Integer, Nested, Text, key_error, shown
 from .axes import Axis, read_axis
 from .errors import StudyError
+from .finds import Find, read_finds
 from .numbers import check_number, with_numbers
 
 FORMAT = 1
-LARGEST_CHUNK = 1024
+LARGEST_CHUNK = 8192
+MOST_NUMBERS = 2**24  # in the states of a chunk
 SMALLEST_CHUNK = 16
 _AS_IT_IS = Nested(lambda value, path: value, lambda value, path: value, "a table, a name or a file")
 _KEYS = {
@@ -30,6 +32,7 @@ _KEYS = {
     "axes": Key(_AS_IT_IS),
     "save": Key(Choice(("end", "times")), "end"),
     "contact": Key(Flag(), False),
+    "find": Key(_AS_IT_IS, []),
     "chunk": Key(Integer(1, 2**20), None),
 }
 
@@ -45,6 +48,7 @@ class Study:
     - ``axes``: what changes; each axis has one or more paths of numbers in the document.
     - ``save``: "end" for the state at the end of each run, "times" for that at all of the scenario's save times.
     - ``contact``: whether to find the extremes of the contact force over each run, μ_min among them.
+    - ``finds``: what else to find of each run while it is computed.
     - ``chunk``: how many rows are solved and written together.
     """
 
@@ -53,6 +57,7 @@ class Study:
     axes: tuple[Axis, ...]
     save: str
     contact: bool
+    finds: tuple[Find, ...]
     chunk: int
 
     @property
@@ -109,7 +114,7 @@ class Study:
     def identity(self) -> dict[str, str]:
         """All that the results depend on, but for versions, as texts; files in it are known by their SHA-256."""
         axes = repr(self.axes)
-        kept = f"save = {self.save}, contact = {self.contact}, chunk = {self.chunk}"
+        kept = f"save = {self.save}, contact = {self.contact}, find = {self.finds}, chunk = {self.chunk}"
         return {"scenario": tomli_w.dumps(self.document), "axes": axes, "settings": kept}
 
 
@@ -149,8 +154,10 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     axes = tuple(read_axis(item, f"axes[{k}]", folder) for k, item in enumerate(found["axes"]))
     _check_paths(axes, scenario)
     rows = math.prod(axis.size for axis in axes)
-    chunk = _chunk_for(rows) if found["chunk"] is None else min(found["chunk"], rows)
-    return Study(found["title"], scenario, axes, found["save"], found["contact"], chunk)
+    saves = template.times.size if found["save"] == "times" else 1
+    chunk = _chunk_for(rows, saves) if found["chunk"] is None else min(found["chunk"], rows)
+    finds = read_finds(found["find"], template)
+    return Study(found["title"], scenario, axes, found["save"], found["contact"], finds, chunk)
 
 
 @functools.lru_cache(maxsize=4)
@@ -181,6 +188,7 @@ def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any]) -> None:
         seen.add(path)
 
 
-def _chunk_for(rows: int) -> int:
-    """Enough chunks to share among workers and to lose little, but not so many that their files are a burden."""
-    return min(max(SMALLEST_CHUNK, 1 << (rows // 64).bit_length()), LARGEST_CHUNK, rows)
+def _chunk_for(rows: int, saves: int) -> int:
+    """Enough chunks to share among workers and to lose little, but not so many that lanes and files are a burden."""
+    most = min(LARGEST_CHUNK, MOST_NUMBERS // (16 * saves))
+    return max(1, min(max(SMALLEST_CHUNK, 1 << (rows // 16).bit_length()), most, rows))

@@ -1,0 +1,107 @@
+"""The compiled program of a block of runs."""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..lanes import LaneProgram
+from ..packing import Packing
+from ..status import Status
+from ..step_size import by_tolerances, kinks_of, to_kinks
+from ..validity import possible_start
+from .control import Limits
+from .numbers import Prepared, axes, first
+from .reductions import AbstractReduction
+from .rows import Method, Rows, Solved, solve_rows
+from .runge_kutta import tableau_of
+from .watched import Watched
+
+
+class Settings(NamedTuple):
+    """What a program is compiled for. ``shared`` says which leaves of system and state all runs share."""
+
+    solver: diffrax.AbstractERK
+    max_steps: int
+    lanes: int
+    shared: tuple[bool, ...]
+    reductions: tuple[tuple[str, AbstractReduction], ...]
+
+
+@functools.cache
+def compiled(settings: Settings) -> Callable[..., Any]:
+    """The program: from (system, state), times, rtol and atol to the fields of a trajectory from ``state`` on, with the
+    runs as leading axis, what reductions report, and the steps of all lanes.
+    """
+    return jax.jit(functools.partial(_solve, settings))
+
+
+def _solve(settings: Settings, compact: Any, times: Array, rtol: Array, atol: Array) -> Any:
+    t0, t1 = times[:, 0], times[:, -1]
+    along = axes(compact, settings.shared)
+    system, state = compact
+    like, shared = first(compact, settings.shared), settings.shared[: len(jax.tree.leaves(system))]
+
+    def each(function: Callable[..., Any], *others: Array) -> Any:
+        return jax.vmap(function, in_axes=(*along, *(0 for _ in others)))(system, state, *others)
+
+    x = each(lambda system, state, t: Packing.of(system.prepare(), state).pack(t, state), t0)
+    startable = each(lambda system, state, t: possible_start(system, t, state), t0) & jnp.all(jnp.isfinite(x), axis=1)
+    kinks = each(lambda system, state, t: kinks_of(system), t0)
+    field = _field(like, system, shared, x)
+    watched = Watched.of(settings.solver, settings.reductions, like, system, shared, field, times, x)
+    solved = solve_rows(
+        Method(
+            field,
+            tableau_of(settings.solver),
+            settings.solver.error_order(diffrax.ODETerm(lambda t, y, args: y)),
+            lambda kinks, rtol, atol: to_kinks(by_tolerances(rtol, atol), kinks),
+            settings.max_steps,
+        ),
+        Rows(field.moving, t0, jnp.where(startable, t1, t0), x.T, Limits(kinks.T, rtol, atol), watched.given),
+        settings.lanes,
+        watched.observers,
+    )
+    status = _status(solved, startable, t1)
+    states = _states(solved.x.T, watched.saved(solved.observed), x, startable, status)
+    unpacked = each(
+        lambda system, state, times, states: jax.vmap(Packing.of(system.prepare(), state).unpack)(times, states),
+        times,
+        states,
+    )
+    reached = jnp.where(startable, jnp.minimum(solved.t, t1), t0)
+    reported = watched.reduced(solved.observed, field.moving, t0, x.T)
+    reported = {name: jnp.where(startable, value, jnp.nan) for name, value in reported.items()}
+    return unpacked, reached, status, solved.steps, solved.rejected, reported, solved.executed
+
+
+def _field(like: Any, system: Any, shared: tuple[bool, ...], x: Float[Array, "runs size"]) -> Prepared:
+    def field(system, t, x):
+        return Packing.of(system.prepare(), like[1]).field(t, x)
+
+    program = LaneProgram(field, like[0], np.zeros((), x.dtype), np.zeros(x.shape[1:], x.dtype))
+    return Prepared.of(program, system, shared, x.shape[0])
+
+
+def _status(solved: Solved, startable: Bool[Array, " runs"], t1: Float[Array, " runs"]) -> Int[Array, " runs"]:
+    status = jnp.where(solved.t < t1, Status.MAX_STEPS, Status.SUCCESS)
+    status = jnp.where(solved.finite, status, Status.NOT_FINITE)
+    return jnp.where(startable, status, Status.IMPOSSIBLE)
+
+
+def _states(
+    end: Float[Array, "runs size"],
+    between: Float[Array, "runs between size"],
+    x: Float[Array, "runs size"],
+    startable: Bool[Array, " runs"],
+    status: Int[Array, " runs"],
+) -> Float[Array, "runs times size"]:
+    """The vectors at all times; NaN at those to which a run did not come."""
+    end = jnp.where((status == Status.SUCCESS)[:, None], end, jnp.nan)
+    found = jnp.concatenate([x[:, None], between, end[:, None]], axis=1)
+    return jnp.where(startable[:, None, None], found, jnp.nan)

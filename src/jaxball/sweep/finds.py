@@ -1,0 +1,80 @@
+"""What a study finds of each run while it is computed."""
+
+import dataclasses
+import importlib
+from collections.abc import Mapping
+from typing import Any
+
+from ..body import Ball, Disk
+from ..ensemble import REDUCTIONS, AbstractReduction, Drift, Integral, Maximum, Minimum
+from ..ensemble.runge_kutta import fits
+from ..scenario import Scenario
+from ..scenario.solve import SOLVERS
+from ..scenario.table import Key, read_one_of
+from ..scenario.values import Text, key_error, shown
+from .errors import StudyError
+
+KINDS: Mapping[str, type[Any]] = {"maximum": Maximum, "minimum": Minimum, "integral": Integral, "drift": Drift}
+CHOICES = {kind: {"name": Key(Text()), kind: Key(Text())} for kind in KINDS}
+
+
+@dataclasses.dataclass(frozen=True)
+class Find:
+    """A reduction by name: one of ``jaxball.ensemble.REDUCTIONS``, or that of a function of a module."""
+
+    name: str
+    kind: str = ""
+    function: str = ""
+
+    def reduction(self) -> AbstractReduction:
+        """The reduction itself.
+
+        **Raises:** :class:`StudyError` when there is no such function.
+        """
+        if not self.kind:
+            return REDUCTIONS[self.name]
+        module, _, function = self.function.partition(":")
+        try:
+            return KINDS[self.kind](getattr(importlib.import_module(module), function))
+        except (ImportError, AttributeError, ValueError) as error:
+            raise StudyError(
+                f'Key `find` must name functions that can be imported as "module:function", but "{self.function}" '
+                f"cannot: {error}."
+            ) from None
+
+
+def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
+    """What the key `find` lists.
+
+    **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence, for what cannot be found of this scenario.
+    """
+    if not isinstance(values, list):
+        raise key_error("find", "a list of names and tables", shown(values))
+    finds = tuple(_read(item, f"find[{k}]", template) for k, item in enumerate(values))
+    names = [find.name for find in finds]
+    if len(set(names)) < len(names):
+        raise key_error("find", "a list of different names", shown(names))
+    if finds and not solved_in_lanes(template):
+        raise StudyError(
+            "Key `find` must be empty where runs are not computed in lanes, but it is not, and the scenario has an "
+            "implicit solver, driven masses, `dae`, `project` or `step_to_times`."
+        )
+    for find in finds:
+        find.reduction()
+    return finds
+
+
+def solved_in_lanes(template: Scenario) -> bool:
+    """Whether the rows of a study are computed in lanes."""
+    plain = template.step_to_times or template.dae or template.project or getattr(template.system, "driven", ())
+    return not plain and fits(SOLVERS[template.solver]())
+
+
+def _read(value: Any, path: str, template: Scenario) -> Find:
+    if isinstance(value, str):
+        if value not in REDUCTIONS or not isinstance(template.system, Ball | Disk):
+            known = ", ".join(REDUCTIONS) if isinstance(template.system, Ball | Disk) else "none for this system"
+            raise key_error(path, f"a table or a name that is known ({known})", shown(value))
+        return Find(value)
+    kind, found = read_one_of(value, path, CHOICES)
+    return Find(found["name"], kind, found[kind])

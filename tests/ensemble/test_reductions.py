@@ -1,0 +1,108 @@
+"""What is found of runs while they are computed is what their trajectories say afterwards."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxball import contact_extremes
+from jaxball.ensemble import REDUCTIONS, Drift, Integral, Maximum, Minimum, simulate_ensemble
+from jaxball.sampling import sampling
+
+from .test_runs import disks, single
+
+MASSES = np.linspace(0.5, 2.0, 5)
+SPAN = np.array([0.0, 11.3])
+
+
+def angle(system, t, state):
+    """φ, which rocks between −1 and 1."""
+    return state.phi
+
+
+def swing(system, t, state):
+    """φ̇ cos t, which has no closed integral that a rule could know."""
+    return state.phidot * jnp.cos(t)
+
+
+@pytest.fixture(scope="module")
+def found():
+    own = {"most": Maximum(angle), "least": Minimum(angle), "wave": Integral(swing), "apart": Drift(angle)}
+    system, state = disks(MASSES)
+    return simulate_ensemble(system, SPAN, state, reductions=REDUCTIONS | own).reductions
+
+
+@pytest.fixture(scope="module")
+def trajectories():
+    return [single(*disks(MASSES), k, times=SPAN, dense=True) for k in range(MASSES.size)]
+
+
+@pytest.mark.parametrize("name", ["least_normal_force", "friction_needed", "largest_friction"])
+def test_contact_is_that_of_single_runs(found, trajectories, name):
+    wanted = [contact_extremes(trajectory) for trajectory in trajectories]
+    np.testing.assert_allclose(found[name], [getattr(item, name) for item in wanted], rtol=1e-9)
+    for k, trajectory in enumerate(
+        trajectories
+    ):  # what is extreme occurs again and again, so that the time may be another
+        again = contact_extremes(
+            single(*disks(MASSES), k, times=[0.0, float(found[f"{name}_time"][k]) + 1e-4], dense=True)
+        )
+        np.testing.assert_allclose(getattr(again, name), getattr(contact_extremes(trajectory), name), rtol=1e-7)
+
+
+def test_extremes_lie_between_the_steps(found):
+    # A disk that rocks from rest at φ = 1 comes to rest at −1 and at 1 again: energy is constant.
+    np.testing.assert_allclose(found["most"], 1, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found["least"], -1, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found["apart"], 2, rtol=0, atol=1e-8)
+
+
+def test_energy_does_not_drift(found):
+    assert np.all(found["energy_drift"] < 1e-8)
+    assert np.all(found["energy_drift"] > 0)
+
+
+def test_integrals_are_those_of_the_trajectories(found, trajectories):
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    times = SPAN[1] / 2 * (nodes + 1)
+    for k, trajectory in enumerate(trajectories):
+        state = trajectory.at(times)
+        wanted = SPAN[1] / 2 * np.sum(weights * np.asarray(state.phidot) * np.cos(times))
+        np.testing.assert_allclose(found["wave"][k], wanted, rtol=0, atol=1e-8)
+        distance = SPAN[1] / 2 * np.sum(weights * np.abs(state.phidot))  # r = 1; |φ̇| has corners
+        np.testing.assert_allclose(found["distance"][k], distance, rtol=2e-2)
+
+
+def test_the_largest_angular_speed_is_that_at_the_bottom(found, trajectories):
+    for k, trajectory in enumerate(trajectories):
+        fine = np.abs(np.asarray(trajectory.at(np.linspace(*SPAN, 4001)).phidot)).max()
+        assert fine - 1e-7 <= found["largest_angular_speed"][k] < fine + 1e-6
+
+
+def test_a_run_that_cannot_start_finds_nothing():
+    system, state = disks(MASSES)
+    system.mass[1] = -1.0
+    found = simulate_ensemble(system, SPAN, state, reductions={"distance": REDUCTIONS["distance"]}).reductions
+    assert np.isnan(found["distance"][1])
+    assert np.all(np.isfinite(found["distance"][np.array([0, 2])]))
+
+
+def test_the_weights_of_the_rule():
+    from jaxball.ensemble.integrals import lobatto_weights
+
+    nodes = sampling().nodes
+    for power in range(8):
+        np.testing.assert_allclose(np.sum(lobatto_weights() * nodes**power), 1 / (power + 1), rtol=1e-14)
+
+
+def test_derivatives_of_reductions():
+    system, state = disks(MASSES)
+
+    def highest(scale):
+        scaled = jax.tree.map(lambda leaf: leaf * scale, state)
+        found = simulate_ensemble(system, SPAN, scaled, reductions={"most": Maximum(angle), "least": Minimum(angle)})
+        return found.reductions["most"], found.reductions["least"]
+
+    _, (most, least) = jax.jvp(highest, (jnp.ones(()),), (jnp.ones(()),))
+    np.testing.assert_allclose(most, 1, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(least, -1, rtol=0, atol=1e-6)

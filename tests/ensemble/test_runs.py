@@ -1,0 +1,147 @@
+"""Many runs are single runs, each of them, whatever their neighbours do."""
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxball import BallState, Disk, DiskState, Fixed, PointMass, Status, paper, simulate
+from jaxball.classical import FreeRigidBody
+from jaxball.ensemble import simulate_ensemble
+
+RUNS = 40
+TIMES = np.linspace(0.0, 5.0, 6)
+
+
+def stacked(items):
+    """Items of the same structure with a leading axis."""
+    return jax.tree.map(lambda *leaves: np.stack([np.asarray(leaf) for leaf in leaves]), *items)
+
+
+def disks(masses):
+    """Disks that rock on an eccentric mass, at rest at the start and turned by a radian."""
+    one = [Disk(mass=m, inertia=1.0, masses=[PointMass(1.0, Fixed((0.0, 0.0, -0.5)))]) for m in masses]
+    return stacked(one), stacked([DiskState(phi=1.0) for _ in masses])
+
+
+def single(system, state, k, times=TIMES, **settings):
+    """A run of the ensemble on its own."""
+    one = jax.tree.map(lambda leaf: jnp.asarray(leaf[k]), (system, state))
+    return simulate(one[0], times, one[1], **settings)
+
+
+def assert_same(found, k, wanted, bound):
+    """Whether run k is ``wanted``, step by step."""
+    one = jax.tree.map(lambda leaf: leaf[k], found.trajectory)
+    assert int(one.status) == int(wanted.status)
+    # An error that is its tolerance to the last bits may be kept here and rejected there.
+    assert abs(int(one.steps) - int(wanted.steps)) <= 1
+    assert abs(int(one.rejected) - int(wanted.rejected)) <= 1
+    for a, b in zip(jax.tree.leaves(one.state), jax.tree.leaves(wanted.state), strict=True):
+        np.testing.assert_allclose(a, b, rtol=0, atol=bound)
+
+
+@pytest.fixture(scope="module")
+def balls():
+    """The paper's ball, from other attitudes and with other masses."""
+    rng = np.random.default_rng(1)
+    ball = paper.ball()
+    system = jax.tree.map(lambda leaf: np.broadcast_to(np.asarray(leaf), (RUNS, *np.shape(leaf))), ball)
+    q = np.array([1.0, 0, 0, 0]) + 0.01 * rng.normal(size=(RUNS, 4))
+    states = [BallState(q=x / np.linalg.norm(x)) for x in q]
+    return system, stacked(states)
+
+
+def test_the_papers_ball(balls):
+    found = simulate_ensemble(balls[0], TIMES, balls[1], lanes=16)
+    assert found.trajectory.state.q.shape == (RUNS, TIMES.size, 4)
+    for k in (0, 17, RUNS - 1):
+        assert_same(found, k, single(*balls, k), 1e-11)
+
+
+@pytest.mark.parametrize("solver", [diffrax.Dopri8(), diffrax.Tsit5(), diffrax.Dopri5(), diffrax.Bosh3()])
+def test_every_method_steps_as_diffrax_does(solver):
+    system, state = disks(np.linspace(0.5, 2.0, 5))
+    found = simulate_ensemble(system, TIMES, state, solver=solver, rtol=1e-6, atol=1e-6)
+    for k in (0, 3):
+        assert_same(found, k, single(system, state, k, solver=solver, rtol=1e-6, atol=1e-6), 1e-12)
+
+
+def test_a_classical_system():
+    system = stacked([FreeRigidBody(inertia=(1.0, 2.0, 2.5 + k / 10)) for k in range(3)])
+    state = stacked([FreeRigidBody.state_type(Omega=(0.1, 1.0, 0.1))] * 3)
+    found = simulate_ensemble(system, TIMES, state)
+    # The first step's error is all rounding, and decides the length of the second; the solve itself is good to 6e-9.
+    assert_same(found, 1, single(system, state, 1), 2e-9)
+
+
+def test_runs_end_when_they_end_and_lanes_are_filled_again():
+    spans = 2.0 * 10 ** np.random.default_rng(0).uniform(0, 1, 1500)
+    system, state = disks(np.ones(spans.size))
+    times = np.stack([np.zeros_like(spans), 10 * spans], axis=1)
+    found = simulate_ensemble(system, times, state, lanes=32)
+    steps = found.trajectory.steps
+    assert steps.max() > 8 * steps.min()
+    assert found.efficiency > 0.85
+    assert np.all(found.trajectory.reached == times[:, 1])
+    assert_same(found, 700, single(system, state, 700, times=times[700]), 1e-11)
+
+
+def test_a_run_that_fails_harms_no_other():
+    masses = np.linspace(0.5, 2.0, 12)
+    good = simulate_ensemble(disks(masses)[0], TIMES, disks(masses)[1], lanes=4)
+    system, state = disks(masses)
+    system.mass[3], state.phi[5] = -1.0, np.nan
+    times = np.broadcast_to(TIMES, (12, TIMES.size)).copy()
+    times[8] *= 1000
+    found = simulate_ensemble(system, times, state, lanes=4, max_steps=200)
+    status = found.trajectory.status
+    assert [status[3], status[5], status[8]] == [Status.IMPOSSIBLE, Status.IMPOSSIBLE, Status.MAX_STEPS]
+    assert np.all(np.isnan(found.trajectory.state.phi[np.array([3, 5])]))
+    assert np.isnan(found.trajectory.state.phi[8, -1])
+    assert found.trajectory.reached[3] == 0
+    assert 0 < found.trajectory.reached[8] < 5000
+    others = np.array([k for k in range(12) if k not in (3, 5, 8)])
+    np.testing.assert_array_equal(found.trajectory.state.phi[others], good.trajectory.state.phi[others])
+
+
+def test_blocks_and_threads_change_nothing():
+    system, state = disks(np.linspace(0.5, 2.0, 37))
+    whole = simulate_ensemble(system, TIMES, state, lanes=8)
+    parts = simulate_ensemble(system, TIMES, state, lanes=8, block=16, threads=2)
+    np.testing.assert_allclose(whole.trajectory.state.phi, parts.trajectory.state.phi, rtol=0, atol=1e-14)
+
+
+def test_derivatives_are_those_of_single_runs():
+    masses = np.linspace(0.5, 2.0, 5)
+    system, state = disks(masses)
+
+    def many(m):
+        return simulate_ensemble(_with_mass(system, m), TIMES[[0, -1]], state).trajectory.state.phi[:, -1]
+
+    def one(m, k):
+        single_system = _with_mass(jax.tree.map(lambda leaf: jnp.asarray(leaf[k]), system), m)
+        return simulate(single_system, TIMES[[0, -1]], DiskState(phi=1.0), adjoint=diffrax.ForwardMode()).state.phi[-1]
+
+    _, found = jax.jvp(many, (jnp.asarray(masses),), (jnp.ones(5),))
+    wanted = [jax.jvp(lambda m, k=k: one(m, k), (jnp.asarray(masses[k]),), (jnp.ones(()),))[1] for k in (0, 4)]
+    np.testing.assert_allclose(found[jnp.array([0, 4])], jnp.stack(wanted), rtol=1e-9)
+
+
+def _with_mass(system, m):
+    return eqx.tree_at(lambda disk: disk.mass, system, m)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"solver": diffrax.Kvaerno5()}, "Argument `solver` must be an explicit Runge-Kutta method"),
+        ({"times": np.zeros((3, 2))}, "the same number of runs as leading axis"),
+    ],
+)
+def test_wrong_arguments_are_named(change, words):
+    system, state = disks(np.ones(2))
+    with pytest.raises((TypeError, ValueError), match=words):
+        simulate_ensemble(**{"system": system, "times": TIMES, "state": state} | change)

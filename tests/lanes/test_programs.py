@@ -1,0 +1,82 @@
+"""Programs on elements compute what the functions of arrays do."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxball.lanes import LaneProgram, elements_of
+
+LANES = 8
+
+
+def _products(p, x):
+    return p["A"] @ x, jnp.einsum("ij,jk->ik", p["A"], p["A"].T) @ x
+
+
+def _moves(p, x):
+    stacked = jnp.stack([x, 2 * x[::-1], jnp.roll(x, 1)])
+    return stacked.T[1], jnp.concatenate([x[1:], x[:1]]), stacked.reshape(-1)[::2], x[jnp.array([2, 0])]
+
+
+def _reductions(p, x):
+    return (
+        jnp.sum(p["A"] * x[None], axis=1),
+        jnp.max(x),
+        jnp.min(p["A"], axis=0),
+        jnp.prod(x),
+        jnp.where(jnp.all(x > 0), 1.0, 0.0),
+    )
+
+
+def _selections(p, x):
+    return jnp.where(x > 0, p["b"], x), jnp.clip(x, -0.5, 0.5), jnp.sign(x), x // 0.3
+
+
+def _loops(p, x):
+    powers = jax.lax.scan(lambda c, a: (c * x[0] + a, c), jnp.zeros(()), p["A"][0], reverse=True)
+    return *powers, jnp.polyval(p["A"][1], x[1]), jax.lax.fori_loop(0, 3, lambda i, y: y * x, x)
+
+
+def _whole_arrays(p, x):
+    size = jax.lax.cond(x[0] > 0, lambda: x[1], lambda: -x[1])
+    return jnp.linalg.solve(p["A"] + 4 * jnp.eye(3), x), jnp.sort(x), size, jnp.cumsum(x)
+
+
+def _known(p, x):
+    return jnp.eye(3) @ x, jnp.arange(3.0), p["b"] * 2, jnp.zeros(3) * x
+
+
+def _tangents(p, x):
+    return jax.jvp(lambda x: jnp.sin(x) * x[0] ** 3, (x,), (p["A"][0],))
+
+
+FUNCTIONS = [_products, _moves, _reductions, _selections, _loops, _whole_arrays, _known, _tangents]
+
+
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__[1:])
+def test_elements_give_what_arrays_give(function):
+    rng = np.random.default_rng(0)
+    p = {"A": jnp.asarray(rng.normal(size=(LANES, 3, 3))), "b": jnp.asarray(rng.normal(size=LANES))}
+    x = jnp.asarray(rng.normal(size=(LANES, 3)))
+    program = LaneProgram(function, jax.tree.map(lambda leaf: leaf[0], p), x[0])
+    lanes = elements_of(*(leaf.reshape(LANES, -1).T for leaf in jax.tree.leaves(p)))
+    found = program(program.prepare(lanes), elements_of(x.T))
+    wanted = [jnp.asarray(leaf, float).reshape(LANES, -1) for leaf in jax.tree.leaves(jax.vmap(function)(p, x))]
+    np.testing.assert_allclose(np.asarray(found, float), np.concatenate(wanted, axis=1).T, rtol=1e-12, atol=1e-13)
+
+
+def test_what_all_lanes_share_is_computed_once():
+    program = LaneProgram(lambda p, x: x * jnp.exp(p[0]) + p[1], jnp.zeros(2), jnp.zeros(()))
+    prepared = program.prepare([jnp.asarray(1.0), jnp.arange(4.0)])
+    assert sorted(item.ndim for item in prepared) == [0, 1]
+    np.testing.assert_allclose(program(prepared, [jnp.ones(4)])[0], np.e + np.arange(4.0), rtol=1e-15)
+
+
+def test_the_same_operation_is_done_once():
+    def function(p, x):
+        return x[0] * x[1] + x[1] * x[0] + jnp.zeros(())
+
+    program = LaneProgram(function, jnp.zeros(()), jnp.zeros(2))
+    jaxpr = jax.make_jaxpr(lambda x: program([], [x, x + 1]))(jnp.zeros(LANES))
+    assert sum(equation.primitive.name == "mul" for equation in jaxpr.jaxpr.eqns) == 1
