@@ -143,6 +143,7 @@ def test_law_that_carries_a_mass_out(folder, monkeypatch, capsys):
     assert set(np.genfromtxt(folder / "run.csv", delimiter=",", names=True)["status"]) == {5}
 
 
+@pytest.mark.slow
 def test_a_run_ends_where_more_friction_is_needed_than_there_is(folder, monkeypatch, capsys):
     """The paper's disk needs 0.295097 at t = 19.397."""
     monkeypatch.chdir(folder)

@@ -61,7 +61,15 @@ def test_the_papers_ball(balls):
         assert_same(found, k, single(*balls, k), 1e-11)
 
 
-@pytest.mark.parametrize("solver", [diffrax.Dopri8(), diffrax.Tsit5(), diffrax.Dopri5(), diffrax.Bosh3()])
+@pytest.mark.parametrize(
+    "solver",
+    [
+        diffrax.Tsit5(),
+        pytest.param(diffrax.Dopri8(), marks=pytest.mark.slow),
+        pytest.param(diffrax.Dopri5(), marks=pytest.mark.slow),
+        pytest.param(diffrax.Bosh3(), marks=pytest.mark.slow),
+    ],
+)
 def test_every_method_steps_as_diffrax_does(solver):
     system, state = disks(np.linspace(0.5, 2.0, 5))
     found = simulate_ensemble(system, TIMES, state, solver=solver, rtol=1e-6, atol=1e-6)

@@ -85,7 +85,7 @@ def test_the_estimate_of_a_million_rows(folder):
     found = estimate(study(folder, axes), pretend)
     size = 123 * 8192 * (8 + 8 + 1 + 4 + 4 + 8 + 3 * 8)  # bytes a row, in whole chunks
     assert found[:3] == (1_000_000, 123, size)
-    assert found.sentence(2).startswith("1,000,000 rows in 977 chunks, a store of 57 MB, about ")
+    assert found.sentence(2).startswith("1,000,000 rows in 123 chunks, a store of 57.4 MB, about ")
 
 
 def test_progress_is_rows_rate_time_to_go_and_failures():
