@@ -1,0 +1,59 @@
+"""What a study finds of each run while it is computed."""
+
+import numpy as np
+import pandas
+import pytest
+import xarray
+
+from jaxball.scenario import ScenarioError
+from jaxball.sweep import sweep
+from tests.scenario.documents import DISK
+from tests.sweep.studies import study
+
+
+def height(system, t, state):
+    """φ, as a function that a study can name."""
+    return state.phi
+
+
+OWN = '{ name = "furthest", maximum = "tests.sweep.test_finds:height" }'
+
+
+def test_what_is_found_stands_in_the_store_and_the_table(tmp_path):
+    found = study(tmp_path, settings=f'save = "times"\nfind = ["distance", {OWN}]')
+    sweep(found, tmp_path / "s.zarr")
+    data = xarray.open_zarr(tmp_path / "s.zarr")
+    assert data["furthest_time"].attrs["units"] == "time"
+    phi, z = data["phi"].values, data["z"].values
+    assert np.all(data["furthest"].values >= phi.max(axis=1) - 1e-9)
+    assert np.all(data["distance"].values >= np.abs(z - z[:, :1]).max(axis=1) - 1e-9)
+    table = pandas.read_parquet(tmp_path / "s.parquet")
+    np.testing.assert_array_equal(table["distance"], data["distance"])
+
+
+def test_the_distance_of_a_run_that_never_turns_is_how_far_it_came(tmp_path):
+    found = study(tmp_path, settings='find = ["distance"]', scenario=DISK)
+    sweep(found, tmp_path / "s.zarr")
+    data = xarray.open_zarr(tmp_path / "s.zarr")
+    assert np.all(data["distance"].values >= np.abs(data["z"].values) - 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("settings", "scenario", "words"),
+    [
+        ('find = ["distanse"]', DISK, "Key `find.0.` must be a table or a name that is known"),
+        ('find = "distance"', DISK, "Key `find` must be a list"),
+        ('find = ["distance", "distance"]', DISK, "Key `find` must be a list of different names"),
+        ('find = [{ name = "x", maximum = "no_such_module:f" }]', DISK, "cannot: No module named"),
+        ('find = [{ name = "x", maximum = "math" }]', DISK, "cannot"),
+        ('find = ["distance"]', DISK + '[solve]\nsolver = "radau5"\n', "an implicit solver"),
+    ],
+)
+def test_what_cannot_be_found_is_named(tmp_path, settings, scenario, words):
+    with pytest.raises(ScenarioError, match=words):
+        study(tmp_path, settings=settings, scenario=scenario)
+
+
+def test_a_study_that_finds_something_else_is_another_study(tmp_path):
+    one, other = study(tmp_path), study(tmp_path, settings='find = ["distance"]')
+    assert one.identity() != other.identity()
