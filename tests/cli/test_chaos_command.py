@@ -17,6 +17,7 @@ def environment(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_table_of_a_disk_and_its_figure(tmp_path, capsys):
     (tmp_path / "disk.toml").write_text(DISK)
     assert main(["chaos", "disk.toml", "--end", "8", "--transient", "2", "--plot", "means.png"]) == 0

@@ -126,6 +126,7 @@ def test_film_without_ffmpeg(folder, monkeypatch, capsys):
     assert "must end in .gif where ffmpeg is not installed" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_figures_and_film(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     (folder / "short.toml").write_text(DISK.replace("end = 2.0", "end = 0.2"))

@@ -95,6 +95,7 @@ def test_the_weights_of_the_rule():
         np.testing.assert_allclose(np.sum(lobatto_weights() * nodes**power), 1 / (power + 1), rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_derivatives_of_reductions():
     system, state = disks(MASSES)
 

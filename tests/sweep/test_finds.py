@@ -31,6 +31,7 @@ def test_what_is_found_stands_in_the_store_and_the_table(tmp_path):
     np.testing.assert_array_equal(table["distance"], data["distance"])
 
 
+@pytest.mark.slow
 def test_the_distance_of_a_run_that_never_turns_is_how_far_it_came(tmp_path):
     found = study(tmp_path, settings='find = ["distance"]', scenario=DISK)
     sweep(found, tmp_path / "s.zarr")

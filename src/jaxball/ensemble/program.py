@@ -75,7 +75,7 @@ def _solve(settings: Settings, compact: Any, times: Array, rtol: Array, atol: Ar
         states,
     )
     reached = jnp.where(startable, jnp.minimum(solved.t, t1), t0)
-    reported = watched.reduced(solved.observed, field.moving, t0, x.T)
+    reported = watched.reduced(solved.observed, field.moving, t0, x.T, settings.lanes)
     reported = {name: jnp.where(startable, value, jnp.nan) for name, value in reported.items()}
     return unpacked, reached, status, solved.steps, solved.rejected, reported, solved.executed
 

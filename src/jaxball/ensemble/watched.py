@@ -16,6 +16,7 @@ from .integrals import Integrals
 from .interpolation import interpolation
 from .numbers import Prepared
 from .observers import AbstractObserver
+from .parts import in_parts
 from .reductions import AbstractReduction, Found, Quantity
 from .runge_kutta import step, tableau_of
 from .saves import Saves
@@ -83,8 +84,9 @@ class Watched(NamedTuple):
         of_field: Float[Array, "numbers rows"],
         t0: Float[Array, " rows"],
         x: Float[Array, "size rows"],
+        lanes: int,
     ) -> dict[str, Float[Array, " rows"]]:
-        """What the reductions report, by name."""
+        """What the reductions report, by name; searches are made for ``lanes`` runs at a time."""
         if self.values is None:
             return {}
         start = integrals = jnp.full((len(self.quantities), t0.size), jnp.nan, t0.dtype)
@@ -93,7 +95,7 @@ class Watched(NamedTuple):
         best = iter(())
         for observer, seen, given in zip(self.observers, observed, self.given, strict=True):
             if isinstance(observer, Extremes):
-                found, times = observer.refined(seen, given, of_field)
+                found, times = in_parts(lambda part, of=observer: of.refined(*part), (seen, given, of_field), lanes)
                 signs = np.asarray(observer.signs)[:, None].astype(found.dtype)
                 best = zip(found * signs, times, strict=True)
             if isinstance(observer, Integrals):
