@@ -23,6 +23,12 @@ def test_beside_other_flags(flags):
     assert os.environ["XLA_FLAGS"].split() == ["--xla_dump_to=/nowhere", cpu.FLAG]
 
 
+def test_gradients_are_computed_without_the_fusion_that_spoils_them(flags):
+    assert cpu.prepare(gradients=True)
+    assert "fusion" not in os.environ["XLA_FLAGS"]
+    assert not cpu.prepare()
+
+
 def test_twice_is_once(flags):
     assert cpu.prepare()
     assert cpu.prepare()
