@@ -155,6 +155,7 @@ def end_of_switched_run(p, adjoint=None):
     return jaxball.simulate(ball, TIMES, adjoint=adjoint).state.z[-1]
 
 
+@pytest.mark.slow
 def test_the_time_at_which_a_force_jumps():
     """The field does jump here, and the derivative comes from the step that ends there."""
     p = jnp.asarray([0.7, 0.3])

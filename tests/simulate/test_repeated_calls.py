@@ -104,6 +104,7 @@ def test_dense_output_outside_the_run_is_nan(dense):
     np.testing.assert_array_equal(np.isnan(found.z[:, 0]), [True, False, False, True])
 
 
+@pytest.mark.slow
 def test_dense_output_between_is_a_solution(dense):
     """Against a run that steps to those times; interpolation costs a digit of the tolerance 1e-10."""
     between = np.array([0.0, 0.05, 0.33, 0.77, 1.91, 2.0])

@@ -107,6 +107,7 @@ class TestAdaptiveSteps:
         np.testing.assert_allclose(reached, 2.0 - 2.0 * np.log(2.0), atol=1e-4)
         assert abs(x) < 1e-4
 
+    @pytest.mark.slow
     def test_too_few_steps(self, solver):
         reached, _, sentence = failed(solver, "fast oscillation")
         assert TOO_MANY in sentence

@@ -81,6 +81,7 @@ class TestBatches:
                 assert steps == alone[1]
                 np.testing.assert_allclose(x, alone[0], rtol=1e-11)
 
+    @pytest.mark.slow
     def test_each_lane_has_its_own_algebraic_component(self):
         """(cos t, sin t) with |x| = 1 for the rate of the larger component, from different angles."""
         angles = np.array([0.1, 0.7, 2.0])
