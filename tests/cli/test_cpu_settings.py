@@ -23,6 +23,12 @@ def test_beside_other_flags(flags):
     assert os.environ["XLA_FLAGS"].split() == ["--xla_dump_to=/nowhere", cpu.FLAG]
 
 
+def test_no_fusion_that_spoils_derivatives(flags):
+    assert cpu.prepare(derivatives=True)
+    assert os.environ["XLA_FLAGS"] == "--xla_backend_extra_options=xla_cpu_small_while_loop_byte_threshold=100000000"
+    assert not cpu.prepare()
+
+
 def test_twice_is_once(flags):
     assert cpu.prepare()
     assert cpu.prepare()

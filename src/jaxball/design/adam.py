@@ -13,7 +13,7 @@ class Moments(NamedTuple):
 
     first: Float[np.ndarray, "starts n"]
     second: Float[np.ndarray, "starts n"]
-    count: np.ndarray
+    taken: np.ndarray
 
     @staticmethod
     def none(shape: tuple[int, ...]) -> "Moments":
@@ -23,9 +23,9 @@ class Moments(NamedTuple):
     def after(self, gradient: Float[np.ndarray, "starts n"]) -> "Moments":
         """With one gradient more."""
         first = FIRST * self.first + (1 - FIRST) * gradient
-        return Moments(first, SECOND * self.second + (1 - SECOND) * gradient**2, self.count + 1)
+        return Moments(first, SECOND * self.second + (1 - SECOND) * gradient**2, self.taken + 1)
 
     def step(self, rate: float) -> Float[np.ndarray, "starts n"]:
         """The step to take."""
-        first = self.first / (1 - FIRST**self.count)
-        return -rate * first / (np.sqrt(self.second / (1 - SECOND**self.count)) + TINY)
+        first = self.first / (1 - FIRST**self.taken)
+        return -rate * first / (np.sqrt(self.second / (1 - SECOND**self.taken)) + TINY)

@@ -28,7 +28,8 @@ class AbstractCurve(eqx.Module):
 class Sigmoid(AbstractCurve):
     """From ``origin`` over ``length`` along e1, and over ``height`` along e2 by a logistic function, half way at s = ½.
 
-    c = origin + (length s, height (σ(k (s − ½)) − σ(−k/2)) / (σ(k/2) − σ(−k/2))), σ(x) = 1 / (1 + exp(−x)), k = steepness.
+    c = origin + (length s, height (σ(k (s − ½)) − σ(−k/2)) / (σ(k/2) − σ(−k/2))) with σ(x) = 1 / (1 + exp(−x)) and
+    k = ``steepness``.
     """
 
     length: Float[Array, ""] = eqx.field(converter=to_array)

@@ -13,7 +13,7 @@ from . import bfgs
 from .adam import Moments
 from .errors import DesignError
 from .lagrangian import Multipliers, augmented_lagrangian, pushed_by
-from .problem import Evaluation, Problem, worst
+from .problem import Evaluation, Problem
 from .settings import Settings
 from .starts import starting_points
 from .state import Progress, Worth
@@ -25,12 +25,16 @@ GROWTH = 4.0
 
 
 class Looked(NamedTuple):
-    """The augmented Lagrangian of each start, its gradient, what it is made of, and the next multipliers."""
+    """The augmented Lagrangian of each start, its gradient, what it is made of, and the next multipliers.
+
+    ``violation`` is the largest of a start, margins included.
+    """
 
     value: Float[np.ndarray, " starts"]
     gradient: Float[np.ndarray, "starts n"]
     at: Evaluation
     pushed: Float[np.ndarray, "starts places"]
+    violation: Float[np.ndarray, " starts"]
 
 
 class Optimiser:
@@ -66,6 +70,14 @@ class Optimiser:
         """A few steps of Adam, or a round of the polish."""
         return self._descend(progress) if progress.phase == "adam" else self._polish(progress)
 
+    def tighten(self, progress: Progress, excess: Float[np.ndarray, " places"]) -> Progress:
+        """The polish begun anew with each place to be overfulfilled by ``excess`` more."""
+        value, penalty, margin, _ = progress.arrays
+        progress.phase, progress.step = "polish", 0
+        progress.z[0], progress.worth = progress.best, Worth()
+        progress.arrays = [value, penalty, margin + excess[None], np.full(len(penalty), np.inf)]
+        return progress
+
     def look(self, z: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Looked:
         """The augmented Lagrangian and its gradient at many designs."""
         return Looked(*jax.tree.map(np.asarray, self._look(jnp.asarray(z), jax.tree.map(jnp.asarray, multipliers))))
@@ -84,7 +96,8 @@ class Optimiser:
 
         def one(z, multipliers):
             (value, at), gradient = jax.value_and_grad(lagrangian, has_aux=True)(z, multipliers)
-            return value, gradient, at, pushed_by(at, multipliers)
+            violation = jnp.max(at.violations + multipliers.margin, initial=-jnp.inf)
+            return value, gradient, at, pushed_by(at, multipliers), violation
 
         return jax.jit(jax.vmap(one))
 
@@ -120,7 +133,7 @@ class Optimiser:
         found = bfgs.minimise(function, progress.z, settings.evaluations, settings.stationary)
         looked = self.look(found.z, multipliers)
         leader = self._offer(progress, found.z, looked)
-        violation = np.asarray([worst(c) for c in looked.at.violations])
+        violation = looked.violation
         wanted = np.maximum(ENOUGH * before, settings.tolerance)
         slow = np.isfinite(before) & ~(violation <= wanted)
         penalty = np.where(slow, GROWTH * multipliers.penalty, multipliers.penalty)
@@ -146,5 +159,5 @@ class Optimiser:
     def _worths(self, looked: Looked) -> list[Worth]:
         objective = looked.at.terms @ self.problem.weights
         gradient = np.max(np.abs(looked.gradient), axis=1, initial=0.0)
-        rows = zip(objective, looked.at.violations, gradient, strict=True)
-        return [Worth(float(f), worst(c), float(g)) for f, c, g in rows]
+        rows = zip(objective, looked.violation, gradient, strict=True)
+        return [Worth(*map(float, row)) for row in rows]

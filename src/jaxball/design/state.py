@@ -42,7 +42,7 @@ class Progress:
     z: Float[np.ndarray, "starts n"]
     arrays: list[np.ndarray]
     best: Float[np.ndarray, " n"]
-    worth: Worth = Worth()
+    worth: Worth = dataclasses.field(default_factory=Worth)
     history: list[tuple[float, ...]] = dataclasses.field(default_factory=list)
 
     def offer(self, z: Float[np.ndarray, "starts n"], worths: list[Worth], tolerance: float) -> Worth:

@@ -11,7 +11,7 @@ from ..run import Run
 
 
 class AbstractObjective(eqx.Module):
-    """A number that a design makes small. It is dimensionless: lengths in radii, forces in weights M g, times in √(r/g).
+    """A number that a design makes small, dimensionless: lengths in radii r, forces in weights M g, times in √(r/g).
 
     ``weight`` multiplies it in the sum of objectives; it can change without compiling anew.
     """

@@ -37,7 +37,7 @@ class StopAtRest(AbstractObjective):
 
 
 class Balanced(AbstractObjective):
-    """Of the system's centre of mass at the end, the horizontal distance from the geometric centre, squared, over r²."""
+    """The squared horizontal distance of the system's centre of mass from the geometric centre at the end, over r²."""
 
     def __call__(self, run: Run):
         return jnp.sum(run.observables.centre_of_mass_space[-1, :2] ** 2) / run.length**2
