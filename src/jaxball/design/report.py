@@ -18,6 +18,8 @@ from .objectives import AvoidObstacles, FollowCurve, FollowTrajectory
 from .run import Run
 
 ON_A_CURVE = 400
+# Less is rounding, of which there is nothing to draw.
+SMALLEST_FRICTION = 1e-9
 
 
 def write_report(design: Design, title: str, folder: Path) -> Path:
@@ -115,10 +117,13 @@ def _figures(design: Design, after: Trajectory, folder: Path) -> list[str]:
         "path": plot.designed_path(_path(before), _path(after), *_wanted(design)),
         "rails": plot.configuration(after),
         "contact": plot.contact_force(after),
-        "friction": plot.friction_ratio(after),
         "convergence": plot.convergence(*history[:, 2:].T),
-        "angles": plot.rail_angles(np.asarray(after.times), np.asarray(jax.jit(lambda: run.on_rails.theta)())),
     }
+    if float(after.friction_needed) > SMALLEST_FRICTION:
+        axes["friction"] = plot.friction_ratio(after)
+    if after.system.n_masses:
+        theta = np.asarray(jax.jit(lambda: run.on_rails.theta)())
+        axes["angles"] = plot.rail_angles(np.asarray(after.times), theta)
     for name, ax in axes.items():
         with replacing(folder / f"{name}.png") as beside:
             ax.figure.savefig(beside, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
