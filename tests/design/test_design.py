@@ -1,4 +1,4 @@
-"""A whole design whose optimum is known: a uniform ball, z = r t (Ω2, −Ω1), that is to come as near as it may to a place.
+"""A whole design whose optimum is known: a uniform ball, z = r t (Ω2, −Ω1), comes as near as it may to a place.
 
 The place is at (2, 0.5), and the ball may not pass e1 = 1.5: it ends at (1.5, 0.5), ½ away.
 """
@@ -12,6 +12,7 @@ import pytest
 
 import jaxball
 from jaxball import cli, design
+from jaxball.design.report import write_report
 
 PROBLEM = """
 format = 1
@@ -58,11 +59,20 @@ def problem():
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Where the command has put its result."""
-    path = tmp_path_factory.mktemp("design")
-    (path / "problem.toml").write_text(PROBLEM)
-    assert cli.main(["design", str(path / "problem.toml"), "--out", str(path / "out"), "--quiet"]) == 0
-    return path / "out"
+    """Where a design and its report are."""
+    path, found = tmp_path_factory.mktemp("design"), problem()
+    done = design.design(found.problem, found.settings, path, identity=found.identity)
+    assert done.feasible
+    write_report(done, found.title, path)
+    return path
+
+
+@pytest.mark.slow
+def test_the_command_writes_the_same(folder, tmp_path):
+    (tmp_path / "problem.toml").write_text(PROBLEM)
+    assert cli.main(["design", str(tmp_path / "problem.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    for name in ("design.toml", "report.md"):
+        assert (tmp_path / "out" / name).read_text() == (folder / name).read_text()
 
 
 def test_the_optimum_on_a_constraint(folder):
@@ -80,10 +90,11 @@ def test_the_report_has_figures_and_numbers(folder):
         assert (folder / f"{name}.png").exists()
 
 
+@pytest.mark.slow
 def test_a_search_that_was_stopped_goes_on_where_it_was(folder, tmp_path):
     """Stopped after two reports, it ends where it would have ended."""
 
-    class Stopped(Exception):
+    class StoppedError(Exception):
         pass
 
     lines = []
@@ -91,10 +102,10 @@ def test_a_search_that_was_stopped_goes_on_where_it_was(folder, tmp_path):
     def say(line):
         lines.append(line)
         if len(lines) == 4:
-            raise Stopped
+            raise StoppedError
 
     found = problem()
-    with pytest.raises(Stopped):
+    with pytest.raises(StoppedError):
         design.design(found.problem, found.settings, tmp_path, identity=found.identity, say=say)
     kept = jaxball.load_scenario(tmp_path / "design.toml")
     assert np.all(np.isfinite(kept.state.Omega))

@@ -25,9 +25,9 @@ def add(commands) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     # Imported here, because the other commands have no use for it.
-    from ..design.search import PROGRESS, SCENARIO, design
     from ..design.files import load_problem
     from ..design.report import write_report
+    from ..design.search import PROGRESS, SCENARIO, design
 
     found = load_problem(options.problem)
     if options.out.exists() and not options.out.is_dir():

@@ -1,7 +1,9 @@
 """System identification: the parameters of a ball from its recorded path, by Gauss–Newton, with their uncertainties."""
 
 import dataclasses
+from collections.abc import Callable
 from statistics import NormalDist
+from typing import Any
 
 import diffrax
 import jax
@@ -54,7 +56,7 @@ class Identification:
     def alike(self) -> list[tuple[str, ...]]:
         """Sets of parameters that the path cannot tell apart; a single one is one of which it says nothing."""
         found = []
-        for combination in np.concatenate([self.unseen, self.uncertain]):
+        for combination in [*self.unseen, *self.uncertain]:
             large = np.abs(combination) > 0.1 * np.max(np.abs(combination))
             found.append(tuple(name for name, part in zip(self.names, large, strict=True) if part))
         return found
@@ -65,8 +67,8 @@ class Identification:
             for name, value, error in zip(self.names, self.estimates, self.deviations, strict=True)
         ]
         for names in self.alike:
-            told = f"cannot tell apart {' and '.join(names)}" if len(names) > 1 else f"says nothing of {names[0]}"
-            rows.append(f"  the path {told}")
+            told = "says nothing of" if len(names) == 1 else "cannot tell apart"
+            rows.append(f"  the path {told} {' and '.join(names)}")
         return "\n".join([f"noise {self.noise:.3g}", *rows])
 
 
@@ -90,7 +92,9 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T 2"]) -> Identificati
     z = space.start
     r, J = look(z)
     if not np.all(np.isfinite(r)):
-        raise DesignError("The scenario must be simulated to its end at the start of the identification, but it is not.")
+        raise DesignError(
+            "The scenario must be simulated to its end at the start of the identification, but it is not."
+        )
     damping, converged = DAMPING, False
     for _ in range(STEPS):
         normal, gradient = J.T @ J, J.T @ r
@@ -108,7 +112,8 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T 2"]) -> Identificati
     return _found(space, z, r, J, converged)
 
 
-def _residuals(space: DesignSpace, path: Float[np.ndarray, "T 2"]):
+def _residuals(space: DesignSpace, path: Float[np.ndarray, "T 2"]) -> Callable[[np.ndarray], tuple[Any, Any]]:
+    """The residuals at z and their Jacobian."""
     scenario = space.scenario
     adjoint = diffrax.ForwardMode()
     solve = Solve(SOLVERS[scenario.solver](), scenario.rtol, scenario.atol, scenario.max_steps, adjoint)
@@ -117,11 +122,16 @@ def _residuals(space: DesignSpace, path: Float[np.ndarray, "T 2"]):
         return jnp.ravel(run_of(space.candidate(z), solve).z - jnp.asarray(path))
 
     both = jax.jit(lambda z: (residual(z), jax.jacfwd(residual)(z)))
-    return lambda z: tuple(np.asarray(x) for x in both(jnp.asarray(z)))
+
+    def look(z: np.ndarray) -> tuple[Any, Any]:
+        r, J = both(jnp.asarray(z))
+        return np.asarray(r), np.asarray(J)
+
+    return look
 
 
 def _found(space: DesignSpace, z: np.ndarray, r: np.ndarray, J: np.ndarray, converged: bool) -> Identification:
-    U, s, Vt = np.linalg.svd(J, full_matrices=False)
+    _, s, Vt = np.linalg.svd(J, full_matrices=False)
     seen = s > UNSEEN * s[0]
     rows = int(np.sum(np.any(np.abs(J.reshape(-1, 2, len(z))) > 0, axis=(0, 2)))) * len(r) // 2
     noise = float(np.sqrt(r @ r / max(rows - int(np.sum(seen)), 1)))
@@ -130,7 +140,7 @@ def _found(space: DesignSpace, z: np.ndarray, r: np.ndarray, J: np.ndarray, conv
     x, slopes = (np.asarray(a) for a in numbers(jnp.asarray(z)))
     slope = np.diag(slopes)
     deviations = np.abs(slope) * np.sqrt(np.diag(covariance))
-    lost = np.any(np.abs(Vt[~seen]) > 1e-3, axis=0)
+    lost = np.asarray(np.any(np.abs(Vt[~seen]) > 1e-3, axis=0))
     size = np.sqrt(np.where(np.diag(covariance) > 0, np.diag(covariance), 1.0))
     correlations = covariance / size[:, None] / size[None]
     correlations = np.where(lost[:, None] | lost[None], np.eye(len(z)), correlations)

@@ -80,26 +80,15 @@ class Optimiser:
 
     def look(self, z: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Looked:
         """The augmented Lagrangian and its gradient at many designs."""
-        return Looked(*jax.tree.map(np.asarray, self._look(jnp.asarray(z), jax.tree.map(jnp.asarray, multipliers))))
+        return Looked(
+            *jax.tree.map(np.asarray, looked_at(self.problem)(jnp.asarray(z), jax.tree.map(jnp.asarray, multipliers)))
+        )
 
     def penalised(self) -> Multipliers:
         """No multipliers, and the first penalty, for all starts."""
         starts = self.settings.starts
         nothing = np.zeros((starts, self.problem.shares.size))
         return Multipliers(nothing, np.full(starts, self.settings.penalty), nothing)
-
-    @functools.cached_property
-    def _look(self) -> Callable[..., Any]:
-        def lagrangian(z: Float[Array, " n"], multipliers: Multipliers):
-            at = self.problem.evaluate(z)
-            return augmented_lagrangian(self.problem, at, multipliers), at
-
-        def one(z, multipliers):
-            (value, at), gradient = jax.value_and_grad(lagrangian, has_aux=True)(z, multipliers)
-            violation = jnp.max(at.violations + multipliers.margin, initial=-jnp.inf)
-            return value, gradient, at, pushed_by(at, multipliers), violation
-
-        return jax.jit(jax.vmap(one))
 
     def _descend(self, progress: Progress) -> Progress:
         z, before = progress.z, progress.z
@@ -161,3 +150,19 @@ class Optimiser:
         gradient = np.max(np.abs(looked.gradient), axis=1, initial=0.0)
         rows = zip(objective, looked.violation, gradient, strict=True)
         return [Worth(*map(float, row)) for row in rows]
+
+
+@functools.lru_cache(maxsize=8)
+def looked_at(problem: Problem) -> Callable[..., Any]:
+    """What :meth:`Optimiser.look` finds, compiled once for a problem and a number of starts."""
+
+    def lagrangian(z: Float[Array, " n"], multipliers: Multipliers):
+        at = problem.evaluate(z)
+        return augmented_lagrangian(problem, at, multipliers), at
+
+    def one(z: Float[Array, " n"], multipliers: Multipliers):
+        (value, at), gradient = jax.value_and_grad(lagrangian, has_aux=True)(z, multipliers)
+        violation = jnp.max(at.violations + multipliers.margin, initial=-jnp.inf)
+        return value, gradient, at, pushed_by(at, multipliers), violation
+
+    return jax.jit(jax.vmap(one))

@@ -1,6 +1,7 @@
 """The report of a design: all its numbers in Markdown, and figures."""
 
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,9 +14,9 @@ from ..results import replacing
 from ..scenario import ScenarioError
 from ..trajectory import Trajectory
 from .constraints import ClearOfObstacles
-from .search import SCENARIO, Design
 from .objectives import AvoidObstacles, FollowCurve, FollowTrajectory
 from .run import Run
+from .search import SCENARIO, Design
 
 ON_A_CURVE = 400
 # Less is rounding, of which there is nothing to draw.
@@ -73,9 +74,12 @@ def _objectives(design: Design) -> list[str]:
 def _constraints(design: Design) -> list[str]:
     if not design.problem.constraints:
         return ["There are no constraints but bounds."]
-    before = design.problem.by_constraint(design.before.violations)
-    shaken = [design.problem.by_constraint(row) for row in design.perturbed.violations]
-    rows = ["| largest violation | before | after | verified, between samples too | perturbed, worst |", "|" + "---|" * 5]
+    before = design.problem.by_constraint(np.asarray(design.before.violations))
+    shaken = [design.problem.by_constraint(np.asarray(row)) for row in design.perturbed.violations]
+    rows = [
+        "| largest violation | before | after | verified, between samples too | perturbed, worst |",
+        "|" + "---|" * 5,
+    ]
     for name, (coarse, fine) in design.verified.violations.items():
         worst = max(float(np.max(one[name])) for one in shaken)
         rows.append(f"| {name} | {np.max(before[name]):.3e} | {coarse:.3e} | {fine:.3e} | {worst:.3e} |")
@@ -95,20 +99,21 @@ def _variables(design: Design) -> list[str]:
 def _checks(design: Design) -> list[str]:
     seen, found = design.verified, design.check
     lines = [
-        f"Simulated again by {seen.solver} at the tolerance {seen.rtol:.0e}, the path is {seen.apart:.1e} radii away at "
-        f"most. Perturbed are {len(design.perturbed.terms)} balls with masses off by 1 % and centres of mass by 1 % of the "
-        "radius.",
+        f"Simulated again by {seen.solver} at the tolerance {seen.rtol:.0e}, the path is {seen.apart:.1e} radii "
+        f"away at most. Perturbed are {len(design.perturbed.terms)} balls with masses off by 1 % and centres of mass "
+        "by 1 % of the radius.",
     ]
-    if found is not None:
-        lines += ["", "The gradient at the start, along a random direction, relative to its length:", "", "```", str(found), "```"]
-    return lines
+    if found is None:
+        return lines
+    words = "The gradient at the start, along a random direction, relative to its length:"
+    return [*lines, "", words, "", "```", str(found), "```"]
 
 
 def _contact(after: Trajectory) -> list[str]:
     return [f"Along the run: {'; '.join(str(contact_extremes(after)).splitlines())}."]
 
 
-def _figures(design: Design, after: Trajectory, folder: Path) -> list[str]:
+def _figures(design: Design, after: Trajectory[Any, Any], folder: Path) -> list[str]:
     space = design.problem.space
     before = space.scenario_of(np.asarray(space.numbers(jnp.asarray(space.start)))).simulate()
     history = np.asarray(design.progress.history)
@@ -130,7 +135,7 @@ def _figures(design: Design, after: Trajectory, folder: Path) -> list[str]:
     return [f"![{name}]({name}.png)" for name in axes]
 
 
-def _path(trajectory: Trajectory) -> np.ndarray:
+def _path(trajectory: Trajectory[Any, Any]) -> np.ndarray:
     return np.asarray(trajectory.state.in_space().z)
 
 
