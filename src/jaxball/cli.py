@@ -1,4 +1,5 @@
-"""The command line: ``jaxball scenarios``, ``simulate``, ``chaos``, ``verify``, ``sweep``, ``reproduce``, ``bench``."""
+"""The command line: ``jaxball scenarios``, ``simulate``, ``chaos``, ``verify``, ``sweep``, ``design``,
+``reproduce``, ``bench``."""
 
 import argparse
 import dataclasses
@@ -15,7 +16,7 @@ import numpy as np
 
 from . import cpu
 from .classical import AbstractClassicalSystem
-from .commands import chaos, sweep, verify
+from .commands import chaos, design, sweep, verify
 from .commands.options import BAD_INPUT, FAILED_SOLVE, INTERRUPTED, positive
 from .events import AbstractEvent, Detachment, Slip
 from .extremes import contact_extremes
@@ -42,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     0, 1 for a run that is not to be believed, 2 for bad input, 3 for a solve that failed, 130 for Ctrl-C.
     """
     options = _parser().parse_args(arguments)
-    cpu.prepare()
+    cpu.prepare(gradients=options.gradients)
     jax.config.update("jax_enable_x64", True)
     try:
         return options.run(options)
@@ -57,12 +58,14 @@ def _parser() -> argparse.ArgumentParser:
         description="Simulates a rolling ball or disk driven by point masses moving inside it.",
     )
     parser.add_argument("--version", action="version", version=f"jaxball {importlib.metadata.version('jaxball')}")
+    parser.set_defaults(gradients=False)
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_scenarios(commands)
     _add_simulate(commands)
     chaos.add(commands)
     verify.add(commands)
     sweep.add(commands)
+    design.add(commands)
     _add_reproduce(commands)
     _add_bench(commands)
     return parser

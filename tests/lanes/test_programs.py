@@ -51,7 +51,44 @@ def _tangents(p, x):
     return jax.jvp(lambda x: jnp.sin(x) * x[0] ** 3, (x,), (p["A"][0],))
 
 
-FUNCTIONS = [_products, _moves, _reductions, _selections, _loops, _whole_arrays, _known, _tangents]
+@jax.custom_jvp
+def _floor(x):
+    return jnp.floor(x)
+
+
+@_floor.defjvp
+def _floor_jvp(primals, tangents):
+    return _floor(*primals), 2 * tangents[0]
+
+
+@jax.custom_vjp
+def _clipped(x):
+    return jnp.clip(x, -0.1, 0.1)
+
+
+_clipped.defvjp(lambda x: (_clipped(x), None), lambda _, cotangent: (3 * cotangent,))
+
+
+def _own_rules(p, x):
+    return _floor(10 * x), p["b"] * jax.nn.relu(x[:2] * x[1]), _clipped(x[0])
+
+
+def _nothing(p, x):
+    return jnp.sum(x[:0]), jnp.concatenate([x[:0], p["b"][None]]), x[None, :0].sum(axis=1) + x[0], jnp.sort(x[:0])
+
+
+FUNCTIONS = [
+    _products,
+    _moves,
+    _reductions,
+    _selections,
+    _loops,
+    _whole_arrays,
+    _known,
+    _tangents,
+    _own_rules,
+    _nothing,
+]
 
 
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__[1:])
@@ -64,6 +101,24 @@ def test_elements_give_what_arrays_give(function):
     found = program(program.prepare(lanes), elements_of(x.T))
     wanted = [jnp.asarray(leaf, float).reshape(LANES, -1) for leaf in jax.tree.leaves(jax.vmap(function)(p, x))]
     np.testing.assert_allclose(np.asarray(found, float), np.concatenate(wanted, axis=1).T, rtol=1e-12, atol=1e-13)
+
+
+def _held(x):
+    return jax.lax.stop_gradient(x) * x, jax.nn.relu(x - x), _floor(x) ** 2
+
+
+def test_derivatives_are_those_of_the_function():
+    x = jnp.linspace(-1.0, 1.5, LANES)
+    program = LaneProgram(lambda p, x: _held(x), (), x[0])
+    found = jax.jvp(lambda x: program([], [x]), (x,), (jnp.ones_like(x),))[1]
+    wanted = jax.vmap(lambda x: jnp.stack(jax.jvp(_held, (x,), (jnp.ones(()),))[1]))(x)
+    np.testing.assert_allclose(found, wanted.T, rtol=1e-15)
+    np.testing.assert_allclose(found[0], x)
+
+
+def test_derivatives_backwards_keep_their_own_rules():
+    program = LaneProgram(lambda p, x: _clipped(x), (), jnp.zeros(()))
+    np.testing.assert_array_equal(jax.grad(lambda x: jnp.sum(program([], [x])))(jnp.ones(LANES)), np.full(LANES, 3.0))
 
 
 def test_what_all_lanes_share_is_computed_once():

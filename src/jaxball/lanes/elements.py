@@ -6,6 +6,7 @@ then, and what is known at once (unit matrices, tangents that are zero) is carri
 
 import functools
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -29,6 +30,8 @@ ELEMENTWISE = frozenset({
     "stop_gradient", "sub", "tan", "tanh", "xor",
 })
 # fmt: on
+# Whose rules of derivatives are what follows from their operations, only shorter.
+INLINED = frozenset({"sine_cosine"})
 REDUCTIONS: Mapping[str, Any] = {
     "reduce_sum": lax.add_p,
     "reduce_max": lax.max_p,
@@ -57,7 +60,7 @@ def evaluated(graph: Graph, program: ClosedJaxpr, inputs: Sequence[Elements]) ->
 def _equation(graph: Graph, equation: Any, operands: list[Elements]) -> Sequence[Elements]:
     name, params = equation.primitive.name, equation.params
     inner = params.get("jaxpr", params.get("call_jaxpr"))
-    if isinstance(inner, ClosedJaxpr) and name != "scan":
+    if isinstance(inner, ClosedJaxpr) and name != "scan" and not _has_own_rule(equation):
         return evaluated(graph, inner, operands)
     if all(map(_known, operands)):
         return _at_once(equation, operands)
@@ -74,8 +77,15 @@ def _equation(graph: Graph, equation: Any, operands: list[Elements]) -> Sequence
     return _as_arrays(graph, equation, operands)
 
 
+def _has_own_rule(equation: Any) -> bool:
+    """Whether its derivatives are not those of its operations, so that it must be kept whole."""
+    custom = equation.primitive.name.startswith(("custom_jvp_call", "custom_vjp_call"))
+    return custom and equation.params["call_jaxpr"].jaxpr.debug_info.func_src_info.split()[0] not in INLINED
+
+
 def _known(x: Elements) -> bool:
-    return x.dtype != object
+    """Whether all numbers are known at once; there may be none."""
+    return x.dtype != object or x.size == 0
 
 
 def as_objects(x: Elements) -> Elements:
@@ -84,8 +94,12 @@ def as_objects(x: Elements) -> Elements:
 
 
 def _at_once(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
+    arrays = [
+        jnp.zeros(x.shape, v.aval.dtype) if x.dtype == object else jnp.asarray(x)
+        for x, v in zip(operands, equation.invars, strict=True)
+    ]
     with jax.ensure_compile_time_eval():
-        found = equation.primitive.bind(*map(jnp.asarray, operands), **equation.params)
+        found = _function(equation)(*arrays)
     return [np.asarray(x) for x in (found if equation.primitive.multiple_results else [found])]
 
 
@@ -110,10 +124,7 @@ def _reduced(graph: Graph, primitive: Any, axes: Sequence[int], x: Elements) -> 
     rows = x.transpose([*rest, *axes]).reshape([*(x.shape[axis] for axis in rest), -1])
     found = np.empty(rows.shape[:-1], dtype=object)
     for index in np.ndindex(*found.shape):
-        value = rows[index][0]
-        for item in rows[index][1:]:
-            value = graph.operation(primitive, {}, (value, item), value.dtype)
-        found[index] = value
+        found[index] = functools.reduce(lambda x, y: graph.operation(primitive, {}, (x, y), x.dtype), rows[index])
     return found
 
 
@@ -213,24 +224,20 @@ def _as_arrays(graph: Graph, equation: Any, operands: Sequence[Elements]) -> lis
     """Any other operation, on arrays again, with the lanes as batch."""
     shapes = [x.shape for x in operands]
     dtypes = [variable.aval.dtype for variable in equation.invars]
-    flat = [item for x, dtype in zip(operands, dtypes, strict=True) for item in as_objects(x).reshape(-1)]
-    sizes = np.cumsum([x.size for x in operands])[:-1]
+    ends = np.cumsum([x.size for x in operands]).tolist()
 
     def whole(*numbers):
         lanes = numbers[0].shape
-        parts = [list(part) for part in np.split(np.arange(len(numbers)), sizes)]
         arrays = [
-            jnp.stack([numbers[k] for k in part], axis=-1).reshape(*lanes, *shape)
-            if part
+            jnp.stack(numbers[end - math.prod(shape) : end], axis=-1).reshape(*lanes, *shape)
+            if math.prod(shape)
             else jnp.zeros((*lanes, *shape), dtype)
-            for part, shape, dtype in zip(parts, shapes, dtypes, strict=True)
+            for end, shape, dtype in zip(ends, shapes, dtypes, strict=True)
         ]
-        bind = lambda *x: equation.primitive.bind(*x, **equation.params)  # noqa: E731
-        for _ in lanes:
-            bind = jax.vmap(bind)
-        found = bind(*arrays)
+        found = functools.reduce(lambda f, _: jax.vmap(f), lanes, _function(equation))(*arrays)
         return tuple(found) if equation.primitive.multiple_results else (found,)
 
+    flat = [item for x in operands for item in as_objects(x).reshape(-1)]
     call = graph.node(object(), whole, flat, np.dtype(object))
     return [
         _each(
@@ -240,6 +247,13 @@ def _as_arrays(graph: Graph, equation: Any, operands: Sequence[Elements]) -> lis
         )
         for k, variable in enumerate(equation.outvars)
     ]
+
+
+def _function(equation: Any) -> Callable[..., Any]:
+    """What an equation computes, with its own rules of derivatives; releases of JAX keep these in two ways."""
+    found = equation.primitive.get_bind_params(equation.params)
+    functions, params = ((), found) if isinstance(found, Mapping) else found
+    return functools.partial(equation.primitive.bind, *functions, **params)
 
 
 def _indices(shape: tuple[int, ...]) -> Elements:

@@ -88,7 +88,7 @@ def _simpler(name: str, operands: Sequence[Any]) -> Any:
         return operands[0]
     if name == "select_n" and known[0] is not None:
         return operands[1 + int(known[0])]
-    if name in ("copy", "copy_p", "stop_gradient"):
+    if name in ("copy", "copy_p"):
         return operands[0]
     return None
 

@@ -9,6 +9,7 @@ from .animation import animate as animate
 from .chaos import chaos_chart as chaos_chart, lyapunov_convergence as lyapunov_convergence
 from .classical import classical_motion as classical_motion, law_errors as law_errors
 from .configuration import configuration as configuration
+from .designs import convergence as convergence, designed_path as designed_path, rail_angles as rail_angles
 from .evolution import (
     angular_velocity as angular_velocity,
     contact_force as contact_force,

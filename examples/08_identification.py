@@ -1,0 +1,25 @@
+"""What a recorded path tells of a ball: masses, a radius and an offset with their uncertainties."""
+
+import tomllib
+
+import jax
+import numpy as np
+
+jax.config.update("jax_enable_x64", True)
+
+from jaxball.design import DesignSpace, Variable, identify  # noqa: E402
+from jaxball.scenario import builtin_text  # noqa: E402
+
+document = tomllib.loads(builtin_text("ball"))
+document["time"] = {"start": 0.0, "end": 10.0, "saves": 201}
+truth = {"masses[0].mass": 1.0, "masses[1].rail.radius": 0.9, "body.offset[2]": -0.05}
+
+space = DesignSpace(document, [Variable((path,), start=1.04 * value) for path, value in truth.items()])
+path = np.asarray(space.scenario.simulate().state.z)
+noise = 1e-3 * np.random.default_rng(7).normal(size=path.shape)
+
+found = identify(space, path + noise)
+print(found)
+for (name, value), (low, high) in zip(truth.items(), found.intervals(0.99), strict=True):
+    print(f"{name:24} {value:6.3f} in {low:.4f} to {high:.4f}: {low < value < high}")
+    assert low < value < high

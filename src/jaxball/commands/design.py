@@ -1,0 +1,58 @@
+"""``jaxball design``: rails, motions and parameters found that make a ball do what is wanted."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from ..results import OutputError
+from .options import INTERRUPTED
+
+UNMET = 1
+
+
+def add(commands) -> None:
+    """Adds the command to the subparsers of argparse."""
+    parser = commands.add_parser(
+        "design",
+        help="find a design by gradients through the simulation",
+        description="Looks for a design, or goes on with a search that was stopped, whatever stopped it.",
+    )
+    parser.add_argument("problem", metavar="FILE", help="a problem file")
+    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where the design and report go")
+    parser.add_argument("--quiet", action="store_true", help="say nothing of the progress")
+    parser.set_defaults(run=_run, gradients=True)
+
+
+def _run(options: argparse.Namespace) -> int:
+    # Imported here, because the other commands have no use for it.
+    from ..design.files import load_problem
+    from ..design.report import write_report
+    from ..design.search import PROGRESS, SCENARIO, design
+
+    found = load_problem(options.problem)
+    if options.out.exists() and not options.out.is_dir():
+        raise OutputError(f'Argument `--out` must be a folder, but "{options.out}" is a file.')
+
+    def say(line: str) -> None:
+        if not options.quiet:
+            print(line, file=sys.stderr, flush=True)
+
+    try:
+        done = design(found.problem, found.settings, options.out, identity=found.identity, say=say)
+    except KeyboardInterrupt:
+        if (options.out / PROGRESS).exists():
+            print(
+                f"jaxball: Stopped; the best design so far is {options.out / SCENARIO}; run the same command to go on.",
+                file=sys.stderr,
+            )
+        return INTERRUPTED
+    report = write_report(done, found.title, options.out)
+    if found.title:
+        print(found.title)
+    for name, value in zip(found.problem.objectives, done.verified.finer.terms, strict=True):
+        print(f"  {name}: {value:.6g}")
+    print(f"  largest violation between samples: {done.verified.violation:.3g}")
+    print(f"  written: {report}, {options.out / SCENARIO}")
+    if not done.feasible:
+        print("jaxball: The constraints could not all be fulfilled; the report says which.", file=sys.stderr)
+    return 0 if done.feasible else UNMET

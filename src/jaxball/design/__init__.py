@@ -1,0 +1,45 @@
+"""Rails, motions and parameters that make a ball do what is wanted, found by gradients through the simulation."""
+
+from .bounds import Bounds as Bounds
+from .check import GradientCheck as GradientCheck, check_gradient as check_gradient, require_good as require_good
+from .constraints import (
+    AbstractConstraint as AbstractConstraint,
+    AccelerationLimit as AccelerationLimit,
+    ClearOfObstacles as ClearOfObstacles,
+    ForceLimit as ForceLimit,
+    Friction as Friction,
+    MassesApart as MassesApart,
+    NormalForce as NormalForce,
+    RailsApart as RailsApart,
+    RailsInside as RailsInside,
+    RegularRails as RegularRails,
+    SpeedLimit as SpeedLimit,
+    Within as Within,
+)
+from .curves import AbstractCurve as AbstractCurve, Sigmoid as Sigmoid, Through as Through
+from .errors import DesignError as DesignError
+from .files import load_problem as load_problem, read_problem as read_problem
+from .identify import Identification as Identification, identify as identify
+from .objectives import (
+    AbstractObjective as AbstractObjective,
+    AccelerationEffort as AccelerationEffort,
+    AvoidObstacles as AvoidObstacles,
+    Balanced as Balanced,
+    FollowCurve as FollowCurve,
+    FollowTrajectory as FollowTrajectory,
+    ForceEffort as ForceEffort,
+    GoFar as GoFar,
+    PowerEffort as PowerEffort,
+    ReachPlace as ReachPlace,
+    ReachPose as ReachPose,
+    StopAtRest as StopAtRest,
+)
+from .optimise import Optimiser as Optimiser
+from .problem import Evaluation as Evaluation, Problem as Problem
+from .run import Run as Run, Solve as Solve, run_of as run_of
+from .search import Design as Design, design as design
+from .settings import Settings as Settings
+from .space import Candidate as Candidate, DesignSpace as DesignSpace
+from .state import Progress as Progress, Worth as Worth
+from .variables import Variable as Variable
+from .verify import Verified as Verified, perturbed as perturbed, verify as verify

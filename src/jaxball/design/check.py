@@ -1,0 +1,120 @@
+"""Whether a gradient is right: directional differences over a range of steps, and forward against reverse mode."""
+
+from typing import NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .errors import DesignError
+from .lagrangian import Multipliers, augmented_lagrangian
+from .optimise import Optimiser
+
+STEPS = tuple(10.0 ** -np.arange(1.0, 6.5, 0.5))
+STENCIL = (-2.0, -1.0, 1.0, 2.0)
+FIVE_POINTS = np.asarray([1.0, -8.0, 8.0, -1.0]) / 12
+MODES_AGREE, DIFFERENCES_AGREE = 1e-5, 1e-3
+
+
+class GradientCheck(NamedTuple):
+    """The derivative along one direction by every means, relative to the length of the gradient.
+
+    - ``reverse``, ``forward``: by automatic differentiation.
+    - ``steps``, ``differences``: by the five-point formula with each step.
+    """
+
+    reverse: float
+    forward: float
+    steps: tuple[float, ...]
+    differences: tuple[float, ...]
+
+    @property
+    def between_modes(self) -> float:
+        """|forward − reverse|."""
+        return abs(self.forward - self.reverse)
+
+    @property
+    def from_differences(self) -> float:
+        """The least |difference − reverse| over the steps: larger ones err by truncation, smaller ones by rounding."""
+        errors = np.abs(np.asarray(self.differences) - self.reverse)
+        return float(np.min(errors[np.isfinite(errors)], initial=np.inf))
+
+    @property
+    def good(self) -> bool:
+        """Whether the gradient can be relied on."""
+        return self.between_modes < MODES_AGREE and self.from_differences < DIFFERENCES_AGREE
+
+    def __str__(self) -> str:
+        rows = [
+            f"  step {h:8.1e}  error {abs(d - self.reverse):8.1e}"
+            for h, d in zip(self.steps, self.differences, strict=True)
+        ]
+        return "\n".join([f"  forward against reverse {self.between_modes:.1e}", *rows])
+
+
+def check_gradient(optimiser: Optimiser, z: Float[np.ndarray, " n"], seed: int = 0) -> GradientCheck:
+    """The derivative, along a random direction at ``z``, of a sum of all objectives and constraints.
+
+    The sum is the augmented Lagrangian with multipliers so large that every place of every constraint counts.
+
+    **Raises:** :class:`DesignError` where ``z`` cannot be simulated or the gradient is not finite.
+    """
+    direction = np.random.default_rng(seed).normal(size=z.shape)
+    direction /= np.linalg.norm(direction)
+    starts = optimiser.settings.starts
+    first = optimiser.look(np.broadcast_to(z, (starts, z.size)), optimiser.penalised())
+    violations = first.at.violations[0]
+    if not (np.all(np.isfinite(violations)) and np.all(np.isfinite(first.at.terms[0]))):
+        raise DesignError("The design at which the gradient is checked must be simulated to its end, but it is not.")
+    counted = 2 * np.maximum(0.0, -violations) + 1
+    multipliers = Multipliers(
+        np.broadcast_to(counted, (starts, counted.size)), np.ones(starts), np.zeros((starts, counted.size))
+    )
+    shifts = np.asarray([0.0, *(h * k for h in STEPS for k in STENCIL)])
+    points = z[None] + shifts[:, None] * direction[None]
+    values, gradients = _looked(optimiser, points, multipliers)
+    gradient = gradients[0]
+    if not np.all(np.isfinite(gradient)):
+        names = [name for name, x in zip(optimiser.problem.space.names, gradient, strict=True) if not np.isfinite(x)]
+        raise DesignError(f"The gradient at the start must be finite, but it is not for {', '.join(names)}.")
+    size = float(np.linalg.norm(gradient)) or 1.0
+    differences = values[1:].reshape(len(STEPS), 4) @ FIVE_POINTS / np.asarray(STEPS)
+    one = Multipliers(*(jnp.asarray(x[0]) for x in multipliers))
+    forward = _forward(optimiser, jnp.asarray(z), jnp.asarray(direction), one)
+    return GradientCheck(
+        float(gradient @ direction) / size, forward / size, STEPS, tuple(float(d) for d in differences / size)
+    )
+
+
+def require_good(check: GradientCheck) -> None:
+    """Raises a :class:`DesignError` where a gradient cannot be relied on."""
+    if not check.good:
+        raise DesignError(
+            f"The gradient must agree with differences to {DIFFERENCES_AGREE:g} and between the modes to "
+            f"{MODES_AGREE:g}, but it is off by {check.from_differences:.1e} and {check.between_modes:.1e}; tighten "
+            f"`solve.rtol` and `solve.atol`, or start elsewhere.\n{check}"
+        )
+
+
+def _looked(
+    optimiser: Optimiser, points: Float[np.ndarray, "k n"], multipliers: Multipliers
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k n"]]:
+    """Values and gradients at any number of points, as many at a time as there are starts."""
+    starts, count = optimiser.settings.starts, len(points)
+    padded = points[np.minimum(np.arange(-(-count // starts) * starts), count - 1)]
+    looked = [optimiser.look(part, multipliers) for part in padded.reshape(-1, starts, points.shape[1])]
+    values = np.concatenate([part.value for part in looked])
+    return values[:count], np.concatenate([part.gradient for part in looked])[:count]
+
+
+def _forward(
+    optimiser: Optimiser, z: Float[Array, " n"], direction: Float[Array, " n"], multipliers: Multipliers
+) -> float:
+    problem = optimiser.problem
+
+    def value(z):
+        return augmented_lagrangian(problem, problem.evaluate(z, diffrax.ForwardMode()), multipliers)
+
+    return float(jax.jit(lambda z, v: jax.jvp(value, (z,), (v,))[1])(z, direction))

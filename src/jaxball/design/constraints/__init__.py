@@ -1,0 +1,16 @@
+"""Constraints: what a design must fulfil."""
+
+from .base import AbstractConstraint as AbstractConstraint
+from .contact import (
+    ClearOfObstacles as ClearOfObstacles,
+    Friction as Friction,
+    NormalForce as NormalForce,
+    Within as Within,
+)
+from .masses import (
+    AccelerationLimit as AccelerationLimit,
+    ForceLimit as ForceLimit,
+    MassesApart as MassesApart,
+    SpeedLimit as SpeedLimit,
+)
+from .rails import RailsApart as RailsApart, RailsInside as RailsInside, RegularRails as RegularRails

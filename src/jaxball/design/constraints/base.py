@@ -1,0 +1,24 @@
+"""What a constraint is."""
+
+import abc
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from ..run import Run
+
+
+class AbstractConstraint(eqx.Module):
+    """Signed violations, dimensionless: positive where violated, and at most 0 in a design that fulfils it.
+
+    Lengths are in radii r, forces in weights M g, times in √(r/g).
+    """
+
+    @abc.abstractmethod
+    def __call__(self, run: Run) -> Float[Array, "..."]:
+        """The violation at each place or time that is looked at."""
+
+    @property
+    def name(self) -> str:
+        """What it is called in reports."""
+        return type(self).__name__

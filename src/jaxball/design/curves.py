@@ -1,0 +1,68 @@
+"""Curves in the plane that a ball is to follow."""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._arrays import to_array
+from ..piecewise import PiecewisePolynomial, clamped_cubic_spline
+from .errors import DesignError
+
+
+class AbstractCurve(eqx.Module):
+    """A curve c(s) in the plane, 0 ≤ s ≤ 1."""
+
+    @abc.abstractmethod
+    def __call__(self, s: Float[Array, ""]) -> Float[Array, "2"]:
+        """The point c(s)."""
+
+    def points(self, count: int) -> Float[Array, "count 2"]:
+        """Points at equal steps of s, both ends among them."""
+        return jax.vmap(self)(jnp.linspace(0.0, 1.0, count, dtype=to_array(0.0).dtype))
+
+
+class Sigmoid(AbstractCurve):
+    """From ``origin`` over ``length`` along e1, and over ``height`` along e2 by a logistic function, half way at s = ½.
+
+    c = origin + (length s, height (σ(k (s − ½)) − σ(−k/2)) / (σ(k/2) − σ(−k/2))) with σ(x) = 1 / (1 + exp(−x)) and
+    k = ``steepness``.
+    """
+
+    length: Float[Array, ""] = eqx.field(converter=to_array)
+    height: Float[Array, ""] = eqx.field(converter=to_array)
+    steepness: Float[Array, ""] = eqx.field(converter=to_array, default=10.0)
+    origin: Float[Array, "2"] = eqx.field(converter=to_array, default=(0.0, 0.0))
+
+    def __call__(self, s):
+        half = jax.nn.sigmoid(self.steepness / 2)
+        rise = (jax.nn.sigmoid(self.steepness * (s - 0.5)) - (1 - half)) / (2 * half - 1)
+        return self.origin + jnp.stack([self.length * s, self.height * rise])
+
+
+class Through(AbstractCurve):
+    """The cubic spline through ``points`` at equal steps of s; a straight line through two.
+
+    **Raises:** :class:`DesignError` when ``points`` does not have the shape (n, 2) with n ≥ 2.
+    """
+
+    through: Float[Array, "n 2"] = eqx.field(converter=to_array)
+
+    def __check_init__(self):
+        if self.through.ndim != 2 or self.through.shape[1] != 2 or self.through.shape[0] < 2:
+            raise DesignError(
+                "Argument `through` must be two points or more, each of two numbers, but its shape is "
+                f"{self.through.shape}."
+            )
+
+    def __call__(self, s):
+        n = self.through.shape[0]
+        knots = jnp.asarray(np.linspace(0.0, 1.0, n), dtype=self.through.dtype)
+        steps = jnp.diff(self.through, axis=0) * (n - 1)
+        # Slopes at the ends by the parabola through three points.
+        ends = (1.5 * steps[0] - 0.5 * steps[1], 1.5 * steps[-1] - 0.5 * steps[-2]) if n > 2 else (steps[0], steps[0])
+        pieces = clamped_cubic_spline(knots, self.through, jnp.stack(ends))
+        return PiecewisePolynomial(knots[1:-1], knots[:-1], pieces)(s)

@@ -1,0 +1,7 @@
+"""What can be wrong with a design problem."""
+
+from ..scenario import ScenarioError
+
+
+class DesignError(ScenarioError):
+    """A design problem cannot be posed, or cannot be gone on with; the message is one sentence that says which."""

@@ -1,0 +1,147 @@
+"""Problem files: a scenario, its variables, objectives, constraints, and how hard to look."""
+
+import dataclasses
+import tomllib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tomli_w
+
+from ..scenario import ScenarioError, builtin_scenarios, builtin_text
+from ..scenario.table import Key, read_family, read_table
+from ..scenario.values import POSITIVE, Integer, Nested, Numbers, Text, key_error, shown
+from .errors import DesignError
+from .kinds import CONSTRAINTS, OBJECTIVES
+from .problem import Problem
+from .settings import Settings
+from .space import DesignSpace
+from .variables import Variable
+
+FORMAT = 1
+_AS_IT_IS = Nested(lambda value, path: value, lambda value, path: value, "a table, a name or a file")
+_LIST = Nested(lambda value, path: value, lambda value, path: value, "a list of tables")
+_KEYS = {
+    "format": Key(Integer(FORMAT, FORMAT)),
+    "title": Key(Text(), ""),
+    "scenario": Key(_AS_IT_IS),
+    "variables": Key(_LIST),
+    "objectives": Key(_LIST),
+    "constraints": Key(_LIST, ()),
+    "search": Key(_AS_IT_IS, None),
+}
+_NUMBER, _POSITIVE = Key(Numbers(), None), Key(Numbers(rule=POSITIVE), None)
+_PATHS = Nested(lambda value, path: _paths(value, path), lambda value, path: list(value), "a path, or a list of paths")
+_VARIABLE = {
+    "path": Key(_PATHS),
+    "factors": Key(Numbers((None,)), ()),
+    "lower": _NUMBER,
+    "upper": _NUMBER,
+    "scale": _NUMBER,
+    "start": _NUMBER,
+}
+_WHOLE = ("starts", "steps", "rounds", "evaluations", "seed")
+_SETTINGS = {
+    field.name: Key(Integer(0 if field.name in ("steps", "seed") else 1, 10**6), None)
+    if field.name in _WHOLE
+    else _POSITIVE
+    for field in dataclasses.fields(Settings)
+}
+
+
+class ProblemFile(NamedTuple):
+    """The content of a problem file.
+
+    - ``identity``: all that the result depends on, as a text.
+    """
+
+    title: str
+    problem: Problem
+    settings: Settings
+    identity: str
+
+
+def load_problem(source: str | Path) -> ProblemFile:
+    """The problem of a file.
+
+    **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, when it is not TOML, and
+    when a key of it or of its scenario is misspelt, missing or wrong.
+    """
+    try:
+        text = Path(source).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise DesignError(f'Argument `source` must be a problem file, but it is "{source}" ({reason}).') from None
+    return read_problem(text, Path(source).parent)
+
+
+def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
+    """The problem that the text of a file describes; a scenario file is looked for from ``folder`` on.
+
+    **Raises:** as :func:`load_problem`.
+    """
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise DesignError(f"A problem must be a TOML document, but it is not: {error}.") from None
+    found = read_table(document, "", _KEYS)
+    scenario = _scenario(found["scenario"], Path(folder))
+    variables = [_variable(item, path) for path, item in _items(found["variables"], "variables")]
+    try:
+        space = DesignSpace(scenario, variables)
+    except DesignError:
+        raise
+    except ScenarioError as error:
+        raise DesignError(f"The scenario of the problem is wrong: {error}") from None
+    objectives = _named(found["objectives"], "objectives", OBJECTIVES)
+    constraints = _named(list(found["constraints"]), "constraints", CONSTRAINTS)
+    given = read_table({} if found["search"] is None else found["search"], "search", _SETTINGS)
+    settings = Settings(**{name: value for name, value in given.items() if value is not None})
+    identity = tomli_w.dumps({**document, "scenario": space.document}) + repr(settings)
+    return ProblemFile(found["title"], Problem(space, objectives, constraints), settings, identity)
+
+
+def _named(values: Any, path: str, family: Any) -> dict[str, Any]:
+    """Objects of a family by their kinds; a second one of a kind has its number behind it."""
+    found: dict[str, Any] = {}
+    for place, item in _items(values, path, empty=family is CONSTRAINTS):
+        one, kind = read_family(item, place, family), item["kind"]
+        count = sum(name.split(" ")[0] == kind for name in found)
+        found[f"{kind} {count + 1}" if count else kind] = one
+    return found
+
+
+def _items(values: Any, path: str, empty: bool = False) -> list[tuple[str, Any]]:
+    if not isinstance(values, list) or not (values or empty):
+        raise key_error(path, f"a list of tables, each under the heading [[{path}]]", shown(values))
+    return [(f"{path}[{k}]", item) for k, item in enumerate(values)]
+
+
+def _variable(values: Any, path: str) -> Variable:
+    found = read_table(values, path, _VARIABLE)
+    given = {name: found[name] for name in ("lower", "upper", "scale", "start") if found[name] is not None}
+    factors = tuple(float(x) for x in found["factors"])
+    try:
+        return Variable(found["path"], factors=factors, **given)
+    except DesignError as error:
+        raise DesignError(f"Key `{path}`: {error}") from None
+
+
+def _paths(value: Any, path: str) -> tuple[str, ...]:
+    paths = [value] if isinstance(value, str) else value
+    if not isinstance(paths, list) or not paths or not all(isinstance(item, str) for item in paths):
+        raise key_error(path, "a path, or a list of paths", shown(value))
+    return tuple(paths)
+
+
+def _scenario(value: Any, folder: Path) -> dict[str, Any]:
+    if isinstance(value, dict):
+        return value
+    if not isinstance(value, str):
+        raise key_error("scenario", _AS_IT_IS.words, shown(value))
+    try:
+        return tomllib.loads(builtin_text(value) if value in builtin_scenarios() else (folder / value).read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise DesignError(
+            f"Key `scenario` must be a table, a scenario file or one of {', '.join(builtin_scenarios())}, but it is "
+            f'"{value}" ({getattr(error, "strerror", None) or error}).'
+        ) from None

@@ -1,0 +1,157 @@
+"""System identification: the parameters of a ball from its recorded path, by Gauss–Newton, with their uncertainties."""
+
+import dataclasses
+from collections.abc import Callable
+from statistics import NormalDist
+from typing import Any
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ..scenario.solve import SOLVERS
+from .errors import DesignError
+from .run import Solve, run_of
+from .space import DesignSpace
+
+# A combination of parameters that is uncertain by this share of its scale cannot be told from nothing.
+UNCERTAIN = 0.5
+# Directions that the data see this much less than the best one are not seen at all: the square root of rounding.
+UNSEEN = 1e-7
+STEPS, DAMPING, SETTLED = 60, 1e-3, 1e-9
+
+
+@dataclasses.dataclass(frozen=True)
+class Identification:
+    """Parameters found from a path.
+
+    - ``names``, ``estimates``: the variables and their values.
+    - ``deviations``: their standard deviations, to first order: σ² (JᵀJ)⁻¹; infinite for those in ``unseen``.
+    - ``correlations``: between the errors of the estimates, shape (n, n).
+    - ``noise``: the standard deviation of the path's noise, from what is left unexplained.
+    - ``singular_values``: of J, in scales of the variables.
+    - ``unseen``: combinations of the variables, in scales, that do not change the path, shape (k, n);
+      ``uncertain``: those that change it so little that they are uncertain by half of their scale or more.
+    - ``converged``: whether the last step was negligible.
+    """
+
+    names: tuple[str, ...]
+    estimates: Float[np.ndarray, " n"]
+    deviations: Float[np.ndarray, " n"]
+    correlations: Float[np.ndarray, "n n"]
+    noise: float
+    singular_values: Float[np.ndarray, " n"]
+    unseen: Float[np.ndarray, "k n"]
+    uncertain: Float[np.ndarray, "l n"]
+    converged: bool
+
+    def intervals(self, confidence: float = 0.95) -> Float[np.ndarray, "n 2"]:
+        """From where to where each parameter lies, each with this confidence."""
+        half = NormalDist().inv_cdf((1 + confidence) / 2) * self.deviations
+        return np.stack([self.estimates - half, self.estimates + half], axis=1)
+
+    @property
+    def alike(self) -> list[tuple[str, ...]]:
+        """Sets of parameters that the path cannot tell apart; a single one is one of which it says nothing."""
+        found = []
+        for combination in [*self.unseen, *self.uncertain]:
+            large = np.abs(combination) > 0.1 * np.max(np.abs(combination))
+            found.append(tuple(name for name, part in zip(self.names, large, strict=True) if part))
+        return found
+
+    def __str__(self) -> str:
+        rows = [
+            f"  {name} = {value:.8g} ± {error:.2g}"
+            for name, value, error in zip(self.names, self.estimates, self.deviations, strict=True)
+        ]
+        for names in self.alike:
+            told = "says nothing of" if len(names) == 1 else "cannot tell apart"
+            rows.append(f"  the path {told} {' and '.join(names)}")
+        return "\n".join([f"noise {self.noise:.3g}", *rows])
+
+
+def identify(space: DesignSpace, path: Float[np.ndarray, "T 2"]) -> Identification:
+    """The numbers of ``space`` with which its scenario's path is nearest to a recorded one, in the mean square.
+
+    ``path`` is that of the geometric centre at the scenario's save times; the second column is 0 for a disk. The
+    noise is taken to be independent and of one size. From the start on, steps are those of Gauss–Newton, damped after
+    Levenberg and Marquardt (Nocedal & Wright, Numerical Optimization, section 10.3).
+
+    **Raises:** :class:`DesignError` when the path has not one place for each save time or is not finite, and when the
+    start cannot be simulated.
+    """
+    times = space.scenario.times
+    if path.shape != (times.size, 2) or not np.all(np.isfinite(path)):
+        raise DesignError(
+            f"Argument `path` must be a finite place for each of the {times.size} save times, but its shape is "
+            f"{path.shape}."
+        )
+    look = _residuals(space, path)
+    z = space.start
+    r, J = look(z)
+    if not np.all(np.isfinite(r)):
+        raise DesignError(
+            "The scenario must be simulated to its end at the start of the identification, but it is not."
+        )
+    damping, converged = DAMPING, False
+    for _ in range(STEPS):
+        normal, gradient = J.T @ J, J.T @ r
+        step = -np.linalg.lstsq(normal + damping * np.diag(np.diag(normal) + 1e-30), gradient, rcond=None)[0]
+        there, slopes = look(z + step)
+        if np.all(np.isfinite(there)) and np.all(np.isfinite(slopes)) and there @ there <= r @ r:
+            gained = r @ r - there @ there
+            converged = bool(np.max(np.abs(step)) < 1e-6 or gained <= SETTLED * (r @ r))
+            z, r, J, damping = z + step, there, slopes, damping / 10
+        else:
+            damping *= 10
+            converged = bool(np.max(np.abs(step)) < SETTLED)
+        if converged:
+            break
+    return _found(space, z, r, J, converged)
+
+
+def _residuals(space: DesignSpace, path: Float[np.ndarray, "T 2"]) -> Callable[[np.ndarray], tuple[Any, Any]]:
+    """The residuals at z and their Jacobian."""
+    scenario = space.scenario
+    adjoint = diffrax.ForwardMode()
+    solve = Solve(SOLVERS[scenario.solver](), scenario.rtol, scenario.atol, scenario.max_steps, adjoint)
+
+    def residual(z: Float[Array, " n"]) -> Float[Array, " residuals"]:
+        return jnp.ravel(run_of(space.candidate(z), solve).z - jnp.asarray(path))
+
+    both = jax.jit(lambda z: (residual(z), jax.jacfwd(residual)(z)))
+
+    def look(z: np.ndarray) -> tuple[Any, Any]:
+        r, J = both(jnp.asarray(z))
+        return np.asarray(r), np.asarray(J)
+
+    return look
+
+
+def _found(space: DesignSpace, z: np.ndarray, r: np.ndarray, J: np.ndarray, converged: bool) -> Identification:
+    _, s, Vt = np.linalg.svd(J, full_matrices=False)
+    seen = s > UNSEEN * s[0]
+    rows = int(np.sum(np.any(np.abs(J.reshape(-1, 2, len(z))) > 0, axis=(0, 2)))) * len(r) // 2
+    noise = float(np.sqrt(r @ r / max(rows - int(np.sum(seen)), 1)))
+    covariance = noise**2 * (Vt[seen].T / s[seen] ** 2) @ Vt[seen]
+    numbers = jax.jit(lambda z: (space.numbers(z), jax.jacfwd(space.numbers)(z)))
+    x, slopes = (np.asarray(a) for a in numbers(jnp.asarray(z)))
+    slope = np.diag(slopes)
+    deviations = np.abs(slope) * np.sqrt(np.diag(covariance))
+    lost = np.asarray(np.any(np.abs(Vt[~seen]) > 1e-3, axis=0))
+    size = np.sqrt(np.where(np.diag(covariance) > 0, np.diag(covariance), 1.0))
+    correlations = covariance / size[:, None] / size[None]
+    correlations = np.where(lost[:, None] | lost[None], np.eye(len(z)), correlations)
+    return Identification(
+        space.names,
+        x,
+        np.where(lost, np.inf, deviations),
+        correlations,
+        noise,
+        s,
+        Vt[~seen],
+        Vt[seen & (noise > UNCERTAIN * s)],
+        converged,
+    )

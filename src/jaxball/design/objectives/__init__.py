@@ -1,0 +1,17 @@
+"""Objectives: what a design makes small."""
+
+from .base import AbstractObjective as AbstractObjective
+from .effort import (
+    AccelerationEffort as AccelerationEffort,
+    ForceEffort as ForceEffort,
+    PowerEffort as PowerEffort,
+)
+from .ends import (
+    Balanced as Balanced,
+    GoFar as GoFar,
+    ReachPlace as ReachPlace,
+    ReachPose as ReachPose,
+    StopAtRest as StopAtRest,
+)
+from .obstacles import AvoidObstacles as AvoidObstacles
+from .paths import FollowCurve as FollowCurve, FollowTrajectory as FollowTrajectory

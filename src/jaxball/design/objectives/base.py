@@ -1,0 +1,39 @@
+"""What an objective is."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..._arrays import to_array
+from ..run import Run
+
+
+class AbstractObjective(eqx.Module):
+    """A number that a design makes small, dimensionless: lengths in radii r, forces in weights M g, times in √(r/g).
+
+    ``weight`` multiplies it in the sum of objectives; it can change without compiling anew.
+    """
+
+    weight: Float[Array, ""] = eqx.field(converter=to_array, default=1.0, kw_only=True)
+
+    @abc.abstractmethod
+    def __call__(self, run: Run) -> Float[Array, ""]:
+        """Its value, without the weight."""
+
+    @property
+    def name(self) -> str:
+        """What it is called in reports."""
+        return type(self).__name__
+
+
+def mean_in_time(run: Run, values: Float[Array, " t"]) -> Float[Array, ""]:
+    """The mean over the run, by the trapezoidal rule."""
+    steps = jnp.diff(run.times)
+    return jnp.sum(steps * (values[1:] + values[:-1]) / 2) / jnp.sum(steps)
+
+
+def unit_of_time(run: Run) -> Float[Array, ""]:
+    """√(r/g)."""
+    return jnp.sqrt(run.length / jnp.abs(run.system.gravity))

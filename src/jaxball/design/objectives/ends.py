@@ -1,0 +1,50 @@
+"""Where and how a run ends."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..._arrays import to_array
+from ..norms import norm
+from ..run import Run
+from .base import AbstractObjective
+
+
+class ReachPlace(AbstractObjective):
+    """|z − place|² / r² at the end."""
+
+    place: Float[Array, "2"] = eqx.field(converter=to_array)
+
+    def __call__(self, run: Run):
+        return jnp.sum((run.z[-1] - self.place) ** 2) / run.length**2
+
+
+class ReachPose(AbstractObjective):
+    """sin² of half the angle between the orientation at the end and ``versor``: 1 − (q·q*)² / (|q| |q*|)²."""
+
+    versor: Float[Array, "4"] = eqx.field(converter=to_array)
+
+    def __call__(self, run: Run):
+        q = run.state.in_space().q[-1]
+        return 1 - jnp.sum(q * self.versor) ** 2 / (jnp.sum(q**2) * jnp.sum(self.versor**2))
+
+
+class StopAtRest(AbstractObjective):
+    """T / (M g r) at the end, the kinetic energy of shell and masses: zero where all are at rest."""
+
+    def __call__(self, run: Run):
+        return run.observables.kinetic_energy[-1] / (run.weight * run.length)
+
+
+class Balanced(AbstractObjective):
+    """The squared horizontal distance of the system's centre of mass from the geometric centre at the end, over r²."""
+
+    def __call__(self, run: Run):
+        return jnp.sum(run.observables.centre_of_mass_space[-1, :2] ** 2) / run.length**2
+
+
+class GoFar(AbstractObjective):
+    """−|z(end) − z(start)| / r: as far as possible."""
+
+    def __call__(self, run: Run):
+        return -norm(run.z[-1] - run.z[0]) / run.length

@@ -1,0 +1,32 @@
+"""Places to stay away from."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..._arrays import to_array
+from ..norms import norm
+from ..run import Run
+from .base import AbstractObjective, mean_in_time
+
+
+def depths(run: Run, centres: Float[Array, "k 2"], radii: Float[Array, " k"]) -> Float[Array, "t k"]:
+    """By how much the geometric centre is inside discs of the plane, over r; negative outside."""
+    return (radii[None] - norm(run.z[:, None] - centres[None])) / run.length
+
+
+class AvoidObstacles(AbstractObjective):
+    """The mean of Σ softplus(depth / softness)² over discs of the plane that the geometric centre is to stay out of.
+
+    Smooth: it is felt outside a disc within some ``softness``, which is in radii of the shell. To keep clear of an
+    upright post, add the ball's radius to the post's.
+    """
+
+    centres: Float[Array, "k 2"] = eqx.field(converter=to_array)
+    radii: Float[Array, " k"] = eqx.field(converter=to_array)
+    softness: Float[Array, ""] = eqx.field(converter=to_array, default=0.1)
+
+    def __call__(self, run: Run):
+        inside = jax.nn.softplus(depths(run, self.centres, self.radii) / self.softness)
+        return mean_in_time(run, jnp.sum(inside**2, axis=-1))

@@ -1,0 +1,76 @@
+"""Paths in the plane to be followed."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..._arrays import to_array
+from ..curves import AbstractCurve
+from ..norms import norm
+from ..run import Run
+from .base import AbstractObjective, mean_in_time
+
+# The least speed with which a stretch of the path counts, in mean speeds along the curve: a ball at rest has no path.
+SLOWEST = 1e-3
+
+
+class FollowTrajectory(AbstractObjective):
+    """The mean of |z(t) − c(s(t))|² / r²: the curve followed in time.
+
+    s goes from 0 at ``start`` to 1 at ``end``, the times of the run if not given, at a constant rate, or from rest to
+    rest by 10 u³ − 15 u⁴ + 6 u⁵ where ``rest_to_rest``.
+    """
+
+    curve: AbstractCurve
+    rest_to_rest: Bool[Array, ""] = eqx.field(converter=jnp.asarray, default=False)
+    start: Float[Array, ""] | None = eqx.field(converter=lambda x: None if x is None else to_array(x), default=None)
+    end: Float[Array, ""] | None = eqx.field(converter=lambda x: None if x is None else to_array(x), default=None)
+
+    def targets(self, times: Float[Array, " t"]) -> Float[Array, "t 2"]:
+        """Where the geometric centre is to be."""
+        start = times[0] if self.start is None else self.start
+        end = times[-1] if self.end is None else self.end
+        u = jnp.clip((times - start) / (end - start), 0.0, 1.0)
+        s = jnp.where(self.rest_to_rest, u**3 * (10 - 15 * u + 6 * u**2), u)
+        return eqx.filter_vmap(self.curve)(s)
+
+    def __call__(self, run: Run):
+        return mean_in_time(run, self.errors(run) ** 2)
+
+    def errors(self, run: Run) -> Float[Array, " t"]:
+        """|z(t) − c(s(t))| / r."""
+        return norm(run.z - self.targets(run.times)) / run.length
+
+
+class FollowCurve(AbstractObjective):
+    """The curve followed at any speed: mean squared distances, over r², of the path from the curve and back.
+
+    The first mean is over the length of the path, so that it does not matter how long the ball stays anywhere; the
+    second, over the curve, sees what of it the path leaves out. Distances are from the chords between samples.
+    """
+
+    curve: AbstractCurve
+    samples: int = eqx.field(static=True, default=200)
+
+    def __call__(self, run: Run):
+        path, curve = run.z, self.curve.points(self.samples)
+        lengths = jnp.sqrt(jnp.sum(jnp.diff(path, axis=0) ** 2, axis=-1) + _floor(run, curve))
+        ends = nearest(path, curve)
+        there = jnp.sum(lengths * (ends[1:] + ends[:-1]) / 2) / jnp.sum(lengths)
+        return (there + jnp.mean(nearest(curve, path))) / run.length**2
+
+
+def nearest(points: Float[Array, "p 2"], line: Float[Array, "q 2"]) -> Float[Array, " p"]:
+    """The squared distance of each point from a polygonal line."""
+    a, along = line[:-1], jnp.diff(line, axis=0)
+    size = jnp.sum(along**2, axis=-1)
+    size = jnp.where(size > 0, size, 1.0)
+    away = points[:, None] - a[None]
+    share = jnp.clip(jnp.sum(away * along[None], axis=-1) / size[None], 0.0, 1.0)
+    return jnp.min(jnp.sum((away - share[..., None] * along[None]) ** 2, axis=-1), axis=1)
+
+
+def _floor(run: Run, curve: Float[Array, "q 2"]) -> Float[Array, " steps"]:
+    """The square of the least length that a step of the path counts."""
+    whole = jnp.sum(jnp.sqrt(jnp.sum(jnp.diff(curve, axis=0) ** 2, axis=-1)))
+    return (SLOWEST * whole * jnp.diff(run.times) / (run.times[-1] - run.times[0])) ** 2

@@ -1,0 +1,168 @@
+"""The search for a design: Adam from many starts, then BFGS within an augmented Lagrangian from each of them."""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from . import bfgs
+from .adam import Moments
+from .errors import DesignError
+from .lagrangian import Multipliers, augmented_lagrangian, pushed_by
+from .problem import Evaluation, Problem
+from .settings import Settings
+from .starts import starting_points
+from .state import Progress, Worth
+
+Report = Callable[[Progress], None]
+REPORT_EVERY = 10
+ENOUGH = 0.25
+GROWTH = 4.0
+
+
+class Looked(NamedTuple):
+    """The augmented Lagrangian of each start, its gradient, what it is made of, and the next multipliers.
+
+    ``violation`` is the largest of a start, margins included.
+    """
+
+    value: Float[np.ndarray, " starts"]
+    gradient: Float[np.ndarray, "starts n"]
+    at: Evaluation
+    pushed: Float[np.ndarray, "starts places"]
+    violation: Float[np.ndarray, " starts"]
+
+
+class Optimiser:
+    """Solves a problem step by step; each step takes a :class:`Progress` further."""
+
+    def __init__(self, problem: Problem, settings: Settings):
+        self.problem, self.settings = problem, settings
+
+    def begin(self) -> Progress:
+        """The starts.
+
+        **Raises:** :class:`DesignError` when no start can be simulated.
+        """
+        z = starting_points(self.problem.space, self.settings)
+        progress = Progress("adam", 0, z, list(Moments.none(z.shape)), z[0])
+        leader = self._offer(progress, z, self.look(z, self.penalised()))
+        if not np.isfinite(leader.objective):
+            raise DesignError(
+                f"None of the {len(z)} starts can be simulated to its end; start from a design that can, or with a "
+                "smaller spread."
+            )
+        progress.history.append((0.0, 0.0, *leader))
+        return progress
+
+    def run(self, progress: Progress, report: Report) -> Progress:
+        """Steps until the end; ``report`` is called after every few."""
+        while progress.phase != "done":
+            progress = self.advance(progress)
+            report(progress)
+        return progress
+
+    def advance(self, progress: Progress) -> Progress:
+        """A few steps of Adam, or a round of the polish."""
+        return self._descend(progress) if progress.phase == "adam" else self._polish(progress)
+
+    def tighten(self, progress: Progress, excess: Float[np.ndarray, " places"]) -> Progress:
+        """The polish begun anew with each place to be overfulfilled by ``excess`` more."""
+        value, penalty, margin, _ = progress.arrays
+        progress.phase, progress.step = "polish", 0
+        progress.z[0], progress.worth = progress.best, Worth()
+        progress.arrays = [value, penalty, margin + excess[None], np.full(len(penalty), np.inf)]
+        return progress
+
+    def look(self, z: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Looked:
+        """The augmented Lagrangian and its gradient at many designs."""
+        return Looked(
+            *jax.tree.map(np.asarray, looked_at(self.problem)(jnp.asarray(z), jax.tree.map(jnp.asarray, multipliers)))
+        )
+
+    def penalised(self) -> Multipliers:
+        """No multipliers, and the first penalty, for all starts."""
+        starts = self.settings.starts
+        nothing = np.zeros((starts, self.problem.shares.size))
+        return Multipliers(nothing, np.full(starts, self.settings.penalty), nothing)
+
+    def _descend(self, progress: Progress) -> Progress:
+        z, before = progress.z, progress.z
+        moments, multipliers, leader = Moments(*progress.arrays), self.penalised(), Worth()
+        for _ in range(min(REPORT_EVERY, self.settings.steps - progress.step)):
+            looked = self.look(z, multipliers)
+            leader = self._offer(progress, z, looked)
+            good = np.all(np.isfinite(looked.gradient), axis=1, keepdims=True) & np.isfinite(looked.value)[:, None]
+            moments = moments.after(np.where(good, looked.gradient, 0.0))
+            onwards = z + moments.step(self.settings.learning_rate)
+            # A design that cannot be simulated goes half way back.
+            z, before = np.where(good, onwards, (z + before) / 2), np.where(good, z, before)
+            progress.step += 1
+        progress.z, progress.arrays = z, list(moments)
+        progress.history.append((0.0, float(progress.step), *leader))
+        if progress.step >= self.settings.steps:
+            progress.phase, progress.step = "polish", 0
+            # The best design goes on in the place of the first start, which may have gone past it.
+            progress.z[0] = progress.best
+            progress.arrays = [*map(np.asarray, multipliers), np.full(len(z), np.inf)]
+        return progress
+
+    def _polish(self, progress: Progress) -> Progress:
+        settings = self.settings
+        multipliers, before = Multipliers(*progress.arrays[:3]), progress.arrays[3]
+
+        def function(z):
+            looked = self.look(z, multipliers)
+            return np.where(np.isfinite(looked.value), looked.value, np.inf), looked.gradient
+
+        found = bfgs.minimise(function, progress.z, settings.evaluations, settings.stationary)
+        looked = self.look(found.z, multipliers)
+        leader = self._offer(progress, found.z, looked)
+        violation = looked.violation
+        wanted = np.maximum(ENOUGH * before, settings.tolerance)
+        slow = np.isfinite(before) & ~(violation <= wanted)
+        penalty = np.where(slow, GROWTH * multipliers.penalty, multipliers.penalty)
+        value = np.where(np.isfinite(looked.pushed), looked.pushed, multipliers.value)
+        progress.z, progress.step = found.z, progress.step + 1
+        progress.arrays = [value, penalty, np.asarray(multipliers.margin), violation]
+        progress.history.append((1.0, float(progress.step), *leader))
+        if progress.step >= settings.rounds or self._solved(looked, progress):
+            progress.phase = "done"
+        return progress
+
+    def _solved(self, looked: Looked, progress: Progress) -> bool:
+        """Whether the best design is stationary, and no start promises a better one."""
+        worths, settings = self._worths(looked), self.settings
+        done = [w.violation <= settings.tolerance and w.gradient <= 10 * settings.stationary for w in worths]
+        hopeless = [not np.isfinite(w.objective) or w.objective > 1.05 * progress.worth.objective for w in worths]
+        best = progress.worth.violation <= settings.tolerance
+        return any(done) and best and all(a or b for a, b in zip(done, hopeless, strict=True))
+
+    def _offer(self, progress: Progress, z: np.ndarray, looked: Looked) -> Worth:
+        return progress.offer(z, self._worths(looked), self.settings.tolerance)
+
+    def _worths(self, looked: Looked) -> list[Worth]:
+        objective = looked.at.terms @ self.problem.weights
+        gradient = np.max(np.abs(looked.gradient), axis=1, initial=0.0)
+        rows = zip(objective, looked.violation, gradient, strict=True)
+        return [Worth(*map(float, row)) for row in rows]
+
+
+@functools.lru_cache(maxsize=8)
+def looked_at(problem: Problem) -> Callable[..., Any]:
+    """What :meth:`Optimiser.look` finds, compiled once for a problem and a number of starts."""
+
+    def lagrangian(z: Float[Array, " n"], multipliers: Multipliers):
+        at = problem.evaluate(z)
+        return augmented_lagrangian(problem, at, multipliers), at
+
+    def one(z: Float[Array, " n"], multipliers: Multipliers):
+        (value, at), gradient = jax.value_and_grad(lagrangian, has_aux=True)(z, multipliers)
+        violation = jnp.max(at.violations + multipliers.margin, initial=-jnp.inf)
+        return value, gradient, at, pushed_by(at, multipliers), violation
+
+    return jax.jit(jax.vmap(one))

@@ -1,0 +1,150 @@
+"""The report of a design: all its numbers in Markdown, and figures."""
+
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tomli_w
+
+from .. import plot
+from ..extremes import contact_extremes
+from ..results import replacing
+from ..scenario import ScenarioError
+from ..trajectory import Trajectory
+from .constraints import ClearOfObstacles
+from .objectives import AvoidObstacles, FollowCurve, FollowTrajectory
+from .run import Run
+from .search import SCENARIO, Design
+
+ON_A_CURVE = 400
+# Less is rounding, of which there is nothing to draw.
+SMALLEST_FRICTION = 1e-9
+
+
+def write_report(design: Design, title: str, folder: Path) -> Path:
+    """Writes ``design.toml``, ``report.md`` and its figures into ``folder``; the path of the report."""
+    folder.mkdir(parents=True, exist_ok=True)
+    document = design.document
+    with replacing(folder / SCENARIO) as beside:
+        beside.write_text(tomli_w.dumps(document), encoding="utf-8")
+    lines = [f"# {title or 'A design'}", "", *_verdict(design), "", *_objectives(design), "", *_constraints(design), ""]
+    lines += [*_variables(design), "", *_checks(design), ""]
+    try:
+        after = design.problem.space.scenario_of(design.numbers).simulate(dense=True)
+        lines += [*_contact(after), "", *_figures(design, after, folder)]
+    except ScenarioError as error:
+        lines.append(f"The scenario cannot be run by `jaxball simulate`: {error}")
+    with replacing(folder / "report.md") as beside:
+        beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return folder / "report.md"
+
+
+def _verdict(design: Design) -> list[str]:
+    worth, seen = design.worth, design.verified
+    ends = (
+        "All constraints hold"
+        if design.feasible
+        else f"The constraints could not all be fulfilled: the largest violation is {seen.violation:.3g}"
+    )
+    stationary = worth.gradient <= 10 * design.settings.stationary
+    return [
+        f"{ends}, to {design.settings.tolerance:g}, at the samples and at nine places between each two of them. The "
+        f"objective is {worth.objective:.6g}. The gradient of the Lagrangian is {worth.gradient:.1e}: the design is "
+        f"{'' if stationary else 'not '}stationary. `{SCENARIO}` is the scenario.",
+    ]
+
+
+def _objectives(design: Design) -> list[str]:
+    rows = ["| objective | weight | before | after | verified | perturbed, median | worst |", "|" + "---|" * 7]
+    terms = zip(
+        design.problem.objectives,
+        design.problem.weights,
+        design.before.terms,
+        design.verified.designed.terms,
+        design.verified.finer.terms,
+        np.median(design.perturbed.terms, axis=0),
+        np.max(design.perturbed.terms, axis=0),
+        strict=True,
+    )
+    return rows + [f"| {name} | " + " | ".join(f"{x:.6g}" for x in numbers) + " |" for name, *numbers in terms]
+
+
+def _constraints(design: Design) -> list[str]:
+    if not design.problem.constraints:
+        return ["There are no constraints but bounds."]
+    before = design.problem.by_constraint(np.asarray(design.before.violations))
+    shaken = [design.problem.by_constraint(np.asarray(row)) for row in design.perturbed.violations]
+    rows = [
+        "| largest violation | before | after | verified, between samples too | perturbed, worst |",
+        "|" + "---|" * 5,
+    ]
+    for name, (coarse, fine) in design.verified.violations.items():
+        worst = max(float(np.max(one[name])) for one in shaken)
+        rows.append(f"| {name} | {np.max(before[name]):.3e} | {coarse:.3e} | {fine:.3e} | {worst:.3e} |")
+    return rows
+
+
+def _variables(design: Design) -> list[str]:
+    space = design.problem.space
+    start = np.asarray(space.numbers(jnp.asarray(space.start)))
+    rows = ["| variable | start | found | bounds |", "|" + "---|" * 4]
+    for variable, old, new in zip(space.variables, start, design.numbers, strict=True):
+        names = ", ".join(f"`{path}`" for path in variable.paths)
+        rows.append(f"| {names} | {old:.8g} | {new:.12g} | {variable.lower:g} to {variable.upper:g} |")
+    return rows
+
+
+def _checks(design: Design) -> list[str]:
+    seen, found = design.verified, design.check
+    lines = [
+        f"Simulated again by {seen.solver} at the tolerance {seen.rtol:.0e}, the path is {seen.apart:.1e} radii "
+        f"away at most. Perturbed are {len(design.perturbed.terms)} balls with masses off by 1 % and centres of mass "
+        "by 1 % of the radius.",
+    ]
+    if found is None:
+        return lines
+    words = "The gradient at the start, along a random direction, relative to its length:"
+    return [*lines, "", words, "", "```", str(found), "```"]
+
+
+def _contact(after: Trajectory) -> list[str]:
+    return [f"Along the run: {'; '.join(str(contact_extremes(after)).splitlines())}."]
+
+
+def _figures(design: Design, after: Trajectory[Any, Any], folder: Path) -> list[str]:
+    space = design.problem.space
+    before = space.scenario_of(np.asarray(space.numbers(jnp.asarray(space.start)))).simulate()
+    history = np.asarray(design.progress.history)
+    run = Run(after.system, jnp.asarray(after.times), after.state, after.status)
+    axes = {
+        "path": plot.designed_path(_path(before), _path(after), *_wanted(design)),
+        "rails": plot.configuration(after),
+        "contact": plot.contact_force(after),
+        "convergence": plot.convergence(*history[:, 2:].T),
+    }
+    if float(after.friction_needed) > SMALLEST_FRICTION:
+        axes["friction"] = plot.friction_ratio(after)
+    if after.system.n_masses:
+        theta = np.asarray(jax.jit(lambda: run.on_rails.theta)())
+        axes["angles"] = plot.rail_angles(np.asarray(after.times), theta)
+    for name, ax in axes.items():
+        with replacing(folder / f"{name}.png") as beside:
+            ax.figure.savefig(beside, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
+    return [f"![{name}]({name}.png)" for name in axes]
+
+
+def _path(trajectory: Trajectory[Any, Any]) -> np.ndarray:
+    return np.asarray(trajectory.state.in_space().z)
+
+
+def _wanted(design: Design) -> tuple[np.ndarray | None, list[tuple[np.ndarray, float]]]:
+    """The curve to be followed, and the discs to be avoided."""
+    curve, discs = None, []
+    for item in [*design.problem.objectives.values(), *design.problem.constraints.values()]:
+        if isinstance(item, FollowTrajectory | FollowCurve):
+            curve = np.asarray(item.curve.points(ON_A_CURVE))
+        if isinstance(item, AvoidObstacles | ClearOfObstacles):
+            discs += list(zip(np.asarray(item.centres), map(float, item.radii), strict=True))
+    return curve, discs

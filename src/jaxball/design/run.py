@@ -1,0 +1,177 @@
+"""A simulated candidate: what objectives and constraints look at."""
+
+from typing import NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..body import System
+from ..dynamics import driven_angles
+from ..energy import accelerations
+from ..moments import kinematics, point_mass_values
+from ..motion import Driven, Kinematics, OnRail
+from ..observables import Observables, observe
+from ..rails import AbstractRail
+from ..simulation import simulate
+from ..state import BallState, DiskState
+from .space import Candidate
+
+RAIL_SAMPLES = 48
+
+
+class Solve(NamedTuple):
+    """How candidates are simulated; ``adjoint`` None stands for reverse mode."""
+
+    solver: diffrax.AbstractAdaptiveSolver
+    rtol: float
+    atol: float
+    max_steps: int
+    adjoint: diffrax.AbstractAdjoint | None = None
+
+
+class OnRails(NamedTuple):
+    """Masses along their rails at times t: θ, θ̇, θ̈ and the unit tangent; zero for masses on no rail."""
+
+    theta: Float[Array, "t n"]
+    thetadot: Float[Array, "t n"]
+    thetaddot: Float[Array, "t n"]
+    tangent: Float[Array, "t n 3"]
+
+
+class Curves(NamedTuple):
+    """Closed rails sampled all the way round: ``points`` ζ(θ) and ``speed`` |ζ′(θ)|, and the masses that they carry."""
+
+    masses: tuple[int, ...]
+    points: Float[Array, "rails samples 3"]
+    speed: Float[Array, "rails samples"]
+
+
+class Run(eqx.Module):
+    """A system that has rolled, at times t. What is not looked at is not computed.
+
+    - ``rail_samples``: at how many places closed rails are looked at.
+    """
+
+    system: System
+    times: Float[Array, " t"]
+    state: BallState | DiskState
+    status: Int[Array, ""]
+    rail_samples: int = eqx.field(static=True, default=RAIL_SAMPLES)
+
+    @property
+    def z(self) -> Float[Array, "t 2"]:
+        """The path of the geometric centre; that of a disk lies on the first axis."""
+        return self.state.in_space().z
+
+    @property
+    def length(self) -> Float[Array, ""]:
+        """The unit of lengths, r."""
+        return self.system.radius
+
+    @property
+    def weight(self) -> Float[Array, ""]:
+        """M g."""
+        return self.system.total_mass * jnp.abs(self.system.gravity)
+
+    @property
+    def observables(self) -> Observables:
+        """Positions, energies and forces."""
+        prepared = self.system.prepare()
+        return jax.vmap(lambda t, x: observe(prepared, t, x))(self.times, self.state)
+
+    @property
+    def masses(self) -> Kinematics:
+        """χ, χ̇ and χ̈ of the masses, each of shape (t, n, 3)."""
+        prepared = self.system.prepare()
+        return jax.vmap(lambda t, x: kinematics(prepared, t, driven_angles(prepared, t, x)))(self.times, self.state)
+
+    @property
+    def forces(self) -> Float[Array, "t n 3"]:
+        """m (a + gΓ), the force that each mass needs from its actuator and its rail, in body axes."""
+        seen, m = self.observables, point_mass_values(self.system)
+
+        def one(masses, Omega, Omegadot, Gamma):
+            a = accelerations(self.system.radius, masses, Omega, Omegadot, Gamma)
+            return m[:, None] * (a + self.system.gravity * Gamma[None])
+
+        rates = (seen.angular_velocity_body, seen.angular_acceleration_body, seen.vertical_body)
+        return jax.vmap(one)(self.masses, *rates)
+
+    @property
+    def on_rails(self) -> OnRails:
+        """θ and its rates."""
+        prepared = self.system.prepare()
+        return jax.vmap(lambda t, x: _on_rails(prepared, t, x))(self.times, self.state)
+
+    @property
+    def curves(self) -> Curves:
+        """The closed rails."""
+        return _curves(self.system, self.rail_samples)
+
+
+def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES) -> Run:
+    """The run of a candidate; NaN where the solve did not come."""
+    trajectory = simulate(
+        candidate.system,
+        candidate.times,
+        candidate.state,
+        solver=solve.solver,
+        rtol=solve.rtol,
+        atol=solve.atol,
+        max_steps=solve.max_steps,
+        adjoint=solve.adjoint,
+    )
+    return Run(candidate.system, candidate.times, trajectory.state, trajectory.status, rail_samples)
+
+
+def _on_rails(system: System, t: Float[Array, ""], state: BallState | DiskState) -> OnRails:
+    angles = driven_angles(system, t, state)
+    slots = {index: slot for slot, index in enumerate(system.driven)}
+    parts = []
+
+    def along(rail: AbstractRail, theta, thetadot, thetaddot) -> OnRails:
+        _, tangent, _ = rail.derivatives(theta)
+        return OnRails(theta, thetadot, thetaddot, tangent / jnp.sqrt(jnp.sum(tangent**2)))
+
+    for group, indices in zip(system.groups, system.order, strict=True):
+        if isinstance(group.motion, Driven):
+            places = np.asarray([slots[index] for index in indices])
+            parts.append(eqx.filter_vmap(along)(group.motion.rail, *(values[places] for values in angles)))
+        elif isinstance(group.motion, OnRail):
+            parts.append(
+                eqx.filter_vmap(lambda motion: along(motion.rail, *motion.schedule.derivatives(t)))(group.motion)
+            )
+        else:
+            still = jnp.zeros_like(group.mass)
+            parts.append(OnRails(still, still, still, jnp.zeros_like(still, shape=(len(indices), 3))))
+    if not parts:
+        nothing = jnp.zeros_like(t, shape=(0,))
+        return OnRails(nothing, nothing, nothing, jnp.zeros_like(t, shape=(0, 3)))
+    order = np.argsort(np.concatenate([np.asarray(indices) for indices in system.order]))
+    return OnRails(*(jnp.concatenate(arrays)[order] for arrays in zip(*parts, strict=True)))
+
+
+def _curves(system: System, samples: int) -> Curves:
+    masses, points, speed = [], [], []
+    for group, indices in zip(system.groups, system.order, strict=True):
+        motion = group.motion
+        if not isinstance(motion, OnRail | Driven) or motion.rail.period is None:
+            continue
+        theta = jnp.linspace(0.0, motion.rail.period, samples, endpoint=False, dtype=group.mass.dtype)
+
+        def one(rail: AbstractRail, theta=theta):
+            zeta, tangent, _ = jax.vmap(rail.prepare().derivatives)(theta)
+            return zeta, jnp.sqrt(jnp.sum(tangent**2, axis=-1))
+
+        found = eqx.filter_vmap(one)(motion.rail)
+        masses += indices
+        points.append(found[0])
+        speed.append(found[1])
+    if not masses:
+        nothing = jnp.zeros_like(system.mass, shape=(0, samples, 3))
+        return Curves((), nothing, nothing[..., 0])
+    return Curves(tuple(masses), jnp.concatenate(points), jnp.concatenate(speed))

@@ -1,0 +1,132 @@
+"""A problem solved: the gradient checked, a design looked for, kept, verified, and tightened where need be."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import tomli_w
+from jaxtyping import Float
+
+from ..results import replacing
+from .check import GradientCheck, check_gradient, require_good
+from .optimise import Optimiser
+from .problem import Evaluation, Problem
+from .settings import Settings
+from .state import Progress, Worth, load_progress, save_progress
+from .verify import Verified, perturbed, verify
+
+PROGRESS, SCENARIO = "progress.npz", "design.toml"
+TIGHTENINGS = 3
+# A constraint that is violated between the samples is tightened by so much more than that.
+MORE = 1.2
+
+
+@dataclasses.dataclass(frozen=True)
+class Design:
+    """A finished design.
+
+    - ``numbers``: the values of the variables.
+    - ``check``: that of the gradient at the start; None where the search was gone on with.
+    - ``progress``: how it was found. ``worth`` and ``feasible`` say what it is.
+    - ``before``, ``verified``, ``perturbed``: the given design; this one by other means; and as it may be built.
+    """
+
+    problem: Problem
+    settings: Settings
+    numbers: Float[np.ndarray, " n"]
+    check: GradientCheck | None
+    progress: Progress
+    before: Evaluation
+    verified: Verified
+    perturbed: Evaluation
+
+    @property
+    def worth(self) -> Worth:
+        """Its objective, largest violation and gradient, as the search saw them."""
+        return self.progress.worth
+
+    @property
+    def feasible(self) -> bool:
+        """Whether all constraints hold to the tolerance between the samples too, by the other solver."""
+        return self.verified.violation <= self.settings.tolerance
+
+    @property
+    def document(self) -> dict:
+        """Its scenario, as a TOML document."""
+        return self.problem.space.document_of(self.numbers)
+
+
+def design(
+    problem: Problem,
+    settings: Settings | None = None,
+    folder: Path | None = None,
+    *,
+    identity: str = "",
+    say: Callable[[str], None] = lambda line: None,
+) -> Design:
+    """The best design that is found.
+
+    **Arguments:**
+
+    - ``folder``: where the progress and the best design so far are kept, each time they change; a search that was
+      stopped is gone on with from there. Nothing is kept if not given.
+    - ``identity``: what the search depends on, so that it is not gone on with for another problem.
+    - ``say``: takes a line of progress.
+
+    **Raises:** :class:`DesignError` where the gradient is wrong, no start can be simulated, or ``folder`` has the
+    progress of another problem.
+    """
+    settings = Settings() if settings is None else settings
+    optimiser = Optimiser(problem, settings)
+    check, progress = None, None
+    if folder is not None and (folder / PROGRESS).exists():
+        progress = load_progress(folder / PROGRESS, identity)
+        say(f"going on from {progress.phase} {progress.step}, objective {progress.worth.objective:.6g}")
+    else:
+        check = check_gradient(optimiser, problem.space.start)
+        say(f"gradient check\n{check}")
+        require_good(check)
+        progress = optimiser.begin()
+
+    def report(progress: Progress) -> None:
+        phase, step, *leader = progress.history[-1]
+        say(line(("adam", "polish")[int(phase)], int(step), Worth(*leader)))
+        if folder is not None:
+            keep(problem, progress, folder, identity)
+
+    for _ in range(TIGHTENINGS):
+        progress = optimiser.run(progress, report)
+        verified = verify(problem, progress.best)
+        if not np.isfinite(verified.violation) or verified.violation <= settings.tolerance:
+            break
+        excess = [MORE * max(0.0, fine) for _, fine in verified.violations.values()]
+        say(f"between the samples constraints are violated by {verified.violation:.2e}: tightened")
+        progress = optimiser.tighten(progress, np.repeat(excess, problem.sizes))
+    else:
+        progress = optimiser.run(progress, report)
+        verified = verify(problem, progress.best)
+    starts = np.broadcast_to(problem.space.start, (settings.starts, problem.space.size))
+    at = optimiser.look(starts, optimiser.penalised()).at
+    before = Evaluation(at.terms[0], at.violations[0], at.status[0])
+    numbers = np.asarray(problem.space.numbers(jnp.asarray(progress.best)))
+    shaken = perturbed(problem, progress.best)
+    return Design(problem, settings, numbers, check, progress, before, verified, shaken)
+
+
+def line(phase: str, step: int, worth: Worth) -> str:
+    """A line of progress."""
+    return (
+        f"{phase:6} {step:4}  objective {worth.objective:12.6g}  violation {worth.violation:9.2e}  "
+        f"gradient {worth.gradient:8.1e}"
+    )
+
+
+def keep(problem: Problem, progress: Progress, folder: Path, identity: str) -> None:
+    """Writes the progress and the best design so far."""
+    folder.mkdir(parents=True, exist_ok=True)
+    save_progress(progress, folder / PROGRESS, identity)
+    numbers = np.asarray(problem.space.numbers(jnp.asarray(progress.best)))
+    with replacing(folder / SCENARIO) as beside:
+        beside.write_text(tomli_w.dumps(problem.space.document_of(numbers)), encoding="utf-8")

@@ -1,0 +1,190 @@
+"""The space of designs: a scenario as a function of a vector z of unbounded variables of order one."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import tomli_w
+from jaxtyping import Array, Float
+
+from .._arrays import to_array
+from ..body import Ball, Disk, System
+from ..scenario import Scenario, read_document
+from ..scenario.initial import starting_angles
+from ..state import BallState, DiskState
+from ..sweep.numbers import value_at, with_numbers
+from ..sweep.reading.plan import Plan, plan_of
+from ..versor import from_axis_angle, normalized
+from .bounds import Bounds
+from .errors import DesignError
+from .scales import default_scale
+from .variables import Variable, expanded
+
+
+class Candidate(NamedTuple):
+    """What is simulated for one z."""
+
+    system: System
+    state: BallState | DiskState
+    times: Float[Array, " T"]
+
+
+class DesignSpace:
+    """Which scenarios a design may choose from: a document with ``variables`` in the places of some of its numbers.
+
+    - ``document``: a scenario, as the TOML document that its file is.
+    - ``scenario``: what it describes.
+    - ``variables``: the design variables, one an entry of z; paths with ``[*]`` expanded.
+
+    **Raises:** :class:`DesignError` where a number cannot be a variable: one that is in two variables, that has no
+    derivative, or on which the angles of ``initial.balance`` depend; and where a start is outside its bounds.
+    """
+
+    def __init__(self, document: Mapping[str, Any], variables: Sequence[Variable]):
+        self.document = dict(document)
+        self.scenario = read_document(self.document)
+        if not isinstance(self.scenario.system, Ball | Disk):
+            raise DesignError(
+                f"Key `kind` must be ball or disk to be designed, but it is {self.scenario.system.title.lower()}."
+            )
+        self.variables = tuple(one for variable in variables for one in expanded(variable, self.document))
+        self._paths = tuple(path for variable in self.variables for path in variable.paths)
+        _check_paths(self._paths, self.document)
+        found = plan_of(tomli_w.dumps(self.document), self._paths)
+        if found is None:
+            raise DesignError(
+                f"Variables {', '.join(self._paths)} must all stand in the system or in its initial state as they "
+                "are, but one does not; give the angles of the masses instead of `initial.balance`."
+            )
+        self._plan: Plan = found
+        x = [self._start_of(variable) for variable in self.variables]
+        self.bounds = self._bounds(x)
+        self.start = self.bounds.variables(np.asarray(x))
+
+    @property
+    def size(self) -> int:
+        """How many variables there are."""
+        return len(self.variables)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The first path of each variable."""
+        return tuple(variable.name for variable in self.variables)
+
+    def numbers(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
+        """The values of the variables, within their bounds."""
+        return self.bounds.numbers(z)
+
+    def candidate(self, z: Float[Array, " n"]) -> Candidate:
+        """The system, the state and the times of z; JAX can trace it."""
+        return self.candidate_of(self.numbers(z))
+
+    def candidate_of(self, x: Float[Array, " n"]) -> Candidate:
+        """The system, the state and the times for values ``x`` of the variables."""
+        values, plan = self._at_paths(x), self._plan
+        arrays = [jnp.asarray(array, dtype=x.dtype) for array in plan.arrays]
+        for place in sorted(plan.places):
+            array = arrays[place.leaf]
+            entry = np.unravel_index(place.entry, array.shape)
+            arrays[place.leaf] = array.at[entry].set(values[place.column])
+        times = self._times(values)
+        system, state, *_ = jax.tree.unflatten(self._structure, arrays)
+        if plan.versors:
+            state = _replaced(state, q=self._versor(values))
+        if plan.angles:
+            law = system.law
+            schedules = law.targets if hasattr(law, "targets") else law.schedules
+            found = starting_angles(schedules, times[0])
+            state = _replaced(state, **{name: found[name] for name in plan.angles})
+        return Candidate(system, state, times)
+
+    def document_of(self, x: Float[np.ndarray, " n"]) -> dict[str, Any]:
+        """The scenario's document with values ``x`` of the variables."""
+        values = np.concatenate([value * np.asarray(v.factors) for value, v in zip(x, self.variables, strict=True)])
+        found = with_numbers(self.document, dict(zip(self._paths, values.tolist(), strict=True)))
+        if self._moves("initial.versor"):
+            q = np.asarray(found["initial"]["versor"])
+            found["initial"] = {**found["initial"], "versor": (q / np.linalg.norm(q)).tolist()}
+        if self._moves("time") and "step" in found["time"]:
+            found["time"] = {**found["time"], "saves": self.scenario.times.size}
+            del found["time"]["step"]
+        return found
+
+    def scenario_of(self, x: Float[np.ndarray, " n"]) -> Scenario:
+        """The scenario with values ``x`` of the variables.
+
+        **Raises:** :class:`~jaxball.ScenarioError` where no body can have them.
+        """
+        return read_document(self.document_of(x))
+
+    @property
+    def _structure(self) -> Any:
+        scenario = self.scenario
+        return jax.tree.structure((scenario.system, scenario.state, scenario.rtol, scenario.atol))
+
+    def _moves(self, table: str) -> bool:
+        return any(path.startswith(table) for path in self._paths)
+
+    def _start_of(self, variable: Variable) -> float:
+        x = variable.start
+        x = float(value_at(self.document, variable.name)) / variable.factors[0] if x is None else x
+        if not variable.lower <= x <= variable.upper:
+            raise DesignError(
+                f"Variable `{variable.name}` must start between its bounds {variable.lower:g} and {variable.upper:g}, "
+                f"but it starts at {x:g}."
+            )
+        return x
+
+    def _bounds(self, x: list[float]) -> Bounds:
+        system = self.scenario.system
+        assert isinstance(system, Ball | Disk)
+        scale = [
+            default_scale(variable.name, value, system) if variable.scale is None else variable.scale
+            for variable, value in zip(self.variables, x, strict=True)
+        ]
+        lower, upper = ([getattr(v, side) for v in self.variables] for side in ("lower", "upper"))
+        return Bounds(np.asarray(lower, dtype=float), np.asarray(upper, dtype=float), np.asarray(scale, dtype=float))
+
+    def _at_paths(self, x: Float[Array, " n"]) -> Float[Array, " paths"]:
+        column = np.repeat(np.arange(self.size), [len(variable.paths) for variable in self.variables])
+        factors = np.concatenate([np.asarray(variable.factors, dtype=float) for variable in self.variables])
+        return x[column] * jnp.asarray(factors, dtype=x.dtype)
+
+    def _value(self, path: str, values: Float[Array, " paths"]) -> Float[Array, ""]:
+        if path in self._paths:
+            return values[self._paths.index(path)]
+        return to_array(value_at(self.document, path))
+
+    def _times(self, values: Float[Array, " paths"]) -> Float[Array, " T"]:
+        times = to_array(self.scenario.times)
+        if not self._moves("time"):
+            return times
+        start, end = (self._value(f"time.{name}", values) for name in ("start", "end"))
+        share = jnp.linspace(0.0, 1.0, times.size, dtype=times.dtype)
+        return start + (end - start) * share
+
+    def _versor(self, values: Float[Array, " paths"]) -> Float[Array, "4"]:
+        if "axis" not in self.document["initial"]:
+            return normalized(jnp.stack([self._value(f"initial.versor[{k}]", values) for k in range(4)]))
+        axis = jnp.stack([self._value(f"initial.axis[{k}]", values) for k in range(3)])
+        return from_axis_angle(axis, self._value("initial.angle", values))
+
+
+def _replaced(state: Any, **fields: Any) -> Any:
+    return type(state)(**{name: getattr(state, name) for name in state.__dataclass_fields__} | fields)
+
+
+def _check_paths(paths: tuple[str, ...], document: Mapping[str, Any]) -> None:
+    if not paths:
+        raise DesignError("A design must have one variable or more, but it has none.")
+    for path in paths:
+        if paths.count(path) > 1:
+            raise DesignError(f"Path `{path}` must be in one variable, but it is in {paths.count(path)}.")
+        if path.startswith(("solve.", "time.step", "time.at")) or ".frame.matrix" in path:
+            raise DesignError(
+                f"Path `{path}` must be a number that can change alone and that the motion depends on smoothly, but "
+                "those of the solve, single save times and entries of rotation matrices are not; of times, "
+                "`time.start` and `time.end` can be varied, and of frames, their angles or versors."
+            )

@@ -1,0 +1,97 @@
+"""How far an optimisation has come: kept on disk, so that it can be stopped at any time and gone on with."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ..results import replacing
+from .errors import DesignError
+
+
+class Worth(NamedTuple):
+    """What a design was found to be worth: its objective, largest violation, and gradient of the Lagrangian."""
+
+    objective: float = np.inf
+    violation: float = np.inf
+    gradient: float = np.inf
+
+    def better_than(self, other: "Worth", tolerance: float) -> bool:
+        """Feasible designs by their objective, and others by their violation."""
+        if not np.isfinite(self.objective) or np.isnan(self.violation):
+            return False
+        mine, theirs = max(self.violation, tolerance), max(other.violation, tolerance)
+        return (mine, self.objective) < (theirs, other.objective)
+
+
+@dataclasses.dataclass
+class Progress:
+    """The state of an optimisation between two of its steps.
+
+    - ``phase``: ``adam``, ``polish`` or ``done``; ``step`` counts within it.
+    - ``z``: the designs that are improved side by side.
+    - ``arrays``: what else the phase needs: moments of Adam, or multipliers.
+    - ``best``, ``worth``: the best design so far.
+    - ``history``: for each report, the phase (0 or 1), the step, and the worth of the best of ``z`` then.
+    """
+
+    phase: str
+    step: int
+    z: Float[np.ndarray, "starts n"]
+    arrays: list[np.ndarray]
+    best: Float[np.ndarray, " n"]
+    worth: Worth = dataclasses.field(default_factory=Worth)
+    history: list[tuple[float, ...]] = dataclasses.field(default_factory=list)
+
+    def offer(self, z: Float[np.ndarray, "starts n"], worths: list[Worth], tolerance: float) -> Worth:
+        """Takes over a design that is better than the best so far; the best of those offered."""
+        leader = Worth()
+        for one, worth in zip(z, worths, strict=True):
+            if worth.better_than(leader, tolerance):
+                leader = worth
+            if worth.better_than(self.worth, tolerance):
+                self.best, self.worth = np.array(one), worth
+        return leader
+
+
+def save_progress(progress: Progress, path: Path, identity: str) -> None:
+    """Writes the progress of the problem ``identity``, whole or not at all."""
+    arrays: dict[str, Any] = {f"array_{k}": array for k, array in enumerate(progress.arrays)}
+    with replacing(path) as beside, beside.open("wb") as file:
+        np.savez(
+            file,
+            identity=identity,
+            phase=progress.phase,
+            step=progress.step,
+            z=progress.z,
+            best=progress.best,
+            worth=np.asarray(progress.worth),
+            history=np.asarray(progress.history, dtype=float).reshape(-1, 5),
+            **arrays,
+        )
+
+
+def load_progress(path: Path, identity: str) -> Progress:
+    """The progress that was written.
+
+    **Raises:** :class:`DesignError` where it is that of another problem, or no such file.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as found:
+            kept = dict(found)
+    except (OSError, ValueError) as error:
+        raise DesignError(f'File "{path}" must be the progress of a design, but it cannot be read ({error}).') from None
+    if str(kept["identity"]) != identity:
+        raise DesignError(f'File "{path}" is the progress of another problem; choose another folder, or remove it.')
+    count = sum(name.startswith("array_") for name in kept)
+    return Progress(
+        str(kept["phase"]),
+        int(kept["step"]),
+        kept["z"],
+        [kept[f"array_{k}"] for k in range(count)],
+        kept["best"],
+        Worth(*(float(x) for x in kept["worth"])),
+        [tuple(float(x) for x in row) for row in kept["history"]],
+    )

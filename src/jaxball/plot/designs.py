@@ -1,0 +1,68 @@
+"""Figures of designs: the path that was wanted, the rails' motion, and how the search went."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle as Ring
+
+from .style import COMPONENTS, INK, SHELL, TRAIL, WIDE, legend_above, mass_line, named, plane_axes
+
+
+def designed_path(
+    before: Float[np.ndarray, "t 2"],
+    after: Float[np.ndarray, "t 2"],
+    wanted: Float[np.ndarray, "k 2"] | None = None,
+    discs: Sequence[tuple[Float[np.ndarray, "2"], float]] = (),
+    ax: Axes | None = None,
+) -> Axes:
+    """The path of the geometric centre before and after, the wanted one dashed, and the discs to stay out of.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax, (WIDE[0], 4.0))
+    for centre, radius in discs:
+        ax.add_patch(Ring((float(centre[0]), float(centre[1])), radius, facecolor="0.9", edgecolor=SHELL))
+    ax.plot(*before.T, color="0.7", linewidth=1.0, label="before")
+    ax.plot(*after.T, color=TRAIL, linewidth=1.4, label="after")
+    if wanted is not None:
+        ax.plot(*wanted.T, color=INK, linewidth=0.8, linestyle=(0, (4, 2)), label="wanted")
+    ax.set_aspect("equal", adjustable="datalim")
+    named(ax, r"$\mathbf{e}_1$", r"$\mathbf{e}_2$")
+    legend_above(ax)
+    return ax
+
+
+def rail_angles(times: Float[np.ndarray, " t"], theta: Float[np.ndarray, "t n"], ax: Axes | None = None) -> Axes:
+    """θ_i over time.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax)
+    for i in range(theta.shape[1]):
+        ax.plot(times, theta[:, i], label=rf"$\theta_{{{i + 1}}}$", **mass_line(i + 1))
+    ax.margins(x=0)
+    named(ax, "$t$", r"$\theta_i$")
+    legend_above(ax)
+    return ax
+
+
+def convergence(
+    objective: Float[np.ndarray, " k"],
+    violation: Float[np.ndarray, " k"],
+    gradient: Float[np.ndarray, " k"],
+    ax: Axes | None = None,
+) -> Axes:
+    """Objective, violation and gradient norm of the best start at each report; what is not positive is left out.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax)
+    rows = zip(("objective", "violation", "gradient"), (objective, violation, gradient), COMPONENTS, strict=True)
+    for name, values, colour in rows:
+        ax.plot(np.where(values > 0, values, np.nan), color=colour, linewidth=1.2, label=name, marker=".", ms=3)
+    ax.set_yscale("log")
+    named(ax, "report")
+    legend_above(ax)
+    return ax

@@ -1,0 +1,186 @@
+"""A whole design whose optimum is known: a uniform ball, z = r t (Ω2, −Ω1), comes as near as it may to a place.
+
+The place is at (2, 0.5), and the ball may not pass e1 = 1.5: it ends at (1.5, 0.5), ½ away.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import cli, design
+from jaxball.design.report import write_report
+
+PROBLEM = """
+format = 1
+title = "As near as it may"
+
+[scenario]
+format = 1
+kind = "ball"
+body = { mass = 1.0, radius = 1.0, inertia = [0.4, 0.4, 0.4], gravity = 1.0 }
+initial = { Omega = [0.1, 0.5, 0.0] }
+time = { start = 0.0, end = 2.0, saves = 5 }
+solve = { solver = "tsit5", rtol = 1e-9, atol = 1e-9 }
+
+[[variables]]
+path = "initial.Omega[0]"
+lower = -1.0
+upper = 1.0
+
+[[variables]]
+path = "initial.Omega[1]"
+
+[[objectives]]
+kind = "reach-place"
+place = [2.0, 0.5]
+
+[[constraints]]
+kind = "within"
+low = [-1.0, -1.0]
+high = [1.5, 5.0]
+
+[search]
+starts = 2
+steps = 20
+rounds = 20
+tolerance = 1e-6
+stationary = 1e-7
+"""
+
+
+@functools.cache
+def problem():
+    return design.read_problem(PROBLEM)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Where a design and its report are."""
+    path, found = tmp_path_factory.mktemp("design"), problem()
+    done = design.design(found.problem, found.settings, path, identity=found.identity)
+    assert done.feasible
+    write_report(done, found.title, path)
+    return path
+
+
+@pytest.mark.slow
+def test_the_command_writes_the_same(folder, tmp_path):
+    (tmp_path / "problem.toml").write_text(PROBLEM)
+    assert cli.main(["design", str(tmp_path / "problem.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    for name in ("design.toml", "report.md"):
+        assert (tmp_path / "out" / name).read_text() == (folder / name).read_text()
+
+
+def test_the_optimum_on_a_constraint(folder):
+    found = jaxball.load_scenario(folder / "design.toml")
+    np.testing.assert_allclose(found.state.Omega, [-0.25, 0.75, 0.0], atol=1e-5)
+    np.testing.assert_allclose(found.simulate().state.z[-1], [1.5, 0.5], atol=1e-5)
+
+
+def test_the_report_has_figures_and_numbers(folder):
+    text = (folder / "report.md").read_text()
+    assert "All constraints hold" in text
+    assert "is stationary" in text
+    assert "| reach-place | 1 |" in text
+    for name in ("path", "rails", "contact", "convergence"):
+        assert (folder / f"{name}.png").exists()
+
+
+@pytest.mark.slow
+def test_a_search_that_was_stopped_goes_on_where_it_was(folder, tmp_path):
+    """Stopped after two reports, it ends where it would have ended."""
+
+    class StoppedError(Exception):
+        pass
+
+    lines = []
+
+    def say(line):
+        lines.append(line)
+        if len(lines) == 4:
+            raise StoppedError
+
+    found = problem()
+    with pytest.raises(StoppedError):
+        design.design(found.problem, found.settings, tmp_path, identity=found.identity, say=say)
+    kept = jaxball.load_scenario(tmp_path / "design.toml")
+    assert np.all(np.isfinite(kept.state.Omega))
+    done = design.design(found.problem, found.settings, tmp_path, identity=found.identity)
+    whole = jaxball.load_scenario(folder / "design.toml")
+    np.testing.assert_array_equal(done.numbers, np.asarray(whole.state.Omega)[:2])
+    with pytest.raises(design.DesignError, match="another problem"):
+        design.design(found.problem, found.settings, tmp_path, identity="another")
+
+
+@jax.custom_jvp
+def crooked(x):
+    return x
+
+
+@crooked.defjvp
+def _(primals, tangents):
+    return primals[0], 1.01 * tangents[0]
+
+
+class Crooked(design.AbstractObjective):
+    """x² of the end, with derivatives that are off by a hundredth."""
+
+    def __call__(self, run):
+        return crooked(run.z[-1, 0]) ** 2
+
+
+class Endless(design.AbstractObjective):
+    """√x at x = 0."""
+
+    def __call__(self, run):
+        return jnp.sqrt(jnp.sum(run.z[0] ** 2))
+
+
+@pytest.mark.parametrize(("wrong", "words"), [(Crooked(), "must agree"), (Endless(), "must be finite")])
+def test_a_wrong_gradient_is_refused(wrong, words):
+    space = problem().problem.space
+    with pytest.raises(design.DesignError, match=words):
+        design.design(design.Problem(space, {"wrong": wrong}, {}), design.Settings(starts=1))
+
+
+def test_the_gradient_is_right_to_the_solver():
+    found = problem()
+    check = design.check_gradient(design.Optimiser(found.problem, found.settings), found.problem.space.start)
+    assert check.between_modes < 1e-10
+    assert check.from_differences < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (('kind = "within"', 'kind = "withing"'), "must be one of"),
+        (("starts = 2", "starts = 0"), "search.starts"),
+        (("lower = -1.0", "lower = 3.0"), "lower bound below"),
+        (('path = "initial.Omega[1]"', 'path = "initial.Omega[7]"'), "did you mean"),
+        (("mass = 1.0", "mass = -1.0"), "body.mass"),
+        (("format = 1", "format = 2"), "format"),
+        (("place = [2.0, 0.5]", "plaice = [2.0, 0.5]"), "did you mean `place`"),
+    ],
+)
+def test_errors_of_problem_files_name_the_key(change, words):
+    with pytest.raises(jaxball.ScenarioError, match=words):
+        design.read_problem(PROBLEM.replace(*change))
+
+
+def test_files_that_are_none_are_told(tmp_path, capsys):
+    assert cli.main(["design", str(tmp_path / "none.toml"), "--out", str(tmp_path)]) == 2
+    assert "must be a problem file" in capsys.readouterr().err
+
+
+def test_a_violation_is_seen_by_the_other_solver():
+    """By the other solver, e1 = 1.52 at the end is 0.02 too far."""
+    found = problem().problem
+    at = np.asarray(found.space.bounds.variables(np.array([-0.25, 0.76])))
+    seen = design.verify(found, at)
+    np.testing.assert_allclose(seen.violation, 0.02, atol=1e-7)
+    assert seen.solver == "gauss16"
+    assert seen.apart < 1e-8

@@ -1,0 +1,137 @@
+"""Numbers by their paths, as functions of unbounded variables: beside the scenario reader, which is not traced."""
+
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from jaxball.design import Bounds, DesignError, DesignSpace, Variable
+from tests.design.documents import builtin
+
+PATHS = (
+    "masses[2].rail.radius",
+    "masses[2].schedule.theta",
+    "masses[1].mass",
+    "body.offset[2]",
+    "masses[1].rail.frame.azimuth",
+    "initial.Omega[1]",
+    "initial.z[0]",
+    "time.end",
+)
+
+
+def with_versor():
+    document = builtin("ball", start=0.0, end=5.0, step=0.1)
+    document["initial"]["versor"] = [0.5, 0.5, -0.5, 0.5]
+    return document, [f"initial.versor[{k}]" for k in range(4)]
+
+
+def with_axis():
+    document = builtin("ball", start=0.0, end=5.0, saves=11)
+    document["initial"] = {"axis": [0.3, -0.4, 0.5], "angle": 0.7}
+    return document, ["initial.axis[0]", "initial.axis[2]", "initial.angle", "time.start"]
+
+
+def with_servo():
+    document = builtin("ball", start=0.0, end=5.0, saves=11)
+    document["actuation"] = {"form": "integrated"}
+    return document, ["masses[0].schedule.theta", "masses[1].schedule.theta"]
+
+
+def assert_same(candidate, scenario, bound):
+    found, read = jax.tree.leaves(candidate), jax.tree.leaves((scenario.system, scenario.state, scenario.times))
+    for a, b in zip(found, read, strict=True):
+        np.testing.assert_allclose(a, b, rtol=bound, atol=bound)
+
+
+@pytest.mark.parametrize(
+    ("document", "paths"),
+    [(builtin("ball", start=0.0, end=5.0, saves=11), list(PATHS)), with_versor(), with_axis(), with_servo()],
+    ids=["ball", "versor", "axis", "driven"],
+)
+def test_candidate_is_what_the_reader_reads(document, paths):
+    space = DesignSpace(document, [Variable((path,)) for path in paths])
+    assert_same(space.candidate(jnp.asarray(space.start)), space.scenario, 1e-15)
+    z = jnp.asarray(space.start + 0.02 * np.random.default_rng(3).normal(size=space.size))
+    x = np.asarray(space.numbers(z))
+    assert_same(jax.jit(space.candidate)(z), space.scenario_of(x), 1e-14)
+
+
+def test_a_number_shared_by_several_places():
+    paths = ("masses[0].rail.radius", "masses[1].rail.radius", "masses[2].rail.radius")
+    shared = Variable(paths, factors=(1.0, 0.9, -0.5), start=0.8)
+    space = DesignSpace(builtin("disk"), [shared])
+    radii = [item.motion.rail.radius for item in space.candidate(jnp.asarray(space.start)).system.point_masses[:3]]
+    np.testing.assert_allclose(radii, [0.8, 0.72, -0.4], rtol=1e-15)
+
+
+def test_stars_stand_for_every_number_of_a_list():
+    space = DesignSpace(builtin("ball"), [Variable(("body.inertia[*]",)), Variable(("masses[*].mass",))])
+    assert space.names == tuple([f"body.inertia[{k}]" for k in range(3)] + [f"masses[{k}].mass" for k in range(3)])
+
+
+SIDES = {
+    "free": (-math.inf, math.inf),
+    "above": (0.5, math.inf),
+    "below": (-math.inf, 2.0),
+    "between": (0.5, 2.0),
+}
+
+
+@given(z=st.floats(-20, 20), side=st.sampled_from(sorted(SIDES)))
+def test_numbers_stay_within_their_bounds(z, side):
+    lower, upper = SIDES[side]
+    bounds = Bounds(np.array([lower]), np.array([upper]), np.array([0.3]))
+    x = np.asarray(bounds.numbers(jnp.array([z])))
+    assert lower <= x[0] <= upper
+    if lower + 1e-3 < x[0] < upper - 1e-3:
+        np.testing.assert_allclose(bounds.numbers(jnp.asarray(bounds.variables(x))), x, rtol=1e-12)
+
+
+@pytest.mark.parametrize("side", sorted(SIDES))
+def test_a_start_on_a_bound_can_leave_it(side):
+    lower, upper = SIDES[side]
+    bounds = Bounds(np.array([lower]), np.array([upper]), np.array([0.3]))
+    for x in (bound for bound in (lower, upper) if math.isfinite(bound)):
+        z = jnp.asarray(bounds.variables(np.array([x])))
+        assert abs(float(bounds.numbers(z)[0]) - x) < 1e-3
+        assert abs(float(jax.grad(lambda z: bounds.numbers(z)[0])(z)[0])) > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("variables", "words"),
+    [
+        ([], "one variable or more"),
+        ([Variable(("masses[0].mass",))] * 2, "in one variable"),
+        ([Variable(("masses[0].mass",), lower=2.0)], "start between its bounds"),
+        ([Variable(("solve.rtol",))], "can change alone"),
+        ([Variable(("masses[0].mas",))], "did you mean"),
+        ([Variable(("masses[*].mas",))], "none has such a path"),
+    ],
+)
+def test_what_cannot_be_varied_is_told(variables, words):
+    with pytest.raises(ValueError, match=words):
+        DesignSpace(builtin("ball"), variables)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"lower": 2.0, "upper": 1.0}, "lower bound below its upper"),
+        ({"scale": 0.0}, "positive scale"),
+        ({"factors": (1.0, 2.0)}, "one factor for each"),
+    ],
+)
+def test_variables_that_make_no_sense_are_told(arguments, words):
+    with pytest.raises(DesignError, match=words):
+        Variable(("masses[0].mass",), **arguments)
+
+
+def test_angles_found_by_balance_cannot_be_varied():
+    document = builtin("ball")
+    document["initial"]["balance"] = {"masses": [1, 2]}
+    with pytest.raises(DesignError, match=r"instead of `initial\.balance`"):
+        DesignSpace(document, [Variable(("masses[0].rail.radius",))])

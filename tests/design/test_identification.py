@@ -1,0 +1,65 @@
+"""Parameters recovered from paths that were simulated with noise."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from jaxball.design import DesignError, DesignSpace, Variable, identify
+from tests.design.documents import builtin
+
+NOISE = 1e-3
+PATHS = ("masses[0].mass", "masses[1].mass", "masses[1].rail.radius", "masses[2].rail.radius", "body.offset[2]")
+
+
+@functools.cache
+def recorded():
+    """The paper's ball to t = 10, the truth, and its path without noise."""
+    document = builtin("ball", start=0.0, end=10.0, saves=201)
+    document["solve"] = {"rtol": 1e-9, "atol": 1e-9}
+    truth = DesignSpace(document, [Variable((path,)) for path in PATHS])
+    return document, np.asarray([truth.start]).ravel(), np.asarray(truth.scenario.simulate().state.z)
+
+
+@functools.cache
+def found(seed):
+    """What is found from a path with noise, from a start that is some percent off."""
+    document, _, path = recorded()
+    values = (1.06, 0.95, 0.88, 0.87, -0.04)
+    space = DesignSpace(document, [Variable((p,), start=x) for p, x in zip(PATHS, values, strict=True)])
+    return identify(space, path + NOISE * np.random.default_rng(seed).normal(size=path.shape))
+
+
+def test_the_truth_lies_in_the_intervals():
+    truth = np.array([1.0, 1.0, 0.9, 0.85, -0.05])
+    result = found(1)
+    assert result.converged
+    assert result.alike == [], str(result)
+    # Of five intervals of 99.9 %, all hold the truth in 199 of 200 cases.
+    low, high = result.intervals(0.999).T
+    assert np.all((low < truth) & (truth < high)), str(result)
+    assert np.all(result.deviations < 0.01)
+
+
+def test_the_noise_is_found():
+    # The relative deviation of an estimate from 397 degrees of freedom is 3.5 %.
+    assert abs(found(1).noise / NOISE - 1) < 0.15
+
+
+def test_masses_at_the_centre_cannot_be_told_from_the_shell():
+    """With the shell's centre of mass in the geometric centre, both are seen through their sum alone."""
+    document = builtin("disk", start=0.0, end=3.0, saves=61)
+    document["masses"] = [document["masses"][0], {"mass": 0.5, "position": [0.0, 0.0, 0.0]}]
+    space = DesignSpace(document, [Variable((p,)) for p in ("body.mass", "masses[1].mass", "masses[0].rail.radius")])
+    path = np.asarray(space.scenario.simulate().state.in_space().z)
+    result = identify(space, path + NOISE * np.random.default_rng(2).normal(size=path.shape) * np.array([1.0, 0.0]))
+    assert result.alike == [("body.mass", "masses[1].mass")]
+    assert np.all(np.isinf(result.deviations[:2]))
+    assert result.deviations[2] < 0.01
+    assert "cannot tell apart body.mass and masses[1].mass" in str(result)
+
+
+def test_a_path_of_another_length_is_told():
+    document, *_ = recorded()
+    with pytest.raises(DesignError, match="201 save times"):
+        identify(DesignSpace(document, [Variable(("masses[0].mass",))]), np.zeros((3, 2)))

@@ -1,0 +1,137 @@
+"""Objectives of motions that are known in closed form."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import design
+
+TIMES = np.linspace(0.0, 2.0, 201)
+OMEGA = (0.3, 0.4, 0.0)
+D, R, G = 0.4, 0.5, 2.0
+
+
+def run(ball, state=None):
+    trajectory = jaxball.simulate(ball, TIMES, state, rtol=1e-11, atol=1e-11)
+    return design.Run(ball, jnp.asarray(TIMES), trajectory.state, trajectory.status)
+
+
+@functools.cache
+def rolling():
+    """A uniform shell that rolls straight on: z = r t (Ω2, −Ω1)."""
+    return run(jaxball.Ball(mass=1.0, inertia=(D, D, D), radius=R, gravity=G), jaxball.BallState(Omega=OMEGA))
+
+
+@functools.cache
+def driven():
+    """A shell too heavy to be moved, in which a mass goes round a vertical circle of radius 0.3."""
+    rail = jaxball.Circle(0.3)
+    mass = jaxball.PointMass(1.0, jaxball.OnRail(rail, jaxball.Sinusoids(0.4, (0.5,), (3.0,))))
+    return run(jaxball.Ball(mass=1e12, inertia=(1e12, 1e12, 1e12), radius=R, gravity=G, masses=[mass]))
+
+
+def theta():
+    """θ, θ̇ and θ̈ of the driven mass."""
+    return (
+        0.4 + 0.5 * np.sin(3 * TIMES),
+        1.5 * np.cos(3 * TIMES),
+        -4.5 * np.sin(3 * TIMES),
+    )
+
+
+def mean(values):
+    return np.trapezoid(values, TIMES) / TIMES[-1]
+
+
+VELOCITY = R * np.array([OMEGA[1], -OMEGA[0]])
+END = VELOCITY * TIMES[-1]
+SIDE = np.array([-VELOCITY[1], VELOCITY[0]]) / np.linalg.norm(VELOCITY)
+
+
+def closed_forms():
+    force = 0.3 * theta()[2] + G * np.cos(theta()[0])
+    weight, second = (1e12 + 1) * G, np.sqrt(R / G)
+    turn = np.linalg.norm(OMEGA) * TIMES[-1]
+    post = VELOCITY * 1.0 + 0.3 * SIDE
+    distance = np.linalg.norm(VELOCITY[None] * TIMES[:, None] - post[None], axis=1)
+    line = design.Through([[0.0, 0.0], END])
+    beside = design.Through([0.2 * SIDE, END + 0.2 * SIDE])
+    farther = design.Through([[0.0, 0.0], 2 * END])
+    far = np.linalg.norm(END) / R
+    return {
+        "place": (design.ReachPlace(END + 0.1), rolling, 0.02 / R**2),
+        "pose": (design.ReachPose((2.0, 0.0, 0.0, 0.0)), rolling, np.sin(turn / 2) ** 2),
+        "rest": (design.StopAtRest(), rolling, 0.5 * (D + R**2) * 0.25 / (G * R)),
+        "far": (design.GoFar(), rolling, -far),
+        "in time": (design.FollowTrajectory(line), rolling, 0.0),
+        "beside in time": (design.FollowTrajectory(beside), rolling, 0.04 / R**2),
+        "twice as fast": (design.FollowTrajectory(farther), rolling, far**2 / 3),
+        "beside": (design.FollowCurve(beside), rolling, 2 * 0.04 / R**2),
+        # Half of the curve is left out; its mean squared distance from the end of the path is far² / 3.
+        "half": (design.FollowCurve(farther), rolling, far**2 / 6),
+        "post": (
+            design.AvoidObstacles([post], [0.2], 0.3),
+            rolling,
+            mean(np.log1p(np.exp((0.2 - distance) / R / 0.3)) ** 2),
+        ),
+        "acceleration": (design.AccelerationEffort(), driven, mean(theta()[2] ** 2) * second**4),
+        "force": (design.ForceEffort(), driven, mean(force**2) / weight**2),
+        "power": (
+            design.PowerEffort(),
+            driven,
+            mean((force * 0.3 * theta()[1]) ** 2) / (weight * R / second) ** 2,
+        ),
+    }
+
+
+@functools.cache
+def values(motion):
+    """The objectives of a motion, computed together."""
+    found = {name: objective for name, (objective, of, _) in closed_forms().items() if of is motion}
+    return eqx.filter_jit(lambda run, found: {name: objective(run) for name, objective in found.items()})(
+        motion(), found
+    )
+
+
+@pytest.mark.parametrize("name", closed_forms())
+def test_objective_in_closed_form(name):
+    _, motion, expected = closed_forms()[name]
+    bound = 0.02 if name == "half" else 1e-3 if name == "twice as fast" else 1e-8
+    at_zero = 1e-15 if expected == 0 else 0.0
+    np.testing.assert_allclose(float(values(motion)[name]), expected, rtol=bound, atol=at_zero)
+
+
+def test_balance_is_where_the_moment_of_gravity_vanishes():
+    hanging = jaxball.Ball(mass=1.0, inertia=(D, D, D), offset=(0.0, 0.0, -0.1))
+    tilt = jnp.asarray([np.cos(0.2), np.sin(0.2), 0.0, 0.0])
+    objective = eqx.filter_jit(design.Balanced())
+    for q, expected in ((tilt, (0.1 * np.sin(0.4)) ** 2), ((1.0, 0.0, 0.0, 0.0), 0.0)):
+        state = jax.tree.map(lambda x: x[None], jaxball.BallState(q))
+        found = objective(design.Run(hanging, jnp.zeros(1), state, jnp.asarray(0)))
+        np.testing.assert_allclose(float(found), expected, rtol=1e-12, atol=1e-30)
+
+
+def test_curve_through_points_of_a_parabola_is_the_parabola():
+    curve = design.Through([[s, s**2] for s in np.linspace(0.0, 1.0, 5)])
+    s = jnp.linspace(0.0, 1.0, 23)
+    np.testing.assert_allclose(curve.points(23), jnp.stack([s, s**2], axis=1), atol=1e-14)
+
+
+def test_sigmoid_is_half_way_at_half_and_its_own_mirror_image():
+    curve = design.Sigmoid(6.0, 2.0, 8.0, (1.0, -1.0))
+    points = np.asarray(curve.points(41))
+    np.testing.assert_allclose(points[[0, 20, 40]], [[1, -1], [4, 0], [7, 1]], atol=1e-14)
+    np.testing.assert_allclose(points + points[::-1], np.broadcast_to([8.0, 0.0], points.shape), atol=1e-13)
+    rate = 2.0 * 8.0 / 4 / np.tanh(2.0)
+    slope = jax.jvp(curve, (jnp.asarray(0.5),), (jnp.asarray(1.0),))[1]
+    np.testing.assert_allclose(slope, [6.0, rate], rtol=1e-12)
+
+
+def test_points_that_make_no_curve_are_told():
+    with pytest.raises(design.DesignError, match="two points or more"):
+        design.Through([[0.0, 0.0]])
