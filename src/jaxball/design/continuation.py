@@ -1,0 +1,226 @@
+"""Solution branches of F(y, λ) = 0, followed past turning points.
+
+Pseudo-arclength continuation (Keller 1977; Allgower & Georg, Numerical Continuation Methods, chapters 2, 6 and 10): a
+predictor along the tangent, and Newton's method on F = 0 together with the condition that the point has the wanted
+distance along the tangent. The bordered matrix of that system is regular at a fold, where F_y is singular.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from .equations import AbstractEquations, bordered_solver
+from .errors import DesignError
+
+# Corrections of Newton's method with which a step is neither too short nor too long, and with which it has failed.
+EASY, MOST_CORRECTIONS = 4, 8
+LONGER, SHORTER = 2.0, 0.5
+# The cosine of the largest angle between the tangents of neighbours.
+STRAIGHT = 0.9
+LEAST_STEP = 1e-8
+FOLD_SEARCHES, FLAT = 40, 1e-9
+
+
+class Fold(NamedTuple):
+    """A turning point: dλ/ds = 0. It lies between the points ``after`` and ``after + 1`` of its branch."""
+
+    after: int
+    y: Float[np.ndarray, " n"]
+    parameter: float
+
+
+class Branch(NamedTuple):
+    """Points of a solution branch, in their order along it.
+
+    - ``y``, ``parameter``: where they are.
+    - ``length``: the arclength s up to each, in the norm that :func:`follow` describes.
+    - ``slope``: dλ/ds there.
+    - ``folds``: the turning points.
+    - ``ended``: why it ends: ``"end"`` (λ is what was asked for), ``"length"``, ``"points"``, or ``"lost"``, where no
+      further point could be computed.
+    """
+
+    y: Float[np.ndarray, "points n"]
+    parameter: Float[np.ndarray, " points"]
+    length: Float[np.ndarray, " points"]
+    slope: Float[np.ndarray, " points"]
+    folds: tuple[Fold, ...]
+    ended: str
+
+
+@dataclasses.dataclass(frozen=True)
+class _Point:
+    """A point of a branch and its tangent, of length one, to which λ is the last entry of both."""
+
+    Y: Float[np.ndarray, " n_plus_one"]
+    tangent: Float[np.ndarray, " n_plus_one"]
+    length: float
+    corrections: int = 0
+
+
+def follow(
+    equations: AbstractEquations,
+    y: Float[np.ndarray, " n"],
+    start: float,
+    end: float | None = None,
+    *,
+    direction: float = 1.0,
+    step: float = 0.1,
+    longest: float = math.inf,
+    length: float = math.inf,
+    points: int = 500,
+    tolerance: float = 1e-10,
+    weights: Float[np.ndarray, " n"] | None = None,
+    visit: Callable[[Float[np.ndarray, " n"], float], None] = lambda y, parameter: None,
+) -> Branch:
+    """The branch of F(y, λ) = 0 that goes through a solution near ``y`` at λ = ``start``.
+
+    **Arguments:**
+
+    - ``equations``: F with its derivatives.
+    - ``end``: the λ at which the branch ends; reached exactly, without another step past it.
+    - ``direction``: where λ goes at first, up or down; towards ``end`` if that is given.
+    - ``step``, ``longest``: the first and the longest step in arclength.
+    - ``length``, ``points``: the arclength and the number of points at which the branch ends at the latest.
+    - ``tolerance``: of the corrector: the largest entry of its last correction, over 1 + \\|Y\\|.
+    - ``weights``: w of the norm ds² = Σ w dy² + dλ²; 1/n if not given. Entries may be 0.
+    - ``visit``: called with each point.
+
+    **Raises:** :class:`DesignError` where Newton's method finds no solution near ``y``.
+    """
+    track = _Track(equations, np.full(y.size, 1 / y.size) if weights is None else weights, tolerance)
+    if end is not None:
+        direction = end - start
+    at = track.first(np.append(y, start), direction)
+    visit(at.Y[:-1], at.Y[-1])
+    found, folds, ended = [at], [], "points"
+    while len(found) < points:
+        there = track.step(at, step)
+        if there is not None and end is not None and _between(at.Y[-1], end, there.Y[-1]):
+            last = track.at_parameter(at, there, end)
+            if last is not None:
+                found.append(last)
+                visit(last.Y[:-1], last.Y[-1])
+                ended = "end"
+                break
+            there = None
+        if there is None:
+            step *= SHORTER
+            if step < LEAST_STEP:
+                ended = "lost"
+                break
+            continue
+        if at.tangent[-1] * there.tangent[-1] < 0:
+            folds.append(track.fold(len(found) - 1, at, there))
+        found.append(there)
+        visit(there.Y[:-1], there.Y[-1])
+        if there.length >= length:
+            ended = "length"
+            break
+        step = min(longest, step * float(np.clip(EASY / max(there.corrections, 1), SHORTER, LONGER)))
+        at = there
+    Y = np.stack([point.Y for point in found])
+    lengths = np.asarray([point.length for point in found])
+    slope = np.asarray([point.tangent[-1] for point in found])
+    return Branch(Y[:, :-1], Y[:, -1], lengths, slope, tuple(folds), ended)
+
+
+def _between(a: float, x: float, b: float) -> bool:
+    return bool((a - x) * (b - x) <= 0)
+
+
+class _Track:
+    """Equations, a norm and a tolerance: what takes one point of a branch to the next."""
+
+    def __init__(self, equations: AbstractEquations, weights: Float[np.ndarray, " n"], tolerance: float):
+        self.equations, self.tolerance = equations, tolerance
+        self.metric = np.append(weights, 1.0)
+
+    def first(self, Y: Float[np.ndarray, " n_plus_one"], direction: float) -> _Point:
+        """The solution at the λ of Y, with the tangent along which λ goes in ``direction``."""
+        found = self._corrected(Y, self._fixed(Y))
+        if found is None:
+            raise DesignError(
+                f"Argument `y` must be near a solution at λ = {Y[-1]:g}, but Newton's method finds none; start from a "
+                "better one, or at a λ where the solution is known."
+            )
+        tangent = self._tangent(found[0], self._fixed(found[0]))
+        return _Point(found[0], tangent * math.copysign(1.0, direction), 0.0)
+
+    def step(self, at: _Point, step: float) -> _Point | None:
+        """The point at the distance ``step`` along the tangent; None where it is not found, or the branch bends."""
+        row = self.metric * at.tangent
+        found = self._corrected(at.Y + step * at.tangent, row)
+        if found is None:
+            return None
+        Y, corrections = found
+        tangent = self._tangent(Y, row)
+        if not row @ tangent >= STRAIGHT:
+            return None
+        return _Point(Y, tangent, at.length + step, corrections)
+
+    def at_parameter(self, at: _Point, there: _Point, parameter: float) -> _Point | None:
+        """The point with the given λ between two neighbours."""
+        share = (parameter - at.Y[-1]) / (there.Y[-1] - at.Y[-1])
+        guess = at.Y + share * (there.Y - at.Y)
+        guess[-1] = parameter
+        found = self._corrected(guess, self._fixed(guess))
+        if found is None:
+            return None
+        length = at.length + share * (there.length - at.length)
+        return _Point(found[0], self._tangent(found[0], self.metric * at.tangent), length)
+
+    def fold(self, after: int, at: _Point, there: _Point) -> Fold:
+        """Where dλ/ds = 0 between two neighbours, by the method of false position (Illinois)."""
+        low, high = 0.0, there.length - at.length
+        below, above = at.tangent[-1], there.tangent[-1]
+        nearest, side = at if abs(below) < abs(above) else there, 0
+        for _ in range(FOLD_SEARCHES):
+            middle = (low * above - high * below) / (above - below)
+            point = self.step(at, middle)
+            if point is None:
+                break
+            value = point.tangent[-1]
+            nearest = point if abs(value) < abs(nearest.tangent[-1]) else nearest
+            if abs(value) < FLAT:
+                break
+            if value * below > 0:
+                low, below, above, side = middle, value, above / 2 if side < 0 else above, -1
+            else:
+                high, above, below, side = middle, value, below / 2 if side > 0 else below, 1
+        return Fold(after, nearest.Y[:-1], float(nearest.Y[-1]))
+
+    def _fixed(self, Y: np.ndarray) -> np.ndarray:
+        """The row of the condition that λ stays as it is."""
+        return np.eye(1, Y.size, Y.size - 1)[0]
+
+    def _corrected(self, Y: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, int] | None:
+        """Newton's method for F(Y) = 0 with row · Y as it is, and how many corrections it took."""
+        for k in range(1, MOST_CORRECTIONS + 1):
+            F = self.equations.residual(Y[:-1], float(Y[-1]))
+            if not np.all(np.isfinite(F)):
+                return None
+            try:
+                change = self._bordered(Y, row)(np.append(-F, 0.0))
+            except (np.linalg.LinAlgError, RuntimeError):
+                return None
+            Y = Y + change
+            if not np.all(np.isfinite(Y)):
+                return None
+            if np.max(np.abs(change) / (1 + np.abs(Y))) <= self.tolerance:
+                return Y, k
+        return None
+
+    def _tangent(self, Y: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """The tangent of length one, on the side where row · tangent > 0."""
+        tangent = self._bordered(Y, row)(np.eye(1, Y.size, Y.size - 1)[0])
+        return tangent / math.sqrt(self.metric @ tangent**2)
+
+    def _bordered(self, Y: np.ndarray, row: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        """What solves systems with F's Jacobian and ``row`` below it."""
+        by_y, by_parameter = self.equations.jacobian(Y[:-1], float(Y[-1]))
+        return bordered_solver(by_y, by_parameter, row)

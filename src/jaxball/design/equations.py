@@ -1,0 +1,63 @@
+"""Systems of equations F(y, λ) = 0 with one parameter, and Newton's method for them."""
+
+import abc
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
+from jaxtyping import Array, Float
+
+Matrix = np.ndarray | scipy.sparse.sparray
+
+
+class AbstractEquations(abc.ABC):
+    """n equations F(y, λ) = 0 for n unknowns y and a parameter λ."""
+
+    @abc.abstractmethod
+    def residual(self, y: Float[np.ndarray, " n"], parameter: float) -> Float[np.ndarray, " n"]:
+        """F."""
+
+    @abc.abstractmethod
+    def jacobian(self, y: Float[np.ndarray, " n"], parameter: float) -> tuple[Matrix, Float[np.ndarray, " n"]]:
+        """∂F/∂y, dense or sparse, and ∂F/∂λ."""
+
+
+class FunctionEquations(AbstractEquations):
+    """The equations function(y, λ) = 0, with dense derivatives by JAX."""
+
+    def __init__(self, function: Callable[[Float[Array, " n"], Float[Array, ""]], Float[Array, " n"]]):
+        self._residual = jax.jit(function)
+        self._jacobian = jax.jit(jax.jacfwd(function, argnums=(0, 1)))
+
+    def residual(self, y, parameter):
+        return np.asarray(self._residual(jnp.asarray(y), jnp.asarray(parameter)))
+
+    def jacobian(self, y, parameter):
+        by_y, by_parameter = self._jacobian(jnp.asarray(y), jnp.asarray(parameter))
+        return np.asarray(by_y), np.asarray(by_parameter)
+
+
+def solver(matrix: Matrix) -> Callable[[np.ndarray], np.ndarray]:
+    """What solves systems with ``matrix``.
+
+    **Raises:** ``numpy.linalg.LinAlgError`` or ``RuntimeError`` where it is singular.
+    """
+    if isinstance(matrix, np.ndarray):
+        return lambda right: np.linalg.solve(matrix, right)
+    return scipy.sparse.linalg.splu(matrix.tocsc()).solve
+
+
+def bordered_solver(
+    matrix: Matrix, column: Float[np.ndarray, " n"], row: Float[np.ndarray, " n_plus_one"]
+) -> Callable[[np.ndarray], np.ndarray]:
+    """What solves systems with ``matrix``, ``column`` on its right and ``row`` below both.
+
+    **Raises:** as :func:`solver`.
+    """
+    if isinstance(matrix, np.ndarray):
+        return solver(np.vstack([np.column_stack([matrix, column]), row]))
+    upper = scipy.sparse.hstack([matrix, scipy.sparse.csr_array(column[:, None])])
+    return solver(scipy.sparse.vstack([upper, scipy.sparse.csr_array(row[None])]))
