@@ -1,6 +1,9 @@
 """Objectives: what a design makes small."""
 
-from .base import AbstractObjective as AbstractObjective
+from .base import (
+    AbstractObjective as AbstractObjective,
+    AbstractRunningObjective as AbstractRunningObjective,
+)
 from .effort import (
     AccelerationEffort as AccelerationEffort,
     ForceEffort as ForceEffort,

@@ -28,6 +28,17 @@ class AbstractObjective(eqx.Module):
         return type(self).__name__
 
 
+class AbstractRunningObjective(AbstractObjective):
+    """The mean over the run of a function of the time and of the state and the actuation at that time."""
+
+    @abc.abstractmethod
+    def integrand(self, run: Run) -> Float[Array, " t"]:
+        """The function at the times of the run."""
+
+    def __call__(self, run: Run):
+        return mean_in_time(run, self.integrand(run))
+
+
 def mean_in_time(run: Run, values: Float[Array, " t"]) -> Float[Array, ""]:
     """The mean over the run, by the trapezoidal rule."""
     steps = jnp.diff(run.times)

@@ -3,28 +3,28 @@
 import jax.numpy as jnp
 
 from ..run import Run
-from .base import AbstractObjective, mean_in_time, unit_of_time
+from .base import AbstractRunningObjective, unit_of_time
 
 
-class AccelerationEffort(AbstractObjective):
+class AccelerationEffort(AbstractRunningObjective):
     """The mean of Σ θ̈² over the masses on rails, in units of g²/r², as in the authors' papers on control."""
 
-    def __call__(self, run: Run):
-        return mean_in_time(run, jnp.sum(run.on_rails.thetaddot**2, axis=-1)) * unit_of_time(run) ** 4
+    def integrand(self, run: Run):
+        return jnp.sum(run.on_rails.thetaddot**2, axis=-1) * unit_of_time(run) ** 4
 
 
-class PowerEffort(AbstractObjective):
+class PowerEffort(AbstractRunningObjective):
     """The mean of Σ P² over the masses, P = F·χ̇ the power of a mass's actuator, in units of M g √(g r)."""
 
-    def __call__(self, run: Run):
+    def integrand(self, run: Run):
         power = jnp.sum(run.forces * run.masses.chidot, axis=-1)
         unit = run.weight * run.length / unit_of_time(run)
-        return mean_in_time(run, jnp.sum(power**2, axis=-1)) / unit**2
+        return jnp.sum(power**2, axis=-1) / unit**2
 
 
-class ForceEffort(AbstractObjective):
+class ForceEffort(AbstractRunningObjective):
     """The mean of Σ (F·τ)² over the masses, F·τ the force on a mass along its rail, in units of M g."""
 
-    def __call__(self, run: Run):
+    def integrand(self, run: Run):
         along = jnp.sum(run.forces * run.on_rails.tangent, axis=-1)
-        return mean_in_time(run, jnp.sum(along**2, axis=-1)) / run.weight**2
+        return jnp.sum(along**2, axis=-1) / run.weight**2

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 from ..._arrays import to_array
 from ..norms import norm
 from ..run import Run
-from .base import AbstractObjective, mean_in_time
+from .base import AbstractRunningObjective
 
 
 def depths(run: Run, centres: Float[Array, "k 2"], radii: Float[Array, " k"]) -> Float[Array, "t k"]:
@@ -16,7 +16,7 @@ def depths(run: Run, centres: Float[Array, "k 2"], radii: Float[Array, " k"]) ->
     return (radii[None] - norm(run.z[:, None] - centres[None])) / run.length
 
 
-class AvoidObstacles(AbstractObjective):
+class AvoidObstacles(AbstractRunningObjective):
     """The mean of Σ softplus(depth / softness)² over discs of the plane that the geometric centre is to stay out of.
 
     Smooth: it is felt outside a disc within some ``softness``, which is in radii of the shell. To keep clear of an
@@ -27,6 +27,6 @@ class AvoidObstacles(AbstractObjective):
     radii: Float[Array, " k"] = eqx.field(converter=to_array)
     softness: Float[Array, ""] = eqx.field(converter=to_array, default=0.1)
 
-    def __call__(self, run: Run):
+    def integrand(self, run: Run):
         inside = jax.nn.softplus(depths(run, self.centres, self.radii) / self.softness)
-        return mean_in_time(run, jnp.sum(inside**2, axis=-1))
+        return jnp.sum(inside**2, axis=-1)
