@@ -3,6 +3,7 @@
 XLA reads its flags once a process, and the threads of one package would disturb another's.
 """
 
+import abc
 import importlib
 import multiprocessing
 import traceback
@@ -29,7 +30,7 @@ class Batch(Protocol):
         ...
 
 
-class Compiled:
+class Compiled(abc.ABC):
     """Solves whose programs know no tolerance, so that one is built for all: the first call, less the second."""
 
     _seconds: float | None = None
@@ -44,9 +45,9 @@ class Compiled:
         """As :class:`Batch`."""
         return harness.timed(lambda: self.final(tolerance))
 
+    @abc.abstractmethod
     def final(self, tolerance: float) -> np.ndarray:
         """(q, Ω, z) of each row at t = 20."""
-        raise NotImplementedError
 
 
 class Contender(NamedTuple):

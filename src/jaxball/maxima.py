@@ -6,12 +6,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .sampling import sampling
+from .sampling import NARROWER, place_of_largest, sampling
 from .steps import Steps
 
 ROUNDS = 4
-# Of a window, what the next one is to either side of the place found in it: some times what a quartic errs by.
-NARROWER = 1 / 12
 
 Values = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
 
@@ -36,21 +34,13 @@ def maxima(steps: Steps, values: Values, k: int) -> tuple[Float[Array, " k"], Fl
     length = fixed.end[index] - fixed.start[index]
     times = fixed.start[index] + length * jnp.asarray(at.fractions, length.dtype)[place]
 
-    def narrower(_, carry):
-        times, half = carry
-        low, high = jnp.maximum(times - half, fixed.start[index]), jnp.minimum(times + half, fixed.end[index])
-        windows = at.times(low, high, at.nodes)
+    def each(times: Float[Array, " k"]) -> Float[Array, " k"]:
+        def one(j, found):
+            return found.at[j].set(values(times[j], fixed.state(index[j], times[j]))[j])
 
-        def one(j, samples):
-            which, node = j // at.nodes.size, j % at.nodes.size
-            t = windows[which, node]
-            return samples.at[which, node].set(values(t, fixed.state(index[which], t))[which])
+        return jax.lax.fori_loop(0, k, one, jnp.zeros_like(times))
 
-        samples = jax.lax.fori_loop(0, windows.size, one, jnp.zeros_like(windows))
-        best = jnp.asarray(at.fractions, times.dtype)[jnp.argmax(at.polynomials(samples), axis=1)]
-        better = jnp.all(jnp.isfinite(samples), axis=1)
-        return jnp.where(better, low + (high - low) * best, times), half * NARROWER
-
-    times, _ = jax.lax.fori_loop(0, ROUNDS, narrower, (times, length * NARROWER))
+    first, last = fixed.start[index], fixed.end[index]
+    times = place_of_largest(each, times, length * NARROWER, first, last, ROUNDS)
     times = jax.lax.stop_gradient(times)
     return times, jax.vmap(steps.state)(index, times)

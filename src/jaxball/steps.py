@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from .sampling import sampling
+from .sampling import last_within, sampling
 
 
 class Steps(eqx.Module):
@@ -33,7 +33,7 @@ class Steps(eqx.Module):
         times = dense.ts[: room + 1]
         fixed, until = jax.lax.stop_gradient((times, until))
         start, end = fixed[:-1], jnp.minimum(fixed[1:], until)
-        end = jnp.maximum(start, end - 4 * jnp.finfo(end.dtype).eps * jnp.abs(end))
+        end = last_within(start, end)
         count = jnp.sum((start < until) & (jnp.arange(start.size) < dense.ts_size - 1))
         return cls(
             start, end, count, times, jax.tree.map(lambda leaf: leaf[:room], dense.infos), dense.interpolation_cls

@@ -6,10 +6,9 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..sampling import sampling
+from ..sampling import last_within, place_of_largest, sampling
 from .interpolation import Between
 from .observers import AbstractObserver
 from .runge_kutta import Step
@@ -22,9 +21,7 @@ Quantities = Callable[
 Again = Callable[
     [Float[Array, "numbers lanes"], Float[Array, " lanes"], Float[Array, " lanes"], Float[Array, "size lanes"]], Step
 ]
-ROUNDS = 4
-# Of a window, what the next one is to either side of the place found in it: some times what a quartic errs by.
-NARROWER = 1 / 12
+ROUNDS = 5
 
 
 class Best(NamedTuple):
@@ -104,8 +101,9 @@ class Extremes(AbstractObserver):
             rank, k = i // len(self.which), i % len(self.which)
             step = self.again(of_field, seen.start[rank, k], seen.end[rank, k], seen.x[rank, k])
             still, fixed = jax.lax.stop_gradient((step, given))
-            last = _inside(still, jnp.ones((), still.end.dtype))
-            t = _place_of_largest(lambda t: self._at(fixed, t, self.between(still, t))[k], still.start, last)
+            first, last = still.start, last_within(still.start, still.end)
+            at = lambda t: self._at(fixed, t, self.between(still, t))[k]  # noqa: E731
+            t = place_of_largest(at, first, last - first, first, last, ROUNDS)
             value = self._at(given, t, self.between(step, t))[k]
             return values.at[rank, k].set(value), times.at[rank, k].set(t)
 
@@ -118,38 +116,9 @@ class Extremes(AbstractObserver):
         return jnp.where(found, value, jnp.nan), jnp.where(found, jax.lax.stop_gradient(time), jnp.nan)
 
 
-def _place_of_largest(
-    values: Callable[[Float[Array, " rows"]], Float[Array, " rows"]],
-    first: Float[Array, " rows"],
-    last: Float[Array, " rows"],
-) -> Float[Array, " rows"]:
-    """Where a function of time is largest, by quartics in narrower and narrower windows."""
-    at = sampling()
-    nodes, fractions = jnp.asarray(at.nodes, first.dtype), jnp.asarray(at.fractions, first.dtype)
-
-    def narrower(i, carry):
-        times, low, high = carry
-
-        def sample(j, samples):
-            return samples.at[j].set(values(low + nodes[j] * (high - low)))
-
-        samples = jax.lax.fori_loop(0, nodes.size, sample, jnp.zeros((nodes.size, first.size), first.dtype))
-        fine = jnp.sum(jnp.asarray(at.matrix, first.dtype)[:, :, None] * samples[None], axis=1)
-        # The place of the largest, without the search for an index, which XLA's CPU compiler breaks off at in a loop.
-        here = jnp.where(fine == jnp.max(fine, axis=0)[None], fractions[:, None], jnp.inf)
-        found = low + (high - low) * jnp.min(here, axis=0)
-        times = jnp.where(jnp.all(jnp.isfinite(samples), axis=0), found, times)
-        half = (last - first) * NARROWER ** (i + 1)
-        return times, jnp.maximum(times - half, first), jnp.minimum(times + half, last)
-
-    return jax.lax.fori_loop(0, ROUNDS + 1, narrower, (first, first, last))[0]
-
-
 def _inside(step: Step, fraction: Float[Array, ""]) -> Float[Array, " lanes"]:
-    """A time in a step; a little before its end, so that a kink there is seen from before."""
-    t = step.start + fraction * (step.end - step.start)
-    latest = step.end - 4 * float(np.finfo(step.end.dtype).eps) * jnp.abs(step.end)
-    return jnp.maximum(step.start, jnp.minimum(t, latest))
+    """A time in a step."""
+    return jnp.minimum(step.start + fraction * (step.end - step.start), last_within(step.start, step.end))
 
 
 def _largest(samples: Float[Array, "nodes k lanes"]) -> Float[Array, "k lanes"]:

@@ -68,7 +68,7 @@ def _solve(settings: Settings, compact: Any, times: Array, rtol: Array, atol: Ar
         watched.observers,
     )
     status = _status(solved, startable, t1)
-    states = _states(solved.x.T, watched.saved(solved.observed), x, startable, status)
+    states = _states(solved.x.T, watched.saved(solved.observed, x), x, startable, status)
     unpacked = each(
         lambda system, state, times, states: jax.vmap(Packing.of(system.prepare(), state).unpack)(times, states),
         times,

@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -25,29 +25,17 @@ class AbstractReduction(eqx.Module):
     """A number found of a quantity over a run.
 
     ``quantity(system, t, state)`` is kept as it is, so pass the same function each time: a new lambda compiles anew.
+
+    - ``signs``: what the quantity is multiplied by where its largest value is looked for, an entry a search.
+    - ``is_integral``, ``needs_start``: whether it needs the integral, and the value at the start.
+    - ``ends``: what the names of its results have after its own.
     """
 
     quantity: eqx.AbstractVar[Quantity]
-
-    @property
-    @abc.abstractmethod
-    def signs(self) -> tuple[float, ...]:
-        """What the quantity is multiplied by where its largest value is looked for: an entry a search."""
-
-    @property
-    @abc.abstractmethod
-    def is_integral(self) -> bool:
-        """Whether it needs the integral."""
-
-    @property
-    def needs_start(self) -> bool:
-        """Whether it needs the value at the start."""
-        return False
-
-    @property
-    def ends(self) -> tuple[str, ...]:
-        """What the names of its results have after its own."""
-        return ("",)
+    signs: ClassVar[tuple[float, ...]] = ()
+    is_integral: ClassVar[bool] = False
+    needs_start: ClassVar[bool] = False
+    ends: ClassVar[tuple[str, ...]] = ("",)
 
     @abc.abstractmethod
     def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
@@ -66,18 +54,8 @@ class Maximum(AbstractReduction):
 
     quantity: Quantity = eqx.field(static=True)
     then: Callable[[Array], Array] = eqx.field(static=True, default=_as_it_is)
-
-    @property
-    def signs(self) -> tuple[float, ...]:
-        return (1.0,)
-
-    @property
-    def is_integral(self) -> bool:
-        return False
-
-    @property
-    def ends(self) -> tuple[str, ...]:
-        return ("", "_time")
+    signs: ClassVar[tuple[float, ...]] = (1.0,)
+    ends: ClassVar[tuple[str, ...]] = ("", "_time")
 
     def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
         return {"": self.then(found.extremes[0]), "_time": found.times[0]}
@@ -87,18 +65,8 @@ class Minimum(AbstractReduction):
     """The smallest value within the steps of a run, not just at their ends, and when it occurs, ``…_time``."""
 
     quantity: Quantity = eqx.field(static=True)
-
-    @property
-    def signs(self) -> tuple[float, ...]:
-        return (-1.0,)
-
-    @property
-    def is_integral(self) -> bool:
-        return False
-
-    @property
-    def ends(self) -> tuple[str, ...]:
-        return ("", "_time")
+    signs: ClassVar[tuple[float, ...]] = (-1.0,)
+    ends: ClassVar[tuple[str, ...]] = ("", "_time")
 
     def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
         return {"": found.extremes[0], "_time": found.times[0]}
@@ -108,18 +76,8 @@ class Drift(AbstractReduction):
     """The largest distance of the quantity from its value at the start."""
 
     quantity: Quantity = eqx.field(static=True)
-
-    @property
-    def signs(self) -> tuple[float, ...]:
-        return (1.0, -1.0)
-
-    @property
-    def is_integral(self) -> bool:
-        return False
-
-    @property
-    def needs_start(self) -> bool:
-        return True
+    signs: ClassVar[tuple[float, ...]] = (1.0, -1.0)
+    needs_start: ClassVar[bool] = True
 
     def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
         most, least = found.extremes
@@ -130,14 +88,7 @@ class Integral(AbstractReduction):
     """The integral over time, by the rule of Gauss and Lobatto with five nodes in each step."""
 
     quantity: Quantity = eqx.field(static=True)
-
-    @property
-    def signs(self) -> tuple[float, ...]:
-        return ()
-
-    @property
-    def is_integral(self) -> bool:
-        return True
+    is_integral: ClassVar[bool] = True
 
     def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
         return {"": found.integral}

@@ -4,7 +4,7 @@ A lane whose problem has ended takes the next. Lanes are filled when an eighth o
 costs about as much as a stage.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import diffrax
@@ -26,7 +26,7 @@ class Rows(NamedTuple):
     - ``parameters``: what the field is given beside time and state and rows do not share.
     - ``t0``, ``t1``: start and end. A row for which they are equal costs nothing.
     - ``x``: the state at the start.
-    - ``observers``: what each observer is given.
+    - ``observers``: what each observer is given, by its name.
     """
 
     parameters: Float[Array, "parameters rows"]
@@ -34,7 +34,7 @@ class Rows(NamedTuple):
     t1: Float[Array, " rows"]
     x: Float[Array, "size rows"]
     limits: Limits
-    observers: tuple[Any, ...] = ()
+    observers: Mapping[str, Any]
 
     def take(self, rows: Int[Array, " lanes"]) -> "Rows":
         """Some of the rows."""
@@ -52,7 +52,7 @@ class Solved(NamedTuple):
     finite: Bool[Array, " rows"]
     steps: Int[Array, " rows"]
     rejected: Int[Array, " rows"]
-    observed: tuple[Any, ...]
+    observed: dict[str, Any]
     executed: Int[Array, ""]
 
 
@@ -70,7 +70,7 @@ class _Lanes(NamedTuple):
     steps: Int[Array, " lanes"]
     rejected: Int[Array, " lanes"]
     finite: Bool[Array, " lanes"]
-    observed: tuple[Any, ...]
+    observed: dict[str, Any]
 
 
 Field = Callable[[Any, Float[Array, " lanes"], Float[Array, "size lanes"]], Array]
@@ -86,7 +86,7 @@ class Method(NamedTuple):
     max_steps: int
 
 
-def solve_rows(method: Method, rows: Rows, lanes: int, observers: Sequence[AbstractObserver] = ()) -> Solved:
+def solve_rows(method: Method, rows: Rows, lanes: int, observers: Mapping[str, AbstractObserver]) -> Solved:
     """Every row from its start to its end, ``lanes`` side by side."""
     count = rows.t0.shape[-1]
     idle = _take(method, rows, jnp.full(lanes, count, jnp.int32), observers)
@@ -145,7 +145,7 @@ def _deliver(lanes: _Lanes, found: Float[Array, "numbers rows"]) -> Float[Array,
     return found.at[:, row].set(_packing(_ended(lanes))[0], mode="drop")
 
 
-def _take(method: Method, rows: Rows, row: Int[Array, " lanes"], observers: Sequence[AbstractObserver]) -> _Lanes:
+def _take(method: Method, rows: Rows, row: Int[Array, " lanes"], observers: Mapping[str, AbstractObserver]) -> _Lanes:
     """Lanes at the start of rows; idle where there is no such row."""
     problem, lanes = rows.take(row), row.shape[0]
     end, memory = begin(method.controller, problem.limits, problem.t0, method.error_order)
@@ -161,14 +161,14 @@ def _take(method: Method, rows: Rows, row: Int[Array, " lanes"], observers: Sequ
         jnp.zeros(lanes, jnp.int32),
         jnp.zeros(lanes, jnp.int32),
         jnp.ones(lanes, bool),
-        tuple(item.begin(given) for item, given in zip(observers, problem.observers, strict=True)),
+        {name: item.begin(problem.observers[name]) for name, item in observers.items()},
     )
 
 
 def _advance_until_idle(
     method: Method,
     lanes: _Lanes,
-    observers: Sequence[AbstractObserver],
+    observers: Mapping[str, AbstractObserver],
     more: Bool[Array, ""],
     executed: Int[Array, ""],
 ) -> tuple[_Lanes, Int[Array, ""]]:
@@ -192,7 +192,7 @@ def _advance_until_idle(
     return lanes._replace(problem=whole), executed
 
 
-def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Sequence[AbstractObserver]) -> _Lanes:
+def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[str, AbstractObserver]) -> _Lanes:
     """Lanes after a step; those that are idle are as they were."""
     taken = step(
         method.tableau,
@@ -216,13 +216,12 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Sequence[A
         steps,
         lanes.rejected + (~verdict.kept).astype(jnp.int32),
         finite,
-        (),
+        {},
     )
     kept, observed = verdict.kept & lanes.running, lanes.observed
-    advanced = jax.tree.map(lambda old, new: jnp.where(lanes.running, new, old), lanes._replace(observed=()), advanced)
+    advanced = jax.tree.map(lambda old, new: jnp.where(lanes.running, new, old), lanes._replace(observed={}), advanced)
     return advanced._replace(
-        observed=tuple(
-            item.observe(seen, given, taken, kept)
-            for item, seen, given in zip(observers, observed, problem.observers, strict=True)
-        )
+        observed={
+            name: item.observe(observed[name], problem.observers[name], taken, kept) for name, item in observers.items()
+        }
     )

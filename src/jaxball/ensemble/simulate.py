@@ -57,8 +57,8 @@ def simulate_ensemble(
     - ``lanes``: how many runs are computed side by side. 96 if not given, which was fastest on the CPU that was
       measured; all of a block on a GPU.
     - ``block``: how many runs a compiled program takes at a time. If not given, as many for each thread, and no more
-      than 4096; all on a GPU.
-    - ``threads``: how many blocks are computed at a time: as many as this process has cores if not given.
+      than 4096; on GPUs, as many for each of them.
+    - ``threads``: how many blocks are computed at a time: as many as this process has cores, or GPUs, if not given.
 
     A run that fails has its status and NaN, and harms no other. Within ``jax.jit`` and under ``jax.jvp``, all runs are
     one block. Derivatives are forward: ``jax.jvp``, ``jax.jacfwd``.
@@ -66,13 +66,7 @@ def simulate_ensemble(
     **Raises:** ``ValueError`` where leading axes differ, ``TypeError`` for other solvers, and
     :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
-    method = DEFAULT_SOLVER if solver is None else solver
-    if not fits(method):
-        raise TypeError(
-            "Argument `solver` must be an explicit Runge-Kutta method of diffrax whose last stage is the first of the "
-            f"next step, such as Dopri8, Dopri5, Tsit5 or Bosh3, but it is a {type(method).__name__}; use jax.vmap of "
-            "jaxball.simulate for other methods."
-        )
+    method = _checked_solver(DEFAULT_SOLVER if solver is None else solver)
     rtol, atol = checked_tolerances(rtol, atol)
     given = times if isinstance(times, jax.Array) else np.asarray(times, rtol.dtype)
     runs = _count(system, state, given, rtol, atol)
@@ -80,36 +74,46 @@ def simulate_ensemble(
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
     leaves = jax.tree.leaves((system, state, whole, limits))
     traced = any(isinstance(leaf, Tracer) for leaf in (*leaves, jnp.zeros(())))
-    wide, threads = jax.default_backend() != "cpu", threads or cores()
-    block = runs if traced else min(runs, block or (runs if wide else balanced(runs, BLOCK, threads)))
+    on_cpu = jax.default_backend() == "cpu"
+    threads = threads or (cores() if on_cpu else jax.local_device_count())
+    block = runs if traced else min(runs, block or balanced(runs, BLOCK if on_cpu else runs, threads))
     compact, which = split((system, state))
-    settings = Settings(
-        cast(diffrax.AbstractERK, method),
-        max_steps,
-        min(block, lanes or (block if wide else LANES)),
-        which,
-        tuple((reductions or {}).items()),
-    )
-    program = compiled(settings)
+    reduced = tuple((reductions or {}).items())
+    settings = Settings(method, max_steps, min(block, lanes or (LANES if on_cpu else block)), which, reduced)
     if traced:
-        *found, reported, executed = program(compact, whole, *limits)
+        *found, reported, executed = compiled(settings)(compact, whole, *limits)
         return Ensemble(Trajectory(system, whole, *found), reported, executed)
+    blocks = _in_blocks(settings, compact, tuple(np.asarray(x) for x in (whole, *limits)), block, threads)
+    return _joined(blocks, system, whole, runs)
 
-    arrays = tuple(np.asarray(x) for x in (whole, *limits))
-    structure = jax.tree.structure(compact)
-    own = [leaf if one else np.asarray(leaf) for leaf, one in zip(jax.tree.leaves(compact), which, strict=True)]
+
+def _checked_solver(solver: diffrax.AbstractSolver) -> diffrax.AbstractERK:
+    if not fits(solver):
+        raise TypeError(
+            "Argument `solver` must be an explicit Runge-Kutta method of diffrax whose last stage is the first of the "
+            f"next step, such as Dopri8, Dopri5, Tsit5 or Bosh3, but it is a {type(solver).__name__}; use jax.vmap of "
+            "jaxball.simulate for other methods."
+        )
+    return cast(diffrax.AbstractERK, solver)
+
+
+def _in_blocks(settings: Settings, compact: Any, arrays: tuple[np.ndarray, ...], block: int, threads: int) -> list[Any]:
+    """What the compiled program finds of each block; ``arrays`` are times and tolerances."""
+    leaves, structure = jax.tree.flatten(compact)
+    own = [leaf if one else np.asarray(leaf) for leaf, one in zip(leaves, settings.shared, strict=True)]
+    program = compiled(settings)
 
     def take(places: np.ndarray) -> Any:
-        part = structure.unflatten([leaf if one else leaf[places] for leaf, one in zip(own, which, strict=True)])
+        parts = [leaf if one else leaf[places] for leaf, one in zip(own, settings.shared, strict=True)]
         spans, *others = (x[places] for x in arrays)
         # A run that is there only to fill a block is over as it begins.
         spans[np.append(False, places[1:] == places[:-1])] = spans[-1, :1]
-        return part, spans, *others
+        return structure.unflatten(parts), spans, *others
 
-    key = settings, structure, tuple(leaf.shape[1:] for leaf in own), block, whole.shape[1]
-    blocks = in_blocks(lambda part: program(*part), take, runs, block, threads, key in _warm)
+    key = settings, structure, tuple(leaf.shape[1:] for leaf in own), block, arrays[0].shape[1]
+    blocks = in_blocks(lambda part: program(*part), take, len(arrays[0]), block, threads, key in _warm)
     _warm.add(key)
-    return _joined(blocks, system, whole, runs)
+    return blocks
 
 
 def _count(system: Any, state: Any, times: Any, *tolerances: Any) -> int:

@@ -18,19 +18,20 @@ from .numbers import Prepared
 from .observers import AbstractObserver
 from .parts import in_parts
 from .reductions import AbstractReduction, Found, Quantity
-from .runge_kutta import step, tableau_of
+from .runge_kutta import Step, step, tableau_of
 from .saves import Saves
+
+SAVES, EXTREMES, INTEGRALS = "saves", "extremes", "integrals"
 
 
 class Watched(NamedTuple):
     """Observers by what they find, what each of them is given, and the reductions that are made of it."""
 
-    observers: tuple[AbstractObserver, ...]
-    given: tuple[Any, ...]
+    observers: dict[str, AbstractObserver]
+    given: dict[str, Any]
     reductions: tuple[tuple[str, AbstractReduction], ...]
     quantities: tuple[Quantity, ...]
     values: Prepared | None
-    empty: Float[Array, "rows 0 size"]
 
     @classmethod
     def of(
@@ -45,42 +46,32 @@ class Watched(NamedTuple):
         x: Float[Array, "rows size"],
     ) -> "Watched":
         """For runs of systems ``like`` the one given, which start at ``x``."""
-        rows, size = x.shape
+        size = x.shape[1]
         between = interpolation(solver, size, x.dtype)
-        observers: list[AbstractObserver] = []
-        given: list[Any] = []
+        observers: dict[str, AbstractObserver] = {}
+        given: dict[str, Any] = {}
         if times.shape[1] > 2:
-            observers.append(Saves(between, size))
-            given.append(times[:, 1:-1].T)
+            observers[SAVES], given[SAVES] = Saves(between, size), times[:, 1:-1].T
         quantities = tuple(dict.fromkeys(item.quantity for _, item in reductions))
-        values = _values(quantities, like, system, shared, x) if quantities else None
+        if not quantities:
+            return cls(observers, given, reductions, quantities, None)
+        values = _values(quantities, like, system, shared, x)
         searches = [(quantities.index(item.quantity), sign) for _, item in reductions for sign in item.signs]
         if searches:
-            assert values is not None
             which, signs = zip(*searches, strict=True)
-
-            def again(moving, start, end, x):
-                slope = functools.partial(field, moving)
-                return step(tableau_of(solver), slope, start, end, x, slope(start, x))
-
-            observers.append(Extremes(values, between, which, signs, again, size))
-            given.append(values.moving)
+            again = functools.partial(_again, solver, field)
+            observers[EXTREMES], given[EXTREMES] = Extremes(values, between, which, signs, again, size), values.moving
         if any(item.is_integral for _, item in reductions):
-            assert values is not None
-            observers.append(Integrals(values, between, len(quantities)))
-            given.append(values.moving)
-        return cls(tuple(observers), tuple(given), reductions, quantities, values, jnp.zeros((rows, 0, size), x.dtype))
+            observers[INTEGRALS], given[INTEGRALS] = Integrals(values, between, len(quantities)), values.moving
+        return cls(observers, given, reductions, quantities, values)
 
-    def saved(self, observed: tuple[Any, ...]) -> Float[Array, "rows between size"]:
-        """The vectors at the times between the first and the last."""
-        for observer, seen in zip(self.observers, observed, strict=True):
-            if isinstance(observer, Saves):
-                return jnp.moveaxis(seen.states, -1, 0)
-        return self.empty
+    def saved(self, observed: dict[str, Any], x: Float[Array, "rows size"]) -> Float[Array, "rows between size"]:
+        """The vectors at the times between the first, at which they are ``x``, and the last."""
+        return jnp.moveaxis(observed[SAVES].states, -1, 0) if SAVES in observed else x[:, None][:, :0]
 
     def reduced(
         self,
-        observed: tuple[Any, ...],
+        observed: dict[str, Any],
         of_field: Float[Array, "numbers rows"],
         t0: Float[Array, " rows"],
         x: Float[Array, "size rows"],
@@ -89,17 +80,11 @@ class Watched(NamedTuple):
         """What the reductions report, by name; searches are made for ``lanes`` runs at a time."""
         if self.values is None:
             return {}
-        start = integrals = jnp.full((len(self.quantities), t0.size), jnp.nan, t0.dtype)
-        if any(item.needs_start for _, item in self.reductions):
-            start = self.values(self.values.moving, t0, x)
-        best = iter(())
-        for observer, seen, given in zip(self.observers, observed, self.given, strict=True):
-            if isinstance(observer, Extremes):
-                found, times = in_parts(lambda part, of=observer: of.refined(*part), (seen, given, of_field), lanes)
-                signs = np.asarray(observer.signs)[:, None].astype(found.dtype)
-                best = zip(found * signs, times, strict=True)
-            if isinstance(observer, Integrals):
-                integrals = seen
+        nothing = jnp.full((len(self.quantities), t0.size), jnp.nan, t0.dtype)
+        needs_start = any(item.needs_start for _, item in self.reductions)
+        start = self.values(self.values.moving, t0, x) if needs_start else nothing
+        integrals = observed.get(INTEGRALS, nothing)
+        best = iter(self._extremes(observed, of_field, lanes))
         reports = {}
         for name, item in self.reductions:
             k = self.quantities.index(item.quantity)
@@ -107,6 +92,22 @@ class Watched(NamedTuple):
             report = item.result(Found(start[k], tuple(v for v, _ in own), tuple(t for _, t in own), integrals[k]))
             reports |= {name + end: value for end, value in report.items()}
         return reports
+
+    def _extremes(
+        self, observed: dict[str, Any], of_field: Float[Array, "numbers rows"], lanes: int
+    ) -> list[tuple[Float[Array, " rows"], Float[Array, " rows"]]]:
+        """The value and the time of each search."""
+        observer = self.observers.get(EXTREMES)
+        if not isinstance(observer, Extremes):
+            return []
+        rows = (observed[EXTREMES], self.given[EXTREMES], of_field)
+        found, times = in_parts(lambda part: observer.refined(*part), rows, lanes)
+        return [(sign * value, time) for sign, value, time in zip(observer.signs, found, times, strict=True)]
+
+
+def _again(solver: diffrax.AbstractERK, field: Prepared, moving: Any, start: Array, end: Array, x: Array) -> Step:
+    slope = functools.partial(field, moving)
+    return step(tableau_of(solver), slope, start, end, x, slope(start, x))
 
 
 def _values(

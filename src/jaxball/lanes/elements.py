@@ -94,11 +94,11 @@ def as_objects(x: Elements) -> Elements:
 
 
 def _at_once(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
-    arrays = [
-        jnp.zeros(x.shape, v.aval.dtype) if x.dtype == object else jnp.asarray(x)
-        for x, v in zip(operands, equation.invars, strict=True)
-    ]
     with jax.ensure_compile_time_eval():
+        arrays = [
+            jnp.asarray(x, variable.aval.dtype) if x.size else jnp.zeros(x.shape, variable.aval.dtype)
+            for x, variable in zip(operands, equation.invars, strict=True)
+        ]
         found = _function(equation)(*arrays)
     return [np.asarray(x) for x in (found if equation.primitive.multiple_results else [found])]
 

@@ -43,12 +43,14 @@ class Wanted(NamedTuple):
     """What an engine is asked for.
 
     - ``contact``: whether to find the extremes of the contact force.
+    - ``detachment``: whether a run ends where the ball would leave the plane.
     - ``finds``: what else to find.
     - ``most``: the largest number of scenarios that a call has in this study.
     - ``threads``: how many cores it may use.
     """
 
     contact: bool
+    detachment: bool
     finds: tuple[Find, ...]
     most: int
     threads: int = 1

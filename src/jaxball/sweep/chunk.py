@@ -69,7 +69,7 @@ def compute(
         return arrays
     if "time" in arrays:
         arrays["time"][possible] = batch.times
-    solved = engine(batch, Wanted(study.contact, study.finds, study.chunk, threads))
+    solved = engine(batch, Wanted(study.contact, study.detachment, study.finds, study.chunk, threads))
     for name in outputs.keys() & solved.keys():
         array = solved[name]
         at_each_time = name in vars(template.state) and study.save == "end"

@@ -21,11 +21,20 @@ def solve_in_lanes(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
     """The rows by :func:`jaxball.ensemble.simulate_ensemble` where it knows the method; an ``Engine``.
 
     Other methods (implicit ones, the DAE, projection, steps to saved times) and driven masses, which may leave the
-    shell, are left to :func:`jaxball.simulate` under ``vmap``.
+    shell, are left to :func:`jaxball.simulate` under ``vmap``, and so are the runs that end where the ball detaches.
     """
-    first = batch.template
-    if not solved_in_lanes(first):
+    if not solved_in_lanes(batch.template):
         return solve_by_vmap(batch, wanted)
+    found = _solved(batch, wanted, _contact(batch, wanted) | _finds(wanted))
+    if not wanted.detachment:
+        return found
+    detached = np.flatnonzero(found["least_normal_force"] <= 0)
+    ended = _ended(batch.take(detached), wanted) if detached.size else {}
+    return found | {name: _replaced(found[name], detached, array) for name, array in ended.items()}
+
+
+def _solved(batch: Batch, wanted: Wanted, reductions: Mapping[str, AbstractReduction]) -> dict[str, np.ndarray]:
+    first = batch.template
     found = simulate_ensemble(
         batch.system,
         batch.times,
@@ -34,7 +43,7 @@ def solve_in_lanes(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
         rtol=batch.rtol,
         atol=batch.atol,
         max_steps=first.max_steps,
-        reductions=_reductions(batch, wanted),
+        reductions=reductions,
         block=min(wanted.most, BLOCK),
         threads=wanted.threads,
     )
@@ -43,6 +52,29 @@ def solve_in_lanes(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
     return rows | jax.tree.map(np.asarray, vars(trajectory.state)) | jax.tree.map(np.asarray, found.reductions)
 
 
-def _reductions(batch: Batch, wanted: Wanted) -> Mapping[str, AbstractReduction]:
-    touches = wanted.contact and isinstance(batch.template.system, Ball | Disk)
-    return (CONTACT if touches else {}) | {find.name: find.reduction() for find in wanted.finds}
+def _ended(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
+    """Runs that end where the ball detaches, and what is found of them until then."""
+    ended = solve_by_vmap(batch, wanted)
+    finds = _finds(wanted)
+    if not finds:
+        return ended
+    until = np.stack([batch.times[:, 0], ended["reached"]], axis=1)
+    found = _solved(batch._replace(times=until), wanted, finds)
+    return ended | {name + end: found[name + end] for name, item in finds.items() for end in item.ends}
+
+
+def _contact(batch: Batch, wanted: Wanted) -> dict[str, AbstractReduction]:
+    if not isinstance(batch.template.system, Ball | Disk):
+        return {}
+    names = CONTACT if wanted.contact else ("least_normal_force",) if wanted.detachment else ()
+    return {name: CONTACT[name] for name in names}
+
+
+def _finds(wanted: Wanted) -> dict[str, AbstractReduction]:
+    return {find.name: find.reduction() for find in wanted.finds}
+
+
+def _replaced(array: np.ndarray, rows: np.ndarray, values: np.ndarray) -> np.ndarray:
+    array = array.copy()
+    array[rows] = values
+    return array

@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from ..body import Ball, Disk
+from ..events import Detachment
 from ..extremes import contact_extremes
 from ..scenario.shell import mark_escape
 from ..scenario.solve import SOLVERS
@@ -28,20 +29,27 @@ class _Method(NamedTuple):
     dae: bool
     project: bool
     contact: bool
+    detachment: bool
+
+    @property
+    def looks_within_steps(self) -> bool:
+        """Whether it needs dense output."""
+        return self.contact or self.detachment
 
 
 def solve_by_vmap(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
     """The rows, ``LANES`` side by side, by :func:`jaxball.simulate` under ``vmap``; an ``Engine``."""
     parts = [batch.take(slice(start, start + LANES)) for start in range(0, batch.rows, LANES)]
-    found = [_solve_part(part, min(LANES, wanted.most), wanted.contact) for part in parts]
+    found = [_solve_part(part, wanted) for part in parts]
     return {name: np.concatenate([part[name] for part in found]) for name in found[0]}
 
 
-def _solve_part(batch: Batch, lanes: int, contact: bool) -> dict[str, np.ndarray]:
+def _solve_part(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
     # Programs are compiled for a number of lanes; the last scenario fills those that are left over.
-    padded = batch.take(np.minimum(np.arange(lanes), batch.rows - 1))
+    padded = batch.take(np.minimum(np.arange(min(LANES, wanted.most)), batch.rows - 1))
     first = batch.template
-    method = _Method(first.solver, first.max_steps, first.step_to_times, first.dae, first.project, contact)
+    as_single = (first.solver, first.max_steps, first.step_to_times, first.dae, first.project)
+    method = _Method(*as_single, wanted.contact, wanted.detachment)
     stacked = (padded.system, padded.times, padded.state, padded.rtol, padded.atol)
     state, reached, status, steps, rejected, extremes = jax.tree.map(np.asarray, _run(method, stacked))
     if getattr(first.system, "driven", ()):
@@ -54,7 +62,7 @@ def _solve_part(batch: Batch, lanes: int, contact: bool) -> dict[str, np.ndarray
 
 def _run(method: _Method, stacked: Any) -> Any:
     """The solves. Dense output has room for few steps at first, because it is a large array."""
-    for room in FEW_STEPS if method.contact else ():
+    for room in FEW_STEPS if method.looks_within_steps else ():
         if room < method.max_steps:
             found = _program(method._replace(max_steps=room))(*stacked)
             if int(np.max(found[3])) < room:
@@ -76,7 +84,8 @@ def _program(method: _Method) -> Callable[..., Any]:
             step_to_times=method.step_to_times,
             dae=method.dae,
             project=method.project,
-            dense=method.contact,
+            dense=method.looks_within_steps,
+            events={"detachment": Detachment()} if method.detachment else None,
         )
         touches = method.contact and isinstance(system, Ball | Disk)
         extremes = contact_extremes(trajectory) if touches else None

@@ -23,7 +23,9 @@ from .numbers import check_number, with_numbers
 FORMAT = 1
 LARGEST_CHUNK = 8192
 MOST_NUMBERS = 2**24  # in the states of a chunk
+NUMBERS_OF_A_STATE = 16  # about as many as a ball with a few driven masses has
 SMALLEST_CHUNK = 16
+ENOUGH_CHUNKS = 16  # of a small study
 _AS_IT_IS = Nested(lambda value, path: value, lambda value, path: value, "a table, a name or a file")
 _KEYS = {
     "format": Key(Integer(FORMAT, FORMAT)),
@@ -32,6 +34,7 @@ _KEYS = {
     "axes": Key(_AS_IT_IS),
     "save": Key(Choice(("end", "times")), "end"),
     "contact": Key(Flag(), False),
+    "detachment": Key(Flag(), False),
     "find": Key(_AS_IT_IS, []),
     "chunk": Key(Integer(1, 2**20), None),
 }
@@ -48,6 +51,7 @@ class Study:
     - ``axes``: what changes; each axis has one or more paths of numbers in the document.
     - ``save``: "end" for the state at the end of each run, "times" for that at all of the scenario's save times.
     - ``contact``: whether to find the extremes of the contact force over each run, μ_min among them.
+    - ``detachment``: whether a run ends where the ball would leave the plane.
     - ``finds``: what else to find of each run while it is computed.
     - ``chunk``: how many rows are solved and written together.
     """
@@ -57,6 +61,7 @@ class Study:
     axes: tuple[Axis, ...]
     save: str
     contact: bool
+    detachment: bool
     finds: tuple[Find, ...]
     chunk: int
 
@@ -114,7 +119,8 @@ class Study:
     def identity(self) -> dict[str, str]:
         """All that the results depend on, but for versions, as texts; files in it are known by their SHA-256."""
         axes = repr(self.axes)
-        kept = f"save = {self.save}, contact = {self.contact}, find = {self.finds}, chunk = {self.chunk}"
+        names = ("save", "contact", "detachment", "finds", "chunk")
+        kept = ", ".join(f"{name} = {getattr(self, name)}" for name in names)
         return {"scenario": tomli_w.dumps(self.document), "axes": axes, "settings": kept}
 
 
@@ -147,8 +153,9 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
         template = read_document(scenario)
     except ScenarioError as error:
         raise StudyError(f"The scenario of the study is wrong: {error}") from None
-    if found["contact"] and not isinstance(template.system, Ball | Disk):
-        raise StudyError(f"Key `contact` must be false for a {template.system.title}, which touches no plane.")
+    for key in ("contact", "detachment"):
+        if found[key] and not isinstance(template.system, Ball | Disk):
+            raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which touches no plane.")
     if not isinstance(found["axes"], list) or not found["axes"]:
         raise key_error("axes", "a list of tables, each under the heading [[axes]]", shown(found["axes"]))
     axes = tuple(read_axis(item, f"axes[{k}]", folder) for k, item in enumerate(found["axes"]))
@@ -157,7 +164,7 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     saves = template.times.size if found["save"] == "times" else 1
     chunk = _chunk_for(rows, saves) if found["chunk"] is None else min(found["chunk"], rows)
     finds = read_finds(found["find"], template)
-    return Study(found["title"], scenario, axes, found["save"], found["contact"], finds, chunk)
+    return Study(found["title"], scenario, axes, found["save"], found["contact"], found["detachment"], finds, chunk)
 
 
 @functools.lru_cache(maxsize=4)
@@ -190,5 +197,5 @@ def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any]) -> None:
 
 def _chunk_for(rows: int, saves: int) -> int:
     """Enough chunks to share among workers and to lose little, but not so many that lanes and files are a burden."""
-    most = min(LARGEST_CHUNK, MOST_NUMBERS // (16 * saves))
-    return max(1, min(max(SMALLEST_CHUNK, 1 << (rows // 16).bit_length()), most, rows))
+    most = min(LARGEST_CHUNK, MOST_NUMBERS // (NUMBERS_OF_A_STATE * saves))
+    return max(1, min(max(SMALLEST_CHUNK, 1 << (rows // ENOUGH_CHUNKS).bit_length()), most, rows))
