@@ -83,9 +83,10 @@ class HockSchittkowski71(Problem):
 
 
 def test_constrained_problem_71_of_hock_and_schittkowski():
-    settings = Settings(starts=3, steps=20, rounds=30, evaluations=200, tolerance=1e-6, stationary=1e-7)
+    settings = Settings(starts=5, steps=20, polished=2, rounds=30, evaluations=200, tolerance=1e-6, stationary=1e-7)
     optimiser = Optimiser(HockSchittkowski71(), settings)
     found = optimiser.run(optimiser.begin(), lambda progress: None)
+    assert found.z.shape == (2, 4)
     assert found.worth.violation < 1e-6
     assert abs(found.worth.objective - 17.0140173) < 1e-4
     x = optimiser.problem.space.numbers(jnp.asarray(found.best))

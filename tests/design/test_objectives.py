@@ -106,6 +106,21 @@ def test_objective_in_closed_form(name):
     np.testing.assert_allclose(float(values(motion)[name]), expected, rtol=bound, atol=at_zero)
 
 
+def test_largest_distance_from_a_curve():
+    """The path runs along the curve at a distance, or ends half way."""
+    beside = design.Through([0.2 * SIDE, END + 0.2 * SIDE])
+    farther = design.Through([[0.0, 0.0], 2 * END])
+    far = np.linalg.norm(END) / R
+    for objective, expected in (
+        (design.FollowCurve(beside), 0.2 / R),
+        (design.FollowTrajectory(beside), 0.2 / R),
+        (design.FollowCurve(farther), far),
+        (design.FollowTrajectory(farther), far),
+    ):
+        found = eqx.filter_jit(lambda run, objective: objective.farthest(run))(rolling(), objective)
+        np.testing.assert_allclose(float(found), expected, rtol=1e-8)
+
+
 def test_balance_is_where_the_moment_of_gravity_vanishes():
     hanging = jaxball.Ball(mass=1.0, inertia=(D, D, D), offset=(0.0, 0.0, -0.1))
     tilt = jnp.asarray([np.cos(0.2), np.sin(0.2), 0.0, 0.0])

@@ -37,6 +37,7 @@ from .objectives import (
     StopAtRest as StopAtRest,
 )
 from .optimise import Optimiser as Optimiser
+from .perturbations import Perturbations as Perturbations
 from .problem import Evaluation as Evaluation, Problem as Problem
 from .run import Run as Run, Solve as Solve, run_of as run_of
 from .search import Design as Design, design as design

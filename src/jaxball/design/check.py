@@ -63,26 +63,22 @@ def check_gradient(optimiser: Optimiser, z: Float[np.ndarray, " n"], seed: int =
     """
     direction = np.random.default_rng(seed).normal(size=z.shape)
     direction /= np.linalg.norm(direction)
-    starts = optimiser.settings.starts
-    first = optimiser.look(np.broadcast_to(z, (starts, z.size)), optimiser.penalised())
+    first = optimiser.look(z[None], optimiser.penalised(1))
     violations = first.at.violations[0]
     if not (np.all(np.isfinite(violations)) and np.all(np.isfinite(first.at.terms[0]))):
         raise DesignError("The design at which the gradient is checked must be simulated to its end, but it is not.")
     counted = 2 * np.maximum(0.0, -violations) + 1
-    multipliers = Multipliers(
-        np.broadcast_to(counted, (starts, counted.size)), np.ones(starts), np.zeros((starts, counted.size))
-    )
+    one = Multipliers(counted, np.asarray(1.0), np.zeros(counted.size))
     shifts = np.asarray([0.0, *(h * k for h in STEPS for k in STENCIL)])
     points = z[None] + shifts[:, None] * direction[None]
-    values, gradients = _looked(optimiser, points, multipliers)
-    gradient = gradients[0]
+    looked = optimiser.look(points, jax.tree.map(lambda x: np.broadcast_to(x, (len(points), *x.shape)), one))
+    gradient = looked.gradient[0]
     if not np.all(np.isfinite(gradient)):
         names = [name for name, x in zip(optimiser.problem.space.names, gradient, strict=True) if not np.isfinite(x)]
         raise DesignError(f"The gradient at the start must be finite, but it is not for {', '.join(names)}.")
     size = float(np.linalg.norm(gradient)) or 1.0
-    differences = values[1:].reshape(len(STEPS), 4) @ FIVE_POINTS / np.asarray(STEPS)
-    one = Multipliers(*(jnp.asarray(x[0]) for x in multipliers))
-    forward = _forward(optimiser, jnp.asarray(z), jnp.asarray(direction), one)
+    differences = looked.value[1:].reshape(len(STEPS), 4) @ FIVE_POINTS / np.asarray(STEPS)
+    forward = _forward(optimiser, jnp.asarray(z), jnp.asarray(direction), jax.tree.map(jnp.asarray, one))
     return GradientCheck(
         float(gradient @ direction) / size, forward / size, STEPS, tuple(float(d) for d in differences / size)
     )
@@ -96,17 +92,6 @@ def require_good(check: GradientCheck) -> None:
             f"{MODES_AGREE:g}, but it is off by {check.from_differences:.1e} and {check.between_modes:.1e}; tighten "
             f"`solve.rtol` and `solve.atol`, or start elsewhere.\n{check}"
         )
-
-
-def _looked(
-    optimiser: Optimiser, points: Float[np.ndarray, "k n"], multipliers: Multipliers
-) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k n"]]:
-    """Values and gradients at any number of points, as many at a time as there are starts."""
-    starts, count = optimiser.settings.starts, len(points)
-    padded = points[np.minimum(np.arange(-(-count // starts) * starts), count - 1)]
-    looked = [optimiser.look(part, multipliers) for part in padded.reshape(-1, starts, points.shape[1])]
-    values = np.concatenate([part.value for part in looked])
-    return values[:count], np.concatenate([part.gradient for part in looked])[:count]
 
 
 def _forward(

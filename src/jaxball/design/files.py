@@ -9,9 +9,10 @@ import tomli_w
 
 from ..scenario import ScenarioError, builtin_scenarios, builtin_text
 from ..scenario.table import Key, read_family, read_table
-from ..scenario.values import POSITIVE, Integer, Nested, Numbers, Text, key_error, shown
+from ..scenario.values import NOT_NEGATIVE, POSITIVE, Integer, Nested, Numbers, Text, key_error, shown
 from .errors import DesignError
 from .kinds import CONSTRAINTS, OBJECTIVES
+from .perturbations import Perturbations
 from .problem import Problem
 from .settings import Settings
 from .space import DesignSpace
@@ -27,6 +28,7 @@ _KEYS = {
     "variables": Key(_LIST),
     "objectives": Key(_LIST),
     "constraints": Key(_LIST, ()),
+    "robust": Key(_AS_IT_IS, None),
     "search": Key(_AS_IT_IS, None),
 }
 _NUMBER, _POSITIVE = Key(Numbers(), None), Key(Numbers(rule=POSITIVE), None)
@@ -39,7 +41,14 @@ _VARIABLE = {
     "scale": _NUMBER,
     "start": _NUMBER,
 }
-_WHOLE = ("starts", "steps", "rounds", "evaluations", "seed")
+_WHOLE = ("starts", "steps", "polished", "rounds", "evaluations", "seed")
+_SHARE = Key(Numbers(rule=NOT_NEGATIVE))
+_ROBUST = {
+    "count": Key(Integer(1, 10**6)),
+    "masses": _SHARE,
+    "offset": _SHARE,
+    "seed": Key(Integer(0, 10**6), 0),
+}
 _SETTINGS = {
     field.name: Key(Integer(0 if field.name in ("steps", "seed") else 1, 10**6), None)
     if field.name in _WHOLE
@@ -96,8 +105,9 @@ def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
     constraints = _named(list(found["constraints"]), "constraints", CONSTRAINTS)
     given = read_table({} if found["search"] is None else found["search"], "search", _SETTINGS)
     settings = Settings(**{name: value for name, value in given.items() if value is not None})
+    robust = None if found["robust"] is None else _perturbations(found["robust"])
     identity = tomli_w.dumps({**document, "scenario": space.document}) + repr(settings)
-    return ProblemFile(found["title"], Problem(space, objectives, constraints), settings, identity)
+    return ProblemFile(found["title"], Problem(space, objectives, constraints, robust), settings, identity)
 
 
 def _named(values: Any, path: str, family: Any) -> dict[str, Any]:
@@ -124,6 +134,13 @@ def _variable(values: Any, path: str) -> Variable:
         return Variable(found["path"], factors=factors, **given)
     except DesignError as error:
         raise DesignError(f"Key `{path}`: {error}") from None
+
+
+def _perturbations(values: Any) -> Perturbations:
+    try:
+        return Perturbations(**read_table(values, "robust", _ROBUST))
+    except DesignError as error:
+        raise DesignError(f"Key `robust`: {error}") from None
 
 
 def _paths(value: Any, path: str) -> tuple[str, ...]:

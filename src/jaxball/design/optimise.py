@@ -1,4 +1,4 @@
-"""The search for a design: Adam from many starts, then BFGS within an augmented Lagrangian from each of them."""
+"""The search for a design: Adam from many starts, then BFGS within an augmented Lagrangian from the most promising."""
 
 import functools
 from collections.abc import Callable
@@ -50,7 +50,7 @@ class Optimiser:
         """
         z = starting_points(self.problem.space, self.settings)
         progress = Progress("adam", 0, z, list(Moments.none(z.shape)), z[0])
-        leader = self._offer(progress, z, self.look(z, self.penalised()))
+        leader = self._offer(progress, z, self.look(z, self.penalised(len(z))))
         if not np.isfinite(leader.objective):
             raise DesignError(
                 f"None of the {len(z)} starts can be simulated to its end; start from a design that can, or with a "
@@ -79,20 +79,27 @@ class Optimiser:
         return progress
 
     def look(self, z: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Looked:
-        """The augmented Lagrangian and its gradient at many designs."""
-        return Looked(
-            *jax.tree.map(np.asarray, looked_at(self.problem)(jnp.asarray(z), jax.tree.map(jnp.asarray, multipliers)))
-        )
+        """The augmented Lagrangian and its gradient at any number of designs, ``lanes`` at a time."""
+        function, parts = looked_at(self.problem), []
+        for first in range(0, len(z), self.lanes):
+            rows = np.minimum(np.arange(first, first + self.lanes), len(z) - 1)
+            arguments = jax.tree.map(lambda x, rows=rows: jnp.asarray(x[rows]), (z, multipliers))
+            parts.append(jax.tree.map(np.asarray, function(*arguments)))
+        return Looked(*jax.tree.map(lambda *x: np.concatenate(x)[: len(z)], *parts))
 
-    def penalised(self) -> Multipliers:
-        """No multipliers, and the first penalty, for all starts."""
-        starts = self.settings.starts
-        nothing = np.zeros((starts, self.problem.shares.size))
-        return Multipliers(nothing, np.full(starts, self.settings.penalty), nothing)
+    @property
+    def lanes(self) -> int:
+        """How many designs are computed side by side."""
+        return min(self.settings.starts, self.settings.polished)
+
+    def penalised(self, count: int) -> Multipliers:
+        """No multipliers, and the first penalty, for so many designs."""
+        nothing = np.zeros((count, self.problem.shares.size))
+        return Multipliers(nothing, np.full(count, self.settings.penalty), nothing)
 
     def _descend(self, progress: Progress) -> Progress:
         z, before = progress.z, progress.z
-        moments, multipliers, leader = Moments(*progress.arrays), self.penalised(), Worth()
+        moments, multipliers, leader = Moments(*progress.arrays), self.penalised(len(z)), Worth()
         for _ in range(min(REPORT_EVERY, self.settings.steps - progress.step)):
             looked = self.look(z, multipliers)
             leader = self._offer(progress, z, looked)
@@ -105,11 +112,18 @@ class Optimiser:
         progress.z, progress.arrays = z, list(moments)
         progress.history.append((0.0, float(progress.step), *leader))
         if progress.step >= self.settings.steps:
-            progress.phase, progress.step = "polish", 0
-            # The best design goes on in the place of the first start, which may have gone past it.
-            progress.z[0] = progress.best
-            progress.arrays = [*map(np.asarray, multipliers), np.full(len(z), np.inf)]
+            self._choose(progress)
         return progress
+
+    def _choose(self, progress: Progress) -> None:
+        """The starts that are polished."""
+        multipliers = self.penalised(self.lanes)
+        value = self.look(progress.z, self.penalised(len(progress.z))).value
+        promising = np.argsort(np.where(np.isfinite(value), value, np.inf), kind="stable")[: self.lanes]
+        progress.z, progress.phase, progress.step = progress.z[promising], "polish", 0
+        # The best design goes on in the place of the last, because its start may have gone past it.
+        progress.z[-1] = progress.best
+        progress.arrays = [*map(np.asarray, multipliers), np.full(self.lanes, np.inf)]
 
     def _polish(self, progress: Progress) -> Progress:
         settings = self.settings

@@ -14,15 +14,17 @@ from jaxtyping import Array, Float, Int
 from ..scenario.solve import SOLVERS
 from .constraints import AbstractConstraint
 from .objectives import AbstractObjective
+from .perturbations import Perturbations, perturbed_system
 from .run import RAIL_SAMPLES, Run, Solve, run_of
-from .space import DesignSpace
+from .space import Candidate, DesignSpace
 
 
 class Evaluation(NamedTuple):
     """What a design is worth.
 
     - ``terms``: the objectives, each without its weight.
-    - ``violations``: the signed violations of all constraints at all their places and times, one after the other.
+    - ``violations``: the signed violations of all constraints at all their places and times, one after the other, and
+      of all balls of a robust problem.
     - ``status``: a :class:`~jaxball.Status`; where the solve failed, the numbers are NaN.
     """
 
@@ -37,11 +39,15 @@ class Problem:
 
     Between its save times, nothing is known of a run: the scenario's save times are the samples at which objectives
     and constraints are evaluated.
+
+    With ``perturbations`` the problem is robust: its objectives are means over the perturbed balls, and its constraints
+    must hold for each of them.
     """
 
     space: DesignSpace
     objectives: Mapping[str, AbstractObjective]
     constraints: Mapping[str, AbstractConstraint]
+    perturbations: Perturbations | None = None
 
     @functools.cached_property
     def weights(self) -> Float[np.ndarray, " objectives"]:
@@ -50,14 +56,23 @@ class Problem:
 
     @functools.cached_property
     def sizes(self) -> tuple[int, ...]:
-        """At how many places each constraint is evaluated."""
+        """At how many places each constraint is evaluated, for one ball."""
         z = jax.ShapeDtypeStruct((self.space.size,), jnp.zeros(()).dtype)
         return tuple(shape.size for shape in jax.eval_shape(lambda z: self._of(self.run(z))[1], z))
 
     @functools.cached_property
     def shares(self) -> Float[np.ndarray, " places"]:
         """1 / the number of places of its constraint, for each place."""
-        return np.concatenate([np.full(size, 1 / size) for size in self.sizes] or [np.zeros(0)])
+        return self.at_places([1 / (size * self.balls) for size in self.sizes])
+
+    @property
+    def balls(self) -> int:
+        """How many balls are looked at."""
+        return 1 if self.perturbations is None else self.perturbations.count
+
+    def at_places(self, values: Sequence[float]) -> Float[np.ndarray, " places"]:
+        """A value for each constraint, at all its places."""
+        return np.tile(np.repeat(np.asarray(values, dtype=float), self.sizes), self.balls)
 
     def solve(self, adjoint: diffrax.AbstractAdjoint | None = None) -> Solve:
         """How the scenario is solved."""
@@ -71,7 +86,16 @@ class Problem:
 
     def evaluate(self, z: Float[Array, " n"], adjoint: diffrax.AbstractAdjoint | None = None) -> Evaluation:
         """All objectives and constraints of a design; JAX can trace it, differentiate it and vectorise it."""
-        return self.evaluate_run(self.run(z, adjoint))
+        solve = self.solve(adjoint)
+        return merged(self.of_each(self.space.candidate(z), lambda one: self.evaluate_run(run_of(one, solve))))
+
+    def of_each(self, candidate: Candidate, function: Callable[[Candidate], Any]) -> Any:
+        """What ``function`` finds of each ball, on a leading axis."""
+        if self.perturbations is None:
+            return jax.tree.map(lambda x: x[None], function(candidate))
+        errors = self.perturbations.errors(candidate.system)
+        system = candidate.system
+        return jax.vmap(lambda one: function(candidate._replace(system=perturbed_system(system, one))))(errors)
 
     def evaluate_run(self, run: Run) -> Evaluation:
         """All objectives and constraints of a run."""
@@ -84,12 +108,20 @@ class Problem:
         )
 
     def by_constraint(self, violations: Float[np.ndarray, " places"]) -> dict[str, Float[np.ndarray, " k"]]:
-        """The violations of each constraint, by its name."""
-        parts = np.split(np.asarray(violations), np.cumsum(self.sizes)[:-1]) if self.sizes else []
-        return dict(zip(self.constraints, parts, strict=True))
+        """The violations of each constraint, by its name; of one ball, or of many."""
+        if not self.sizes:
+            return {}
+        rows = np.reshape(np.asarray(violations), (-1, sum(self.sizes)))
+        parts = np.split(rows, np.cumsum(self.sizes)[:-1], axis=1)
+        return {name: np.ravel(part) for name, part in zip(self.constraints, parts, strict=True)}
 
     def _of(self, run: Run) -> tuple[list[Any], list[Any]]:
         return [one(run) for one in self.objectives.values()], [one(run) for one in self.constraints.values()]
+
+
+def merged(each: Evaluation) -> Evaluation:
+    """The evaluations of balls, on their leading axis, as one: means of the objectives, and all violations."""
+    return Evaluation(jnp.mean(each.terms, axis=0), jnp.ravel(each.violations), jnp.max(each.status))
 
 
 def worst(values: Sequence[float] | np.ndarray) -> float:

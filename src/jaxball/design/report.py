@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tomli_w
+from jaxtyping import Float
 
 from .. import plot
 from ..extremes import contact_extremes
@@ -17,6 +18,7 @@ from .constraints import ClearOfObstacles
 from .objectives import AvoidObstacles, FollowCurve, FollowTrajectory
 from .run import Run
 from .search import SCENARIO, Design
+from .verify import as_built
 
 ON_A_CURVE = 400
 # Less is rounding, of which there is nothing to draw.
@@ -26,14 +28,15 @@ SMALLEST_FRICTION = 1e-9
 def write_report(design: Design, title: str, folder: Path) -> Path:
     """Writes ``design.toml``, ``report.md`` and its figures into ``folder``; the path of the report."""
     folder.mkdir(parents=True, exist_ok=True)
-    document = design.document
+    document, space = design.document, design.problem.space
     with replacing(folder / SCENARIO) as beside:
         beside.write_text(tomli_w.dumps(document), encoding="utf-8")
     lines = [f"# {title or 'A design'}", "", *_verdict(design), "", *_objectives(design), "", *_constraints(design), ""]
     lines += [*_variables(design), "", *_checks(design), ""]
     try:
-        after = design.problem.space.scenario_of(design.numbers).simulate(dense=True)
-        lines += [*_contact(after), "", *_figures(design, after, folder)]
+        before = _simulated(design, np.asarray(space.numbers(jnp.asarray(space.start))))
+        after = _simulated(design, design.numbers)
+        lines += [*_distances(design, before, after), *_contact(after), "", *_figures(design, before, after, folder)]
     except ScenarioError as error:
         lines.append(f"The scenario cannot be run by `jaxball simulate`: {error}")
     with replacing(folder / "report.md") as beside:
@@ -97,11 +100,11 @@ def _variables(design: Design) -> list[str]:
 
 
 def _checks(design: Design) -> list[str]:
-    seen, found = design.verified, design.check
+    seen, found, shaken = design.verified, design.check, as_built(design.problem)
     lines = [
         f"Simulated again by {seen.solver} at the tolerance {seen.rtol:.0e}, the path is {seen.apart:.1e} radii "
-        f"away at most. Perturbed are {len(design.perturbed.terms)} balls with masses off by 1 % and centres of mass "
-        "by 1 % of the radius.",
+        f"away at most. Perturbed are {shaken.count} balls with masses off by up to {shaken.masses:.1%} and centres of "
+        f"mass by up to {shaken.offset:.1%} of the radius along each axis.",
     ]
     if found is None:
         return lines
@@ -113,11 +116,25 @@ def _contact(after: Trajectory) -> list[str]:
     return [f"Along the run: {'; '.join(str(contact_extremes(after)).splitlines())}."]
 
 
-def _figures(design: Design, after: Trajectory[Any, Any], folder: Path) -> list[str]:
-    space = design.problem.space
-    before = space.scenario_of(np.asarray(space.numbers(jnp.asarray(space.start)))).simulate()
-    history = np.asarray(design.progress.history)
-    run = Run(after.system, jnp.asarray(after.times), after.state, after.status)
+def _simulated(design: Design, numbers: Float[np.ndarray, " n"]) -> Trajectory[Any, Any]:
+    return design.problem.space.scenario_of(numbers).simulate(dense=True)
+
+
+def _run(trajectory: Trajectory[Any, Any]) -> Run:
+    return Run(trajectory.system, jnp.asarray(trajectory.times), trajectory.state, trajectory.status)
+
+
+def _distances(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any]) -> list[str]:
+    lines = []
+    for name, item in design.problem.objectives.items():
+        if isinstance(item, FollowTrajectory | FollowCurve):
+            old, new = (float(item.farthest(_run(trajectory))) for trajectory in (before, after))
+            lines += [f"The largest distance of {name} is {new:.3g} radii; before it was {old:.3g}.", ""]
+    return lines
+
+
+def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any], folder: Path) -> list[str]:
+    history, run = np.asarray(design.progress.history), _run(after)
     axes = {
         "path": plot.designed_path(_path(before), _path(after), *_wanted(design)),
         "rails": plot.configuration(after),

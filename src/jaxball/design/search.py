@@ -15,7 +15,7 @@ from .optimise import Optimiser
 from .problem import Evaluation, Problem
 from .settings import Settings
 from .state import Progress, Worth, load_progress, save_progress
-from .verify import Verified, perturbed, verify
+from .verify import Verified, as_built, perturbed, verify
 
 PROGRESS, SCENARIO = "progress.npz", "design.toml"
 TIGHTENINGS = 3
@@ -103,15 +103,14 @@ def design(
             break
         excess = [MORE * max(0.0, fine) for _, fine in verified.violations.values()]
         say(f"between the samples constraints are violated by {verified.violation:.2e}: tightened")
-        progress = optimiser.tighten(progress, np.repeat(excess, problem.sizes))
+        progress = optimiser.tighten(progress, problem.at_places(excess))
     else:
         progress = optimiser.run(progress, report)
         verified = verify(problem, progress.best)
-    starts = np.broadcast_to(problem.space.start, (settings.starts, problem.space.size))
-    at = optimiser.look(starts, optimiser.penalised()).at
+    at = optimiser.look(problem.space.start[None], optimiser.penalised(1)).at
     before = Evaluation(at.terms[0], at.violations[0], at.status[0])
     numbers = np.asarray(problem.space.numbers(jnp.asarray(progress.best)))
-    shaken = perturbed(problem, progress.best)
+    shaken = perturbed(problem, progress.best, as_built(problem))
     return Design(problem, settings, numbers, check, progress, before, verified, shaken)
 
 

@@ -10,6 +10,7 @@ class Settings:
     - ``starts``: how many starts, the given design and others about it, are improved side by side at first.
     - ``spread``: how far the others are from it, in scales; between two bounds they are anywhere.
     - ``steps``, ``learning_rate``: the steps of Adam that each start takes, in scales.
+    - ``polished``: how many starts, the most promising after Adam, are gone on with.
     - ``rounds``, ``evaluations``: of BFGS within an augmented Lagrangian, at most so many updates of the multipliers,
       and evaluations between two.
     - ``penalty``: the first penalty; it grows fourfold where a round does not bring the violation down to a quarter.
@@ -22,6 +23,7 @@ class Settings:
     spread: float = 0.3
     steps: int = 150
     learning_rate: float = 0.02
+    polished: int = 8
     rounds: int = 12
     evaluations: int = 80
     penalty: float = 10.0

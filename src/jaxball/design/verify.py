@@ -1,21 +1,25 @@
 """A finished design looked at again: by another solver, at a tighter tolerance, ten times as often, and perturbed."""
 
+import dataclasses
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..body import Disk
 from ..scenario.solve import SOLVERS
-from .problem import Evaluation, Problem, worst
+from .perturbations import Perturbations
+from .problem import Evaluation, Problem, merged, worst
 from .run import RAIL_SAMPLES, Run, Solve, run_of
+from .space import Candidate
 
 FINER = 10
 TIGHTER, TIGHTEST = 1e-2, 1e-13
 EXPLICIT = ("dopri5", "dopri8", "tsit5")
+AS_BUILT = Perturbations(16, 0.01, 0.01)
+# A robust design is looked at on so many balls that it has not seen.
+FRESH = 1000
 
 
 class Verified(NamedTuple):
@@ -46,14 +50,17 @@ def verify(problem: Problem, z: Float[np.ndarray, " n"]) -> Verified:
     rtol, atol = (max(TIGHTER * x, TIGHTEST) for x in (scenario.rtol, scenario.atol))
     other = Solve(SOLVERS[solver](), rtol, atol, 16 * scenario.max_steps)
 
-    @jax.jit
-    def both(z):
-        candidate = problem.space.candidate(z)
+    def seen(candidate: Candidate):
         run = run_of(candidate, problem.solve())
         fine = run_of(candidate._replace(times=_finer(candidate.times)), other, FINER * RAIL_SAMPLES)
         apart = jnp.max(jnp.sqrt(jnp.sum((run.z - fine.z[::FINER]) ** 2, axis=-1))) / run.length
         first, second = problem.evaluate_run(run), problem.evaluate_run(fine)
         return first, second, apart, _worst(problem, run), _worst(problem, fine)
+
+    @jax.jit
+    def both(z):
+        first, second, *others = problem.of_each(problem.space.candidate(z), seen)
+        return merged(first), merged(second), *jax.tree.map(lambda x: jnp.max(x, axis=0), others)
 
     designed, finer, apart, *worsts = jax.tree.map(np.asarray, both(jnp.asarray(z)))
     violations = {name: (float(worsts[0][name]), float(worsts[1][name])) for name in problem.constraints}
@@ -71,28 +78,20 @@ def _finer(times: Float[jax.Array, " t"]) -> Float[jax.Array, " fine"]:
     return jnp.concatenate([jnp.ravel(between), times[-1:]])
 
 
-def perturbed(
-    problem: Problem, z: Float[np.ndarray, " n"], count: int = 16, share: float = 0.01, seed: int = 0
-) -> Evaluation:
-    """The design as it may be built, ``count`` times: masses off by normal errors of ``share``, the shell's centre of
-    mass by as much of the radius."""
-    random = np.random.default_rng(seed)
-    candidate = problem.space.candidate(jnp.asarray(z))
-    system = candidate.system
-    masses = [random.normal(size=(count, *group.mass.shape)) for group in system.groups]
-    shell, offset = random.normal(size=count), random.normal(size=(count, 3))
-    flat = isinstance(system, Disk)
+def perturbed(problem: Problem, z: Float[np.ndarray, " n"], perturbations: Perturbations = AS_BUILT) -> Evaluation:
+    """The design as it may be built: each perturbed ball's objectives and violations, on a leading axis."""
+    shaken = dataclasses.replace(problem, perturbations=perturbations)
 
     @jax.jit
-    @jax.vmap
-    def one(masses, shell, offset):
-        shifts = offset.at[1].set(0.0) if flat else offset
-        shell = (system.mass * (1 + share * shell), system.offset + share * system.radius * shifts)
-        moved = eqx.tree_at(lambda s: (s.mass, s.offset), system, shell)
-        if masses:
-            others = [group.mass * (1 + share * x) for group, x in zip(system.groups, masses, strict=True)]
-            moved = eqx.tree_at(lambda s: [group.mass for group in s.groups], moved, others)
-        return problem.evaluate_run(run_of(candidate._replace(system=moved), problem.solve()))
+    def each(z):
+        return shaken.of_each(
+            problem.space.candidate(z), lambda one: problem.evaluate_run(run_of(one, problem.solve()))
+        )
 
-    found = one([jnp.asarray(x) for x in masses], jnp.asarray(shell), jnp.asarray(offset))
-    return jax.tree.map(np.asarray, found)
+    return jax.tree.map(np.asarray, each(jnp.asarray(z)))
+
+
+def as_built(problem: Problem) -> Perturbations:
+    """The balls on which a finished design is shown: those of a robust problem with errors anew."""
+    given = problem.perturbations
+    return AS_BUILT if given is None else dataclasses.replace(given, count=FRESH, seed=given.seed + 1)

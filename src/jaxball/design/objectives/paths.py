@@ -42,6 +42,10 @@ class FollowTrajectory(AbstractRunningObjective):
         """|z(t) − c(s(t))| / r."""
         return norm(run.z - self.targets(run.times)) / run.length
 
+    def farthest(self, run: Run) -> Float[Array, ""]:
+        """The largest distance from where the geometric centre is to be, in radii."""
+        return jnp.max(self.errors(run))
+
 
 class FollowCurve(AbstractObjective):
     """The curve followed at any speed: mean squared distances, over r², of the path from the curve and back.
@@ -59,6 +63,12 @@ class FollowCurve(AbstractObjective):
         ends = nearest(path, curve)
         there = jnp.sum(lengths * (ends[1:] + ends[:-1]) / 2) / jnp.sum(lengths)
         return (there + jnp.mean(nearest(curve, path))) / run.length**2
+
+    def farthest(self, run: Run) -> Float[Array, ""]:
+        """The largest distance of a point of the path from the curve, or of the curve from the path, in radii."""
+        path, curve = run.z, self.curve.points(self.samples)
+        squares = jnp.concatenate([nearest(path, curve), nearest(curve, path)])
+        return jnp.sqrt(jnp.max(squares)) / run.length
 
 
 def nearest(points: Float[Array, "p 2"], line: Float[Array, "q 2"]) -> Float[Array, " p"]:
