@@ -86,7 +86,7 @@ def follow(
     - ``direction``: where λ goes at first, up or down; towards ``end`` if that is given.
     - ``step``, ``longest``: the first and the longest step in arclength.
     - ``length``, ``points``: the arclength and the number of points at which the branch ends at the latest.
-    - ``tolerance``: of the corrector: the largest entry of its last correction, over 1 + \\|Y\\|.
+    - ``tolerance``: of the corrector: the largest entry of its last correction, over 1 + |Y|.
     - ``weights``: w of the norm ds² = Σ w dy² + dλ²; 1/n if not given. Entries may be 0.
     - ``visit``: called with each point.
 

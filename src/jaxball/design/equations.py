@@ -10,6 +10,10 @@ import scipy.sparse
 import scipy.sparse.linalg
 from jaxtyping import Array, Float
 
+from .errors import DesignError
+
+LEAST_SHARE = 1e-4
+
 Matrix = np.ndarray | scipy.sparse.sparray
 
 
@@ -61,3 +65,39 @@ def bordered_solver(
         return solver(np.vstack([np.column_stack([matrix, column]), row]))
     upper = scipy.sparse.hstack([matrix, scipy.sparse.csr_array(column[:, None])])
     return solver(scipy.sparse.vstack([upper, scipy.sparse.csr_array(row[None])]))
+
+
+def newton(
+    equations: AbstractEquations,
+    y: Float[np.ndarray, " n"],
+    parameter: float,
+    tolerance: float = 1e-10,
+    most: int = 50,
+) -> Float[np.ndarray, " n"]:
+    """A solution near ``y``, by Newton's method with the natural monotonicity test.
+
+    A correction is shortened until the next one, by the same Jacobian, is shorter (Deuflhard, Newton Methods for
+    Nonlinear Problems, section 3.3.1), whatever the units of equations and unknowns. It ends where no entry of a
+    correction is larger than ``tolerance`` (1 + |y|).
+
+    **Raises:** :class:`~jaxball.design.DesignError` where it comes to no solution in ``most`` corrections.
+    """
+    share = 1.0
+    for _ in range(most):
+        solve = solver(equations.jacobian(y, parameter)[0])
+        change = -solve(equations.residual(y, parameter))
+        if np.max(np.abs(change) / (1 + np.abs(y))) <= tolerance:
+            return y + change
+        share = min(1.0, 2 * share)
+        while share > LEAST_SHARE:
+            next_change = solve(equations.residual(y + share * change, parameter))
+            if np.linalg.norm(next_change) <= (1 - share / 4) * np.linalg.norm(change):
+                break
+            share /= 2
+        else:
+            break
+        y = y + share * change
+    raise DesignError(
+        f"Newton's method must come to a solution at λ = {parameter:g}, but it does not; start from a better guess, or "
+        "come to this λ by continuation from one at which the problem is easier."
+    )

@@ -1,0 +1,14 @@
+"""Optimal control: how the masses must move, found by direct collocation, in schedules of any shape."""
+
+from .collocation import Collocation as Collocation, Unknowns as Unknowns
+from .curvature import least_curvature as least_curvature
+from .path import Path as Path
+from .problem import AbstractControlProblem as AbstractControlProblem
+from .refine import Solution as Solution, finer_mesh as finer_mesh, mesh_errors as mesh_errors, solved as solved
+from .rolling import Rolling as Rolling
+from .schedules import (
+    Resimulated as Resimulated,
+    resimulated as resimulated,
+    scenario_of as scenario_of,
+    schedules_of as schedules_of,
+)

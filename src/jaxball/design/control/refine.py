@@ -1,0 +1,137 @@
+"""How far a path is from the differential equation, and meshes on which it is nearer.
+
+Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming, section 4.7.
+"""
+
+import functools
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import scipy.sparse
+from jaxtyping import Float
+
+from ...solvers.tableau import gauss
+from ..equations import newton, solver
+from .collocation import CHUNK, Collocation, Unknowns
+from .path import Path
+from .problem import AbstractControlProblem
+
+MOST_PIECES = 4
+MOST_ROUNDS = 8
+# What keeps the equations for the multipliers regular where a constraint says nothing that the others do not.
+SMALL = 1e-12
+
+
+class Solution(NamedTuple):
+    """A solved problem.
+
+    - ``collocation``, ``y``, ``parameter``: the equations, their solution and λ.
+    - ``errors``: those of :func:`mesh_errors`.
+    """
+
+    collocation: Collocation
+    y: Float[np.ndarray, " size"]
+    parameter: float
+    errors: Float[np.ndarray, " N"]
+
+    @property
+    def path(self) -> Path:
+        """States and controls."""
+        return path_of(self.collocation, self.y)
+
+    @property
+    def problem(self) -> AbstractControlProblem:
+        """The problem at λ."""
+        return self.collocation.vary(self.collocation.problem, jnp.asarray(self.parameter))
+
+
+def path_of(collocation: Collocation, y: Float[np.ndarray, " size"]) -> Path:
+    """The states and controls of y."""
+    return Path(collocation.mesh, *collocation.parts(y)[:3])
+
+
+def started(collocation: Collocation, path: Path, parameter: float) -> Float[np.ndarray, " size"]:
+    """Unknowns with the states and controls of a path, on whatever mesh, and the multipliers that go best with them.
+
+    The multipliers are those with which the gradient of the Lagrangian with respect to states and controls is least.
+    """
+    times = np.ravel(collocation.times)
+    shapes = collocation.shapes
+    y = collocation.joined(
+        Unknowns(
+            path.states(collocation.mesh),
+            path.states(times).reshape(shapes.nodes),
+            path.inputs(times).reshape(shapes.controls),
+            *(np.zeros(shape) for shape in shapes[3:]),
+        )
+    )
+    count = collocation.unconstrained
+    gradient = collocation.residual(y, parameter)[:count]
+    A = collocation.jacobian(y, parameter)[0].tocsr()[count:, :count]
+    matrix = scipy.sparse.block_array(
+        [[scipy.sparse.eye_array(count), A.T], [A, -SMALL * scipy.sparse.eye_array(A.shape[0])]]
+    )
+    y[count:] = solver(matrix.tocsc())(np.append(-gradient, np.zeros(A.shape[0])))[count:]
+    return y
+
+
+def solved(collocation: Collocation, path: Path, parameter: float = 0.0, tolerance: float = 1e-6) -> Solution:
+    """The solution near a path, on meshes that are made finer until no interval's error is above ``tolerance``.
+
+    **Raises:** :class:`~jaxball.design.DesignError` where Newton's method finds no solution.
+    """
+    for _ in range(MOST_ROUNDS):
+        y = newton(collocation, started(collocation, path, parameter), parameter)
+        path = path_of(collocation, y)
+        errors = mesh_errors(collocation, y, parameter)
+        if np.max(errors) <= tolerance:
+            break
+        finer = finer_mesh(collocation.mesh, errors, tolerance, collocation.stages + 1)
+        collocation = Collocation(collocation.problem, finer, collocation.stages, collocation.vary)
+    else:
+        y = newton(collocation, started(collocation, path, parameter), parameter)
+        errors = mesh_errors(collocation, y, parameter)
+    return Solution(collocation, y, parameter, errors)
+
+
+def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], parameter: float) -> Float[np.ndarray, " N"]:
+    """For each interval, the largest ∫ |ẋ − rate(t, x, u)| dt of a component of the state, over 1 + max |x|."""
+    path, quadrature, h = path_of(collocation, y), gauss(collocation.stages + 2), collocation.steps
+    times = np.ravel(collocation.mesh[:-1, None] + h[:, None] * quadrature.c)
+    states = path.states(times)
+    rates = _rates(collocation, parameter, times, states, path.inputs(times))
+    gaps = np.abs(path.rates(times) - rates) / (1 + np.max(np.abs(states), axis=0))
+    gaps = gaps.reshape(len(h), len(quadrature.c), -1)
+    return np.max(np.einsum("k,j,kjn->kn", h, quadrature.b, gaps), axis=1)
+
+
+def finer_mesh(
+    mesh: Float[np.ndarray, " N_plus_one"], errors: Float[np.ndarray, " N"], tolerance: float, order: int
+) -> Float[np.ndarray, " M_plus_one"]:
+    """The mesh with each interval whose error is too large cut in equal pieces, so many as the order asks for."""
+    pieces = [
+        min(MOST_PIECES, max(2, math.ceil((error / tolerance) ** (1 / order)))) if error > tolerance else 1
+        for error in errors
+    ]
+    cut = [np.linspace(a, b, k, endpoint=False) for a, b, k in zip(mesh[:-1], mesh[1:], pieces, strict=True)]
+    return np.concatenate([*cut, mesh[-1:]])
+
+
+def _rates(collocation: Collocation, parameter: float, *rows: np.ndarray) -> np.ndarray:
+    found = []
+    for at in range(0, len(rows[0]), CHUNK):
+        few = [row[at : at + CHUNK] for row in rows]
+        count = len(few[0])
+        padded = [np.concatenate([row, np.repeat(row[-1:], CHUNK - count, axis=0)]) for row in few]
+        rates = _rates_of(collocation.vary, collocation.problem, jnp.asarray(parameter), *map(jnp.asarray, padded))
+        found.append(np.asarray(rates)[:count])
+    return np.concatenate(found)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def _rates_of(vary: Callable, problem: AbstractControlProblem, parameter, times, states, controls):
+    return jax.vmap(vary(problem, parameter).rate)(times, states, controls)

@@ -1,0 +1,144 @@
+"""The optimal control of a rolling ball or disk: its masses on rails are accelerated, u = θ̈."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..._arrays import Numbers, to_array
+from ...body import Ball, PointMass, System, with_integrated_angles, with_masses
+from ...feedback import AbstractLaw
+from ...moments import velocity_moments
+from ...motion import Driven, OnRail
+from ...packing import LockedPacking, Packing
+from ...schedules import AbstractSchedule
+from ...state import BallState, DiskState
+from ...status import Status
+from ...vectors import apply
+from ..errors import DesignError
+from ..objectives import AbstractRunningObjective, FollowTrajectory
+from ..run import Run
+from .problem import AbstractControlProblem
+
+
+class Given(AbstractLaw):
+    """θ̈ = u, given numbers."""
+
+    u: Float[Array, " driven"]
+
+    def __call__(self, t, state):
+        return self.u
+
+
+class Rolling(AbstractControlProblem):
+    """A ball or a disk that rolls from its initial state to rest, with its centre of mass below the geometric centre.
+
+    The running cost is the sum of the ``objectives``, and the state the vector of :class:`~jaxball.packing.Packing`,
+    with θ and θ̇ of the masses on rails. The conditions at the end are θ̇ = 0, Ω = 0, the horizontal place of the
+    centre of mass, over r, and the distance of the geometric centre from ``place``, over r, if that is given.
+    """
+
+    system: System
+    state: BallState | DiskState
+    start: Float[Array, ""]
+    end: Float[Array, ""]
+    objectives: dict[str, AbstractRunningObjective]
+    place: Float[Array, " d"] | None
+    softness: Float[Array, ""]
+
+    def __init__(
+        self,
+        system: System,
+        times: Numbers,
+        objectives: Mapping[str, AbstractRunningObjective],
+        state: BallState | DiskState | None = None,
+        place: Numbers | None = None,
+        softness: Numbers = 0.0,
+    ):
+        """The problem for a system whose masses on rails have schedules.
+
+        **Arguments:**
+
+        - ``times``: of the start and of the end.
+        - ``state``: at the start; at rest at the origin if not given. θ and θ̇ are those of the schedules.
+        - ``place``: of the geometric centre at the end, (z1, z2) of a ball or z of a disk; free if not given.
+
+        **Raises:** :class:`DesignError` for a system without masses on rails, and ``ValueError`` for one with a
+        feedback law.
+        """
+        start, end = (to_array(t) for t in to_array(times))
+        driven, angles = with_integrated_angles(system, start)
+        if not driven.driven:
+            raise DesignError("Argument `system` must have a mass on a rail to be controlled, but it has none.")
+        kind = BallState if isinstance(system, Ball) else DiskState
+        given = kind() if state is None else state
+        fields = {name: getattr(given, name) for name in given.__dataclass_fields__}
+        self.system = eqx.tree_at(lambda s: s.law, driven, Given(angles["theta"]))
+        self.state = kind(**fields | angles)
+        self.start, self.end = start, end
+        self.objectives = {name: _in_time(one, start, end) for name, one in objectives.items()}
+        self.softness = to_array(softness)
+        self.place = None if place is None else jnp.atleast_1d(to_array(place))
+
+    @property
+    def controls(self) -> int:
+        """The number of masses on rails."""
+        return len(self.system.driven)
+
+    @property
+    def initial(self) -> Float[Array, " n"]:
+        return self.packing.pack(self.start, self.state)
+
+    @property
+    def packing(self) -> LockedPacking:
+        """How states become vectors."""
+        return Packing.of(self.system.prepare(), self.state)
+
+    def rate(self, t, x, u):
+        return self._packing_with(u).field(t, x)
+
+    def cost(self, t, x, u):
+        terms = self.terms(t, x, u)
+        return sum((one.weight * terms[name] for name, one in self.objectives.items()), start=jnp.zeros_like(t))
+
+    def terms(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> dict[str, Float[Array, ""]]:
+        """The objectives at one time, without their weights."""
+        packing = self._packing_with(u)
+        state = jax.tree.map(lambda leaf: leaf[None], packing.unpack(t, x))
+        run = Run(packing.system, t[None], state, jnp.asarray(Status.SUCCESS))
+        return {name: one.integrand(run)[0] for name, one in self.objectives.items()}
+
+    def conditions(self, x):
+        packing = self.packing
+        state = packing.unpack(self.end, x)
+        at = velocity_moments(packing.system, self.end, (state.theta, state.thetadot))
+        away = apply(state.Lambda, at.p) / (at.M * self.system.radius)
+        flat = isinstance(state, DiskState)
+        parts = [state.thetadot, state.phidot[None] if flat else state.Omega, away[:1] if flat else away[:2]]
+        if self.place is not None:
+            parts.append((jnp.atleast_1d(state.z) - self.place) / self.system.radius)
+        return jnp.concatenate(parts)
+
+    def with_schedules(self, schedules: Sequence[AbstractSchedule]) -> System:
+        """The system in which the masses on rails follow ``schedules``, in their order."""
+        masses, following = list(self.system.point_masses), iter(schedules)
+        for index in self.system.driven:
+            motion = masses[index].motion
+            assert isinstance(motion, Driven)
+            masses[index] = PointMass(masses[index].mass, OnRail(motion.rail, next(following)))
+        return with_masses(self.system, masses)
+
+    def _packing_with(self, u: Float[Array, " m"]) -> LockedPacking:
+        packing = self.packing
+        return eqx.tree_at(lambda p: p.system.law, packing, Given(u))
+
+
+def _in_time(objective: AbstractRunningObjective, start, end) -> AbstractRunningObjective:
+    """An objective that is told when the run starts and ends, where that matters."""
+    if not isinstance(objective, FollowTrajectory):
+        return objective
+    times = [start if objective.start is None else objective.start, end if objective.end is None else objective.end]
+    return dataclasses.replace(objective, start=times[0], end=times[1])

@@ -1,0 +1,92 @@
+"""The schedules of the masses that a solution asks for, as a scenario, and that scenario simulated."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ...extremes import contact_extremes
+from ...scenario import Scenario
+from ...schedules import PiecewiseAcceleration
+from ..errors import DesignError
+from .refine import Solution
+from .rolling import Rolling
+
+
+def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
+    """θ(t) of each mass: θ̈ is the polynomial u on each interval, so that at the knots θ and θ̇ are the solution's."""
+    problem, path = _rolling(solution), solution.path
+    powers = np.arange(path.controls.shape[1])
+    coefficients = path.control_coefficients / np.diff(path.mesh)[:, None, None] ** powers[:, None]
+    return [
+        PiecewiseAcceleration(theta, path.mesh, coefficients[:, :, k], rate)
+        for k, (theta, rate) in enumerate(zip(problem.state.theta, problem.state.thetadot, strict=True))
+    ]
+
+
+def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenario:
+    """The scenario in which the masses move as the solution asks for, which ``jaxball simulate`` runs."""
+    problem = _rolling(solution)
+    state = problem.state
+    fields = {name: getattr(state, name) for name in state.__dataclass_fields__ if not name.startswith("theta")}
+    times = np.linspace(float(problem.start), float(problem.end), saves)
+    return Scenario(title, problem.with_schedules(schedules_of(solution)), type(state)(**fields), times)
+
+
+class Resimulated(NamedTuple):
+    """What a simulation of a solution's schedules finds; lengths in radii.
+
+    - ``apart``: the largest distance between the simulated path and the solution's.
+    - ``speed``: the largest of |Ω| and |θ̇| at the end.
+    - ``away``, ``below``: the horizontal distance of the centre of mass from the geometric centre at the end, and how
+      far it is below.
+    - ``missed``: the distance of the geometric centre from its place at the end; 0 where it is free.
+    - ``margin``: the least normal force, over M g; ``friction``: the largest |f| / N.
+    """
+
+    apart: float
+    speed: float
+    away: float
+    below: float
+    missed: float
+    margin: float
+    friction: float
+
+
+def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 1e-11) -> Resimulated:
+    """The solution's schedules simulated by a solver of another kind.
+
+    **Raises:** :class:`~jaxball.SolveError` where the solve fails.
+    """
+    problem, scenario = _rolling(solution), scenario_of(solution)
+    run = scenario.simulate(solver=solver, rtol=tolerance, atol=tolerance, dense=True, throw=True)
+    extremes, seen, r = contact_extremes(run), run.observables, float(problem.system.radius)
+    gap = np.asarray(run.state.z) - _places(solution, np.asarray(run.times))
+    thetadot = [float(schedule.derivatives(problem.end)[1]) for schedule in schedules_of(solution)]
+    centre = np.asarray(seen.centre_of_mass_space[-1])
+    missed = 0.0 if problem.place is None else np.linalg.norm(run.state.z[-1] - problem.place)
+    return Resimulated(
+        float(np.max(np.abs(gap) if gap.ndim == 1 else np.linalg.norm(gap, axis=1))) / r,
+        float(max(np.linalg.norm(seen.angular_velocity_body[-1]), np.max(np.abs(thetadot)))),
+        float(np.linalg.norm(centre[:2])) / r,
+        -float(centre[2]) / r,
+        float(missed) / r,
+        float(extremes.margin),
+        float(extremes.friction_needed),
+    )
+
+
+def _places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:
+    """Where the solution has the geometric centre."""
+    packing = _rolling(solution).packing
+    unpacked = jax.jit(jax.vmap(packing.unpack))(jnp.asarray(times), jnp.asarray(solution.path.states(times)))
+    return np.asarray(unpacked.z)
+
+
+def _rolling(solution: Solution) -> Rolling:
+    problem = solution.problem
+    if not isinstance(problem, Rolling):
+        raise DesignError("Argument `solution` must be that of a rolling ball or disk to have schedules.")
+    return problem
