@@ -5,10 +5,11 @@ from .curvature import least_curvature as least_curvature
 from .path import Path as Path
 from .problem import AbstractControlProblem as AbstractControlProblem
 from .refine import Solution as Solution, finer_mesh as finer_mesh, mesh_errors as mesh_errors, solved as solved
-from .rolling import Rolling as Rolling
+from .rolling import Rolling as Rolling, between as between
 from .schedules import (
     Resimulated as Resimulated,
     resimulated as resimulated,
     scenario_of as scenario_of,
     schedules_of as schedules_of,
 )
+from .steps import at_rest as at_rest, continued as continued, started as started

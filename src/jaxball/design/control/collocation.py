@@ -27,6 +27,11 @@ CHUNK = 32
 Vary = Callable[[Any, Float[Array, ""]], AbstractControlProblem]
 
 
+def as_it_is(problem: AbstractControlProblem, parameter: Float[Array, ""]) -> AbstractControlProblem:
+    """A problem that does not depend on λ."""
+    return problem
+
+
 class Unknowns(NamedTuple):
     """The parts of y.
 
@@ -45,21 +50,23 @@ class Unknowns(NamedTuple):
 
 
 class Collocation(AbstractEquations):
-    """The equations for the problem vary(problem, λ) on a mesh, with s nodes an interval."""
+    """The equations for the problem vary(problem, λ) on a mesh, with s nodes an interval.
+
+    ``vary`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+    """
 
     def __init__(
         self,
-        problem: AbstractControlProblem,
+        problem: Any,
         mesh: Float[np.ndarray, " N_plus_one"],
         stages: int = 3,
-        vary: Vary = lambda problem, parameter: problem,
+        vary: Vary = as_it_is,
     ):
         self.problem, self.mesh, self.stages, self.vary = problem, mesh, stages, vary
         self.tableau: Tableau = gauss(stages)
         self._last: tuple[np.ndarray, float, _Looked, _Looked] | None = None
-        initial = jax.eval_shape(lambda problem: problem.initial, problem)
-        N, n, m = len(mesh) - 1, initial.size, problem.controls
-        ends = jax.eval_shape(lambda problem, x: problem.conditions(x), problem, initial).size
+        n, ends = (shape.size for shape in jax.eval_shape(functools.partial(_sizes, vary), problem))
+        N, m = len(mesh) - 1, vary(problem, jnp.zeros(())).controls
         self.shapes = Unknowns((N + 1, n), (N, stages, n), (N, stages, m), (n,), (N, stages, n), (N, n), (ends,))
         places = np.split(np.arange(self.size), np.cumsum([np.prod(shape) for shape in self.shapes])[:-1])
         self.places = Unknowns(*(at.reshape(shape) for at, shape in zip(places, self.shapes, strict=True)))
@@ -157,15 +164,9 @@ class Collocation(AbstractEquations):
         local = local.reshape(-1, local.shape[-1])
         h = np.broadcast_to(self.steps[:, None], self.times.shape)
         weights = h * self.tableau.b / (self.mesh[-1] - self.mesh[0])
-        rows = [np.ravel(self.times), np.ravel(weights), np.ravel(h), local]
-        found = []
-        for at in range(0, len(local), CHUNK):
-            few = [row[at : at + CHUNK] for row in rows]
-            count = len(few[0])
-            few = [np.concatenate([row, np.repeat(row[-1:], CHUNK - count, axis=0)]) for row in few]
-            looked = _nodes(self.vary, self.problem, jnp.asarray(parameter), *map(jnp.asarray, few))
-            found.append(jax.tree.map(lambda x, count=count: np.asarray(x)[:count], looked))
-        return _Looked(*(np.concatenate(part) for part in zip(*found, strict=True)))
+        at = jnp.asarray(parameter)
+        function = functools.partial(_nodes, self.vary, self.shapes.at_start[0], self.problem, at)
+        return _Looked(*in_chunks(function, np.ravel(self.times), np.ravel(weights), np.ravel(h), local))
 
     def _end(self, parts: Unknowns, parameter: float) -> "_Looked":
         """The end conditions' term of the Lagrangian."""
@@ -173,6 +174,17 @@ class Collocation(AbstractEquations):
         return _Looked(
             *map(np.asarray, _ends(self.vary, self.shapes.at_start[0], self.problem, jnp.asarray(parameter), local))
         )
+
+
+def in_chunks(function: Callable[..., Any], *rows: np.ndarray) -> Any:
+    """A function of many rows, called with ``CHUNK`` of them at a time; the last ones are repeated to fill a chunk."""
+    found = []
+    for at in range(0, len(rows[0]), CHUNK):
+        few = [row[at : at + CHUNK] for row in rows]
+        count = len(few[0])
+        filled = [np.concatenate([row, np.repeat(row[-1:], CHUNK - count, axis=0)]) for row in few]
+        found.append(jax.tree.map(lambda x, count=count: np.asarray(x)[:count], function(*map(jnp.asarray, filled))))
+    return jax.tree.map(lambda *parts: np.concatenate(parts), *found)
 
 
 class _Looked(NamedTuple):
@@ -194,15 +206,17 @@ def _looked(term: Callable[..., Float[Array, ""]], local: Float[Array, " k"], pa
     return _Looked(value, gradient, hessian, by_parameter)
 
 
-@functools.partial(jax.jit, static_argnums=0)
-def _nodes(vary: Vary, problem: AbstractControlProblem, parameter, times, weights, steps, local) -> _Looked:
-    m = problem.controls
-    n = (local.shape[-1] - m) // 2
+def _sizes(vary: Vary, problem: Any) -> tuple[Array, Array]:
+    at = vary(problem, jnp.zeros(()))
+    return at.initial, at.conditions(at.initial)
 
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def _nodes(vary: Vary, n: int, problem: Any, parameter, times, weights, steps, local) -> _Looked:
     def one(t, weight, h, local):
         def term(local, parameter):
             at = vary(problem, parameter)
-            x, u, multiplier = local[:n], local[n : n + m], local[n + m :]
+            x, u, multiplier = local[:n], local[n:-n], local[-n:]
             return weight * at.cost(t, x, u) + h * jnp.sum(multiplier * at.rate(t, x, u))
 
         return _looked(term, local, parameter)
@@ -211,7 +225,7 @@ def _nodes(vary: Vary, problem: AbstractControlProblem, parameter, times, weight
 
 
 @functools.partial(jax.jit, static_argnums=(0, 1))
-def _ends(vary: Vary, n: int, problem: AbstractControlProblem, parameter, local) -> _Looked:
+def _ends(vary: Vary, n: int, problem: Any, parameter, local) -> _Looked:
     def term(local, parameter):
         at, x, multipliers = vary(problem, parameter), local[:n], local[n:]
         return jnp.sum(multipliers * at.conditions(x)) - at.softness * jnp.sum(multipliers**2) / 2
@@ -220,7 +234,7 @@ def _ends(vary: Vary, n: int, problem: AbstractControlProblem, parameter, local)
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _initial(vary: Vary, problem: AbstractControlProblem, parameter: Float[Array, ""]):
+def _initial(vary: Vary, problem: Any, parameter: Float[Array, ""]):
     """The initial state, and its derivative with respect to λ."""
     return jax.jvp(lambda parameter: vary(problem, parameter).initial, (parameter,), (jnp.ones_like(parameter),))
 

@@ -5,8 +5,7 @@ Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Prog
 
 import functools
 import math
-from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +15,7 @@ from jaxtyping import Float
 
 from ...solvers.tableau import gauss
 from ..equations import newton, solver
-from .collocation import CHUNK, Collocation, Unknowns
+from .collocation import Collocation, Unknowns, Vary, in_chunks
 from .path import Path
 from .problem import AbstractControlProblem
 
@@ -103,7 +102,8 @@ def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], paramet
     path, quadrature, h = path_of(collocation, y), gauss(collocation.stages + 2), collocation.steps
     times = np.ravel(collocation.mesh[:-1, None] + h[:, None] * quadrature.c)
     states = path.states(times)
-    rates = _rates(collocation, parameter, times, states, path.inputs(times))
+    function = functools.partial(_rates, collocation.vary, collocation.problem, jnp.asarray(parameter))
+    rates = in_chunks(function, times, states, path.inputs(times))
     gaps = np.abs(path.rates(times) - rates) / (1 + np.max(np.abs(states), axis=0))
     gaps = gaps.reshape(len(h), len(quadrature.c), -1)
     return np.max(np.einsum("k,j,kjn->kn", h, quadrature.b, gaps), axis=1)
@@ -121,17 +121,6 @@ def finer_mesh(
     return np.concatenate([*cut, mesh[-1:]])
 
 
-def _rates(collocation: Collocation, parameter: float, *rows: np.ndarray) -> np.ndarray:
-    found = []
-    for at in range(0, len(rows[0]), CHUNK):
-        few = [row[at : at + CHUNK] for row in rows]
-        count = len(few[0])
-        padded = [np.concatenate([row, np.repeat(row[-1:], CHUNK - count, axis=0)]) for row in few]
-        rates = _rates_of(collocation.vary, collocation.problem, jnp.asarray(parameter), *map(jnp.asarray, padded))
-        found.append(np.asarray(rates)[:count])
-    return np.concatenate(found)
-
-
 @functools.partial(jax.jit, static_argnums=0)
-def _rates_of(vary: Callable, problem: AbstractControlProblem, parameter, times, states, controls):
+def _rates(vary: Vary, problem: Any, parameter, times, states, controls):
     return jax.vmap(vary(problem, parameter).rate)(times, states, controls)

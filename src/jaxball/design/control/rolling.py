@@ -136,6 +136,24 @@ class Rolling(AbstractControlProblem):
         return eqx.tree_at(lambda p: p.system.law, packing, Given(u))
 
 
+def between(ends: tuple[Rolling, Rolling], share: Float[Array, ""]) -> Rolling:
+    """A problem on the way from one to another: all numbers go straight, and positive weights at a constant ratio.
+
+    From the first at ``share`` 0 to the second at 1. Both must be of the same structure.
+    """
+    first, second = ends
+    mixed = jax.tree.map(lambda a, b: a + share * (b - a) if eqx.is_inexact_array(a) else a, first, second)
+
+    def weight(name: str) -> Float[Array, ""]:
+        a, b = first.objectives[name].weight, second.objectives[name].weight
+        positive = (a > 0) & (b > 0)
+        a, b = jnp.where(positive, a, 1.0), jnp.where(positive, b, 1.0)
+        return jnp.where(positive, a * (b / a) ** share, mixed.objectives[name].weight)
+
+    names = list(first.objectives)
+    return eqx.tree_at(lambda p: [p.objectives[name].weight for name in names], mixed, [weight(name) for name in names])
+
+
 def _in_time(objective: AbstractRunningObjective, start, end) -> AbstractRunningObjective:
     """An objective that is told when the run starts and ends, where that matters."""
     if not isinstance(objective, FollowTrajectory):
