@@ -74,6 +74,9 @@ def closed_forms():
         "beside": (design.FollowCurve(beside), rolling, 2 * 0.04 / R**2),
         # Half of the curve is left out; its mean squared distance from the end of the path is far² / 3.
         "half": (design.FollowCurve(farther), rolling, far**2 / 6),
+        "largest distance": (design.LargestDistance(beside), rolling, 0.2 / R),
+        # Half of the curve is left out, up to its end.
+        "largest distance of half": (design.LargestDistance(farther), rolling, far),
         "post": (
             design.AvoidObstacles([post], [0.2], 0.3),
             rolling,
@@ -106,19 +109,9 @@ def test_objective_in_closed_form(name):
     np.testing.assert_allclose(float(values(motion)[name]), expected, rtol=bound, atol=at_zero)
 
 
-def test_largest_distance_from_a_curve():
-    """The path runs along the curve at a distance, or ends half way."""
-    beside = design.Through([0.2 * SIDE, END + 0.2 * SIDE])
-    farther = design.Through([[0.0, 0.0], 2 * END])
-    far = np.linalg.norm(END) / R
-    for objective, expected in (
-        (design.FollowCurve(beside), 0.2 / R),
-        (design.FollowTrajectory(beside), 0.2 / R),
-        (design.FollowCurve(farther), far),
-        (design.FollowTrajectory(farther), far),
-    ):
-        found = eqx.filter_jit(lambda run, objective: objective.farthest(run))(rolling(), objective)
-        np.testing.assert_allclose(float(found), expected, rtol=1e-8)
+def test_largest_distance_in_time():
+    beside = design.FollowTrajectory(design.Through([0.2 * SIDE, END + 0.2 * SIDE]))
+    np.testing.assert_allclose(float(eqx.filter_jit(beside.farthest)(rolling())), 0.2 / R, rtol=1e-8)
 
 
 def test_balance_is_where_the_moment_of_gravity_vanishes():

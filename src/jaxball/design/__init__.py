@@ -31,6 +31,7 @@ from .objectives import (
     FollowTrajectory as FollowTrajectory,
     ForceEffort as ForceEffort,
     GoFar as GoFar,
+    LargestDistance as LargestDistance,
     PowerEffort as PowerEffort,
     ReachPlace as ReachPlace,
     ReachPose as ReachPose,

@@ -15,7 +15,7 @@ from ..results import replacing
 from ..scenario import ScenarioError
 from ..trajectory import Trajectory
 from .constraints import ClearOfObstacles
-from .objectives import AvoidObstacles, FollowCurve, FollowTrajectory
+from .objectives import AvoidObstacles, FollowCurve, FollowTrajectory, LargestDistance
 from .run import Run
 from .search import SCENARIO, Design
 from .verify import as_built
@@ -127,7 +127,7 @@ def _run(trajectory: Trajectory[Any, Any]) -> Run:
 def _distances(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any]) -> list[str]:
     lines = []
     for name, item in design.problem.objectives.items():
-        if isinstance(item, FollowTrajectory | FollowCurve):
+        if isinstance(item, FollowTrajectory | FollowCurve) and not isinstance(item, LargestDistance):
             old, new = (float(item.farthest(_run(trajectory))) for trajectory in (before, after))
             lines += [f"The largest distance of {name} is {new:.3g} radii; before it was {old:.3g}.", ""]
     return lines

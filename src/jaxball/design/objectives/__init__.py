@@ -17,4 +17,8 @@ from .ends import (
     StopAtRest as StopAtRest,
 )
 from .obstacles import AvoidObstacles as AvoidObstacles
-from .paths import FollowCurve as FollowCurve, FollowTrajectory as FollowTrajectory
+from .paths import (
+    FollowCurve as FollowCurve,
+    FollowTrajectory as FollowTrajectory,
+    LargestDistance as LargestDistance,
+)

@@ -12,6 +12,8 @@ from .base import AbstractObjective, AbstractRunningObjective
 
 # The least speed with which a stretch of the path counts, in mean speeds along the curve: a ball at rest has no path.
 SLOWEST = 1e-3
+# A squared distance below this is rounding; the root of 0 has no derivative.
+ROUNDING = 1e-30
 
 
 class FollowTrajectory(AbstractRunningObjective):
@@ -67,8 +69,18 @@ class FollowCurve(AbstractObjective):
     def farthest(self, run: Run) -> Float[Array, ""]:
         """The largest distance of a point of the path from the curve, or of the curve from the path, in radii."""
         path, curve = run.z, self.curve.points(self.samples)
-        squares = jnp.concatenate([nearest(path, curve), nearest(curve, path)])
-        return jnp.sqrt(jnp.max(squares)) / run.length
+        square = jnp.max(jnp.concatenate([nearest(path, curve), nearest(curve, path)]))
+        return jnp.sqrt(jnp.maximum(square, ROUNDING)) / run.length
+
+
+class LargestDistance(FollowCurve):
+    """The largest distance between path and curve, in radii: the curve followed nowhere worse than elsewhere.
+
+    It has a kink wherever another place becomes the farthest.
+    """
+
+    def __call__(self, run: Run):
+        return self.farthest(run)
 
 
 def nearest(points: Float[Array, "p 2"], line: Float[Array, "q 2"]) -> Float[Array, " p"]:

@@ -1,0 +1,42 @@
+"""The problem of rail shapes that is shipped: what it asks for, and a short search for it."""
+
+import dataclasses
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxball import design
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+NAMES = ("problem_rail_shape", "problem_rail_shape_circles")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_problem_asks_for_what_a_robot_could_drive(name):
+    found = design.load_problem(EXAMPLES / f"{name}.toml").problem
+    curve = found.objectives["follow-curve"].curve
+    points = np.asarray(curve.points(201))
+    radius = float(found.space.scenario.system.radius)
+    assert np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)) > 6 * radius
+    limits = {name: next(iter(vars(one).values())) for name, one in found.constraints.items()}
+    assert {name: float(x) for name, x in limits.items()} == {
+        "normal-force": 0.3,
+        "friction": 0.4,
+        "rails-inside": 0.05,
+        "rails-apart": 0.05,
+        "regular-rails": 0.1,
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_a_short_search_follows_the_curve_to_a_tenth_of_a_radius(name):
+    file = design.load_problem(EXAMPLES / f"{name}.toml")
+    settings = dataclasses.replace(file.settings, starts=8, rounds=4)
+    optimiser = design.Optimiser(file.problem, settings)
+    found = optimiser.run(optimiser.begin(), lambda progress: None)
+    assert found.worth.violation <= settings.tolerance
+    run = file.problem.run(jnp.asarray(found.best))
+    assert float(file.problem.objectives["follow-curve"].farthest(run)) < 0.1
