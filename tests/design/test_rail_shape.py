@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxball
 from jaxball import design
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -16,9 +17,10 @@ NAMES = ("problem_rail_shape", "problem_rail_shape_circles")
 @pytest.mark.parametrize("name", NAMES)
 def test_problem_asks_for_what_a_robot_could_drive(name):
     found = design.load_problem(EXAMPLES / f"{name}.toml").problem
-    curve = found.objectives["follow-curve"].curve
-    points = np.asarray(curve.points(201))
-    radius = float(found.space.scenario.system.radius)
+    following, system = found.objectives["follow-curve"], found.space.scenario.system
+    assert isinstance(following, design.FollowCurve)
+    assert isinstance(system, jaxball.Ball)
+    points, radius = np.asarray(following.curve.points(201)), float(system.radius)
     assert np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)) > 6 * radius
     limits = {name: next(iter(vars(one).values())) for name, one in found.constraints.items()}
     assert {name: float(x) for name, x in limits.items()} == {
@@ -38,5 +40,6 @@ def test_a_short_search_follows_the_curve_to_a_tenth_of_a_radius(name):
     optimiser = design.Optimiser(file.problem, settings)
     found = optimiser.run(optimiser.begin(), lambda progress: None)
     assert found.worth.violation <= settings.tolerance
-    run = file.problem.run(jnp.asarray(found.best))
-    assert float(file.problem.objectives["follow-curve"].farthest(run)) < 0.1
+    following = file.problem.objectives["follow-curve"]
+    assert isinstance(following, design.FollowCurve)
+    assert float(following.farthest(file.problem.run(jnp.asarray(found.best)))) < 0.1

@@ -74,13 +74,17 @@ def optimiser():
 def masses():
     """Those of the perturbed balls."""
     found = problem().problem
-    return 1.0 + np.asarray(found.perturbations.errors(found.space.scenario.system).shell)
+    assert found.perturbations is not None
+    system = found.space.scenario.system
+    assert isinstance(system, jaxball.Ball)
+    return 1.0 + np.asarray(found.perturbations.errors(system).shell)
 
 
 def test_objectives_are_means_over_the_balls(optimiser):
     looked = optimiser.look(np.array([[0.3]]), optimiser.penalised(1))
     rolling = 0.5 * 0.3**2 * (D / masses() + 1)
-    np.testing.assert_allclose(looked.at.terms[0], [(0.3 * T - PLACE) ** 2, np.mean(rolling)], rtol=1e-8)
+    expected = np.asarray([(0.3 * T - PLACE) ** 2, np.mean(rolling)])
+    np.testing.assert_allclose(looked.at.terms[0], expected, rtol=1e-8)
     assert np.ptp(rolling) > 0.01
 
 
