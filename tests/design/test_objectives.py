@@ -140,6 +140,13 @@ def test_sigmoid_is_half_way_at_half_and_its_own_mirror_image():
     np.testing.assert_allclose(slope, [6.0, rate], rtol=1e-12)
 
 
+def test_the_figure_eight_fulfils_its_equation():
+    """x⁴ = x² − y², Gerono's lemniscate, whose half axes are 1 and ½."""
+    x, y = np.asarray(design.FigureEight(3.0, 1.5).points(41)).T / 1.5
+    np.testing.assert_allclose(x**4, x**2 - y**2, atol=1e-14)
+    assert np.max(y) <= 0.5
+
+
 def test_points_that_make_no_curve_are_told():
     with pytest.raises(design.DesignError, match="two points or more"):
         design.Through([[0.0, 0.0]])

@@ -17,7 +17,12 @@ from .constraints import (
     Within as Within,
 )
 from .continuation import Branch as Branch, Fold as Fold, follow as follow
-from .curves import AbstractCurve as AbstractCurve, Sigmoid as Sigmoid, Through as Through
+from .curves import (
+    AbstractCurve as AbstractCurve,
+    FigureEight as FigureEight,
+    Sigmoid as Sigmoid,
+    Through as Through,
+)
 from .equations import AbstractEquations as AbstractEquations, FunctionEquations as FunctionEquations
 from .errors import DesignError as DesignError
 from .files import load_problem as load_problem, read_problem as read_problem

@@ -1,6 +1,7 @@
 """Curves in the plane that a ball is to follow."""
 
 import abc
+import math
 
 import equinox as eqx
 import jax
@@ -41,6 +42,21 @@ class Sigmoid(AbstractCurve):
         half = jax.nn.sigmoid(self.steepness / 2)
         rise = (jax.nn.sigmoid(self.steepness * (s - 0.5)) - (1 - half)) / (2 * half - 1)
         return self.origin + jnp.stack([self.length * s, self.height * rise])
+
+
+class FigureEight(AbstractCurve):
+    """Once round the eight curve of Gerono, from its crossing at ``origin``, over ``length`` along e1 and ``height``.
+
+    c = origin + (length/2 sin 2πs, height/2 sin 4πs).
+    """
+
+    length: Float[Array, ""] = eqx.field(converter=to_array)
+    height: Float[Array, ""] = eqx.field(converter=to_array)
+    origin: Float[Array, "2"] = eqx.field(converter=to_array, default=(0.0, 0.0))
+
+    def __call__(self, s):
+        turn = 2 * math.pi * s
+        return self.origin + jnp.stack([self.length * jnp.sin(turn), self.height * jnp.sin(2 * turn)]) / 2
 
 
 class Through(AbstractCurve):

@@ -5,7 +5,7 @@ from typing import Any
 from ..scenario.table import Family, Key, Module, read_family, write_family
 from ..scenario.values import NOT_ALL_ZERO, POSITIVE, Flag, Nested, Numbers
 from . import constraints, objectives
-from .curves import Sigmoid, Through
+from .curves import FigureEight, Sigmoid, Through
 
 NUMBER, SIZE, PLACE = Numbers(), Numbers(rule=POSITIVE), Numbers((2,))
 
@@ -23,6 +23,10 @@ CURVES: Family = {
             "steepness": Key(SIZE, 10.0),
             "origin": Key(PLACE, (0.0, 0.0)),
         },
+    ),
+    "figure-eight": Module(
+        FigureEight,
+        {"length": Key(NUMBER), "height": Key(NUMBER), "origin": Key(PLACE, (0.0, 0.0))},
     ),
     "through": Module(Through, {"points": Key(Numbers((None, 2)))}, build=_through, attributes={"points": "through"}),
 }
