@@ -25,11 +25,13 @@ def swing(system, t, state):
     return state.phidot * jnp.cos(t)
 
 
+ALL = REDUCTIONS | {"most": Maximum(angle), "least": Minimum(angle), "wave": Integral(swing), "apart": Drift(angle)}
+
+
 @pytest.fixture(scope="module")
 def found():
-    own = {"most": Maximum(angle), "least": Minimum(angle), "wave": Integral(swing), "apart": Drift(angle)}
     system, state = disks(MASSES)
-    return simulate_ensemble(system, SPAN, state, reductions=REDUCTIONS | own).reductions
+    return simulate_ensemble(system, SPAN, state, reductions=ALL).reductions
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +84,7 @@ def test_the_largest_angular_speed_is_that_at_the_bottom(found, trajectories):
 def test_a_run_that_cannot_start_finds_nothing():
     system, state = disks(MASSES)
     system.mass[1] = -1.0
-    found = simulate_ensemble(system, SPAN, state, reductions={"distance": REDUCTIONS["distance"]}).reductions
+    found = simulate_ensemble(system, SPAN, state, reductions=ALL).reductions
     assert np.isnan(found["distance"][1])
     assert np.all(np.isfinite(found["distance"][np.array([0, 2])]))
 

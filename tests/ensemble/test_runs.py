@@ -13,6 +13,8 @@ from jaxball.ensemble import simulate_ensemble
 
 RUNS = 40
 TIMES = np.linspace(0.0, 5.0, 6)
+# Those of several tests, so that they share a program.
+SMALL = {"lanes": 4, "block": 6, "max_steps": 200}
 
 
 def stacked(items):
@@ -99,12 +101,13 @@ def test_runs_end_when_they_end_and_lanes_are_filled_again():
 
 def test_a_run_that_fails_harms_no_other():
     masses = np.linspace(0.5, 2.0, 12)
-    good = simulate_ensemble(disks(masses)[0], TIMES, disks(masses)[1], lanes=4)
+    system, state = disks(masses)
+    good = simulate_ensemble(system, TIMES, state, **SMALL)
     system, state = disks(masses)
     system.mass[3], state.phi[5] = -1.0, np.nan
     times = np.broadcast_to(TIMES, (12, TIMES.size)).copy()
     times[8] *= 1000
-    found = simulate_ensemble(system, times, state, lanes=4, max_steps=200)
+    found = simulate_ensemble(system, times, state, **SMALL)
     status = found.trajectory.status
     assert [status[3], status[5], status[8]] == [Status.IMPOSSIBLE, Status.IMPOSSIBLE, Status.MAX_STEPS]
     assert np.all(np.isnan(found.trajectory.state.phi[np.array([3, 5])]))
@@ -117,8 +120,8 @@ def test_a_run_that_fails_harms_no_other():
 
 def test_blocks_and_threads_change_nothing():
     system, state = disks(np.linspace(0.5, 2.0, 37))
-    whole = simulate_ensemble(system, TIMES, state, lanes=8)
-    parts = simulate_ensemble(system, TIMES, state, lanes=8, block=16, threads=2)
+    whole = simulate_ensemble(system, TIMES, state, lanes=8, threads=1)
+    parts = simulate_ensemble(system, TIMES, state, **SMALL, threads=2)
     np.testing.assert_allclose(whole.trajectory.state.phi, parts.trajectory.state.phi, rtol=0, atol=1e-14)
 
 

@@ -6,12 +6,12 @@ import numpy as np
 
 import jaxball
 
-BALL = jaxball.Ball(mass=1.0, inertia=(0.5, 0.6, 0.7), offset=(0.1, 0.0, -0.2))
+DISK = jaxball.Disk(mass=1.0, inertia=0.5, offset=(0.1, 0.0, -0.2))
 TIMES = np.array([0.0, 10.0])
 
 
 def test_a_text_meter(capfd):
-    watched = jaxball.simulate(BALL, TIMES, progress=diffrax.TextProgressMeter(minimum_increase=0.3))
+    watched = jaxball.simulate(DISK, TIMES, progress=diffrax.TextProgressMeter(minimum_increase=0.3))
     jax.effects_barrier()
     lines = capfd.readouterr().out.split()
     parts = [float(line.rstrip("%")) for line in lines]
@@ -19,5 +19,5 @@ def test_a_text_meter(capfd):
     assert parts[-1] == 100
     assert len(parts) > 2
     assert parts == sorted(parts)
-    unwatched = jaxball.simulate(BALL, TIMES)
+    unwatched = jaxball.simulate(DISK, TIMES)
     np.testing.assert_allclose(watched.state.z, unwatched.state.z, atol=1e-13)
