@@ -136,6 +136,18 @@ class Rolling(AbstractControlProblem):
         return eqx.tree_at(lambda p: p.system.law, packing, Given(u))
 
 
+def rolling(problem: AbstractControlProblem) -> Rolling:
+    """The problem itself.
+
+    **Raises:** :class:`DesignError` where it is that of another system.
+    """
+    if not isinstance(problem, Rolling):
+        raise DesignError(
+            f"Argument `solution` must be of a rolling ball or disk, but it is of a {type(problem).__name__}."
+        )
+    return problem
+
+
 def between(ends: tuple[Rolling, Rolling], share: Float[Array, ""]) -> Rolling:
     """A problem on the way from one to another: all numbers go straight, and positive weights at a constant ratio.
 

@@ -10,14 +10,13 @@ from jaxtyping import Float
 from ...extremes import contact_extremes
 from ...scenario import Scenario
 from ...schedules import PiecewiseAcceleration
-from ..errors import DesignError
 from .refine import Solution
-from .rolling import Rolling
+from .rolling import rolling
 
 
 def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
     """θ(t) of each mass: θ̈ is the polynomial u on each interval, so that at the knots θ and θ̇ are the solution's."""
-    problem, path = _rolling(solution), solution.path
+    problem, path = rolling(solution.problem), solution.path
     powers = np.arange(path.controls.shape[1])
     coefficients = path.control_coefficients / np.diff(path.mesh)[:, None, None] ** powers[:, None]
     return [
@@ -28,7 +27,7 @@ def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
 
 def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenario:
     """The scenario in which the masses move as the solution asks for, which ``jaxball simulate`` runs."""
-    problem = _rolling(solution)
+    problem = rolling(solution.problem)
     state = problem.state
     fields = {name: getattr(state, name) for name in state.__dataclass_fields__ if not name.startswith("theta")}
     times = np.linspace(float(problem.start), float(problem.end), saves)
@@ -60,10 +59,10 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
 
     **Raises:** :class:`~jaxball.SolveError` where the solve fails.
     """
-    problem, scenario = _rolling(solution), scenario_of(solution)
+    problem, scenario = rolling(solution.problem), scenario_of(solution)
     run = scenario.simulate(solver=solver, rtol=tolerance, atol=tolerance, dense=True, throw=True)
     extremes, seen, r = contact_extremes(run), run.observables, float(problem.system.radius)
-    gap = np.asarray(run.state.z) - _places(solution, np.asarray(run.times))
+    gap = np.asarray(run.state.z) - places(solution, np.asarray(run.times))
     thetadot = [float(schedule.derivatives(problem.end)[1]) for schedule in schedules_of(solution)]
     centre = np.asarray(seen.centre_of_mass_space[-1])
     missed = 0.0 if problem.place is None else np.linalg.norm(run.state.z[-1] - problem.place)
@@ -78,15 +77,8 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
     )
 
 
-def _places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:
-    """Where the solution has the geometric centre."""
-    packing = _rolling(solution).packing
+def places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:
+    """Where a solution has the geometric centre: (z1, z2) of a ball, z of a disk."""
+    packing = rolling(solution.problem).packing
     unpacked = jax.jit(jax.vmap(packing.unpack))(jnp.asarray(times), jnp.asarray(solution.path.states(times)))
     return np.asarray(unpacked.z)
-
-
-def _rolling(solution: Solution) -> Rolling:
-    problem = solution.problem
-    if not isinstance(problem, Rolling):
-        raise DesignError("Argument `solution` must be that of a rolling ball or disk to have schedules.")
-    return problem

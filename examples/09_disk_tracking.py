@@ -1,0 +1,66 @@
+"""The disk follows a place that moves there and back, from rest to rest: optimal control by collocation.
+
+As in Putkaradze & Rogers, On the optimal control of rolling ball robots actuated by internal point masses: four masses
+on circles, a tracking cost and an acceleration cost, and continuation in the weight of the tracking.
+"""
+
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from jaxball import Circle, ConstantRate, Disk, OnRail, PointMass, cpu, design, plot, write_scenario
+from jaxball.design import control
+
+cpu.prepare(gradients=True)
+jax.config.update("jax_enable_x64", True)
+
+START, END, PLACE = 0.0, 12.0, 0.5
+masses = [PointMass(1.0, OnRail(Circle(r), ConstantRate(-np.pi / 2))) for r in (9 / 10, 19 / 30, 11 / 30, 1 / 10)]
+disk = Disk(mass=1.0, inertia=1.0, masses=masses)
+there_and_back = design.Through([[0.0, 0.0], [1.0, 0.0], [PLACE, 0.0]])
+
+
+def problem(weight):
+    """From rest to rest at ``PLACE``, with the tracking cost multiplied by ``weight``."""
+    tracking = design.FollowTrajectory(there_and_back, rest_to_rest=True, weight=weight)
+    effort = design.AccelerationEffort(weight=0.01)
+    return control.Rolling(disk, (START, END), {"tracking": tracking, "effort": effort}, place=PLACE)
+
+
+rows = []
+
+
+def visit(solution):
+    """Notes a point of the branch."""
+    found, weight = control.means(solution), float(solution.problem.objectives["tracking"].weight)
+    rows.append((weight, np.sqrt(found["tracking"]), found["effort"]))
+    print("weight {:8.3g}   root mean square error {:.3e} r   effort {:.4f}".format(*rows[-1]))
+
+
+easy = control.started(problem(1e-2), np.linspace(START, END, 21))
+branch, hard = control.continued(easy, problem(1e2), visit=visit)
+weights, errors, efforts = np.transpose(rows)
+print(f"the tracking error falls by a factor of {errors[0] / errors[-1]:.0f} along the branch")
+print(f"the least curvature is {control.least_curvature(hard):.3g}, so that this is a minimum")
+
+# The schedules as a scenario that `jaxball simulate` runs, and simulated again by a solver of another kind.
+Path("disk_tracking.toml").write_text(write_scenario(control.scenario_of(hard, "The disk there and back")))
+seen = control.resimulated(hard)
+print(f"simulated again, the path is {seen.apart:.1e} r away; at the end the disk moves at {seen.speed:.1e}, and the")
+print(f"centre of mass is {seen.below:.4f} r below the geometric centre and {seen.away:.1e} r beside it")
+print(f"least normal force {seen.margin:.3f} M g, friction needed {seen.friction:.3f}")
+assert errors[0] > 10 * errors[-1]
+assert max(seen.speed, seen.away, seen.missed) < 1e-6
+assert seen.below > 0
+
+times = np.linspace(START, END, 401)
+wanted = hard.problem.objectives["tracking"].targets(times)[:, 0]
+places = {f"weight {weight:g}": control.places(one, times) for weight, one in ((1e-2, easy), (1e2, hard))}
+figures = {
+    "branch": plot.branch(weights, {"root mean square error": errors, "effort": efforts}, "weight of the tracking"),
+    "path": plot.tracked(times, wanted, places),
+    "accelerations": plot.rail_accelerations(times, hard.path.inputs(times)),
+}
+for name, ax in figures.items():
+    ax.figure.savefig(f"disk_tracking_{name}.png", dpi=200)

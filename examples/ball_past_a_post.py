@@ -1,0 +1,85 @@
+"""The paper's ball rolls past a post, from rest to rest: optimal control by collocation. It takes a few minutes.
+
+As in Putkaradze & Rogers, Numerical simulations of a rolling ball robot actuated by internal point masses: three masses
+on circles, a tracking cost, an acceleration cost and a penalty about the post. The wanted path leads straight through
+the post. From rest, where the conditions at the end say nothing of the ball's spin to first order, they are softened
+until the ball moves; then the penalty grows by continuation.
+"""
+
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from jaxball import ConstantRate, OnRail, PointMass, balance, cpu, design, paper, plot, with_angles, write_scenario
+from jaxball.body import with_masses
+from jaxball.design import control
+
+cpu.prepare(gradients=True)
+jax.config.update("jax_enable_x64", True)
+
+START, END, PLACE = 0.0, 10.0, (1.5, 0.0)
+POST, RADIUS = (0.75, 0.0), 0.3
+WEIGHTS = (1e-4, 1.0)
+
+ball = paper.ball()
+still = [PointMass(one.mass, OnRail(one.motion.rail, ConstantRate(0.0))) for one in ball.point_masses]
+ball = with_masses(ball, still)
+ball = with_angles(ball, (0, 1, 2), balance(ball, (0, 1, 2), above=False).theta, START)
+
+
+def problem(place, tracking, avoiding, softness):
+    """From rest to rest at ``place``, with the given weights."""
+    objectives = {
+        "tracking": design.FollowTrajectory(design.Through([[0.0, 0.0], PLACE]), rest_to_rest=True, weight=tracking),
+        "effort": design.AccelerationEffort(weight=0.01),
+        "post": design.AvoidObstacles([POST], [RADIUS], softness=0.1, weight=avoiding),
+    }
+    return control.Rolling(ball, (START, END), objectives, place=place, softness=softness)
+
+
+times = np.linspace(START, END, 401)
+rows = []
+
+
+def clearance(path):
+    """The least distance of the geometric centre from the post's disc, in radii of the ball."""
+    return np.min(np.linalg.norm(path - np.asarray(POST), axis=1)) - RADIUS
+
+
+def visit(solution):
+    """Notes a point of the branch."""
+    found, weight = control.means(solution), float(solution.problem.objectives["post"].weight)
+    rows.append((weight, found["post"], found["effort"], clearance(control.places(solution, times))))
+    print("weight of the post {:8.3g}   penalty {:.3e}   effort {:.4f}   clearance {:+.4f} r".format(*rows[-1]))
+
+
+mesh = np.linspace(START, END, 17)
+solution = control.started(problem((0.0, 0.0), 0.0, 0.0, 1e-2), mesh)
+print("at rest")
+for step in (problem(PLACE, 0.0, 0.0, 1e-2), problem(PLACE, 0.0, 0.0, 0.0), problem(PLACE, 0.01, WEIGHTS[0], 0.0)):
+    branch, solution = control.continued(solution, step, tolerance=1e-4)
+    print(f"{len(branch.parameter)} points, {len(branch.folds)} folds, effort {control.means(solution)['effort']:.4f}")
+straight = solution
+branch, past = control.continued(straight, problem(PLACE, 0.01, WEIGHTS[1], 0.0), tolerance=1e-6, visit=visit)
+print(f"the least curvature is {control.least_curvature(past):.3g}")
+
+Path("ball_past_a_post.toml").write_text(write_scenario(control.scenario_of(past, "The ball past a post")))
+seen = control.resimulated(past)
+print(f"simulated again, the path is {seen.apart:.1e} r away; at the end the ball moves at {seen.speed:.1e}, and the")
+print(f"centre of mass is {seen.below:.4f} r below the geometric centre and {seen.away:.1e} r beside it")
+print(f"least normal force {seen.margin:.3f} M g, friction needed {seen.friction:.3f}")
+assert max(seen.speed, seen.away, seen.missed) < 1e-6
+assert seen.below > 0
+assert clearance(control.places(past, times)) > 0
+
+weights, penalties, efforts, clearances = np.transpose(rows)
+figures = {
+    "branch": plot.branch(weights, {"penalty": penalties, "effort": efforts}, "weight of the post"),
+    "path": plot.designed_path(
+        control.places(straight, times), control.places(past, times), np.array([[0.0, 0.0], PLACE]), [(POST, RADIUS)]
+    ),
+    "accelerations": plot.rail_accelerations(times, past.path.inputs(times)),
+}
+for name, ax in figures.items():
+    ax.figure.savefig(f"ball_past_a_post_{name}.png", dpi=200)

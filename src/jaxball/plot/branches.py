@@ -1,0 +1,63 @@
+"""Figures of optimal control: objectives along a branch of solutions, and what the masses are told to do."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+
+from .style import COMPONENTS, legend_above, mass_line, named, plane_axes
+
+
+def branch(
+    weights: Float[np.ndarray, " points"],
+    values: Mapping[str, Float[np.ndarray, " points"]],
+    name: str = "weight",
+    ax: Axes | None = None,
+) -> Axes:
+    """Positive ``values`` of the solutions of a branch over a positive weight called ``name``, both logarithmic.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax)
+    for (label, numbers), colour in zip(values.items(), COMPONENTS, strict=False):
+        ax.plot(weights, numbers, color=colour, linewidth=1.2, marker=".", ms=4, label=label)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    named(ax, name)
+    legend_above(ax)
+    return ax
+
+
+def rail_accelerations(times: Float[np.ndarray, " t"], u: Float[np.ndarray, "t n"], ax: Axes | None = None) -> Axes:
+    """θ̈_i over time.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax)
+    for i in range(u.shape[1]):
+        ax.plot(times, u[:, i], label=rf"$\ddot\theta_{{{i + 1}}}$", **mass_line(i + 1))
+    ax.margins(x=0)
+    named(ax, "$t$", r"$\ddot\theta_i$")
+    legend_above(ax)
+    return ax
+
+
+def tracked(
+    times: Float[np.ndarray, " t"],
+    wanted: Float[np.ndarray, " t"],
+    found: Mapping[str, Float[np.ndarray, " t"]],
+    ax: Axes | None = None,
+) -> Axes:
+    """Where a disk was wanted over time, dashed, and where solutions, by their names, have it.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax)
+    for (label, z), colour in zip(found.items(), COMPONENTS, strict=False):
+        ax.plot(times, z, color=colour, linewidth=1.4, label=label)
+    ax.plot(times, wanted, color="black", linewidth=0.8, linestyle=(0, (4, 2)), label="wanted")
+    ax.margins(x=0)
+    named(ax, "$t$", "$z$")
+    legend_above(ax)
+    return ax
