@@ -68,6 +68,7 @@ def closed_forms():
         "pose": (design.ReachPose((2.0, 0.0, 0.0, 0.0)), rolling, np.sin(turn / 2) ** 2),
         "rest": (design.StopAtRest(), rolling, 0.5 * (D + R**2) * 0.25 / (G * R)),
         "far": (design.GoFar(), rolling, -far),
+        "duration": (design.Duration(), rolling, 2.0 / np.sqrt(R / G)),
         "in time": (design.FollowTrajectory(line), rolling, 0.0),
         "beside in time": (design.FollowTrajectory(beside), rolling, 0.04 / R**2),
         "twice as fast": (design.FollowTrajectory(farther), rolling, far**2 / 3),

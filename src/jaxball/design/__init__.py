@@ -32,6 +32,7 @@ from .objectives import (
     AccelerationEffort as AccelerationEffort,
     AvoidObstacles as AvoidObstacles,
     Balanced as Balanced,
+    Duration as Duration,
     FollowCurve as FollowCurve,
     FollowTrajectory as FollowTrajectory,
     ForceEffort as ForceEffort,

@@ -44,6 +44,7 @@ OBJECTIVES: Family = {
     "reach-pose": Module(objectives.ReachPose, {"versor": Key(Numbers((4,), NOT_ALL_ZERO)), **WEIGHT}),
     "stop-at-rest": Module(objectives.StopAtRest, WEIGHT),
     "balanced": Module(objectives.Balanced, WEIGHT),
+    "duration": Module(objectives.Duration, WEIGHT),
     "go-far": Module(objectives.GoFar, WEIGHT),
     "follow-trajectory": Module(
         objectives.FollowTrajectory,

@@ -139,7 +139,7 @@ def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any
         "path": plot.designed_path(_path(before), _path(after), *_wanted(design)),
         "rails": plot.configuration(after),
         "contact": plot.contact_force(after),
-        "convergence": plot.convergence(*history[:, 2:].T),
+        "convergence": plot.convergence(*history[:, 2:].T, polish=int(np.sum(history[:, 0] == 0))),
     }
     if float(after.friction_needed) > SMALLEST_FRICTION:
         axes["friction"] = plot.friction_ratio(after)

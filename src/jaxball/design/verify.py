@@ -1,7 +1,9 @@
 """A finished design looked at again: by another solver, at a tighter tolerance, ten times as often, and perturbed."""
 
 import dataclasses
-from typing import NamedTuple
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -45,10 +47,24 @@ class Verified(NamedTuple):
 
 def verify(problem: Problem, z: Float[np.ndarray, " n"]) -> Verified:
     """The design ``z`` evaluated with a solver of another family and on samples ten times as fine."""
+    other, solver = _other_solve(problem)
+    designed, finer, apart, *worsts = jax.tree.map(np.asarray, _compared(problem)(jnp.asarray(z)))
+    violations = {name: (float(worsts[0][name]), float(worsts[1][name])) for name in problem.constraints}
+    return Verified(designed, finer, violations, solver, other.rtol, float(apart))
+
+
+def _other_solve(problem: Problem) -> tuple[Solve, str]:
+    """A solver of another family at a tighter tolerance, and its name."""
     scenario = problem.space.scenario
     solver = "gauss16" if scenario.solver in EXPLICIT else "dopri8"
     rtol, atol = (max(TIGHTER * x, TIGHTEST) for x in (scenario.rtol, scenario.atol))
-    other = Solve(SOLVERS[solver](), rtol, atol, 16 * scenario.max_steps)
+    return Solve(SOLVERS[solver](), rtol, atol, 16 * scenario.max_steps), solver
+
+
+@functools.lru_cache(maxsize=8)
+def _compared(problem: Problem) -> Callable[..., Any]:
+    """What :func:`verify` finds, compiled once for a problem, which may be verified several times."""
+    other, _ = _other_solve(problem)
 
     def seen(candidate: Candidate):
         run = run_of(candidate, problem.solve())
@@ -62,9 +78,7 @@ def verify(problem: Problem, z: Float[np.ndarray, " n"]) -> Verified:
         first, second, *others = problem.of_each(problem.space.candidate(z), seen)
         return merged(first), merged(second), *jax.tree.map(lambda x: jnp.max(x, axis=0), others)
 
-    designed, finer, apart, *worsts = jax.tree.map(np.asarray, both(jnp.asarray(z)))
-    violations = {name: (float(worsts[0][name]), float(worsts[1][name])) for name in problem.constraints}
-    return Verified(designed, finer, violations, solver, rtol, float(apart))
+    return both
 
 
 def _worst(problem: Problem, run: Run) -> dict[str, Float[jax.Array, ""]]:

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle as Ring
 
-from .style import COMPONENTS, INK, SHELL, TRAIL, WIDE, legend_above, mass_line, named, plane_axes
+from .style import COMPONENTS, INK, SHELL, SMALL, TRAIL, WIDE, legend_above, mass_line, named, plane_axes
 
 
 def designed_path(
@@ -53,8 +53,12 @@ def convergence(
     violation: Float[np.ndarray, " k"],
     gradient: Float[np.ndarray, " k"],
     ax: Axes | None = None,
+    *,
+    polish: int | None = None,
 ) -> Axes:
     """Objective, violation and gradient norm of the best start at each report; what is not positive is left out.
+
+    ``polish`` is the report with which the polish begins, where a line is drawn.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
@@ -63,6 +67,17 @@ def convergence(
     for name, values, colour in rows:
         ax.plot(np.where(values > 0, values, np.nan), color=colour, linewidth=1.2, label=name, marker=".", ms=3)
     ax.set_yscale("log")
+    if polish is not None:
+        ax.axvline(polish - 0.5, color=SHELL, linewidth=0.8)
+        ax.text(
+            polish - 0.4,
+            0.98,
+            "polish",
+            transform=ax.get_xaxis_transform(),
+            va="top",
+            color=SHELL,
+            fontproperties=SMALL,
+        )
     named(ax, "report")
     legend_above(ax)
     return ax

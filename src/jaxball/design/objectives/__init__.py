@@ -11,6 +11,7 @@ from .effort import (
 )
 from .ends import (
     Balanced as Balanced,
+    Duration as Duration,
     GoFar as GoFar,
     ReachPlace as ReachPlace,
     ReachPose as ReachPose,

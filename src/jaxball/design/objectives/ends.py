@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 from ..._arrays import to_array
 from ..norms import norm
 from ..run import Run
-from .base import AbstractObjective
+from .base import AbstractObjective, unit_of_time
 
 
 class ReachPlace(AbstractObjective):
@@ -48,3 +48,10 @@ class GoFar(AbstractObjective):
 
     def __call__(self, run: Run):
         return -norm(run.z[-1] - run.z[0]) / run.length
+
+
+class Duration(AbstractObjective):
+    """How long the run takes, in units of √(r/g), where its end is a variable."""
+
+    def __call__(self, run: Run):
+        return (run.times[-1] - run.times[0]) / unit_of_time(run)
