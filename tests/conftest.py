@@ -1,5 +1,7 @@
 """The environment of the tests: float64, strict promotion, and shapes checked at run time."""
 
+import gc
+
 import hypothesis
 import jax
 import jaxtyping
@@ -17,6 +19,10 @@ from tests.support.paper import paper_ball, paper_disk  # noqa: E402
 # Compiling counts as part of an example's time, and a test must give the same answer each time.
 hypothesis.settings.register_profile("compiled", deadline=None, derandomize=True, database=None)
 hypothesis.settings.load_profile("compiled")
+
+# Tracing makes many objects that live on, which the collector would look through again and again.
+gc.freeze()
+gc.set_threshold(50_000, 50, 50)
 
 SECONDS = np.linspace(0.0, 20.0, 21)
 

@@ -58,12 +58,13 @@ def test_bad_input_leaves_the_output_as_it_was(folder):
     assert (folder / "run.csv").read_text() == "precious"
 
 
-def test_failed_solve_is_kept_and_marked(folder):
-    done = jaxball("simulate", "fails.toml", "--out", "run.npz", folder=folder)
-    assert done.returncode == 3
-    assert done.stdout == ""
-    assert done.stderr.startswith("jaxball: The solve stopped at t = ")
-    assert done.stderr.endswith('What was computed is in "run.npz", marked as failed.\n')
+def test_failed_solve_is_kept_and_marked(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    assert main(["simulate", "fails.toml", "--out", "run.npz"]) == 3
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("jaxball: The solve stopped at t = ")
+    assert captured.err.endswith('What was computed is in "run.npz", marked as failed.\n')
     with np.load(folder / "run.npz") as data:
         assert (int(data["ok"]), str(data["status"])) == (0, "MAX_STEPS")
         assert np.isfinite(data["phi"][0])

@@ -129,9 +129,9 @@ def test_a_run_says_what_it_is():
 
 
 def test_versor_matrix_and_reduced_runs_are_one_motion():
-    """Three sets of variables, one motion: they differ by the tolerance of 1e-11, amplified."""
-    base, start = paper_ball(), jaxball.BallState(Omega=[0.1, -0.2, 0.3])
-    tolerances = {"rtol": 1e-11, "atol": 1e-11, "step_to_times": True}
+    """Three sets of variables, one motion: they differ by the tolerance of 1e-12, amplified."""
+    base, start = ball(), jaxball.BallState(Omega=[0.1, -0.2, 0.3])
+    tolerances = {"rtol": 1e-12, "atol": 1e-12}
     versor = jaxball.simulate(base, TIMES, start, **tolerances)
     matrix = jaxball.simulate(base, TIMES, jaxball.RotationState(Omega=start.Omega), **tolerances)
     reduced = jaxball.simulate(base, TIMES, jaxball.ReducedState(Omega=start.Omega), **tolerances)

@@ -115,7 +115,7 @@ def compare(name, paths, values):
 def test_rows_are_their_documents(name):
     paths, rng = changeable(name), np.random.default_rng(len(name))
     base = np.array([float(value_at(document(name), path)) for path in paths])
-    compare(name, paths, drawn(base, 12, rng))
+    compare(name, paths, drawn(base, 6, rng))
 
 
 @pytest.mark.slow
