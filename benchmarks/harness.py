@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 
-def set_up_jax(cpu_settings: bool, gpu: bool = False) -> None:
+def set_up_jax(cpu_settings: bool, gpu: bool = False, gradients: bool = False) -> None:
     """Chooses float64 and, if asked, the command line's CPU settings; to be called before the first array.
 
-    JAX uses the CPU; with ``gpu``, what it finds or the user has chosen, and takes memory as it needs it.
+    JAX uses the CPU; with ``gpu``, what it finds or the user has chosen, and takes memory as it needs it. With
+    ``gradients`` the settings are those for derivatives in reverse mode.
     """
     os.environ["JAX_ENABLE_X64"] = "1"
     os.environ.pop("XLA_FLAGS", None)
@@ -23,7 +24,7 @@ def set_up_jax(cpu_settings: bool, gpu: bool = False) -> None:
     if cpu_settings:
         from jaxball import cpu
 
-        cpu.prepare()
+        cpu.prepare(gradients=gradients)
 
 
 def description(*packages: str) -> dict[str, object]:

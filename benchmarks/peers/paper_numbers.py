@@ -1,6 +1,6 @@
 """The numbers of the paper's ball as plain arrays, read off jaxball's own system."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,3 +46,15 @@ def initial_state(numbers: BallNumbers) -> np.ndarray:
     """x_a of ``eq_ball_initial_conds_spec``."""
     n = len(numbers.theta)
     return np.concatenate([numbers.theta, np.zeros(n), [1.0], np.zeros(8)])
+
+
+def parameters() -> np.ndarray:
+    """Ten parameters: the masses m_0 … m_3, the inertia, and the shell's centre of mass."""
+    numbers = ball_numbers()
+    return np.concatenate([numbers.m, numbers.d, numbers.zeta0])
+
+
+def with_parameters(numbers: BallNumbers, values: Any) -> BallNumbers:
+    """The ball with other ones, numbers or expressions."""
+    n = len(numbers.m)
+    return numbers._replace(m=values[:n], d=values[n : n + 3], zeta0=values[n + 3 :])
