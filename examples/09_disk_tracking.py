@@ -42,7 +42,8 @@ easy = control.started(problem(1e-2), np.linspace(START, END, 21))
 branch, hard = control.continued(easy, problem(1e2), visit=visit)
 weights, errors, efforts = np.transpose(rows)
 print(f"the tracking error falls by a factor of {errors[0] / errors[-1]:.0f} along the branch")
-print(f"the least curvature is {control.least_curvature(hard):.3g}, so that this is a minimum")
+curvature = control.least_curvature(hard)
+print(f"the least curvature of the cost is {curvature:.3g}")
 
 # The schedules as a scenario that `jaxball simulate` runs, and simulated again by a solver of another kind.
 Path("disk_tracking.toml").write_text(write_scenario(control.scenario_of(hard, "The disk there and back")))
@@ -53,6 +54,7 @@ print(f"least normal force {seen.margin:.3f} M g, friction needed {seen.friction
 assert errors[0] > 10 * errors[-1]
 assert max(seen.speed, seen.away, seen.missed) < 1e-6
 assert seen.below > 0
+assert curvature > 0
 
 times = np.linspace(START, END, 401)
 wanted = hard.problem.objectives["tracking"].targets(times)[:, 0]

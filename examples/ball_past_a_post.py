@@ -19,8 +19,8 @@ cpu.prepare(gradients=True)
 jax.config.update("jax_enable_x64", True)
 
 START, END, PLACE = 0.0, 10.0, (1.5, 0.0)
-POST, RADIUS = (0.75, 0.0), 0.3
-WEIGHTS = (1e-4, 1.0)
+POST, RADIUS = (0.75, 0.15), 0.3
+WEIGHTS = (1e-4, 3e-2)
 
 ball = paper.ball()
 still = [PointMass(one.mass, OnRail(one.motion.rail, ConstantRate(0.0))) for one in ball.point_masses]
@@ -33,7 +33,7 @@ def problem(place, tracking, avoiding, softness):
     objectives = {
         "tracking": design.FollowTrajectory(design.Through([[0.0, 0.0], PLACE]), rest_to_rest=True, weight=tracking),
         "effort": design.AccelerationEffort(weight=0.01),
-        "post": design.AvoidObstacles([POST], [RADIUS], softness=0.1, weight=avoiding),
+        "post": design.AvoidObstacles([POST], [RADIUS], softness=0.05, weight=avoiding),
     }
     return control.Rolling(ball, (START, END), objectives, place=place, softness=softness)
 
@@ -62,7 +62,8 @@ for step in (problem(PLACE, 0.0, 0.0, 1e-2), problem(PLACE, 0.0, 0.0, 0.0), prob
     print(f"{len(branch.parameter)} points, {len(branch.folds)} folds, effort {control.means(solution)['effort']:.4f}")
 straight = solution
 branch, past = control.continued(straight, problem(PLACE, 0.01, WEIGHTS[1], 0.0), tolerance=1e-6, visit=visit)
-print(f"the least curvature is {control.least_curvature(past):.3g}")
+curvature = control.least_curvature(past)
+print(f"the least curvature of the cost is {curvature:.3g}")
 
 Path("ball_past_a_post.toml").write_text(write_scenario(control.scenario_of(past, "The ball past a post")))
 seen = control.resimulated(past)
@@ -71,6 +72,7 @@ print(f"centre of mass is {seen.below:.4f} r below the geometric centre and {see
 print(f"least normal force {seen.margin:.3f} M g, friction needed {seen.friction:.3f}")
 assert max(seen.speed, seen.away, seen.missed) < 1e-6
 assert seen.below > 0
+assert curvature > 0
 assert clearance(control.places(past, times)) > 0
 
 weights, penalties, efforts, clearances = np.transpose(rows)

@@ -40,8 +40,8 @@ class Branch(NamedTuple):
     - ``length``: the arclength s up to each, in the norm that :func:`follow` describes.
     - ``slope``: dλ/ds there.
     - ``folds``: the turning points.
-    - ``ended``: why it ends: ``"end"`` (λ is what was asked for), ``"length"``, ``"points"``, or ``"lost"``, where no
-      further point could be computed.
+    - ``ended``: why it ends: ``"end"`` (λ is what was asked for), ``"outside"``, ``"length"``, ``"points"``, or
+      ``"lost"``, where no further point could be computed.
     """
 
     y: Float[np.ndarray, "points n"]
@@ -71,6 +71,7 @@ def follow(
     direction: float = 1.0,
     step: float = 0.1,
     longest: float = math.inf,
+    within: tuple[float, float] = (-math.inf, math.inf),
     length: float = math.inf,
     points: int = 500,
     tolerance: float = 1e-10,
@@ -85,6 +86,7 @@ def follow(
     - ``end``: the λ at which the branch ends; reached exactly, without another step past it.
     - ``direction``: where λ goes at first, up or down; towards ``end`` if that is given.
     - ``step``, ``longest``: the first and the longest step in arclength.
+    - ``within``: the least and the largest λ, beyond which the branch ends.
     - ``length``, ``points``: the arclength and the number of points at which the branch ends at the latest.
     - ``tolerance``: of the corrector: the largest entry of its last correction, over 1 + |Y|.
     - ``weights``: w of the norm ds² = Σ w dy² + dλ²; 1/n if not given. Entries may be 0.
@@ -118,8 +120,8 @@ def follow(
             folds.append(track.fold(len(found) - 1, at, there))
         found.append(there)
         visit(there.Y[:-1], there.Y[-1])
-        if there.length >= length:
-            ended = "length"
+        if there.length >= length or not within[0] <= there.Y[-1] <= within[1]:
+            ended = "length" if there.length >= length else "outside"
             break
         step = min(longest, step * float(np.clip(EASY / max(there.corrections, 1), SHORTER, LONGER)))
         at = there

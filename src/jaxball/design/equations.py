@@ -2,6 +2,7 @@
 
 import abc
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +15,8 @@ from .errors import DesignError
 
 LEAST_SHARE = 1e-4
 
-Matrix = np.ndarray | scipy.sparse.sparray
+# A dense array of NumPy, or a sparse one of SciPy, whose types do not say what its methods give.
+Matrix = Any
 
 
 class AbstractEquations(abc.ABC):

@@ -50,15 +50,16 @@ class PiecewiseAcceleration(AbstractSchedule):
             )
 
     def prepare(self) -> PiecewiseSchedule:
-        n, k = self.accelerations.shape
+        k = self.accelerations.shape[1]
         power = jnp.arange(k, dtype=self.accelerations.dtype)
         bends = self.accelerations / ((power + 1) * (power + 2))[None]
-        h = jnp.diff(self.times)
-        theta, rate = [self.theta], [self.rate]
-        for j in range(n):
-            theta.append(theta[j] + rate[j] * h[j] + jnp.sum(bends[j] * h[j] ** (power + 2)))
-            rate.append(rate[j] + jnp.sum(bends[j] * (power + 2) * h[j] ** (power + 1)))
-        line = jnp.stack([jnp.stack(theta), jnp.stack(rate)], axis=1)
+        h = jnp.diff(self.times)[:, None]
+        # Sums over the intervals, not a loop over them, which takes long to compile where there are many.
+        changes = jnp.sum(bends * (power + 2)[None] * h ** (power + 1)[None], axis=1)
+        rate = self.rate + jnp.concatenate([jnp.zeros_like(self.rate)[None], jnp.cumsum(changes)])
+        changes = rate[:-1] * h[:, 0] + jnp.sum(bends * h ** (power + 2)[None], axis=1)
+        theta = self.theta + jnp.concatenate([jnp.zeros_like(self.theta)[None], jnp.cumsum(changes)])
+        line = jnp.stack([theta, rate], axis=1)
         bends = jnp.concatenate([bends, jnp.zeros((1, k), dtype=bends.dtype)])
         pieces = jnp.concatenate([line, bends], axis=1)
         first = jnp.concatenate([pieces[:1, :2], jnp.zeros((1, k), dtype=bends.dtype)], axis=1)

@@ -67,7 +67,8 @@ class Collocation(AbstractEquations):
         self._last: tuple[np.ndarray, float, _Looked, _Looked] | None = None
         n, ends = (shape.size for shape in jax.eval_shape(functools.partial(_sizes, vary), problem))
         N, m = len(mesh) - 1, vary(problem, jnp.zeros(())).controls
-        self.shapes = Unknowns((N + 1, n), (N, stages, n), (N, stages, m), (n,), (N, stages, n), (N, n), (ends,))
+        shapes: list[Any] = [(N + 1, n), (N, stages, n), (N, stages, m), (n,), (N, stages, n), (N, n), (ends,)]
+        self.shapes = Unknowns(*shapes)
         places = np.split(np.arange(self.size), np.cumsum([np.prod(shape) for shape in self.shapes])[:-1])
         self.places = Unknowns(*(at.reshape(shape) for at, shape in zip(places, self.shapes, strict=True)))
 

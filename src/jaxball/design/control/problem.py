@@ -16,11 +16,19 @@ class AbstractControlProblem(eqx.Module):
     some of them say nothing to first order; from there, the softness is brought to 0 by continuation.
     """
 
-    controls: eqx.AbstractVar[int]
     start: eqx.AbstractVar[Float[Array, ""]]
     end: eqx.AbstractVar[Float[Array, ""]]
-    initial: eqx.AbstractVar[Float[Array, " n"]]
     softness: eqx.AbstractVar[Float[Array, ""]]
+
+    @property
+    @abc.abstractmethod
+    def controls(self) -> int:
+        """The number m of controls."""
+
+    @property
+    @abc.abstractmethod
+    def initial(self) -> Float[Array, " n"]:
+        """x_a."""
 
     @abc.abstractmethod
     def rate(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Float[Array, " n"]:

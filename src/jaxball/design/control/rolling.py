@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -13,7 +14,7 @@ from ...body import Ball, PointMass, System, with_integrated_angles, with_masses
 from ...feedback import AbstractLaw
 from ...moments import velocity_moments
 from ...motion import Driven, OnRail
-from ...packing import LockedPacking, Packing
+from ...packing import Packing
 from ...schedules import AbstractSchedule
 from ...state import BallState, DiskState
 from ...status import Status
@@ -93,7 +94,7 @@ class Rolling(AbstractControlProblem):
         return self.packing.pack(self.start, self.state)
 
     @property
-    def packing(self) -> LockedPacking:
+    def packing(self) -> Packing[Any, Any]:
         """How states become vectors."""
         return Packing.of(self.system.prepare(), self.state)
 
@@ -131,7 +132,7 @@ class Rolling(AbstractControlProblem):
             masses[index] = PointMass(masses[index].mass, OnRail(motion.rail, next(following)))
         return with_masses(self.system, masses)
 
-    def _packing_with(self, u: Float[Array, " m"]) -> LockedPacking:
+    def _packing_with(self, u: Float[Array, " m"]) -> Packing[Any, Any]:
         packing = self.packing
         return eqx.tree_at(lambda p: p.system.law, packing, Given(u))
 

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ...extremes import contact_extremes
 from ...scenario import Scenario
+from ...scenario.initial import starting_angles
 from ...schedules import PiecewiseAcceleration
 from .refine import Solution
 from .rolling import rolling
@@ -42,7 +42,7 @@ class Resimulated(NamedTuple):
     - ``away``, ``below``: the horizontal distance of the centre of mass from the geometric centre at the end, and how
       far it is below.
     - ``missed``: the distance of the geometric centre from its place at the end; 0 where it is free.
-    - ``margin``: the least normal force, over M g; ``friction``: the largest |f| / N.
+    - ``margin``: the least normal force, over M g; ``friction``: the largest |f| / N. Both at the saved times.
     """
 
     apart: float
@@ -60,10 +60,10 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
     **Raises:** :class:`~jaxball.SolveError` where the solve fails.
     """
     problem, scenario = rolling(solution.problem), scenario_of(solution)
-    run = scenario.simulate(solver=solver, rtol=tolerance, atol=tolerance, dense=True, throw=True)
-    extremes, seen, r = contact_extremes(run), run.observables, float(problem.system.radius)
+    run = scenario.simulate(solver=solver, rtol=tolerance, atol=tolerance, throw=True)
+    seen, M, r = run.observables, float(problem.system.total_mass), float(problem.system.radius)
     gap = np.asarray(run.state.z) - places(solution, np.asarray(run.times))
-    thetadot = [float(schedule.derivatives(problem.end)[1]) for schedule in schedules_of(solution)]
+    thetadot = starting_angles(tuple(schedules_of(solution)), problem.end)["thetadot"]
     centre = np.asarray(seen.centre_of_mass_space[-1])
     missed = 0.0 if problem.place is None else np.linalg.norm(run.state.z[-1] - problem.place)
     return Resimulated(
@@ -72,8 +72,8 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
         float(np.linalg.norm(centre[:2])) / r,
         -float(centre[2]) / r,
         float(missed) / r,
-        float(extremes.margin),
-        float(extremes.friction_needed),
+        float(np.min(seen.normal_force)) / (M * float(problem.system.gravity)),
+        float(np.max(seen.friction_ratio)),
     )
 
 

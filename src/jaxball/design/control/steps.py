@@ -14,6 +14,8 @@ from .rolling import Rolling, between
 
 # Steps in the share of the way, from 0 to 1.
 FIRST_STEP, LONGEST_STEP = 0.05, 0.2
+# A branch that turns may go back past its start and still come to its end, but seldom from far away.
+WITHIN = (-0.5, 1.5)
 
 
 def at_rest(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
@@ -64,14 +66,16 @@ def continued(
         1.0,
         step=FIRST_STEP,
         longest=LONGEST_STEP,
+        within=WITHIN,
         weights=weights,
         visit=lambda y, share: visit(Solution(collocation, y, share, np.zeros(0))),
     )
     last = Solution(collocation, branch.y[-1], float(branch.parameter[-1]), np.zeros(0))
     if branch.ended != "end":
         raise DesignError(
-            f"The branch must lead to the problem, but it is {branch.ended} after {last.parameter:.3g} of the way; go "
-            "there in smaller steps, or on a finer mesh."
+            f"The branch must lead to the problem, but it ends after {last.parameter:.3g} of the way "
+            f"({branch.ended}, with {len(branch.folds)} turning points); go there in smaller steps, on a finer mesh, "
+            "or by another way."
         )
     errors = mesh_errors(collocation, last.y, 1.0)
     if np.max(errors) <= tolerance:
