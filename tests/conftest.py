@@ -27,6 +27,11 @@ gc.set_threshold(50_000, 50, 50)
 SECONDS = np.linspace(0.0, 20.0, 21)
 
 
+def pytest_configure(config):
+    """Compiling takes most of the default run; only long studies gain more from optimised programs than they cost."""
+    jax.config.update("jax_disable_most_optimizations", config.option.markexpr == "not slow")
+
+
 @pytest.fixture(scope="session")
 def ball_trajectory():
     """The paper's ball at t = 0, 1, ..., 20, at the tolerance of the paper."""
