@@ -58,10 +58,10 @@ assert curvature > 0
 
 times = np.linspace(START, END, 401)
 wanted = hard.problem.objectives["tracking"].targets(times)[:, 0]
-places = {f"weight {weight:g}": control.places(one, times) for weight, one in ((1e-2, easy), (1e2, hard))}
+places = {f"weight {weight:g}": (times, control.places(one, times)) for weight, one in ((1e-2, easy), (1e2, hard))}
 figures = {
     "branch": plot.branch(weights, {"root mean square error": errors, "effort": efforts}, "weight of the tracking"),
-    "path": plot.tracked(times, wanted, places),
+    "path": plot.place_in_time(places, (times, wanted)),
     "accelerations": plot.rail_accelerations(times, hard.path.inputs(times)),
 }
 for name, ax in figures.items():

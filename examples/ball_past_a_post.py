@@ -11,7 +11,19 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from jaxball import ConstantRate, OnRail, PointMass, balance, cpu, design, paper, plot, with_angles, write_scenario
+from jaxball import (
+    ConstantRate,
+    OnRail,
+    PointMass,
+    balance,
+    cpu,
+    design,
+    paper,
+    plot,
+    simulate,
+    with_angles,
+    write_scenario,
+)
 from jaxball.body import with_masses
 from jaxball.design import control
 
@@ -26,6 +38,7 @@ ball = paper.ball()
 still = [PointMass(one.mass, OnRail(one.motion.rail, ConstantRate(0.0))) for one in ball.point_masses]
 ball = with_masses(ball, still)
 ball = with_angles(ball, (0, 1, 2), balance(ball, (0, 1, 2), above=False).theta, START)
+depth = -float(simulate(ball, (START, END)).observables.centre_of_mass_space[0, 2])
 
 
 def problem(place, tracking, avoiding, softness):
@@ -35,7 +48,7 @@ def problem(place, tracking, avoiding, softness):
         "effort": design.AccelerationEffort(weight=0.01),
         "post": design.AvoidObstacles([POST], [RADIUS], softness=0.05, weight=avoiding),
     }
-    return control.Rolling(ball, (START, END), objectives, place=place, softness=softness)
+    return control.Rolling(ball, (START, END), objectives, place=place, depth=depth, softness=softness)
 
 
 times = np.linspace(START, END, 401)

@@ -8,8 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import tomli_w
 from jaxtyping import Float
+from matplotlib.axes import Axes
 
 from .. import plot
+from ..body import Disk
 from ..extremes import contact_extremes
 from ..results import replacing
 from ..scenario import ScenarioError
@@ -136,7 +138,9 @@ def _distances(design: Design, before: Trajectory[Any, Any], after: Trajectory[A
 def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any], folder: Path) -> list[str]:
     history, run = np.asarray(design.progress.history), _run(after)
     axes = {
-        "path": plot.designed_path(_path(before), _path(after), *_wanted(design)),
+        "path": _path_of_disk(design, before, after)
+        if isinstance(after.system, Disk)
+        else plot.designed_path(_path(before), _path(after), *_wanted(design)),
         "rails": plot.configuration(after),
         "contact": plot.contact_force(after),
         "convergence": plot.convergence(*history[:, 2:].T, polish=int(np.sum(history[:, 0] == 0))),
@@ -150,6 +154,16 @@ def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any
         with replacing(folder / f"{name}.png") as beside:
             ax.figure.savefig(beside, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
     return [f"![{name}]({name}.png)" for name in axes]
+
+
+def _path_of_disk(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any]) -> Axes:
+    """Over time, because it is a line in the plane."""
+    times, wanted = np.asarray(after.times), None
+    for item in design.problem.objectives.values():
+        if isinstance(item, FollowTrajectory):
+            wanted = (times, np.asarray(item.targets(jnp.asarray(after.times))[:, 0]))
+    found = {name: (np.asarray(run.times), _path(run)[:, 0]) for name, run in (("before", before), ("after", after))}
+    return plot.place_in_time(found, wanted)
 
 
 def _path(trajectory: Trajectory[Any, Any]) -> np.ndarray:

@@ -6,7 +6,7 @@ Every plot function draws into ``ax`` and returns it; without one it makes a new
 
 from .actuation import acceleration as acceleration
 from .animation import animate as animate
-from .branches import branch as branch, rail_accelerations as rail_accelerations, tracked as tracked
+from .branches import branch as branch, place_in_time as place_in_time, rail_accelerations as rail_accelerations
 from .chaos import chaos_chart as chaos_chart, lyapunov_convergence as lyapunov_convergence
 from .classical import classical_motion as classical_motion, law_errors as law_errors
 from .configuration import configuration as configuration

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from .style import COMPONENTS, legend_above, mass_line, named, plane_axes
+from .style import COMPONENTS, INK, legend_above, mass_line, named, plane_axes
 
 
 def branch(
@@ -43,20 +43,20 @@ def rail_accelerations(times: Float[np.ndarray, " t"], u: Float[np.ndarray, "t n
     return ax
 
 
-def tracked(
-    times: Float[np.ndarray, " t"],
-    wanted: Float[np.ndarray, " t"],
-    found: Mapping[str, Float[np.ndarray, " t"]],
+def place_in_time(
+    found: Mapping[str, tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]]],
+    wanted: tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]] | None = None,
     ax: Axes | None = None,
 ) -> Axes:
-    """Where a disk was wanted over time, dashed, and where solutions, by their names, have it.
+    """z of a disk over time, in each case by its name as times and places, and where it was wanted, dashed.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
     ax = plane_axes(ax)
-    for (label, z), colour in zip(found.items(), COMPONENTS, strict=False):
-        ax.plot(times, z, color=colour, linewidth=1.4, label=label)
-    ax.plot(times, wanted, color="black", linewidth=0.8, linestyle=(0, (4, 2)), label="wanted")
+    for (label, places), colour in zip(found.items(), COMPONENTS, strict=False):
+        ax.plot(*places, color=colour, linewidth=1.4, label=label)
+    if wanted is not None:
+        ax.plot(*wanted, color=INK, linewidth=0.8, linestyle=(0, (4, 2)), label="wanted")
     ax.margins(x=0)
     named(ax, "$t$", "$z$")
     legend_above(ax)

@@ -35,11 +35,11 @@ class Given(AbstractLaw):
 
 
 class Rolling(AbstractControlProblem):
-    """A ball or a disk that rolls from its initial state to rest, with its centre of mass below the geometric centre.
+    """A ball or a disk that rolls from its initial state to rest, in equilibrium.
 
     The running cost is the sum of the ``objectives``, and the state the vector of :class:`~jaxball.packing.Packing`,
-    with θ and θ̇ of the masses on rails. The conditions at the end are θ̇ = 0, Ω = 0, the horizontal place of the
-    centre of mass, over r, and the distance of the geometric centre from ``place``, over r, if that is given.
+    with θ and θ̇ of the masses on rails. The conditions at the end are θ̇ = 0, Ω = 0, that the centre of mass
+    is straight above or below the geometric centre, and what ``place`` and ``depth`` ask for, if they are given.
     """
 
     system: System
@@ -48,6 +48,7 @@ class Rolling(AbstractControlProblem):
     end: Float[Array, ""]
     objectives: dict[str, AbstractRunningObjective]
     place: Float[Array, " d"] | None
+    depth: Float[Array, ""] | None
     softness: Float[Array, ""]
 
     def __init__(
@@ -57,6 +58,7 @@ class Rolling(AbstractControlProblem):
         objectives: Mapping[str, AbstractRunningObjective],
         state: BallState | DiskState | None = None,
         place: Numbers | None = None,
+        depth: Numbers | None = None,
         softness: Numbers = 0.0,
     ):
         """The problem for a system whose masses on rails have schedules.
@@ -66,6 +68,9 @@ class Rolling(AbstractControlProblem):
         - ``times``: of the start and of the end.
         - ``state``: at the start; at rest at the origin if not given. θ and θ̇ are those of the schedules.
         - ``place``: of the geometric centre at the end, (z1, z2) of a ball or z of a disk; free if not given.
+        - ``depth``: by how much the centre of mass is below the geometric centre at the end, in radii; free if not
+          given, and where it comes to be negative it is above, and the equilibrium unstable.
+        - ``softness``: of the conditions at the end, see :class:`AbstractControlProblem`.
 
         **Raises:** :class:`DesignError` for a system without masses on rails, and ``ValueError`` for one with a
         feedback law.
@@ -81,6 +86,7 @@ class Rolling(AbstractControlProblem):
         self.state = kind(**fields | angles)
         self.start, self.end = start, end
         self.objectives = {name: _in_time(one, start, end) for name, one in objectives.items()}
+        self.depth = None if depth is None else to_array(depth)
         self.softness = to_array(softness)
         self.place = None if place is None else jnp.atleast_1d(to_array(place))
 
@@ -119,6 +125,8 @@ class Rolling(AbstractControlProblem):
         away = apply(state.Lambda, at.p) / (at.M * self.system.radius)
         flat = isinstance(state, DiskState)
         parts = [state.thetadot, state.phidot[None] if flat else state.Omega, away[:1] if flat else away[:2]]
+        if self.depth is not None:
+            parts.append((away[2] + self.depth)[None])
         if self.place is not None:
             parts.append((jnp.atleast_1d(state.z) - self.place) / self.system.radius)
         return jnp.concatenate(parts)
