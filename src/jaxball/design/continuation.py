@@ -99,32 +99,26 @@ def follow(
         direction = end - start
     at = track.first(np.append(y, start), direction)
     visit(at.Y[:-1], at.Y[-1])
-    found, folds, ended = [at], [], "points"
-    while len(found) < points:
-        there = track.step(at, step)
-        if there is not None and end is not None and _between(at.Y[-1], end, there.Y[-1]):
-            last = track.at_parameter(at, there, end)
-            if last is not None:
-                found.append(last)
-                visit(last.Y[:-1], last.Y[-1])
-                ended = "end"
-                break
-            there = None
+    found, folds, ended = [at], [], ""
+    while not ended:
+        there, last = track.onward(at, step, end)
         if there is None:
             step *= SHORTER
-            if step < LEAST_STEP:
-                ended = "lost"
-                break
+            ended = "lost" if step < LEAST_STEP else ""
             continue
         if at.tangent[-1] * there.tangent[-1] < 0:
             folds.append(track.fold(len(found) - 1, at, there))
         found.append(there)
         visit(there.Y[:-1], there.Y[-1])
-        if there.length >= length or not within[0] <= there.Y[-1] <= within[1]:
-            ended = "length" if there.length >= length else "outside"
-            break
         step = min(longest, step * float(np.clip(EASY / max(there.corrections, 1), SHORTER, LONGER)))
         at = there
+        reasons = {
+            "end": last,
+            "outside": not within[0] <= at.Y[-1] <= within[1],
+            "length": at.length >= length,
+            "points": len(found) >= points,
+        }
+        ended = next((reason for reason, given in reasons.items() if given), "")
     Y = np.stack([point.Y for point in found])
     lengths = np.asarray([point.length for point in found])
     slope = np.asarray([point.tangent[-1] for point in found])
@@ -164,6 +158,13 @@ class _Track:
         if not row @ tangent >= STRAIGHT:
             return None
         return _Point(Y, tangent, at.length + step, corrections)
+
+    def onward(self, at: _Point, step: float, end: float | None) -> tuple[_Point | None, bool]:
+        """The next point, None where the step is too long; and whether it is that with λ = ``end``."""
+        there = self.step(at, step)
+        if there is None or end is None or not _between(at.Y[-1], end, there.Y[-1]):
+            return there, False
+        return self.at_parameter(at, there, end), True
 
     def at_parameter(self, at: _Point, there: _Point, parameter: float) -> _Point | None:
         """The point with the given λ between two neighbours."""
