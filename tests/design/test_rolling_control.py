@@ -9,7 +9,7 @@ import jaxball
 from jaxball import design
 from jaxball.design import control
 
-END, PLACE = 6.0, 1.5
+END, PLACE = 8.0, 1.0
 DOWN = -np.pi / 2
 
 
@@ -29,7 +29,7 @@ def problem(weight):
 @pytest.fixture(scope="module")
 def easy():
     """The solution where the tracking hardly counts."""
-    return control.started(problem(0.1), np.linspace(0.0, END, 9), tolerance=1e-6)
+    return control.started(problem(0.01), np.linspace(0.0, END, 9), tolerance=1e-6)
 
 
 def test_the_schedules_do_what_the_solution_says(easy):

@@ -1,7 +1,8 @@
 """The disk follows a place that moves there and back, from rest to rest: optimal control by collocation.
 
-As in Putkaradze & Rogers, On the optimal control of rolling ball robots actuated by internal point masses: four masses
-on circles, a tracking cost and an acceleration cost, and continuation in the weight of the tracking.
+It takes a minute or two. As in Putkaradze & Rogers, On the optimal control of rolling ball robots actuated by internal
+point masses: four masses on circles, a tracking cost and an acceleration cost, and continuation in the weight of the
+tracking.
 """
 
 from pathlib import Path
