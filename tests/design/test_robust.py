@@ -11,6 +11,7 @@ import pytest
 import jaxball
 from jaxball import design
 from jaxball.design.perturbations import perturbed_system
+from jaxball.design.report import write_report
 from tests.support.paper import paper_ball, paper_disk
 
 T, PLACE, COUNT, SHARE = 2.0, 2.0, 5, 0.5
@@ -104,6 +105,20 @@ def test_constraints_are_counted_for_each_ball(optimiser):
     assert {name: part.shape for name, part in parts.items()} == {"within": (COUNT * 20,), "within 2": (COUNT * 20,)}
     np.testing.assert_allclose([np.max(part) for part in parts.values()], [0.3 * T - 9.0, 0.3 * T - 1.0], rtol=1e-8)
     np.testing.assert_allclose(np.sum(found.shares), 2.0, rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_robust_design_is_verified_and_shown_on_balls_that_it_has_not_seen(tmp_path):
+    found = problem()
+    done = design.design(found.problem, found.settings)
+    assert done.feasible
+    assert done.verified.apart < 1e-7
+    place = PLACE / (1 + 3 * lightness())
+    np.testing.assert_allclose(done.verified.violation, place - 1.0, rtol=1e-6)
+    np.testing.assert_allclose(done.perturbed.terms[:, 0], (place - PLACE) ** 2, rtol=1e-6)
+    assert done.perturbed.terms.shape == (1000, 2)
+    write_report(done, "Robust", tmp_path)
+    assert "Perturbed are 1000 balls with masses off by up to 50.0%" in (tmp_path / "report.md").read_text()
 
 
 @pytest.mark.parametrize("system", [paper_ball(), paper_disk()], ids=["ball", "disk"])
