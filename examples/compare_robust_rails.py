@@ -1,0 +1,32 @@
+"""The rails designed for one ball and those designed for 64 perturbed ones, on 1,000 perturbed balls that neither saw.
+
+`jaxball design problem_rail_shape.toml` found the former, and the search of problem_robust_rails.toml the latter.
+"""
+
+import tomllib
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from jaxball import cpu, design
+
+cpu.prepare()
+jax.config.update("jax_enable_x64", True)
+
+HERE = Path(__file__).parent
+file = design.load_problem(HERE / "problem_robust_rails.toml")
+following = file.problem.objectives["follow-curve"]
+assert isinstance(following, design.FollowCurve)
+largest = {"distance": design.LargestDistance(following.curve)}
+fresh = design.Perturbations(1000, masses=0.02, offset=0.02, seed=1)
+
+print("largest distance from the curve, in radii, over 1,000 balls")
+for name in ("designed_rails", "designed_robust_rails"):
+    document = tomllib.loads((HERE / f"{name}.toml").read_text(encoding="utf-8"))
+    space = design.DesignSpace(document, file.problem.space.variables)
+    problem = design.Problem(space, largest, file.problem.constraints)
+    seen = design.perturbed(problem, space.start, fresh)
+    middle, most, worst = np.quantile(seen.terms[:, 0], [0.5, 0.95, 1.0])
+    violation = np.max(seen.violations)
+    print(f"{name:24} median {middle:.3f}   95 % {most:.3f}   worst {worst:.3f}   largest violation {violation:.1e}")
