@@ -32,10 +32,15 @@ def easy():
     return control.started(problem(0.01), np.linspace(0.0, END, 9), tolerance=1e-6)
 
 
-def test_the_schedules_do_what_the_solution_says(easy):
-    """By a simulation that knows of schedules and not of controls, and by Newton's laws at its end."""
+@pytest.fixture(scope="module")
+def run(easy):
+    """Its schedules simulated."""
+    return control.scenario_of(easy, saves=2001).simulate(rtol=1e-11, atol=1e-11, throw=True)
+
+
+def test_the_schedules_do_what_the_solution_says(easy, run):
+    """By a simulation that knows of schedules and not of controls."""
     assert np.max(easy.errors) <= 1e-6
-    run = control.scenario_of(easy).simulate(rtol=1e-11, atol=1e-11, throw=True)
     found = control.places(easy, np.asarray(run.times))
     np.testing.assert_allclose(run.state.z, found, atol=1e-5)
     np.testing.assert_allclose(run.state.z[-1], PLACE, atol=1e-6)
@@ -48,8 +53,7 @@ def test_the_schedules_do_what_the_solution_says(easy):
     assert np.sum(np.array([0.9, 0.6]) * np.sin(angles)) < 0
 
 
-def test_the_costs_are_those_of_the_simulation(easy):
-    run = control.scenario_of(easy, saves=2001).simulate(throw=True)
+def test_the_costs_are_those_of_the_simulation(easy, run):
     times = np.asarray(run.times)
     u = 1 - 2 * times / END
     share = (1 - u) / 2
