@@ -100,7 +100,8 @@ class Optimiser:
     def _descend(self, progress: Progress) -> Progress:
         z, before = progress.z, progress.z
         moments, multipliers, leader = Moments(*progress.arrays), self.penalised(len(z)), Worth()
-        for _ in range(min(REPORT_EVERY, self.settings.steps - progress.step)):
+        count = min(REPORT_EVERY, self.settings.steps - progress.step)
+        for _ in range(count):
             looked = self.look(z, multipliers)
             leader = self._offer(progress, z, looked)
             good = np.all(np.isfinite(looked.gradient), axis=1, keepdims=True) & np.isfinite(looked.value)[:, None]
@@ -110,7 +111,8 @@ class Optimiser:
             z, before = np.where(good, onwards, (z + before) / 2), np.where(good, z, before)
             progress.step += 1
         progress.z, progress.arrays = z, list(moments)
-        progress.history.append((0.0, float(progress.step), *leader))
+        if count:
+            progress.history.append((0.0, float(progress.step), *leader))
         if progress.step >= self.settings.steps:
             self._choose(progress)
         return progress
