@@ -1,6 +1,6 @@
 """The rails designed for one ball and those designed for 64 perturbed ones, on 1,000 perturbed balls that neither saw.
 
-`jaxball design problem_rail_shape.toml` found the former, and the search of problem_robust_rails.toml the latter.
+`jaxball design` found them, from problem_rail_shape.toml and from problem_robust_rails.toml.
 """
 
 import tomllib
