@@ -1,6 +1,8 @@
 """The environment of the tests: float64, strict promotion, and shapes checked at run time."""
 
 import gc
+import os
+from pathlib import Path
 
 import hypothesis
 import jax
@@ -24,12 +26,24 @@ hypothesis.settings.load_profile("compiled")
 gc.freeze()
 gc.set_threshold(50_000, 50, 50)
 
+MAPPINGS, MOST_MAPPINGS = Path("/proc/self/maps"), 30_000
 SECONDS = np.linspace(0.0, 20.0, 21)
 
 
 def pytest_configure(config):
     """Compiling takes most of the default run; only long studies gain more from optimised programs than they cost."""
-    jax.config.update("jax_disable_most_optimizations", config.option.markexpr == "not slow")
+    unoptimised = config.option.markexpr == "not slow"
+    jax.config.update("jax_disable_most_optimizations", unoptimised)
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(unoptimised))  # of examples and commands
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _room_for_programs():
+    """Linux lets a process have 65,530 mappings of memory, and a compiled program takes several; then XLA aborts."""
+    yield
+    if MAPPINGS.exists() and MAPPINGS.read_text().count("\n") > MOST_MAPPINGS:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture(scope="session")

@@ -140,7 +140,9 @@ class Endless(design.AbstractObjective):
         return jnp.sqrt(jnp.sum(run.z[0] ** 2))
 
 
-@pytest.mark.parametrize(("wrong", "words"), [(Crooked(), "must agree"), (Endless(), "must be finite")])
+@pytest.mark.parametrize(
+    ("wrong", "words"), [(Crooked(), "must agree"), pytest.param(Endless(), "must be finite", marks=pytest.mark.slow)]
+)
 def test_a_wrong_gradient_is_refused(wrong, words):
     space = problem().problem.space
     with pytest.raises(design.DesignError, match=words):

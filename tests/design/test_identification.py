@@ -46,6 +46,7 @@ def test_the_noise_is_found():
     assert abs(found(1).noise / NOISE - 1) < 0.15
 
 
+@pytest.mark.slow
 def test_masses_at_the_centre_cannot_be_told_from_the_shell():
     """With the shell's centre of mass in the geometric centre, both are seen through their sum alone."""
     document = builtin("disk", start=0.0, end=3.0, saves=61)

@@ -56,6 +56,7 @@ def balls():
     return system, stacked(states)
 
 
+@pytest.mark.slow
 def test_the_papers_ball(balls):
     found = simulate_ensemble(balls[0], TIMES, balls[1], lanes=16)
     assert found.trajectory.state.q.shape == (RUNS, TIMES.size, 4)

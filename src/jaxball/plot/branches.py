@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from .style import COMPONENTS, INK, legend_above, mass_line, named, plane_axes
+from .style import COMPONENTS, INK, legend_above, named, plane_axes
 
 
 def branch(
@@ -25,20 +25,6 @@ def branch(
     ax.set_xscale("log")
     ax.set_yscale("log")
     named(ax, name)
-    legend_above(ax)
-    return ax
-
-
-def rail_accelerations(times: Float[np.ndarray, " t"], u: Float[np.ndarray, "t n"], ax: Axes | None = None) -> Axes:
-    """θ̈_i over time.
-
-    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
-    """
-    ax = plane_axes(ax)
-    for i in range(u.shape[1]):
-        ax.plot(times, u[:, i], label=rf"$\ddot\theta_{{{i + 1}}}$", **mass_line(i + 1))
-    ax.margins(x=0)
-    named(ax, "$t$", r"$\ddot\theta_i$")
     legend_above(ax)
     return ax
 

@@ -39,11 +39,23 @@ def rail_angles(times: Float[np.ndarray, " t"], theta: Float[np.ndarray, "t n"],
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
+    return _of_masses(times, theta, r"\theta", ax)
+
+
+def rail_accelerations(times: Float[np.ndarray, " t"], u: Float[np.ndarray, "t n"], ax: Axes | None = None) -> Axes:
+    """θ̈_i over time.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    return _of_masses(times, u, r"\ddot\theta", ax)
+
+
+def _of_masses(times: np.ndarray, values: np.ndarray, symbol: str, ax: Axes | None) -> Axes:
     ax = plane_axes(ax)
-    for i in range(theta.shape[1]):
-        ax.plot(times, theta[:, i], label=rf"$\theta_{{{i + 1}}}$", **mass_line(i + 1))
+    for i in range(values.shape[1]):
+        ax.plot(times, values[:, i], label=f"${symbol}_{{{i + 1}}}$", **mass_line(i + 1))
     ax.margins(x=0)
-    named(ax, "$t$", r"$\theta_i$")
+    named(ax, "$t$", f"${symbol}_i$")
     legend_above(ax)
     return ax
 

@@ -12,9 +12,10 @@ import tomli_w
 from jaxtyping import Float, Int
 
 from ..body import Ball, Disk
-from ..scenario import Scenario, ScenarioError, builtin_scenarios, builtin_text, read_document
+from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.table import Key, read_table
 from ..scenario.values import Choice, Flag, Integer, Nested, Text, key_error, shown
+from ..scenario.within import SCENARIO, document_of, scenario_document, text_of
 from .axes import Axis, read_axis
 from .errors import StudyError
 from .finds import Find, read_finds
@@ -30,7 +31,7 @@ _AS_IT_IS = Nested(lambda value, path: value, lambda value, path: value, "a tabl
 _KEYS = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
-    "scenario": Key(_AS_IT_IS),
+    "scenario": Key(SCENARIO),
     "axes": Key(_AS_IT_IS),
     "save": Key(Choice(("end", "times")), "end"),
     "contact": Key(Flag(), False),
@@ -130,12 +131,7 @@ def load_study(source: str | Path) -> Study:
     **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence, when there is no such file, when it is not
     TOML, when a key of it or of its scenario is misspelt, missing or wrong, and when an axis names no number.
     """
-    try:
-        text = Path(source).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise StudyError(f'Argument `source` must be a study file, but it is "{source}" ({reason}).') from None
-    return read_study(text, Path(source).parent)
+    return read_study(text_of(source, "study", StudyError), Path(source).parent)
 
 
 def read_study(text: str, folder: str | Path = ".") -> Study:
@@ -143,12 +139,9 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
 
     **Raises:** as :func:`load_study`.
     """
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise StudyError(f"A study must be a TOML document, but it is not: {error}.") from None
+    document = document_of(text, "study", StudyError)
     found, folder = read_table(document, "", _KEYS), Path(folder)
-    scenario = _scenario(found["scenario"], folder)
+    scenario = scenario_document(found["scenario"], folder, StudyError)
     try:
         template = read_document(scenario)
     except ScenarioError as error:
@@ -170,20 +163,6 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
 @functools.lru_cache(maxsize=4)
 def _read(document: str) -> Scenario:
     return read_document(tomllib.loads(document))
-
-
-def _scenario(value: Any, folder: Path) -> dict[str, Any]:
-    if isinstance(value, dict):
-        return value
-    if not isinstance(value, str):
-        raise key_error("scenario", _AS_IT_IS.words, shown(value))
-    try:
-        return tomllib.loads(builtin_text(value) if value in builtin_scenarios() else (folder / value).read_text())
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise StudyError(
-            f"Key `scenario` must be a table, a scenario file or one of {', '.join(builtin_scenarios())}, but it is "
-            f'"{value}" ({getattr(error, "strerror", None) or error}).'
-        ) from None
 
 
 def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any]) -> None:

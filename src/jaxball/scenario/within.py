@@ -1,0 +1,53 @@
+"""Files that hold a scenario among other things: studies and problems."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from .library import builtin_scenarios, builtin_text
+from .values import Nested, ScenarioError, key_error, shown
+
+# A scenario in such a file: a table, the name of a built-in one, or the path of a file.
+SCENARIO = Nested(lambda value, path: value, lambda value, path: value, "a table, a name or a file")
+
+
+def text_of(source: str | Path, what: str, error: type[ScenarioError]) -> str:
+    """The text of a file, which is ``what``.
+
+    **Raises:** ``error``, with one sentence, when there is no such file, or when it is no text.
+    """
+    try:
+        return Path(source).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as cause:
+        reason = cause.strerror if isinstance(cause, OSError) else "it is not UTF-8 text"
+        raise error(f'Argument `source` must be a {what} file, but it is "{source}" ({reason}).') from None
+
+
+def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, Any]:
+    """The TOML document of a text, which is ``what``.
+
+    **Raises:** ``error`` when it is none.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as cause:
+        raise error(f"A {what} must be a TOML document, but it is not: {cause}.") from None
+
+
+def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> dict[str, Any]:
+    """The document of the scenario that the key `scenario` holds or names; files are looked for from ``folder`` on.
+
+    **Raises:** ``error`` where there is none.
+    """
+    if isinstance(value, dict):
+        return value
+    if not isinstance(value, str):
+        raise key_error("scenario", SCENARIO.words, shown(value))
+    try:
+        known = value in builtin_scenarios()
+        return tomllib.loads(builtin_text(value) if known else (folder / value).read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as cause:
+        raise error(
+            f"Key `scenario` must be a table, a scenario file or one of {', '.join(builtin_scenarios())}, but it is "
+            f'"{value}" ({getattr(cause, "strerror", None) or cause}).'
+        ) from None
