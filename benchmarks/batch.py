@@ -50,12 +50,8 @@ def main() -> None:
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rows", type=int, default=10_000, help="how many runs")
+    parser = contest.parser(__doc__ or "", 10_000, TOLERANCES, rounds=5)
     parser.add_argument("--subset", type=int, default=512, help="how many of them for diffrax and jax.vmap(simulate)")
-    parser.add_argument("--tolerances", type=float, nargs="+", default=TOLERANCES)
-    parser.add_argument("--rounds", type=int, default=5, help="turns of every contender; the best counts")
-    parser.add_argument("--json", type=Path, help="where to write the measurements")
     parser.add_argument("--figure", type=Path, help="where to write a diagram, as PNG, PDF or SVG")
     return parser.parse_args()
 

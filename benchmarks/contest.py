@@ -1,7 +1,9 @@
 """Contenders in turns at every tolerance: the best time, and the error against another engine's tighter run."""
 
+import argparse
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import perturbed
@@ -92,3 +94,13 @@ def _row(contender: Contender, tolerance: float, seconds: float, found: np.ndarr
         "error_max": float(np.max(good)) if good.size else math.nan,
         "failed": int(np.sum(~np.isfinite(found).all(axis=1))),
     }
+
+
+def parser(description: str, rows: int, tolerances: Sequence[float], rounds: int) -> argparse.ArgumentParser:
+    """The arguments of a contest, with these defaults."""
+    found = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    found.add_argument("--rows", type=int, default=rows, help="how many runs")
+    found.add_argument("--tolerances", type=float, nargs="+", default=tolerances)
+    found.add_argument("--rounds", type=int, default=rounds, help="turns of every contender; the best counts")
+    found.add_argument("--json", type=Path, help="where to write the measurements")
+    return found

@@ -7,7 +7,6 @@ memory, whichever is longer; ``floors.py`` says what is counted.
 """
 
 import argparse
-from pathlib import Path
 
 import contest
 import harness
@@ -114,12 +113,8 @@ def report(content: dict) -> None:
 
 
 def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rows", type=int, default=1_000_000, help="how many runs")
+    parser = contest.parser(__doc__ or "", 1_000_000, TOLERANCES, rounds=3)
     parser.add_argument("--rows-cpu", type=int, default=100_000, help="how many of them for heyoka")
-    parser.add_argument("--tolerances", type=float, nargs="+", default=TOLERANCES)
-    parser.add_argument("--rounds", type=int, default=3, help="turns of every contender; the best counts")
-    parser.add_argument("--json", type=Path, help="where to write the measurements")
     return parser.parse_args()
 
 

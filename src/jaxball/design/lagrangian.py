@@ -17,12 +17,6 @@ class Multipliers(NamedTuple):
     margin: Float[Array | np.ndarray, "*batch places"]
 
 
-def no_multipliers(problem: Problem, penalty: float) -> Multipliers:
-    """λ = 0."""
-    nothing = np.zeros(problem.shares.size)
-    return Multipliers(nothing, np.asarray(penalty), nothing)
-
-
 def augmented_lagrangian(problem: Problem, at: Evaluation, multipliers: Multipliers) -> Float[Array, ""]:
     """f + Σ w ( max(0, λ + ρ c)² − λ² ) / 2ρ, c = violation + margin, w the share of a place in its constraint."""
     objective = jnp.sum(jnp.asarray(problem.weights, dtype=at.terms.dtype) * at.terms)

@@ -128,6 +128,3 @@ def worst(values: Sequence[float] | np.ndarray) -> float:
     """The largest violation; −∞ where there is none, and NaN where one is NaN."""
     values = np.asarray(values)
     return float(np.max(values)) if values.size else -np.inf
-
-
-Scalar = Callable[[Float[Array, " n"]], Float[Array, ""]]

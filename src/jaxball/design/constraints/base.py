@@ -17,8 +17,3 @@ class AbstractConstraint(eqx.Module):
     @abc.abstractmethod
     def __call__(self, run: Run) -> Float[Array, "..."]:
         """The violation at each place or time that is looked at."""
-
-    @property
-    def name(self) -> str:
-        """What it is called in reports."""
-        return type(self).__name__

@@ -22,11 +22,6 @@ class AbstractObjective(eqx.Module):
     def __call__(self, run: Run) -> Float[Array, ""]:
         """Its value, without the weight."""
 
-    @property
-    def name(self) -> str:
-        """What it is called in reports."""
-        return type(self).__name__
-
 
 class AbstractRunningObjective(AbstractObjective):
     """The mean over the run of a function of the time and of the state and the actuation at that time."""
