@@ -6,17 +6,21 @@ import re
 import subprocess
 import sys
 
-# The first compiles small loops as one function instead of running them operation by operation; the
-# second lets results that share work be computed together; the third, LLVM's own, lets loops over many arrays use
-# vector instructions. XLA reads them when its backend starts.
+# The first compiles small loops as one function instead of running them operation by operation; the second lets results
+# that share work be computed together. The others are LLVM's own: it gives up vector instructions where it must check
+# that many arrays do not overlap, or thinks that the check costs more than a loop over a hundred lanes gains, which a
+# higher cost of the loop's instructions refutes. XLA reads them when its backend starts.
 SMALL_LOOPS = "xla_cpu_small_while_loop_byte_threshold=100000000"
 FUSION = "xla_cpu_use_multi_output_fusion=true"
-VECTORS = "-vectorize-memory-check-threshold=100000"
-FLAG = f"--xla_backend_extra_options={SMALL_LOOPS},{FUSION},{VECTORS}"
+VECTORS = "-vectorize-memory-check-threshold=100000,-force-target-instruction-cost=10"
+# Where there are registers of 512 bits, they are used.
+WIDE = "--xla_cpu_prefer_vector_width=512"
+EXTRA = "--xla_backend_extra_options"
+FLAGS = (f"{EXTRA}={SMALL_LOOPS},{FUSION},{VECTORS}", WIDE)
 
-# With the second, jaxlib 0.10.1 was seen to compute a wrong derivative in reverse mode, through a ball's solve and its
-# contact force: off by 4e-4, where it is right to 1e-11 without.
-FLAG_FOR_GRADIENTS = f"--xla_backend_extra_options={SMALL_LOOPS},{VECTORS}"
+# With multi-output fusion, jaxlib 0.10.1 was seen to compute a wrong derivative in reverse mode, through a ball's solve
+# and its contact force: off by 4e-4, where it is right to 1e-11 without.
+FLAGS_FOR_GRADIENTS = (f"{EXTRA}={SMALL_LOOPS},{VECTORS}", WIDE)
 
 # The versions of jaxlib, from the first to before the second, that were seen to accept the flag.
 KNOWN_GOOD = ((0, 10), (0, 11))
@@ -36,10 +40,11 @@ def prepare(*, gradients: bool = False) -> bool:
     **Returns:** whether the options are set: False where ``XLA_FLAGS`` has extra options of the
     user's own, or where jaxlib does not accept them.
     """
-    present, flag = os.environ.get("XLA_FLAGS", ""), FLAG_FOR_GRADIENTS if gradients else FLAG
-    if "xla_backend_extra_options" in present:
-        return flag in present.split()
-    flags = f"{present} {flag}".strip()
+    present, wanted = os.environ.get("XLA_FLAGS", "").split(), FLAGS_FOR_GRADIENTS if gradients else FLAGS
+    if any(flag.startswith(EXTRA) for flag in present):
+        return wanted[0] in present
+    own = {flag.split("=")[0] for flag in present}
+    flags = " ".join([*present, *(flag for flag in wanted if flag.split("=")[0] not in own)])
     if not _known_good(importlib.metadata.version("jaxlib")) and not _accepted(flags):
         return False
     os.environ["XLA_FLAGS"] = flags
