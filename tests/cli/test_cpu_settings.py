@@ -45,7 +45,7 @@ def test_extra_options_of_the_user_stay(flags):
 def test_a_vector_width_of_the_user_stays(flags):
     flags.setenv("XLA_FLAGS", "--xla_cpu_prefer_vector_width=256")
     assert cpu.prepare()
-    assert os.environ["XLA_FLAGS"].split() == ["--xla_cpu_prefer_vector_width=256", cpu.FLAGS[0]]
+    assert os.environ["XLA_FLAGS"].split() == ["--xla_cpu_prefer_vector_width=256", cpu.FLAGS[0], cpu.OLDER]
 
 
 @pytest.mark.parametrize("version", ["0.10.0", "0.10.1"])
@@ -67,6 +67,32 @@ def test_other_versions_are_probed(flags, version, accepted):
 def test_the_probe(flags):
     assert cpu._accepted(" ".join(cpu.FLAGS))
     assert not cpu._accepted("--xla_no_such_flag=1")
+
+
+FORWARD_MODE = """
+from jaxball import cpu
+assert cpu.prepare()
+import jax, numpy as np
+jax.config.update("jax_enable_x64", True)
+from jaxball import DiskState, paper
+from jaxball.ensemble import simulate_ensemble
+rows = lambda tree: jax.tree.map(lambda leaf: np.stack([np.asarray(leaf)] * 2), tree)
+leaves, tree = jax.tree.flatten(rows(paper.disk()))
+def end(scale):
+    disks = tree.unflatten([leaves[0] * scale, *leaves[1:]])
+    return simulate_ensemble(disks, (0.0, 1.0), rows(DiskState()), rtol=1e-9, atol=1e-9).trajectory.state.z[:, -1]
+slope = jax.jvp(end, (1.0,), (1.0,))[1]
+across = (end(1.0 + 1e-4) - end(1.0 - 1e-4)) / 2e-4
+assert np.all(slope != 0)
+np.testing.assert_allclose(slope, across, rtol=1e-6)
+"""
+
+
+def test_derivatives_of_ensembles_in_forward_mode():
+    """Without one of the flags, XLA stops the process."""
+    environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}
+    done = subprocess.run([sys.executable, "-c", FORWARD_MODE], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 def test_import_sets_nothing():
