@@ -151,7 +151,8 @@ def test_a_wrong_gradient_is_refused(wrong, words):
 
 def test_the_gradient_is_right_to_the_solver():
     found = problem()
-    check = design.check_gradient(design.Optimiser(found.problem, found.settings), found.problem.space.start)
+    optimiser = design.Optimiser(design.Shooting(found.problem), found.settings)
+    check = design.check_gradient(optimiser, found.problem.space.start)
     assert check.between_modes < 1e-10
     assert check.from_differences < 1e-8
 

@@ -38,7 +38,7 @@ def test_problem_asks_for_what_a_robot_could_drive(name):
 def test_a_short_search_follows_the_curve_to_a_tenth_of_a_radius(name):
     file = design.load_problem(EXAMPLES / f"{name}.toml")
     settings = dataclasses.replace(file.settings, starts=8)
-    optimiser = design.Optimiser(file.problem, settings)
+    optimiser = design.Optimiser(design.Shooting(file.problem), settings)
     found = optimiser.run(optimiser.begin(), lambda progress: None)
     assert found.worth.violation <= settings.tolerance
     following = file.problem.objectives["follow-curve"]

@@ -38,6 +38,7 @@ from .objectives import (
     ForceEffort as ForceEffort,
     GoFar as GoFar,
     LargestDistance as LargestDistance,
+    MassesNearCentre as MassesNearCentre,
     PowerEffort as PowerEffort,
     ReachPlace as ReachPlace,
     ReachPose as ReachPose,
@@ -45,10 +46,13 @@ from .objectives import (
 )
 from .optimise import Optimiser as Optimiser
 from .perturbations import Perturbations as Perturbations
+from .places import Places as Places
 from .problem import Evaluation as Evaluation, Problem as Problem
+from .program import AbstractProgram as AbstractProgram
 from .run import Run as Run, Solve as Solve, run_of as run_of
 from .search import Design as Design, design as design
 from .settings import Settings as Settings
+from .shooting import Shooting as Shooting
 from .space import Candidate as Candidate, DesignSpace as DesignSpace
 from .state import Progress as Progress, Worth as Worth
 from .variables import Variable as Variable

@@ -74,7 +74,8 @@ def check_gradient(optimiser: Optimiser, z: Float[np.ndarray, " n"], seed: int =
     looked = optimiser.look(points, jax.tree.map(lambda x: np.broadcast_to(x, (len(points), *x.shape)), one))
     gradient = looked.gradient[0]
     if not np.all(np.isfinite(gradient)):
-        names = [name for name, x in zip(optimiser.problem.space.names, gradient, strict=True) if not np.isfinite(x)]
+        found = zip(optimiser.program.names, np.isfinite(gradient), strict=True)
+        names = dict.fromkeys(name for name, finite in found if not finite)
         raise DesignError(f"The gradient at the start must be finite, but it is not for {', '.join(names)}.")
     size = float(np.linalg.norm(gradient)) or 1.0
     differences = looked.value[1:].reshape(len(STEPS), 4) @ FIVE_POINTS / np.asarray(STEPS)
@@ -97,9 +98,9 @@ def require_good(check: GradientCheck) -> None:
 def _forward(
     optimiser: Optimiser, z: Float[Array, " n"], direction: Float[Array, " n"], multipliers: Multipliers
 ) -> float:
-    problem = optimiser.problem
+    program = optimiser.program
 
     def value(z):
-        return augmented_lagrangian(problem, problem.evaluate(z, diffrax.ForwardMode()), multipliers)
+        return augmented_lagrangian(program, program.evaluate(z, diffrax.ForwardMode()), multipliers)
 
     return float(jax.jit(lambda z, v: jax.jvp(value, (z,), (v,))[1])(z, direction))

@@ -8,13 +8,13 @@ import tomli_w
 
 from ..scenario import ScenarioError
 from ..scenario.table import Key, read_family, read_table
-from ..scenario.values import NOT_NEGATIVE, POSITIVE, Integer, Nested, Numbers, Text, key_error, shown
+from ..scenario.values import NOT_NEGATIVE, POSITIVE, Choice, Integer, Nested, Numbers, Text, key_error, shown
 from ..scenario.within import SCENARIO, document_of, scenario_document, text_of
 from .errors import DesignError
 from .kinds import CONSTRAINTS, OBJECTIVES
 from .perturbations import Perturbations
 from .problem import Problem
-from .settings import Settings
+from .settings import METHODS, Settings
 from .space import DesignSpace
 from .variables import Variable
 
@@ -41,7 +41,6 @@ _VARIABLE = {
     "scale": _NUMBER,
     "start": _NUMBER,
 }
-_WHOLE = ("starts", "steps", "polished", "rounds", "evaluations", "seed")
 _SHARE = Key(Numbers(rule=NOT_NEGATIVE))
 _ROBUST = {
     "count": Key(Integer(1, 10**6)),
@@ -49,11 +48,12 @@ _ROBUST = {
     "offset": _SHARE,
     "seed": Key(Integer(0, 10**6), 0),
 }
+_COUNTS, _FROM_ZERO = ("starts", "polished", "rounds", "evaluations", "intervals"), ("steps", "seed")
 _SETTINGS = {
-    field.name: Key(Integer(0 if field.name in ("steps", "seed") else 1, 10**6), None)
-    if field.name in _WHOLE
-    else _POSITIVE
-    for field in dataclasses.fields(Settings)
+    **{field.name: _POSITIVE for field in dataclasses.fields(Settings)},
+    **dict.fromkeys(_COUNTS, Key(Integer(1, 10**6), None)),
+    **dict.fromkeys(_FROM_ZERO, Key(Integer(0, 10**6), None)),
+    "method": Key(Choice(METHODS), None),
 }
 
 

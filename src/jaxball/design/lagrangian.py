@@ -1,4 +1,4 @@
-"""The augmented Lagrangian of a problem (Nocedal & Wright, Numerical Optimization, section 17.3)."""
+"""The augmented Lagrangian of a program (Nocedal & Wright, Numerical Optimization, section 17.3)."""
 
 from typing import NamedTuple
 
@@ -6,25 +6,33 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .problem import Evaluation, Problem
+from .problem import Evaluation
+from .program import AbstractProgram
 
 
 class Multipliers(NamedTuple):
-    """λ ≥ 0 for each place, the penalty ρ, and by how much each constraint is to be overfulfilled."""
+    """λ for each place, ≥ 0 for an inequality, the penalty ρ, and by how much each is to be overfulfilled."""
 
     value: Float[Array | np.ndarray, "*batch places"]
     penalty: Float[Array | np.ndarray, "*batch"]
     margin: Float[Array | np.ndarray, "*batch places"]
 
 
-def augmented_lagrangian(problem: Problem, at: Evaluation, multipliers: Multipliers) -> Float[Array, ""]:
-    """f + Σ w ( max(0, λ + ρ c)² − λ² ) / 2ρ, c = violation + margin, w the share of a place in its constraint."""
-    objective = jnp.sum(jnp.asarray(problem.weights, dtype=at.terms.dtype) * at.terms)
-    pushed = pushed_by(at, multipliers)
-    shares = jnp.asarray(problem.shares, dtype=at.terms.dtype)
+def augmented_lagrangian(program: AbstractProgram, at: Evaluation, multipliers: Multipliers) -> Float[Array, ""]:
+    """f + Σ w (p² − λ²) / 2ρ, where p is the next λ and w the share of a place in its constraint."""
+    objective = jnp.sum(jnp.asarray(program.weights, dtype=at.terms.dtype) * at.terms)
+    pushed = pushed_by(program, at, multipliers)
+    shares = jnp.asarray(program.places.shares, dtype=at.terms.dtype)
     return objective + jnp.sum(shares * (pushed**2 - multipliers.value**2)) / (2 * multipliers.penalty)
 
 
-def pushed_by(at: Evaluation, multipliers: Multipliers) -> Float[Array, " places"]:
-    """max(0, λ + ρ c): the next λ."""
-    return jnp.maximum(0.0, multipliers.value + multipliers.penalty * (at.violations + multipliers.margin))
+def pushed_by(program: AbstractProgram, at: Evaluation, multipliers: Multipliers) -> Float[Array, " places"]:
+    """λ + ρ c of an equality c = 0, and max(0, λ + ρ c) of an inequality c ≤ 0: the next λ; c = violation + margin."""
+    pushed = multipliers.value + multipliers.penalty * (at.violations + multipliers.margin)
+    return jnp.where(jnp.asarray(program.equal), pushed, jnp.maximum(0.0, pushed))
+
+
+def violated_by(program: AbstractProgram, at: Evaluation, multipliers: Multipliers) -> Float[Array, " places"]:
+    """|c| of an equality, and c of an inequality, margins included."""
+    violations = at.violations + multipliers.margin
+    return jnp.where(jnp.asarray(program.equal), jnp.abs(violations), violations)

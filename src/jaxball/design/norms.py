@@ -3,9 +3,12 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+# A square below this is rounding; a derivative there would have the direction of rounding errors.
+ROUNDING = 1e-30
+
 
 def norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
-    """|x| over the last axis; its derivative is 0 where it is 0."""
+    """|x| over the last axis, for |x| of order one; 0, with the derivative 0, where it is rounding."""
     squared = jnp.sum(x**2, axis=-1)
-    positive = squared > 0
+    positive = squared > ROUNDING
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)

@@ -7,15 +7,16 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from . import bfgs
+from . import bfgs, newton
 from .adam import Moments
+from .curvature import curved_at
 from .errors import DesignError
-from .lagrangian import Multipliers, augmented_lagrangian, pushed_by
-from .problem import Evaluation, Problem
+from .lagrangian import Multipliers, augmented_lagrangian, pushed_by, violated_by
+from .problem import Evaluation
+from .program import AbstractProgram
 from .settings import Settings
-from .starts import starting_points
 from .state import Progress, Worth
 
 Report = Callable[[Progress], None]
@@ -27,28 +28,39 @@ GROWTH = 4.0
 class Looked(NamedTuple):
     """The augmented Lagrangian of each start, its gradient, what it is made of, and the next multipliers.
 
-    ``violation`` is the largest of a start, margins included.
+    ``violated``: by how much each place is violated, margins included.
     """
 
     value: Float[np.ndarray, " starts"]
     gradient: Float[np.ndarray, "starts n"]
     at: Evaluation
     pushed: Float[np.ndarray, "starts places"]
-    violation: Float[np.ndarray, " starts"]
+    violated: Float[np.ndarray, "starts places"]
+
+    @property
+    def violation(self) -> Float[np.ndarray, " starts"]:
+        """The largest violation of each start; −∞ where there are no constraints."""
+        return np.max(self.violated, axis=1, initial=-np.inf)
+
+    @property
+    def worst(self) -> Int[np.ndarray, " starts"]:
+        """The place where it is; −1 where there are no constraints."""
+        starts, places = self.violated.shape
+        return np.argmax(self.violated, axis=1) if places else np.full(starts, -1)
 
 
 class Optimiser:
-    """Solves a problem step by step; each step takes a :class:`Progress` further."""
+    """Solves a program step by step; each step takes a :class:`Progress` further."""
 
-    def __init__(self, problem: Problem, settings: Settings):
-        self.problem, self.settings = problem, settings
+    def __init__(self, program: AbstractProgram, settings: Settings):
+        self.program, self.settings = program, settings
 
     def begin(self) -> Progress:
         """The starts.
 
         **Raises:** :class:`DesignError` when no start can be simulated.
         """
-        z = starting_points(self.problem.space, self.settings)
+        z = self.program.starts(self.settings)
         progress = Progress("adam", 0, z, list(Moments.none(z.shape)), z[0])
         leader = self._offer(progress, z, self.look(z, self.penalised(len(z))))
         if not np.isfinite(leader.objective):
@@ -79,13 +91,12 @@ class Optimiser:
         return progress
 
     def look(self, z: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Looked:
-        """The augmented Lagrangian and its gradient at any number of designs, ``lanes`` at a time."""
-        function, parts = looked_at(self.problem), []
-        for first in range(0, len(z), self.lanes):
-            rows = np.minimum(np.arange(first, first + self.lanes), len(z) - 1)
-            arguments = jax.tree.map(lambda x, rows=rows: jnp.asarray(x[rows]), (z, multipliers))
-            parts.append(jax.tree.map(np.asarray, function(*arguments)))
-        return Looked(*jax.tree.map(lambda *x: np.concatenate(x)[: len(z)], *parts))
+        """The augmented Lagrangian and its gradient at any number of designs."""
+        return Looked(*self._in_lanes(looked_at(self.program), z, multipliers))
+
+    def curved(self, z: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Any:
+        """The augmented Lagrangian, its gradient and its Gauss–Newton Hessian at any number of designs."""
+        return self._in_lanes(curved_at(self.program), z, multipliers)
 
     @property
     def lanes(self) -> int:
@@ -94,8 +105,17 @@ class Optimiser:
 
     def penalised(self, count: int) -> Multipliers:
         """No multipliers, and the first penalty, for so many designs."""
-        nothing = np.zeros((count, self.problem.shares.size))
+        nothing = np.zeros((count, self.program.places.size))
         return Multipliers(nothing, np.full(count, self.settings.penalty), nothing)
+
+    def _in_lanes(self, function: Callable[..., Any], z: np.ndarray, multipliers: Multipliers) -> Any:
+        """What a compiled function finds of any number of designs, ``lanes`` at a time."""
+        parts = []
+        for first in range(0, len(z), self.lanes):
+            rows = np.minimum(np.arange(first, first + self.lanes), len(z) - 1)
+            arguments = jax.tree.map(lambda x, rows=rows: jnp.asarray(x[rows]), (z, multipliers))
+            parts.append(jax.tree.map(np.asarray, function(*arguments)))
+        return jax.tree.map(lambda *x: np.concatenate(x)[: len(z)], *parts)
 
     def _descend(self, progress: Progress) -> Progress:
         z, before = progress.z, progress.z
@@ -130,12 +150,7 @@ class Optimiser:
     def _polish(self, progress: Progress) -> Progress:
         settings = self.settings
         multipliers, before = Multipliers(*progress.arrays[:3]), progress.arrays[3]
-
-        def function(z):
-            looked = self.look(z, multipliers)
-            return np.where(np.isfinite(looked.value), looked.value, np.inf), looked.gradient
-
-        found = bfgs.minimise(function, progress.z, settings.evaluations, settings.stationary)
+        found = self._minimised(progress.z, multipliers)
         looked = self.look(found.z, multipliers)
         leader = self._offer(progress, found.z, looked)
         violation = looked.violation
@@ -150,6 +165,19 @@ class Optimiser:
             progress.phase = "done"
         return progress
 
+    def _minimised(self, z: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> bfgs.Point:
+        """Where the augmented Lagrangian is least."""
+        settings = self.settings
+        if settings.method == "gauss-newton":
+            curved = functools.partial(self.curved, multipliers=multipliers)
+            return newton.minimise(curved, z, settings.evaluations, settings.stationary)
+
+        def function(z):
+            looked = self.look(z, multipliers)
+            return np.where(np.isfinite(looked.value), looked.value, np.inf), looked.gradient
+
+        return bfgs.minimise(function, z, settings.evaluations, settings.stationary)
+
     def _solved(self, looked: Looked, progress: Progress) -> bool:
         """Whether the best design is stationary, and no start promises a better one."""
         worths, settings = self._worths(looked), self.settings
@@ -162,23 +190,22 @@ class Optimiser:
         return progress.offer(z, self._worths(looked), self.settings.tolerance)
 
     def _worths(self, looked: Looked) -> list[Worth]:
-        objective = looked.at.terms @ self.problem.weights
+        objective = looked.at.terms @ self.program.weights
         gradient = np.max(np.abs(looked.gradient), axis=1, initial=0.0)
-        rows = zip(objective, looked.violation, gradient, strict=True)
+        rows = zip(objective, looked.violation, gradient, looked.worst, strict=True)
         return [Worth(*map(float, row)) for row in rows]
 
 
 @functools.lru_cache(maxsize=8)
-def looked_at(problem: Problem) -> Callable[..., Any]:
-    """What :meth:`Optimiser.look` finds, compiled once for a problem and a number of starts."""
+def looked_at(program: AbstractProgram) -> Callable[..., Any]:
+    """What :meth:`Optimiser.look` finds, compiled once for a program and a number of starts."""
 
     def lagrangian(z: Float[Array, " n"], multipliers: Multipliers):
-        at = problem.evaluate(z)
-        return augmented_lagrangian(problem, at, multipliers), at
+        at = program.evaluate(z)
+        return augmented_lagrangian(program, at, multipliers), at
 
     def one(z: Float[Array, " n"], multipliers: Multipliers):
         (value, at), gradient = jax.value_and_grad(lagrangian, has_aux=True)(z, multipliers)
-        violation = jnp.max(at.violations + multipliers.margin, initial=-jnp.inf)
-        return value, gradient, at, pushed_by(at, multipliers), violation
+        return value, gradient, at, pushed_by(program, at, multipliers), violated_by(program, at, multipliers)
 
     return jax.jit(jax.vmap(one))

@@ -14,7 +14,8 @@ from jaxtyping import Array, Float, Int
 from ..scenario.solve import SOLVERS
 from .constraints import AbstractConstraint
 from .objectives import AbstractObjective
-from .perturbations import Perturbations, perturbed_system
+from .perturbations import Errors, Perturbations, perturbed_system
+from .places import Places
 from .run import RAIL_SAMPLES, Run, Solve, run_of
 from .space import Candidate, DesignSpace
 
@@ -55,24 +56,16 @@ class Problem:
         return np.asarray([float(objective.weight) for objective in self.objectives.values()])
 
     @functools.cached_property
-    def sizes(self) -> tuple[int, ...]:
-        """At how many places each constraint is evaluated, for one ball."""
+    def places(self) -> Places:
+        """Where the constraints are evaluated."""
         z = jax.ShapeDtypeStruct((self.space.size,), jnp.zeros(()).dtype)
-        return tuple(shape.size for shape in jax.eval_shape(lambda z: self._of(self.run(z))[1], z))
-
-    @functools.cached_property
-    def shares(self) -> Float[np.ndarray, " places"]:
-        """1 / the number of places of its constraint, for each place."""
-        return self.at_places([1 / (size * self.balls) for size in self.sizes])
+        shapes = jax.eval_shape(lambda z: self._of(self.run(z))[1], z)
+        return Places({name: shape.size for name, shape in zip(self.constraints, shapes, strict=True)}, self.balls)
 
     @property
     def balls(self) -> int:
         """How many balls are looked at."""
         return 1 if self.perturbations is None else self.perturbations.count
-
-    def at_places(self, values: Sequence[float]) -> Float[np.ndarray, " places"]:
-        """A value for each constraint, at all its places."""
-        return np.tile(np.repeat(np.asarray(values, dtype=float), self.sizes), self.balls)
 
     def solve(self, adjoint: diffrax.AbstractAdjoint | None = None) -> Solve:
         """How the scenario is solved."""
@@ -84,18 +77,16 @@ class Problem:
         """The run of a design."""
         return run_of(self.space.candidate(z), self.solve(adjoint), RAIL_SAMPLES)
 
-    def evaluate(self, z: Float[Array, " n"], adjoint: diffrax.AbstractAdjoint | None = None) -> Evaluation:
-        """All objectives and constraints of a design; JAX can trace it, differentiate it and vectorise it."""
-        solve = self.solve(adjoint)
-        return merged(self.of_each(self.space.candidate(z), lambda one: self.evaluate_run(run_of(one, solve))))
-
-    def of_each(self, candidate: Candidate, function: Callable[[Candidate], Any]) -> Any:
-        """What ``function`` finds of each ball, on a leading axis."""
+    def of_each(self, candidate: Candidate, function: Callable[..., Any], *others: Float[Array, "balls ..."]) -> Any:
+        """What ``function`` finds of each ball, and of its part of the others, on a leading axis."""
         if self.perturbations is None:
-            return jax.tree.map(lambda x: x[None], function(candidate))
-        errors = self.perturbations.errors(candidate.system)
+            return jax.tree.map(lambda x: x[None], function(candidate, *(x[0] for x in others)))
         system = candidate.system
-        return jax.vmap(lambda one: function(candidate._replace(system=perturbed_system(system, one))))(errors)
+
+        def one(errors: Errors, *others: Float[Array, "..."]) -> Any:
+            return function(candidate._replace(system=perturbed_system(system, errors)), *others)
+
+        return jax.vmap(one)(self.perturbations.errors(system), *others)
 
     def evaluate_run(self, run: Run) -> Evaluation:
         """All objectives and constraints of a run."""
@@ -106,14 +97,6 @@ class Problem:
             jnp.concatenate([jnp.ravel(value) for value in values]) if values else none,
             run.status,
         )
-
-    def by_constraint(self, violations: Float[np.ndarray, " places"]) -> dict[str, Float[np.ndarray, " k"]]:
-        """The violations of each constraint, by its name; of one ball, or of many."""
-        if not self.sizes:
-            return {}
-        rows = np.reshape(np.asarray(violations), (-1, sum(self.sizes)))
-        parts = np.split(rows, np.cumsum(self.sizes)[:-1], axis=1)
-        return {name: np.ravel(part) for name, part in zip(self.constraints, parts, strict=True)}
 
     def _of(self, run: Run) -> tuple[list[Any], list[Any]]:
         return [one(run) for one in self.objectives.values()], [one(run) for one in self.constraints.values()]

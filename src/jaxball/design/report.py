@@ -18,6 +18,7 @@ from ..scenario import ScenarioError
 from ..trajectory import Trajectory
 from .constraints import ClearOfObstacles
 from .objectives import AvoidObstacles, FollowCurve, FollowTrajectory, LargestDistance
+from .problem import worst
 from .run import Run
 from .search import SCENARIO, Design
 from .verify import as_built
@@ -53,10 +54,11 @@ def _verdict(design: Design) -> list[str]:
         if design.feasible
         else f"The constraints could not all be fulfilled: the largest violation is {seen.violation:.3g}"
     )
+    objective = seen.designed.terms @ design.problem.weights
     stationary = worth.gradient <= 10 * design.settings.stationary
     return [
         f"{ends}, to {design.settings.tolerance:g}, at the samples and at nine places between each two of them. The "
-        f"objective is {worth.objective:.6g}. The gradient of the Lagrangian is {worth.gradient:.1e}: the design is "
+        f"objective is {objective:.6g}. The gradient of the Lagrangian is {worth.gradient:.1e}: the design is "
         f"{'' if stationary else 'not '}stationary. `{SCENARIO}` is the scenario.",
     ]
 
@@ -79,15 +81,16 @@ def _objectives(design: Design) -> list[str]:
 def _constraints(design: Design) -> list[str]:
     if not design.problem.constraints:
         return ["There are no constraints but bounds."]
-    before = design.problem.by_constraint(np.asarray(design.before.violations))
-    shaken = [design.problem.by_constraint(np.asarray(row)) for row in design.perturbed.violations]
+    places = design.problem.places
+    before = places.by_constraint(np.asarray(design.before.violations))
+    shaken = [places.by_constraint(np.asarray(row)) for row in design.perturbed.violations]
     rows = [
         "| largest violation | before | after | verified, between samples too | perturbed, worst |",
         "|" + "---|" * 5,
     ]
     for name, (coarse, fine) in design.verified.violations.items():
-        worst = max(float(np.max(one[name])) for one in shaken)
-        rows.append(f"| {name} | {np.max(before[name]):.3e} | {coarse:.3e} | {fine:.3e} | {worst:.3e} |")
+        perturbed = worst([worst(one[name]) for one in shaken])
+        rows.append(f"| {name} | {worst(before[name]):.3e} | {coarse:.3e} | {fine:.3e} | {perturbed:.3e} |")
     return rows
 
 
@@ -143,7 +146,7 @@ def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any
         else plot.designed_path(_path(before), _path(after), *_wanted(design)),
         "rails": plot.configuration(after),
         "contact": plot.contact_force(after),
-        "convergence": plot.convergence(*history[:, 2:].T, polish=int(np.sum(history[:, 0] == 0))),
+        "convergence": plot.convergence(*history[:, 2:5].T, polish=int(np.sum(history[:, 0] == 0))),
     }
     if float(after.friction_needed) > SMALLEST_FRICTION:
         axes["friction"] = plot.friction_ratio(after)

@@ -14,6 +14,7 @@ from .check import GradientCheck, check_gradient, require_good
 from .optimise import Optimiser
 from .problem import Evaluation, Problem
 from .settings import Settings
+from .shooting import Shooting
 from .state import Progress, Worth, load_progress, save_progress
 from .verify import Verified, as_built, perturbed, verify
 
@@ -79,53 +80,56 @@ def design(
     progress of another problem.
     """
     settings = Settings() if settings is None else settings
-    optimiser = Optimiser(problem, settings)
+    program = Shooting(problem, settings.intervals)
+    optimiser = Optimiser(program, settings)
     check, progress = None, None
     if folder is not None and (folder / PROGRESS).exists():
         progress = load_progress(folder / PROGRESS, identity)
         say(f"going on from {progress.phase} {progress.step}, objective {progress.worth.objective:.6g}")
     else:
-        check = check_gradient(optimiser, problem.space.start)
+        check = check_gradient(optimiser, program.joined(problem.space.start[None])[0])
         say(f"gradient check\n{check}")
         require_good(check)
         progress = optimiser.begin()
 
     def report(progress: Progress) -> None:
         phase, step, *leader = progress.history[-1]
-        say(line(("adam", "polish")[int(phase)], int(step), Worth(*leader)))
+        worth = Worth(*leader)
+        say(line(("adam", "polish")[int(phase)], int(step), worth, program.places.name(int(worth.place))))
         if folder is not None:
-            keep(problem, progress, folder, identity)
+            keep(program, progress, folder, identity)
 
     for _ in range(TIGHTENINGS):
         progress = optimiser.run(progress, report)
-        verified = verify(problem, progress.best)
+        verified = verify(problem, program.design(progress.best))
         if not np.isfinite(verified.violation) or verified.violation <= settings.tolerance:
             break
-        excess = [MORE * max(0.0, fine) for _, fine in verified.violations.values()]
+        excess = {name: MORE * max(0.0, fine) for name, (_, fine) in verified.violations.items()}
         say(f"between the samples constraints are violated by {verified.violation:.2e}: tightened")
-        progress = optimiser.tighten(progress, problem.at_places(excess))
+        progress = optimiser.tighten(progress, program.places.spread(excess))
     else:
         progress = optimiser.run(progress, report)
-        verified = verify(problem, progress.best)
-    at = optimiser.look(problem.space.start[None], optimiser.penalised(1)).at
-    before = Evaluation(at.terms[0], at.violations[0], at.status[0])
-    numbers = np.asarray(problem.space.numbers(jnp.asarray(progress.best)))
-    shaken = perturbed(problem, progress.best, as_built(problem))
+        verified = verify(problem, program.design(progress.best))
+    before = verify(problem, problem.space.start).designed
+    z = program.design(progress.best)
+    numbers = np.asarray(problem.space.numbers(jnp.asarray(z)))
+    shaken = perturbed(problem, z, as_built(problem))
     return Design(problem, settings, numbers, check, progress, before, verified, shaken)
 
 
-def line(phase: str, step: int, worth: Worth) -> str:
-    """A line of progress."""
+def line(phase: str, step: int, worth: Worth, constraint: str) -> str:
+    """A line of progress; ``constraint`` is the one that is violated most."""
     return (
-        f"{phase:6} {step:4}  objective {worth.objective:12.6g}  violation {worth.violation:9.2e}  "
-        f"gradient {worth.gradient:8.1e}"
-    )
+        f"{phase:6} {step:4}  objective {worth.objective:12.6g}  gradient {worth.gradient:8.1e}  "
+        f"violation {worth.violation:9.2e} {constraint}"
+    ).rstrip()
 
 
-def keep(problem: Problem, progress: Progress, folder: Path, identity: str) -> None:
+def keep(program: Shooting, progress: Progress, folder: Path, identity: str) -> None:
     """Writes the progress and the best design so far."""
     folder.mkdir(parents=True, exist_ok=True)
     save_progress(progress, folder / PROGRESS, identity)
-    numbers = np.asarray(problem.space.numbers(jnp.asarray(progress.best)))
+    space = program.problem.space
+    numbers = np.asarray(space.numbers(jnp.asarray(program.design(progress.best))))
     with replacing(folder / SCENARIO) as beside:
-        beside.write_text(tomli_w.dumps(problem.space.document_of(numbers)), encoding="utf-8")
+        beside.write_text(tomli_w.dumps(space.document_of(numbers)), encoding="utf-8")

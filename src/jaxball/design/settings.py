@@ -2,6 +2,10 @@
 
 import dataclasses
 
+from .errors import DesignError
+
+METHODS = ("bfgs", "gauss-newton")
+
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
@@ -17,6 +21,10 @@ class Settings:
     - ``tolerance``: the largest violation of a design that counts as feasible, in radii, weights and the like.
     - ``stationary``: the largest entry of the gradient of the Lagrangian with which a polish ends.
     - ``seed``: of the random starts.
+    - ``method``: of the polish, ``bfgs`` or ``gauss-newton``.
+    - ``intervals``: in how many pieces a run is simulated, whose joints are unknowns of the search (multiple shooting).
+
+    **Raises:** :class:`DesignError` for a method that is none of these.
     """
 
     starts: int = 8
@@ -30,3 +38,9 @@ class Settings:
     tolerance: float = 1e-4
     stationary: float = 1e-4
     seed: int = 0
+    method: str = "bfgs"
+    intervals: int = 1
+
+    def __post_init__(self):
+        if self.method not in METHODS:
+            raise DesignError(f"Argument `method` must be one of {', '.join(METHODS)}, but it is {self.method!r}.")

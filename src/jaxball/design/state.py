@@ -12,11 +12,15 @@ from .errors import DesignError
 
 
 class Worth(NamedTuple):
-    """What a design was found to be worth: its objective, largest violation, and gradient of the Lagrangian."""
+    """What a design was found to be worth: its objective, largest violation, and gradient of the Lagrangian.
+
+    - ``place``: where the violation is largest; −1 where there are no constraints.
+    """
 
     objective: float = np.inf
     violation: float = np.inf
     gradient: float = np.inf
+    place: float = -1.0
 
     def better_than(self, other: "Worth", tolerance: float) -> bool:
         """Feasible designs by their objective, and others by their violation."""
@@ -31,7 +35,7 @@ class Progress:
     """The state of an optimisation between two of its steps.
 
     - ``phase``: ``adam``, ``polish`` or ``done``; ``step`` counts within it.
-    - ``z``: the designs that are improved side by side.
+    - ``z``: the unknowns of the designs that are improved side by side.
     - ``arrays``: what else the phase needs: moments of Adam, or multipliers.
     - ``best``, ``worth``: the best design so far.
     - ``history``: for each report, the phase (0 or 1), the step, and the worth of the best of ``z`` then.
@@ -68,7 +72,7 @@ def save_progress(progress: Progress, path: Path, identity: str) -> None:
             z=progress.z,
             best=progress.best,
             worth=np.asarray(progress.worth),
-            history=np.asarray(progress.history, dtype=float).reshape(-1, 5),
+            history=np.asarray(progress.history, dtype=float).reshape(-1, 6),
             **arrays,
         )
 

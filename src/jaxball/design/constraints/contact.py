@@ -27,7 +27,7 @@ class Friction(AbstractConstraint):
 
     def __call__(self, run: Run):
         seen = run.observables
-        return (norm(seen.friction) - self.mu * seen.normal_force) / run.weight
+        return norm(seen.friction / run.weight) - self.mu * seen.normal_force / run.weight
 
 
 class ClearOfObstacles(AbstractConstraint):

@@ -6,14 +6,12 @@ from jaxtyping import Array, Bool, Float
 
 from ..._arrays import to_array
 from ..curves import AbstractCurve
-from ..norms import norm
+from ..norms import ROUNDING, norm
 from ..run import Run
 from .base import AbstractObjective, AbstractRunningObjective
 
 # The least speed with which a stretch of the path counts, in mean speeds along the curve: a ball at rest has no path.
 SLOWEST = 1e-3
-# A squared distance below this is rounding; the root of 0 has no derivative.
-ROUNDING = 1e-30
 
 
 class FollowTrajectory(AbstractRunningObjective):

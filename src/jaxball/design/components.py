@@ -1,0 +1,39 @@
+"""States as vectors of numbers of order one."""
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Float
+
+from ..body import System
+from ..dae import projected
+from ..state import BallState, DiskState
+from .scales import default_scale
+
+
+class Components:
+    """The components of states of the kind of ``state``, each over its scale: a versor's four among them."""
+
+    def __init__(self, system: System, state: BallState | DiskState):
+        fields = {field.name: np.size(getattr(state, field.name)) for field in dataclasses.fields(state)}
+        self.scale = np.concatenate(
+            [np.full(size, default_scale(f"initial.{name}", 1.0, system)) for name, size in fields.items()]
+        )
+        self._unravel = ravel_pytree(state)[1]
+
+    @property
+    def size(self) -> int:
+        """How many there are."""
+        return self.scale.size
+
+    def pack(self, state: Any) -> Float[Array, " components"]:
+        """The components of a state."""
+        found = ravel_pytree(state)[0]
+        return found / jnp.asarray(self.scale, dtype=found.dtype)
+
+    def unpack(self, components: Float[Array, " components"]) -> Any:
+        """The state of the components, its versor normalised."""
+        return projected(self._unravel(components * jnp.asarray(self.scale, dtype=components.dtype)))

@@ -1,0 +1,59 @@
+"""Newton's method from many starts side by side, damped after Levenberg and Marquardt.
+
+Of a Hessian that is not positive definite the absolute values of the eigenvalues are taken, so that every step goes
+down (Nocedal & Wright, Numerical Optimization, section 3.4).
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from .bfgs import Point
+
+DAMPING, LESS, MORE = 1e-3, 0.2, 4.0
+ENOUGH, GOOD = 1e-4, 0.5
+# A step that promises less than this share of the function changes nothing but rounding.
+ROUNDING = 1e-14
+
+Curved = Callable[
+    [Float[np.ndarray, "starts n"]],
+    tuple[Float[np.ndarray, " starts"], Float[np.ndarray, "starts n"], Float[np.ndarray, "starts n n"]],
+]
+
+
+def minimise(function: Curved, z: Float[np.ndarray, "starts n"], evaluations: int, stationary: float) -> Point:
+    """A point of each start from which Newton's method went no further, within so many evaluations.
+
+    ``function`` gives its values, gradients, and Hessians or what stands for them. It ends where no entry of the
+    gradient is larger than ``stationary``. A trial at which the function is not finite counts as too far.
+    """
+    at, H = _looked(function, z)
+    damping, done = np.full(len(z), DAMPING), np.zeros(len(z), dtype=bool)
+    for _ in range(evaluations):
+        done |= (np.max(np.abs(at.gradient), axis=1) <= stationary) | ~np.isfinite(at.value)
+        step, promised = _step(at, H, damping)
+        done |= promised <= ROUNDING * np.abs(at.value)
+        if np.all(done):
+            break
+        there, H_there = _looked(function, at.z + np.where(done[:, None], 0.0, step))
+        gain = (at.value - there.value) / np.where(promised > 0, promised, 1.0)
+        taken = ~done & (gain >= ENOUGH) & np.all(np.isfinite(there.gradient), axis=1)
+        damping = np.where(taken, np.where(gain >= GOOD, LESS, 1.0), MORE) * damping
+        at, H = there.where(taken, at), np.where(taken[:, None, None], H_there, H)
+    return at
+
+
+def _looked(function: Curved, z: np.ndarray) -> tuple[Point, np.ndarray]:
+    value, gradient, H = function(z)
+    return Point(z, value, gradient), H
+
+
+def _step(at: Point, H: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The step, with each eigenvalue raised by this share of the largest, and by how much it promises to go down."""
+    known = np.isfinite(at.value) & np.all(np.isfinite(H), axis=(1, 2))
+    values, vectors = np.linalg.eigh(np.where(known[:, None, None], H, np.eye(H.shape[1])))
+    size = np.abs(values)
+    along = np.einsum("sij,si->sj", vectors, np.where(np.isfinite(at.gradient), at.gradient, 0.0))
+    moved = along / np.maximum(size + damping[:, None] * np.max(size, axis=1, keepdims=True), 1e-300)
+    return -np.einsum("sij,sj->si", vectors, moved), np.sum(moved * (along - size * moved / 2), axis=1)

@@ -1,0 +1,148 @@
+"""Multiple shooting: a run cut in pieces that are simulated side by side, and that are to join in the end.
+
+The states at which the pieces start are unknowns beside the design, and equality constraints say that each piece ends
+where the next one starts (Bock & Plitt, A multiple shooting algorithm for direct solution of optimal control problems,
+IFAC Proc. 17 (1984) 1603). An error at the start of a run grows over a piece only, and not over the whole run. Single
+shooting is the case of one piece, without such unknowns.
+"""
+
+import dataclasses
+import functools
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..state import BallState, DiskState
+from .components import Components
+from .errors import DesignError
+from .places import Places
+from .problem import Evaluation, Problem, merged
+from .program import AbstractProgram
+from .run import Run, Solve, run_of
+from .space import Candidate
+from .starts import starting_points
+
+CONTINUITY = "continuity"
+
+
+@dataclasses.dataclass(frozen=True)
+class Shooting(AbstractProgram):
+    """A problem whose runs are simulated in ``intervals`` pieces of equally many samples.
+
+    The unknowns are the variables z of the design and, ball by ball, the components of the state at each joint, where
+    a piece after the first starts. Continuity is the last constraint.
+
+    **Raises:** :class:`DesignError` where the steps between save times cannot be shared out so.
+    """
+
+    problem: Problem
+    intervals: int = 1
+
+    def __post_init__(self):
+        if self.intervals < 1 or self._steps % self.intervals:
+            raise DesignError(
+                f"Key `search.intervals` must divide the number of steps between save times, {self._steps}, but it is "
+                f"{self.intervals}; choose another, or another number of save times."
+            )
+
+    @property
+    def weights(self):
+        return self.problem.weights
+
+    @property
+    def places(self):
+        found = self.problem.places
+        return Places({**found.sizes, CONTINUITY: self.joints * self.components.size}, found.balls)
+
+    @property
+    def equal(self):
+        return self.places.spread({CONTINUITY: 1.0}) > 0
+
+    @property
+    def names(self):
+        states = np.repeat(np.arange(1, self.intervals), self.components.size)
+        return (*self.problem.space.names, *(f"the state at joint {k}" for k in np.tile(states, self.problem.balls)))
+
+    @property
+    def joints(self) -> int:
+        """How many joints there are between the pieces."""
+        return self.intervals - 1
+
+    @functools.cached_property
+    def components(self) -> Components:
+        """Those of the states."""
+        scenario = self.problem.space.scenario
+        return Components(scenario.system, scenario.state)
+
+    def starts(self, settings):
+        return self.joined(starting_points(self.problem.space, settings))
+
+    def joined(self, z: Float[np.ndarray, "starts n"]) -> Float[np.ndarray, "starts unknowns"]:
+        """The unknowns of designs whose pieces join: z and the states of its run.
+
+        Where a run failed before a joint, it is the last state that it came to.
+        """
+        if not self.joints:
+            return z
+        problem, pack = self.problem, jax.vmap(self.components.pack)
+
+        def states(z: Float[Array, " n"]) -> Float[Array, "balls t components"]:
+            solve = problem.solve()
+            return problem.of_each(problem.space.candidate(z), lambda one: pack(run_of(one, solve).state))
+
+        found = np.asarray(jax.jit(jax.vmap(states))(jnp.asarray(z)))
+        finite = np.all(np.isfinite(found), axis=-1)
+        last = np.max(np.where(finite, np.arange(self._steps + 1), 0), axis=-1)
+        rows = np.minimum(self._rows[1:, 0], last[..., None])
+        return np.concatenate([z, np.reshape(np.take_along_axis(found, rows[..., None], axis=2), (len(z), -1))], axis=1)
+
+    def design(self, y: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " n"]:
+        """The variables z of the design among the unknowns."""
+        return y[: self.problem.space.size]
+
+    def numbers(self, y):
+        n = self.problem.space.size
+        return jnp.concatenate([self.problem.space.numbers(y[:n]), y[n:]])
+
+    def simulate(self, numbers, adjoint=None):
+        problem, solve, n = self.problem, self.problem.solve(adjoint), self.problem.space.size
+        states = jnp.reshape(numbers[n:], (problem.balls, self.joints, self.components.size))
+        candidate = problem.space.candidate_of(numbers[:n])
+        return problem.of_each(candidate, lambda one, states: self.in_pieces(one, states, solve), states)
+
+    def assess(self, runs):
+        def of_ball(run: Run, defects: Float[Array, "joints components"]) -> Evaluation:
+            at = self.problem.evaluate_run(run)
+            return at._replace(violations=jnp.concatenate([at.violations, jnp.ravel(defects)]))
+
+        return merged(jax.vmap(of_ball)(*runs))
+
+    def in_pieces(
+        self, candidate: Candidate, states: Float[Array, "joints components"], solve: Solve
+    ) -> tuple[Run, Float[Array, "joints components"]]:
+        """The run in pieces that start from ``states``, and by how much each misses the start of the next."""
+
+        def piece(times: Float[Array, " t"], state: BallState | DiskState) -> tuple[Any, Int[Array, ""]]:
+            run = run_of(candidate._replace(times=times, state=state), solve)
+            return run.state, run.status
+
+        later = jax.vmap(self.components.unpack)(states)
+        begin = jax.tree.map(lambda x, others: jnp.concatenate([x[None], others]), candidate.state, later)
+        found, status = jax.vmap(piece)(candidate.times[self._rows], begin)
+        whole = jax.tree.map(lambda x: jnp.concatenate([*x[:, :-1], x[-1, -1:]]), found)
+        ends = jax.tree.map(lambda x: x[:-1, -1], found)
+        pack = jax.vmap(self.components.pack)
+        return Run(candidate.system, candidate.times, whole, jnp.max(status)), pack(ends) - pack(later)
+
+    @property
+    def _steps(self) -> int:
+        return self.problem.space.scenario.times.size - 1
+
+    @property
+    def _rows(self) -> np.ndarray:
+        """The samples of each piece; its last is the first of the next."""
+        each = self._steps // self.intervals
+        return np.arange(self.intervals)[:, None] * each + np.arange(each + 1)[None]
