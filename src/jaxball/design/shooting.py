@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ..body import Ball, Disk
 from ..state import BallState, DiskState
 from .components import Components
 from .errors import DesignError
@@ -74,8 +75,10 @@ class Shooting(AbstractProgram):
     @functools.cached_property
     def components(self) -> Components:
         """Those of the states."""
-        scenario = self.problem.space.scenario
-        return Components(scenario.system, scenario.state)
+        system, state = self.problem.space.scenario.system, self.problem.space.scenario.state
+        assert isinstance(system, Ball | Disk)
+        assert isinstance(state, BallState | DiskState)
+        return Components(system, state)
 
     def starts(self, settings):
         return self.joined(starting_points(self.problem.space, settings))
