@@ -14,12 +14,12 @@ import jaxball
 from jaxball.dynamics import driven_angles
 from tests.support import direct_sum
 from tests.support.systems import (
-    BALLS,
     COUNT,
+    KINDS,
     all_masses,
+    every_motion,
     random_cases,
     random_disks,
-    scheduled_ball,
     stacked,
     static_ball,
 )
@@ -44,7 +44,7 @@ def sums_and_rates(system, t, state):
     return masses, Fe, jaxball.vector_field(system, t, state)
 
 
-@pytest.fixture(scope="module", params=sorted(BALLS))
+@pytest.fixture(scope="module", params=KINDS)
 def balls(request):
     system, t, state = random_cases(request.param)
     masses, Fe, rates = sums_and_rates(system, t, state)
@@ -213,7 +213,7 @@ def test_newtons_laws_give_the_disk_with_one_mass():
 def test_masses_of_every_kind_keep_their_order():
     """Grouping by structure must not shuffle what is asked for mass by mass."""
     rng = np.random.default_rng(5)
-    ball = scheduled_ball(rng)
+    ball = every_motion(rng)
     mixed = jaxball.Ball(
         mass=ball.mass,
         inertia=ball.inertia,

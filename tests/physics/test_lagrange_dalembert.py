@@ -59,7 +59,7 @@ def variations(ball, t, state):
     return found / scale[:, None]
 
 
-@pytest.mark.parametrize("kind", ["scheduled", "static"])
+@pytest.mark.parametrize("kind", ["scheduled", "static", pytest.param("every motion", marks=pytest.mark.slow)])
 def test_the_variation_vanishes_on_the_solution_and_only_there(kind):
     """A few hundred roundings of terms no larger than ``scale``: 1e-12."""
     at_solution, beside_it = np.moveaxis(variations(*random_cases(kind, seed=11)), 1, 0)

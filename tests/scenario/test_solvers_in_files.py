@@ -38,7 +38,12 @@ def error(name, columns):
 
 @pytest.mark.parametrize(
     ("solver", "tolerance", "bound"),
-    [("radau5", 1e-9, 1e-10), ("gauss16", 1e-9, 3e-12), ("trapezoidal", 1e-6, 3e-3), ("tr-bdf2", 1e-6, 2e-3)],
+    [
+        ("gauss16", 1e-9, 3e-12),
+        ("tr-bdf2", 1e-6, 2e-3),
+        pytest.param("radau5", 1e-9, 1e-10, marks=pytest.mark.slow),
+        pytest.param("trapezoidal", 1e-6, 3e-3, marks=pytest.mark.slow),
+    ],
 )
 def test_disk(solver, tolerance, bound):
     state = run("disk", f'solver = "{solver}"', tolerance)
@@ -50,6 +55,7 @@ def test_ball_in_differential_algebraic_form():
     assert error("ball", [state.q, state.Omega, state.z]) < 2e-8
 
 
+@pytest.mark.slow
 def test_ball_with_projection():
     """Without it, |q| is off by some 1e-11."""
     state = run("ball", 'solver = "radau13"\nproject = true', 1e-9)
