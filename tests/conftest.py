@@ -26,7 +26,7 @@ hypothesis.settings.load_profile("compiled")
 gc.freeze()
 gc.set_threshold(50_000, 50, 50)
 
-MAPPINGS, MOST_MAPPINGS = Path("/proc/self/maps"), 30_000
+MAPPINGS, MOST_MAPPINGS = Path("/proc/self/maps"), 42_000
 SECONDS = np.linspace(0.0, 20.0, 21)
 
 

@@ -39,13 +39,10 @@ PUBLISHED = {
     ),
     "orego": ((0.1000814870318523e1, 0.1228178521549917e4, 0.1320554942846706e3), 2e-13),
 }
-# In many digits; the other form of van der Pol and the Oregonator take longer.
+# In many digits, which takes long for all but one.
 COLLOCATED = [
     "robertson",
-    "van-der-pol-scaled",
-    "hires",
-    pytest.param("van-der-pol", marks=pytest.mark.slow),
-    pytest.param("orego", marks=pytest.mark.slow),
+    *(pytest.param(name, marks=pytest.mark.slow) for name in ("van-der-pol-scaled", "hires", "van-der-pol", "orego")),
 ]
 PAPER = ("disk", "ball")
 DAES = [name for name, problem in ALL.items() if problem.constraint is not None]

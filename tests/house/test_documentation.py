@@ -13,11 +13,16 @@ from sybil.parsers.markdown import PythonCodeBlockParser
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
+# Whose programs run longer than they compile, and are compiled as users do.
+LONG_RUNS = ("chaos-and-stability.md", "sweeps.md")
 
 
 @pytest.fixture
-def optimised():
-    """Programs as users compile them; the other tests switch most of the compiler's optimisations off."""
+def optimised(document):
+    """The other tests switch most of the compiler's optimisations off."""
+    if document.name not in LONG_RUNS:
+        yield
+        return
     before = jax.config.read("jax_disable_most_optimizations")
     jax.config.update("jax_disable_most_optimizations", False)
     yield

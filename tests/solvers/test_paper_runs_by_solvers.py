@@ -32,7 +32,7 @@ def long(*case):
 COLLOCATION = [
     long("ball", "radau 3", False, 10.0),
     long("ball", "radau 5", False, 20.0),
-    ("ball", "radau 7", False, 60.0),
+    long("ball", "radau 7", False, 60.0),
     ("ball", "gauss 8", False, 0.2),
     long("ball", "radau 3", True, 10.0),
     long("ball", "radau 5", True, 60.0),
@@ -40,7 +40,7 @@ COLLOCATION = [
     long("disk", "radau 3", False, 0.2),
     long("disk", "radau 5", False, 3.0),
     long("disk", "radau 7", False, 1.0),
-    ("disk", "gauss 8", False, 0.05),
+    long("disk", "gauss 8", False, 0.05),
 ]
 # The same over the tolerance to the power 2/3, for methods of order 2.
 SECOND_ORDER = [
