@@ -2,7 +2,9 @@
 
 import argparse
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from ..results import OutputError
 from .options import INTERRUPTED
@@ -25,11 +27,9 @@ def add(commands) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     # Imported here, because the other commands have no use for it.
-    from ..design.files import load_problem
-    from ..design.report import write_report
-    from ..design.search import PROGRESS, SCENARIO, design
+    from ..design.control.files import load_control
 
-    found = load_problem(options.problem)
+    control = load_control(options.problem)
     if options.out.exists() and not options.out.is_dir():
         raise OutputError(f'Argument `--out` must be a folder, but "{options.out}" is a file.')
 
@@ -37,6 +37,30 @@ def _run(options: argparse.Namespace) -> int:
         if not options.quiet:
             print(line, file=sys.stderr, flush=True)
 
+    return _search(options, say) if control is None else _control(options, control, say)
+
+
+def _control(options: argparse.Namespace, found: Any, say: Callable[[str], None]) -> int:
+    from ..design.control.report import SCENARIO, write_report
+    from ..design.control.solve import controlled
+
+    done = controlled(found, say)
+    report = write_report(done, found.title, found.saves, options.out)
+    if found.title:
+        print(found.title)
+    for name, value in done.branch[-1].means.items():
+        print(f"  {name}: {value:.6g}")
+    print(f"  written: {report}, {options.out / SCENARIO}")
+    return 0 if done.good else UNMET
+
+
+def _search(options: argparse.Namespace, say: Callable[[str], None]) -> int:
+    from ..design.files import load_problem
+    from ..design.remarks import remarks
+    from ..design.report import write_report
+    from ..design.search import PROGRESS, SCENARIO, design
+
+    found = load_problem(options.problem)
     try:
         done = design(found.problem, found.settings, options.out, identity=found.identity, say=say)
     except KeyboardInterrupt:
@@ -53,6 +77,6 @@ def _run(options: argparse.Namespace) -> int:
         print(f"  {name}: {value:.6g}")
     print(f"  largest violation between samples: {done.verified.violation:.3g}")
     print(f"  written: {report}, {options.out / SCENARIO}")
-    if not done.feasible:
-        print("jaxball: The constraints could not all be fulfilled; the report says which.", file=sys.stderr)
+    for remark in remarks(done):
+        print(f"jaxball: {remark}", file=sys.stderr)
     return 0 if done.feasible else UNMET

@@ -9,6 +9,9 @@ from jaxtyping import Array, Float
 from .problem import Evaluation
 from .program import AbstractProgram
 
+# An equality is to hold so many times more exactly, because what is left of it at a joint grows along the run.
+STRICTER = 1e3
+
 
 class Multipliers(NamedTuple):
     """λ for each place, ≥ 0 for an inequality, the penalty ρ, and by how much each is to be overfulfilled."""
@@ -33,6 +36,6 @@ def pushed_by(program: AbstractProgram, at: Evaluation, multipliers: Multipliers
 
 
 def violated_by(program: AbstractProgram, at: Evaluation, multipliers: Multipliers) -> Float[Array, " places"]:
-    """|c| of an equality, and c of an inequality, margins included."""
+    """By how much c is violated, margins included: c of an inequality, and a thousand times |c| of an equality."""
     violations = at.violations + multipliers.margin
-    return jnp.where(jnp.asarray(program.equal), jnp.abs(violations), violations)
+    return jnp.where(jnp.asarray(program.equal), STRICTER * jnp.abs(violations), violations)

@@ -19,6 +19,7 @@ from ..trajectory import Trajectory
 from .constraints import ClearOfObstacles
 from .objectives import AvoidObstacles, FollowCurve, FollowTrajectory, LargestDistance
 from .problem import worst
+from .remarks import remarks
 from .run import Run
 from .search import SCENARIO, Design
 from .verify import as_built
@@ -34,7 +35,8 @@ def write_report(design: Design, title: str, folder: Path) -> Path:
     document, space = design.document, design.problem.space
     with replacing(folder / SCENARIO) as beside:
         beside.write_text(tomli_w.dumps(document), encoding="utf-8")
-    lines = [f"# {title or 'A design'}", "", *_verdict(design), "", *_objectives(design), "", *_constraints(design), ""]
+    lines = [f"# {title or 'A design'}", "", *_verdict(design), "", *_remarks(design)]
+    lines += [*_objectives(design), "", *_constraints(design), ""]
     lines += [*_variables(design), "", *_checks(design), ""]
     try:
         before = _simulated(design, np.asarray(space.numbers(jnp.asarray(space.start))))
@@ -49,11 +51,7 @@ def write_report(design: Design, title: str, folder: Path) -> Path:
 
 def _verdict(design: Design) -> list[str]:
     worth, seen = design.worth, design.verified
-    ends = (
-        "All constraints hold"
-        if design.feasible
-        else f"The constraints could not all be fulfilled: the largest violation is {seen.violation:.3g}"
-    )
+    ends = "All constraints hold" if design.feasible else f"The largest violation is {seen.violation:.3g}; not all hold"
     objective = seen.designed.terms @ design.problem.weights
     stationary = worth.gradient <= 10 * design.settings.stationary
     return [
@@ -61,6 +59,10 @@ def _verdict(design: Design) -> list[str]:
         f"objective is {objective:.6g}. The gradient of the Lagrangian is {worth.gradient:.1e}: the design is "
         f"{'' if stationary else 'not '}stationary. `{SCENARIO}` is the scenario.",
     ]
+
+
+def _remarks(design: Design) -> list[str]:
+    return [line for remark in remarks(design) for line in (remark, "")]
 
 
 def _objectives(design: Design) -> list[str]:

@@ -18,7 +18,8 @@ class Settings:
     - ``rounds``, ``evaluations``: of BFGS within an augmented Lagrangian, at most so many updates of the multipliers,
       and evaluations between two.
     - ``penalty``: the first penalty; it grows fourfold where a round does not bring the violation down to a quarter.
-    - ``tolerance``: the largest violation of a design that counts as feasible, in radii, weights and the like.
+    - ``tolerance``: the largest violation of a design that counts as feasible, in radii, weights and the like; joints
+      of pieces are held a thousand times better.
     - ``stationary``: the largest entry of the gradient of the Lagrangian with which a polish ends.
     - ``seed``: of the random starts.
     - ``method``: of the polish, ``bfgs`` or ``gauss-newton``.

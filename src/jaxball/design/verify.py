@@ -11,6 +11,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ..scenario.solve import SOLVERS
+from .constraints import NormalForce
+from .objectives import FollowCurve, FollowTrajectory, ReachPlace
 from .perturbations import Perturbations
 from .problem import Evaluation, Problem, merged, worst
 from .run import RAIL_SAMPLES, Run, Solve, run_of
@@ -18,6 +20,7 @@ from .space import Candidate
 
 FINER = 10
 TIGHTER, TIGHTEST = 1e-2, 1e-13
+TARGETS = (FollowCurve, FollowTrajectory, ReachPlace)
 EXPLICIT = ("dopri5", "dopri8", "tsit5")
 AS_BUILT = Perturbations(16, 0.01, 0.01)
 # A robust design is looked at on so many balls that it has not seen.
@@ -29,7 +32,10 @@ class Verified(NamedTuple):
 
     - ``designed``: as the search saw it; ``finer``: by the other solver, between the samples as well.
     - ``solver``, ``rtol``: of the latter.
+    - ``violations``: the largest one of each constraint, at the samples and between them as well.
     - ``apart``: the largest distance between the two paths at the save times, in radii.
+    - ``margin``: the least normal force, over M g, between the samples as well.
+    - ``missed``: how far each target is missed, in radii, of objectives that have one.
     """
 
     designed: Evaluation
@@ -38,6 +44,8 @@ class Verified(NamedTuple):
     solver: str
     rtol: float
     apart: float
+    margin: float
+    missed: dict[str, float]
 
     @property
     def violation(self) -> float:
@@ -48,9 +56,20 @@ class Verified(NamedTuple):
 def verify(problem: Problem, z: Float[np.ndarray, " n"]) -> Verified:
     """The design ``z`` evaluated with a solver of another family and on samples ten times as fine."""
     other, solver = _other_solve(problem)
-    designed, finer, apart, *worsts = jax.tree.map(np.asarray, _compared(problem)(jnp.asarray(z)))
-    violations = {name: (float(worsts[0][name]), float(worsts[1][name])) for name in problem.constraints}
-    return Verified(designed, finer, violations, solver, other.rtol, float(apart))
+    designed, finer, most = jax.tree.map(np.asarray, _compared(problem)(jnp.asarray(z)))
+    violations = {name: (float(most.coarse[name]), float(most.fine[name])) for name in problem.constraints}
+    missed = {name: float(by) for name, by in most.missed.items()}
+    return Verified(designed, finer, violations, solver, other.rtol, float(most.apart), -float(most.lift), missed)
+
+
+class _Most(NamedTuple):
+    """What is largest over all balls: distances, violations, and minus the normal force."""
+
+    apart: Float[jax.Array, "*balls"]
+    coarse: dict[str, Float[jax.Array, "*balls"]]
+    fine: dict[str, Float[jax.Array, "*balls"]]
+    lift: Float[jax.Array, "*balls"]
+    missed: dict[str, Float[jax.Array, "*balls"]]
 
 
 def _other_solve(problem: Problem) -> tuple[Solve, str]:
@@ -70,13 +89,15 @@ def _compared(problem: Problem) -> Callable[..., Any]:
         run = run_of(candidate, problem.solve())
         fine = run_of(candidate._replace(times=_finer(candidate.times)), other, FINER * RAIL_SAMPLES)
         apart = jnp.max(jnp.sqrt(jnp.sum((run.z - fine.z[::FINER]) ** 2, axis=-1))) / run.length
-        first, second = problem.evaluate_run(run), problem.evaluate_run(fine)
-        return first, second, apart, _worst(problem, run), _worst(problem, fine)
+        missed = {name: one.farthest(fine) for name, one in problem.objectives.items() if isinstance(one, TARGETS)}
+        lift = jnp.max(NormalForce(0.0)(fine))
+        most = _Most(apart, _worst(problem, run), _worst(problem, fine), lift, missed)
+        return problem.evaluate_run(run), problem.evaluate_run(fine), most
 
     @jax.jit
     def both(z):
-        first, second, *others = problem.of_each(problem.space.candidate(z), seen)
-        return merged(first), merged(second), *jax.tree.map(lambda x: jnp.max(x, axis=0), others)
+        first, second, most = problem.of_each(problem.space.candidate(z), seen)
+        return merged(first), merged(second), jax.tree.map(lambda x: jnp.max(x, axis=0), most)
 
     return both
 

@@ -18,6 +18,10 @@ class ReachPlace(AbstractObjective):
     def __call__(self, run: Run):
         return jnp.sum((run.z[-1] - self.place) ** 2) / run.length**2
 
+    def farthest(self, run: Run) -> Float[Array, ""]:
+        """The distance from the place at the end, in radii."""
+        return norm(run.z[-1] - self.place) / run.length
+
 
 class ReachPose(AbstractObjective):
     """sin² of half the angle between the orientation at the end and ``versor``: 1 − (q·q*)² / (|q| |q*|)²."""

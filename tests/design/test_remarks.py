@@ -1,0 +1,84 @@
+"""What a design could not do is told: of a shell that stays where it is while a mass goes up and down in it."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from jaxball import design
+from jaxball.design.remarks import remarks
+
+AMPLITUDE, FREQUENCY = 0.3, 3.0
+PROBLEM = f"""
+format = 1
+
+[scenario]
+format = 1
+kind = "ball"
+body = {{ mass = 1.0, radius = 1.0, inertia = [0.4, 0.4, 0.4], gravity = 1.0 }}
+initial = {{ Omega = [0.0, 0.0, 0.0] }}
+time = {{ start = 0.0, end = {np.pi / FREQUENCY}, saves = 5 }}
+solve = {{ solver = "tsit5", rtol = 1e-9, atol = 1e-9 }}
+
+[[scenario.masses]]
+mass = 1.0
+rail = {{ kind = "tube", direction = [0.0, 0.0, 1.0] }}
+schedule = {{ kind = "sinusoids", theta = 0.0, amplitude = [{AMPLITUDE}], frequency = [{FREQUENCY}] }}
+
+[[variables]]
+path = "initial.Omega[1]"
+
+[[objectives]]
+kind = "reach-place"
+place = [0.3, 0.4]
+
+[[constraints]]
+kind = "within"
+low = [0.5, -1.0]
+high = [1.0, 1.0]
+
+[[constraints]]
+kind = "within"
+low = [-1.0, -1.0]
+high = [-0.25, 1.0]
+"""
+
+
+@functools.cache
+def at_rest():
+    found = design.read_problem(PROBLEM).problem
+    return found, design.verify(found, found.space.start)
+
+
+def told(gradient, tolerance):
+    problem, seen = at_rest()
+    worth = design.Worth(0.25, 0.5, gradient)
+    progress = design.Progress("done", 1, problem.space.start[None], [], problem.space.start, worth)
+    settings = design.Settings(tolerance=tolerance)
+    done = design.Design(problem, settings, problem.space.start, None, progress, seen.designed, seen, seen.designed)
+    return remarks(done)
+
+
+def test_the_least_normal_force_in_closed_form():
+    """M g − m A ω² at the top, where the mass is thrown back."""
+    assert abs(at_rest()[1].margin - (1 - AMPLITUDE * FREQUENCY**2 / 2)) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("words"),
+    [
+        "the best design violates `within` by 0.5, `within 2` by 0.25; look whether they contradict each other",
+        "The ball would leave the plane: its least normal force is -0.35 of its weight",
+        "The target of `reach-place` is missed by 0.5 radii",
+    ],
+)
+def test_what_could_not_be_done_is_told(words):
+    assert sum(words in remark for remark in told(1e-9, 1e-6)) == 1
+
+
+def test_a_gradient_that_is_not_finite_is_told():
+    assert "The gradient at the best design is not finite" in told(np.nan, 1e-6)[-1]
+
+
+def test_constraints_that_hold_are_not_told():
+    assert not any("violates" in remark for remark in told(1e-9, 0.6))
