@@ -64,6 +64,7 @@ def closed_forms():
     farther = design.Through([[0.0, 0.0], 2 * END])
     far = np.linalg.norm(END) / R
     return {
+        "masses": (design.MassesNearCentre(), driven, (0.3 / R) ** 2),
         "place": (design.ReachPlace(END + 0.1), rolling, 0.02 / R**2),
         "pose": (design.ReachPose((2.0, 0.0, 0.0, 0.0)), rolling, np.sin(turn / 2) ** 2),
         "rest": (design.StopAtRest(), rolling, 0.5 * (D + R**2) * 0.25 / (G * R)),

@@ -1,12 +1,15 @@
 """The controlled disk: its schedules simulated by another solver, which knows of no controls."""
 
+import os
+import re
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxball
-from jaxball import design
+from jaxball import cli, design
 from jaxball.design import control
 
 END, PLACE = 8.0, 1.0
@@ -23,7 +26,9 @@ def problem(weight):
     curve = design.Through([[0.0, 0.0], [PLACE, 0.0]])
     tracking = design.FollowTrajectory(curve, rest_to_rest=True, weight=weight)
     effort = design.AccelerationEffort(weight=0.01)
-    return control.Rolling(disk(), (0.0, END), {"tracking": tracking, "effort": effort}, place=PLACE)
+    return control.Rolling(
+        disk(), (0.0, END), {"follow-trajectory": tracking, "acceleration-effort": effort}, place=PLACE
+    )
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +67,15 @@ def test_the_costs_are_those_of_the_simulation(easy, run):
     acceleration = easy.path.inputs(times)
     effort = np.trapezoid(np.sum(acceleration**2, axis=1), times) / END
     found = control.means(easy)
-    np.testing.assert_allclose([found["tracking"], found["effort"]], [tracking, effort], rtol=1e-4)
+    np.testing.assert_allclose(
+        [found["follow-trajectory"], found["acceleration-effort"]], [tracking, effort], rtol=1e-4
+    )
+
+
+def test_newton_comes_to_the_same_optimum_from_rest_and_from_the_wanted_path(easy):
+    other = control.started(problem(0.01), np.linspace(0.0, END, 9), guess=control.rolling_along)
+    times = np.linspace(0.0, END, 41)
+    np.testing.assert_allclose(other.path.states(times), easy.path.states(times), atol=1e-5)
 
 
 def test_a_scenario_file_holds_the_schedules(easy):
@@ -79,7 +92,10 @@ def test_the_tracking_error_falls_along_the_branch(easy):
     branch, hard = control.continued(easy, problem(10.0))
     assert branch.ended == "end"
     assert control.least_curvature(hard) > 0
-    assert control.means(easy)["tracking"] > 100 * control.means(hard)["tracking"]
+    assert control.means(easy)["follow-trajectory"] > 100 * control.means(hard)["follow-trajectory"]
+    at_once = control.started(problem(10.0), np.linspace(0.0, END, 9), guess=control.rolling_along)
+    for name, value in control.means(hard).items():
+        np.testing.assert_allclose(control.means(at_once)[name], value, rtol=1e-4)
     seen = control.resimulated(hard)
     assert max(seen.apart, seen.speed, seen.away, seen.missed) < 1e-5
     assert seen.below > 0
@@ -88,8 +104,88 @@ def test_the_tracking_error_falls_along_the_branch(easy):
 
 def test_a_problem_half_way_between_two():
     middle = control.between((problem(0.1), problem(10.0)), jnp.asarray(0.5))
-    np.testing.assert_allclose(middle.objectives["tracking"].weight, 1.0, rtol=1e-12)
-    np.testing.assert_allclose(middle.objectives["effort"].weight, 0.01, rtol=1e-12)
+    np.testing.assert_allclose(middle.objectives["follow-trajectory"].weight, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(middle.objectives["acceleration-effort"].weight, 0.01, rtol=1e-12)
+
+
+PROBLEM = f"""
+format = 1
+title = "From rest to rest"
+
+[scenario]
+format = 1
+kind = "disk"
+body = {{ mass = 1.0, radius = 1.0, inertia = 1.0, gravity = 1.0 }}
+initial = {{ phi = 0.0 }}
+time = {{ start = 0.0, end = {END}, saves = 41 }}
+
+[[scenario.masses]]
+mass = 1.0
+rail = {{ kind = "circle", radius = 0.9 }}
+schedule = {{ kind = "constant-rate", theta = {DOWN}, rate = 0.0 }}
+
+[[scenario.masses]]
+mass = 1.0
+rail = {{ kind = "circle", radius = 0.6 }}
+schedule = {{ kind = "constant-rate", theta = {DOWN}, rate = 0.0 }}
+
+[[objectives]]
+kind = "follow-trajectory"
+curve = {{ kind = "through", points = [[0.0, 0.0], [{PLACE}, 0.0]] }}
+rest_to_rest = true
+weight = 0.02
+
+[[objectives]]
+kind = "acceleration-effort"
+weight = 0.01
+
+[control]
+place = {PLACE}
+intervals = 8
+first_weights = {{ follow-trajectory = 0.01 }}
+"""
+
+
+def command(folder, text):
+    (folder / "problem.toml").write_text(text)
+    return cli.main(["design", str(folder / "problem.toml"), "--out", str(folder / "out")])
+
+
+def test_the_command_finds_what_python_finds(tmp_path, capsys, easy, monkeypatch):
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+    assert command(tmp_path, PROBLEM) == 0
+    captured = capsys.readouterr()
+    assert captured.out.startswith("From rest to rest\n")
+    assert len(captured.err.splitlines()) > 1
+    report = (tmp_path / "out" / "report.md").read_text()
+    row = next(line for line in report.splitlines() if line.startswith("| follow-trajectory"))
+    numbers = [float(part) for part in row.split("|")[2:-1]]
+    np.testing.assert_allclose(numbers[:3], [0.01, control.means(easy)["follow-trajectory"], 0.02], rtol=1e-5)
+    assert 0 < numbers[3] < numbers[1]
+    for name in ("path", "angles", "accelerations", "branch"):
+        assert f"![{name}]({name}.png)" in report
+        assert (tmp_path / "out" / f"{name}.png").stat().st_size > 0
+    run = jaxball.load_scenario(tmp_path / "out" / "design.toml").simulate()
+    np.testing.assert_allclose([run.state.z[-1], run.state.phidot[-1]], [PLACE, 0.0], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (f"place = {PLACE}", "place = [1.0, 2.0]", r"control\.place.*must be a finite number"),
+        ("follow-trajectory = 0.01", "follow = 0.01", r"control\.first_weights.*it is follow"),
+        ("first_weights = {", "first_weights = 3 #", r"control\.first_weights.*a table of weights"),
+        ('"acceleration-effort"', '"go-far"', r"means over the run .*it is go-far"),
+        ("intervals = 8", "intervals = 1", r"control\.intervals"),
+        ("intervals = 8", 'guess = "reset"', r"control\.guess"),
+    ],
+)
+def test_what_cannot_be_a_problem_of_control(tmp_path, capsys, old, new, words):
+    assert command(tmp_path, PROBLEM.replace(old, new)) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert re.search(words, captured.err)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_system_without_rails_cannot_be_controlled():

@@ -58,6 +58,7 @@ OBJECTIVES: Family = {
     ),
     "follow-curve": Module(objectives.FollowCurve, {"curve": CURVE, **WEIGHT}),
     "largest-distance": Module(objectives.LargestDistance, {"curve": CURVE, **WEIGHT}),
+    "masses-near-centre": Module(objectives.MassesNearCentre, WEIGHT),
     "avoid-obstacles": Module(objectives.AvoidObstacles, {**DISCS, "softness": Key(SIZE, 0.1), **WEIGHT}),
     "acceleration-effort": Module(objectives.AccelerationEffort, WEIGHT),
     "power-effort": Module(objectives.PowerEffort, WEIGHT),

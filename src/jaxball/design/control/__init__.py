@@ -2,6 +2,7 @@
 
 from .collocation import Collocation as Collocation, Unknowns as Unknowns
 from .curvature import least_curvature as least_curvature
+from .guess import rolling_along as rolling_along
 from .means import means as means
 from .path import Path as Path
 from .problem import AbstractControlProblem as AbstractControlProblem

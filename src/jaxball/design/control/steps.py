@@ -17,6 +17,8 @@ FIRST_STEP, LONGEST_STEP = 0.05, 0.2
 # A branch that turns may go back past its start and still come to its end, but seldom from far away.
 WITHIN = (-0.5, 1.5)
 
+Guess = Callable[[Rolling, Float[np.ndarray, " N_plus_one"], int], Path]
+
 
 def at_rest(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
     """The path on which nothing moves."""
@@ -31,14 +33,20 @@ def at_rest(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: in
 
 
 def started(
-    problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3, tolerance: float = 1e-6
+    problem: Rolling,
+    mesh: Float[np.ndarray, " N_plus_one"],
+    stages: int = 3,
+    tolerance: float = 1e-6,
+    guess: Guess = at_rest,
 ) -> Solution:
-    """The solution of a problem to which Newton's method comes from rest.
+    """The solution of a problem to which Newton's method comes from a ``guess``.
+
+    From rest it comes to motions that are small. To others it may come from :func:`rolling_along` the wanted path.
 
     **Raises:** :class:`~jaxball.design.DesignError` where it does not come to one.
     """
     collocation = Collocation((problem, problem), mesh, stages, between)
-    return solved(collocation, at_rest(problem, mesh, stages), 0.0, tolerance)
+    return solved(collocation, guess(problem, mesh, stages), 0.0, tolerance)
 
 
 def continued(

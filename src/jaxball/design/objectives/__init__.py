@@ -17,6 +17,7 @@ from .ends import (
     ReachPose as ReachPose,
     StopAtRest as StopAtRest,
 )
+from .masses import MassesNearCentre as MassesNearCentre
 from .obstacles import AvoidObstacles as AvoidObstacles
 from .paths import (
     FollowCurve as FollowCurve,

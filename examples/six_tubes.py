@@ -1,0 +1,89 @@
+"""Six masses in straight tubes drive a ball round a figure eight, from rest to rest: optimal control by collocation.
+
+It takes a few minutes. Three pairs of tubes lie at right angles, beside the centre, so that no two cross. Newton's
+method starts from a guess, on which the ball rolls round without spin and the masses are where gravity turns it so.
+From the optimum to which it comes, continuation leads to where the tracking counts less, and to where it counts more.
+"""
+
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from jaxball import Ball, ConstantRate, OnRail, PointMass, Tube, cpu, design, plot, simulate, write_scenario
+from jaxball.design import control
+
+cpu.prepare(gradients=True)
+jax.config.update("jax_enable_x64", True)
+
+START, END = 0.0, 60.0
+BESIDE, DOWN = 0.3, 0.75
+WEIGHTS = (1e-4, 1e1)
+
+# Two tubes along each axis, on either side of the centre. At first the masses in the upright ones are low.
+tubes = [Tube(axis, side * np.roll(axis, 1)) for axis in np.eye(3) for side in (BESIDE, -BESIDE)]
+places = (0.0, 0.0, 0.0, 0.0, -DOWN, -DOWN)
+masses = [PointMass(1.0, OnRail(tube, ConstantRate(place))) for tube, place in zip(tubes, places, strict=True)]
+ball = Ball(mass=1.0, inertia=(2 / 3, 2 / 3, 2 / 3), masses=masses)
+depth = -float(simulate(ball, (START, END)).observables.centre_of_mass_space[0, 2])
+eight = design.FigureEight(4.0, 2.0)
+
+
+def problem(weight):
+    """Round the figure eight and back to its crossing, with the tracking cost multiplied by ``weight``."""
+    objectives = {
+        "tracking": design.FollowTrajectory(eight, rest_to_rest=True, weight=weight),
+        "effort": design.AccelerationEffort(weight=0.01),
+        "near": design.MassesNearCentre(weight=1e-4),
+    }
+    return control.Rolling(ball, (START, END), objectives, place=(0.0, 0.0), depth=depth)
+
+
+rows = []
+
+
+def visit(solution):
+    """Notes a point of the branch."""
+    found, weight = control.means(solution), float(solution.problem.objectives["tracking"].weight)
+    rows.append((weight, np.sqrt(found["tracking"]), found["effort"]))
+    print("weight {:8.3g}   root mean square error {:.3e} r   effort {:.5f}".format(*rows[-1]), flush=True)
+
+
+mesh = np.linspace(START, END, 61)
+first = control.started(problem(0.1), mesh, tolerance=1e-3, guess=control.rolling_along)
+print(f"from the guess, a root mean square error of {np.sqrt(control.means(first)['tracking']):.1e} r")
+_, loose = control.continued(first, problem(WEIGHTS[0]), tolerance=1e-3)
+branch, tight = control.continued(loose, problem(WEIGHTS[1]), tolerance=1e-6, visit=visit)
+weights, errors, efforts = np.transpose(rows)
+print(f"the tracking error falls by a factor of {errors[0] / errors[-1]:.0f} along the branch")
+curvature = control.least_curvature(tight)
+print(f"the least curvature of the cost is {curvature:.3g}")
+
+# The schedules as a scenario that `jaxball simulate` runs, and simulated again by a solver of another kind.
+Path("six_tubes.toml").write_text(write_scenario(control.scenario_of(tight, "Six masses in tubes, a figure eight")))
+seen = control.resimulated(tight)
+print(f"simulated again, the path is {seen.apart:.1e} r away; at the end the ball moves at {seen.speed:.1e}, and the")
+print(f"centre of mass is {seen.below:.4f} r below the geometric centre and {seen.away:.1e} r beside it")
+print(f"least normal force {seen.margin:.3f} M g, friction needed {seen.friction:.3f}")
+
+times = np.linspace(START, END, 601)
+theta = np.stack([jax.vmap(schedule)(times) for schedule in control.schedules_of(tight)], axis=1)
+room = np.sqrt(1 - BESIDE**2)
+print(f"the masses come as far as {np.max(np.abs(theta)):.3f} r from the middles of tubes that end at {room:.3f} r")
+assert errors[-1] < 2e-3
+assert max(seen.speed, seen.away, seen.missed) < 1e-6
+assert seen.below > 0
+assert seen.margin > 0
+assert curvature > 0
+assert np.max(np.abs(theta)) < room
+
+figures = {
+    "branch": plot.branch(weights, {"root mean square error": errors, "effort": efforts}, "weight of the tracking"),
+    "path": plot.designed_path(
+        control.places(loose, times), control.places(tight, times), np.asarray(eight.points(201))
+    ),
+    "tubes": plot.rail_angles(times, theta),
+    "accelerations": plot.rail_accelerations(times, tight.path.inputs(times)),
+}
+for name, ax in figures.items():
+    ax.figure.savefig(f"six_tubes_{name}.png", dpi=200)

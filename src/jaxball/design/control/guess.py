@@ -1,0 +1,169 @@
+"""A path to start from, on which a ball or disk rolls where it is wanted."""
+
+import dataclasses
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from ... import versor
+from ...dynamics import force_in_body
+from ...moments import velocity_moments
+from ...momentum import contact_momentum, contact_momentum_rate
+from ...solvers.tableau import gauss
+from ...state import BallState, DiskState
+from ...vectors import apply, cross
+from ..errors import DesignError
+from ..objectives import FollowTrajectory
+from .path import Path
+from .rolling import Rolling
+
+# At so many times an interval of the mesh.
+TIMES = 10
+# Corrections of the angles at each of them, and how much they are damped where the rails cannot follow.
+CORRECTIONS, DAMPING = 3, 1e-4
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
+    """The path on which the geometric centre is where it is wanted, and the masses where gravity turns the ball so.
+
+    The ball rolls without spin: ω = e3 × ż / r. At first the centre of mass hangs below the geometric centre, or above
+    it, as at the start. Then the balance of the momentum about the contact point, g e3 × Λp = d(ΛΠ)/dt + ż × ΛP,
+    says how far it must be beside the centre; it stays at its distance from there. θ follows by the smallest changes.
+    The path so fulfils the equations of motion but for spin, and what the masses do by moving to where they lean.
+
+    **Raises:** :class:`~jaxball.design.DesignError` where no objective is a
+    :class:`~jaxball.design.FollowTrajectory`, and where gravity cannot accelerate the ball as it is wanted.
+    """
+    times = np.linspace(mesh[0], mesh[-1], TIMES * (len(mesh) - 1) + 1)
+    state = _rolled(problem, _wanted(problem, times))
+    hanging = np.tile(_hanging(problem), (len(times), 1))
+    p = _leaning(problem, hanging, _imbalance(problem, times, _moved(problem, times, state, hanging)))
+    state = _moved(problem, times, state, p)
+    x = CubicSpline(times, _packed(problem, times, state))
+    nodes = mesh[:-1, None] + np.diff(mesh)[:, None] * gauss(stages).c
+    return Path(mesh, x(mesh), x(nodes), CubicSpline(times, state.thetadot)(nodes, 1))
+
+
+def _wanted(problem: Rolling, times: Float[np.ndarray, " t"]) -> CubicSpline:
+    """z(t)."""
+    for objective in problem.objectives.values():
+        if isinstance(objective, FollowTrajectory):
+            return CubicSpline(times, objective.targets(jnp.asarray(times)))
+    raise DesignError(
+        "Argument `problem` must have an objective that says where the ball is wanted in time, a FollowTrajectory, "
+        f"but its objectives are {sorted(problem.objectives)}; start from rest."
+    )
+
+
+def _rolled(problem: Rolling, wanted: CubicSpline) -> BallState | DiskState:
+    """The states with the wanted path, the masses as at the start; from one time to the next it rolls straight."""
+    times, start, r = wanted.x, problem.state, problem.system.radius
+    z, rate = wanted(times), wanted(times, 1)
+    still = [np.tile(np.asarray(angles), (len(times), 1)) for angles in (start.theta, start.thetadot)]
+    if isinstance(start, DiskState):
+        return DiskState(start.phi - (z[:, 0] - start.z) / r, -rate[:, 0] / r, z[:, 0], *still)
+    turns, omega = (_across(v) / float(r) for v in (np.diff(z, axis=0), rate))
+    steps = np.roll(Rotation.from_rotvec(turns).as_quat(), 1, axis=1)
+    q, Omega = _turned(start.q, jnp.asarray(steps), jnp.asarray(omega))
+    return BallState(q, Omega, z, *still)
+
+
+@jax.jit
+def _turned(
+    q: Float[Array, "4"], steps: Float[Array, "t_minus_one 4"], omega: Float[Array, "t 3"]
+) -> tuple[Float[Array, "t 4"], Float[Array, "t 3"]]:
+    """Versors after one turn in space after the other, and Ω = Λ⁻¹ω."""
+
+    def turn(q, step):
+        q = versor.product(step, q)
+        return q, q
+
+    q = jnp.concatenate([q[None], jax.lax.scan(turn, q, steps)[1]])
+    return q, jax.vmap(lambda q, omega: apply(versor.rotation_matrix(q).T, omega))(q, omega)
+
+
+def _across(v: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 3"]:
+    """e3 × v."""
+    return np.stack([-v[:, 1], v[:, 0], np.zeros(len(v))], axis=1)
+
+
+def _leaning(problem: Rolling, hanging, imbalance) -> Float[np.ndarray, "t 3"]:
+    """Λp of the length that it has, moved sideways so that gravity's moment takes up the ``imbalance``."""
+    beside = hanging + np.cross(imbalance, UP) / float(problem.system.gravity)
+    size, side = np.linalg.norm(hanging, axis=1), np.linalg.norm(beside[:, :2], axis=1)
+    if np.any(side >= size):
+        unit = float(problem.system.total_mass * problem.system.radius)
+        raise DesignError(
+            "Argument `problem` must want a motion to which gravity can accelerate the ball, but the centre of mass "
+            f"would have to be {np.max(side) / unit:.3g} r beside the geometric centre, and it is {size[0] / unit:.3g} "
+            "r away from it; give the motion more time, or start with the centre of mass farther below."
+        )
+    beside[:, 2] = np.copysign(np.sqrt(size**2 - side**2), hanging[:, 2])
+    return beside
+
+
+def _imbalance(problem: Rolling, times, state: BallState | DiskState) -> Float[np.ndarray, "t 3"]:
+    """By how much d(ΛΠ)/dt is larger than what the forces and the contact point's motion make of it."""
+    Pi, rate = (np.asarray(part) for part in _momenta(problem, jnp.asarray(times), state))
+    return CubicSpline(times, Pi)(times, 1) - rate
+
+
+def _moved(problem: Rolling, times, state, p: Float[np.ndarray, "t 3"]) -> BallState | DiskState:
+    """The states with masses that give Λp."""
+    theta = _angles(problem, jnp.asarray(times), state, jnp.asarray(p))
+    return dataclasses.replace(state, theta=theta, thetadot=CubicSpline(times, theta)(times, 1))
+
+
+def _moment(problem: Rolling, t: Float[Array, ""], theta: Float[Array, " m"]) -> Float[Array, "3"]:
+    """p = Σ m χ."""
+    return velocity_moments(problem.packing.system, t, (theta, jnp.zeros_like(theta))).p
+
+
+@jax.jit
+def _hanging(problem: Rolling) -> Float[Array, "3"]:
+    """Λp at the start."""
+    return apply(problem.state.Lambda, _moment(problem, problem.start, problem.state.theta))
+
+
+@jax.jit
+def _angles(problem: Rolling, times, state, p) -> Float[Array, "t m"]:
+    """θ by the smallest changes from one time to the next (Levenberg's method), for given Λp."""
+
+    def step(theta, at):
+        t, Lambda, wanted = at
+        moment = functools.partial(_moment, problem, t)
+        for _ in range(CORRECTIONS):
+            J = jax.jacfwd(moment)(theta)
+            square = J @ J.T
+            damped = square + DAMPING * jnp.trace(square) * jnp.eye(3)
+            theta = theta + J.T @ jnp.linalg.solve(damped, Lambda.T @ wanted - moment(theta))
+        return theta, theta
+
+    Lambda = jax.vmap(lambda one: one.Lambda)(state)
+    return jax.lax.scan(step, problem.state.theta, (times, Lambda, p))[1]
+
+
+@jax.jit
+def _momenta(problem: Rolling, times, state) -> tuple[Float[Array, "t 3"], Float[Array, "t 3"]]:
+    """ΛΠ, and its rate by the equations of motion."""
+    system = problem.packing.system
+
+    def one(t, state):
+        at, Omega, Gamma = velocity_moments(system, t, (state.theta, state.thetadot)), state.Omega, state.Gamma
+        Pi = contact_momentum(at, system.radius, Omega, Gamma)
+        force = force_in_body(system, t, state)
+        rate = contact_momentum_rate(at, system.radius, system.gravity, Pi, Omega, Gamma, force)
+        return apply(state.Lambda, Pi), apply(state.Lambda, rate + cross(Omega, Pi))
+
+    return jax.vmap(one)(times, state)
+
+
+@jax.jit
+def _packed(problem: Rolling, times, state) -> Float[Array, "t n"]:
+    return jax.vmap(problem.packing.pack)(times, state)
