@@ -41,10 +41,22 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _control(options: argparse.Namespace, found: Any, say: Callable[[str], None]) -> int:
-    from ..design.control.report import SCENARIO, write_report
+    from ..design.control.report import SCENARIO, write_design, write_report
     from ..design.control.solve import controlled
 
-    done = controlled(found, say)
+    kept = False
+
+    def keep(solution: Any) -> None:
+        nonlocal kept
+        write_design(solution, found.title, found.saves, options.out)
+        kept = True
+
+    try:
+        done = controlled(found, say, keep)
+    except KeyboardInterrupt:
+        if kept:
+            print(f"jaxball: Stopped; the last motion found is {options.out / SCENARIO}.", file=sys.stderr)
+        return INTERRUPTED
     report = write_report(done, found.title, found.saves, options.out)
     if found.title:
         print(found.title)

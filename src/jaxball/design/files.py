@@ -19,17 +19,17 @@ from .space import DesignSpace
 from .variables import Variable
 
 FORMAT = 1
-_AS_IT_IS = Nested(lambda value, path: value, lambda value, path: value, "a table, a name or a file")
-_LIST = Nested(lambda value, path: value, lambda value, path: value, "a list of tables")
+ANY = Nested(lambda value, path: value, lambda value, path: value, "a table, a name or a file")
+LIST = Nested(lambda value, path: value, lambda value, path: value, "a list of tables")
 _KEYS = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
     "scenario": Key(SCENARIO),
-    "variables": Key(_LIST),
-    "objectives": Key(_LIST),
-    "constraints": Key(_LIST, ()),
-    "robust": Key(_AS_IT_IS, None),
-    "search": Key(_AS_IT_IS, None),
+    "variables": Key(LIST),
+    "objectives": Key(LIST),
+    "constraints": Key(LIST, ()),
+    "robust": Key(ANY, None),
+    "search": Key(ANY, None),
 }
 _NUMBER, _POSITIVE = Key(Numbers(), None), Key(Numbers(rule=POSITIVE), None)
 _PATHS = Nested(lambda value, path: _paths(value, path), lambda value, path: list(value), "a path, or a list of paths")
@@ -93,8 +93,8 @@ def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
         raise
     except ScenarioError as error:
         raise DesignError(f"The scenario of the problem is wrong: {error}") from None
-    objectives = _named(found["objectives"], "objectives", OBJECTIVES)
-    constraints = _named(list(found["constraints"]), "constraints", CONSTRAINTS)
+    objectives = objects_of(found["objectives"], "objectives", OBJECTIVES)
+    constraints = objects_of(list(found["constraints"]), "constraints", CONSTRAINTS)
     given = read_table({} if found["search"] is None else found["search"], "search", _SETTINGS)
     settings = Settings(**{name: value for name, value in given.items() if value is not None})
     robust = None if found["robust"] is None else _perturbations(found["robust"])
@@ -102,7 +102,7 @@ def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
     return ProblemFile(found["title"], Problem(space, objectives, constraints, robust), settings, identity)
 
 
-def _named(values: Any, path: str, family: Any) -> dict[str, Any]:
+def objects_of(values: Any, path: str, family: Any) -> dict[str, Any]:
     """Objects of a family by their kinds; a second one of a kind has its number behind it."""
     found: dict[str, Any] = {}
     for place, item in _items(values, path, empty=family is CONSTRAINTS):

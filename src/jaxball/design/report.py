@@ -16,15 +16,14 @@ from ..extremes import contact_extremes
 from ..results import replacing
 from ..scenario import ScenarioError
 from ..trajectory import Trajectory
-from .constraints import ClearOfObstacles
-from .objectives import AvoidObstacles, FollowCurve, FollowTrajectory, LargestDistance
+from .objectives import FollowCurve, FollowTrajectory, LargestDistance
 from .problem import worst
 from .remarks import remarks
 from .run import Run
 from .search import SCENARIO, Design
 from .verify import as_built
+from .wanted import curve_and_discs
 
-ON_A_CURVE = 400
 # Less is rounding, of which there is nothing to draw.
 SMALLEST_FRICTION = 1e-9
 
@@ -142,10 +141,11 @@ def _distances(design: Design, before: Trajectory[Any, Any], after: Trajectory[A
 
 def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any], folder: Path) -> list[str]:
     history, run = np.asarray(design.progress.history), _run(after)
+    wanted = [*design.problem.objectives.values(), *design.problem.constraints.values()]
     axes = {
         "path": _path_of_disk(design, before, after)
         if isinstance(after.system, Disk)
-        else plot.designed_path(_path(before), _path(after), *_wanted(design)),
+        else plot.designed_path(_path(before), _path(after), *curve_and_discs(wanted)),
         "rails": plot.configuration(after),
         "contact": plot.contact_force(after),
         "convergence": plot.convergence(*history[:, 2:5].T, polish=int(np.sum(history[:, 0] == 0))),
@@ -173,14 +173,3 @@ def _path_of_disk(design: Design, before: Trajectory[Any, Any], after: Trajector
 
 def _path(trajectory: Trajectory[Any, Any]) -> np.ndarray:
     return np.asarray(trajectory.state.in_space().z)
-
-
-def _wanted(design: Design) -> tuple[np.ndarray | None, list[tuple[np.ndarray, float]]]:
-    """The curve to be followed, and the discs to be avoided."""
-    curve, discs = None, []
-    for item in [*design.problem.objectives.values(), *design.problem.constraints.values()]:
-        if isinstance(item, FollowTrajectory | FollowCurve):
-            curve = np.asarray(item.curve.points(ON_A_CURVE))
-        if isinstance(item, AvoidObstacles | ClearOfObstacles):
-            discs += list(zip(np.asarray(item.centres), map(float, item.radii), strict=True))
-    return curve, discs

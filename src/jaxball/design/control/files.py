@@ -1,0 +1,116 @@
+"""Problem files of optimal control: a scenario whose masses may move as they please, and what their motion is to do."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import numpy as np
+
+from ..._arrays import to_array
+from ...body import Ball, Disk
+from ...scenario import read_document
+from ...scenario.table import Key, read_table
+from ...scenario.values import POSITIVE, Choice, Integer, Numbers, Text, key_error, shown
+from ...scenario.within import SCENARIO, document_of, scenario_document, text_of
+from ...state import BallState, DiskState
+from ..errors import DesignError
+from ..files import ANY, FORMAT, LIST, objects_of
+from ..kinds import OBJECTIVES
+from ..objectives import AbstractRunningObjective
+from .guess import rolling_along
+from .rolling import Rolling
+from .steps import Guess, at_rest
+
+TABLE = "control"
+GUESSES: dict[str, Guess] = {"rest": at_rest, "rolling-along": rolling_along}
+_KEYS = {
+    "format": Key(Integer(FORMAT, FORMAT)),
+    "title": Key(Text(), ""),
+    "scenario": Key(SCENARIO),
+    "objectives": Key(LIST),
+    TABLE: Key(ANY),
+}
+_CONTROL = {
+    "depth": Key(Numbers(rule=POSITIVE), None),
+    "intervals": Key(Integer(2, 10**5), 20),
+    "tolerance": Key(Numbers(rule=POSITIVE), 1e-6),
+    "guess": Key(Choice(tuple(GUESSES)), "rest"),
+    "first_weights": Key(ANY, None),
+}
+
+
+class ControlFile(NamedTuple):
+    """The content of a problem file with a table ``[control]``.
+
+    - ``problem``: what is to be solved; ``easy``: the same with other weights, from which continuation leads there, or
+      None.
+    - ``saves``: how many times the scenario that is found saves.
+    - ``intervals``, ``tolerance``: of the first mesh, and of :func:`mesh_errors`.
+    """
+
+    title: str
+    problem: Rolling
+    easy: Rolling | None
+    saves: int
+    intervals: int
+    tolerance: float
+    guess: Guess
+
+
+def load_control(source: str | Path) -> ControlFile | None:
+    """The problem of a file; None where it has no table ``[control]``, and is a problem with variables.
+
+    **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, when it is not TOML, and
+    when a key of it or of its scenario is misspelt, missing or wrong.
+    """
+    document = document_of(text_of(source, "problem", DesignError), "problem", DesignError)
+    return read_control(document, Path(source).parent) if TABLE in document else None
+
+
+def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlFile:
+    """The problem of a document; a scenario file is looked for from ``folder`` on.
+
+    **Raises:** as :func:`load_control`.
+    """
+    found = read_table(document, "", _KEYS)
+    scenario = read_document(scenario_document(found["scenario"], Path(folder), DesignError))
+    system = scenario.system
+    if not isinstance(system, Ball | Disk):
+        raise key_error("scenario.kind", "ball or disk", system.title.lower())
+    place = Key(Numbers() if isinstance(system, Disk) else Numbers((2,)), None)
+    given = read_table(found[TABLE], TABLE, {**_CONTROL, "place": place})
+    objectives = _running(objects_of(found["objectives"], "objectives", OBJECTIVES))
+    times = (scenario.times[0], scenario.times[-1])
+    state = scenario.state
+    assert isinstance(state, BallState | DiskState)
+    problem = Rolling(system, times, objectives, state, place=given["place"], depth=given["depth"])
+    return ControlFile(
+        found["title"],
+        problem,
+        None if given["first_weights"] is None else _easy(problem, given["first_weights"]),
+        int(np.size(scenario.times)),
+        given["intervals"],
+        float(given["tolerance"]),
+        GUESSES[given["guess"]],
+    )
+
+
+def _running(objectives: dict[str, Any]) -> dict[str, AbstractRunningObjective]:
+    for name, one in objectives.items():
+        if not isinstance(one, AbstractRunningObjective):
+            kinds = [kind for kind, item in OBJECTIVES.items() if issubclass(item.type, AbstractRunningObjective)]
+            raise key_error("objectives", f"means over the run ({', '.join(kinds)}) beside `{TABLE}`", name)
+    return objectives
+
+
+def _easy(problem: Rolling, weights: Any) -> Rolling:
+    """The problem with other weights of some objectives."""
+    path = f"{TABLE}.first_weights"
+    if not isinstance(weights, dict) or not weights:
+        raise key_error(path, "a table of weights by the kinds of objectives", shown(weights))
+    unknown = [name for name in weights if name not in problem.objectives]
+    if unknown:
+        raise key_error(path, f"of objectives that there are ({', '.join(problem.objectives)})", unknown[0])
+    given = read_table(weights, path, dict.fromkeys(weights, Key(Numbers())))
+    values = [to_array(given[name]) for name in weights]
+    return eqx.tree_at(lambda p: [p.objectives[name].weight for name in weights], problem, values)

@@ -1,0 +1,104 @@
+"""The report of a problem of optimal control: all its numbers in Markdown, and figures."""
+
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+
+from ... import plot
+from ...body import Disk
+from ...extremes import contact_extremes
+from ...results import replacing
+from ...scenario import Scenario, write_scenario
+from ..objectives import FollowTrajectory
+from ..wanted import curve_and_discs
+from .means import means
+from .refine import Solution
+from .rolling import Rolling, rolling
+from .schedules import places, scenario_of, schedules_of
+from .solve import Controlled
+
+SCENARIO, REPORT = "design.toml", "report.md"
+DRAWN = 601
+
+
+def write_report(found: Controlled, title: str, saves: int, folder: Path) -> Path:
+    """Writes ``design.toml``, ``report.md`` and its figures into ``folder``; the path of the report."""
+    scenario = write_design(found.solution, title, saves, folder)
+    contact = contact_extremes(scenario.simulate(dense=True, throw=True))
+    lines = [f"# {title or 'An optimal control'}", "", _verdict(found), "", *_objectives(found), ""]
+    lines += [f"Along the run: {'; '.join(str(contact).splitlines())}.", "", *_figures(found, folder)]
+    with replacing(folder / REPORT) as beside:
+        beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return folder / REPORT
+
+
+def write_design(solution: Solution, title: str, saves: int, folder: Path) -> Scenario:
+    """Writes ``design.toml``, the scenario of a solution, into ``folder``; the scenario."""
+    folder.mkdir(parents=True, exist_ok=True)
+    scenario = scenario_of(solution, title, saves)
+    with replacing(folder / SCENARIO) as beside:
+        beside.write_text(write_scenario(scenario), encoding="utf-8")
+    return scenario
+
+
+def _verdict(found: Controlled) -> str:
+    seen, errors = found.seen, found.solution.errors
+    return (
+        f"{'The masses can be moved so' if found.good else 'This is not what was asked for'}: the least curvature of "
+        f"the cost is {found.curvature:.3g}, positive at a minimum; no interval of {errors.size} has an error above "
+        f"{np.max(errors):.1e}. Simulated again by a solver of another kind, the path is {seen.apart:.1e} r away at "
+        f"most; at the end the speed is {seen.speed:.1e}, the place is missed by {seen.missed:.1e} r, and the centre "
+        f"of mass is {seen.away:.1e} r beside the geometric centre and {seen.below:.4g} r below it. `{SCENARIO}` is "
+        "the scenario."
+    )
+
+
+def _objectives(found: Controlled) -> list[str]:
+    first, last = means(found.first), means(found.solution)
+    before, after = (rolling(one.problem).objectives for one in (found.first, found.solution))
+    rows = ["| objective | first weight | its mean | weight | its mean |", "|" + "---|" * 5]
+    for name in last:
+        numbers = (float(before[name].weight), first[name], float(after[name].weight), last[name])
+        rows.append(f"| {name} | " + " | ".join(f"{x:.6g}" for x in numbers) + " |")
+    return rows
+
+
+def _figures(found: Controlled, folder: Path) -> list[str]:
+    problem = rolling(found.solution.problem)
+    times = np.linspace(float(problem.start), float(problem.end), DRAWN)
+    axes = {
+        "path": _path(found, problem, times),
+        "angles": plot.rail_angles(times, _angles(found, times)),
+        "accelerations": plot.rail_accelerations(times, found.solution.path.inputs(times)),
+    }
+    name = next((name for name, weight in found.branch[0].weights.items() if weight != _last(found, name)), None)
+    if name is not None and all(point.weights[name] > 0 for point in found.branch):
+        weights = np.asarray([point.weights[name] for point in found.branch])
+        values = {one: np.asarray([point.means[one] for point in found.branch]) for one in found.branch[0].means}
+        axes["branch"] = plot.branch(weights, values, f"weight of {name}")
+    for label, ax in axes.items():
+        with replacing(folder / f"{label}.png") as beside:
+            ax.figure.savefig(beside, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
+    return [f"![{label}]({label}.png)" for label in axes]
+
+
+def _last(found: Controlled, name: str) -> float:
+    return found.branch[-1].weights[name]
+
+
+def _angles(found: Controlled, times: Float[np.ndarray, " t"]) -> Float[np.ndarray, "t m"]:
+    return np.stack([jax.vmap(one)(jnp.asarray(times)) for one in schedules_of(found.solution)], axis=1)
+
+
+def _path(found: Controlled, problem: Rolling, times: Float[np.ndarray, " t"]) -> Axes:
+    before, after = (places(one, times) for one in (found.first, found.solution))
+    if not isinstance(problem.system, Disk):
+        return plot.designed_path(before, after, *curve_and_discs(problem.objectives.values()))
+    tracked: Any = next((one for one in problem.objectives.values() if isinstance(one, FollowTrajectory)), None)
+    wanted = None if tracked is None else (times, np.asarray(tracked.targets(jnp.asarray(times)))[:, 0])
+    return plot.place_in_time({"before": (times, before), "after": (times, after)}, wanted)

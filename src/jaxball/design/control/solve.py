@@ -1,0 +1,84 @@
+"""What ``jaxball design`` does with a problem of optimal control."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from .curvature import least_curvature
+from .files import ControlFile
+from .means import means
+from .refine import Solution
+from .rolling import rolling
+from .schedules import Resimulated, resimulated
+from .steps import continued, started
+
+# What a simulation may be off by, in units of the mesh's tolerance.
+NEAR = 10.0
+
+
+class Point(NamedTuple):
+    """A point of the branch: its share of the way, and weights and means of the objectives."""
+
+    share: float
+    weights: dict[str, float]
+    means: dict[str, float]
+
+
+class Controlled(NamedTuple):
+    """A solution and what speaks for it.
+
+    - ``first``: the solution from which continuation came; ``solution`` itself without continuation.
+    - ``curvature``: :func:`least_curvature`.
+    - ``seen``: the schedules simulated by a solver of another kind.
+    - ``tolerance``: of the mesh.
+    """
+
+    first: Solution
+    solution: Solution
+    branch: tuple[Point, ...]
+    curvature: float
+    seen: Resimulated
+    tolerance: float
+
+    @property
+    def good(self) -> bool:
+        """Whether it is a strict minimum, and its schedules lead along its path to rest."""
+        seen = self.seen
+        return self.curvature > 0 and max(seen.apart, seen.speed, seen.away, seen.missed) <= NEAR * self.tolerance
+
+
+def controlled(
+    found: ControlFile,
+    say: Callable[[str], None] = lambda line: None,
+    keep: Callable[[Solution], None] = lambda solution: None,
+) -> Controlled:
+    """The solution of a problem: from its guess by Newton's method, and by continuation if it has an easier problem.
+
+    ``say`` is told of each point of the branch, and ``keep`` is given it.
+
+    **Raises:** :class:`~jaxball.design.DesignError` where there is no way to a solution.
+    """
+    branch: list[Point] = []
+
+    def visit(solution: Solution) -> None:
+        objectives = rolling(solution.problem).objectives
+        weights = {name: float(one.weight) for name, one in objectives.items()}
+        branch.append(Point(solution.parameter, weights, means(solution)))
+        keep(solution)
+        say(_line(branch[-1]))
+
+    problem = found.problem
+    mesh = np.linspace(float(problem.start), float(problem.end), found.intervals + 1)
+    easy = problem if found.easy is None else found.easy
+    first = solution = started(easy, mesh, tolerance=found.tolerance, guess=found.guess)
+    if found.easy is None:
+        visit(solution)
+    else:
+        solution = continued(first, problem, found.tolerance, visit)[1]
+    return Controlled(first, solution, tuple(branch), least_curvature(solution), resimulated(solution), found.tolerance)
+
+
+def _line(point: Point) -> str:
+    found = "   ".join(f"{name} {value:.6g}" for name, value in point.means.items())
+    return f"share {point.share:6.3f}   {found}"
