@@ -10,6 +10,7 @@ import pytest
 from jaxball.design import AbstractProgram, Bounds, Evaluation, Optimiser, Places, Settings, Worth, bfgs, newton
 from jaxball.design.curvature import curved_at
 from jaxball.design.lagrangian import Multipliers, augmented_lagrangian
+from jaxball.design.looked import Looked
 from jaxball.design.settings import METHODS
 
 
@@ -139,13 +140,13 @@ def test_the_gauss_newton_hessian_is_exact_where_the_run_is_linear():
     program, y = hock_schittkowski_71(), jnp.asarray([0.3, 1.0, -0.4, 0.8])
     multipliers = Multipliers(jnp.asarray([2.0, -0.7]), jnp.asarray(3.0), jnp.asarray([0.1, 0.0]))
     both = jax.tree.map(lambda x: jnp.stack([x, x]), (y, multipliers))  # as many as the search has
-    _, gradient, found = curved_at(program)(*both)
+    found = Looked(*curved_at(program)(*both))
 
     def lagrangian(y):
         return augmented_lagrangian(program, program.evaluate(y), multipliers)
 
-    np.testing.assert_allclose(gradient[0], jax.grad(lagrangian)(y), rtol=1e-12)
-    np.testing.assert_allclose(found[0], jax.hessian(lagrangian)(y), rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(found.gradient[0], jax.grad(lagrangian)(y), rtol=1e-12)
+    np.testing.assert_allclose(found.hessian[0], jax.hessian(lagrangian)(y), rtol=1e-10, atol=1e-10)
 
 
 @pytest.mark.parametrize(

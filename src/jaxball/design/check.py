@@ -1,4 +1,4 @@
-"""Whether a gradient is right: directional differences over a range of steps, and forward against reverse mode."""
+"""Whether a gradient is right: beside directional differences over a range of steps, and forward mode."""
 
 from typing import NamedTuple
 
@@ -21,24 +21,25 @@ MODES_AGREE, DIFFERENCES_AGREE = 1e-5, 1e-3
 class GradientCheck(NamedTuple):
     """The derivative along one direction by every means, relative to the length of the gradient.
 
-    - ``reverse``, ``forward``: by automatic differentiation.
+    - ``gradient``: by the gradient that the search uses: in reverse mode, or in forward mode for Gauss–Newton.
+    - ``forward``: in forward mode, along that direction alone.
     - ``steps``, ``differences``: by the five-point formula with each step.
     """
 
-    reverse: float
+    gradient: float
     forward: float
     steps: tuple[float, ...]
     differences: tuple[float, ...]
 
     @property
     def between_modes(self) -> float:
-        """|forward − reverse|."""
-        return abs(self.forward - self.reverse)
+        """|forward − gradient|."""
+        return abs(self.forward - self.gradient)
 
     @property
     def from_differences(self) -> float:
-        """The least |difference − reverse| over the steps: larger ones err by truncation, smaller ones by rounding."""
-        errors = np.abs(np.asarray(self.differences) - self.reverse)
+        """The least |difference − gradient| over the steps: larger ones err by truncation, smaller ones by rounding."""
+        errors = np.abs(np.asarray(self.differences) - self.gradient)
         return float(np.min(errors[np.isfinite(errors)], initial=np.inf))
 
     @property
@@ -48,10 +49,10 @@ class GradientCheck(NamedTuple):
 
     def __str__(self) -> str:
         rows = [
-            f"  step {h:8.1e}  error {abs(d - self.reverse):8.1e}"
+            f"  step {h:8.1e}  error {abs(d - self.gradient):8.1e}"
             for h, d in zip(self.steps, self.differences, strict=True)
         ]
-        return "\n".join([f"  forward against reverse {self.between_modes:.1e}", *rows])
+        return "\n".join([f"  gradient against forward mode {self.between_modes:.1e}", *rows])
 
 
 def check_gradient(optimiser: Optimiser, z: Float[np.ndarray, " n"], seed: int = 0) -> GradientCheck:
@@ -89,7 +90,7 @@ def require_good(check: GradientCheck) -> None:
     """Raises a :class:`DesignError` where a gradient cannot be relied on."""
     if not check.good:
         raise DesignError(
-            f"The gradient must agree with differences to {DIFFERENCES_AGREE:g} and between the modes to "
+            f"The gradient must agree with differences to {DIFFERENCES_AGREE:g} and with forward mode to "
             f"{MODES_AGREE:g}, but it is off by {check.from_differences:.1e} and {check.between_modes:.1e}; tighten "
             f"`solve.rtol` and `solve.atol`, or start elsewhere.\n{check}"
         )

@@ -14,13 +14,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .lagrangian import Multipliers, augmented_lagrangian
+from .lagrangian import Multipliers, augmented_lagrangian, pushed_by, violated_by
+from .problem import Evaluation
 from .program import AbstractProgram
 
 
 @functools.lru_cache(maxsize=8)
 def curved_at(program: AbstractProgram) -> Callable[..., Any]:
-    """The augmented Lagrangian, its gradient and its Gauss–Newton Hessian, compiled once for a program."""
+    """What :class:`~.looked.Looked` holds of each start, by forward mode, compiled once for a program."""
 
     def one(y: Float[Array, " n"], multipliers: Multipliers):
         x = program.numbers(y)
@@ -33,16 +34,18 @@ def curved_at(program: AbstractProgram) -> Callable[..., Any]:
 
         runs, slopes, rest = jax.vmap(along, out_axes=(None, 0, None))(jnp.eye(x.size, dtype=x.dtype))
 
-        def lagrangian(y: Float[Array, " n"]) -> Float[Array, ""]:
+        def lagrangian(y: Float[Array, " n"]) -> tuple[Float[Array, ""], Evaluation]:
             change = program.numbers(y) - x
             moved = jax.tree.map(lambda run, slope: run + jnp.tensordot(change, slope, 1), runs, slopes)
-            return augmented_lagrangian(program, program.assess(eqx.combine(moved, rest)), multipliers)
+            at = program.assess(eqx.combine(moved, rest))
+            return augmented_lagrangian(program, at, multipliers), at
 
         def gradient(y: Float[Array, " n"]) -> tuple[Any, Any]:
-            value, slope = jax.value_and_grad(lagrangian)(y)
-            return slope, (value, slope)
+            (value, at), slope = jax.value_and_grad(lagrangian, has_aux=True)(y)
+            return slope, (value, slope, at)
 
-        hessian, (value, slope) = jax.jacfwd(gradient, has_aux=True)(y)
-        return value, slope, hessian
+        hessian, (value, slope, at) = jax.jacfwd(gradient, has_aux=True)(y)
+        pushed, violated = pushed_by(program, at, multipliers), violated_by(program, at, multipliers)
+        return value, slope, at, pushed, violated, hessian
 
     return jax.jit(jax.vmap(one))

@@ -1,52 +1,27 @@
 """The search for a design: Adam from many starts, then BFGS within an augmented Lagrangian from the most promising."""
 
-import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float
 
 from . import bfgs, newton
 from .adam import Moments
 from .curvature import curved_at
 from .errors import DesignError
-from .lagrangian import Multipliers, augmented_lagrangian, pushed_by, violated_by
-from .problem import Evaluation
+from .lagrangian import Multipliers
+from .looked import Looked, looked_at
 from .program import AbstractProgram
 from .settings import Settings
 from .state import Progress, Worth
 
 Report = Callable[[Progress], None]
+SEEN_BY = {"bfgs": looked_at, "gauss-newton": curved_at}
 REPORT_EVERY = 10
 ENOUGH = 0.25
 GROWTH = 4.0
-
-
-class Looked(NamedTuple):
-    """The augmented Lagrangian of each start, its gradient, what it is made of, and the next multipliers.
-
-    ``violated``: by how much each place is violated, margins included.
-    """
-
-    value: Float[np.ndarray, " starts"]
-    gradient: Float[np.ndarray, "starts n"]
-    at: Evaluation
-    pushed: Float[np.ndarray, "starts places"]
-    violated: Float[np.ndarray, "starts places"]
-
-    @property
-    def violation(self) -> Float[np.ndarray, " starts"]:
-        """The largest violation of each start; −∞ where there are no constraints."""
-        return np.max(self.violated, axis=1, initial=-np.inf)
-
-    @property
-    def worst(self) -> Int[np.ndarray, " starts"]:
-        """The place where it is; −1 where there are no constraints."""
-        starts, places = self.violated.shape
-        return np.argmax(self.violated, axis=1) if places else np.full(starts, -1)
 
 
 class Optimiser:
@@ -91,12 +66,13 @@ class Optimiser:
         return progress
 
     def look(self, z: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Looked:
-        """The augmented Lagrangian and its gradient at any number of designs."""
-        return Looked(*self._in_lanes(looked_at(self.program), z, multipliers))
-
-    def curved(self, z: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Any:
-        """The augmented Lagrangian, its gradient and its Gauss–Newton Hessian at any number of designs."""
-        return self._in_lanes(curved_at(self.program), z, multipliers)
+        """The augmented Lagrangian and its derivatives at any number of designs, ``lanes`` at a time."""
+        function, parts = SEEN_BY[self.settings.method](self.program), []
+        for first in range(0, len(z), self.lanes):
+            rows = np.minimum(np.arange(first, first + self.lanes), len(z) - 1)
+            arguments = jax.tree.map(lambda x, rows=rows: jnp.asarray(x[rows]), (z, multipliers))
+            parts.append(jax.tree.map(np.asarray, function(*arguments)))
+        return Looked(*jax.tree.map(lambda *x: np.concatenate(x)[: len(z)], *parts))
 
     @property
     def lanes(self) -> int:
@@ -107,15 +83,6 @@ class Optimiser:
         """No multipliers, and the first penalty, for so many designs."""
         nothing = np.zeros((count, self.program.places.size))
         return Multipliers(nothing, np.full(count, self.settings.penalty), nothing)
-
-    def _in_lanes(self, function: Callable[..., Any], z: np.ndarray, multipliers: Multipliers) -> Any:
-        """What a compiled function finds of any number of designs, ``lanes`` at a time."""
-        parts = []
-        for first in range(0, len(z), self.lanes):
-            rows = np.minimum(np.arange(first, first + self.lanes), len(z) - 1)
-            arguments = jax.tree.map(lambda x, rows=rows: jnp.asarray(x[rows]), (z, multipliers))
-            parts.append(jax.tree.map(np.asarray, function(*arguments)))
-        return jax.tree.map(lambda *x: np.concatenate(x)[: len(z)], *parts)
 
     def _descend(self, progress: Progress) -> Progress:
         z, before = progress.z, progress.z
@@ -168,15 +135,19 @@ class Optimiser:
     def _minimised(self, z: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> bfgs.Point:
         """Where the augmented Lagrangian is least."""
         settings = self.settings
-        if settings.method == "gauss-newton":
-            curved = functools.partial(self.curved, multipliers=multipliers)
-            return newton.minimise(curved, z, settings.evaluations, settings.stationary)
 
-        def function(z):
+        def sloped(z):
             looked = self.look(z, multipliers)
-            return np.where(np.isfinite(looked.value), looked.value, np.inf), looked.gradient
+            return looked.value, looked.gradient
 
-        return bfgs.minimise(function, z, settings.evaluations, settings.stationary)
+        def curved(z):
+            looked = self.look(z, multipliers)
+            assert looked.hessian is not None
+            return looked.value, looked.gradient, looked.hessian
+
+        if settings.method == "gauss-newton":
+            return newton.minimise(curved, z, settings.evaluations, settings.stationary)
+        return bfgs.minimise(sloped, z, settings.evaluations, settings.stationary)
 
     def _solved(self, looked: Looked, progress: Progress) -> bool:
         """Whether the best design is stationary, and no start promises a better one."""
@@ -194,18 +165,3 @@ class Optimiser:
         gradient = np.max(np.abs(looked.gradient), axis=1, initial=0.0)
         rows = zip(objective, looked.violation, gradient, looked.worst, strict=True)
         return [Worth(*map(float, row)) for row in rows]
-
-
-@functools.lru_cache(maxsize=8)
-def looked_at(program: AbstractProgram) -> Callable[..., Any]:
-    """What :meth:`Optimiser.look` finds, compiled once for a program and a number of starts."""
-
-    def lagrangian(z: Float[Array, " n"], multipliers: Multipliers):
-        at = program.evaluate(z)
-        return augmented_lagrangian(program, at, multipliers), at
-
-    def one(z: Float[Array, " n"], multipliers: Multipliers):
-        (value, at), gradient = jax.value_and_grad(lagrangian, has_aux=True)(z, multipliers)
-        return value, gradient, at, pushed_by(program, at, multipliers), violated_by(program, at, multipliers)
-
-    return jax.jit(jax.vmap(one))
