@@ -10,22 +10,22 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from jaxball import Ball, ConstantRate, OnRail, PointMass, Tube, cpu, design, plot, simulate, write_scenario
+from jaxball import Ball, ConstantRate, OnRail, PointMass, Tube, cpu, design, plot, write_scenario
 from jaxball.design import control
 
 cpu.prepare(gradients=True)
 jax.config.update("jax_enable_x64", True)
 
 START, END = 0.0, 60.0
-BESIDE, DOWN = 0.3, 0.75
-WEIGHTS = (1e-4, 1e1)
+BESIDE, DOWN = 0.3, 0.65
+WEIGHTS = (3e-4, 1e1)
 
 # Two tubes along each axis, on either side of the centre. At first the masses in the upright ones are low.
 tubes = [Tube(axis, side * np.roll(axis, 1)) for axis in np.eye(3) for side in (BESIDE, -BESIDE)]
 places = (0.0, 0.0, 0.0, 0.0, -DOWN, -DOWN)
 masses = [PointMass(1.0, OnRail(tube, ConstantRate(place))) for tube, place in zip(tubes, places, strict=True)]
 ball = Ball(mass=1.0, inertia=(2 / 3, 2 / 3, 2 / 3), masses=masses)
-depth = -float(simulate(ball, (START, END)).observables.centre_of_mass_space[0, 2])
+depth = -sum(places) / float(ball.total_mass)
 eight = design.FigureEight(4.0, 2.0)
 
 
@@ -34,7 +34,7 @@ def problem(weight):
     objectives = {
         "tracking": design.FollowTrajectory(eight, rest_to_rest=True, weight=weight),
         "effort": design.AccelerationEffort(weight=0.01),
-        "near": design.MassesNearCentre(weight=1e-4),
+        "near": design.MassesNearCentre(weight=3e-4),
     }
     return control.Rolling(ball, (START, END), objectives, place=(0.0, 0.0), depth=depth)
 

@@ -100,12 +100,13 @@ def legend_above(ax: Axes, most: int = 5) -> None:
     """A legend above the axes, where it hides nothing; none where nothing is labelled. ``most`` labels to a row."""
     handles, labels = ax.get_legend_handles_labels()
     if labels:
+        rows = math.ceil(len(labels) / max(most, math.ceil(len(labels) / 4)))
         ax.legend(
             handles,
             labels,
             loc="lower center",
             bbox_to_anchor=(0.5, 1.0),
-            ncols=min(len(labels), max(most, math.ceil(len(labels) / 4))),
+            ncols=math.ceil(len(labels) / rows),
             frameon=False,
             prop=SMALL,
             handlelength=1.3,
