@@ -43,6 +43,7 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     times = np.linspace(mesh[0], mesh[-1], TIMES * (len(mesh) - 1) + 1)
     state = _rolled(problem, _wanted(problem, times))
     hanging = np.tile(_hanging(problem), (len(times), 1))
+    # Only once: each time differentiates twice, and at rest the wanted acceleration has a kink.
     p = _leaning(problem, hanging, _imbalance(problem, times, _moved(problem, times, state, hanging)))
     state = _moved(problem, times, state, p)
     x = CubicSpline(times, _packed(problem, times, state))
