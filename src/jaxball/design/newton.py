@@ -13,8 +13,8 @@ from .bfgs import Point
 
 DAMPING, LESS, MORE = 1e-3, 0.2, 4.0
 ENOUGH, GOOD = 1e-4, 0.5
-# A step that promises less than this share of the function changes nothing but rounding.
-ROUNDING = 1e-14
+# A step that promises less than this share of the function is the last: the rest is in the errors of solves.
+LAST = 1e-10
 
 Curved = Callable[
     [Float[np.ndarray, "starts n"]],
@@ -32,15 +32,16 @@ def minimise(function: Curved, z: Float[np.ndarray, "starts n"], evaluations: in
     damping, done = np.full(len(z), DAMPING), np.zeros(len(z), dtype=bool)
     for _ in range(evaluations):
         done |= (np.max(np.abs(at.gradient), axis=1) <= stationary) | ~np.isfinite(at.value)
-        step, promised = _step(at, H, damping)
-        done |= promised <= ROUNDING * np.abs(at.value)
         if np.all(done):
             break
+        step, promised = _step(at, H, damping)
+        last = promised <= LAST * np.abs(at.value)
         there, H_there = _looked(function, at.z + np.where(done[:, None], 0.0, step))
         gain = (at.value - there.value) / np.where(promised > 0, promised, 1.0)
         taken = ~done & (gain >= ENOUGH) & np.all(np.isfinite(there.gradient), axis=1)
         damping = np.where(taken, np.where(gain >= GOOD, LESS, 1.0), MORE) * damping
         at, H = there.where(taken, at), np.where(taken[:, None, None], H_there, H)
+        done |= last
     return at
 
 
