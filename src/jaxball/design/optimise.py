@@ -1,4 +1,4 @@
-"""The search for a design: Adam from many starts, then BFGS within an augmented Lagrangian from the most promising."""
+"""The search for a design: Adam from many starts, and a polish of the most promising within an augmented Lagrangian."""
 
 from collections.abc import Callable
 

@@ -15,8 +15,8 @@ class Settings:
     - ``spread``: how far the others are from it, in scales; between two bounds they are anywhere.
     - ``steps``, ``learning_rate``: the steps of Adam that each start takes, in scales.
     - ``polished``: how many starts, the most promising after Adam, are gone on with.
-    - ``rounds``, ``evaluations``: of the polish within an augmented Lagrangian, at most so many updates of the multipliers,
-      and evaluations between two.
+    - ``rounds``, ``evaluations``: of the polish within an augmented Lagrangian, at most so many updates of the
+      multipliers, and evaluations between two.
     - ``penalty``: the first penalty; it grows fourfold where a round does not bring the violation down to a quarter.
     - ``tolerance``: the largest violation of a design that counts as feasible, in radii, weights and the like; joints
       of pieces are held a thousand times better.
