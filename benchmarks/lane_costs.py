@@ -15,7 +15,7 @@ from jaxball.moments import velocity_moments
 from jaxball.packing import Packing
 from jaxball.simulation import DEFAULT_SOLVER
 
-LANES = 96  # as simulate_ensemble
+LANES = 64  # as simulate_ensemble
 STEPS, LENGTH = 1000, 0.01
 EVALUATIONS = DEFAULT_SOLVER.tableau.num_stages - 1  # of a step
 

@@ -20,7 +20,7 @@ from .reductions import AbstractReduction
 from .runge_kutta import fits
 from .threads import balanced, cores, in_blocks
 
-LANES = 96
+LANES = 64
 BLOCK = 4096
 
 # The programs that are compiled, by all that they are compiled for.
@@ -54,7 +54,7 @@ def simulate_ensemble(
     - ``max_steps``: as for one run.
     - ``reductions``: what to find of each run while it is computed, by name: some of ``jaxball.ensemble.REDUCTIONS``,
       or any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of a function of one's own.
-    - ``lanes``: how many runs are computed side by side. 96 if not given, which was fastest on the CPU that was
+    - ``lanes``: how many runs are computed side by side. 64 if not given, which was fastest on the CPU that was
       measured; all of a block on a GPU.
     - ``block``: how many runs a compiled program takes at a time. If not given, as many for each thread, and no more
       than 4096; on GPUs, as many for each of them.
