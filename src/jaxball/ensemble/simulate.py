@@ -56,8 +56,8 @@ def simulate_ensemble(
       or any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of a function of one's own.
     - ``lanes``: how many runs are computed side by side. 64 if not given, which was fastest on the CPU that was
       measured; all of a block on a GPU.
-    - ``block``: how many runs a compiled program takes at a time. If not given, as many for each thread, and no more
-      than 4096; on GPUs, as many for each of them.
+    - ``block``: how many runs a compiled program takes at a time; fewer are filled up, so that calls with other numbers
+      of runs share it. If not given, as many for each thread, and no more than 4096; on GPUs, as many for each of them.
     - ``threads``: how many blocks are computed at a time: as many as this process has cores, or GPUs, if not given.
 
     A run that fails has its status and NaN, and harms no other. Within ``jax.jit`` and under ``jax.jvp``, all runs are
@@ -76,7 +76,7 @@ def simulate_ensemble(
     traced = any(isinstance(leaf, Tracer) for leaf in (*leaves, jnp.zeros(())))
     on_cpu = jax.default_backend() == "cpu"
     threads = threads or (cores() if on_cpu else jax.local_device_count())
-    block = runs if traced else min(runs, block or balanced(runs, BLOCK if on_cpu else runs, threads))
+    block = runs if traced else block or min(runs, balanced(runs, BLOCK if on_cpu else runs, threads))
     compact, which = split((system, state))
     reduced = tuple((reductions or {}).items())
     settings = Settings(method, max_steps, min(block, lanes or (LANES if on_cpu else block)), which, reduced)
