@@ -8,7 +8,7 @@ import sys
 
 # The first compiles small loops as one function instead of running them operation by operation; the second lets results
 # that share work be computed together. The others are LLVM's own: it gives up vector instructions where it must check
-# that many arrays do not overlap, or thinks that the check costs more than a loop over a hundred lanes gains, which a
+# that many arrays do not overlap, or thinks that the check costs more than a loop over some lanes gains, which a
 # higher cost of the loop's instructions refutes. XLA reads them when its backend starts.
 SMALL_LOOPS = "xla_cpu_small_while_loop_byte_threshold=100000000"
 FUSION = "xla_cpu_use_multi_output_fusion=true"
@@ -24,7 +24,7 @@ FLAGS = (f"{EXTRA}={SMALL_LOOPS},{FUSION},{VECTORS}", WIDE, OLDER)
 # and its contact force: off by 4e-4, where it is right to 1e-11 without.
 FLAGS_FOR_GRADIENTS = (f"{EXTRA}={SMALL_LOOPS},{VECTORS}", WIDE)
 
-# The versions of jaxlib, from the first to before the second, that were seen to accept the flag.
+# The versions of jaxlib, from the first to before the second, that were seen to accept the flags.
 KNOWN_GOOD = ((0, 10), (0, 11))
 
 

@@ -19,7 +19,7 @@ from .space import DesignSpace
 from .variables import Variable
 
 FORMAT = 1
-ANY = Nested(lambda value, path: value, lambda value, path: value, "a table, a name or a file")
+ANY = Nested(lambda value, path: value, lambda value, path: value, "a table")
 LIST = Nested(lambda value, path: value, lambda value, path: value, "a list of tables")
 _KEYS = {
     "format": Key(Integer(FORMAT, FORMAT)),

@@ -22,7 +22,7 @@ from .remarks import remarks
 from .run import Run
 from .search import SCENARIO, Design
 from .verify import as_built
-from .wanted import curve_and_discs
+from .wanted import curve_and_discs, places_in_time
 
 # Less is rounding, of which there is nothing to draw.
 SMALLEST_FRICTION = 1e-9
@@ -163,12 +163,10 @@ def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any
 
 def _path_of_disk(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any]) -> Axes:
     """Over time, because it is a line in the plane."""
-    times, wanted = np.asarray(after.times), None
-    for item in design.problem.objectives.values():
-        if isinstance(item, FollowTrajectory):
-            wanted = (times, np.asarray(item.targets(jnp.asarray(after.times))[:, 0]))
+    times = np.asarray(after.times)
+    wanted = places_in_time(design.problem.objectives.values(), times)
     found = {name: (np.asarray(run.times), _path(run)[:, 0]) for name, run in (("before", before), ("after", after))}
-    return plot.place_in_time(found, wanted)
+    return plot.place_in_time(found, None if wanted is None else (times, wanted[:, 0]))
 
 
 def _path(trajectory: Trajectory[Any, Any]) -> np.ndarray:

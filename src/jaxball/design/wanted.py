@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -10,6 +11,14 @@ from .constraints import ClearOfObstacles
 from .objectives import AvoidObstacles, FollowCurve, FollowTrajectory
 
 ON_A_CURVE = 400
+
+
+def places_in_time(items: Iterable[Any], times: Float[np.ndarray, " t"]) -> Float[np.ndarray, "t 2"] | None:
+    """Where the centre is wanted at each time, if it is to follow a trajectory."""
+    for item in items:
+        if isinstance(item, FollowTrajectory):
+            return np.asarray(item.targets(jnp.asarray(times)))
+    return None
 
 
 def curve_and_discs(

@@ -1,7 +1,6 @@
 """The report of a problem of optimal control: all its numbers in Markdown, and figures."""
 
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,8 +13,7 @@ from ...body import Disk
 from ...extremes import contact_extremes
 from ...results import replacing
 from ...scenario import Scenario, write_scenario
-from ..objectives import FollowTrajectory
-from ..wanted import curve_and_discs
+from ..wanted import curve_and_discs, places_in_time
 from .means import means
 from .refine import Solution
 from .rolling import Rolling, rolling
@@ -76,19 +74,15 @@ def _figures(found: Controlled, folder: Path) -> list[str]:
         "angles": plot.rail_angles(times, _angles(found, times)),
         "accelerations": plot.rail_accelerations(times, found.solution.path.inputs(times)),
     }
-    name = next((name for name, weight in found.branch[0].weights.items() if weight != _last(found, name)), None)
-    if name is not None and all(point.weights[name] > 0 for point in found.branch):
-        weights = np.asarray([point.weights[name] for point in found.branch])
-        values = {one: np.asarray([point.means[one] for point in found.branch]) for one in found.branch[0].means}
+    branch, first, last = found.branch, found.branch[0].weights, found.branch[-1].weights
+    for name in [name for name in first if 0 < first[name] != last[name] > 0][:1]:
+        weights = np.asarray([point.weights[name] for point in branch])
+        values = {one: np.asarray([point.means[one] for point in branch]) for one in branch[0].means}
         axes["branch"] = plot.branch(weights, values, f"weight of {name}")
     for label, ax in axes.items():
         with replacing(folder / f"{label}.png") as beside:
             ax.figure.savefig(beside, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
     return [f"![{label}]({label}.png)" for label in axes]
-
-
-def _last(found: Controlled, name: str) -> float:
-    return found.branch[-1].weights[name]
 
 
 def _angles(found: Controlled, times: Float[np.ndarray, " t"]) -> Float[np.ndarray, "t m"]:
@@ -99,6 +93,6 @@ def _path(found: Controlled, problem: Rolling, times: Float[np.ndarray, " t"]) -
     before, after = (places(one, times) for one in (found.first, found.solution))
     if not isinstance(problem.system, Disk):
         return plot.designed_path(before, after, *curve_and_discs(problem.objectives.values()))
-    tracked: Any = next((one for one in problem.objectives.values() if isinstance(one, FollowTrajectory)), None)
-    wanted = None if tracked is None else (times, np.asarray(tracked.targets(jnp.asarray(times)))[:, 0])
-    return plot.place_in_time({"before": (times, before), "after": (times, after)}, wanted)
+    wanted = places_in_time(problem.objectives.values(), times)
+    found_in_time = {"before": (times, before), "after": (times, after)}
+    return plot.place_in_time(found_in_time, None if wanted is None else (times, wanted[:, 0]))
