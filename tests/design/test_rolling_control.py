@@ -179,6 +179,32 @@ def test_the_command_finds_what_python_finds(tmp_path, capsys, easy, monkeypatch
     np.testing.assert_allclose([run.state.z[-1], run.state.phidot[-1]], [PLACE, 0.0], atol=1e-5)
 
 
+def interrupted(*arguments, **options):
+    raise KeyboardInterrupt
+
+
+def test_ctrl_c_leaves_the_last_motion(tmp_path, capsys, easy, monkeypatch):
+    """That of ``easy``, whose compiled programs it shares; stopped before it is looked at as a minimum."""
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+    monkeypatch.setattr("jaxball.design.control.solve.least_curvature", interrupted)
+    text = PROBLEM.replace("weight = 0.02", "weight = 0.01").replace("first_weights", "# first_weights")
+    assert command(tmp_path, text) == 130
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    scenario = tmp_path / "out" / "design.toml"
+    assert captured.err.endswith(f"jaxball: Stopped; the last motion found is {scenario}.\n")
+    run = jaxball.load_scenario(scenario).simulate(throw=True)
+    np.testing.assert_allclose(run.state.z, control.places(easy, np.asarray(run.times)), atol=1e-5)
+
+
+def test_ctrl_c_before_a_motion_is_found(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+    monkeypatch.setattr("jaxball.design.control.solve.started", interrupted)
+    assert command(tmp_path, PROBLEM) == 130
+    assert capsys.readouterr().err == "jaxball: Stopped; no motion was found yet.\n"
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

@@ -53,11 +53,11 @@ def _control(options: argparse.Namespace, found: Any, say: Callable[[str], None]
 
     try:
         done = controlled(found, say, keep)
+        report = write_report(done, found.title, found.saves, options.out)
     except KeyboardInterrupt:
-        if kept:
-            print(f"jaxball: Stopped; the last motion found is {options.out / SCENARIO}.", file=sys.stderr)
+        what = f"the last motion found is {options.out / SCENARIO}" if kept else "no motion was found yet"
+        print(f"jaxball: Stopped; {what}.", file=sys.stderr)
         return INTERRUPTED
-    report = write_report(done, found.title, found.saves, options.out)
     if found.title:
         print(found.title)
     for name, value in done.branch[-1].means.items():
