@@ -135,6 +135,36 @@ def test_constrained_problem_71_of_hock_and_schittkowski(method):
     np.testing.assert_allclose(x, [1.0, 4.742999, 3.821151, 1.379408], atol=1e-4)
 
 
+class Parabola(AbstractProgram):
+    """min (x − 3)² with x ≤ 1, from x = 0."""
+
+    weights = np.ones(1)  # pyright: ignore[reportAssignmentType]
+    places = Places({"wall": 1})
+    equal = np.array([False])
+    names = ("x",)
+
+    def starts(self, settings):
+        return np.zeros((settings.starts, 1))
+
+    def numbers(self, y):
+        return y
+
+    def simulate(self, numbers, adjoint=None):
+        return numbers
+
+    def assess(self, runs):
+        return Evaluation((runs - 3) ** 2, runs - 1, jnp.asarray(0))
+
+
+@pytest.mark.parametrize(("rate", "chosen"), [(2.0, 2.0), (10.0, 0.0)], ids=["where it came to", "where it was"])
+def test_a_start_that_goes_far_is_polished_from_where_the_augmented_lagrangian_is_less(rate, chosen):
+    """The first step of Adam is as long as its rate. (x − 3)² + ρ/2 max(0, x − 1)² is 9 at 0, 6 at 2, and 454 at 10."""
+    optimiser = Optimiser(Parabola(), Settings(starts=1, steps=1, learning_rate=rate, penalty=10.0))
+    progress = optimiser.advance(optimiser.begin())
+    assert progress.phase == "polish"
+    np.testing.assert_allclose(progress.z, [[chosen]], atol=1e-6)
+
+
 def test_the_gauss_newton_hessian_is_exact_where_the_run_is_linear():
     """Beside that of JAX, of what is not taken apart: bounds, products, and places that are pushed or not."""
     program, y = hock_schittkowski_71(), jnp.asarray([0.3, 1.0, -0.4, 0.8])

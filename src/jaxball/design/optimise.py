@@ -107,14 +107,11 @@ class Optimiser:
         return progress
 
     def _choose(self, progress: Progress) -> None:
-        """The starts that are polished."""
-        multipliers = self.penalised(self.lanes)
-        value = self.look(progress.z, self.penalised(len(progress.z))).value
-        promising = np.argsort(np.where(np.isfinite(value), value, np.inf), kind="stable")[: self.lanes]
-        progress.z, progress.phase, progress.step = progress.z[promising], "polish", 0
-        # The best design goes on in the place of the last, because its start may have gone past it.
-        progress.z[-1] = progress.best
-        progress.arrays = [*map(np.asarray, multipliers), np.full(self.lanes, np.inf)]
+        """The most promising are polished: of where the starts have come to, and of the best, past which one may be."""
+        z = np.unique([*progress.z, progress.best], axis=0)
+        promising = np.argsort(self.look(z, self.penalised(len(z))).value, kind="stable")[: self.lanes]
+        progress.z, progress.phase, progress.step = z[promising], "polish", 0
+        progress.arrays = [*self.penalised(len(promising)), np.full(len(promising), np.inf)]
 
     def _polish(self, progress: Progress) -> Progress:
         settings = self.settings
