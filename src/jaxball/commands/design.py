@@ -41,6 +41,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _control(options: argparse.Namespace, found: Any, say: Callable[[str], None]) -> int:
+    from ..design.control.means import means
     from ..design.control.report import SCENARIO, write_design, write_report
     from ..design.control.solve import controlled
 
@@ -60,9 +61,14 @@ def _control(options: argparse.Namespace, found: Any, say: Callable[[str], None]
         return INTERRUPTED
     if found.title:
         print(found.title)
-    for name, value in done.branch[-1].means.items():
+    for name, value in means(done.solution).items():
         print(f"  {name}: {value:.6g}")
+    if done.seen.violations:
+        print(f"  largest violation between nodes: {max(done.seen.violations.values()):.3g}")
     print(f"  written: {report}, {options.out / SCENARIO}")
+    for name, by in done.broken.items():
+        sentence = f"The constraint `{name}` is violated by {by:.2g}, and {done.violation:g} is allowed"
+        print(f"jaxball: {sentence}; begin with more intervals.", file=sys.stderr)
     return 0 if done.good else UNMET
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from .equations import AbstractEquations, bordered_solver
+from .equations import ROUNDING, AbstractEquations, bordered_solver
 from .errors import DesignError
 
 # Corrections of Newton's method with which a step is neither too short nor too long, and with which it has failed.
@@ -203,6 +203,7 @@ class _Track:
 
     def _corrected(self, Y: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, int] | None:
         """Newton's method for F(Y) = 0 with row · Y as it is, and how many corrections it took."""
+        largest = math.inf
         for k in range(1, MOST_CORRECTIONS + 1):
             F = self.equations.residual(Y[:-1], float(Y[-1]))
             if not np.all(np.isfinite(F)):
@@ -214,7 +215,9 @@ class _Track:
             Y = Y + change
             if not np.all(np.isfinite(Y)):
                 return None
-            if np.max(np.abs(change) / (1 + np.abs(Y))) <= self.tolerance:
+            sizes = np.append(self.equations.sizes(Y[:-1]), 1 + np.abs(Y[-1]))
+            before, largest = largest, np.max(np.abs(change) / sizes)
+            if largest <= self.tolerance or before / 2 < largest < ROUNDING:
                 return Y, k
         return None
 

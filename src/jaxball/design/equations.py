@@ -14,6 +14,8 @@ from jaxtyping import Array, Float
 from .errors import DesignError
 
 LEAST_SHARE = 1e-4
+# Corrections below this that do not become smaller are rounding.
+ROUNDING = 1e-7
 
 # A dense array of NumPy, or a sparse one of SciPy, whose types do not say what its methods give.
 Matrix = Any
@@ -29,6 +31,10 @@ class AbstractEquations(abc.ABC):
     @abc.abstractmethod
     def jacobian(self, y: Float[np.ndarray, " n"], parameter: float) -> tuple[Matrix, Float[np.ndarray, " n"]]:
         """∂F/∂y, dense or sparse, and ∂F/∂λ."""
+
+    def sizes(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """What corrections of y are measured by: 1 + |y|."""
+        return 1 + np.abs(y)
 
 
 class FunctionEquations(AbstractEquations):
@@ -88,15 +94,19 @@ def newton(
     for _ in range(most):
         solve = solver(equations.jacobian(y, parameter)[0])
         change = -solve(equations.residual(y, parameter))
-        if np.max(np.abs(change) / (1 + np.abs(y))) <= tolerance:
+        sizes = equations.sizes(y)
+        largest = np.max(np.abs(change) / sizes)
+        if largest <= tolerance:
             return y + change
         share = min(1.0, 2 * share)
         while share > LEAST_SHARE:
             next_change = solve(equations.residual(y + share * change, parameter))
-            if np.linalg.norm(next_change) <= (1 - share / 4) * np.linalg.norm(change):
+            if np.linalg.norm(next_change / sizes) <= (1 - share / 4) * np.linalg.norm(change / sizes):
                 break
             share /= 2
         else:
+            if largest <= ROUNDING:
+                return y
             break
         y = y + share * change
     raise DesignError(

@@ -12,3 +12,8 @@ def norm(x: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
     squared = jnp.sum(x**2, axis=-1)
     positive = squared > ROUNDING
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
+
+
+def room(x: Float[Array, "*batch n"], most: Float[Array, "*#batch"]) -> Float[Array, "*batch"]:
+    """most − |x|, as far as it is small, with all derivatives everywhere: (most² − |x|²) / (2 most)."""
+    return (most**2 - jnp.sum(x**2, axis=-1)) / (2 * most)

@@ -1,6 +1,6 @@
 """Constraints: what a design must fulfil."""
 
-from .base import AbstractConstraint as AbstractConstraint
+from .base import AbstractConstraint as AbstractConstraint, AbstractRunningConstraint as AbstractRunningConstraint
 from .contact import (
     ClearOfObstacles as ClearOfObstacles,
     Friction as Friction,

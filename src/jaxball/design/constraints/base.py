@@ -17,3 +17,14 @@ class AbstractConstraint(eqx.Module):
     @abc.abstractmethod
     def __call__(self, run: Run) -> Float[Array, "..."]:
         """The violation at each place or time that is looked at."""
+
+
+class AbstractRunningConstraint(AbstractConstraint):
+    """What a motion fulfils at each time by the state and the actuation at that time."""
+
+    def margins(self, run: Run) -> Float[Array, "t ..."]:
+        """What is not negative where the constraint holds, with second derivatives everywhere.
+
+        Near the boundary it is minus the violation, to first order; if not overridden, everywhere.
+        """
+        return -self(run)

@@ -5,13 +5,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._arrays import to_array
-from ..norms import norm
+from ..norms import norm, room
 from ..objectives.obstacles import depths
 from ..run import Run
-from .base import AbstractConstraint
+from .base import AbstractRunningConstraint
 
 
-class NormalForce(AbstractConstraint):
+class NormalForce(AbstractRunningConstraint):
     """N ≥ least M g at all times, ``least`` a share of the weight."""
 
     least: Float[Array, ""] = eqx.field(converter=to_array)
@@ -20,7 +20,7 @@ class NormalForce(AbstractConstraint):
         return self.least - run.observables.normal_force / run.weight
 
 
-class Friction(AbstractConstraint):
+class Friction(AbstractRunningConstraint):
     """|f| ≤ mu N at all times; in this form the violation stays smooth where N is small."""
 
     mu: Float[Array, ""] = eqx.field(converter=to_array)
@@ -29,8 +29,14 @@ class Friction(AbstractConstraint):
         seen = run.observables
         return norm(seen.friction / run.weight) - self.mu * seen.normal_force / run.weight
 
+    def margins(self, run: Run):
+        """That of |f|² / N ≤ mu² N: with N > 0 it is the same."""
+        seen = run.observables
+        friction, normal = seen.friction / run.weight, seen.normal_force / run.weight
+        return (self.mu * normal**2 - jnp.sum(friction**2, axis=-1) / self.mu) / 2
 
-class ClearOfObstacles(AbstractConstraint):
+
+class ClearOfObstacles(AbstractRunningConstraint):
     """The geometric centre outside of discs of the plane; shape (t, k)."""
 
     centres: Float[Array, "k 2"] = eqx.field(converter=to_array)
@@ -39,8 +45,11 @@ class ClearOfObstacles(AbstractConstraint):
     def __call__(self, run: Run):
         return depths(run, self.centres, self.radii)
 
+    def margins(self, run: Run):
+        return -room(run.z[:, None] - self.centres[None], self.radii[None]) / run.length
 
-class Within(AbstractConstraint):
+
+class Within(AbstractRunningConstraint):
     """The geometric centre within a rectangle of the plane, from ``low`` to ``high``; shape (t, 4)."""
 
     low: Float[Array, "2"] = eqx.field(converter=to_array)

@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..._arrays import to_array
-from ..norms import norm
+from ..norms import norm, room
 from ..run import Run
-from .base import AbstractConstraint
+from .base import AbstractConstraint, AbstractRunningConstraint
 from .segments import distance
 
 
-class RailsInside(AbstractConstraint):
+class RailsInside(AbstractRunningConstraint):
     """|ζ| ≤ r − clearance on every closed rail, and |χ| ≤ r − clearance for every mass along the motion."""
 
     clearance: Float[Array, ""] = eqx.field(converter=to_array, default=0.0)
@@ -21,6 +21,10 @@ class RailsInside(AbstractConstraint):
     def __call__(self, run: Run):
         reach = jnp.concatenate([jnp.ravel(norm(run.curves.points)), jnp.ravel(norm(run.masses.chi))])
         return (reach + self.clearance) / run.length - 1
+
+    def margins(self, run: Run):
+        """Those of the masses: no motion changes the rails."""
+        return room(run.masses.chi, run.length - self.clearance) / run.length
 
 
 class RailsApart(AbstractConstraint):

@@ -3,6 +3,7 @@
 from .collocation import Collocation as Collocation, Unknowns as Unknowns
 from .curvature import least_curvature as least_curvature
 from .guess import rolling_along as rolling_along
+from .inequalities import violations as violations
 from .means import means as means
 from .path import Path as Path
 from .problem import AbstractControlProblem as AbstractControlProblem
@@ -15,4 +16,5 @@ from .schedules import (
     scenario_of as scenario_of,
     schedules_of as schedules_of,
 )
+from .sharpen import sharpened as sharpened
 from .steps import at_rest as at_rest, continued as continued, started as started

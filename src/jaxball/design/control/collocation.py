@@ -4,11 +4,11 @@ On each interval of a mesh the state is a polynomial of degree s that fulfils th
 of Gauss, where the controls have their values (Betts, Practical Methods for Optimal Control, chapter 4; Hairer,
 Lubich & Wanner, Geometric Numerical Integration, section II.1.3: states have order 2s at the ends of intervals). The
 conditions of Karush, Kuhn and Tucker, that all derivatives of the Lagrangian vanish, are equations
-F(y, λ) = 0 with as many unknowns: states, controls and multipliers. Their Jacobian is sparse, symmetric and exact.
+F(y, λ) = 0 with as many unknowns: states, controls and multipliers. Their Jacobian is sparse and exact. Inequalities
+hold at the nodes, with slacks and multipliers whose product is a barrier µ (see :mod:`.complementarity`).
 """
 
 import functools
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -19,12 +19,12 @@ from jaxtyping import Array, Float
 
 from ...solvers.tableau import Tableau, gauss
 from ..equations import AbstractEquations
+from .chunks import in_chunks
 from .problem import AbstractControlProblem
+from .terms import Sizes, Term, Vary, at_end, at_nodes, initial, sizes
 
-# So many nodes are looked at by one call of the compiled program, which is the same for each mesh.
-CHUNK = 32
-
-Vary = Callable[[Any, Float[Array, ""]], AbstractControlProblem]
+# The barrier with which problems are begun; only inequalities know of it.
+BARRIER = 1e-2
 
 
 def as_it_is(problem: AbstractControlProblem, parameter: Float[Array, ""]) -> AbstractControlProblem:
@@ -38,6 +38,7 @@ class Unknowns(NamedTuple):
     - ``knots``: states at the ends of the N intervals; ``nodes``, ``controls``: states and controls at the nodes.
     - ``at_start``, ``at_nodes``, ``at_knots``, ``at_end``: multipliers of the initial state, of the differential
       equation at the nodes, of the states at the ends of the intervals, and of the end conditions.
+    - ``excess``: of the inequalities' slacks over their multipliers, at the nodes.
     """
 
     knots: Float[np.ndarray, "N_plus_one n"]
@@ -46,11 +47,12 @@ class Unknowns(NamedTuple):
     at_start: Float[np.ndarray, " n"]
     at_nodes: Float[np.ndarray, "N s n"]
     at_knots: Float[np.ndarray, "N n"]
-    at_end: Float[np.ndarray, " k"]
+    at_end: Float[np.ndarray, " c"]
+    excess: Float[np.ndarray, "N s i"]
 
 
 class Collocation(AbstractEquations):
-    """The equations for the problem vary(problem, λ) on a mesh, with s nodes an interval.
+    """The equations for the problem vary(problem, λ) on a mesh, with s nodes an interval, and the barrier µ.
 
     ``vary`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
     """
@@ -61,16 +63,30 @@ class Collocation(AbstractEquations):
         mesh: Float[np.ndarray, " N_plus_one"],
         stages: int = 3,
         vary: Vary = as_it_is,
+        barrier: float = BARRIER,
     ):
-        self.problem, self.mesh, self.stages, self.vary = problem, mesh, stages, vary
+        self.problem, self.mesh, self.stages, self.vary, self.barrier = problem, mesh, stages, vary, barrier
         self.tableau: Tableau = gauss(stages)
-        self._last: tuple[np.ndarray, float, _Looked, _Looked] | None = None
-        n, ends = (shape.size for shape in jax.eval_shape(functools.partial(_sizes, vary), problem))
-        N, m = len(mesh) - 1, vary(problem, jnp.zeros(())).controls
-        shapes: list[Any] = [(N + 1, n), (N, stages, n), (N, stages, m), (n,), (N, stages, n), (N, n), (ends,)]
+        self._last: tuple[np.ndarray, float, Term, Term] | None = None
+        self._sizes: Sizes = sizes(vary, problem)
+        n, m, c, i = self._sizes
+        N, s = len(mesh) - 1, stages
+        shapes: list[Any] = [(N + 1, n), (N, s, n), (N, s, m), (n,), (N, s, n), (N, n), (c,), (N, s, i)]
         self.shapes = Unknowns(*shapes)
         places = np.split(np.arange(self.size), np.cumsum([np.prod(shape) for shape in self.shapes])[:-1])
         self.places = Unknowns(*(at.reshape(shape) for at, shape in zip(places, self.shapes, strict=True)))
+
+    def changed(
+        self, mesh: Float[np.ndarray, " N_plus_one"] | None = None, barrier: float | None = None
+    ) -> "Collocation":
+        """The equations on another mesh, or with another barrier."""
+        return Collocation(
+            self.problem,
+            self.mesh if mesh is None else mesh,
+            self.stages,
+            self.vary,
+            self.barrier if barrier is None else barrier,
+        )
 
     @property
     def size(self) -> int:
@@ -96,36 +112,51 @@ class Collocation(AbstractEquations):
         return np.concatenate([np.ravel(part) for part in parts])
 
     @property
+    def inequalities(self) -> int:
+        """How many inequalities hold at each node."""
+        return self._sizes.inequalities
+
+    @property
     def unconstrained(self) -> int:
         """How many of the unknowns, the first ones, are states and controls; the others are multipliers."""
         return int(sum(np.prod(shape) for shape in self.shapes[:3]))
 
+    @property
+    def equalities(self) -> slice:
+        """Where the multipliers are of all conditions but inequalities."""
+        return slice(self.unconstrained, self.size - int(np.prod(self.shapes.excess)))
+
+    def sizes(self, y):
+        """1 + |y| for states and controls. Multipliers are not measured: near a boundary rounding changes them much."""
+        found = super().sizes(y)
+        found[self.unconstrained :] = np.inf
+        return found
+
     def residual(self, y, parameter):
         node, end = self._looked_at(y, parameter)
         first = self.linear @ y
-        first[self.places.at_start] -= _initial(self.vary, self.problem, jnp.asarray(parameter))[0]
-        np.add.at(first, self._node_places, node.gradient)
-        np.add.at(first, self._end_places, end.gradient)
+        first[self.places.at_start] -= initial(self.vary, self.problem, jnp.asarray(parameter))[0]
+        np.add.at(first, self._node_places, node.value)
+        np.add.at(first, self._end_places, end.value)
         return first
 
     def jacobian(self, y, parameter):
         node, end = self._looked_at(y, parameter)
-        at_nodes = _scattered(self._node_places, node.hessian, self.size)
-        at_end = _scattered(self._end_places[None], end.hessian[None], self.size)
+        at_nodes = _scattered(self._node_places, node.jacobian, self.size)
+        at_end = _scattered(self._end_places[None], end.jacobian[None], self.size)
         by_parameter = np.zeros(self.size)
         np.add.at(by_parameter, self._node_places, node.by_parameter)
         np.add.at(by_parameter, self._end_places, end.by_parameter)
-        by_parameter[self.places.at_start] -= _initial(self.vary, self.problem, jnp.asarray(parameter))[1]
+        by_parameter[self.places.at_start] -= initial(self.vary, self.problem, jnp.asarray(parameter))[1]
         return self.linear + at_nodes + at_end, by_parameter
 
     def cost(self, y: Float[np.ndarray, " size"], parameter: float) -> float:
         """The mean of the running cost, by the weights of Gauss."""
-        parts = self.parts(y)
-        return float(np.sum(self._node(parts._replace(at_nodes=0 * parts.at_nodes), parameter).value))
+        return float(np.sum(self._looked_at(y, parameter)[0].cost))
 
     @functools.cached_property
     def linear(self) -> scipy.sparse.sparray:
-        """The second derivatives of the Lagrangian that are the same everywhere: coefficients of linear equations."""
+        """The part of the Jacobian that is the same everywhere: coefficients of linear equations."""
         s, n, N = self.stages, self.shapes.at_start[0], len(self.steps)
         # Rows: h F = A⁻¹ (X − x_k) at the nodes, and x_{k+1} = x_k + b·A⁻¹ (X − x_k). Columns: x_k, X, x_{k+1}.
         slopes, ends = self.tableau.A_inverse, self.tableau.b @ self.tableau.A_inverse
@@ -144,100 +175,37 @@ class Collocation(AbstractEquations):
 
     @functools.cached_property
     def _node_places(self) -> np.ndarray:
-        """Where X, u and the multiplier of each node are in y."""
-        parts = (self.places.nodes, self.places.controls, self.places.at_nodes)
-        return np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts], axis=1)
+        """Where X, u, the costate and the inequalities' unknowns of each node are in y."""
+        return _local(self.places)
 
     @functools.cached_property
     def _end_places(self) -> np.ndarray:
         return np.concatenate([self.places.knots[-1], self.places.at_end])
 
-    def _looked_at(self, y: np.ndarray, parameter: float) -> tuple["_Looked", "_Looked"]:
+    def _looked_at(self, y: np.ndarray, parameter: float) -> tuple[Term, Term]:
         """The terms of the nodes and of the end; kept, because residual and Jacobian are wanted at the same point."""
         if self._last is None or self._last[1] != parameter or not np.array_equal(self._last[0], y):
             parts = self.parts(y)
             self._last = (y.copy(), parameter, self._node(parts, parameter), self._end(parts, parameter))
         return self._last[2:]
 
-    def _node(self, parts: Unknowns, parameter: float) -> "_Looked":
-        """The nodes' terms of the Lagrangian."""
-        local = np.concatenate([parts.nodes, parts.controls, parts.at_nodes], axis=2)
-        local = local.reshape(-1, local.shape[-1])
+    def _node(self, parts: Unknowns, parameter: float) -> Term:
         h = np.broadcast_to(self.steps[:, None], self.times.shape)
         weights = h * self.tableau.b / (self.mesh[-1] - self.mesh[0])
-        at = jnp.asarray(parameter)
-        function = functools.partial(_nodes, self.vary, self.shapes.at_start[0], self.problem, at)
-        return _Looked(*in_chunks(function, np.ravel(self.times), np.ravel(weights), np.ravel(h), local))
+        given = (self.problem, jnp.asarray(parameter), jnp.asarray(self.barrier))
+        rows = [np.ravel(self.times), np.ravel(weights), np.ravel(h), _local(parts)]
+        return in_chunks(functools.partial(at_nodes, self.vary, self._sizes, *given), *rows)
 
-    def _end(self, parts: Unknowns, parameter: float) -> "_Looked":
-        """The end conditions' term of the Lagrangian."""
+    def _end(self, parts: Unknowns, parameter: float) -> Term:
         local = jnp.asarray(np.concatenate([parts.knots[-1], parts.at_end]))
-        return _Looked(
-            *map(np.asarray, _ends(self.vary, self.shapes.at_start[0], self.problem, jnp.asarray(parameter), local))
-        )
+        found = at_end(self.vary, self._sizes, self.problem, jnp.asarray(parameter), local)
+        return jax.tree.map(np.asarray, found)
 
 
-def in_chunks(function: Callable[..., Any], *rows: np.ndarray) -> Any:
-    """A function of many rows, called with ``CHUNK`` of them at a time; the last ones are repeated to fill a chunk."""
-    found = []
-    for at in range(0, len(rows[0]), CHUNK):
-        few = [row[at : at + CHUNK] for row in rows]
-        count = len(few[0])
-        filled = [np.concatenate([row, np.repeat(row[-1:], CHUNK - count, axis=0)]) for row in few]
-        found.append(jax.tree.map(lambda x, count=count: np.asarray(x)[:count], function(*map(jnp.asarray, filled))))
-    return jax.tree.map(lambda *parts: np.concatenate(parts), *found)
-
-
-class _Looked(NamedTuple):
-    """A term of the Lagrangian, its derivatives, and the derivative of its gradient with respect to λ."""
-
-    value: np.ndarray
-    gradient: np.ndarray
-    hessian: np.ndarray
-    by_parameter: np.ndarray
-
-
-def _looked(term: Callable[..., Float[Array, ""]], local: Float[Array, " k"], parameter: Float[Array, ""]) -> _Looked:
-    def first(local, parameter):
-        value, gradient = jax.value_and_grad(term)(local, parameter)
-        return gradient, (value, gradient)
-
-    # One derivative of one trace, because these programs take longer to compile than to run.
-    (hessian, by_parameter), (value, gradient) = jax.jacfwd(first, argnums=(0, 1), has_aux=True)(local, parameter)
-    return _Looked(value, gradient, hessian, by_parameter)
-
-
-def _sizes(vary: Vary, problem: Any) -> tuple[Array, Array]:
-    at = vary(problem, jnp.zeros(()))
-    return at.initial, at.conditions(at.initial)
-
-
-@functools.partial(jax.jit, static_argnums=(0, 1))
-def _nodes(vary: Vary, n: int, problem: Any, parameter, times, weights, steps, local) -> _Looked:
-    def one(t, weight, h, local):
-        def term(local, parameter):
-            at = vary(problem, parameter)
-            x, u, multiplier = local[:n], local[n:-n], local[-n:]
-            return weight * at.cost(t, x, u) + h * jnp.sum(multiplier * at.rate(t, x, u))
-
-        return _looked(term, local, parameter)
-
-    return jax.vmap(one)(times, weights, steps, local)
-
-
-@functools.partial(jax.jit, static_argnums=(0, 1))
-def _ends(vary: Vary, n: int, problem: Any, parameter, local) -> _Looked:
-    def term(local, parameter):
-        at, x, multipliers = vary(problem, parameter), local[:n], local[n:]
-        return jnp.sum(multipliers * at.conditions(x)) - at.softness * jnp.sum(multipliers**2) / 2
-
-    return _looked(term, local, parameter)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _initial(vary: Vary, problem: Any, parameter: Float[Array, ""]):
-    """The initial state, and its derivative with respect to λ."""
-    return jax.jvp(lambda parameter: vary(problem, parameter).initial, (parameter,), (jnp.ones_like(parameter),))
+def _local(parts: Unknowns) -> np.ndarray:
+    """What of each node goes with it, a row for each."""
+    rows = np.concatenate([parts.nodes, parts.controls, parts.at_nodes, parts.excess], axis=2)
+    return rows.reshape(-1, rows.shape[-1])
 
 
 def _scattered(places: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.csr_array:

@@ -9,16 +9,19 @@ import numpy as np
 from ..._arrays import to_array
 from ...body import Ball, Disk
 from ...scenario import read_document
-from ...scenario.table import Key, read_table
+from ...scenario.table import Family, Key, read_table
 from ...scenario.values import POSITIVE, Choice, Integer, Numbers, Text, key_error, shown
 from ...scenario.within import SCENARIO, document_of, scenario_document, text_of
 from ...state import BallState, DiskState
+from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
 from ..files import ANY, FORMAT, LIST, objects_of
-from ..kinds import OBJECTIVES
+from ..kinds import CONSTRAINTS, OBJECTIVES
 from ..objectives import AbstractRunningObjective
+from .collocation import BARRIER
 from .guess import rolling_along
 from .rolling import Rolling
+from .sharpen import VIOLATION
 from .steps import Guess, at_rest
 
 TABLE = "control"
@@ -28,12 +31,15 @@ _KEYS = {
     "title": Key(Text(), ""),
     "scenario": Key(SCENARIO),
     "objectives": Key(LIST),
+    "constraints": Key(LIST, ()),
     TABLE: Key(ANY),
 }
 _CONTROL = {
     "depth": Key(Numbers(rule=POSITIVE), None),
     "intervals": Key(Integer(2, 10**5), 20),
     "tolerance": Key(Numbers(rule=POSITIVE), 1e-6),
+    "violation": Key(Numbers(rule=POSITIVE), VIOLATION),
+    "barrier": Key(Numbers(rule=POSITIVE), BARRIER),
     "guess": Key(Choice(tuple(GUESSES)), "rest"),
     "first_weights": Key(ANY, None),
 }
@@ -46,6 +52,7 @@ class ControlFile(NamedTuple):
       None.
     - ``saves``: how many times the scenario that is found saves.
     - ``intervals``, ``tolerance``: of the first mesh, and of :func:`mesh_errors`.
+    - ``violation``: how much a constraint may be violated; ``barrier``: with which the search begins.
     """
 
     title: str
@@ -54,6 +61,8 @@ class ControlFile(NamedTuple):
     saves: int
     intervals: int
     tolerance: float
+    violation: float
+    barrier: float
     guess: Guess
 
 
@@ -79,11 +88,15 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
         raise key_error("scenario.kind", "ball or disk", system.title.lower())
     place = Key(Numbers() if isinstance(system, Disk) else Numbers((2,)), None)
     given = read_table(found[TABLE], TABLE, {**_CONTROL, "place": place})
-    objectives = _running(objects_of(found["objectives"], "objectives", OBJECTIVES))
+    objectives = objects_of(found["objectives"], "objectives", OBJECTIVES)
+    _require(objectives, "objectives", AbstractRunningObjective, "means over the run", OBJECTIVES)
+    constraints = objects_of(list(found["constraints"]), "constraints", CONSTRAINTS)
+    _require(constraints, "constraints", AbstractRunningConstraint, "what holds at each time", CONSTRAINTS)
     times = (scenario.times[0], scenario.times[-1])
     state = scenario.state
     assert isinstance(state, BallState | DiskState)
-    problem = Rolling(system, times, objectives, state, place=given["place"], depth=given["depth"])
+    ends = {"place": given["place"], "depth": given["depth"]}
+    problem = Rolling(system, times, objectives, state, **ends, constraints=constraints)
     return ControlFile(
         found["title"],
         problem,
@@ -91,16 +104,18 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
         int(np.size(scenario.times)),
         given["intervals"],
         float(given["tolerance"]),
+        float(given["violation"]),
+        float(given["barrier"]),
         GUESSES[given["guess"]],
     )
 
 
-def _running(objectives: dict[str, Any]) -> dict[str, AbstractRunningObjective]:
-    for name, one in objectives.items():
-        if not isinstance(one, AbstractRunningObjective):
-            kinds = [kind for kind, item in OBJECTIVES.items() if issubclass(item.type, AbstractRunningObjective)]
-            raise key_error("objectives", f"means over the run ({', '.join(kinds)}) beside `{TABLE}`", name)
-    return objectives
+def _require(found: dict[str, Any], path: str, running: type, words: str, family: Family) -> None:
+    """Refuses what does not look at one time alone."""
+    for name, one in found.items():
+        if not isinstance(one, running):
+            kinds = ", ".join(kind for kind, item in family.items() if issubclass(item.type, running))
+            raise key_error(path, f"{words} ({kinds}) beside `{TABLE}`", name)
 
 
 def _easy(problem: Rolling, weights: Any) -> Rolling:

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from .collocation import in_chunks
+from .chunks import in_chunks
 from .refine import Solution
 from .rolling import Rolling, rolling
 

@@ -31,6 +31,10 @@ class Path(NamedTuple):
         """Of the powers of (t − t_k) / h_k, the constant first."""
         return _coefficients(gauss(self.nodes.shape[1]).c, self.controls)
 
+    def within(self, count: int) -> Float[np.ndarray, "N count"]:
+        """Times evenly in each interval, both its ends among them."""
+        return self.mesh[:-1, None] + np.diff(self.mesh)[:, None] * np.linspace(0.0, 1.0, count)
+
     def states(self, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k n"]:
         """x(t)."""
         interval, share = self._places(times)

@@ -3,13 +3,15 @@
 import abc
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
 class AbstractControlProblem(eqx.Module):
     """Minimise the mean over [start, end] of a running cost, from a given state to one that fulfils end conditions.
 
-    min 1/T ∫ cost(t, x, u) dt  with  ẋ = rate(t, x, u),  x(start) = x_a,  conditions(x(end)) = 0,  T = end − start.
+    min 1/T ∫ cost(t, x, u) dt  with  ẋ = rate(t, x, u),  x(start) = x_a,  conditions(x(end)) = 0,
+    inequalities(t, x, u) ≥ 0,  T = end − start.
 
     The conditions are in fact conditions(x(end)) = ``softness`` · multipliers, which is 0 in the problem that is to be
     solved. With more, they are not kept but cost |conditions|² / (2 softness), so that a problem is regular also where
@@ -41,3 +43,7 @@ class AbstractControlProblem(eqx.Module):
     @abc.abstractmethod
     def conditions(self, x: Float[Array, " n"]) -> Float[Array, " k"]:
         """What must vanish at the end."""
+
+    def inequalities(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Float[Array, " i"]:
+        """What must not be negative at any time, with second derivatives everywhere; nothing if not overridden."""
+        return jnp.zeros_like(t, shape=(0,))

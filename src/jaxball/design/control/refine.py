@@ -15,9 +15,12 @@ from jaxtyping import Float
 
 from ...solvers.tableau import gauss
 from ..equations import newton, solver
-from .collocation import Collocation, Unknowns, Vary, in_chunks
+from .chunks import in_chunks
+from .collocation import Collocation, Unknowns
+from .inequalities import margins
 from .path import Path
 from .problem import AbstractControlProblem
+from .terms import Vary
 
 MOST_PIECES = 4
 MOST_ROUNDS = 8
@@ -56,25 +59,27 @@ def path_of(collocation: Collocation, y: Float[np.ndarray, " size"]) -> Path:
 def started(collocation: Collocation, path: Path, parameter: float) -> Float[np.ndarray, " size"]:
     """Unknowns with the states and controls of a path, on whatever mesh, and the multipliers that go best with them.
 
-    The multipliers are those with which the gradient of the Lagrangian with respect to states and controls is least.
+    The multipliers are those with which the gradient of the Lagrangian with respect to states and controls is least;
+    those of inequalities are what the path leaves of them, whether it keeps them or not.
     """
     times = np.ravel(collocation.times)
     shapes = collocation.shapes
+    empty = Unknowns(*map(np.zeros, shapes))
     y = collocation.joined(
-        Unknowns(
-            path.states(collocation.mesh),
-            path.states(times).reshape(shapes.nodes),
-            path.inputs(times).reshape(shapes.controls),
-            *(np.zeros(shape) for shape in shapes[3:]),
+        empty._replace(
+            knots=path.states(collocation.mesh),
+            nodes=path.states(times).reshape(shapes.nodes),
+            controls=path.inputs(times).reshape(shapes.controls),
+            excess=margins(collocation, path, times, parameter).reshape(shapes.excess),
         )
     )
-    count = collocation.unconstrained
+    count, equalities = collocation.unconstrained, collocation.equalities
     gradient = collocation.residual(y, parameter)[:count]
-    A = collocation.jacobian(y, parameter)[0].tocsr()[count:, :count]
+    A = collocation.jacobian(y, parameter)[0].tocsr()[equalities, :count]
     matrix = scipy.sparse.block_array(
         [[scipy.sparse.eye_array(count), A.T], [A, -SMALL * scipy.sparse.eye_array(A.shape[0])]]
     )
-    y[count:] = solver(matrix.tocsc())(np.append(-gradient, np.zeros(A.shape[0])))[count:]
+    y[equalities] = solver(matrix.tocsc())(np.append(-gradient, np.zeros(A.shape[0])))[count:]
     return y
 
 
@@ -90,7 +95,7 @@ def solved(collocation: Collocation, path: Path, parameter: float = 0.0, toleran
         if np.max(errors) <= tolerance:
             break
         finer = finer_mesh(collocation.mesh, errors, tolerance, collocation.stages + 1)
-        collocation = Collocation(collocation.problem, finer, collocation.stages, collocation.vary)
+        collocation = collocation.changed(mesh=finer)
     else:
         y = newton(collocation, started(collocation, path, parameter), parameter)
         errors = mesh_errors(collocation, y, parameter)

@@ -14,6 +14,7 @@ from ...extremes import contact_extremes
 from ...results import replacing
 from ...scenario import Scenario, write_scenario
 from ..wanted import curve_and_discs, places_in_time
+from .inequalities import PLACES
 from .means import means
 from .refine import Solution
 from .rolling import Rolling, rolling
@@ -29,6 +30,7 @@ def write_report(found: Controlled, title: str, saves: int, folder: Path) -> Pat
     scenario = write_design(found.solution, title, saves, folder)
     contact = contact_extremes(scenario.simulate(dense=True, throw=True))
     lines = [f"# {title or 'An optimal control'}", "", _verdict(found), "", *_objectives(found), ""]
+    lines += _constraints(found)
     lines += [f"Along the run: {'; '.join(str(contact).splitlines())}.", "", *_figures(found, folder)]
     with replacing(folder / REPORT) as beside:
         beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -66,6 +68,17 @@ def _objectives(found: Controlled) -> list[str]:
     return rows
 
 
+def _constraints(found: Controlled) -> list[str]:
+    violations = found.seen.violations
+    if not violations:
+        return []
+    rows = ["| constraint | largest violation | |", "|" + "---|" * 3]
+    for name, by in violations.items():
+        rows.append(f"| {name} | {by:.3g} | {'violated' if name in found.broken else 'holds'} |")
+    looked = f"Looked at {PLACES - 1} times on each of {found.solution.errors.size} intervals"
+    return [*rows, "", f"{looked}; {found.violation:g} is allowed.", ""]
+
+
 def _figures(found: Controlled, folder: Path) -> list[str]:
     problem = rolling(found.solution.problem)
     times = np.linspace(float(problem.start), float(problem.end), DRAWN)
@@ -92,7 +105,8 @@ def _angles(found: Controlled, times: Float[np.ndarray, " t"]) -> Float[np.ndarr
 def _path(found: Controlled, problem: Rolling, times: Float[np.ndarray, " t"]) -> Axes:
     before, after = (places(one, times) for one in (found.first, found.solution))
     if not isinstance(problem.system, Disk):
-        return plot.designed_path(before, after, *curve_and_discs(problem.objectives.values()))
+        wanted = [*problem.objectives.values(), *problem.constraints.values()]
+        return plot.designed_path(before, after, *curve_and_discs(wanted))
     wanted = places_in_time(problem.objectives.values(), times)
     found_in_time = {"before": (times, before), "after": (times, after)}
     return plot.place_in_time(found_in_time, None if wanted is None else (times, wanted[:, 0]))

@@ -19,6 +19,7 @@ from ...schedules import AbstractSchedule
 from ...state import BallState, DiskState
 from ...status import Status
 from ...vectors import apply
+from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
 from ..objectives import AbstractRunningObjective, FollowTrajectory
 from ..run import Run
@@ -39,7 +40,8 @@ class Rolling(AbstractControlProblem):
 
     The running cost is the sum of the ``objectives``, and the state the vector of :class:`~jaxball.packing.Packing`,
     with θ and θ̇ of the masses on rails. The conditions at the end are θ̇ = 0, Ω = 0, that the centre of mass
-    is straight above or below the geometric centre, and what ``place`` and ``depth`` ask for, if they are given.
+    is straight above or below the geometric centre, and what ``place`` and ``depth`` ask for, if they are given. The
+    inequalities are the ``constraints``.
     """
 
     system: System
@@ -47,6 +49,7 @@ class Rolling(AbstractControlProblem):
     start: Float[Array, ""]
     end: Float[Array, ""]
     objectives: dict[str, AbstractRunningObjective]
+    constraints: dict[str, AbstractRunningConstraint]
     place: Float[Array, " d"] | None
     depth: Float[Array, ""] | None
     softness: Float[Array, ""]
@@ -60,6 +63,7 @@ class Rolling(AbstractControlProblem):
         place: Numbers | None = None,
         depth: Numbers | None = None,
         softness: Numbers = 0.0,
+        constraints: Mapping[str, AbstractRunningConstraint] | None = None,
     ):
         """The problem for a system whose masses on rails have schedules.
 
@@ -71,6 +75,7 @@ class Rolling(AbstractControlProblem):
         - ``depth``: by how much the centre of mass is below the geometric centre at the end, in radii; free if not
           given, and where it comes to be negative it is above, and the equilibrium unstable.
         - ``softness``: of the conditions at the end, see :class:`AbstractControlProblem`.
+        - ``constraints``: what holds at all times.
 
         **Raises:** :class:`DesignError` for a system without masses on rails, and ``ValueError`` for one with a
         feedback law.
@@ -86,6 +91,7 @@ class Rolling(AbstractControlProblem):
         self.state = kind(**fields | angles)
         self.start, self.end = start, end
         self.objectives = {name: _in_time(one, start, end) for name, one in objectives.items()}
+        self.constraints = dict(constraints or {})
         self.depth = None if depth is None else to_array(depth)
         self.softness = to_array(softness)
         self.place = None if place is None else jnp.atleast_1d(to_array(place))
@@ -113,10 +119,13 @@ class Rolling(AbstractControlProblem):
 
     def terms(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> dict[str, Float[Array, ""]]:
         """The objectives at one time, without their weights."""
-        packing = self._packing_with(u)
-        state = jax.tree.map(lambda leaf: leaf[None], packing.unpack(t, x))
-        run = Run(packing.system, t[None], state, jnp.asarray(Status.SUCCESS))
+        run = self._run(t, x, u)
         return {name: one.integrand(run)[0] for name, one in self.objectives.items()}
+
+    def inequalities(self, t, x, u):
+        run = self._run(t, x, u)
+        parts = [jnp.ravel(one.margins(run)) for one in self.constraints.values()]
+        return jnp.concatenate([super().inequalities(t, x, u), *parts])
 
     def conditions(self, x):
         packing = self.packing
@@ -139,6 +148,12 @@ class Rolling(AbstractControlProblem):
             assert isinstance(motion, Driven)
             masses[index] = PointMass(masses[index].mass, OnRail(motion.rail, next(following)))
         return with_masses(self.system, masses)
+
+    def _run(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Run:
+        """A run of one time."""
+        packing = self._packing_with(u)
+        state = jax.tree.map(lambda leaf: leaf[None], packing.unpack(t, x))
+        return Run(packing.system, t[None], state, jnp.asarray(Status.SUCCESS))
 
     def _packing_with(self, u: Float[Array, " m"]) -> Packing[Any, Any]:
         packing = self.packing

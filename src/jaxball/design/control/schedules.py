@@ -1,7 +1,9 @@
 """The schedules of the masses that a solution asks for, as a scenario, and that scenario simulated."""
 
+import dataclasses
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +12,9 @@ from jaxtyping import Float
 from ...scenario import Scenario
 from ...scenario.initial import starting_angles
 from ...schedules import PiecewiseAcceleration
+from ..constraints import AbstractRunningConstraint
+from ..run import Run
+from .inequalities import PLACES
 from .refine import Solution
 from .rolling import rolling
 
@@ -43,6 +48,7 @@ class Resimulated(NamedTuple):
       far it is below.
     - ``missed``: the distance of the geometric centre from its place at the end; 0 where it is free.
     - ``margin``: the least normal force, over M g; ``friction``: the largest |f| / N. Both at the saved times.
+    - ``violations``: by how much each constraint is violated at most; negative where it holds everywhere.
     """
 
     apart: float
@@ -52,20 +58,26 @@ class Resimulated(NamedTuple):
     missed: float
     margin: float
     friction: float
+    violations: dict[str, float]
 
 
 def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 1e-11) -> Resimulated:
-    """The solution's schedules simulated by a solver of another kind.
+    """The solution's schedules simulated by a solver of another kind, and looked at ten times an interval of the mesh
+    where there are constraints.
 
     **Raises:** :class:`~jaxball.SolveError` where the solve fails.
     """
     problem, scenario = rolling(solution.problem), scenario_of(solution)
+    if problem.constraints:
+        scenario = dataclasses.replace(scenario, times=np.unique(solution.path.within(PLACES)))
     run = scenario.simulate(solver=solver, rtol=tolerance, atol=tolerance, throw=True)
     seen, M, r = run.observables, float(problem.system.total_mass), float(problem.system.radius)
     gap = np.asarray(run.state.z) - places(solution, np.asarray(run.times))
     thetadot = starting_angles(tuple(schedules_of(solution)), problem.end)["thetadot"]
     centre = np.asarray(seen.centre_of_mass_space[-1])
     missed = 0.0 if problem.place is None else np.linalg.norm(run.state.z[-1] - problem.place)
+    system = problem.with_schedules(schedules_of(solution))
+    looked = Run(system, jnp.asarray(run.times), run.state, run.status)
     return Resimulated(
         float(np.max(np.abs(gap) if gap.ndim == 1 else np.linalg.norm(gap, axis=1))) / r,
         float(max(np.linalg.norm(seen.angular_velocity_body[-1]), np.max(np.abs(thetadot)))),
@@ -74,7 +86,13 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
         float(missed) / r,
         float(np.min(seen.normal_force)) / (M * float(problem.system.gravity)),
         float(np.max(seen.friction_ratio)),
+        _violations(looked, problem.constraints),
     )
+
+
+def _violations(run: Run, constraints: dict[str, AbstractRunningConstraint]) -> dict[str, float]:
+    found = eqx.filter_jit(lambda run: {name: jnp.max(one(run)) for name, one in constraints.items()})(run)
+    return {name: float(worst) for name, worst in found.items()}
 
 
 def places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:

@@ -7,10 +7,12 @@ import numpy as np
 
 from .curvature import least_curvature
 from .files import ControlFile
+from .inequalities import violations
 from .means import means
 from .refine import Solution
 from .rolling import rolling
 from .schedules import Resimulated, resimulated
+from .sharpen import sharpened
 from .steps import continued, started
 
 # What a simulation may be off by, in units of the mesh's tolerance.
@@ -31,7 +33,7 @@ class Controlled(NamedTuple):
     - ``first``: the solution from which continuation came; ``solution`` itself without continuation.
     - ``curvature``: :func:`least_curvature`.
     - ``seen``: the schedules simulated by a solver of another kind.
-    - ``tolerance``: of the mesh.
+    - ``tolerance``: of the mesh; ``violation``: of constraints.
     """
 
     first: Solution
@@ -40,12 +42,19 @@ class Controlled(NamedTuple):
     curvature: float
     seen: Resimulated
     tolerance: float
+    violation: float
 
     @property
     def good(self) -> bool:
-        """Whether it is a strict minimum, and its schedules lead along its path to rest."""
+        """Whether it is a strict minimum, its schedules lead along its path to rest, and the constraints hold."""
         seen = self.seen
-        return self.curvature > 0 and max(seen.apart, seen.speed, seen.away, seen.missed) <= NEAR * self.tolerance
+        near = max(seen.apart, seen.speed, seen.away, seen.missed) <= NEAR * self.tolerance
+        return self.curvature > 0 and near and not self.broken
+
+    @property
+    def broken(self) -> dict[str, float]:
+        """The constraints that do not hold, and by how much they are violated."""
+        return {name: by for name, by in self.seen.violations.items() if not by <= self.violation}
 
 
 def controlled(
@@ -54,6 +63,8 @@ def controlled(
     keep: Callable[[Solution], None] = lambda solution: None,
 ) -> Controlled:
     """The solution of a problem: from its guess by Newton's method, and by continuation if it has an easier problem.
+
+    Last, the barrier of constraints is brought to nearly nothing.
 
     ``say`` is told of each point of the branch, and ``keep`` is given it.
 
@@ -68,15 +79,24 @@ def controlled(
         keep(solution)
         say(_line(branch[-1]))
 
+    def sharper(solution: Solution) -> None:
+        collocation = solution.collocation
+        worst = np.max(violations(collocation, solution.path, solution.parameter))
+        keep(solution)
+        say(f"barrier {collocation.barrier:.0e}   {collocation.steps.size} intervals   violation {worst:.1e}")
+
     problem = found.problem
     mesh = np.linspace(float(problem.start), float(problem.end), found.intervals + 1)
     easy = problem if found.easy is None else found.easy
-    first = solution = started(easy, mesh, tolerance=found.tolerance, guess=found.guess)
+    first = solution = started(easy, mesh, tolerance=found.tolerance, guess=found.guess, barrier=found.barrier)
     if found.easy is None:
         visit(solution)
     else:
         solution = continued(first, problem, found.tolerance, visit)[1]
-    return Controlled(first, solution, tuple(branch), least_curvature(solution), resimulated(solution), found.tolerance)
+    if problem.constraints:
+        solution = sharpened(solution, tolerance=found.tolerance, violation=found.violation, visit=sharper)
+    seen = resimulated(solution)
+    return Controlled(first, solution, tuple(branch), least_curvature(solution), seen, found.tolerance, found.violation)
 
 
 def _line(point: Point) -> str:

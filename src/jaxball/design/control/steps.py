@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from ..continuation import Branch, follow
 from ..errors import DesignError
-from .collocation import Collocation
+from .collocation import BARRIER, Collocation
 from .path import Path
 from .refine import Solution, mesh_errors, solved
 from .rolling import Rolling, between
@@ -38,14 +38,16 @@ def started(
     stages: int = 3,
     tolerance: float = 1e-6,
     guess: Guess = at_rest,
+    barrier: float = BARRIER,
 ) -> Solution:
     """The solution of a problem to which Newton's method comes from a ``guess``.
 
-    From rest it comes to motions that are small. To others it may come from :func:`rolling_along` the wanted path.
+    From rest it comes to motions that are small. To others it may come from :func:`rolling_along` the wanted path. What
+    the ``barrier`` keeps away from constraints :func:`sharpened` lets come to them.
 
     **Raises:** :class:`~jaxball.design.DesignError` where it does not come to one.
     """
-    collocation = Collocation((problem, problem), mesh, stages, between)
+    collocation = Collocation((problem, problem), mesh, stages, between, barrier)
     return solved(collocation, guess(problem, mesh, stages), 0.0, tolerance)
 
 
@@ -63,7 +65,7 @@ def continued(
     finds no solution on a finer mesh.
     """
     before = solution.collocation
-    collocation = Collocation((solution.problem, problem), before.mesh, before.stages, between)
+    collocation = Collocation((solution.problem, problem), before.mesh, before.stages, between, before.barrier)
     knots = np.ravel(collocation.places.knots)
     weights = np.zeros(collocation.size)
     weights[knots] = 1 / knots.size

@@ -1,0 +1,77 @@
+"""From a solution with a large barrier, which keeps away from its inequalities, to one that may touch them."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from ..equations import newton
+from ..errors import DesignError
+from .collocation import Collocation
+from .inequalities import violations
+from .refine import Solution, finer_mesh, mesh_errors, path_of, started
+
+# By how much an inequality may be violated between the nodes.
+VIOLATION = 1e-4
+# The barrier of a finished solution; that with which it is begun on a finer mesh; and the first step of a barrier.
+SHARP, AGAIN, STEP = 1e-8, 1e-4, 0.1
+# A barrier that must be changed by less than this fails.
+LEAST_CHANGE = 0.95
+MOST_ROUNDS = 12
+
+
+def sharpened(
+    solution: Solution,
+    barrier: float = SHARP,
+    tolerance: float = 1e-6,
+    violation: float = VIOLATION,
+    visit: Callable[[Solution], None] = lambda solution: None,
+) -> Solution:
+    """The solution with a small barrier, on meshes finer until its inequalities hold between the nodes as well.
+
+    The barrier falls in steps, each solved by Newton's method from the solution before. Where no inequality is
+    in the way, what remains of it costs no more than µ for each.
+
+    **Arguments:**
+
+    - ``barrier``: µ at the end.
+    - ``tolerance``: of :func:`mesh_errors`; ``violation``: of :func:`violations`.
+    - ``visit``: called with the solution on each mesh.
+
+    **Raises:** :class:`~jaxball.design.DesignError` where Newton's method finds no solution.
+    """
+    found, parameter = solution, solution.parameter
+    if not found.collocation.inequalities:
+        return found
+    for _ in range(MOST_ROUNDS):
+        collocation, y = _lowered(found.collocation, found.y, parameter, barrier)
+        errors = mesh_errors(collocation, y, parameter)
+        found = Solution(collocation, y, parameter, errors)
+        visit(found)
+        excess = np.maximum(errors / tolerance, violations(collocation, found.path, parameter) / violation)
+        if np.max(excess) <= 1:
+            break
+        finer = finer_mesh(collocation.mesh, excess, 1.0, collocation.stages + 1)
+        collocation = collocation.changed(finer, max(barrier, AGAIN))
+        y = newton(collocation, started(collocation, path_of(found.collocation, found.y), parameter), parameter)
+        found = Solution(collocation, y, parameter, errors)
+    return found
+
+
+def _lowered(
+    collocation: Collocation, y: Float[np.ndarray, " size"], parameter: float, barrier: float
+) -> tuple[Collocation, Float[np.ndarray, " size"]]:
+    """The solution with a smaller barrier, by steps that become shorter where Newton's method fails."""
+    step = STEP
+    while collocation.barrier > barrier:
+        lower = collocation.changed(barrier=max(barrier, step * collocation.barrier))
+        try:
+            y = newton(lower, y, parameter)
+        except DesignError:
+            step = math.sqrt(step)
+            if step > LEAST_CHANGE:
+                raise
+            continue
+        collocation = lower
+    return collocation, y
