@@ -86,6 +86,42 @@ def test_violation_in_closed_form(name):
     np.testing.assert_allclose(float(jnp.max(violations()[name])), expected()[name][1], rtol=1e-8, atol=bound)
 
 
+def limits():
+    """Constraints, and the limit b of each in its units, negative where it is a least one."""
+    return {
+        "masses apart": (design.MassesApart(0.25), -0.25 / R),
+        "speed": (design.SpeedLimit(0.5), 0.5 * SECOND / R),
+        "acceleration": (design.AccelerationLimit(1.0), 1.0 / G),
+        "force": (design.ForceLimit(0.6), 0.6 / WEIGHT),
+        "normal": (design.NormalForce(0.3), np.inf),
+        "obstacles": (design.ClearOfObstacles([[0.3, 0.4]], [0.2]), -0.2 / R),
+        "rectangle": (design.Within((-1.0, 0.25), (2.0, 2.0)), np.inf),
+    }
+
+
+@functools.cache
+def sides():
+    """Violations and margins, computed together."""
+    found = {name: constraint for name, (constraint, _) in limits().items()}
+    return eqx.filter_jit(lambda run, found: {name: (one(run), one.margins(run)) for name, one in found.items()})(
+        held(), found
+    )
+
+
+@pytest.mark.parametrize("name", limits())
+def test_margins_are_smooth_violations(name):
+    """Where |x| ≤ b is violated by v, (b² − |x|²) / (2 b) = −v (1 + v / (2 b))."""
+    violation, margin = map(np.asarray, sides()[name])
+    expected = -violation * (1 + violation / (2 * limits()[name][1]))
+    np.testing.assert_allclose(margin, expected, rtol=0, atol=1e-13 * np.max(np.abs(violation)))
+
+
+def test_margins_of_the_shell_are_those_of_the_masses():
+    margin = eqx.filter_jit(design.RailsInside(0.05).margins)(held())
+    reach = R - 0.05
+    np.testing.assert_allclose(margin, (reach**2 - np.sum(places() ** 2, axis=-1)) / (2 * reach * R), atol=1e-14)
+
+
 def test_contact_of_the_papers_ball():
     """The extremes of its contact force are N = 3.517427 and |f|/N = 0.190594, at t = 6.438."""
     times = np.linspace(0.0, 20.0, 2001)

@@ -4,6 +4,7 @@ import os
 import re
 import tomllib
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 import jaxball
 from jaxball import cli, design
 from jaxball.design import control
+from jaxball.design.control.complementarity import multiplier
 from jaxball.design.control.files import read_control
 
 END, PLACE = 8.0, 1.0
@@ -23,13 +25,13 @@ def disk():
     return jaxball.Disk(mass=1.0, inertia=1.0, masses=masses)
 
 
-def problem(weight):
+def problem(weight, **constraints):
     """A rest-to-rest tracking problem, with the tracking cost multiplied by ``weight``."""
     curve = design.Through([[0.0, 0.0], [PLACE, 0.0]])
     tracking = design.FollowTrajectory(curve, rest_to_rest=True, weight=weight)
     effort = design.AccelerationEffort(weight=0.01)
     objectives = {"follow-trajectory": tracking, "acceleration-effort": effort}
-    return control.Rolling(disk(), (0.0, END), objectives, place=PLACE)
+    return control.Rolling(disk(), (0.0, END), objectives, place=PLACE, constraints=constraints)
 
 
 @pytest.fixture(scope="module")
@@ -146,6 +148,15 @@ first_weights = {{ follow-trajectory = 0.01 }}
 """
 
 
+CONSTRAINT = """
+[[constraints]]
+kind = "speed-limit"
+most = 0.12
+
+[control]
+"""
+
+
 def command(folder, text):
     (folder / "problem.toml").write_text(text)
     return cli.main(["design", str(folder / "problem.toml"), "--out", str(folder / "out")])
@@ -158,6 +169,9 @@ def test_a_file_says_what_python_says():
         for a, b in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
             np.testing.assert_array_equal(a, b)
     assert (found.intervals, found.saves, found.tolerance) == (8, 41, 1e-6)
+    limited = read_control(tomllib.loads(PROBLEM.replace("[control]", CONSTRAINT)))
+    assert list(limited.problem.constraints) == ["speed-limit"]
+    np.testing.assert_array_equal(limited.problem.constraints["speed-limit"].most, 0.12)
 
 
 @pytest.mark.slow
@@ -214,6 +228,9 @@ def test_ctrl_c_before_a_motion_is_found(tmp_path, capsys, monkeypatch):
         ('"acceleration-effort"', '"go-far"', r"means over the run .*it is go-far"),
         ("intervals = 8", "intervals = 1", r"control\.intervals"),
         ("intervals = 8", 'guess = "reset"', r"control\.guess"),
+        ("[control]", CONSTRAINT.replace("speed-limit", "regular-rails").replace("most", "least"), r"it is regular-ra"),
+        ("[control]", CONSTRAINT.replace("0.12", "-1.0"), r"constraints\[0\]\.most.*positive"),
+        ("intervals = 8", "violation = 0", r"control\.violation.*positive"),
     ],
 )
 def test_what_cannot_be_a_problem_of_control(tmp_path, capsys, old, new, words):
@@ -227,3 +244,63 @@ def test_what_cannot_be_a_problem_of_control(tmp_path, capsys, old, new, words):
 def test_a_system_without_rails_cannot_be_controlled():
     with pytest.raises(design.DesignError, match="mass on a rail"):
         control.Rolling(jaxball.Disk(mass=1.0, inertia=1.0), (0.0, 1.0), {})
+
+
+LIMITS = (0.149, 0.15, 0.151)
+
+
+@pytest.fixture(scope="module")
+def limited():
+    """The first motion with accelerations of the masses that are limited to less than it has."""
+    solutions = []
+    for most in LIMITS:
+        one = problem(0.01, limit=design.AccelerationLimit(most))
+        solutions.append(control.sharpened(control.started(one, np.linspace(0.0, END, 9))))
+    return solutions
+
+
+def cost(solution):
+    return solution.collocation.cost(solution.y, solution.parameter)
+
+
+@pytest.mark.slow
+def test_a_limit_costs_what_its_multipliers_say(limited, easy):
+    """The derivative of the least cost by a limit is minus the mean of the multipliers (the envelope theorem)."""
+    found = limited[1].collocation
+    s = found.parts(limited[1].y).excess
+    weights = found.steps[:, None] * found.tableau.b / END
+    multipliers = np.asarray(multiplier(jnp.asarray(np.ravel(s)), jnp.asarray(found.barrier))).reshape(s.shape)
+    slope = (cost(limited[2]) - cost(limited[0])) / (LIMITS[2] - LIMITS[0])
+    np.testing.assert_allclose(slope, -np.sum(weights[..., None] * multipliers), rtol=1e-3)
+    assert cost(limited[1]) > cost(easy)
+
+
+@pytest.mark.slow
+def test_a_limit_holds_in_the_simulation(limited):
+    """Of the accelerations by the schedules, χ̈ = r (θ̈ along the circle, θ̇² to its centre)."""
+    t = jnp.linspace(0.0, END, 4001)
+    rates = [jax.vmap(schedule.derivatives)(t) for schedule in control.schedules_of(limited[1])]
+    found = [r * np.hypot(one[2], one[1] ** 2) for r, one in zip((0.9, 0.6), rates, strict=True)]
+    assert LIMITS[1] - 1e-4 < np.max(found) < LIMITS[1] + 1e-4
+    seen = control.resimulated(limited[1])
+    np.testing.assert_allclose(seen.violations["limit"], np.max(found) - LIMITS[1], atol=1e-4)
+    assert control.least_curvature(limited[1]) > 0
+
+
+@pytest.mark.slow
+def test_the_command_keeps_constraints(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+    text = PROBLEM.replace("[control]", CONSTRAINT).replace("weight = 0.02", "weight = 0.01")
+    text = text.replace("first_weights", "# first_weights")
+    assert command(tmp_path, text) == 0
+    captured = capsys.readouterr()
+    assert "barrier 1e-08" in captured.err
+    found = re.search(r"largest violation between nodes: (\S+)", captured.out)
+    assert -1e-3 < float(found[1]) <= 1e-4
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert re.search(r"^\| speed-limit \| \S+ \| holds \|$", report, re.MULTILINE)
+    run = jaxball.load_scenario(tmp_path / "out" / "design.toml").simulate(throw=True)
+    limits = eqx.filter_jit(design.SpeedLimit(0.12))(
+        design.Run(run.system, jnp.asarray(run.times), run.state, run.status)
+    )
+    assert np.max(limits) <= 1e-4

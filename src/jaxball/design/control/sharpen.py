@@ -10,14 +10,13 @@ from ..equations import newton
 from ..errors import DesignError
 from .collocation import Collocation
 from .inequalities import violations
-from .refine import Solution, finer_mesh, mesh_errors, path_of, started
+from .refine import Solution, finer_mesh, mesh_errors, started
 
 # By how much an inequality may be violated between the nodes.
 VIOLATION = 1e-4
-# The barrier of a finished solution; that with which it is begun on a finer mesh; and the first step of a barrier.
-SHARP, AGAIN, STEP = 1e-8, 1e-4, 0.1
-# A barrier that must be changed by less than this fails.
-LEAST_CHANGE = 0.95
+# The barrier of a finished solution, that with which it is begun on a finer mesh, and by what it is multiplied: at
+# first, and where it can fall no further.
+SHARP, AGAIN, STEP, SHORTEST_STEP = 1e-8, 1e-4, 0.1, 0.95
 MOST_ROUNDS = 12
 
 
@@ -30,8 +29,8 @@ def sharpened(
 ) -> Solution:
     """The solution with a small barrier, on meshes finer until its inequalities hold between the nodes as well.
 
-    The barrier falls in steps, each solved by Newton's method from the solution before. Where no inequality is
-    in the way, what remains of it costs no more than µ for each.
+    The barrier falls in steps, each solved by Newton's method from the solution before. In a convex problem the cost is
+    then above the least by at most µ for each inequality (Boyd & Vandenberghe, Convex Optimization, section 11.2.2).
 
     **Arguments:**
 
@@ -41,22 +40,21 @@ def sharpened(
 
     **Raises:** :class:`~jaxball.design.DesignError` where Newton's method finds no solution.
     """
-    found, parameter = solution, solution.parameter
-    if not found.collocation.inequalities:
-        return found
+    collocation, y, parameter, sharp = solution.collocation, solution.y, solution.parameter, solution
+    if not collocation.inequalities:
+        return solution
     for _ in range(MOST_ROUNDS):
-        collocation, y = _lowered(found.collocation, found.y, parameter, barrier)
+        collocation, y = _lowered(collocation, y, parameter, barrier)
         errors = mesh_errors(collocation, y, parameter)
-        found = Solution(collocation, y, parameter, errors)
-        visit(found)
-        excess = np.maximum(errors / tolerance, violations(collocation, found.path, parameter) / violation)
+        sharp = Solution(collocation, y, parameter, errors)
+        visit(sharp)
+        excess = np.maximum(errors / tolerance, violations(collocation, sharp.path, parameter) / violation)
         if np.max(excess) <= 1:
             break
         finer = finer_mesh(collocation.mesh, excess, 1.0, collocation.stages + 1)
         collocation = collocation.changed(finer, max(barrier, AGAIN))
-        y = newton(collocation, started(collocation, path_of(found.collocation, found.y), parameter), parameter)
-        found = Solution(collocation, y, parameter, errors)
-    return found
+        y = newton(collocation, started(collocation, sharp.path, parameter), parameter)
+    return sharp
 
 
 def _lowered(
@@ -70,8 +68,11 @@ def _lowered(
             y = newton(lower, y, parameter)
         except DesignError:
             step = math.sqrt(step)
-            if step > LEAST_CHANGE:
-                raise
+            if step > SHORTEST_STEP:
+                raise DesignError(
+                    f"The barrier must fall to {barrier:g}, but below {collocation.barrier:.2g} Newton's method finds "
+                    "no solution; look whether the inequalities leave one, or begin with more intervals."
+                ) from None
             continue
         collocation = lower
     return collocation, y
