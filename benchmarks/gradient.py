@@ -1,8 +1,9 @@
 """The gradient of where the paper's ball comes to with respect to ten parameters: jaxball beside heyoka and CasADi.
 
-    python benchmarks/gradient.py [--json FILE]
+    python benchmarks/gradient.py [--mode forward] [--json FILE]
 
 The error is that of the derivatives, the largest relative one, against thirty digits by heyoka in multiple precision.
+With `--mode forward` the settings of XLA are those for forward mode, and a thousand balls are differentiated, too.
 """
 
 import argparse
@@ -15,15 +16,21 @@ import numpy as np
 
 TOLERANCES = (1e-8, 1e-9, 1e-10, 1e-11, 1e-12)
 GOAL = 1e-8
-OURS = ("forward", "reverse")
+# What each mode is measured with.
+OURS = {
+    "forward": {"jaxball, forward mode": "forward", "jaxball, forward mode in a lane": "in_a_lane"},
+    "reverse": {"jaxball, reverse mode": "reverse"},
+}
+PLAIN = "jaxball, no derivatives"
+STARTS = 1000
 PEERS = {"heyoka, variational equations": "heyoka", "CasADi, CVODES": "casadi"}
 PACKAGES = ("jaxball", "jax", "jaxlib", "diffrax", "equinox", "heyoka", "casadi")
 
 
 def main() -> None:
     options = _options()
-    harness.set_up_jax(cpu_settings=True, gradients=True)
-    calls, build = _contenders()
+    harness.set_up_jax(cpu_settings=True, gradients=options.mode == "reverse")
+    calls, build = _contenders(OURS[options.mode])
     exact = _exact()
     medians = harness.interleaved_medians(calls, rounds=options.rounds, block=3)
     rows = [
@@ -43,6 +50,8 @@ def main() -> None:
         "rows": rows,
     }
     report(rows)
+    if options.mode == "forward":
+        content["starts"] = _starts(options.rounds)
     if options.json:
         harness.write_json(options.json, content)
 
@@ -55,24 +64,34 @@ def report(rows: list[dict]) -> None:
             f"{row['error']:>10.1e}{row['build_time']:>8.1f} s"
         )
     time = {(row["solver"], row["tolerance"]): row["time"] for row in rows}
-    for name in OURS:
-        ratios = [time[f"jaxball, {name} mode", one] / time["jaxball, no derivatives", one] for one in TOLERANCES]
-        print(f"{name} mode: {min(ratios):.1f} to {max(ratios):.1f} plain solves")
+    for name in dict.fromkeys(name for name, _ in time if name.startswith("jaxball") and name != PLAIN):
+        ratios = ", ".join(f"{time[name, one] / time[PLAIN, one]:.1f} at {one:.0e}" for one in TOLERANCES)
+        print(f"{name}: {ratios} plain solves")
     reach = {
         name: min((row["time"] for row in rows if row["solver"] == name and row["error"] <= GOAL), default=None)
         for name in dict.fromkeys(row["solver"] for row in rows)
-        if name != "jaxball, no derivatives"
+        if name != PLAIN
     }
     for name, seconds in reach.items():
         print(f"{name:32}" + (f"{1e6 * seconds:.0f} us for {GOAL:.0e}" if seconds else f"does not reach {GOAL:.0e}"))
 
 
-def _contenders() -> tuple[dict[tuple[str, float], Callable], dict[str, float]]:
+def _starts(rounds: int) -> dict[str, float]:
+    """Microseconds for each of many runs, and for each with its gradient, on one core."""
+    import jaxball_gradient
+
+    best = harness.interleaved_best(jaxball_gradient.starts(STARTS, 1e-10), rounds)
+    found = {name: 1e6 * seconds / STARTS for name, seconds in best.items()}
+    print(f"{STARTS} balls: {found['runs']:.0f} us a run, {found['gradients']:.0f} us a run with its gradient")
+    return found
+
+
+def _contenders(ours: dict[str, str]) -> tuple[dict[tuple[str, float], Callable], dict[str, float]]:
     import jaxball_gradient
 
     makers = {
-        "jaxball, no derivatives": jaxball_gradient.plain,
-        **{f"jaxball, {name} mode": getattr(jaxball_gradient, name) for name in OURS},
+        PLAIN: jaxball_gradient.plain,
+        **{name: getattr(jaxball_gradient, function) for name, function in ours.items()},
     }
     for name, package in PEERS.items():
         try:
@@ -104,6 +123,7 @@ def _error(found: np.ndarray, exact: np.ndarray) -> float:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--mode", choices=OURS, default="reverse", help="how derivatives are computed")
     parser.add_argument("--rounds", type=int, default=10, help="turns of every contender")
     parser.add_argument("--json", type=Path, help="where to write the measurements")
     return parser.parse_args()

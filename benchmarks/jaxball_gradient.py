@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from peers.paper_numbers import parameters
 
-from jaxball import Ball, paper, simulate
+from jaxball import Ball, BallState, paper, simulate
+from jaxball.ensemble import simulate_ensemble
 
 TIMES = (paper.START, paper.END)
 
@@ -38,6 +39,43 @@ def reverse(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarra
     return _calls(jax.jit(both), tolerances)
 
 
+def in_a_lane(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarray]]:
+    """The same by forward mode, in an ensemble of one run."""
+
+    def both(p, tolerance):
+        return jnp.append(*(x[0] for x in value_and_derivatives(p[None], tolerance, lanes=1)))
+
+    return _calls(jax.jit(both), tolerances)
+
+
+def starts(count: int, tolerance: float) -> dict[str, Callable[[], np.ndarray]]:
+    """z1(20) of many balls whose parameters are off by up to 1e-3, and that with its derivatives, in an ensemble."""
+    off = 1 + 1e-3 * np.random.default_rng(0).uniform(-1, 1, (count, 10))
+    p = jnp.asarray(parameters() * off)
+    plain = jax.jit(lambda p: places(p, tolerance))
+    both = jax.jit(lambda p: value_and_derivatives(p, tolerance))
+    return {"runs": lambda: np.asarray(plain(p)), "gradients": lambda: np.asarray(jnp.column_stack(both(p)))}
+
+
+def value_and_derivatives(p: jax.Array, tolerance: jax.Array | float, lanes: int | None = None) -> tuple:
+    """z1(20) of balls with the parameters in each row of ``p``, and its derivatives with respect to the row's own."""
+
+    def along(direction):
+        directions = jnp.broadcast_to(direction, p.shape)
+        return jax.jvp(lambda p: places(p, tolerance, lanes), (p,), (directions,))
+
+    return jax.vmap(along, out_axes=(None, -1))(jnp.eye(p.shape[1]))
+
+
+def places(p: jax.Array, tolerance: jax.Array | float, lanes: int | None = None) -> jax.Array:
+    """z1(20) of balls with the parameters in each row of ``p``; what they have in common is said to be."""
+    with jax.ensure_compile_time_eval():
+        common = jax.tree.map(lambda x: np.broadcast_to(x, (len(p), *np.shape(x))), (paper.ball(), BallState()))
+    ball, state = common
+    run = simulate_ensemble(_changed(ball, p), TIMES, state, rtol=tolerance, atol=tolerance, max_steps=512, lanes=lanes)
+    return run.trajectory.state.z[:, -1, 0]
+
+
 def place(p: jax.Array, tolerance: jax.Array, adjoint: diffrax.AbstractAdjoint | None = None) -> jax.Array:
     """z1(20) of the ball with the parameters ``p``."""
     run = simulate(with_parameters(p), TIMES, rtol=tolerance, atol=tolerance, adjoint=adjoint, max_steps=512)
@@ -46,14 +84,17 @@ def place(p: jax.Array, tolerance: jax.Array, adjoint: diffrax.AbstractAdjoint |
 
 def with_parameters(p: jax.Array) -> Ball:
     """The paper's ball with other masses, inertia and centre of mass of the shell."""
-    ball = paper.ball()
-    n = ball.n_masses
+    return _changed(paper.ball(), p)
+
+
+def _changed(ball: Ball, p: jax.Array) -> Ball:
+    """A ball, or the balls of an ensemble, with the parameters in the last axis of ``p``."""
     (group,) = ball.groups
-    assert group.mass.shape == (n,)
+    n = group.mass.shape[-1]
     return eqx.tree_at(
         lambda b: (b.mass, b.groups[0].mass, b.inertia, b.offset),
         ball,
-        (p[0], p[1 : n + 1], p[n + 1 : n + 4], p[n + 4 :]),
+        (p[..., 0], p[..., 1 : n + 1], p[..., n + 1 : n + 4], p[..., n + 4 :]),
     )
 
 

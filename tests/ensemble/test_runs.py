@@ -9,7 +9,7 @@ import pytest
 
 from jaxball import BallState, Disk, DiskState, Fixed, PointMass, Status, paper, simulate
 from jaxball.classical import FreeRigidBody
-from jaxball.ensemble import simulate_ensemble
+from jaxball.ensemble import Maximum, simulate_ensemble
 
 RUNS = 40
 TIMES = np.linspace(0.0, 5.0, 6)
@@ -130,8 +130,10 @@ def test_derivatives_are_those_of_single_runs():
     masses = np.linspace(0.5, 2.0, 5)
     system, state = disks(masses)
 
-    def many(m):
-        return simulate_ensemble(_with_mass(system, m), TIMES[[0, -1]], state).trajectory.state.phi[:, -1]
+    def many(m, rows=slice(None), lanes=None):
+        few = jax.tree.map(lambda leaf: leaf[rows], (system, state))
+        found = simulate_ensemble(_with_mass(few[0], m), TIMES[[0, -1]], few[1], lanes=lanes)
+        return found.trajectory.state.phi[:, -1]
 
     def one(m, k):
         single_system = _with_mass(jax.tree.map(lambda leaf: jnp.asarray(leaf[k]), system), m)
@@ -140,6 +142,26 @@ def test_derivatives_are_those_of_single_runs():
     _, found = jax.jvp(many, (jnp.asarray(masses),), (jnp.ones(5),))
     wanted = [jax.jvp(lambda m, k=k: one(m, k), (jnp.asarray(masses[k]),), (jnp.ones(()),))[1] for k in (0, 4)]
     np.testing.assert_allclose(found[jnp.array([0, 4])], jnp.stack(wanted), rtol=1e-9)
+    in_a_lane = jax.jacfwd(lambda m: many(m, slice(1), lanes=1))(jnp.asarray(masses[:1]))
+    np.testing.assert_allclose(in_a_lane[0, 0], wanted[0], rtol=1e-9)
+
+
+def test_fewer_runs_than_a_block_compile_nothing_anew():
+    traces = []
+
+    def quantity(system, t, state):
+        traces.append(t)
+        return state.phidot**2
+
+    fastest = {"fastest": Maximum(quantity)}
+    system, state = disks(np.linspace(0.5, 2.0, 6))
+    whole = simulate_ensemble(system, TIMES, state, reductions=fastest, **SMALL)
+    count = len(traces)
+    few = jax.tree.map(lambda leaf: leaf[:2], (system, state))
+    found = simulate_ensemble(few[0], TIMES, few[1], reductions=fastest, **SMALL)
+    assert len(traces) == count > 0
+    np.testing.assert_array_equal(found.trajectory.state.phi, whole.trajectory.state.phi[:2])
+    np.testing.assert_array_equal(found.reductions["fastest"], whole.reductions["fastest"][:2])
 
 
 def _with_mass(system, m):

@@ -12,8 +12,8 @@ from ..lanes import LaneProgram
 
 
 def shared(leaf: Any) -> bool:
-    """Whether an array is one for all rows: a NumPy view that does not move along its first axis."""
-    return isinstance(leaf, np.ndarray) and leaf.ndim > 0 and leaf.shape[0] > 1 and leaf.strides[0] == 0
+    """Whether an array is one for all rows: a NumPy array with one row, or that does not move along its first axis."""
+    return isinstance(leaf, np.ndarray) and leaf.ndim > 0 and (leaf.shape[0] == 1 or leaf.strides[0] == 0)
 
 
 def split(tree: Any) -> tuple[Any, tuple[bool, ...]]:

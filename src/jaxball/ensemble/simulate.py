@@ -46,7 +46,8 @@ def simulate_ensemble(
     **Arguments:**
 
     - ``system``, ``state``: every array has the runs as leading axis, as ``jax.vmap`` takes them and ``jax.tree.map``
-      with ``np.stack`` makes them. What all runs share may be ``np.broadcast_to(array, (runs, ...))``, and costs less.
+      with ``np.stack`` makes them. What all runs share may be ``np.broadcast_to(array, (runs, ...))``, and costs less;
+      so do, where there is one run, the arrays that are NumPy's.
     - ``times``: of shape (runs, T), or (T,) for all runs.
     - ``solver``: an explicit method of diffrax whose last stage is the first of the next step: ``Dopri8()`` if not
       given, ``Dopri5()``, ``Tsit5()``, ``Bosh3()``.
