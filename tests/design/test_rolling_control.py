@@ -271,7 +271,7 @@ def test_a_limit_costs_what_its_multipliers_say(limited, easy):
     weights = found.steps[:, None] * found.tableau.b / END
     multipliers = np.asarray(multiplier(jnp.asarray(np.ravel(s)), jnp.asarray(found.barrier))).reshape(s.shape)
     slope = (cost(limited[2]) - cost(limited[0])) / (LIMITS[2] - LIMITS[0])
-    np.testing.assert_allclose(slope, -np.sum(weights[..., None] * multipliers), rtol=1e-3)
+    np.testing.assert_allclose(slope, -np.sum(weights[..., None] * multipliers), rtol=1e-2)
     assert cost(limited[1]) > cost(easy)
 
 
