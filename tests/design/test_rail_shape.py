@@ -37,7 +37,7 @@ def test_problem_asks_for_what_a_robot_could_drive(name):
 @pytest.mark.parametrize("name", NAMES[:2])
 def test_a_short_search_follows_the_curve_to_a_tenth_of_a_radius(name):
     file = design.load_problem(EXAMPLES / f"{name}.toml")
-    settings = dataclasses.replace(file.settings, starts=8)
+    settings = dataclasses.replace(file.settings, starts=8, rounds=8)
     optimiser = design.Optimiser(design.Shooting(file.problem), settings)
     found = optimiser.run(optimiser.begin(), lambda progress: None)
     assert found.worth.violation <= settings.tolerance
