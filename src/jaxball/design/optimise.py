@@ -111,7 +111,8 @@ class Optimiser:
         z = np.unique([*progress.z, progress.best], axis=0)
         promising = np.argsort(self.look(z, self.penalised(len(z))).value, kind="stable")[: self.lanes]
         progress.z, progress.phase, progress.step = z[promising], "polish", 0
-        progress.arrays = [*self.penalised(len(promising)), np.full(len(promising), np.inf)]
+        multipliers = map(np.asarray, self.penalised(len(promising)))
+        progress.arrays = [*multipliers, np.full(len(promising), np.inf)]
 
     def _polish(self, progress: Progress) -> Progress:
         settings = self.settings
