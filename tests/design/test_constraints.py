@@ -127,12 +127,22 @@ def test_contact_of_the_papers_ball():
     times = np.linspace(0.0, 20.0, 2001)
     trajectory = jaxball.simulate(paper_ball(), times)
     run = design.Run(paper_ball(), jnp.asarray(times), trajectory.state, trajectory.status)
-    normal, friction = eqx.filter_jit(
-        lambda run: (design.NormalForce(3.517427 / 4)(run), design.Friction(0.190594)(run))
+    least, mu = design.Friction(0.190594), 0.15
+    normal, friction, violation, margin, N = eqx.filter_jit(
+        lambda run: (
+            design.NormalForce(3.517427 / 4)(run),
+            least(run),
+            design.Friction(mu)(run),
+            design.Friction(mu).margins(run),
+            run.observables.normal_force / run.weight,
+        )
     )(run)
     assert abs(float(jnp.max(normal))) < 3e-6
     assert abs(float(jnp.max(friction))) < 3e-6
     assert abs(times[int(jnp.argmax(friction))] - 6.438) < 0.01
+    # With |f| = mu N + v, (mu N² − |f|² / mu) / 2 = −v (N + v / (2 mu)).
+    assert np.min(violation) < 0 < np.max(violation)
+    np.testing.assert_allclose(margin, -violation * (N + violation / (2 * mu)), atol=1e-13)
 
 
 @functools.cache
