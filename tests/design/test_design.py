@@ -4,6 +4,7 @@ The place is at (2, 0.5), and the ball may not pass e1 = 1.5: it ends at (1.5, 0
 """
 
 import functools
+import os
 
 import jax
 import jax.numpy as jnp
@@ -177,6 +178,16 @@ def test_errors_of_problem_files_name_the_key(change, words):
 def test_files_that_are_none_are_told(tmp_path, capsys):
     assert cli.main(["design", str(tmp_path / "none.toml"), "--out", str(tmp_path)]) == 2
     assert "must be a problem file" in capsys.readouterr().err
+
+
+def test_a_problem_may_come_through_a_pipe(tmp_path, capsys):
+    """It is read once, and nothing is left of it in a pipe: a wrong key is told, and not that it is empty."""
+    read, write = os.pipe()
+    os.write(write, PROBLEM.replace("reach-place", "reach-plaice").encode())
+    os.close(write)
+    assert cli.main(["design", f"/dev/fd/{read}", "--out", str(tmp_path)]) == 2
+    os.close(read)
+    assert "reach-plaice" in capsys.readouterr().err
 
 
 def test_a_violation_is_seen_by_the_other_solver():

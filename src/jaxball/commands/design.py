@@ -27,9 +27,11 @@ def add(commands) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     # Imported here, because the other commands have no use for it.
-    from ..design.control.files import load_control
+    from ..design.control.files import TABLE, read_control
+    from ..design.files import load_document, problem_of
 
-    control = load_control(options.problem)
+    document, folder = load_document(options.problem), Path(options.problem).parent
+    found = read_control(document, folder) if TABLE in document else problem_of(document, folder)
     if options.out.exists() and not options.out.is_dir():
         raise OutputError(f'Argument `--out` must be a folder, but "{options.out}" is a file.')
 
@@ -37,7 +39,7 @@ def _run(options: argparse.Namespace) -> int:
         if not options.quiet:
             print(line, file=sys.stderr, flush=True)
 
-    return _search(options, say) if control is None else _control(options, control, say)
+    return (_control if TABLE in document else _search)(options, found, say)
 
 
 def _control(options: argparse.Namespace, found: Any, say: Callable[[str], None]) -> int:
@@ -72,13 +74,11 @@ def _control(options: argparse.Namespace, found: Any, say: Callable[[str], None]
     return 0 if done.good else UNMET
 
 
-def _search(options: argparse.Namespace, say: Callable[[str], None]) -> int:
-    from ..design.files import load_problem
+def _search(options: argparse.Namespace, found: Any, say: Callable[[str], None]) -> int:
     from ..design.remarks import remarks
     from ..design.report import write_report
     from ..design.search import PROGRESS, SCENARIO, design
 
-    found = load_problem(options.problem)
     try:
         done = design(found.problem, found.settings, options.out, identity=found.identity, say=say)
     except KeyboardInterrupt:

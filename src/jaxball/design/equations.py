@@ -33,7 +33,7 @@ class AbstractEquations(abc.ABC):
         """∂F/∂y, dense or sparse, and ∂F/∂λ."""
 
     def sizes(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """What corrections of y are measured by: 1 + |y|."""
+        """What corrections of y are measured by: 1 + |y|. Those that are infinite are not measured."""
         return 1 + np.abs(y)
 
 
@@ -95,13 +95,13 @@ def newton(
         solve = solver(equations.jacobian(y, parameter)[0])
         change = -solve(equations.residual(y, parameter))
         sizes = equations.sizes(y)
-        largest = np.max(np.abs(change) / sizes)
+        largest, measured = np.max(np.abs(change) / sizes), np.isfinite(sizes)
         if largest <= tolerance:
             return y + change
         share = min(1.0, 2 * share)
         while share > LEAST_SHARE:
             next_change = solve(equations.residual(y + share * change, parameter))
-            if np.linalg.norm(next_change / sizes) <= (1 - share / 4) * np.linalg.norm(change / sizes):
+            if np.linalg.norm(next_change[measured]) <= (1 - share / 4) * np.linalg.norm(change[measured]):
                 break
             share /= 2
         else:

@@ -75,7 +75,7 @@ def load_problem(source: str | Path) -> ProblemFile:
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, when it is not TOML, and
     when a key of it or of its scenario is misspelt, missing or wrong.
     """
-    return read_problem(text_of(source, "problem", DesignError), Path(source).parent)
+    return problem_of(load_document(source), Path(source).parent)
 
 
 def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
@@ -83,7 +83,23 @@ def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
 
     **Raises:** as :func:`load_problem`.
     """
-    document = document_of(text, "problem", DesignError)
+    return problem_of(document_of(text, "problem", DesignError), folder)
+
+
+def load_document(source: str | Path) -> dict[str, Any]:
+    """The document of a problem file.
+
+    **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, or when it is not TOML.
+    """
+    return document_of(text_of(source, "problem", DesignError), "problem", DesignError)
+
+
+def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFile:
+    """The problem of a document; a scenario file is looked for from ``folder`` on.
+
+    **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when a key of it or of its scenario is misspelt,
+    missing or wrong.
+    """
     found = read_table(document, "", _KEYS)
     scenario = scenario_document(found["scenario"], Path(folder), DesignError)
     variables = [_variable(item, path) for path, item in _items(found["variables"], "variables")]

@@ -23,8 +23,8 @@ from .chunks import in_chunks
 from .problem import AbstractControlProblem
 from .terms import Sizes, Term, Vary, at_end, at_nodes, initial, sizes
 
-# The barrier with which problems are begun; only inequalities know of it.
-BARRIER = 1e-2
+# The barrier with which problems are begun, and that of a finished solution; only inequalities know of it.
+BARRIER, SHARP = 1e-2, 1e-8
 
 
 def as_it_is(problem: AbstractControlProblem, parameter: Float[Array, ""]) -> AbstractControlProblem:
@@ -127,9 +127,10 @@ class Collocation(AbstractEquations):
         return slice(self.unconstrained, self.size - int(np.prod(self.shapes.excess)))
 
     def sizes(self, y):
-        """1 + |y| for states and controls. Multipliers are not measured: near a boundary rounding changes them much."""
+        """1 + |y|. Beside inequalities multipliers are not measured: near a boundary rounding changes them much."""
         found = super().sizes(y)
-        found[self.unconstrained :] = np.inf
+        if self.inequalities:
+            found[self.unconstrained :] = np.inf
         return found
 
     def residual(self, y, parameter):

@@ -11,7 +11,7 @@ from ...body import Ball, Disk
 from ...scenario import read_document
 from ...scenario.table import Family, Key, read_table
 from ...scenario.values import POSITIVE, Choice, Integer, Numbers, Text, key_error, shown
-from ...scenario.within import SCENARIO, document_of, scenario_document, text_of
+from ...scenario.within import SCENARIO, scenario_document
 from ...state import BallState, DiskState
 from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
@@ -66,20 +66,11 @@ class ControlFile(NamedTuple):
     guess: Guess
 
 
-def load_control(source: str | Path) -> ControlFile | None:
-    """The problem of a file; None where it has no table ``[control]``, and is a problem with variables.
-
-    **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, when it is not TOML, and
-    when a key of it or of its scenario is misspelt, missing or wrong.
-    """
-    document = document_of(text_of(source, "problem", DesignError), "problem", DesignError)
-    return read_control(document, Path(source).parent) if TABLE in document else None
-
-
 def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlFile:
-    """The problem of a document; a scenario file is looked for from ``folder`` on.
+    """The problem of a document with a table ``[control]``; a scenario file is looked for from ``folder`` on.
 
-    **Raises:** as :func:`load_control`.
+    **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when a key of it or of its scenario is misspelt,
+    missing or wrong.
     """
     found = read_table(document, "", _KEYS)
     scenario = read_document(scenario_document(found["scenario"], Path(folder), DesignError))

@@ -15,8 +15,9 @@ from jaxtyping import Float
 
 from ...solvers.tableau import gauss
 from ..equations import newton, solver
+from ..errors import DesignError
 from .chunks import in_chunks
-from .collocation import Collocation, Unknowns
+from .collocation import SHARP, Collocation, Unknowns
 from .inequalities import margins
 from .path import Path
 from .problem import AbstractControlProblem
@@ -89,7 +90,7 @@ def solved(collocation: Collocation, path: Path, parameter: float = 0.0, toleran
     **Raises:** :class:`~jaxball.design.DesignError` where Newton's method finds no solution.
     """
     for _ in range(MOST_ROUNDS):
-        y = newton(collocation, started(collocation, path, parameter), parameter)
+        collocation, y = near(collocation, path, parameter)
         path = path_of(collocation, y)
         errors = mesh_errors(collocation, y, parameter)
         if np.max(errors) <= tolerance:
@@ -97,9 +98,25 @@ def solved(collocation: Collocation, path: Path, parameter: float = 0.0, toleran
         finer = finer_mesh(collocation.mesh, errors, tolerance, collocation.stages + 1)
         collocation = collocation.changed(mesh=finer)
     else:
-        y = newton(collocation, started(collocation, path, parameter), parameter)
+        collocation, y = near(collocation, path, parameter)
         errors = mesh_errors(collocation, y, parameter)
     return Solution(collocation, y, parameter, errors)
+
+
+def near(collocation: Collocation, path: Path, parameter: float) -> tuple[Collocation, Float[np.ndarray, " size"]]:
+    """The solution to which Newton's method comes from a path; the equations have a smaller barrier if need be.
+
+    A path that keeps its constraints nearly everywhere, and touches them, is far from what a large barrier asks for.
+
+    **Raises:** :class:`~jaxball.design.DesignError` where it comes to none.
+    """
+    while True:
+        try:
+            return collocation, newton(collocation, started(collocation, path, parameter), parameter)
+        except DesignError:
+            if not collocation.inequalities or collocation.barrier <= SHARP:
+                raise
+        collocation = collocation.changed(barrier=max(SHARP, collocation.barrier / 10))
 
 
 def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], parameter: float) -> Float[np.ndarray, " N"]:

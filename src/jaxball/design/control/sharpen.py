@@ -8,15 +8,15 @@ from jaxtyping import Float
 
 from ..equations import newton
 from ..errors import DesignError
-from .collocation import Collocation
+from .collocation import SHARP, Collocation
 from .inequalities import violations
-from .refine import Solution, finer_mesh, mesh_errors, started
+from .refine import Solution, finer_mesh, mesh_errors, near
 
 # By how much an inequality may be violated between the nodes.
 VIOLATION = 1e-4
-# The barrier of a finished solution, that with which it is begun on a finer mesh, and by what it is multiplied: at
-# first, and where it can fall no further.
-SHARP, AGAIN, STEP, SHORTEST_STEP = 1e-8, 1e-4, 0.1, 0.95
+# The barrier with which a solution is begun on a finer mesh, and by what it is multiplied: at first, and where it can
+# fall no further.
+AGAIN, STEP, SHORTEST_STEP = 1e-4, 0.1, 0.95
 MOST_ROUNDS = 12
 
 
@@ -29,6 +29,8 @@ def sharpened(
 ) -> Solution:
     """The solution with a small barrier, on meshes finer until its inequalities hold between the nodes as well.
 
+    Where Newton's method finds none on a finer mesh, it is the last one found, whose errors and violations tell.
+
     The barrier falls in steps, each solved by Newton's method from the solution before. In a convex problem the cost is
     then above the least by at most µ for each inequality (Boyd & Vandenberghe, Convex Optimization, section 11.2.2).
 
@@ -38,7 +40,7 @@ def sharpened(
     - ``tolerance``: of :func:`mesh_errors`; ``violation``: of :func:`violations`.
     - ``visit``: called with the solution on each mesh.
 
-    **Raises:** :class:`~jaxball.design.DesignError` where Newton's method finds no solution.
+    **Raises:** :class:`~jaxball.design.DesignError` where the barrier cannot fall.
     """
     collocation, y, parameter, sharp = solution.collocation, solution.y, solution.parameter, solution
     if not collocation.inequalities:
@@ -52,8 +54,10 @@ def sharpened(
         if np.max(excess) <= 1:
             break
         finer = finer_mesh(collocation.mesh, excess, 1.0, collocation.stages + 1)
-        collocation = collocation.changed(finer, max(barrier, AGAIN))
-        y = newton(collocation, started(collocation, sharp.path, parameter), parameter)
+        try:
+            collocation, y = near(collocation.changed(finer, max(barrier, AGAIN)), sharp.path, parameter)
+        except DesignError:
+            break
     return sharp
 
 
@@ -71,7 +75,8 @@ def _lowered(
             if step > SHORTEST_STEP:
                 raise DesignError(
                     f"The barrier must fall to {barrier:g}, but below {collocation.barrier:.2g} Newton's method finds "
-                    "no solution; look whether the inequalities leave one, or begin with more intervals."
+                    "no solution; look whether the inequalities leave one, or begin with more intervals or a smaller "
+                    "barrier."
                 ) from None
             continue
         collocation = lower

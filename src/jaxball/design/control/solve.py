@@ -3,17 +3,20 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
+import equinox as eqx
 import numpy as np
 
+from ..errors import DesignError
+from .collocation import SHARP
 from .curvature import least_curvature
 from .files import ControlFile
 from .inequalities import violations
 from .means import means
 from .refine import Solution
-from .rolling import rolling
+from .rolling import Rolling, rolling
 from .schedules import Resimulated, resimulated
 from .sharpen import sharpened
-from .steps import continued, started
+from .steps import Guess, continued, started
 
 # What a simulation may be off by, in units of the mesh's tolerance.
 NEAR = 10.0
@@ -88,7 +91,7 @@ def controlled(
     problem = found.problem
     mesh = np.linspace(float(problem.start), float(problem.end), found.intervals + 1)
     easy = problem if found.easy is None else found.easy
-    first = solution = started(easy, mesh, tolerance=found.tolerance, guess=found.guess, barrier=found.barrier)
+    first = solution = _begun(found, easy, mesh)
     if found.easy is None:
         visit(solution)
     else:
@@ -97,6 +100,28 @@ def controlled(
         solution = sharpened(solution, tolerance=found.tolerance, violation=found.violation, visit=sharper)
     seen = resimulated(solution)
     return Controlled(first, solution, tuple(branch), least_curvature(solution), seen, found.tolerance, found.violation)
+
+
+def _begun(found: ControlFile, problem: Rolling, mesh: np.ndarray) -> Solution:
+    """The solution to which Newton's method comes from the guess, or else from the motion without constraints."""
+
+    def start(problem: Rolling, guess: Guess) -> Solution:
+        return started(problem, mesh, tolerance=found.tolerance, guess=guess, barrier=found.barrier)
+
+    try:
+        return start(problem, found.guess)
+    except DesignError:
+        if not problem.constraints:
+            raise
+    free = start(eqx.tree_at(lambda p: p.constraints, problem, {}), found.guess).path
+    try:
+        return start(problem, lambda *arguments: free)
+    except DesignError as error:
+        raise DesignError(
+            f"The constraints must leave a motion near that without them, but Newton's method finds none with barriers "
+            f"from {found.barrier:g} to {SHARP:g}; look whether they contradict each other or the end of the motion, "
+            "or begin with more intervals."
+        ) from error
 
 
 def _line(point: Point) -> str:

@@ -59,6 +59,8 @@ def continued(
 ) -> tuple[Branch, Solution]:
     """The solution of ``problem`` at the end of the branch that begins with ``solution``, on a fine enough mesh.
 
+    With constraints it is :func:`sharpened` that makes the mesh finer, after the barrier has fallen.
+
     The parameter of the branch is the share of the way from one problem to the other, as :func:`between` has it.
 
     **Raises:** :class:`~jaxball.design.DesignError` where the branch does not get to its end, or where Newton's method
@@ -88,6 +90,6 @@ def continued(
             "or by another way."
         )
     errors = mesh_errors(collocation, last.y, 1.0)
-    if np.max(errors) <= tolerance:
+    if np.max(errors) <= tolerance or collocation.inequalities:
         return branch, last._replace(errors=errors)
     return branch, solved(collocation, last.path, 1.0, tolerance)
