@@ -304,3 +304,13 @@ def test_the_command_keeps_constraints(tmp_path, capsys, monkeypatch):
         design.Run(run.system, jnp.asarray(run.times), run.state, run.status)
     )
     assert np.max(limits) <= 1e-4
+
+
+@pytest.mark.slow
+def test_constraints_that_leave_no_motion_are_told(tmp_path, capsys, monkeypatch):
+    """On the plane, N is M g on average."""
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+    heavy = CONSTRAINT.replace("speed-limit", "normal-force").replace("most = 0.12", "least = 2.0")
+    assert command(tmp_path, PROBLEM.replace("[control]", heavy)) == 2
+    assert "The constraints must leave a motion" in capsys.readouterr().err
+    assert not (tmp_path / "out" / "design.toml").exists()
