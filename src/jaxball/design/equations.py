@@ -33,8 +33,12 @@ class AbstractEquations(abc.ABC):
         """∂F/∂y, dense or sparse, and ∂F/∂λ."""
 
     def sizes(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """What corrections of y are measured by: 1 + |y|. Those that are infinite are not measured."""
+        """What corrections of y are measured by: 1 + |y|."""
         return 1 + np.abs(y)
+
+    def length(self, change: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> float:
+        """The length of a correction of y, by which it is judged whether the next one is shorter."""
+        return float(np.linalg.norm(change))
 
 
 class FunctionEquations(AbstractEquations):
@@ -95,13 +99,13 @@ def newton(
         solve = solver(equations.jacobian(y, parameter)[0])
         change = -solve(equations.residual(y, parameter))
         sizes = equations.sizes(y)
-        largest, measured = np.max(np.abs(change) / sizes), np.isfinite(sizes)
+        largest, length = np.max(np.abs(change) / sizes), equations.length(change, y)
         if largest <= tolerance:
             return y + change
         share = min(1.0, 2 * share)
         while share > LEAST_SHARE:
             next_change = solve(equations.residual(y + share * change, parameter))
-            if np.linalg.norm(next_change[measured]) <= (1 - share / 4) * np.linalg.norm(change[measured]):
+            if equations.length(next_change, y) <= (1 - share / 4) * length:
                 break
             share /= 2
         else:

@@ -133,6 +133,9 @@ class Collocation(AbstractEquations):
             found[self.unconstrained :] = np.inf
         return found
 
+    def length(self, change, y):
+        return super().length(change / self.sizes(y) if self.inequalities else change, y)
+
     def residual(self, y, parameter):
         node, end = self._looked_at(y, parameter)
         first = self.linear @ y

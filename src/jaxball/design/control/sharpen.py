@@ -46,7 +46,12 @@ def sharpened(
     if not collocation.inequalities:
         return solution
     for _ in range(MOST_ROUNDS):
-        collocation, y = _lowered(collocation, y, parameter, barrier)
+        try:
+            collocation, y = _lowered(collocation, y, parameter, barrier)
+        except DesignError:
+            if sharp is solution:
+                raise
+            break
         errors = mesh_errors(collocation, y, parameter)
         sharp = Solution(collocation, y, parameter, errors)
         visit(sharp)
