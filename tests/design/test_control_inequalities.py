@@ -5,38 +5,20 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Float
 
-from jaxball.design import control
+from jaxball.design import DesignError, control
+from jaxball.design.control import refine
 from jaxball.design.control.complementarity import multiplier, slack
 
+from .double_integrator import Double
 
-class Double(control.AbstractControlProblem):
-    """ẍ = u over a time of one, from rest at 0 to rest at 1, with the least mean of u²."""
 
-    start: Float[Array, ""]
-    end: Float[Array, ""]
+class Limited(Double):
+    """The double integrator over a time of one, with a limit of something."""
+
     limit: Float[Array, ""]
 
-    controls = 1
 
-    @property
-    def softness(self):
-        return jnp.zeros(())
-
-    @property
-    def initial(self):
-        return jnp.zeros(2)
-
-    def rate(self, t, x, u):
-        return jnp.stack([x[1], u[0]])
-
-    def cost(self, t, x, u):
-        return u[0] ** 2
-
-    def conditions(self, x):
-        return x - jnp.array([1.0, 0.0])
-
-
-class LimitedSpeed(Double):
+class LimitedSpeed(Limited):
     """ẋ ≤ V: u falls from 2 V / τ to 0 within τ = 3 (V − 1) / (2 V), and the speed stays at V."""
 
     def inequalities(self, t, x, u):
@@ -55,7 +37,7 @@ class LimitedSpeed(Double):
         return 2 * V / tau * (np.maximum(1 - t / tau, 0) - np.maximum(1 - (1 - t) / tau, 0))
 
 
-class LimitedForce(Double):
+class LimitedForce(Limited):
     """|u| ≤ U: u is linear between two stretches at U, with the distance U (1/4 − σ²/3) for a slope U / σ."""
 
     def inequalities(self, t, x, u):
@@ -74,7 +56,7 @@ class LimitedForce(Double):
         return U * np.clip((0.5 - t) / sigma, -1, 1)
 
 
-class BrysonDenham(Double):
+class BrysonDenham(Limited):
     """From 0 with the speed 1 back to 0 with −1, x ≤ l ≤ 1/6: ∫ u² = 8 / (9 l) (Bryson & Ho, section 3.11).
 
     u = −2 / (3 l) (1 − t / (3 l)) until x = l at 3 l, where x stays until 3 l before the end.
@@ -109,7 +91,7 @@ def still(collocation):
 
 
 def posed(kind, limit, intervals=10):
-    problem = kind(jnp.asarray(0.0), jnp.asarray(1.0), jnp.asarray(limit))
+    problem = kind(*map(jnp.asarray, (0.0, 1.0, 1.0, limit)))
     return control.Collocation(problem, np.linspace(0.0, 1.0, intervals + 1))
 
 
@@ -149,7 +131,7 @@ def test_the_curvature_along_the_boundary(begun):
     assert abs(control.least_curvature(begun[1]) - 2) < 1e-3
 
 
-class Away(Double):
+class Away(Limited):
     """The largest mean of u² for |u| ≤ 1: u = 1 is as good as it gets, and u = 0 the worst."""
 
     def cost(self, t, x, u):
@@ -174,7 +156,7 @@ def test_a_boundary_makes_a_minimum(u, minimum):
 
 
 def test_what_has_no_inequalities_is_sharp_already():
-    collocation = posed(Double, 0.0, intervals=2)
+    collocation = posed(Limited, 0.0, intervals=2)
     found = control.solved(collocation, still(collocation))
     assert control.sharpened(found) is found
     assert np.max(control.violations(found.collocation, found.path, 0.0)) == 0
@@ -196,3 +178,22 @@ def test_derivatives_against_differences():
     y, along, h = *random.normal(size=(2, collocation.size)), 1e-5
     difference = (collocation.residual(y + h * along, 0.0) - collocation.residual(y - h * along, 0.0)) / (2 * h)
     np.testing.assert_allclose(collocation.jacobian(y, 0.0)[0] @ along, difference, atol=1e-8)
+
+
+def test_a_smaller_barrier_where_newton_does_not_come_to_a_larger_one(monkeypatch):
+    def fails_above(collocation, y, parameter):
+        if collocation.barrier > 2e-5:
+            raise DesignError("too large")
+        return newton(collocation, y, parameter)
+
+    newton = refine.newton
+    monkeypatch.setattr(refine, "newton", fails_above)
+    collocation = posed(LimitedForce, 4.5)
+    found = control.solved(collocation, still(collocation))
+    np.testing.assert_allclose(found.collocation.barrier, 1e-5)
+    assert np.max(np.abs(found.collocation.residual(found.y, 0.0))) < 1e-9
+    # Nothing is to be found without inequalities, because there is no barrier to make smaller.
+    free = posed(Limited, 0.0)
+    monkeypatch.setattr(refine, "newton", lambda *arguments: fails_above(collocation, *arguments[1:]))
+    with pytest.raises(DesignError, match="too large"):
+        control.solved(free, still(free))
