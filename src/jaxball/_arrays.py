@@ -1,14 +1,18 @@
 """How parameters become array leaves."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
+from typing_extensions import TypeAliasType
 
-Numbers = ArrayLike | Sequence[Any]  # a number, an array, or nested sequences of numbers
+from ._arguments import refusal
+
+# A number, an array, or nested sequences of numbers; an alias with a name, which help() shows.
+Numbers = TypeAliasType("Numbers", ArrayLike | Sequence[Any])
 
 
 def default_dtype() -> np.dtype:
@@ -16,13 +20,77 @@ def default_dtype() -> np.dtype:
     return jax.dtypes.canonicalize_dtype(np.float64)
 
 
-def to_array(x: Numbers) -> Float[Array, "..."]:
-    """``x`` as an array of the default floating type."""
-    return jnp.asarray(x, dtype=default_dtype())
+def to_array(x: Numbers, name: str = "x") -> Float[Array, "..."]:
+    """``x`` as an array of the default floating type.
+
+    **Raises:** a ``TypeError`` that names the argument where it is not real numbers.
+    """
+    require_numbers(name, x)
+    try:
+        return jnp.asarray(x, dtype=default_dtype())
+    except jax.errors.JAXTypeError:
+        raise
+    except (TypeError, ValueError):
+        raise refusal(name, "numbers", x) from None
 
 
-def require_shape(name: str, value: Array, shape: tuple[int, ...]) -> None:
-    """Raises a ``ValueError`` unless the argument ``name`` has the shape () or (n,) that it must have."""
-    if value.shape != shape:
-        wanted = "a single number" if shape == () else f"{shape[0]} numbers"
-        raise ValueError(f"Argument `{name}` must be {wanted}, but its shape is {value.shape}.")
+def require_numbers(name: str, x: Any) -> None:
+    """Raises a ``TypeError`` for text, complex numbers, and whatever else would become wrong numbers silently."""
+    if not _is_real(x):
+        raise refusal(name, "numbers", x)
+
+
+def a_number() -> jax.ShapeDtypeStruct:
+    """A number of the default floating type, of which no more is known: to try what a function makes of one."""
+    return jax.ShapeDtypeStruct((), default_dtype())
+
+
+def _is_real(x: Any) -> bool:
+    if isinstance(x, list | tuple):
+        return all(map(_is_real, x))
+    dtype = getattr(x, "dtype", None)
+    if dtype is None:
+        return not isinstance(x, str | bytes | complex)
+    return jnp.issubdtype(dtype, jnp.floating) or getattr(dtype, "kind", "") in "biu"
+
+
+def numbers(
+    name: str, shape: tuple[int | str, ...] | None = (), *, batch: bool = False
+) -> Callable[[Numbers], Float[Array, "..."]]:
+    """The converter of a field ``name`` to an array.
+
+    ``shape`` has a letter for each length that may be any, and is None where all shapes will do; with ``batch``
+    there may be more axes before it. It holds for what a constructor is given: transformations of JAX, which add
+    axes, do not call it.
+    """
+
+    def convert(x: Numbers) -> Float[Array, "..."]:
+        array = to_array(x, name)
+        if shape is not None:
+            require_shape(name, array, shape, batch=batch)
+        return array
+
+    return convert
+
+
+def require_shape(name: str, value: Array, shape: tuple[int | str, ...], *, batch: bool = False) -> None:
+    """Raises a ``ValueError`` unless the argument ``name`` has the ``shape`` that it must have; see ``numbers``."""
+    given = value.shape
+    own = given[len(given) - len(shape) :] if batch and len(given) >= len(shape) else given
+    if own == shape:
+        return
+    if len(own) == len(shape) and all(
+        isinstance(wanted, str) or wanted == n for wanted, n in zip(shape, own, strict=True)
+    ):
+        return
+    raise ValueError(f"Argument `{name}` must be {_shape_in_words(shape)}, but its shape is {given}.")
+
+
+def _shape_in_words(shape: tuple[int | str, ...]) -> str:
+    if shape == ():
+        return "a single number"
+    if shape == (1,):
+        return "a list of one number"
+    if len(shape) == 1:
+        return f"{shape[0]} numbers" if isinstance(shape[0], int) else "a list of numbers"
+    return f"an array of shape ({', '.join(map(str, shape))})"

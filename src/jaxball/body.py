@@ -9,10 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from ._arrays import Numbers, require_shape, to_array
+from ._arguments import require, require_each, require_function
+from ._arrays import Numbers, a_number, numbers, to_array
 from .feedback import AbstractLaw, FollowSchedules
-from .force import AbstractForce
+from .force import AbstractForce, FunctionForce, HarmonicForce
 from .motion import AbstractMotion, Driven, OnRail
+from .rails import AbstractRail
+from .schedules import AbstractSchedule
 
 AnyBody = TypeVar("AnyBody", bound="AbstractBody")
 
@@ -20,8 +23,13 @@ AnyBody = TypeVar("AnyBody", bound="AbstractBody")
 class PointMass(eqx.Module):
     """A point mass m_i and its motion in the ball."""
 
-    mass: Float[Array, "*group"] = eqx.field(converter=to_array)
+    mass: Float[Array, "*group"] = eqx.field(converter=numbers("mass"))
     motion: AbstractMotion
+
+    def __check_init__(self):
+        on_rail = isinstance(self.motion, AbstractRail | AbstractSchedule)
+        remedy = "OnRail(rail, schedule) is one, and Driven(rail) for a feedback law" if on_rail else ""
+        require("motion", self.motion, AbstractMotion, "a motion, such as OnRail(...)", remedy)
 
 
 class AbstractBody(eqx.Module):
@@ -64,7 +72,7 @@ class AbstractBody(eqx.Module):
     def prepare(self: AnyBody) -> AnyBody:
         """The same body with splines solved and frames turned to matrices: once a solve, not once a step."""
         groups = tuple(
-            PointMass(group.mass, eqx.filter_vmap(lambda motion: motion.prepare())(group.motion))
+            eqx.tree_at(lambda g: g.motion, group, eqx.filter_vmap(lambda motion: motion.prepare())(group.motion))
             for group in self.groups
         )
         law = None if self.law is None else self.law.prepare()
@@ -224,13 +232,13 @@ def with_integrated_angles(system: System, t0: ArrayLike = 0.0) -> tuple[System,
 
 def _fill(body, inertia_shape, mass, inertia, radius, offset, gravity, force, masses, law) -> None:
     """Sets the fields of a ball or a disk in its constructor, and checks what does not depend on values."""
-    body.mass, body.radius, body.gravity = to_array(mass), to_array(radius), to_array(gravity)
-    body.inertia, body.offset = to_array(inertia), to_array(offset)
+    body.mass, body.radius, body.gravity = (
+        numbers(name)(x) for name, x in (("mass", mass), ("radius", radius), ("gravity", gravity))
+    )
+    body.inertia, body.offset = numbers("inertia", inertia_shape)(inertia), numbers("offset", (3,))(offset)
     body.force, body.law = force, law
     body.groups, body.order, body.driven = _grouped(masses)
-    shapes = {"mass": (), "radius": (), "gravity": (), "inertia": inertia_shape, "offset": (3,)}
-    for name, shape in shapes.items():
-        require_shape(name, getattr(body, name), shape)
+    _require_force(force)
     _require_law(body)
 
 
@@ -238,9 +246,9 @@ def _grouped(
     masses: Sequence[PointMass],
 ) -> tuple[tuple[PointMass, ...], tuple[tuple[int, ...], ...], tuple[int, ...]]:
     """The masses stacked by structure, the indices of each group's masses, and those of the driven ones."""
+    require_each("masses", masses, PointMass, "a PointMass")
     members: dict[Any, list[int]] = {}
     for index, item in enumerate(masses):
-        require_shape(f"masses[{index}].mass", item.mass, ())
         leaves, structure = jax.tree.flatten(item)
         members.setdefault((structure, tuple(np.shape(leaf) for leaf in leaves)), []).append(index)
     order = tuple(tuple(indices) for indices in members.values())
@@ -251,7 +259,19 @@ def _grouped(
     return groups, order, driven
 
 
+def _require_force(force: AbstractForce | None) -> None:
+    if force is None:
+        return
+    given = isinstance(force, list | tuple | jax.Array | np.ndarray)
+    require("force", force, AbstractForce, "a force or None", "HarmonicForce(constant) is one" if given else "")
+    if not isinstance(force, HarmonicForce | FunctionForce):  # which have been checked when they were made
+        require_function("force", force, (3,), t=a_number())
+
+
 def _require_law(body: AbstractBody) -> None:
+    if body.law is not None:
+        remedy = "FunctionLaw(function) is one" if callable(body.law) else ""
+        require("law", body.law, AbstractLaw, "a feedback law or None", remedy)
     if body.driven and body.law is None:
         raise ValueError(
             f"Argument `law` must be a feedback law, because the masses {list(body.driven)} are driven by "
@@ -259,3 +279,5 @@ def _require_law(body: AbstractBody) -> None:
         )
     if body.law is not None and not body.driven:
         raise ValueError("Argument `law` must be None, because no mass is driven by it; use `Driven(rail)`.")
+    if body.law is not None:
+        body.law.require_driven(len(body.driven))

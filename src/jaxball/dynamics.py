@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from . import versor
+from ._arguments import a, described, require, require_value
 from .body import Ball, Disk, System
 from .classical import AbstractClassicalSystem
 from .moments import AbstractMoments, Moments, Rates, moments
@@ -58,7 +59,9 @@ def driven_angles(system: System, t: Float[Array, ""], state: State) -> Rates:
     """θ, θ̇ and θ̈ = u(t, state) of the driven masses."""
     if system.law is None:
         return state.theta, state.thetadot, state.theta
-    return state.theta, state.thetadot, system.law(t, state)
+    found = system.law(t, state)
+    require_value("law", found, (len(system.driven),))
+    return state.theta, state.thetadot, found
 
 
 def ball_field(ball: Ball, t: Float[Array, ""], state: BallState) -> BallState:
@@ -201,21 +204,30 @@ def field_of(system: SimulableSystem, state: SimulableState) -> Callable[..., An
 
     **Raises:** ``TypeError`` when the system has no state of that kind.
     """
+    require_system(system)
     if isinstance(system, AbstractClassicalSystem):
         return _classical_field_of(system, state)
     field = FIELDS.get((type(system), type(state)))
     if field is None:
         raise TypeError(
-            f"Argument `state` must be a state of a {type(system).__name__}, but it is a {type(state).__name__}; "
+            f"Argument `state` must be a state of a {type(system).__name__}, but it is {described(state)}; "
             "a Ball takes a BallState, RotationState or ReducedState, and a Disk takes a DiskState."
         )
     return field
 
 
+def require_system(system: Any) -> None:
+    """Raises a ``TypeError`` unless the argument ``system`` is one that can be simulated."""
+    inner = type(getattr(system, "system", None))
+    remedy = f"its `system` is {a(inner.__name__)}" if issubclass(inner, SimulableSystem) else ""
+    must = "a Ball, a Disk or one of jaxball.classical"
+    require("system", system, (Ball, Disk, AbstractClassicalSystem), must, remedy)
+
+
 def _classical_field_of(system: AbstractClassicalSystem, state: SimulableState) -> Callable[..., Any]:
     if not isinstance(state, system.state_type):
         raise TypeError(
-            f"Argument `state` must be a {system.state_type.__name__} for a {type(system).__name__}, but it is a "
-            f"{type(state).__name__}."
+            f"Argument `state` must be a {system.state_type.__name__} for a {type(system).__name__}, but it is "
+            f"{described(state)}."
         )
     return type(system).field

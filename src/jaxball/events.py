@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._arrays import Numbers, to_array
+from ._arrays import Numbers, numbers
 from .contact import reaction
 from .status import Status
 
@@ -89,7 +89,7 @@ class Detachment(AbstractEvent):
 class Slip(AbstractEvent):
     """The friction |f| rises to μN, all that a plane with the coefficient of friction μ can give. Ends the run."""
 
-    friction: Float[Array, ""] = eqx.field(converter=to_array)
+    friction: Float[Array, ""] = eqx.field(converter=numbers("friction"))
     terminal: bool = eqx.field(static=True)
     room: int = eqx.field(static=True)
     direction: int = eqx.field(static=True)
@@ -97,7 +97,7 @@ class Slip(AbstractEvent):
     status: ClassVar[Status] = Status.SLIPPED
 
     def __init__(self, friction: Numbers, terminal: bool = True, room: int = 8):
-        self.friction, self.terminal, self.room, self.direction = to_array(friction), terminal, room, DOWN
+        self.friction, self.terminal, self.room, self.direction = numbers("friction")(friction), terminal, room, DOWN
 
     def value(self, system, t, state):
         """μ²N|N| − |f|², which is smooth where f is zero, as μN − |f| is not."""

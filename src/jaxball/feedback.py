@@ -7,7 +7,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ._arrays import default_dtype, to_array
+from ._arguments import require_callable, require_each
+from ._arrays import default_dtype, numbers, require_shape
 from .schedules import AbstractSchedule
 from .state import State
 
@@ -18,6 +19,9 @@ class AbstractLaw(eqx.Module):
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
         """u(t, state)."""
+
+    def require_driven(self, count: int) -> None:
+        """Raises a ``ValueError`` where it is known that the law is not one for ``count`` driven masses."""
 
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which u or one of its derivatives jumps."""
@@ -36,7 +40,10 @@ class FunctionLaw(AbstractLaw):
 
     function: Callable[[Float[Array, ""], State, PyTree], Float[Array, " driven"]] = eqx.field(static=True)
     parameters: PyTree = None
-    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=to_array, default=())
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
+
+    def __check_init__(self):
+        require_callable("function", self.function, "t", "state", "parameters")
 
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
         return self.function(t, state, self.parameters)
@@ -54,6 +61,12 @@ class FollowSchedules(AbstractLaw):
 
     schedules: tuple[AbstractSchedule, ...]
 
+    def __check_init__(self):
+        require_each("schedules", self.schedules, AbstractSchedule, "a schedule, such as Pulse(...)")
+
+    def require_driven(self, count: int) -> None:
+        _require_count("schedules", self.schedules, count)
+
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
         return jnp.stack([schedule.derivatives(t)[2] for schedule in self.schedules])
 
@@ -68,8 +81,16 @@ class Servo(AbstractLaw):
     """u = −stiffness (θ − target(t)) − damping (θ̇ − target rate) + target acceleration, mass by mass."""
 
     targets: tuple[AbstractSchedule, ...]
-    stiffness: Float[Array, "*group driven"] = eqx.field(converter=to_array)
-    damping: Float[Array, "*group driven"] = eqx.field(converter=to_array)
+    stiffness: Float[Array, "*group driven"] = eqx.field(converter=numbers("stiffness", ("driven",)))
+    damping: Float[Array, "*group driven"] = eqx.field(converter=numbers("damping", ("driven",)))
+
+    def __check_init__(self):
+        require_each("targets", self.targets, AbstractSchedule, "a schedule, such as Pulse(...)")
+        for name in ("stiffness", "damping"):
+            require_shape(name, getattr(self, name), (len(self.targets),))
+
+    def require_driven(self, count: int) -> None:
+        _require_count("targets", self.targets, count)
 
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
         target, rate, acceleration = (
@@ -82,3 +103,11 @@ class Servo(AbstractLaw):
 
     def prepare(self) -> "Servo":
         return Servo(tuple(s.prepare() for s in self.targets), self.stiffness, self.damping)
+
+
+def _require_count(name: str, schedules: tuple[AbstractSchedule, ...], count: int) -> None:
+    if len(schedules) != count:
+        raise ValueError(
+            f"Argument `{name}` of the law must have one schedule for each driven mass, {count} in all, but it has "
+            f"{len(schedules)}."
+        )

@@ -7,7 +7,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ._arrays import Numbers, default_dtype, to_array
+from ._arguments import require_function
+from ._arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
 from .harmonics import HarmonicSeries
 
 
@@ -38,6 +39,7 @@ class HarmonicForce(AbstractForce):
         frequency: Numbers = (),
         phase: Numbers | None = None,
     ):
+        require_shape("constant", to_array(constant, "constant"), (3,))
         self.series = HarmonicSeries(constant, amplitude, frequency, phase)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
@@ -52,7 +54,10 @@ class FunctionForce(AbstractForce):
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
     parameters: PyTree = None
-    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=to_array, default=())
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
+
+    def __check_init__(self):
+        require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         return self.function(t, self.parameters)

@@ -10,7 +10,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._arrays import to_array
+from ._arrays import numbers
 from .versor import normalized, rotation_matrix
 
 
@@ -53,7 +53,7 @@ class MatrixFrame(AbstractFrame):
     """A frame given by its rotation matrix; the identity unless told otherwise."""
 
     B: Float[Array, "*group 3 3"] = eqx.field(
-        converter=to_array, default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        converter=numbers("B", (3, 3)), default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     )
 
     def matrix(self) -> Float[Array, "3 3"]:
@@ -63,7 +63,7 @@ class MatrixFrame(AbstractFrame):
 class VersorFrame(AbstractFrame):
     """A frame given by a quaternion, which is normalised: four numbers that may vary freely."""
 
-    q: Float[Array, "*group 4"] = eqx.field(converter=to_array)
+    q: Float[Array, "*group 4"] = eqx.field(converter=numbers("q", (4,)))
 
     def matrix(self) -> Float[Array, "3 3"]:
         return rotation_matrix(normalized(self.q))
@@ -76,8 +76,8 @@ class SphericalFrame(AbstractFrame):
     centre of mass above the geometric centre at the start of section 5's run, as the text says.
     """
 
-    azimuth: Float[Array, "*group"] = eqx.field(converter=to_array)
-    elevation: Float[Array, "*group"] = eqx.field(converter=to_array)
+    azimuth: Float[Array, "*group"] = eqx.field(converter=numbers("azimuth"))
+    elevation: Float[Array, "*group"] = eqx.field(converter=numbers("elevation"))
 
     def matrix(self) -> Float[Array, "3 3"]:
         n = spherical_direction(self.azimuth, self.elevation)

@@ -30,14 +30,16 @@ class HarmonicSeries(eqx.Module):
         frequency: Numbers = (),
         phase: Numbers | None = None,
     ):
-        self.constant = to_array(constant)
-        self.frequency = to_array(frequency)
+        self.constant = to_array(constant, "constant")
+        self.frequency = to_array(frequency, "frequency")
         terms = self.frequency.shape[0] if self.frequency.ndim == 1 else None
         shape = (terms, *self.constant.shape)
         self.amplitude = (
-            jnp.zeros_like(self.constant, shape=(0, *shape[1:])) if amplitude is None else to_array(amplitude)
+            jnp.zeros_like(self.constant, shape=(0, *shape[1:]))
+            if amplitude is None
+            else to_array(amplitude, "amplitude")
         )
-        self.phase = jnp.zeros_like(self.frequency) if phase is None else to_array(phase)
+        self.phase = jnp.zeros_like(self.frequency) if phase is None else to_array(phase, "phase")
         if self.amplitude.shape != shape or self.phase.shape != self.frequency.shape:
             raise ValueError(
                 "Arguments `amplitude`, `frequency` and `phase` must have one entry for each "

@@ -6,14 +6,16 @@ equations of motion do not know rails.
 
 import abc
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from ._arrays import default_dtype, to_array
+from ._arguments import require, require_function
+from ._arrays import a_number, default_dtype, numbers, require_shape
 from .calculus import two_derivatives
 from .harmonics import HarmonicSeries
 from .rails import AbstractRail
@@ -67,11 +69,23 @@ def along_rail(
     return Kinematics(zeta, thetadot * dzeta, thetadot**2 * ddzeta + thetaddot * dzeta)
 
 
+def _require_rail(rail: Any) -> None:
+    swapped = isinstance(rail, AbstractSchedule)
+    remedy = "the rail comes first, OnRail(rail, schedule)" if swapped else ""
+    require("rail", rail, AbstractRail, "a rail, such as Circle(...)", remedy)
+
+
 class OnRail(AbstractPrescribedMotion):
     """χ(t) = ζ(θ(t)) on ``rail``, with θ(t) given by ``schedule``."""
 
     rail: AbstractRail
     schedule: AbstractSchedule
+
+    def __check_init__(self):
+        _require_rail(self.rail)
+        held = isinstance(self.schedule, int | float | jax.Array | np.ndarray)
+        remedy = "to hold the mass at one angle, give ConstantRate(angle)" if held else ""
+        require("schedule", self.schedule, AbstractSchedule, "a schedule, such as Pulse(...)", remedy)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         return self.rail(self.schedule(t))
@@ -90,6 +104,9 @@ class Driven(AbstractMotion):
     """On ``rail``, with θ̈ = u(t, state) by the ball's feedback law; θ and θ̇ belong to the state."""
 
     rail: AbstractRail
+
+    def __check_init__(self):
+        _require_rail(self.rail)
 
     def kinematics(
         self, theta: Float[Array, ""], thetadot: Float[Array, ""], thetaddot: Float[Array, ""]
@@ -110,7 +127,7 @@ class Driven(AbstractMotion):
 class Fixed(AbstractPrescribedMotion):
     """A mass held at ``position``: with only such masses the ball has static internal structure."""
 
-    position: Float[Array, "*group 3"] = eqx.field(converter=to_array)
+    position: Float[Array, "*group 3"] = eqx.field(converter=numbers("position", (3,)))
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         return self.position
@@ -120,6 +137,10 @@ class Oscillating(AbstractPrescribedMotion):
     """A free motion in space whose coordinates are constants plus sinusoids."""
 
     path: HarmonicSeries
+
+    def __check_init__(self):
+        require("path", self.path, HarmonicSeries, "a HarmonicSeries with a constant of three numbers")
+        require_shape("path.constant", self.path.constant, (3,))
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         return self.path(t)
@@ -134,7 +155,10 @@ class Free(AbstractPrescribedMotion):
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
     parameters: PyTree = None
-    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=to_array, default=())
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
+
+    def __check_init__(self):
+        require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         return self.function(t, self.parameters)

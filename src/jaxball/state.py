@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._arrays import Numbers, to_array
+from ._arrays import Numbers, numbers, to_array
 from .trigonometry import sine_cosine
 from .versor import from_rotation_matrix, rotation_matrix, vertical_in_body
 
@@ -22,11 +22,13 @@ class BallState(eqx.Module):
     geometric centre.
     """
 
-    q: Float[Array, "*batch 4"] = eqx.field(converter=to_array, default=(1.0, 0.0, 0.0, 0.0))
-    Omega: Float[Array, "*batch 3"] = eqx.field(converter=to_array, default=(0.0, 0.0, 0.0))
-    z: Float[Array, "*batch 2"] = eqx.field(converter=to_array, default=(0.0, 0.0))
-    theta: Float[Array, "*batch driven"] = eqx.field(converter=to_array, default=EMPTY)
-    thetadot: Float[Array, "*batch driven"] = eqx.field(converter=to_array, default=EMPTY)
+    q: Float[Array, "*batch 4"] = eqx.field(converter=numbers("q", (4,), batch=True), default=(1.0, 0.0, 0.0, 0.0))
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
+    z: Float[Array, "*batch 2"] = eqx.field(converter=numbers("z", (2,), batch=True), default=(0.0, 0.0))
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=numbers("theta", ("driven",), batch=True), default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(
+        converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
+    )
 
     @property
     def Lambda(self) -> Float[Array, "3 3"]:
@@ -47,12 +49,14 @@ class RotationState(eqx.Module):
     """The state with the rotation matrix Λ in place of the versor, ``uncon_ball_eqns_explicit_full``."""
 
     Lambda: Float[Array, "*batch 3 3"] = eqx.field(
-        converter=to_array, default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        converter=numbers("Lambda", (3, 3), batch=True), default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     )
-    Omega: Float[Array, "*batch 3"] = eqx.field(converter=to_array, default=(0.0, 0.0, 0.0))
-    z: Float[Array, "*batch 2"] = eqx.field(converter=to_array, default=(0.0, 0.0))
-    theta: Float[Array, "*batch driven"] = eqx.field(converter=to_array, default=EMPTY)
-    thetadot: Float[Array, "*batch driven"] = eqx.field(converter=to_array, default=EMPTY)
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
+    z: Float[Array, "*batch 2"] = eqx.field(converter=numbers("z", (2,), batch=True), default=(0.0, 0.0))
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=numbers("theta", ("driven",), batch=True), default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(
+        converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
+    )
 
     @property
     def Gamma(self) -> Float[Array, "3"]:
@@ -67,10 +71,12 @@ class RotationState(eqx.Module):
 class ReducedState(eqx.Module):
     """The state (Ω, Γ) reduced by the symmetry of the plane, ``uncon_ball_eqns_explicit``."""
 
-    Omega: Float[Array, "*batch 3"] = eqx.field(converter=to_array, default=(0.0, 0.0, 0.0))
-    Gamma: Float[Array, "*batch 3"] = eqx.field(converter=to_array, default=(0.0, 0.0, 1.0))
-    theta: Float[Array, "*batch driven"] = eqx.field(converter=to_array, default=EMPTY)
-    thetadot: Float[Array, "*batch driven"] = eqx.field(converter=to_array, default=EMPTY)
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
+    Gamma: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Gamma", (3,), batch=True), default=(0.0, 0.0, 1.0))
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=numbers("theta", ("driven",), batch=True), default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(
+        converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
+    )
 
 
 class DiskState(eqx.Module):
@@ -93,8 +99,8 @@ class DiskState(eqx.Module):
         theta: Numbers = EMPTY,
         thetadot: Numbers = EMPTY,
     ):
-        self.phi, self.phidot, self.z = to_array(phi), to_array(phidot), to_array(z)
-        self.theta, self.thetadot = to_array(theta), to_array(thetadot)
+        self.phi, self.phidot, self.z = to_array(phi, "phi"), to_array(phidot, "phidot"), to_array(z, "z")
+        self.theta, self.thetadot = to_array(theta, "theta"), to_array(thetadot, "thetadot")
 
     @property
     def Lambda(self) -> Float[Array, "3 3"]:

@@ -8,7 +8,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from .._arrays import Numbers, default_dtype, require_shape, to_array
+from .._arguments import require_function
+from .._arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
 from ..harmonics import HarmonicSeries
 
 
@@ -44,7 +45,7 @@ class HarmonicAxis(AbstractAxis):
         frequency: Numbers = (),
         phase: Numbers | None = None,
     ):
-        require_shape("constant", to_array(constant), (3,))
+        require_shape("constant", to_array(constant, "constant"), (3,))
         self.series = HarmonicSeries(constant, amplitude, frequency, phase)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
@@ -60,7 +61,10 @@ class FunctionAxis(AbstractAxis):
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
     parameters: PyTree = None
-    kink_times: Float[Array, " kinks"] = eqx.field(converter=to_array, default=())
+    kink_times: Float[Array, " kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
+
+    def __check_init__(self):
+        require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         return self.function(t, self.parameters)

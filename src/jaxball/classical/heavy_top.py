@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import Numbers, require_shape, to_array
+from .._arrays import Numbers, numbers
 from ..conditions import Condition, positive, positive_inertia, real_inertia
 from ..vectors import cross, dot
 from .base import AbstractClassicalSystem
@@ -58,10 +58,8 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
 
     def __init__(self, *, mass: Numbers = 1.0, inertia: Numbers, chi: Numbers, gravity: Numbers = 1.0):
         self.inertia = principal_moments(inertia)
-        self.mass, self.chi, self.gravity = to_array(mass), to_array(chi), to_array(gravity)
-        require_shape("mass", self.mass, ())
-        require_shape("chi", self.chi, (3,))
-        require_shape("gravity", self.gravity, ())
+        self.mass, self.gravity = numbers("mass")(mass), numbers("gravity")(gravity)
+        self.chi = numbers("chi", (3,))(chi)
 
     def field(self, t: Float[Array, ""], state: RigidBodyState) -> RigidBodyState:
         """𝕀Ω̇ = 𝕀Ω × Ω + mgΓ × χ and q̇ = ½ q Ω♯, which implies Γ̇ = Γ × Ω."""

@@ -11,7 +11,7 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import Numbers, require_shape, to_array
+from .._arrays import Numbers, numbers
 from ..conditions import Condition, positive
 from .base import AbstractClassicalSystem
 from .state import ParticleState, VakonomicState
@@ -58,8 +58,7 @@ class NonholonomicParticle(AbstractClassicalSystem[ParticleState]):
     state_type: ClassVar[type[ParticleState]] = ParticleState
 
     def __init__(self, *, mass: Numbers = 1.0):
-        self.mass = to_array(mass)
-        require_shape("mass", self.mass, ())
+        self.mass = numbers("mass")(mass)
 
     def field(self, t: Float[Array, ""], state: ParticleState) -> ParticleState:
         """ẍ = −y ẋ ẏ / (1 + y²), ÿ = 0 and ż = y ẋ."""
@@ -119,8 +118,7 @@ class VakonomicParticle(AbstractClassicalSystem[VakonomicState]):
     state_type: ClassVar[type[VakonomicState]] = VakonomicState
 
     def __init__(self, *, mass: Numbers = 1.0):
-        self.mass = to_array(mass)
-        require_shape("mass", self.mass, ())
+        self.mass = numbers("mass")(mass)
 
     def field(self, t: Float[Array, ""], state: VakonomicState) -> VakonomicState:
         """mẍ = λ̇y + λẏ, mÿ = −λẋ, mz̈ = −λ̇ and ż = y ẋ, solved for ẍ, ÿ and λ̇."""

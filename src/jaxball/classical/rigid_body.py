@@ -5,7 +5,7 @@ from typing import ClassVar, NamedTuple
 
 from jaxtyping import Array, Float
 
-from .._arrays import Numbers, require_shape, to_array
+from .._arrays import Numbers, numbers
 from ..conditions import Condition, positive_inertia, real_inertia
 from ..vectors import apply, cross, dot
 from ..versor import derivative
@@ -66,9 +66,7 @@ class FreeRigidBody(AbstractClassicalSystem[RigidBodyState]):
 
 def principal_moments(inertia: Numbers) -> Float[Array, "3"]:
     """Three moments as an array; a ``ValueError`` when they are not three."""
-    d = to_array(inertia)
-    require_shape("inertia", d, (3,))
-    return d
+    return numbers("inertia", (3,))(inertia)
 
 
 def turned(state: RigidBodyState, Omegadot: Float[Array, "3"]) -> RigidBodyState:

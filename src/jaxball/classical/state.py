@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from .._arrays import Numbers, to_array
+from .._arrays import Numbers, numbers, to_array
 from ..conditions import Condition, versor
 from ..versor import rotation_matrix, vertical_in_body
 from .base import AbstractClassicalState
@@ -18,8 +18,8 @@ class RigidBodyState(AbstractClassicalState):
     angular velocity, in radians per unit time.
     """
 
-    q: Float[Array, "*batch 4"] = eqx.field(converter=to_array, default=(1.0, 0.0, 0.0, 0.0))
-    Omega: Float[Array, "*batch 3"] = eqx.field(converter=to_array, default=(0.0, 0.0, 0.0))
+    q: Float[Array, "*batch 4"] = eqx.field(converter=numbers("q", (4,), batch=True), default=(1.0, 0.0, 0.0, 0.0))
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
 
     @property
     def Lambda(self) -> Float[Array, "3 3"]:
@@ -39,11 +39,11 @@ class RigidBodyState(AbstractClassicalState):
 class ParticleState(AbstractClassicalState):
     """(x, y, z, ẋ, ẏ) of a particle with ż = y ẋ; at rest at the origin by default."""
 
-    x: Float[Array, "*batch"] = eqx.field(converter=to_array, default=0.0)
-    y: Float[Array, "*batch"] = eqx.field(converter=to_array, default=0.0)
-    z: Float[Array, "*batch"] = eqx.field(converter=to_array, default=0.0)
-    xdot: Float[Array, "*batch"] = eqx.field(converter=to_array, default=0.0)
-    ydot: Float[Array, "*batch"] = eqx.field(converter=to_array, default=0.0)
+    x: Float[Array, "*batch"] = eqx.field(converter=numbers("x", batch=True), default=0.0)
+    y: Float[Array, "*batch"] = eqx.field(converter=numbers("y", batch=True), default=0.0)
+    z: Float[Array, "*batch"] = eqx.field(converter=numbers("z", batch=True), default=0.0)
+    xdot: Float[Array, "*batch"] = eqx.field(converter=numbers("xdot", batch=True), default=0.0)
+    ydot: Float[Array, "*batch"] = eqx.field(converter=numbers("ydot", batch=True), default=0.0)
 
     @property
     def zdot(self) -> Float[Array, "*batch"]:
@@ -74,9 +74,9 @@ class VakonomicState(AbstractClassicalState):
         ydot: Numbers = 0.0,
         multiplier: Numbers | None = None,
     ):
-        self.x, self.y, self.z = to_array(x), to_array(y), to_array(z)
-        self.xdot, self.ydot = to_array(xdot), to_array(ydot)
-        self.multiplier = -self.y * self.xdot if multiplier is None else to_array(multiplier)
+        self.x, self.y, self.z = to_array(x, "x"), to_array(y, "y"), to_array(z, "z")
+        self.xdot, self.ydot = to_array(xdot, "xdot"), to_array(ydot, "ydot")
+        self.multiplier = -self.y * self.xdot if multiplier is None else to_array(multiplier, "multiplier")
 
     @property
     def zdot(self) -> Float[Array, "*batch"]:

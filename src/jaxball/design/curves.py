@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._arrays import to_array
+from .._arrays import numbers, to_array
 from ..piecewise import PiecewisePolynomial, clamped_cubic_spline
 from .errors import DesignError
 
@@ -33,10 +33,10 @@ class Sigmoid(AbstractCurve):
     k = ``steepness``.
     """
 
-    length: Float[Array, ""] = eqx.field(converter=to_array)
-    height: Float[Array, ""] = eqx.field(converter=to_array)
-    steepness: Float[Array, ""] = eqx.field(converter=to_array, default=10.0)
-    origin: Float[Array, "2"] = eqx.field(converter=to_array, default=(0.0, 0.0))
+    length: Float[Array, ""] = eqx.field(converter=numbers("length"))
+    height: Float[Array, ""] = eqx.field(converter=numbers("height"))
+    steepness: Float[Array, ""] = eqx.field(converter=numbers("steepness"), default=10.0)
+    origin: Float[Array, "2"] = eqx.field(converter=numbers("origin", (2,)), default=(0.0, 0.0))
 
     def __call__(self, s):
         half = jax.nn.sigmoid(self.steepness / 2)
@@ -50,9 +50,9 @@ class FigureEight(AbstractCurve):
     c = origin + (length/2 sin 2πs, height/2 sin 4πs).
     """
 
-    length: Float[Array, ""] = eqx.field(converter=to_array)
-    height: Float[Array, ""] = eqx.field(converter=to_array)
-    origin: Float[Array, "2"] = eqx.field(converter=to_array, default=(0.0, 0.0))
+    length: Float[Array, ""] = eqx.field(converter=numbers("length"))
+    height: Float[Array, ""] = eqx.field(converter=numbers("height"))
+    origin: Float[Array, "2"] = eqx.field(converter=numbers("origin", (2,)), default=(0.0, 0.0))
 
     def __call__(self, s):
         turn = 2 * math.pi * s
@@ -65,7 +65,7 @@ class Through(AbstractCurve):
     **Raises:** :class:`DesignError` when ``points`` does not have the shape (n, 2) with n ≥ 2.
     """
 
-    through: Float[Array, "n 2"] = eqx.field(converter=to_array)
+    through: Float[Array, "n 2"] = eqx.field(converter=numbers("through", ("n", 2)))
 
     def __check_init__(self):
         if self.through.ndim != 2 or self.through.shape[1] != 2 or self.through.shape[0] < 2:

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import to_array
+from .._arrays import numbers
 from ..trigonometry import sine_cosine
 from .base import AbstractRail
 
@@ -17,9 +17,9 @@ class FourierRail(AbstractRail):
     **Raises:** ``ValueError`` when ``cosine`` and ``sine`` do not have one shape (K, 3).
     """
 
-    cosine: Float[Array, "*group K 3"] = eqx.field(converter=to_array)
-    sine: Float[Array, "*group K 3"] = eqx.field(converter=to_array)
-    centre: Float[Array, "*group 3"] = eqx.field(converter=to_array, default=(0.0, 0.0, 0.0))
+    cosine: Float[Array, "*group K 3"] = eqx.field(converter=numbers("cosine", ("K", 3)))
+    sine: Float[Array, "*group K 3"] = eqx.field(converter=numbers("sine", ("K", 3)))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=(0.0, 0.0, 0.0))
 
     def __check_init__(self):
         if self.cosine.shape != self.sine.shape or self.cosine.shape[-1:] != (3,) or self.cosine.ndim < 2:

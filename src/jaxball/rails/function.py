@@ -5,6 +5,8 @@ from collections.abc import Callable
 import equinox as eqx
 from jaxtyping import Array, Float, PyTree
 
+from .._arguments import require_function
+from .._arrays import a_number
 from .base import AbstractRail
 
 
@@ -19,6 +21,9 @@ class FunctionRail(AbstractRail):
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
     parameters: PyTree = None
     closed_after: float | None = eqx.field(static=True, default=None)
+
+    def __check_init__(self):
+        require_function("function", self.function, (3,), theta=a_number(), parameters=self.parameters)
 
     def __call__(self, theta: Float[Array, ""]) -> Float[Array, "3"]:
         return self.function(theta, self.parameters)

@@ -6,7 +6,7 @@ import math
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from .._arrays import to_array
+from .._arrays import numbers
 from ..frames import AbstractFrame, MatrixFrame
 from ..trigonometry import sine_cosine
 from .base import AbstractRail
@@ -40,8 +40,8 @@ class AbstractPlanarRail(AbstractRail):
 class Circle(AbstractPlanarRail):
     """A circle of ``radius``: (x, y) = radius (cos θ, sin θ), as in sections 4 and 5."""
 
-    radius: Float[Array, "*group"] = eqx.field(converter=to_array)
-    centre: Float[Array, "*group 3"] = eqx.field(converter=to_array, default=ORIGIN)
+    radius: Float[Array, "*group"] = eqx.field(converter=numbers("radius"))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=ORIGIN)
     frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
 
     def planar(self, theta):
@@ -52,8 +52,8 @@ class Circle(AbstractPlanarRail):
 class Ellipse(AbstractPlanarRail):
     """An ellipse: (x, y) = (a cos θ, b sin θ) with ``semi_axes`` (a, b)."""
 
-    semi_axes: Float[Array, "*group 2"] = eqx.field(converter=to_array)
-    centre: Float[Array, "*group 3"] = eqx.field(converter=to_array, default=ORIGIN)
+    semi_axes: Float[Array, "*group 2"] = eqx.field(converter=numbers("semi_axes", (2,)))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=ORIGIN)
     frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
 
     def planar(self, theta):
@@ -64,8 +64,8 @@ class Ellipse(AbstractPlanarRail):
 class GeronoEight(AbstractPlanarRail):
     """The figure eight of Gerono: (x, y) = (a cos θ, b sin 2θ) with ``half_extents`` (a, b)."""
 
-    half_extents: Float[Array, "*group 2"] = eqx.field(converter=to_array)
-    centre: Float[Array, "*group 3"] = eqx.field(converter=to_array, default=ORIGIN)
+    half_extents: Float[Array, "*group 2"] = eqx.field(converter=numbers("half_extents", (2,)))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=ORIGIN)
     frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
 
     def planar(self, theta):
@@ -76,8 +76,8 @@ class GeronoEight(AbstractPlanarRail):
 class BernoulliEight(AbstractPlanarRail):
     """The lemniscate of Bernoulli of half width a: (x, y) = a (cos θ, sin θ cos θ) / (1 + sin² θ)."""
 
-    half_width: Float[Array, "*group"] = eqx.field(converter=to_array)
-    centre: Float[Array, "*group 3"] = eqx.field(converter=to_array, default=ORIGIN)
+    half_width: Float[Array, "*group"] = eqx.field(converter=numbers("half_width"))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=ORIGIN)
     frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
 
     def planar(self, theta):

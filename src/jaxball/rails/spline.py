@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import to_array
+from .._arrays import numbers
 from ..piecewise import PiecewisePolynomial, periodic_cubic_spline
 from .base import AbstractRail
 
@@ -19,7 +19,7 @@ class SplineRail(AbstractRail):
     **Raises:** ``ValueError`` when ``points`` does not have the shape (n, 3) with n ≥ 3.
     """
 
-    points_on_rail: Float[Array, "*group n 3"] = eqx.field(converter=to_array)
+    points_on_rail: Float[Array, "*group n 3"] = eqx.field(converter=numbers("points_on_rail", ("n", 3)))
 
     def __check_init__(self):
         shape = self.points_on_rail.shape

@@ -4,15 +4,15 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import to_array
+from .._arrays import numbers
 from .base import AbstractRail
 
 
 class Tube(AbstractRail):
     """A straight tube: ζ(θ) = centre + θ direction / |direction|; θ is the distance from ``centre``."""
 
-    direction: Float[Array, "*group 3"] = eqx.field(converter=to_array)
-    centre: Float[Array, "*group 3"] = eqx.field(converter=to_array, default=(0.0, 0.0, 0.0))
+    direction: Float[Array, "*group 3"] = eqx.field(converter=numbers("direction", (3,)))
+    centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=(0.0, 0.0, 0.0))
 
     def __call__(self, theta: Float[Array, ""]) -> Float[Array, "3"]:
         return self.centre + theta * self.direction / jnp.sqrt(jnp.sum(self.direction**2))

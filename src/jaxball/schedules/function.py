@@ -5,7 +5,8 @@ from collections.abc import Callable
 import equinox as eqx
 from jaxtyping import Array, Float, PyTree
 
-from .._arrays import to_array
+from .._arguments import require_function
+from .._arrays import a_number, numbers
 from .base import AbstractSchedule
 
 
@@ -18,8 +19,11 @@ class FunctionSchedule(AbstractSchedule):
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, ""]] = eqx.field(static=True)
     parameters: PyTree = None
-    theta: Float[Array, "*group"] = eqx.field(converter=to_array, default=0.0)
-    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=to_array, default=())
+    theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"), default=0.0)
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
+
+    def __check_init__(self):
+        require_function("function", self.function, (), t=a_number(), parameters=self.parameters)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.theta + self.function(t, self.parameters)

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import Numbers, to_array
+from .._arrays import Numbers, numbers, to_array
 from ..harmonics import HarmonicSeries
 from .base import AbstractSchedule
 
@@ -12,8 +12,8 @@ from .base import AbstractSchedule
 class ConstantRate(AbstractSchedule):
     """θ(t) = theta + rate t; with ``rate`` zero, a mass that is held in place."""
 
-    theta: Float[Array, "*group"] = eqx.field(converter=to_array)
-    rate: Float[Array, "*group"] = eqx.field(converter=to_array, default=0.0)
+    theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))
+    rate: Float[Array, "*group"] = eqx.field(converter=numbers("rate"), default=0.0)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         return self.theta + self.rate * t

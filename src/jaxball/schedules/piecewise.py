@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import to_array
+from .._arrays import numbers
 from ..piecewise import PiecewisePolynomial
 from .base import AbstractSchedule
 
@@ -36,10 +36,10 @@ class PiecewiseAcceleration(AbstractSchedule):
     **Raises:** ``ValueError`` when ``accelerations`` does not have one row for each interval.
     """
 
-    theta: Float[Array, "*group"] = eqx.field(converter=to_array)
-    times: Float[Array, "*group n_plus_one"] = eqx.field(converter=to_array)
-    accelerations: Float[Array, "*group n k"] = eqx.field(converter=to_array)
-    rate: Float[Array, "*group"] = eqx.field(converter=to_array, default=0.0)
+    theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))
+    times: Float[Array, "*group n_plus_one"] = eqx.field(converter=numbers("times", ("n_plus_one",)))
+    accelerations: Float[Array, "*group n k"] = eqx.field(converter=numbers("accelerations", ("n", "k")))
+    rate: Float[Array, "*group"] = eqx.field(converter=numbers("rate"), default=0.0)
 
     def __check_init__(self):
         times, rows = self.times.shape, self.accelerations.shape

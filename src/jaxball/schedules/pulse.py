@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import to_array
+from .._arrays import numbers
 from ..piecewise import PiecewisePolynomial
 from .base import AbstractSchedule
 from .piecewise import PiecewiseSchedule
@@ -19,12 +19,12 @@ class Pulse(AbstractSchedule):
     **Arguments:** ``theta`` and ``rate`` are θ and θ̇ at ``start``.
     """
 
-    theta: Float[Array, "*group"] = eqx.field(converter=to_array)
-    height: Float[Array, "*group"] = eqx.field(converter=to_array, default=1.0)
-    rate: Float[Array, "*group"] = eqx.field(converter=to_array, default=0.0)
-    start: Float[Array, "*group"] = eqx.field(converter=to_array, default=0.0)
-    hold: Float[Array, "*group"] = eqx.field(converter=to_array, default=0.1)
-    end: Float[Array, "*group"] = eqx.field(converter=to_array, default=0.2)
+    theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))
+    height: Float[Array, "*group"] = eqx.field(converter=numbers("height"), default=1.0)
+    rate: Float[Array, "*group"] = eqx.field(converter=numbers("rate"), default=0.0)
+    start: Float[Array, "*group"] = eqx.field(converter=numbers("start"), default=0.0)
+    hold: Float[Array, "*group"] = eqx.field(converter=numbers("hold"), default=0.1)
+    end: Float[Array, "*group"] = eqx.field(converter=numbers("end"), default=0.2)
 
     def prepare(self) -> PiecewiseSchedule:
         held, fall = self.hold - self.start, self.end - self.hold

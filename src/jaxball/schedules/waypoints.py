@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import to_array
+from .._arrays import numbers
 from ..piecewise import PiecewisePolynomial, clamped_cubic_spline
 from .base import AbstractSchedule
 from .piecewise import PiecewiseSchedule
@@ -19,9 +19,9 @@ class Waypoints(AbstractSchedule):
     **Raises:** ``ValueError`` when ``times`` and ``angles`` do not have one length, two or more.
     """
 
-    times: Float[Array, "*group n"] = eqx.field(converter=to_array)
-    angles: Float[Array, "*group n"] = eqx.field(converter=to_array)
-    end_rates: Float[Array, "*group 2"] = eqx.field(converter=to_array, default=(0.0, 0.0))
+    times: Float[Array, "*group n"] = eqx.field(converter=numbers("times", ("n",)))
+    angles: Float[Array, "*group n"] = eqx.field(converter=numbers("angles", ("n",)))
+    end_rates: Float[Array, "*group 2"] = eqx.field(converter=numbers("end_rates", (2,)), default=(0.0, 0.0))
 
     def __check_init__(self):
         if self.times.shape != self.angles.shape or self.times.ndim < 1 or self.times.shape[-1] < 2:

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..._arrays import to_array
+from ..._arrays import numbers
 from ..norms import norm, room
 from ..objectives.obstacles import depths
 from ..run import Run
@@ -14,7 +14,7 @@ from .base import AbstractRunningConstraint
 class NormalForce(AbstractRunningConstraint):
     """N ≥ least M g at all times, ``least`` a share of the weight."""
 
-    least: Float[Array, ""] = eqx.field(converter=to_array)
+    least: Float[Array, ""] = eqx.field(converter=numbers("least"))
 
     def __call__(self, run: Run):
         return self.least - run.observables.normal_force / run.weight
@@ -23,7 +23,7 @@ class NormalForce(AbstractRunningConstraint):
 class Friction(AbstractRunningConstraint):
     """|f| ≤ mu N at all times; in this form the violation stays smooth where N is small."""
 
-    mu: Float[Array, ""] = eqx.field(converter=to_array)
+    mu: Float[Array, ""] = eqx.field(converter=numbers("mu"))
 
     def __call__(self, run: Run):
         seen = run.observables
@@ -39,8 +39,8 @@ class Friction(AbstractRunningConstraint):
 class ClearOfObstacles(AbstractRunningConstraint):
     """The geometric centre outside of discs of the plane; shape (t, k)."""
 
-    centres: Float[Array, "k 2"] = eqx.field(converter=to_array)
-    radii: Float[Array, " k"] = eqx.field(converter=to_array)
+    centres: Float[Array, "k 2"] = eqx.field(converter=numbers("centres", ("k", 2)))
+    radii: Float[Array, " k"] = eqx.field(converter=numbers("radii", ("k",)))
 
     def __call__(self, run: Run):
         return depths(run, self.centres, self.radii)
@@ -52,8 +52,8 @@ class ClearOfObstacles(AbstractRunningConstraint):
 class Within(AbstractRunningConstraint):
     """The geometric centre within a rectangle of the plane, from ``low`` to ``high``; shape (t, 4)."""
 
-    low: Float[Array, "2"] = eqx.field(converter=to_array)
-    high: Float[Array, "2"] = eqx.field(converter=to_array)
+    low: Float[Array, "2"] = eqx.field(converter=numbers("low", (2,)))
+    high: Float[Array, "2"] = eqx.field(converter=numbers("high", (2,)))
 
     def __call__(self, run: Run):
         return jnp.concatenate([self.low[None] - run.z, run.z - self.high[None]], axis=1) / run.length

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._arrays import to_array
+from ..._arrays import numbers
 from ..norms import norm, room
 from ..objectives.base import unit_of_time
 from ..run import Run
@@ -15,7 +15,7 @@ from .base import AbstractRunningConstraint
 class MassesApart(AbstractRunningConstraint):
     """No two masses nearer to each other than ``distance``; shape (t, pairs)."""
 
-    distance: Float[Array, ""] = eqx.field(converter=to_array)
+    distance: Float[Array, ""] = eqx.field(converter=numbers("distance"))
 
     def __call__(self, run: Run):
         return (self.distance - norm(_between(run))) / run.length
@@ -27,7 +27,7 @@ class MassesApart(AbstractRunningConstraint):
 class SpeedLimit(AbstractRunningConstraint):
     """|χ̇| ≤ most for every mass; shape (t, n)."""
 
-    most: Float[Array, ""] = eqx.field(converter=to_array)
+    most: Float[Array, ""] = eqx.field(converter=numbers("most"))
 
     def __call__(self, run: Run):
         return (norm(run.masses.chidot) - self.most) * unit_of_time(run) / run.length
@@ -39,7 +39,7 @@ class SpeedLimit(AbstractRunningConstraint):
 class AccelerationLimit(AbstractRunningConstraint):
     """|χ̈| ≤ most for every mass; shape (t, n)."""
 
-    most: Float[Array, ""] = eqx.field(converter=to_array)
+    most: Float[Array, ""] = eqx.field(converter=numbers("most"))
 
     def __call__(self, run: Run):
         return (norm(run.masses.chiddot) - self.most) / jnp.abs(run.system.gravity)
@@ -51,7 +51,7 @@ class AccelerationLimit(AbstractRunningConstraint):
 class ForceLimit(AbstractRunningConstraint):
     """|F·τ| ≤ most, the force on each mass along its rail; shape (t, n)."""
 
-    most: Float[Array, ""] = eqx.field(converter=to_array)
+    most: Float[Array, ""] = eqx.field(converter=numbers("most"))
 
     def __call__(self, run: Run):
         return (jnp.abs(_along(run)) - self.most) / run.weight

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._arrays import to_array
+from ..._arrays import numbers
 from ..norms import norm, room
 from ..run import Run
 from .base import AbstractConstraint, AbstractRunningConstraint
@@ -16,7 +16,7 @@ from .segments import distance
 class RailsInside(AbstractRunningConstraint):
     """|ζ| ≤ r − clearance on every closed rail, and |χ| ≤ r − clearance for every mass along the motion."""
 
-    clearance: Float[Array, ""] = eqx.field(converter=to_array, default=0.0)
+    clearance: Float[Array, ""] = eqx.field(converter=numbers("clearance"), default=0.0)
 
     def __call__(self, run: Run):
         reach = jnp.concatenate([jnp.ravel(norm(run.curves.points)), jnp.ravel(norm(run.masses.chi))])
@@ -33,7 +33,7 @@ class RailsApart(AbstractConstraint):
     Shape (pairs, chords).
     """
 
-    distance: Float[Array, ""] = eqx.field(converter=to_array)
+    distance: Float[Array, ""] = eqx.field(converter=numbers("distance"))
 
     def __call__(self, run: Run):
         points = run.curves.points
@@ -45,7 +45,7 @@ class RailsApart(AbstractConstraint):
 class RegularRails(AbstractConstraint):
     """|ζ′(θ)| ≥ least on every closed rail, so that the mass can go along it at a finite rate."""
 
-    least: Float[Array, ""] = eqx.field(converter=to_array)
+    least: Float[Array, ""] = eqx.field(converter=numbers("least"))
 
     def __call__(self, run: Run):
         return (self.least - run.curves.speed) / run.length

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..._arrays import to_array
+from ..._arrays import numbers
 from ..run import Run
 
 
@@ -16,7 +16,7 @@ class AbstractObjective(eqx.Module):
     ``weight`` multiplies it in the sum of objectives; it can change without compiling anew.
     """
 
-    weight: Float[Array, ""] = eqx.field(converter=to_array, default=1.0, kw_only=True)
+    weight: Float[Array, ""] = eqx.field(converter=numbers("weight"), default=1.0, kw_only=True)
 
     @abc.abstractmethod
     def __call__(self, run: Run) -> Float[Array, ""]:

@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..._arrays import to_array
+from ..._arrays import numbers
 from ..norms import norm
 from ..run import Run
 from .base import AbstractObjective, unit_of_time
@@ -13,7 +13,7 @@ from .base import AbstractObjective, unit_of_time
 class ReachPlace(AbstractObjective):
     """|z − place|² / r² at the end."""
 
-    place: Float[Array, "2"] = eqx.field(converter=to_array)
+    place: Float[Array, "2"] = eqx.field(converter=numbers("place", (2,)))
 
     def __call__(self, run: Run):
         return jnp.sum((run.z[-1] - self.place) ** 2) / run.length**2
@@ -26,7 +26,7 @@ class ReachPlace(AbstractObjective):
 class ReachPose(AbstractObjective):
     """sin² of half the angle between the orientation at the end and ``versor``: 1 − (q·q*)² / (|q| |q*|)²."""
 
-    versor: Float[Array, "4"] = eqx.field(converter=to_array)
+    versor: Float[Array, "4"] = eqx.field(converter=numbers("versor", (4,)))
 
     def __call__(self, run: Run):
         q = run.state.in_space().q[-1]

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..._arrays import to_array
+from ..._arrays import numbers
 from ..norms import norm
 from ..run import Run
 from .base import AbstractRunningObjective
@@ -23,9 +23,9 @@ class AvoidObstacles(AbstractRunningObjective):
     upright post, add the ball's radius to the post's.
     """
 
-    centres: Float[Array, "k 2"] = eqx.field(converter=to_array)
-    radii: Float[Array, " k"] = eqx.field(converter=to_array)
-    softness: Float[Array, ""] = eqx.field(converter=to_array, default=0.1)
+    centres: Float[Array, "k 2"] = eqx.field(converter=numbers("centres", ("k", 2)))
+    radii: Float[Array, " k"] = eqx.field(converter=numbers("radii", ("k",)))
+    softness: Float[Array, ""] = eqx.field(converter=numbers("softness"), default=0.1)
 
     def integrand(self, run: Run):
         inside = jax.nn.softplus(depths(run, self.centres, self.radii) / self.softness)
