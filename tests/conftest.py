@@ -46,6 +46,14 @@ def _room_for_programs():
         gc.collect()
 
 
+@pytest.fixture
+def no_type_checks():
+    """The sentences that a user reads, who does not check types at run time as these tests do."""
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
+
+
 @pytest.fixture(scope="session")
 def ball_trajectory():
     """The paper's ball at t = 0, 1, ..., 20, at the tolerance of the paper."""

@@ -1,87 +1,173 @@
 """A differentiable simulator of a ball, or a disk, that rolls without slipping and is driven by point
 masses moving inside it, after Putkaradze & Rogers (2018).
+
+A body (``Ball``, ``Disk``) holds point masses (``PointMass``), each with a motion (``OnRail``, ``Driven``, ``Fixed``,
+``Free``, ``Oscillating``); ``simulate`` takes a body and times to a ``Trajectory``. Nothing is imported before its name
+is used, and neither are the packages:
+
+- ``chaos``, ``stability``: Lyapunov exponents, Poincaré maps; steady motions.
+- ``classical``: the heavy top, Suslov's problem and other systems.
+- ``design``, ``ensemble``, ``sweep``: designs by gradients, many runs side by side, studies.
+- ``plot``, ``results``, ``scenario``: figures, files out, files in.
+- ``solvers``: implicit methods for diffrax.
+- ``paper``, ``reproduce``, ``verify``, ``bench``: the paper's systems and figures, checks, comparisons of solvers.
+- ``cpu``: settings for fast solves on a CPU.
 """
 
-from .body import (
-    Ball as Ball,
-    Disk as Disk,
-    PointMass as PointMass,
-    System as System,
-    with_integrated_angles as with_integrated_angles,
-    with_masses as with_masses,
-)
-from .dynamics import vector_field as vector_field
-from .equilibrium import Balance as Balance, balance as balance, with_angles as with_angles
-from .events import (
-    AbstractEvent as AbstractEvent,
-    Detachment as Detachment,
-    Event as Event,
-    Slip as Slip,
-)
-from .extremes import ContactExtremes as ContactExtremes, contact_extremes as contact_extremes
-from .feedback import (
-    AbstractLaw as AbstractLaw,
-    FollowSchedules as FollowSchedules,
-    FunctionLaw as FunctionLaw,
-    Servo as Servo,
-)
-from .force import (
-    AbstractForce as AbstractForce,
-    FunctionForce as FunctionForce,
-    HarmonicForce as HarmonicForce,
-)
-from .frames import (
-    AbstractFrame as AbstractFrame,
-    MatrixFrame as MatrixFrame,
-    SphericalFrame as SphericalFrame,
-    VersorFrame as VersorFrame,
-)
-from .harmonics import HarmonicSeries as HarmonicSeries
-from .motion import (
-    Driven as Driven,
-    Fixed as Fixed,
-    Free as Free,
-    OnRail as OnRail,
-    Oscillating as Oscillating,
-)
-from .observables import Observables as Observables, observe as observe
-from .occurrences import Occurrences as Occurrences
-from .rails import (
-    AbstractRail as AbstractRail,
-    BernoulliEight as BernoulliEight,
-    Circle as Circle,
-    Ellipse as Ellipse,
-    FourierRail as FourierRail,
-    FunctionRail as FunctionRail,
-    GeronoEight as GeronoEight,
-    SplineRail as SplineRail,
-    Tube as Tube,
-)
-from .results import save as save, to_dataset as to_dataset
-from .scenario import (
-    Scenario as Scenario,
-    ScenarioError as ScenarioError,
-    load_scenario as load_scenario,
-    read_scenario as read_scenario,
-    write_scenario as write_scenario,
-)
-from .schedules import (
-    AbstractSchedule as AbstractSchedule,
-    ConstantRate as ConstantRate,
-    FunctionSchedule as FunctionSchedule,
-    PiecewiseAcceleration as PiecewiseAcceleration,
-    Pulse as Pulse,
-    Sinusoids as Sinusoids,
-    Waypoints as Waypoints,
-)
-from .simulation import PrecisionError as PrecisionError, simulate as simulate
-from .state import (
-    BallState as BallState,
-    DiskState as DiskState,
-    ReducedState as ReducedState,
-    RotationState as RotationState,
-    State as State,
-)
-from .status import SolveError as SolveError, Status as Status
-from .trajectory import Trajectory as Trajectory
-from .validity import problems as problems
+import importlib
+import sys
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:  # for type checkers and editors, the same interface
+    from . import (
+        bench as bench,
+        chaos as chaos,
+        classical as classical,
+        cpu as cpu,
+        design as design,
+        ensemble as ensemble,
+        paper as paper,
+        plot as plot,
+        reproduce as reproduce,
+        results as results,
+        scenario as scenario,
+        solvers as solvers,
+        stability as stability,
+        sweep as sweep,
+        verify as verify,
+    )
+    from .body import (
+        Ball as Ball,
+        Disk as Disk,
+        PointMass as PointMass,
+        System as System,
+        with_integrated_angles as with_integrated_angles,
+        with_masses as with_masses,
+    )
+    from .dynamics import vector_field as vector_field
+    from .equilibrium import Balance as Balance, balance as balance, with_angles as with_angles
+    from .events import (
+        AbstractEvent as AbstractEvent,
+        Detachment as Detachment,
+        Event as Event,
+        Slip as Slip,
+    )
+    from .extremes import ContactExtremes as ContactExtremes, contact_extremes as contact_extremes
+    from .feedback import (
+        AbstractLaw as AbstractLaw,
+        FollowSchedules as FollowSchedules,
+        FunctionLaw as FunctionLaw,
+        Servo as Servo,
+    )
+    from .force import (
+        AbstractForce as AbstractForce,
+        FunctionForce as FunctionForce,
+        HarmonicForce as HarmonicForce,
+    )
+    from .frames import (
+        AbstractFrame as AbstractFrame,
+        MatrixFrame as MatrixFrame,
+        SphericalFrame as SphericalFrame,
+        VersorFrame as VersorFrame,
+    )
+    from .harmonics import HarmonicSeries as HarmonicSeries
+    from .motion import (
+        Driven as Driven,
+        Fixed as Fixed,
+        Free as Free,
+        OnRail as OnRail,
+        Oscillating as Oscillating,
+    )
+    from .observables import Observables as Observables, observe as observe
+    from .occurrences import Occurrences as Occurrences
+    from .rails import (
+        AbstractRail as AbstractRail,
+        BernoulliEight as BernoulliEight,
+        Circle as Circle,
+        Ellipse as Ellipse,
+        FourierRail as FourierRail,
+        FunctionRail as FunctionRail,
+        GeronoEight as GeronoEight,
+        SplineRail as SplineRail,
+        Tube as Tube,
+    )
+    from .results import save as save, to_dataset as to_dataset
+    from .scenario import (
+        Scenario as Scenario,
+        ScenarioError as ScenarioError,
+        load_scenario as load_scenario,
+        read_scenario as read_scenario,
+        write_scenario as write_scenario,
+    )
+    from .schedules import (
+        AbstractSchedule as AbstractSchedule,
+        ConstantRate as ConstantRate,
+        FunctionSchedule as FunctionSchedule,
+        PiecewiseAcceleration as PiecewiseAcceleration,
+        Pulse as Pulse,
+        Sinusoids as Sinusoids,
+        Waypoints as Waypoints,
+    )
+    from .simulation import PrecisionError as PrecisionError, simulate as simulate
+    from .state import (
+        BallState as BallState,
+        DiskState as DiskState,
+        ReducedState as ReducedState,
+        RotationState as RotationState,
+        State as State,
+    )
+    from .status import SolveError as SolveError, Status as Status
+    from .trajectory import Trajectory as Trajectory
+    from .validity import problems as problems
+
+    __version__: str
+else:
+    _NAMES = {
+        "body": "Ball Disk PointMass System with_integrated_angles with_masses",
+        "dynamics": "vector_field",
+        "equilibrium": "Balance balance with_angles",
+        "events": "AbstractEvent Detachment Event Slip",
+        "extremes": "ContactExtremes contact_extremes",
+        "feedback": "AbstractLaw FollowSchedules FunctionLaw Servo",
+        "force": "AbstractForce FunctionForce HarmonicForce",
+        "frames": "AbstractFrame MatrixFrame SphericalFrame VersorFrame",
+        "harmonics": "HarmonicSeries",
+        "motion": "Driven Fixed Free OnRail Oscillating",
+        "observables": "Observables observe",
+        "occurrences": "Occurrences",
+        "rails": "AbstractRail BernoulliEight Circle Ellipse FourierRail FunctionRail GeronoEight SplineRail Tube",
+        "results": "save to_dataset",
+        "scenario": "Scenario ScenarioError load_scenario read_scenario write_scenario",
+        "schedules": "AbstractSchedule ConstantRate FunctionSchedule PiecewiseAcceleration Pulse Sinusoids Waypoints",
+        "simulation": "PrecisionError simulate",
+        "state": "BallState DiskState ReducedState RotationState State",
+        "status": "SolveError Status",
+        "trajectory": "Trajectory",
+        "validity": "problems",
+    }
+    _MODULE_OF = {name: module for module, names in _NAMES.items() for name in names.split()}
+    _PACKAGES = ["bench", "chaos", "classical", "cpu", "design", "ensemble", "paper", "plot"]
+    _PACKAGES += ["reproduce", "results", "scenario", "solvers", "stability", "sweep", "verify"]
+    __all__ = sorted(_MODULE_OF)
+
+    def __getattr__(name: str) -> Any:
+        if name == "__version__":
+            value = importlib.import_module("importlib.metadata").version(__name__)
+        elif name in _MODULE_OF:
+            value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
+        else:
+            value = _module(name)
+        return globals().setdefault(name, value)
+
+    def _module(name: str) -> Any:
+        """A package of the interface, or any other module of jaxball, which ``dir`` does not show."""
+        try:
+            return importlib.import_module(f".{name}", __name__)
+        except ModuleNotFoundError as error:
+            if error.name != f"{__name__}.{name}":
+                raise
+        message = f"module {__name__!r} has no attribute {name!r}"
+        raise AttributeError(message, name=name, obj=sys.modules[__name__])
+
+    def __dir__() -> list[str]:
+        return sorted([*__all__, *_PACKAGES, "__version__"])

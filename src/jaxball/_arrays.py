@@ -40,6 +40,20 @@ def require_numbers(name: str, x: Any) -> None:
         raise refusal(name, "numbers", x)
 
 
+def to_numpy(x: Numbers, name: str = "x") -> Float[np.ndarray, "..."]:
+    """``x``, which must not be traced, as an array of NumPy in float64.
+
+    **Raises:** as :func:`to_array`.
+    """
+    require_numbers(name, x)
+    try:
+        return np.asarray(x, dtype=float)
+    except jax.errors.JAXTypeError:
+        raise
+    except (TypeError, ValueError):
+        raise refusal(name, "numbers", x) from None
+
+
 def a_number() -> jax.ShapeDtypeStruct:
     """A number of the default floating type, of which no more is known: to try what a function makes of one."""
     return jax.ShapeDtypeStruct((), default_dtype())
@@ -50,7 +64,7 @@ def _is_real(x: Any) -> bool:
         return all(map(_is_real, x))
     dtype = getattr(x, "dtype", None)
     if dtype is None:
-        return not isinstance(x, str | bytes | complex)
+        return x is not None and not isinstance(x, str | bytes | complex)
     return jnp.issubdtype(dtype, jnp.floating) or getattr(dtype, "kind", "") in "biu"
 
 

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from ._arguments import require, require_each, require_function
 from ._arrays import Numbers, a_number, numbers, to_array
@@ -205,7 +205,7 @@ def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | 
     )
 
 
-def with_integrated_angles(system: System, t0: ArrayLike = 0.0) -> tuple[System, dict[str, Array]]:
+def with_integrated_angles(system: System, t0: Numbers = 0.0) -> tuple[System, dict[str, Array]]:
     """The same system in the paper's own form, with θ and θ̇ of the scheduled masses in the state.
 
     **Returns:** the system whose :class:`~jaxball.OnRail` masses have become driven ones that

@@ -6,6 +6,8 @@ import re
 import subprocess
 import sys
 
+__all__ = ["prepare"]
+
 # The first compiles small loops as one function instead of running them operation by operation; the second lets results
 # that share work be computed together. The others are LLVM's own: it gives up vector instructions where it must check
 # that many arrays do not overlap, or thinks that the check costs more than a loop over some lanes gains, which a
@@ -64,3 +66,7 @@ def _accepted(flags: str) -> bool:
     environment = {**os.environ, "XLA_FLAGS": flags}
     done = subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, check=False)
     return done.returncode == 0
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -11,11 +11,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from . import versor
-from ._arguments import a, described, require, require_value
+from ._arguments import described, require_value
 from .body import Ball, Disk, System
 from .classical import AbstractClassicalSystem
 from .moments import AbstractMoments, Moments, Rates, moments
-from .simulable import AnySimulableState, SimulableState, SimulableSystem
+from .simulable import AnySimulableState, SimulableState, SimulableSystem, require_system
 from .state import BallState, DiskState, ReducedState, RotationState, State
 from .trigonometry import sine_cosine
 from .vectors import apply, cross, dot, hat, outer, solve
@@ -214,14 +214,6 @@ def field_of(system: SimulableSystem, state: SimulableState) -> Callable[..., An
             "a Ball takes a BallState, RotationState or ReducedState, and a Disk takes a DiskState."
         )
     return field
-
-
-def require_system(system: Any) -> None:
-    """Raises a ``TypeError`` unless the argument ``system`` is one that can be simulated."""
-    inner = type(getattr(system, "system", None))
-    remedy = f"its `system` is {a(inner.__name__)}" if issubclass(inner, SimulableSystem) else ""
-    must = "a Ball, a Disk or one of jaxball.classical"
-    require("system", system, (Ball, Disk, AbstractClassicalSystem), must, remedy)
 
 
 def _classical_field_of(system: AbstractClassicalSystem, state: SimulableState) -> Callable[..., Any]:

@@ -8,10 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
-from ._arrays import Numbers, to_array
-from .body import Disk, PointMass, System, with_masses
+from ._arguments import refusal, require
+from ._arrays import Numbers, to_array, to_numpy
+from .body import Ball, Disk, PointMass, System, with_masses
 from .dynamics import driven_angles
 from .moments import kinematics, point_mass_values
 from .motion import Driven, OnRail
@@ -49,7 +50,7 @@ def balance(
     guess: Numbers | None = None,
     above: bool | None = None,
     state: State | None = None,
-    t: ArrayLike = 0.0,
+    t: Numbers = 0.0,
 ) -> Balance:
     """Solves for angles that put the system's centre of mass above or below the geometric centre.
 
@@ -69,8 +70,11 @@ def balance(
     **Raises:** ``ValueError`` when ``free`` names a mass that is not on a rail, or none, and when
     ``guess`` has another length.
     """
+    require("system", system, (Ball, Disk), "a Ball or a Disk")
+    if isinstance(free, str) or not isinstance(free, Sequence | np.ndarray):
+        raise refusal("free", "a list of indices of masses", free)
     rails, now = _free_rails(system, free, state, t)
-    guess = now if guess is None else np.asarray(guess, dtype=float)
+    guess = now if guess is None else to_numpy(guess, "guess")
     if guess.shape != now.shape:
         raise ValueError(
             f"Argument `guess` must have {len(now)} entries, one for each mass in `free`, but its shape is "
@@ -83,7 +87,7 @@ def balance(
     return _choose(_Candidates(*(np.array(x) for x in found)), rails, guess, above, float(system.radius))
 
 
-def with_angles(system: System, free: Sequence[int], theta: Numbers, t: ArrayLike = 0.0) -> System:
+def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers = 0.0) -> System:
     """The same system with the schedules of the masses ``free`` moved so that they have ``theta`` at ``t``."""
     masses = list(system.point_masses)
     for index, angle in zip(free, to_array(theta), strict=True):

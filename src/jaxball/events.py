@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ._arguments import require_callable
 from ._arrays import Numbers, numbers
 from .contact import reaction
 from .status import Status
@@ -56,8 +57,7 @@ class Event(AbstractEvent):
     status: ClassVar[Status] = Status.EVENT
 
     def __check_init__(self):
-        if not callable(self.of):
-            raise TypeError(f"Argument `of` must be a function of (system, t, state), but it is {self.of!r}.")
+        require_callable("of", self.of, "system", "t", "state")
         if self.direction not in (UP, DOWN, EITHER):
             raise ValueError(f"Argument `direction` must be 1, -1 or 0, but it is {self.direction}.")
         if self.room < 1:

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ._arguments import require
 from .body import Ball, Disk
 from .contact import reaction
 from .maxima import maxima
@@ -66,6 +67,7 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
     **Raises:** ``ValueError`` when the trajectory was made without ``dense=True``, and ``TypeError`` for a system that
     touches no plane.
     """
+    require("trajectory", trajectory, Trajectory, "what jaxball.simulate returns")
     if not isinstance(trajectory.system, Ball | Disk):
         raise TypeError(
             "Argument `trajectory` must be of a Ball or a Disk, which a plane holds, but it is of a "

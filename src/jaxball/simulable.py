@@ -1,8 +1,11 @@
 """Every system that can be simulated, and every state of one; for type checkers a ball or a disk by default."""
 
+from typing import Any
+
 from typing_extensions import TypeVar
 
-from .body import System
+from ._arguments import a, require
+from .body import Ball, Disk, System
 from .classical import AbstractClassicalState, AbstractClassicalSystem
 from .state import State
 
@@ -10,3 +13,11 @@ SimulableSystem = System | AbstractClassicalSystem
 SimulableState = State | AbstractClassicalState
 AnySimulableSystem = TypeVar("AnySimulableSystem", bound=SimulableSystem, default=System)
 AnySimulableState = TypeVar("AnySimulableState", bound=SimulableState, default=State)
+
+
+def require_system(system: Any) -> None:
+    """Raises a ``TypeError`` unless the argument ``system`` is one that can be simulated."""
+    inner = type(getattr(system, "system", None))
+    remedy = f"its `system` is {a(inner.__name__)}" if issubclass(inner, SimulableSystem) else ""
+    must = "a Ball, a Disk or one of jaxball.classical"
+    require("system", system, (Ball, Disk, AbstractClassicalSystem), must, remedy)

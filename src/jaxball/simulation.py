@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, cast, overload
+from typing import Any, NamedTuple, cast, get_args, overload
 
 import diffrax
 import equinox as eqx
@@ -11,16 +11,23 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, ArrayLike
+from jaxtyping import Array
 
-from ._arrays import Numbers, default_dtype, to_array
+from ._arguments import refusal, require
+from ._arrays import Numbers, default_dtype, require_numbers, to_array
 from .body import Ball, System
-from .classical import AbstractClassicalState, AbstractClassicalSystem
+from .classical import (
+    AbstractClassicalState,
+    AbstractClassicalSystem,
+    ParticleState,
+    RigidBodyState,
+    VakonomicState,
+)
 from .dae import WITH_UNIT, has_unit
 from .dynamics import field_of
 from .events import AbstractEvent
 from .packing import Packing
-from .simulable import SimulableState, SimulableSystem
+from .simulable import SimulableState, SimulableSystem, require_system
 from .solvers import Projected, RadauIIA, SwitchingMassMatrixTerm
 from .state import BallState, DiskState, State
 from .status import Status
@@ -33,6 +40,7 @@ DEFAULT_TOLERANCE = 1e-10
 DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
 NO_PROGRESS = diffrax.NoProgressMeter()
+SHAPED = (*get_args(State), RigidBodyState, ParticleState, VakonomicState)
 FEW_STEPS = (256, 2048)
 FINEST = {name: 8 * float(np.finfo(name).eps) for name in ("float32", "float64")}
 
@@ -47,8 +55,8 @@ def simulate(
     state: SimulableState | None = None,
     *,
     solver: diffrax.AbstractAdaptiveSolver | None = None,
-    rtol: ArrayLike = DEFAULT_TOLERANCE,
-    atol: ArrayLike = DEFAULT_TOLERANCE,
+    rtol: Numbers = DEFAULT_TOLERANCE,
+    atol: Numbers = DEFAULT_TOLERANCE,
     dense: bool = False,
     step_to_times: bool = False,
     dae: bool = False,
@@ -94,6 +102,7 @@ def simulate(
     **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or
     ``TypeError`` for arguments of the wrong kind, and :class:`~jaxball.SolveError` where asked for.
     """
+    require_system(system)
     times = _checked_times(times)
     if state is None:
         state = at_rest(system)
@@ -103,10 +112,10 @@ def simulate(
         _check_dae(state, solver)
     events = checked(system, events)
     method = _Method(
-        DEFAULT_SOLVER if solver is None else solver,
-        DEFAULT_ADJOINT if adjoint is None else adjoint,
-        NO_PROGRESS if progress is None else progress,
-        max_steps,
+        checked_solver(solver),
+        _checked_adjoint(adjoint),
+        _checked_progress(progress),
+        checked_steps(max_steps),
         dense or bool(events),
         step_to_times,
         dae,
@@ -267,13 +276,19 @@ def _default_state(kind: type[SimulableState], dtype: Any) -> Any:
         return kind()
 
 
-def _as_array(x: Numbers) -> Array | np.ndarray:
+def _as_array(name: str, x: Numbers) -> Array | np.ndarray:
     """``x`` as an array; kept in NumPy where it is known, because that costs microseconds less a call."""
-    return to_array(x) if isinstance(x, Tracer) else np.asarray(x, dtype=default_dtype())
+    if isinstance(x, Tracer):
+        return to_array(x, name)
+    require_numbers(name, x)
+    try:
+        return np.asarray(x, dtype=default_dtype())
+    except (TypeError, ValueError):
+        raise refusal(name, "numbers", x) from None
 
 
 def _checked_times(times: Numbers) -> Array | np.ndarray:
-    array = _as_array(times)
+    array = _as_array("times", times)
     if array.ndim != 1 or array.size < 2:
         raise ValueError(
             "Argument `times` must be two or more increasing numbers, from the start to the end of the run, "
@@ -287,8 +302,59 @@ def _checked_times(times: Numbers) -> Array | np.ndarray:
     return array
 
 
+def checked_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.AbstractAdaptiveSolver:
+    """The solver, or the default.
+
+    **Raises:** ``TypeError`` for what is not a solver that estimates its error.
+    """
+    if solver is None:
+        return DEFAULT_SOLVER
+    if isinstance(solver, str):
+        remedy = "names are for scenario files"
+    elif isinstance(solver, diffrax.AbstractSolver):
+        remedy = "it has no error estimate to choose its steps by, and diffrax.HalfSolver(...) gives it one"
+    else:
+        remedy = ""
+    require("solver", solver, diffrax.AbstractAdaptiveSolver, "an adaptive solver, such as diffrax.Dopri8()", remedy)
+    return solver
+
+
+def checked_steps(max_steps: int) -> int:
+    """The number of steps.
+
+    **Raises:** ``TypeError`` or ``ValueError`` for what is not a positive whole number.
+    """
+    if isinstance(max_steps, bool) or not isinstance(max_steps, int | np.integer):
+        raise refusal("max_steps", "a whole number of steps", max_steps)
+    if max_steps < 1:
+        raise ValueError(f"Argument `max_steps` must be 1 or more, but it is {max_steps}.")
+    return int(max_steps)
+
+
+def _checked_adjoint(adjoint: diffrax.AbstractAdjoint | None) -> diffrax.AbstractAdjoint:
+    if adjoint is None:
+        return DEFAULT_ADJOINT
+    require("adjoint", adjoint, diffrax.AbstractAdjoint, "an adjoint, such as diffrax.ForwardMode()")
+    return adjoint
+
+
+def _checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax.AbstractProgressMeter:
+    if progress is None:
+        return NO_PROGRESS
+    must = "a progress meter, such as diffrax.TextProgressMeter()"
+    require("progress", progress, diffrax.AbstractProgressMeter, must)
+    return progress
+
+
 def _check_state(system: SimulableSystem, state: SimulableState) -> None:
     field_of(system, state)
+    if isinstance(state, SHAPED):
+        for name, shape in _shapes_of(type(state)).items():
+            if (given := getattr(state, name).shape) != shape:
+                raise ValueError(
+                    f"Argument `state` must be one state, with `{name}` of shape {shape}, but its shape is {given}; "
+                    "for many runs use jax.vmap or jaxball.ensemble.simulate_ensemble."
+                )
     if isinstance(system, AbstractClassicalSystem) or isinstance(state, AbstractClassicalState):
         return
     wanted = (len(system.driven),)
@@ -297,6 +363,13 @@ def _check_state(system: SimulableSystem, state: SimulableState) -> None:
             f"Argument `state` must have {wanted[0]} entries in theta and in thetadot, one for each driven mass, "
             f"but it has {state.theta.shape[-1]} and {state.thetadot.shape[-1]}."
         )
+
+
+@functools.cache
+def _shapes_of(kind: type[SimulableState]) -> dict[str, tuple[int, ...]]:
+    """The shapes that a state always has, which its default has too."""
+    default = vars(_default_state(kind, default_dtype()))
+    return {name: value.shape for name, value in default.items() if name not in ("theta", "thetadot")}
 
 
 def _check_dae(state: SimulableState, solver: diffrax.AbstractSolver | None) -> None:
@@ -325,7 +398,7 @@ def checked_tolerances(rtol: Numbers, atol: Numbers) -> tuple[Array | np.ndarray
 
     **Raises:** :class:`PrecisionError` when the floating-point type cannot reach them.
     """
-    rtol, atol = _as_array(rtol), _as_array(atol)
+    rtol, atol = _as_array("rtol", rtol), _as_array("atol", atol)
     known = [x.max() for x in (rtol, atol) if isinstance(x, np.ndarray)]
     dtype, finest = rtol.dtype, FINEST[rtol.dtype.name]
     if not known or max(known) >= finest:

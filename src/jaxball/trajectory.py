@@ -7,9 +7,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float, Int
+from jaxtyping import Array, Float, Int
 
-from ._arrays import to_array
+from ._arrays import Numbers, to_array
 from .classical import AbstractClassicalSystem
 from .observables import Observables, observe
 from .occurrences import Occurrences
@@ -67,7 +67,7 @@ class Trajectory(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
             raise SolveError(self.message)
         return self
 
-    def at(self, t: ArrayLike) -> AnySimulableState:
+    def at(self, t: Numbers) -> AnySimulableState:
         """The state at any time ``t`` of the run, a number or an array, from dense output.
 
         NaN before the start and after the time to which the solve came.
@@ -76,7 +76,7 @@ class Trajectory(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
         """
         if self.interpolant is None:
             raise ValueError("Method `at` needs dense output; call simulate(..., dense=True).")
-        return _evaluate(self.interpolant, to_array(t), self.times[0], self.reached)
+        return _evaluate(self.interpolant, to_array(t, "t"), self.times[0], self.reached)
 
     @property
     def observables(self) -> Observables:

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float
+from jaxtyping import Array, Bool, Float
 
-from ._arrays import to_array
+from ._arrays import Numbers, to_array
 from .body import Ball, System
 from .classical import AbstractClassicalState, AbstractClassicalSystem
 from .conditions import UNIT, Condition, positive, positive_inertia, real_inertia, versor
-from .simulable import SimulableState, SimulableSystem
+from .simulable import SimulableState, SimulableSystem, require_system
 from .state import BallState, ReducedState, RotationState, State
 from .vectors import cross, dot
 
@@ -73,8 +73,9 @@ def possible_start(system: SimulableSystem, t: Float[Array, ""], state: Simulabl
     return holds
 
 
-def problems(system: SimulableSystem, state: SimulableState | None = None, t: Float[ArrayLike, ""] = 0.0) -> list[str]:
+def problems(system: SimulableSystem, state: SimulableState | None = None, t: Numbers = 0.0) -> list[str]:
     """One sentence for each number of a body, and of its state at ``t``, that cannot be; empty when all is well."""
+    require_system(system)
     classical = isinstance(system, AbstractClassicalSystem)
     found = list(system.conditions() if classical else shell_conditions(system))
     if not classical:
@@ -83,7 +84,7 @@ def problems(system: SimulableSystem, state: SimulableState | None = None, t: Fl
     if state is not None:
         found.extend(state_conditions(state))
     if state is not None and classical:
-        found.extend(system.start_conditions(to_array(t), state))
+        found.extend(system.start_conditions(to_array(t, "t"), state))
     return [
         f"Argument `{c.name}` must be {c.must}, but it is {np.asarray(c.value).tolist()}."
         for c in found

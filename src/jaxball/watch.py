@@ -11,6 +11,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from ._arguments import require
 from .body import Ball, Disk
 from .crossings import Crossings, Kind, crossings
 from .events import DOWN, UP, AbstractEvent, Detachment, Slip
@@ -30,11 +31,9 @@ def checked(system: Any, events: Mapping[str, AbstractEvent] | None) -> dict[str
     **Raises:** ``TypeError`` for what is not an event, or cannot happen to such a system.
     """
     events = {} if events is None else events
-    if not isinstance(events, Mapping) or not all(isinstance(event, AbstractEvent) for event in events.values()):
-        raise TypeError(
-            'Argument `events` must be a dictionary of events by name, such as {"lift": Detachment()}, but it is '
-            f"{events!r}."
-        )
+    require("events", events, Mapping, 'a dictionary of events by name, such as {"lift": Detachment()}')
+    for name, event in events.items():
+        require(f"events[{name!r}]", event, AbstractEvent, "an event, such as Detachment()")
     touching = [name for name, event in events.items() if isinstance(event, Detachment | Slip)]
     if touching and not isinstance(system, Ball | Disk):
         raise TypeError(

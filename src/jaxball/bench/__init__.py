@@ -1,5 +1,6 @@
 """Solvers compared at equal achieved error: ``jaxball bench``."""
 
+from .._interface import interface as _interface
 from .measure import Measured as Measured, Row as Row, Settings as Settings
 from .plan import FULL as FULL, QUICK as QUICK, Plan as Plan, listing as listing, plan as plan
 from .problem import Problem as Problem
@@ -9,3 +10,5 @@ from .selection import (
     select_contenders as select_contenders,
     select_problems as select_problems,
 )
+
+__all__, __dir__ = _interface(globals())

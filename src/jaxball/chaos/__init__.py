@@ -1,8 +1,11 @@
 """Measures of chaos: Lyapunov exponents of any system or flow, charts of them, and Poincaré maps."""
 
+from .._interface import interface as _interface
 from .chart import chart as chart
 from .poincare import PoincareMap as PoincareMap, poincare_map as poincare_map
 from .result import LyapunovSpectrum as LyapunovSpectrum
 from .robots import chaplygin_top as chaplygin_top, rolling_robot as rolling_robot
 from .spectrum import lyapunov_spectrum_of as lyapunov_spectrum_of
 from .system import lyapunov_spectrum as lyapunov_spectrum
+
+__all__, __dir__ = _interface(globals())

@@ -10,12 +10,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
-from .._arrays import Numbers, to_array
+from .._arguments import require, require_callable
+from .._arrays import Numbers, to_array, to_numpy
 from ..phase_space import normal_of, phase_point
 from ..simulable import SimulableState, SimulableSystem
-from ..simulation import DEFAULT_SOLVER, checked_tolerances
+from ..simulation import checked_solver, checked_tolerances
 from ..status import Status
 from .spectrum import Method, interval_edges
 from .system import system_spectrum
@@ -34,8 +35,8 @@ def chart(
     transient: float = 0.0,
     interval: float = 10.0,
     solver: diffrax.AbstractAdaptiveSolver | None = None,
-    rtol: ArrayLike = 1e-8,
-    atol: ArrayLike = 1e-8,
+    rtol: Numbers = 1e-8,
+    atol: Numbers = 1e-8,
     max_steps: int = 16384,
     chunk: int = 128,
     workers: int | None = None,
@@ -69,7 +70,8 @@ def chart(
     """
     names, values = _checked(parameters)
     edges, skipped = interval_edges(times, transient, interval)
-    solver = DEFAULT_SOLVER if solver is None else solver
+    require_callable("make", make, "first", "second")
+    solver = checked_solver(solver)
     tolerances = tuple(map(to_array, checked_tolerances(rtol, atol)))
     cells = np.stack([grid.ravel() for grid in np.meshgrid(*values, indexing="ij")], axis=1)
     chunk = min(chunk, len(cells))
@@ -109,11 +111,12 @@ def _solve(make: Make, solver, skipped, max_steps, cells, edges, rtol, atol) -> 
 
 
 def _checked(parameters: Mapping[str, Numbers]) -> tuple[tuple[str, ...], list[np.ndarray]]:
+    require("parameters", parameters, Mapping, "a dictionary of two parameters, each with its values")
     if len(parameters) != 2:
         raise ValueError(
             f"Argument `parameters` must name two parameters, but it names {len(parameters)}: {list(parameters)}."
         )
-    values = [np.asarray(value, dtype=float) for value in parameters.values()]
+    values = [to_numpy(value, f"parameters[{name!r}]") for name, value in parameters.items()]
     for name, value in zip(parameters, values, strict=True):
         if value.ndim != 1 or value.size == 0:
             raise ValueError(

@@ -7,7 +7,7 @@ import diffrax
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .._arrays import Numbers
 from ..events import Event
@@ -47,15 +47,15 @@ class PoincareMap(eqx.Module):
 
 def poincare_map(
     system: SimulableSystem,
-    section: Callable[[Any, Float[ArrayLike, ""], Any], Any],
+    section: Callable[[Any, Float[Array, ""], Any], Any],
     times: Numbers,
     state: SimulableState | None = None,
     *,
     direction: int = 1,
     room: int = 1024,
     solver: diffrax.AbstractAdaptiveSolver | None = None,
-    rtol: ArrayLike = DEFAULT_TOLERANCE,
-    atol: ArrayLike = DEFAULT_TOLERANCE,
+    rtol: Numbers = DEFAULT_TOLERANCE,
+    atol: Numbers = DEFAULT_TOLERANCE,
     max_steps: int = 16384,
 ) -> PoincareMap:
     """The states at which the motion of ``system`` crosses a section, located to the accuracy of the solve.

@@ -7,10 +7,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from .._arrays import Numbers, to_array
-from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_tolerances, status_of
+from .._arguments import refusal, require_callable
+from .._arrays import Numbers, numbers, to_array, to_numpy
+from ..simulation import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances, status_of
 from ..solvers import StepToKinks
 from ..status import Status
 from .least import Watch, Watching
@@ -31,8 +32,8 @@ def lyapunov_spectrum_of(
     transient: float = 0.0,
     interval: float = 1.0,
     solver: diffrax.AbstractAdaptiveSolver | None = None,
-    rtol: ArrayLike = DEFAULT_TOLERANCE,
-    atol: ArrayLike = DEFAULT_TOLERANCE,
+    rtol: Numbers = DEFAULT_TOLERANCE,
+    atol: Numbers = DEFAULT_TOLERANCE,
     kinks: Numbers = (),
     normal: Normal | None = None,
     max_steps: int = 16384,
@@ -64,12 +65,13 @@ def lyapunov_spectrum_of(
     **Raises:** ``ValueError`` for times, numbers of exponents or intervals that cannot be, and
     :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
-    x = to_array(x)
+    require_callable("field", field, "t", "x", "args")
+    x = numbers("x", ("size",))(x)
     exponents = checked_count(exponents, x.size - (normal is not None))
     edges, skipped = interval_edges(times, transient, interval)
-    method = Method(DEFAULT_SOLVER if solver is None else solver, exponents, skipped, max_steps, normal)
+    method = Method(checked_solver(solver), exponents, skipped, checked_steps(max_steps), normal)
     rtol, atol = map(to_array, checked_tolerances(rtol, atol))
-    return _solve(method, field, to_array(edges), x, args, rtol, atol, to_array(kinks))
+    return _solve(method, field, to_array(edges), x, args, rtol, atol, to_array(kinks, "kinks"))
 
 
 class Method(NamedTuple):
@@ -89,6 +91,8 @@ def checked_count(exponents: int | None, largest: int) -> int:
     """
     if exponents is None:
         return largest
+    if isinstance(exponents, bool) or not isinstance(exponents, int | np.integer):
+        raise refusal("exponents", "a whole number or None", exponents)
     if not 1 <= exponents <= largest:
         raise ValueError(
             f"Argument `exponents` must be from 1 to {largest}, the dimension of the phase space, but it is "
@@ -102,7 +106,7 @@ def interval_edges(times: Numbers, transient: float, interval: float) -> tuple[n
 
     **Raises:** ``ValueError`` for times or intervals that cannot be.
     """
-    ends = np.asarray(times, dtype=float)
+    ends = to_numpy(times, "times")
     if ends.shape != (2,) or not np.all(np.isfinite(ends)) or ends[1] <= ends[0]:
         raise ValueError(f"Argument `times` must be the start and a later end, but it is {ends.tolist()}.")
     start, end = float(ends[0]), float(ends[1])

@@ -4,15 +4,15 @@ import diffrax
 import equinox as eqx
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
 from .._arrays import Numbers, to_array
 from ..body import Ball, Disk
 from ..contact import reaction
 from ..packing import Packing
 from ..phase_space import dimension, normal_of, phase_point
-from ..simulable import SimulableState, SimulableSystem
-from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, at_rest, checked_tolerances
+from ..simulable import SimulableState, SimulableSystem, require_system
+from ..simulation import DEFAULT_TOLERANCE, at_rest, checked_solver, checked_steps, checked_tolerances
 from ..validity import possible_start
 from .result import LyapunovSpectrum
 from .spectrum import Method, checked_count, interval_edges, spectrum
@@ -27,8 +27,8 @@ def lyapunov_spectrum(
     transient: float = 0.0,
     interval: float = 1.0,
     solver: diffrax.AbstractAdaptiveSolver | None = None,
-    rtol: ArrayLike = DEFAULT_TOLERANCE,
-    atol: ArrayLike = DEFAULT_TOLERANCE,
+    rtol: Numbers = DEFAULT_TOLERANCE,
+    atol: Numbers = DEFAULT_TOLERANCE,
     max_steps: int = 16384,
 ) -> LyapunovSpectrum:
     """The Lyapunov exponents of the motion of ``system`` from ``times[0]`` to ``times[1]``, in 1/time.
@@ -53,10 +53,11 @@ def lyapunov_spectrum(
     **Raises:** ``ValueError`` for times, numbers of exponents or intervals that cannot be, ``TypeError`` for a state of
     another kind of system, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
+    require_system(system)
     state = phase_point(system, at_rest(system) if state is None else state)
     edges, skipped = interval_edges(times, transient, interval)
     exponents = checked_count(exponents, dimension(state))
-    method = Method(DEFAULT_SOLVER if solver is None else solver, exponents, skipped, max_steps, normal_of(state))
+    method = Method(checked_solver(solver), exponents, skipped, checked_steps(max_steps), normal_of(state))
     return _solve(method, system, state, to_array(edges), *map(to_array, checked_tolerances(rtol, atol)))
 
 

@@ -4,6 +4,7 @@
 :class:`AbstractClassicalSystem` with an :class:`AbstractClassicalState`.
 """
 
+from .._interface import interface as _interface
 from .axis import AbstractAxis as AbstractAxis, FunctionAxis as FunctionAxis, HarmonicAxis as HarmonicAxis
 from .base import (
     AbstractClassicalState as AbstractClassicalState,
@@ -23,3 +24,5 @@ from .state import (
     VakonomicState as VakonomicState,
 )
 from .suslov import SuslovLaws as SuslovLaws, SuslovProblem as SuslovProblem
+
+__all__, __dir__ = _interface(globals())

@@ -1,5 +1,6 @@
 """Rails, motions and parameters that make a ball do what is wanted, found by gradients through the simulation."""
 
+from .._interface import interface as _interface
 from .bounds import Bounds as Bounds
 from .check import GradientCheck as GradientCheck, check_gradient as check_gradient, require_good as require_good
 from .constraints import (
@@ -57,3 +58,5 @@ from .space import Candidate as Candidate, DesignSpace as DesignSpace
 from .state import Progress as Progress, Worth as Worth
 from .variables import Variable as Variable
 from .verify import Verified as Verified, perturbed as perturbed, verify as verify
+
+__all__, __dir__ = _interface(globals(), "control")

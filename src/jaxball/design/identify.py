@@ -11,6 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._arguments import require
+from .._arrays import to_numpy
 from ..scenario.solve import SOLVERS
 from .errors import DesignError
 from .run import Solve, run_of
@@ -82,6 +84,8 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T 2"]) -> Identificati
     **Raises:** :class:`DesignError` when the path has not one place for each save time or is not finite, and when the
     start cannot be simulated.
     """
+    require("space", space, DesignSpace, "a DesignSpace")
+    path = to_numpy(path, "path")
     times = space.scenario.times
     if path.shape != (times.size, 2) or not np.all(np.isfinite(path)):
         raise DesignError(

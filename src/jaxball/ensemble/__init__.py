@@ -1,5 +1,6 @@
 """Many runs side by side: the way in which sweeps are solved."""
 
+from .._interface import interface as _interface
 from .ensemble import Ensemble as Ensemble
 from .quantities import REDUCTIONS as REDUCTIONS
 from .reductions import (
@@ -10,3 +11,5 @@ from .reductions import (
     Minimum as Minimum,
 )
 from .simulate import simulate_ensemble as simulate_ensemble
+
+__all__, __dir__ = _interface(globals())

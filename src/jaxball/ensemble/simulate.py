@@ -9,9 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from .._arrays import Numbers
-from ..simulable import SimulableState, SimulableSystem
-from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_tolerances
+from .._arguments import described, require
+from .._arrays import Numbers, to_numpy
+from ..dynamics import field_of
+from ..simulable import SimulableState, SimulableSystem, require_system
+from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_steps, checked_tolerances
 from ..trajectory import Trajectory
 from .ensemble import Ensemble
 from .numbers import split
@@ -67,9 +69,12 @@ def simulate_ensemble(
     **Raises:** ``ValueError`` where leading axes differ, ``TypeError`` for other solvers, and
     :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
+    require_system(system)
+    field_of(system, state)
     method = _checked_solver(DEFAULT_SOLVER if solver is None else solver)
     rtol, atol = checked_tolerances(rtol, atol)
-    given = times if isinstance(times, jax.Array) else np.asarray(times, rtol.dtype)
+    given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
+    reductions = _checked_reductions(reductions)
     runs = _count(system, state, given, rtol, atol)
     whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
@@ -79,8 +84,10 @@ def simulate_ensemble(
     threads = threads or (cores() if on_cpu else jax.local_device_count())
     block = runs if traced else block or min(runs, balanced(runs, BLOCK if on_cpu else runs, threads))
     compact, which = split((system, state))
-    reduced = tuple((reductions or {}).items())
-    settings = Settings(method, max_steps, min(block, lanes or (LANES if on_cpu else block)), which, reduced)
+    reduced = tuple(reductions.items())
+    settings = Settings(
+        method, checked_steps(max_steps), min(block, lanes or (LANES if on_cpu else block)), which, reduced
+    )
     if traced:
         *found, reported, executed = compiled(settings)(compact, whole, *limits)
         return Ensemble(Trajectory(system, whole, *found), reported, executed)
@@ -92,10 +99,19 @@ def _checked_solver(solver: diffrax.AbstractSolver) -> diffrax.AbstractERK:
     if not fits(solver):
         raise TypeError(
             "Argument `solver` must be an explicit Runge-Kutta method of diffrax whose last stage is the first of the "
-            f"next step, such as Dopri8, Dopri5, Tsit5 or Bosh3, but it is a {type(solver).__name__}; use jax.vmap of "
+            f"next step, such as Dopri8, Dopri5, Tsit5 or Bosh3, but it is {described(solver)}; use jax.vmap of "
             "jaxball.simulate for other methods."
         )
     return cast(diffrax.AbstractERK, solver)
+
+
+def _checked_reductions(reductions: Mapping[str, AbstractReduction] | None) -> Mapping[str, AbstractReduction]:
+    found = {} if reductions is None else reductions
+    require("reductions", found, Mapping, "a dictionary of reductions by name, some of jaxball.ensemble.REDUCTIONS")
+    for name, one in found.items():
+        must = "one of jaxball.ensemble.REDUCTIONS, or a Maximum, Minimum, Drift or Integral"
+        require(f"reductions[{name!r}]", one, AbstractReduction, must)
+    return found
 
 
 def _in_blocks(settings: Settings, compact: Any, arrays: tuple[np.ndarray, ...], block: int, threads: int) -> list[Any]:

@@ -4,6 +4,7 @@ Every plot function draws into ``ax`` and returns it; without one it makes a new
 ``ax.figure`` gives. No figure is registered with pyplot, and no setting of matplotlib is changed.
 """
 
+from .._interface import interface as _interface
 from .actuation import acceleration as acceleration
 from .animation import animate as animate
 from .branches import branch as branch, place_in_time as place_in_time
@@ -31,3 +32,5 @@ from .sweeps.maps import sweep_map as sweep_map
 from .sweeps.matrix import sweep_matrix as sweep_matrix
 from .sweeps.report import sweep_figures as sweep_figures
 from .sweeps.slices import sweep_slice as sweep_slice
+
+__all__, __dir__ = _interface(globals())

@@ -1,14 +1,12 @@
 """What drives the masses."""
 
-from collections.abc import Sequence
-
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from .._arrays import to_array
+from .._arrays import Numbers, to_array
 from ..body import System
 from ..dynamics import driven_angles
 from ..motion import OnRail
@@ -23,7 +21,7 @@ def acceleration(
     source: Trajectory | System,
     ax: Axes | None = None,
     *,
-    times: ArrayLike | Sequence[ArrayLike] | None = None,
+    times: Numbers | None = None,
 ) -> Axes:
     """The magnitudes |θ̈_i| over time, ``fig_abs_ui``; masses with the same curve share a line.
 
@@ -55,9 +53,7 @@ def acceleration(
     return ax
 
 
-def accelerations(
-    source: Trajectory | System, times: ArrayLike | Sequence[ArrayLike] | None = None
-) -> dict[int, Curve]:
+def accelerations(source: Trajectory | System, times: Numbers | None = None) -> dict[int, Curve]:
     """Times and |θ̈_i| there for each mass i = 1 … n on a rail, where they are known."""
     curves: dict[int, Curve] = {}
     system = source.system if isinstance(source, Trajectory) else source

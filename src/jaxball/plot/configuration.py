@@ -1,17 +1,16 @@
 """Where everything is in the body: shell, rails, masses and centres of mass."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle as Ring
 from matplotlib.patheffects import withStroke
 
-from .._arrays import to_array
+from .._arrays import Numbers, to_array
 from ..body import Disk, System
 from ..moments import kinematics, moments
 from ..trajectory import Trajectory
@@ -47,8 +46,8 @@ def configuration(
     source: Trajectory | System,
     ax: Axes | None = None,
     *,
-    t: ArrayLike = 0.0,
-    theta: ArrayLike | Sequence[ArrayLike] = (),
+    t: Numbers = 0.0,
+    theta: Numbers = (),
 ) -> Axes:
     """Shell, rails and masses m_i, the shell's centre of mass m_0 and the system's, in body axes.
 
@@ -116,7 +115,7 @@ def _draw(ax: Axes, system: System, places: Places, r: float, columns: list[int]
     legend_above(ax)
 
 
-def _places(system: System, t: ArrayLike, theta: ArrayLike | Sequence[ArrayLike]) -> Places:
+def _places(system: System, t: Numbers, theta: Numbers) -> Places:
     angles = to_array(theta)
     if angles.shape != (len(system.driven),):
         raise ValueError(

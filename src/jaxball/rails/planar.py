@@ -6,6 +6,7 @@ import math
 import equinox as eqx
 from jaxtyping import Array, Float
 
+from .._arguments import require
 from .._arrays import numbers
 from ..frames import AbstractFrame, MatrixFrame
 from ..trigonometry import sine_cosine
@@ -19,6 +20,9 @@ class AbstractPlanarRail(AbstractRail):
 
     centre: eqx.AbstractVar[Float[Array, "*group 3"]]
     frame: eqx.AbstractVar[AbstractFrame]
+
+    def __check_init__(self):
+        require("frame", self.frame, AbstractFrame, "a frame, such as SphericalFrame(...)")
 
     @abc.abstractmethod
     def planar(self, theta: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:

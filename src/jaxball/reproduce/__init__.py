@@ -1,5 +1,6 @@
 """The paper's two runs again: the figures of sections 4 and 5, and solvers against a 30-digit reference."""
 
+from .._interface import interface as _interface
 from .experiments import (
     SOLVERS as SOLVERS,
     Experiment as Experiment,
@@ -8,3 +9,5 @@ from .experiments import (
     disk_experiment as disk_experiment,
 )
 from .run import reproduce as reproduce
+
+__all__, __dir__ = _interface(globals())

@@ -1,5 +1,6 @@
 """Result files: a trajectory as a labelled data set, and saved."""
 
+from .._interface import interface as _interface
 from .dataset import to_dataset as to_dataset
 from .save import (
     OutputError as OutputError,
@@ -7,3 +8,5 @@ from .save import (
     replacing as replacing,
     save as save,
 )
+
+__all__, __dir__ = _interface(globals())

@@ -1,5 +1,6 @@
 """Scenario files: a run as a text that people can read, checked before anything is computed."""
 
+from .._interface import interface as _interface
 from .files import (
     load_scenario as load_scenario,
     read_document as read_document,
@@ -13,3 +14,5 @@ from .library import (
 )
 from .scenario import Scenario as Scenario
 from .values import ScenarioError as ScenarioError
+
+__all__, __dir__ = _interface(globals())

@@ -7,6 +7,7 @@ from typing import Any
 import diffrax
 import numpy as np
 
+from .._arguments import refusal
 from ..classical import AbstractClassicalState, AbstractClassicalSystem
 from ..events import AbstractEvent
 from ..simulable import SimulableSystem
@@ -62,6 +63,8 @@ class Scenario:
         **Raises:** as :func:`jaxball.simulate`, and :class:`ScenarioError` where the solver does not go with ``dae``.
         """
         solver = self.solver if solver is None else solver
+        if not isinstance(solver, str) or solver not in SOLVERS:
+            raise refusal("solver", f"a name, one of {', '.join(SOLVERS)}", solver)
         check_dae(self.system, solver, self.dae)
         trajectory = simulate(
             self.system,

@@ -4,9 +4,9 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
-from .._arrays import default_dtype, to_array
+from .._arrays import Numbers, default_dtype, to_array
 from ..calculus import two_derivatives
 
 
@@ -36,6 +36,6 @@ class AbstractSchedule(eqx.Module):
         """θ(t), θ̇(t) and θ̈(t), the rates by forward mode; at a kink, those of the later side."""
         return two_derivatives(self, t)
 
-    def starting_at(self, theta: Float[ArrayLike, ""], t: Float[ArrayLike, ""]) -> "AbstractSchedule":
+    def starting_at(self, theta: Numbers, t: Numbers) -> "AbstractSchedule":
         """The schedule moved by a constant so that it takes the value ``theta`` at time ``t``."""
         return self.advanced(to_array(theta) - self.prepare()(to_array(t)))

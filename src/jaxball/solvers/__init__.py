@@ -1,5 +1,6 @@
 """Implicit solvers for diffrax: collocation of Radau and Gauss, mass matrices, trapezoidal rule and TR-BDF2."""
 
+from .._interface import interface as _interface
 from .consistency import InitialValues as InitialValues, consistent_initial_values as consistent_initial_values
 from .errors import (
     AbstractErrorEstimate as AbstractErrorEstimate,
@@ -23,3 +24,5 @@ from .stages import AbstractStageIteration as AbstractStageIteration
 from .tr_bdf2 import TRBDF2 as TRBDF2
 from .trapezoidal import Trapezoidal as Trapezoidal
 from .wrapping import AbstractWrappingSolver as AbstractWrappingSolver
+
+__all__, __dir__ = _interface(globals())

@@ -2,9 +2,9 @@
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike
 
-from .._arrays import to_array
+from .._arguments import require
+from .._arrays import Numbers, to_array
 from ..body import Ball
 from ..moments import moments
 from ..state import ReducedState
@@ -13,7 +13,7 @@ from .steady import SteadyMotion, stability
 ROUND = 1e-9
 
 
-def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: ArrayLike = 0.0) -> SteadyMotion:
+def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numbers = 0.0) -> SteadyMotion:
     """The Routh sphere's steady motion: its axis E3 keeps its angle to the vertical and goes round it.
 
     With Γ = (sin ϑ, 0, cos ϑ) and Ω = P Γ + σ E3, the balance of angular momentum about the centre of mass, where the
@@ -34,6 +34,7 @@ def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Arra
     **Raises:** ``ValueError`` when the ball is not a body of revolution about E3, when masses are driven by a feedback
     law, and for no precession.
     """
+    require("ball", ball, Ball, "a Ball")
     if ball.driven:
         raise ValueError(
             f"Argument `ball` must have no driven masses, but {list(ball.driven)} are; hold them with a schedule."

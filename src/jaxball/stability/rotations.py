@@ -7,9 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import Array, Float
 
-from .._arrays import Numbers, to_array
+from .._arguments import require
+from .._arrays import Numbers, to_array, to_numpy
 from ..body import Ball
 from ..dynamics import vector_field
 from ..state import ReducedState
@@ -20,7 +21,7 @@ SAME = 1e-6
 
 
 def permanent_rotations(
-    ball: Ball, rate: float = 0.0, *, guess: Numbers | None = None, t: ArrayLike = 0.0
+    ball: Ball, rate: float = 0.0, *, guess: Numbers | None = None, t: Numbers = 0.0
 ) -> tuple[SteadyMotion, ...]:
     """The directions Γ about which ``ball`` can rotate for ever at ``rate`` with its contact point at rest.
 
@@ -38,11 +39,12 @@ def permanent_rotations(
 
     **Raises:** ``ValueError`` where a force acts, masses are driven by a feedback law, or ``guess`` has another shape.
     """
+    require("ball", ball, Ball, "a Ball")
     if ball.driven:
         raise ValueError(
             f"Argument `ball` must have no driven masses, but {list(ball.driven)} are; hold them with a schedule."
         )
-    starts = _sphere(STARTS) if guess is None else np.atleast_2d(np.asarray(guess, dtype=float))
+    starts = _sphere(STARTS) if guess is None else np.atleast_2d(to_numpy(guess, "guess"))
     if starts.shape[1:] != (3,):
         raise ValueError(f"Argument `guess` must be directions of shape (n, 3), but its shape is {starts.shape}.")
     ends = np.asarray(_search(ball, to_array(rate), to_array(t), to_array(starts)))

@@ -5,9 +5,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import ArrayLike, Complex
+from jaxtyping import Complex
 
-from .._arrays import to_array
+from .._arrays import Numbers, to_array
 from ..body import System
 from ..dynamics import vector_field
 from ..phase_space import normal_of, phase_point
@@ -53,7 +53,7 @@ class SteadyMotion(eqx.Module):
         return float(self.eigenvalues[0].real)
 
 
-def stability(system: System, state: State, *, turning: float = 0.0, t: ArrayLike = 0.0) -> SteadyMotion:
+def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers = 0.0) -> SteadyMotion:
     """The linear stability of a steady motion of ``system``.
 
     The derivative of the reduced equations (``uncon_ball_eqns_explicit``) comes from forward mode, and is restricted to

@@ -1,5 +1,6 @@
 """Studies: a scenario run over and over, with other numbers in each row."""
 
+from .._interface import interface as _interface
 from .batch import Batch as Batch, Engine as Engine, Wanted as Wanted
 from .dataset import open_dataset as open_dataset
 from .engine import solve_in_lanes as solve_in_lanes
@@ -8,3 +9,5 @@ from .estimate import Estimate as Estimate, estimate as estimate
 from .run import Outcome as Outcome, sweep as sweep
 from .state import describe as describe
 from .study import Study as Study, load_study as load_study, read_study as read_study
+
+__all__, __dir__ = _interface(globals())

@@ -1,5 +1,6 @@
 """Optimal control: how the masses must move, found by direct collocation, in schedules of any shape."""
 
+from ..._interface import interface as _interface
 from .collocation import Collocation as Collocation, Unknowns as Unknowns
 from .curvature import least_curvature as least_curvature
 from .guess import rolling_along as rolling_along
@@ -18,3 +19,5 @@ from .schedules import (
 )
 from .sharpen import sharpened as sharpened
 from .steps import at_rest as at_rest, continued as continued, started as started
+
+__all__, __dir__ = _interface(globals())

@@ -1,0 +1,85 @@
+"""What a user finds: the names of ``jaxball`` and of its packages, reachable, listed and documented."""
+
+import ast
+import importlib
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import jaxball
+
+ROOT = Path(__file__).parents[2]
+SOURCE = ROOT / "src" / "jaxball"
+PACKAGES = [name for name in dir(jaxball) if inspect.ismodule(getattr(jaxball, name))]
+
+
+def fresh(program: str) -> str:
+    """What a program prints that a new interpreter runs, which has no type checks and has imported nothing."""
+    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_packages_are_reachable_and_nothing_is_imported_before():
+    program = """
+import sys, jaxball
+shown = dir(jaxball)
+assert not [name for name in sys.modules if name.partition(".")[0] in ("jax", "numpy", "diffrax", "matplotlib")]
+for name in "plot chaos design paper ensemble stability cpu classical solvers sweep verify scenario results".split():
+    assert getattr(jaxball, name).__name__ == f"jaxball.{name}"
+    assert name in shown
+assert jaxball.laws.__name__ == "jaxball.laws"
+assert dir(jaxball) == shown
+print(jaxball.__version__)
+"""
+    assert fresh(program) == importlib.metadata.version("jaxball")
+
+
+def test_dir_shows_the_interface_and_nothing_else():
+    modules = {path.stem for path in SOURCE.iterdir() if path.suffix == ".py" or path.is_dir()}
+    hidden = {"body", "locked", "packing", "moments", "rails", "lanes", "commands", "cli", "watch"}
+    assert hidden <= modules
+    assert not hidden & set(dir(jaxball))
+    assert set(dir(jaxball)) == {*jaxball.__all__, *PACKAGES, "__version__"}
+    for name in PACKAGES:
+        package = getattr(jaxball, name)
+        assert set(package.__all__) <= set(dir(package))
+        beside = set(dir(package)) - set(package.__all__)
+        assert beside == ({"control"} if name == "design" else set())
+
+
+def test_no_name_is_that_of_a_module():
+    """Importing the module would take the place of what is to be found under its name."""
+    assert not {path.stem for path in SOURCE.iterdir()} & set(jaxball.__all__)
+
+
+def test_type_checkers_are_told_the_same():
+    tree = ast.parse((SOURCE / "__init__.py").read_text())
+    (guarded,) = [node for node in tree.body if isinstance(node, ast.If)]
+    told = {}
+    for node in guarded.body:
+        if isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                assert alias.asname == alias.name
+                told[alias.name] = node.module
+    assert {name for name, module in told.items() if module is None} == set(PACKAGES)
+    assert {name: module for name, module in told.items() if module} == jaxball._MODULE_OF
+
+
+def test_a_misspelt_name_is_an_attribute_error_with_a_suggestion():
+    with pytest.raises(AttributeError, match="module 'jaxball' has no attribute 'Sphere'"):
+        _ = jaxball.Sphere
+    command = [sys.executable, "-c", "import jaxball; jaxball.simulat"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    assert "Did you mean: 'simulate'?" in done.stderr
+
+
+def test_signatures_name_what_they_take():
+    assert str(inspect.signature(jaxball.Circle)).startswith("(radius: Numbers, centre: Numbers = (0.0, 0.0, 0.0)")
+    for name in ("Ball", "Disk", "simulate", "balance", "PointMass", "BallState", "HarmonicForce"):
+        signature = str(inspect.signature(getattr(jaxball, name)))
+        assert "Numbers" in signature
+        assert "ndarray" not in signature
