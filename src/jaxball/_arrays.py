@@ -69,19 +69,17 @@ def _is_real(x: Any) -> bool:
 
 
 def numbers(
-    name: str, shape: tuple[int | str, ...] | None = (), *, batch: bool = False
+    name: str, shape: tuple[int | str, ...] = (), *, batch: bool = False
 ) -> Callable[[Numbers], Float[Array, "..."]]:
     """The converter of a field ``name`` to an array.
 
-    ``shape`` has a letter for each length that may be any, and is None where all shapes will do; with ``batch``
-    there may be more axes before it. It holds for what a constructor is given: transformations of JAX, which add
-    axes, do not call it.
+    ``shape`` has a letter for each length that may be any; with ``batch`` there may be more axes before it. It holds
+    for what a constructor is given: transformations of JAX, which add axes, do not call it.
     """
 
     def convert(x: Numbers) -> Float[Array, "..."]:
         array = to_array(x, name)
-        if shape is not None:
-            require_shape(name, array, shape, batch=batch)
+        require_shape(name, array, shape, batch=batch)
         return array
 
     return convert

@@ -1,5 +1,6 @@
 """The rolling bodies: a ball or a disk with point masses inside. Parameters only; see ``state``."""
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
@@ -11,16 +12,18 @@ from jaxtyping import Array, Float
 
 from ._arguments import require, require_each, require_function
 from ._arrays import Numbers, a_number, numbers, to_array
+from ._printing import Printed, entry, shown, shown_fields
 from .feedback import AbstractLaw, FollowSchedules
 from .force import AbstractForce, FunctionForce, HarmonicForce
 from .motion import AbstractMotion, Driven, OnRail
 from .rails import AbstractRail
 from .schedules import AbstractSchedule
 
+MOST_PRINTED = 12
 AnyBody = TypeVar("AnyBody", bound="AbstractBody")
 
 
-class PointMass(eqx.Module):
+class PointMass(Printed):
     """A point mass m_i and its motion in the ball."""
 
     mass: Float[Array, "*group"] = eqx.field(converter=numbers("mass"))
@@ -32,7 +35,7 @@ class PointMass(eqx.Module):
         require("motion", self.motion, AbstractMotion, "a motion, such as OnRail(...)", remedy)
 
 
-class AbstractBody(eqx.Module):
+class AbstractBody(Printed):
     """What a ball and a disk share: a shell, gravity, a force, and masses.
 
     Masses whose motions have the same structure are stacked into one group with a leading axis, so
@@ -49,6 +52,19 @@ class AbstractBody(eqx.Module):
     order: eqx.AbstractVar[tuple[tuple[int, ...], ...]]
     driven: eqx.AbstractVar[tuple[int, ...]]
     law: eqx.AbstractVar[AbstractLaw | None]
+
+    def __repr__(self) -> str:
+        own = [field for field in dataclasses.fields(self) if field.name not in ("groups", "order", "driven")]
+        lines: dict[int, str] = {}
+        for group, indices in zip(vars(self).get("groups", ()), vars(self).get("order", ()), strict=True):
+            axis = max(np.ndim(group.mass) - 1, 0)  # the axes before it are those of a batch
+            for k, index in enumerate(indices):
+                item = jax.tree.map(lambda leaf, k=k, axis=axis: entry(leaf, axis, k), group)
+                lines[index] = f"  masses[{index}]: {shown(item)}"
+        found = [lines[index] for index in sorted(lines)]
+        if len(found) > MOST_PRINTED:
+            found = [*found[:MOST_PRINTED], f"  and {len(found) - MOST_PRINTED} masses more"]
+        return "\n".join([shown_fields(self, own), *found])
 
     @property
     def point_masses(self) -> tuple[PointMass, ...]:

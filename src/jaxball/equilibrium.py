@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from ._arguments import refusal, require
 from ._arrays import Numbers, to_array, to_numpy
+from ._printing import Printed
 from .body import Ball, Disk, PointMass, System, with_masses
 from .dynamics import driven_angles
 from .moments import kinematics, point_mass_values
@@ -23,7 +24,7 @@ STARTS = 256
 SAME = 1e-6
 
 
-class Balance(eqx.Module):
+class Balance(Printed):
     """The outcome of :func:`balance`.
 
     - ``found``: whether there is a solution.
@@ -41,6 +42,11 @@ class Balance(eqx.Module):
     solutions: Float[Array, "n k"]
     solutions_above: Bool[Array, " n"]
     message: str
+
+    def __repr__(self) -> str:
+        others = len(self.solutions) - 1
+        more = f"\n  and {others} other solution{'s' * (others > 1)}, in `solutions`" if others > 0 else ""
+        return f"Balance: {self.message}{more}"
 
 
 def balance(

@@ -10,13 +10,14 @@ from jaxtyping import Array, Float
 
 from ._arguments import require_callable
 from ._arrays import Numbers, numbers
+from ._printing import Printed
 from .contact import reaction
 from .status import Status
 
 UP, DOWN, EITHER = 1, -1, 0
 
 
-class AbstractEvent(eqx.Module):
+class AbstractEvent(Printed):
     """Something that happens where a function of time and state crosses zero.
 
     - ``direction``: 1 if it happens only where the function rises, −1 if only where it falls, 0 for both.

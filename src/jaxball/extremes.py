@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ._arguments import require
+from ._printing import Printed, is_single, shown
 from .body import Ball, Disk
 from .contact import reaction
 from .maxima import maxima
@@ -17,7 +18,7 @@ from .trajectory import Interpolant, Trajectory
 from .watch import room_for
 
 
-class ContactExtremes(eqx.Module):
+class ContactExtremes(Printed):
     """How near a ball or disk came to leaving the plane or slipping, at the times where it was nearest.
 
     The times are refined between the saved ones, to the accuracy of the solver's dense output. The values are
@@ -48,7 +49,9 @@ class ContactExtremes(eqx.Module):
         """Whether the ball stayed on the plane, N > 0 throughout."""
         return self.least_normal_force > 0
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
+        if not is_single(self.least_normal_force):
+            return shown(self)
         least, at = float(self.least_normal_force), float(self.least_normal_force_time)
         lines = [f"least normal force {least:.10g} at t = {at:.6g}, {float(self.margin):.4g} of the weight"]
         if bool(jnp.isfinite(self.friction_needed)):

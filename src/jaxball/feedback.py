@@ -9,11 +9,12 @@ from jaxtyping import Array, Float, PyTree
 
 from ._arguments import require_callable, require_each
 from ._arrays import default_dtype, numbers, require_shape
+from ._printing import Printed
 from .schedules import AbstractSchedule
 from .state import State
 
 
-class AbstractLaw(eqx.Module):
+class AbstractLaw(Printed):
     """A law that gives θ̈ of every :class:`~jaxball.Driven` mass, in the order of the masses."""
 
     @abc.abstractmethod

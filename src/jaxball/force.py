@@ -9,10 +9,11 @@ from jaxtyping import Array, Float, PyTree
 
 from ._arguments import require_function
 from ._arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
+from ._printing import Printed
 from .harmonics import HarmonicSeries
 
 
-class AbstractForce(eqx.Module):
+class AbstractForce(Printed):
     """A force Fe(t) that acts at the geometric centre (section 3.2, ``eq_dS1``)."""
 
     @abc.abstractmethod

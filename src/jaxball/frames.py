@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ._arrays import numbers
+from ._printing import Printed
 from .versor import normalized, rotation_matrix
 
 
@@ -41,7 +42,7 @@ def spherical_direction(azimuth: Float[Array, ""], elevation: Float[Array, ""]) 
     )
 
 
-class AbstractFrame(eqx.Module):
+class AbstractFrame(Printed):
     """An orientation of a rail within the ball. A frame gives its rotation matrix."""
 
     @abc.abstractmethod

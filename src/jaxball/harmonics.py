@@ -1,14 +1,14 @@
 """A constant plus sinusoids: the form shared by forces, schedules and free motions."""
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ._arrays import Numbers, to_array
+from ._printing import Printed
 from .trigonometry import sine_cosine
 
 
-class HarmonicSeries(eqx.Module):
+class HarmonicSeries(Printed):
     """f(t) = constant + Σ amplitude_k sin(frequency_k t + phase_k).
 
     **Arguments:** ``constant`` of any shape; ``amplitude`` with one leading axis more (one entry a

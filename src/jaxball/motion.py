@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, PyTree
 
 from ._arguments import require, require_function
 from ._arrays import a_number, default_dtype, numbers, require_shape
+from ._printing import Printed
 from .calculus import two_derivatives
 from .harmonics import HarmonicSeries
 from .rails import AbstractRail
@@ -30,7 +31,7 @@ class Kinematics(NamedTuple):
     chiddot: Float[Array, "*n 3"]
 
 
-class AbstractMotion(eqx.Module):
+class AbstractMotion(Printed):
     """The motion of one mass."""
 
     def prepare(self) -> "AbstractMotion":

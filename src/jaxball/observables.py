@@ -1,9 +1,9 @@
 """Everything that can be read off a state: positions, energies, forces."""
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ._printing import Printed, in_short
 from .body import System
 from .contact import contact_force
 from .dynamics import driven_angles, vector_field
@@ -14,7 +14,7 @@ from .state import BallState, DiskState
 from .vectors import apply
 
 
-class Observables(eqx.Module):
+class Observables(Printed):
     """What is observed at one time, or along a leading axis of times.
 
     Positions named ``…_body`` are in body axes and drawn from the geometric centre; those named
@@ -38,6 +38,9 @@ class Observables(eqx.Module):
     normal_force: Float[Array, "*t"]  # N
     friction: Float[Array, "*t 2"]  # f
     friction_ratio: Float[Array, "*t"]  # |f| / N
+
+    def __repr__(self) -> str:
+        return "\n".join(["Observables", *(f"  {name}: {in_short(value)}" for name, value in vars(self).items())])
 
     @property
     def energy(self) -> Float[Array, "*t"]:

@@ -2,12 +2,13 @@
 
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from ._printing import Printed, is_single, shown
 
-class Occurrences(eqx.Module):
+
+class Occurrences(Printed):
     """The occurrences of one event in a run, in the order of time.
 
     - ``count``: how many there were.
@@ -21,6 +22,9 @@ class Occurrences(eqx.Module):
     state: Any
     least: Float[Array, "*batch"]
     largest: Float[Array, "*batch"]
+
+    def __repr__(self) -> str:
+        return f"Occurrences: {self.message}" if is_single(self.count) else shown(self)
 
     @property
     def message(self) -> str:

@@ -8,13 +8,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ._arrays import Numbers, numbers, to_array
+from ._printing import Printed
 from .trigonometry import sine_cosine
 from .versor import from_rotation_matrix, rotation_matrix, vertical_in_body
 
 EMPTY = ()
 
 
-class BallState(eqx.Module):
+class BallState(Printed):
     """x = (θ, θ̇, q, Ω, z) of ``rolling_ball_ode_f``; at rest and upright at the origin by default.
 
     θ and θ̇ have one entry for each :class:`~jaxball.Driven` mass, and are empty where every motion
@@ -45,7 +46,7 @@ class BallState(eqx.Module):
         return vertical_in_body(self.q)
 
 
-class RotationState(eqx.Module):
+class RotationState(Printed):
     """The state with the rotation matrix Λ in place of the versor, ``uncon_ball_eqns_explicit_full``."""
 
     Lambda: Float[Array, "*batch 3 3"] = eqx.field(
@@ -68,7 +69,7 @@ class RotationState(eqx.Module):
         return BallState(from_rotation_matrix(self.Lambda), self.Omega, self.z, self.theta, self.thetadot)
 
 
-class ReducedState(eqx.Module):
+class ReducedState(Printed):
     """The state (Ω, Γ) reduced by the symmetry of the plane, ``uncon_ball_eqns_explicit``."""
 
     Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
@@ -79,7 +80,7 @@ class ReducedState(eqx.Module):
     )
 
 
-class DiskState(eqx.Module):
+class DiskState(Printed):
     """x = (θ, θ̇, φ, φ̇) of ``eq_rdisk_dynamics``, and z, which follows from φ by ``eq_disk_GC``.
 
     φ is counted anticlockwise from e1 to E1, so a disk with φ̇ > 0 rolls towards −e1.

@@ -7,9 +7,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from ._arrays import Numbers, to_array
+from ._printing import Printed
 from .classical import AbstractClassicalSystem
 from .observables import Observables, observe
 from .occurrences import Occurrences
@@ -29,7 +31,7 @@ class Interpolant(eqx.Module, Generic[AnySimulableState]):
         return self.packing.unpack(t, self.solution.evaluate(t))
 
 
-class Trajectory(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
+class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
     """States of a system at saved times, and how the solve ended.
 
     - ``times``: the saved times, shape (T,).
@@ -115,7 +117,11 @@ class Trajectory(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
         """The largest |f| / N at the saved times; :func:`~jaxball.contact_extremes` finds μ_min of the whole run."""
         return jnp.max(self.observables.friction_ratio)
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
+        if isinstance(self.status, Tracer):
+            return f"Trajectory of a {_described(self.system)}, traced, with {self.times.shape[-1]} times"
+        if np.ndim(self.status):
+            return self._of_many()
         lines = [
             f"Trajectory of a {_described(self.system)}",
             f"  {self.times.size} times from {float(self.times[0]):g} to {float(self.times[-1]):g}",
@@ -126,6 +132,18 @@ class Trajectory(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
             z = np.atleast_1d(np.asarray(self.state.z[-1]))
             lines.append("  z at the end: " + ", ".join(f"{value:.12g}" for value in z))
         return "\n".join(lines)
+
+    def _of_many(self) -> str:
+        """A batch in a few lines: how many runs, how they ended, and how many steps they took."""
+        statuses, counts = np.unique(np.asarray(self.status), return_counts=True)
+        ends = ", ".join(f"{count} {Status(int(s)).name}" for s, count in zip(statuses, counts, strict=True))
+        steps = np.asarray(self.steps)
+        return (
+            f"Trajectories of a {_described(self.system)}, a batch of shape {np.shape(self.status)}\n"
+            f"  {self.times.shape[-1]} times from {np.min(self.times):g} to {np.max(self.times):g}\n"
+            f"  {np.min(steps)} to {np.max(steps)} steps\n"
+            f"  how they ended: {ends}"
+        )
 
 
 @eqx.filter_jit
@@ -144,7 +162,8 @@ def _laws_of_all(system, times, state) -> Any:
 def _described(system: SimulableSystem) -> str:
     if isinstance(system, AbstractClassicalSystem):
         return system.title
-    return f"{type(system).__name__.lower()} with {system.n_masses} point masses"
+    masses = "one point mass" if system.n_masses == 1 else f"{system.n_masses or 'no'} point masses"
+    return f"{type(system).__name__.lower()} with {masses}"
 
 
 @eqx.filter_jit

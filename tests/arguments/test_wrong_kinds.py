@@ -248,7 +248,7 @@ def converters():
     for kind in subclasses(eqx.Module):
         for name, field in getattr(kind, "__dataclass_fields__", {}).items():
             ours = kind.__module__.startswith("jaxball") and "converter" in field.metadata
-            if ours and hasattr(field.type, "dim_str"):
+            if ours and getattr(field.type, "__name__", "").startswith("Float"):
                 yield name, field.metadata["converter"], field.type.dim_str.split()
 
 

@@ -4,19 +4,19 @@ from collections.abc import Callable
 from typing import Any
 
 import diffrax
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Array, Float
 
 from .._arrays import Numbers
+from .._printing import Printed
 from ..events import Event
 from ..simulable import SimulableState, SimulableSystem
 from ..simulation import DEFAULT_TOLERANCE, simulate
 from ..status import Status
 
 
-class PoincareMap(eqx.Module):
+class PoincareMap(Printed):
     """The crossings of a section, in the order of time: each is the image of the one before it.
 
     - ``times``: when, shape (n,).
@@ -31,6 +31,12 @@ class PoincareMap(eqx.Module):
     status: int
     reached: float
     end: float
+
+    def __repr__(self) -> str:
+        span = (
+            f", the first at t = {self.times[0]:.6g}, the last at t = {self.times[-1]:.6g}" if self.times.size else ""
+        )
+        return f"Poincaré map of {len(self.times)} crossings{span}\n  {self.message}"
 
     @property
     def ok(self) -> bool:

@@ -1,13 +1,13 @@
 """A Lyapunov spectrum, and how it converged."""
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from .._printing import Printed, is_single, shown
 from ..status import SolveError, Status
 
 
-class LyapunovSpectrum(eqx.Module):
+class LyapunovSpectrum(Printed):
     """Lyapunov exponents and how they converged. NaN after the time to which the solve came.
 
     - ``exponents``: the mean growth rates over the run without its transient, shape (k,), in 1/time, in the order of
@@ -67,7 +67,9 @@ class LyapunovSpectrum(eqx.Module):
             raise SolveError(self.message)
         return self
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
+        if not is_single(self.status):
+            return shown(self)
         pairs = zip(np.asarray(self.exponents), np.asarray(self.standard_error), strict=True)
         lines = [f"  λ{i} = {value: .6f} ± {error:.6f}" for i, (value, error) in enumerate(pairs, start=1)]
         if self.least_normal_force is not None:

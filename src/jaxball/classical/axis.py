@@ -10,10 +10,11 @@ from jaxtyping import Array, Float, PyTree
 
 from .._arguments import require_function
 from .._arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
+from .._printing import Printed
 from ..harmonics import HarmonicSeries
 
 
-class AbstractAxis(eqx.Module):
+class AbstractAxis(Printed):
     """ξ(t) in body axes. Its length has no bearing on the motion, but must not be 0."""
 
     @abc.abstractmethod

@@ -5,16 +5,16 @@ import dataclasses
 from collections.abc import Iterator
 from typing import Any, ClassVar, Generic, TypeVar
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._arrays import default_dtype
+from .._printing import Printed
 from ..conditions import Condition
 
 
-class AbstractClassicalState(eqx.Module):
+class AbstractClassicalState(Printed):
     """What a solve of a classical system advances: arrays, at rest by default."""
 
     def conditions(self) -> Iterator[Condition]:
@@ -26,7 +26,7 @@ class AbstractClassicalState(eqx.Module):
 AnyClassicalState = TypeVar("AnyClassicalState", bound=AbstractClassicalState)
 
 
-class AbstractClassicalSystem(eqx.Module, Generic[AnyClassicalState]):
+class AbstractClassicalSystem(Printed, Generic[AnyClassicalState]):
     """Parameters of a classical system, with its equations of motion and the laws that these imply.
 
     A system implements ``field`` and ``laws``; ``conditions`` where not every number will do,

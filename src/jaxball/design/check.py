@@ -47,7 +47,7 @@ class GradientCheck(NamedTuple):
         """Whether the gradient can be relied on."""
         return self.between_modes < MODES_AGREE and self.from_differences < DIFFERENCES_AGREE
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         rows = [
             f"  step {h:8.1e}  error {abs(d - self.gradient):8.1e}"
             for h, d in zip(self.steps, self.differences, strict=True)

@@ -63,7 +63,7 @@ class Identification:
             found.append(tuple(name for name, part in zip(self.names, large, strict=True) if part))
         return found
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         rows = [
             f"  {name} = {value:.8g} ± {error:.2g}"
             for name, value, error in zip(self.names, self.estimates, self.deviations, strict=True)

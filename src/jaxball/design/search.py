@@ -43,6 +43,16 @@ class Design:
     verified: Verified
     perturbed: Evaluation
 
+    def __repr__(self) -> str:
+        numbers = zip(self.problem.space.names, self.numbers, strict=True)
+        return "\n".join(
+            [
+                f"Design, {'feasible' if self.feasible else 'not feasible'}: objective {self.worth.objective:.6g}, "
+                f"violation {self.verified.violation:.2g} by {self.verified.solver} between the samples too",
+                *(f"  {name} = {number:.8g}" for name, number in numbers),
+            ]
+        )
+
     @property
     def worth(self) -> Worth:
         """Its objective, largest violation and gradient, as the search saw them."""

@@ -8,6 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._printing import Printed
+
 # From a system, a time and a state to a number.
 Quantity = Callable[[Any, Float[Array, ""], Any], Float[Array, ""]]
 
@@ -21,7 +23,7 @@ class Found(NamedTuple):
     integral: Float[Array, " runs"]
 
 
-class AbstractReduction(eqx.Module):
+class AbstractReduction(Printed):
     """A number found of a quantity over a run.
 
     ``quantity(system, t, state)`` is kept as it is, so pass the same function each time: a new lambda compiles anew.

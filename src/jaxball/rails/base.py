@@ -2,14 +2,14 @@
 
 import abc
 
-import equinox as eqx
 import jax
 from jaxtyping import Array, Float
 
+from .._printing import Printed
 from ..calculus import two_derivatives
 
 
-class AbstractRail(eqx.Module):
+class AbstractRail(Printed):
     """A curve ζ(θ) fixed in the ball, drawn from the geometric centre (section 3.3, ``eq_1d_param``).
 
     A family implements ``__call__`` and ``period``. A rail whose shape costs something to find (a

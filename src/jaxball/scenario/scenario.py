@@ -8,6 +8,7 @@ import diffrax
 import numpy as np
 
 from .._arguments import refusal
+from .._printing import shown
 from ..classical import AbstractClassicalState, AbstractClassicalSystem
 from ..events import AbstractEvent
 from ..simulable import SimulableSystem
@@ -42,6 +43,11 @@ class Scenario:
     step_to_times: bool = False
     dae: bool = False
     project: bool = False
+
+    def __repr__(self) -> str:
+        span = f"{len(self.times)} times from {self.times[0]:g} to {self.times[-1]:g}"
+        head = f"Scenario {self.title!r}: {span}, {self.solver} at rtol {self.rtol:g}"
+        return "\n  ".join([head, *f"{self.system}\n{shown(self.state)}".splitlines()])
 
     def simulate(
         self,

@@ -2,15 +2,15 @@
 
 import abc
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._arrays import Numbers, default_dtype, to_array
+from .._printing import Printed
 from ..calculus import two_derivatives
 
 
-class AbstractSchedule(eqx.Module):
+class AbstractSchedule(Printed):
     """A prescribed parameter θ(t) of a mass on its rail.
 
     A family implements ``__call__`` and ``advanced``, and ``kinks`` where θ̈ has jumps or corners.

@@ -8,6 +8,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Complex
 
 from .._arrays import Numbers, to_array
+from .._printing import Printed, shown
 from ..body import System
 from ..dynamics import vector_field
 from ..phase_space import normal_of, phase_point
@@ -19,7 +20,7 @@ NEUTRAL = 1e-7  # the real part, in the same units, that counts as none
 ZERO = 1e-5  # the size that counts as zero: a threefold zero is found as the cube root of the rounding error
 
 
-class SteadyMotion(eqx.Module):
+class SteadyMotion(Printed):
     """A motion whose state is constant, or turns about E3 at a constant rate, and its linear stability.
 
     - ``state``: the point of the phase space: a :class:`~jaxball.ReducedState`, or the state of a disk.
@@ -41,6 +42,10 @@ class SteadyMotion(eqx.Module):
     eigenvalues: Complex[np.ndarray, " n"]
     kind: str
     message: str
+
+    def __repr__(self) -> str:
+        eigenvalues = ", ".join(f"{value:.6g}" for value in self.eigenvalues)
+        return f"Steady motion at {shown(self.state)}\n  {self.message}\n  eigenvalues {eigenvalues}"
 
     @property
     def stable(self) -> bool:

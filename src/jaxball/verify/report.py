@@ -68,7 +68,7 @@ class Trust:
     horizon: float
     end: float
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         growth = f"{self.growth:.3g}-fold, e-fold in {self.lyapunov_time:.3g}"
         when = f"at t = {self.horizon:.3g}" if self.horizon <= self.end else f"not before t = {self.horizon:.3g}"
         return f"error {self.error:.1e}; small deviations grow {growth}; the error reaches {ERROR_ALLOWED:g} {when}"
@@ -113,7 +113,7 @@ class Report:
             )
         return tuple(found)
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         lines = [self.title] if self.title else []
         lines += table(self.rows)
         if self.trust is not None:

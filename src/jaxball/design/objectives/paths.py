@@ -1,10 +1,12 @@
 """Paths in the plane to be followed."""
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..._arrays import to_array
+from ..._arrays import Numbers, numbers
 from ..curves import AbstractCurve
 from ..norms import ROUNDING, norm
 from ..run import Run
@@ -12,6 +14,11 @@ from .base import AbstractObjective, AbstractRunningObjective
 
 # The least speed with which a stretch of the path counts, in mean speeds along the curve: a ball at rest has no path.
 SLOWEST = 1e-3
+
+
+def _or_none(name: str) -> Callable[[Numbers | None], Float[Array, ""] | None]:
+    convert = numbers(name)
+    return lambda x: None if x is None else convert(x)
 
 
 class FollowTrajectory(AbstractRunningObjective):
@@ -23,8 +30,8 @@ class FollowTrajectory(AbstractRunningObjective):
 
     curve: AbstractCurve
     rest_to_rest: Bool[Array, ""] = eqx.field(converter=jnp.asarray, default=False)
-    start: Float[Array, ""] | None = eqx.field(converter=lambda x: None if x is None else to_array(x), default=None)
-    end: Float[Array, ""] | None = eqx.field(converter=lambda x: None if x is None else to_array(x), default=None)
+    start: Float[Array, ""] | None = eqx.field(converter=_or_none("start"), default=None)
+    end: Float[Array, ""] | None = eqx.field(converter=_or_none("end"), default=None)
 
     def targets(self, times: Float[Array, " t"]) -> Float[Array, "t 2"]:
         """Where the geometric centre is to be."""

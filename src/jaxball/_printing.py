@@ -1,0 +1,104 @@
+"""How objects print: numbers where there are few of them, shapes where there are many, or where they are traced."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jax.core import Tracer
+
+FEW = 9
+
+
+class Printed(eqx.Module):
+    """A module that prints its numbers, where equinox prints their shapes."""
+
+    def __repr__(self) -> str:
+        return shown(self)
+
+
+def shown(value: Any) -> str:
+    """A value in one line; a module with all of its fields, and those within it without what they have by default."""
+    if isinstance(value, eqx.Module):
+        return shown_fields(value, dataclasses.fields(value))
+    return _within(value)
+
+
+def shown_fields(module: eqx.Module, fields: Iterable[dataclasses.Field], *, brief: bool = False) -> str:
+    """``Name(field=value, ...)`` with some fields of a module; ``brief`` leaves out those that have their default."""
+    values = vars(module)  # which are not all there while the module is being made
+    found = [
+        f"{field.name}={_within(value)}"
+        for field in fields
+        if (value := values.get(field.name)) is not None and not (brief and _is_default(field, value))
+    ]
+    return f"{type(module).__name__}({', '.join(found)})"
+
+
+def in_short(value: Any) -> str:
+    """An array by its numbers where they are few, else by its shape and from where to where they go."""
+    if not is_array(value) or not _is_known(value) or value.size <= 3:
+        return _within(value)
+    finite = np.asarray(value)[np.isfinite(value)]
+    return _shape(value) + (f", from {np.min(finite):.6g} to {np.max(finite):.6g}" if finite.size else ", not finite")
+
+
+def _within(value: Any) -> str:
+    if is_array(value):
+        return _shape(value) if not _is_known(value) or value.size > FEW else _nested(np.asarray(value))
+    if isinstance(value, eqx.Module):
+        return shown_fields(value, dataclasses.fields(value), brief=True)
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{key!r}: {_within(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple) and not hasattr(value, "_fields"):
+        return f"({', '.join(map(_within, value))}{',' if len(value) == 1 else ''})"
+    name = getattr(value, "__name__", None)
+    return repr(value) if name is None or not callable(value) else name
+
+
+def _is_default(field: dataclasses.Field, value: Any) -> bool:
+    if isinstance(field.default_factory, type):
+        return _within(value) == f"{field.default_factory.__name__}()"
+    if field.default is dataclasses.MISSING:
+        return False
+    if is_array(value):
+        return _is_known(value) and np.array_equal(np.asarray(value), np.asarray(field.default, value.dtype))
+    return not is_array(field.default) and bool(field.default == value)
+
+
+def is_array(value: Any) -> bool:
+    """Whether this is an array, traced or not, or the shape of one."""
+    return isinstance(value, jax.Array | np.ndarray | np.generic | jax.ShapeDtypeStruct)
+
+
+def is_single(*values: Any) -> bool:
+    """Whether these are known numbers: not traced, and not of a batch."""
+    return all(not isinstance(value, Tracer | jax.ShapeDtypeStruct) and np.ndim(value) == 0 for value in values)
+
+
+def entry(value: Any, axis: int, index: int) -> Any:
+    """The entry of an array along an axis, or its shape where it is traced; anything else as it is."""
+    if not is_array(value) or np.ndim(value) <= axis or value.shape[axis] <= index:
+        return value
+    if not _is_known(value):
+        return jax.ShapeDtypeStruct(value.shape[:axis] + value.shape[axis + 1 :], value.dtype)
+    return np.take(np.asarray(value), index, axis=axis)
+
+
+def _is_known(array: Any) -> bool:
+    if isinstance(array, Tracer | jax.ShapeDtypeStruct):
+        return False
+    return not isinstance(array, jax.Array) or (array.is_fully_addressable and not array.is_deleted())
+
+
+def _shape(array: Any) -> str:
+    kind = np.dtype(array.dtype).name if isinstance(array.dtype, np.dtype) else str(array.dtype)
+    return f"{kind}[{','.join(map(str, array.shape))}]"
+
+
+def _nested(array: np.ndarray) -> str:
+    if array.ndim == 0:
+        return str(array)
+    return f"({', '.join(map(_nested, array))}{',' if len(array) == 1 else ''})"
