@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..extremes import ContactExtremes
-from ..results.variables import CLASSICAL_STATE, COORDINATES, STATE, Variable
+from ..results.variables import CLASSICAL_STATE, STATE, Variable, labels, of_ones_own
 from ..scenario import Scenario
 from ..state import BallState, DiskState
 from .study import Study
@@ -72,11 +72,8 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
 
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:
     """The labels along each dimension but ``row``."""
-    used = {name: n for item in outputs.values() for name, n in zip(item.dimensions, item.shape, strict=True)}
-    labels = {name: np.asarray(COORDINATES[name]).astype(np.int64) for name in used if name in COORDINATES}
-    if "driven" in used:
-        labels["driven"] = np.asarray(getattr(template.system, "driven"))  # noqa: B009
-    return labels | {name: np.arange(n) for name, n in used.items() if name not in labels}
+    sizes = {name: n for item in outputs.values() for name, n in zip(item.dimensions, item.shape, strict=True)}
+    return labels(template.system, sizes)
 
 
 def _number(units: str, meaning: str, coordinate: bool = False) -> Output:
@@ -87,4 +84,4 @@ def _variable(template: Scenario, name: str, shape: tuple[int, ...]) -> Variable
     if isinstance(template.state, BallState | DiskState):
         known = STATE[name]
         return known if len(shape) == len(known.dimensions) else known._replace(dimensions=())
-    return CLASSICAL_STATE.get(name) or Variable(tuple(f"{name}_{k}" for k in range(1, len(shape) + 1)), "", name)
+    return CLASSICAL_STATE.get(name) or of_ones_own(name, len(shape))
