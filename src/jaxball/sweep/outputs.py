@@ -9,6 +9,8 @@ from ..extremes import ContactExtremes
 from ..results.variables import CLASSICAL_STATE, STATE, Variable, labels, of_ones_own
 from ..scenario import Scenario
 from ..state import BallState, DiskState
+from .errors import StudyError
+from .layout import AXES
 from .study import Study
 
 NOT_COMPUTED = -1  # the status of a row that has none yet
@@ -59,14 +61,14 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
             found[name] = Output(
                 (*dimensions, *known.dimensions), (*saves, *shape), np.dtype(np.float64), known.units, known.meaning
             )
-    for find in study.finds:
-        for end in find.reduction().ends:
-            found[find.name + end] = _number(
-                "time" if end == "_time" else "", f"{find.name.replace('_', ' ')} of the run"
-            )
     for name in CONTACT if study.contact else ():
         units = "1" if name == "friction_needed" else "time" if name.endswith("_time") else "force"
         found[name] = _number(units, name.replace("_", " ") + " of the run")
+    for find in study.finds:
+        for name, end in ((find.name + end, end) for end in find.reduction().ends):
+            if find.kind and (name in found or name == AXES):
+                raise StudyError(f"Key `find` must give names that the store has not yet, but `{name}` is taken.")
+            found[name] = _number("time" if end == "_time" else "", f"{name.replace('_', ' ')} of the run")
     return found
 
 
