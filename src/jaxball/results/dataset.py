@@ -34,4 +34,6 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
     times = ("time", np.asarray(trajectory.times), {"units": "time", "long_name": "time"})
     title = "" if scenario is None else scenario.title
     text = "" if scenario is None else write_scenario(scenario)
-    return xarray.Dataset(variables, {"time": times, **labels(trajectory.system, sizes)}, attributes(trajectory, title, text))
+    return xarray.Dataset(
+        variables, {"time": times, **labels(trajectory.system, sizes)}, attributes(trajectory, title, text)
+    )

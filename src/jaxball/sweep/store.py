@@ -22,8 +22,8 @@ from .errors import StoreError
 from .layout import AXES, dimensions, layout_of
 from .outputs import Output, labels_of
 from .study import Study
+from .tally import MARKS, done
 
-MARKS = ".done"
 POINTS_TOGETHER = 2**20
 
 
@@ -61,14 +61,9 @@ class Store:
                 "make room for the rest, and run the same command again."
             ) from error
 
-    def is_done(self, chunk: int) -> bool:
-        """Whether a chunk is on the disk."""
-        return self._mark(chunk).exists()
-
     def done(self) -> list[int]:
         """The chunks that are on the disk, in their order."""
-        names = os.listdir(self.folder / MARKS)
-        return sorted(int(name) for name in names if name.isdigit())
+        return done(self.folder)
 
     def read(self, name: str, chunk: int) -> np.ndarray:
         """A variable in the rows of a chunk that is done.
@@ -85,13 +80,6 @@ class Store:
             )
         found = np.frombuffer(content, output.dtype.newbyteorder("<")).reshape(shape)
         return found[: len(self.study.rows_of(chunk))]
-
-    def counts(self) -> dict[Status, int]:
-        """How many of the rows done have each status."""
-        counts = np.zeros(len(Status), dtype=int)
-        for chunk in self.done():
-            counts += np.bincount(self.read("status", chunk), minlength=len(Status))
-        return {status: int(counts[status]) for status in Status if counts[status]}
 
     def tidy(self) -> None:
         """Removes what killed processes left."""
@@ -199,7 +187,13 @@ def _write_points(group: Any, study: Study, names: list[str]) -> None:
         chunks = (min(axis.size, POINTS_TOGETHER),)
         arrays = [
             group.create_array(
-                path, shape=(axis.size,), chunks=chunks, dtype="f8", dimension_names=[name], compressors=None, filters=None
+                path,
+                shape=(axis.size,),
+                chunks=chunks,
+                dtype="f8",
+                dimension_names=[name],
+                compressors=None,
+                filters=None,
             )
             for path in axis.paths
         ]
