@@ -12,7 +12,7 @@ ball = paper_ball()
 found = balance(ball, free=[1, 2])
 print(found.message)
 for theta, above in zip(found.solutions, found.solutions_above, strict=True):
-    print(f"  theta_2 = {theta[0]:.12f}, theta_3 = {theta[1]:.12f}: {'above' if above else 'below'}")
+    print(f"  theta[1] = {theta[0]:.12f}, theta[2] = {theta[1]:.12f}: {'above' if above else 'below'}")
 
 rounded = simulate(ball, jnp.array([0.0, 20.0]))
 exact = simulate(with_angles(ball, [1, 2], found.theta), jnp.array([0.0, 20.0]))

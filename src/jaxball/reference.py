@@ -15,7 +15,7 @@ class Reference:
 
     - ``about``: how it was computed and checked.
     - ``times``: the T saved times.
-    - ``names``: the names of the state's components, the paper's symbols with indices from 1.
+    - ``names``: the names of the state's components, counted from 0 as in result files: ``Omega[1]``.
     - ``values``: the states, one row for each time.
     - ``decimals``: the same numbers as decimal strings of thirty digits or more.
     """
@@ -40,7 +40,7 @@ class Reference:
 
         **Raises:** ``KeyError`` when there is none.
         """
-        found = [name for name in self.names if name == symbol or name.rpartition("_")[0] == symbol]
+        found = [name for name in self.names if name.partition("[")[0] == symbol]
         if not found:
             raise KeyError(f"Argument `symbol` must name a part of {', '.join(self.names)}, but it is {symbol!r}.")
         return np.stack([self.column(name) for name in found], axis=1)

@@ -29,8 +29,8 @@ def test_netcdf_holds_the_state_and_the_laws(body, tmp_path):
 
 def test_csv_has_a_column_for_each_number(body, tmp_path):
     header = jaxball.save(body, tmp_path / "run.csv").read_text().splitlines()[0]
-    laws = "energy,spatial_momentum_1,spatial_momentum_2,spatial_momentum_3,momentum_squared,versor_squared"
-    assert header == f"time,q_0,q_1,q_2,q_3,Omega_1,Omega_2,Omega_3,{laws},status"
+    laws = "energy,spatial_momentum[0],spatial_momentum[1],spatial_momentum[2],momentum_squared,versor_squared"
+    assert header == f"time,q[0],q[1],q[2],q[3],Omega[0],Omega[1],Omega[2],{laws},status"
 
 
 def test_figures_draw_the_numbers(body, tmp_path):

@@ -68,7 +68,7 @@ def test_integrated_angles_give_the_same_run(make, kind, name, tolerance, bound)
     system, angles = jaxball.with_integrated_angles(make())
     trajectory = jaxball.simulate(system, SECONDS, kind(**angles), rtol=tolerance, atol=tolerance, step_to_times=True)
     expected, names = reference(name)
-    assert names[: system.n_masses] == [f"theta_{i}" for i in range(1, system.n_masses + 1)]
+    assert names[: system.n_masses] == [f"theta[{i}]" for i in range(system.n_masses)]
     assert np.max(np.abs(packed(trajectory.state) - expected)) <= bound
 
 

@@ -64,7 +64,7 @@ def balls(status, times=5):
         },
         {
             "row": np.arange(n),
-            "direction": [1, 2],
+            "direction": [0, 1],
             "initial.speed": ("row", k),
             "time": (("row", "save"), np.tile(t, (n, 1))),
         },

@@ -3,12 +3,17 @@
 import csv
 
 import numpy as np
+import pandas
 import pytest
 import xarray
 
 from jaxball import ReducedState, Status, simulate
+from jaxball.plot.sweeps.results import result_names
 from jaxball.results import OutputError, save, to_dataset
+from jaxball.results.variables import entries
 from jaxball.scenario import read_scenario, write_scenario
+from jaxball.sweep import open_dataset, read_study, sweep
+from jaxball.sweep.numbers import check_number
 from tests.scenario.documents import BALL, DISK
 
 INTEGRATED = BALL + '[force]\nconstant = [0.1, 0.0, 0.0]\n[actuation]\nform = "integrated"\n'
@@ -36,7 +41,10 @@ def test_netcdf(ball, tmp_path):
             np.testing.assert_array_equal(data[name], getattr(trajectory.state, name))
         for name in ("normal_force", "energy", "mass_positions_space", "friction"):
             np.testing.assert_array_equal(data[name], getattr(trajectory.observables, name))
-        assert data["Omega"].sel(axis="2").dims == ("time",)
+        for name in ("axis", "direction", "component", "mass", "driven"):
+            assert data[name].dtype == np.int64
+            assert data[name].values.tolist() == list(range(data.sizes[name]))
+        np.testing.assert_array_equal(data["Omega"].sel(axis=1), trajectory.state.Omega[:, 1])
         assert data["normal_force"].attrs["units"] == "force"
         assert data.attrs["scenario"] == write_scenario(scenario)
         assert (data.attrs["ok"], data.attrs["status"]) == (1, "SUCCESS")
@@ -59,12 +67,37 @@ def test_csv(ball, tmp_path):
     with path.open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["time"]) for row in rows] == np.asarray(trajectory.times).tolist()
-    assert [float(row["Omega_2"]) for row in rows] == np.asarray(trajectory.state.Omega[:, 1]).tolist()
-    assert [float(row["q_0"]) for row in rows] == np.asarray(trajectory.state.q[:, 0]).tolist()
+    assert [float(row["Omega[1]"]) for row in rows] == np.asarray(trajectory.state.Omega[:, 1]).tolist()
+    assert [float(row["q[0]"]) for row in rows] == np.asarray(trajectory.state.q[:, 0]).tolist()
     place = trajectory.observables.mass_positions_body[:, 0, 2]
-    assert [float(row["mass_positions_body_0_3"]) for row in rows] == np.asarray(place).tolist()
+    assert [float(row["mass_positions_body[0][2]"]) for row in rows] == np.asarray(place).tolist()
     assert {row["status"] for row in rows} == {"0"}
     assert np.genfromtxt(path, delimiter=",", names=True)["time"].shape == (5,)
+
+
+def test_runs_and_studies_count_alike(ball, tmp_path):
+    """A store of one row, filled with the states of a run, has that run's coordinates, entries and columns."""
+    scenario, trajectory = ball
+    run, state = to_dataset(trajectory), {name: np.asarray(leaf) for name, leaf in vars(trajectory.state).items()}
+
+    def engine(batch, wanted):
+        counts = np.zeros(batch.rows, dtype=int)
+        found = {"status": counts, "steps": counts, "rejected": counts, "reached": batch.times[:, -1]}
+        return found | {name: leaf[None] for name, leaf in state.items()}
+
+    (tmp_path / "ball.toml").write_text(write_scenario(scenario))
+    text = 'format = 1\nscenario = "ball.toml"\nsave = "times"\n[[axes]]\npath = "body.mass"\nvalues = [1.0]\n'
+    outcome = sweep(read_study(text, tmp_path), tmp_path / "s.zarr", engine=engine)
+    data = open_dataset(outcome.store)
+    for name in ("axis", "direction", "component", "driven"):
+        xarray.testing.assert_identical(data[name].variable, run[name].variable)
+    np.testing.assert_array_equal(data["Omega"].sel(axis=1)[0], run["Omega"].sel(axis=1))
+    numbers = {entry for name, leaf in state.items() for entry in entries(name, leaf.shape[1:])}
+    assert {"q[0]", "Omega[1]", "z[1]", "theta[0]"} < numbers
+    columns = save(trajectory, tmp_path / "run.csv").read_text().splitlines()[0].split(",")
+    for found in (columns, pandas.read_parquet(outcome.table).columns, result_names(data)):
+        assert numbers <= set(found)
+    check_number({"initial": {"Omega": [0.0, 0.0, 0.1]}}, "initial.Omega[1]")
 
 
 @pytest.mark.parametrize("suffix", [".nc", ".npz", ".csv"])
@@ -72,9 +105,9 @@ def test_failed_solve_is_marked(stopped, tmp_path, suffix):
     scenario, trajectory = stopped
     path = save(trajectory, tmp_path / f"run{suffix}", scenario)
     if suffix == ".csv":
-        data = np.genfromtxt(path, delimiter=",", names=True)
+        data = pandas.read_csv(path)
         assert set(data["status"]) == {int(Status.MAX_STEPS)}
-        z, ratio = data["z_1"], data["friction_ratio"]
+        z, ratio = data["z[0]"].to_numpy(), data["friction_ratio"].to_numpy()
     elif suffix == ".npz":
         with np.load(path) as data:
             assert (int(data["ok"]), str(data["status"])) == (0, "MAX_STEPS")

@@ -119,7 +119,7 @@ def test_solves_that_give_up_are_rows_with_a_status(tmp_path):
         assert np.all(np.isnan(data["q"][1]))
         assert 0 < data["reached"][1] < 2
     columns = set(pandas.read_parquet(outcome.table).columns)
-    assert {"q_0", "q_3", "Omega_1", "Omega_3", "z_2"} <= columns
+    assert {"q[0]", "q[3]", "Omega[0]", "Omega[2]", "z[1]"} <= columns
 
 
 @pytest.mark.slow

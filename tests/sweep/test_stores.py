@@ -166,6 +166,15 @@ def test_a_file_that_something_else_changed_is_named(tmp_path):
     assert not outcome.table.exists()
 
 
+@pytest.mark.parametrize("content", [None, b"", b"\0\0\0", b"\0\0\0\xff", b"\0\0\0\x63"])
+def test_statuses_that_something_else_changed_are_not_counted(tmp_path, content):
+    outcome = sweep(study(tmp_path, settings=SMALL), tmp_path / "s.zarr", engine=pretend)
+    place = outcome.store / "status" / "c" / "2"
+    place.unlink() if content is None else place.write_bytes(content)
+    with pytest.raises(StoreError, match=r'status/c/2" must hold a number for each row.* remove "\S+/.done/2" and run'):
+        describe(outcome.store)
+
+
 def test_rows_with_another_number_of_save_times_are_named(tmp_path):
     axes = '[[axes]]\npath = "time.end"\nvalues = [2.0, 3.0]\n'
     scenario = study_scenario(tmp_path).replace("saves = 5", "step = 0.5")

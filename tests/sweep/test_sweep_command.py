@@ -1,13 +1,11 @@
 """``jaxball sweep``."""
 
-import io
 import os
 
 import pytest
 
 from jaxball.cli import main
 from jaxball.sweep import estimate, sweep
-from jaxball.sweep.progress import Progress, duration
 from tests.sweep.studies import files, pretend, study, study_text
 
 
@@ -49,7 +47,11 @@ def test_a_finished_study_is_not_computed_again(folder, capsys):
         (["study.toml", "--out", "file/s.zarr"], "must lie in a folder that can be written"),
         (["study.toml", "--out", "mine.zarr"], "must be the store of a study, but it is something else"),
         (["status", "mine.zarr"], "must be the store of a study"),
-        (["status", "none.zarr"], "must be the store of a study"),
+        (["status", "none.zarr"], 'There must be the store of a study at "none.zarr", but there is nothing.'),
+        (
+            ["plot", "none.zarr", "--out", "f"],
+            'There must be the store of a study at "none.zarr", but there is nothing.',
+        ),
     ],
 )
 def test_bad_input(folder, capsys, arguments, sentence):
@@ -71,6 +73,7 @@ def test_bad_input(folder, capsys, arguments, sentence):
         ["study.toml", "--out", "s.zarr", "--workers", "0"],
         ["study.toml", "--out", "s.zarr", "--shard", "3/2"],
         ["study.toml", "--out", "s.zarr", "--shard", "2"],
+        ["study.toml", "--out", "s.zarr", "--measure"],
     ],
 )
 def test_usage(capsys, arguments):
@@ -80,19 +83,46 @@ def test_usage(capsys, arguments):
     assert "usage: jaxball sweep" in capsys.readouterr().err
 
 
-def test_the_estimate_of_a_million_rows(folder):
+def test_a_dry_run_solves_nothing(folder, capsys):
     axes = '[[axes]]\npath = "body.mass"\nlinear = { from = 1, to = 2, count = 1_000_000 }\n'
-    found = estimate(study(folder, axes), pretend)
-    size = 123 * 8192 * (8 + 8 + 1 + 4 + 4 + 8 + 3 * 8)  # bytes a row, in whole chunks
-    assert found[:3] == (1_000_000, 123, size)
-    assert found.sentence(2).startswith("1,000,000 rows in 123 chunks, a store of 57.4 MB, about ")
+    found = estimate(study(folder, axes), never)
+    size = 123 * 8192 * (8 + 8 + 1 + 4 + 4 + 8 + 3 * 8) + 8 * 1_000_000  # bytes a row, in whole chunks, and the axis
+    assert found == (1_000_000, 123, size, None, None)
+    assert found.sentence(2) == "1,000,000 rows in 123 chunks, a store of 65.4 MB"
+    assert main(["sweep", "study.toml", "--dry-run"]) == 0
+    assert capsys.readouterr().out == (
+        "15 rows in 1 chunk, a store of 1.04 kB; --measure solves a few rows to say how long it takes\n"
+    )
 
 
-def test_progress_is_rows_rate_time_to_go_and_failures():
-    stream = io.StringIO()
-    progress = Progress(stream, 1000, 400, 200)
-    progress.add(100, 3)
-    progress.close()
-    assert stream.getvalue().startswith("500 of 1,000 rows (50.0 %), ")
-    assert stream.getvalue().endswith(" to go, 3 failed\n")
-    assert [duration(x) for x in (0.12, 42.0, 300.0, 11520.0)] == ["0.12 s", "42 s", "5 min", "3.2 h"]
+def test_the_size_of_an_estimate_is_that_of_the_numbers_in_the_store(folder):
+    found = study(folder, settings="chunk = 4")
+    store = sweep(found, folder / "s.zarr", engine=pretend).store
+    assert estimate(found).size == sum(path.stat().st_size for path in store.rglob("c/*"))
+
+
+def test_an_estimate_that_is_measured_keeps_compiling_apart(folder, monkeypatch):
+    clock = Clock()
+
+    def compiling_at_first(batch, wanted):
+        clock.now += 1.5 if clock.now else 31.5
+        return pretend(batch, wanted)
+
+    monkeypatch.setattr("time.perf_counter", clock)
+    found = estimate(study(folder, settings="chunk = 4"), compiling_at_first, measure=True)
+    assert (found.compiling, found.solving) == (30.0, 1.5 * 15 / 4)
+    assert found.sentence(2).endswith(", about 2.8 s with 2 workers after compiling for 30 s")
+
+
+def never(batch, wanted):
+    """An engine that must not be called."""
+    raise AssertionError
+
+
+class Clock:
+    """A clock that stands still unless it is set."""
+
+    now = 0.0
+
+    def __call__(self):
+        return self.now

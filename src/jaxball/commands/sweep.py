@@ -16,7 +16,7 @@ def add(commands) -> None:
         "sweep",
         help="run a study: a scenario with other numbers in each row",
         usage=(
-            "jaxball sweep STUDY --out STORE [--workers N] [--shard K/N] [--dry-run]\n"
+            "jaxball sweep STUDY --out STORE [--workers N] [--shard K/N] [--dry-run [--measure]]\n"
             "       jaxball sweep status STORE\n"
             "       jaxball sweep plot STORE --out FOLDER [--result NAME ...] [--against PATH ...]"
         ),
@@ -27,7 +27,8 @@ def add(commands) -> None:
     parser.add_argument("--out", type=Path, metavar="STORE", help="the store, .zarr; of figures, their folder")
     parser.add_argument("--workers", type=_count, default=1, metavar="N", help="how many processes (default: 1)")
     parser.add_argument("--shard", type=_shard, default=(1, 1), metavar="K/N", help="the K-th of N parts alone")
-    parser.add_argument("--dry-run", action="store_true", help="say how many rows, how large, how long")
+    parser.add_argument("--dry-run", action="store_true", help="say how many rows and how large a store")
+    parser.add_argument("--measure", action="store_true", help="with --dry-run: solve a few rows, to say how long")
     parser.add_argument("--result", nargs="+", default=[], metavar="NAME", help="what to draw, such as z[0]")
     parser.add_argument("--against", nargs="+", default=[], metavar="PATH", help="over which numbers to draw it")
     parser.set_defaults(run=lambda options: _run(parser, options))
@@ -47,13 +48,16 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     for name in ("result", "against"):
         if getattr(options, name):
             parser.error(f"argument --{name} is for jaxball sweep plot")
+    if options.measure and not options.dry_run:
+        parser.error("argument --measure is for --dry-run")
     if options.store is not None:
         parser.error(f"unrecognized argument: {options.store}")
     if _is_missing(NEEDED):
         return BAD_INPUT
     study = sweep.load_study(options.study)
     if options.dry_run:
-        print(sweep.estimate(study).sentence(options.workers))
+        found = sweep.estimate(study, measure=options.measure).sentence(options.workers)
+        print(found if options.measure else f"{found}; --measure solves a few rows to say how long it takes")
         return 0
     if options.out is None:
         parser.error("the following argument is required: --out")

@@ -13,7 +13,7 @@ from ..scenario import Scenario, write_scenario
 from ..trajectory import Trajectory
 from .dataset import to_dataset
 from .provenance import attributes
-from .variables import COORDINATES, values
+from .variables import entries, values
 
 
 class OutputError(ValueError):
@@ -25,9 +25,9 @@ def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario 
 
     - ``.nc``: netCDF, see :func:`to_dataset`; ``xarray.open_dataset(path)`` reads it.
     - ``.npz``: the same arrays, and the attributes as texts and numbers.
-    - ``.csv``: a row for each time and a column for each number, named as ``Omega_1`` or
-      ``mass_positions_body_0_3`` (mass 0, axis 3); the column ``status`` is 0 for a solve that
-      reached its end, and the number of its :class:`~jaxball.Status` for one that failed.
+    - ``.csv``: a row for each time and a column for each number, named as ``Omega[1]`` or
+      ``mass_positions_body[0][2]`` (mass 0, the third axis); the column ``status`` is 0 for a solve
+      that reached its end, and the number of its :class:`~jaxball.Status` for one that failed.
 
     A failed solve is saved too, with its status, and NaN after the time that it reached. The file is
     written beside ``path`` and then moved there, so a failure never harms a file that exists.
@@ -90,13 +90,9 @@ def _write_npz(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario 
 
 def _write_csv(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None) -> None:
     columns = {"time": np.asarray(trajectory.times)}
-    for name, (variable, array) in values(trajectory).items():
-        for index in np.ndindex(array.shape[1:]):
-            labels = [
-                COORDINATES[dimension][k] if dimension in COORDINATES else str(k)
-                for dimension, k in zip(variable.dimensions, index, strict=True)
-            ]
-            columns["_".join([name, *labels])] = array[(slice(None), *index)]
+    for name, (_, array) in values(trajectory).items():
+        for entry, index in entries(name, array.shape[1:]).items():
+            columns[entry] = array[(slice(None), *index)]
     columns["status"] = np.full(columns["time"].shape, int(trajectory.status))
     table = np.column_stack(list(columns.values()))
     np.savetxt(path, table, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")

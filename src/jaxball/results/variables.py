@@ -1,5 +1,6 @@
-"""The variables of a saved trajectory: their dimensions, units and meaning."""
+"""The variables of a saved trajectory: their dimensions, units and meaning, and how their entries are counted."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -7,14 +8,6 @@ import numpy as np
 from ..classical import AbstractClassicalSystem
 from ..state import DiskState, ReducedState
 from ..trajectory import Trajectory
-
-AXES = ("1", "2", "3")
-COORDINATES = {
-    "axis": AXES,
-    "row": AXES,
-    "direction": ("1", "2"),
-    "component": ("0", "1", "2", "3"),
-}
 
 
 class Variable(NamedTuple):
@@ -122,10 +115,23 @@ def _classical_values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Varia
     for known, entries in ((CLASSICAL_STATE, vars(trajectory.state)), (LAWS, trajectory.laws._asdict())):
         for name, leaf in entries.items():
             array = np.asarray(leaf)
-            found[name] = known.get(name) or _of_ones_own(name, array), array
+            found[name] = known.get(name) or of_ones_own(name, array.ndim - 1), array
     return found
 
 
-def _of_ones_own(name: str, array: np.ndarray) -> Variable:
+def of_ones_own(name: str, dimensions: int) -> Variable:
     """A variable of a system that is not of this package: its dimensions are named after it."""
-    return Variable(tuple(f"{name}_{k}" for k in range(1, array.ndim)), "", name)
+    return Variable(tuple(f"{name}_{k}" for k in range(dimensions)), "", name)
+
+
+def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
+    """The coordinate along each dimension of these sizes: 0, 1, …, and along ``driven`` the numbers of these masses."""
+    found = {name: np.arange(size) for name, size in sizes.items()}
+    return found | ({"driven": np.asarray(system.driven)} if "driven" in sizes else {})
+
+
+def entries(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
+    """Each number of an array with its index, by its name: counted from 0, and spelled as the paths of a scenario's
+    numbers are, ``Omega[1]``; a number is called as the array is.
+    """
+    return {name + "".join(f"[{k}]" for k in index): index for index in np.ndindex(shape)}

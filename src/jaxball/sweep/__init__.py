@@ -2,7 +2,7 @@
 
 from .._interface import interface as _interface
 from .batch import Batch as Batch, Engine as Engine, Wanted as Wanted
-from .dataset import open_dataset as open_dataset
+from .dataset import open_dataset as open_dataset, open_grid as open_grid
 from .engine import solve_in_lanes as solve_in_lanes
 from .errors import StoreError as StoreError, StudyError as StudyError, WorkerError as WorkerError
 from .estimate import Estimate as Estimate, estimate as estimate

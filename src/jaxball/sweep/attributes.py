@@ -1,6 +1,7 @@
 """Whose a store is: what its attributes say of the study and of the versions that computed it."""
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +9,12 @@ from .errors import StoreError
 from .study import Study
 from .versions import versions
 
+LAYOUT = "2"  # counted up when stores are written otherwise
+
 
 def identity_of(study: Study) -> dict[str, str]:
     """All that the numbers in a store depend on, as attributes."""
-    return {**study.identity(), **versions()}
+    return {**study.identity(), **versions(), "layout": LAYOUT}
 
 
 def differences(attributes: dict[str, Any], wanted: dict[str, str]) -> list[str]:
@@ -22,8 +25,10 @@ def differences(attributes: dict[str, Any], wanted: dict[str, str]) -> list[str]
 def read_attributes(folder: Path) -> dict[str, Any]:
     """The attributes of a store.
 
-    **Raises:** :class:`StoreError` when there is something other than the store of a study at ``folder``.
+    **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study.
     """
+    if not os.path.lexists(folder):
+        raise StoreError(f'There must be the store of a study at "{folder}", but there is nothing.')
     try:
         attributes = json.loads((folder / "zarr.json").read_text(encoding="utf-8"))["attributes"]
     except (OSError, ValueError, KeyError, TypeError):

@@ -1,5 +1,8 @@
 """A chunk of rows: computed, and written to the store. What a worker does."""
 
+import os
+import socket
+import threading
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,10 +29,11 @@ class Task(NamedTuple):
 
 
 class Done(NamedTuple):
-    """How many rows a chunk had, and how many of them failed."""
+    """How many rows a chunk had, how many of them failed, and the name of the worker: its machine, process, thread."""
 
     rows: int
     failed: int
+    worker: str
 
 
 def solve_chunk(task: Task) -> Done:
@@ -39,7 +43,8 @@ def solve_chunk(task: Task) -> Done:
     rows = study.rows_of(task.chunk)
     arrays = compute(study, template, outputs, rows, task.engine, task.threads)
     Store(task.store, study, outputs).write(task.chunk, arrays)
-    return Done(len(rows), int(np.sum(arrays["status"] != Status.SUCCESS)))
+    worker = f"{socket.gethostname()}-{os.getpid()}-{threading.get_ident()}"
+    return Done(len(rows), int(np.sum(arrays["status"] != Status.SUCCESS)), worker)
 
 
 def solve_chunk_elsewhere(task: Task) -> Done:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 from .attributes import read_attributes
 from .errors import StoreError
+from .layout import AXES
 
 if TYPE_CHECKING:
     import xarray
@@ -18,8 +19,27 @@ def open_dataset(folder: str | Path) -> "xarray.Dataset":
     # Imported here, because it takes longer than all of jaxball's own modules.
     import xarray
 
-    folder = Path(folder)
-    if not folder.exists():
-        raise StoreError(f'There must be the store of a study at "{folder}", but there is nothing.')
-    read_attributes(folder)
+    read_attributes(Path(folder))
     return xarray.open_zarr(folder, chunks=None)
+
+
+def open_grid(folder: str | Path) -> "xarray.Dataset":
+    """The same along the axes of the study, so that ``grid.sel({"body.mass": 1.0})`` is what it says.
+
+    The first dimensions are the axes, in the study's order. One of a single number has its path as name and its values
+    as coordinate. One of several numbers, such as a design, is called ``axes[k]`` and counted from 0, and its numbers
+    are coordinates along it. Where a row is not done there is NaN, and -1 in place of a whole number.
+
+    **Raises:** :class:`StoreError` as :func:`open_dataset`, and for a store that holds no points of its axes.
+    """
+    import xarray
+
+    from .grid import crossed
+
+    data = open_dataset(folder)
+    if not (Path(folder) / AXES).is_dir():
+        raise StoreError(
+            f'The store "{folder}" must hold the points of its axes, but another version of jaxball wrote it without '
+            "them; open_dataset opens its rows."
+        )
+    return crossed(data, xarray.open_zarr(folder, group=AXES, chunks=None, consolidated=False))

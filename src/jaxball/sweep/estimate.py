@@ -2,7 +2,8 @@
 
 import math
 import time
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,34 +18,48 @@ TRIED = 512
 
 
 class Estimate(NamedTuple):
-    """Rows, chunks, the size of the store in bytes, and about how long one process takes, in seconds."""
+    """Rows, chunks, the size of the store in bytes; and, where they were measured, the seconds for which one process
+    compiles, and those in which it then solves all rows.
+    """
 
     rows: int
     chunks: int
     size: int
-    seconds: float
+    compiling: float | None = None
+    solving: float | None = None
 
     def sentence(self, workers: int) -> str:
         """The estimate in words, for so many workers."""
-        share = duration(self.seconds / min(workers, self.chunks))
+        words = f"{_counted(self.rows, 'row')} in {_counted(self.chunks, 'chunk')}, a store of {_bytes(self.size)}"
+        if self.compiling is None or self.solving is None:
+            return words
+        share = duration(self.solving / min(workers, self.chunks))
         return (
-            f"{_counted(self.rows, 'row')} in {_counted(self.chunks, 'chunk')}, a store of {_bytes(self.size)}, "
-            f"about {share} with {_counted(workers, 'worker')} once they are compiled"
+            f"{words}, about {share} with {_counted(workers, 'worker')} after compiling for {duration(self.compiling)}"
         )
 
 
-def estimate(study: Study, engine: Engine = solve_in_lanes) -> Estimate:
-    """The size of a study's store, and how long its rows take, from a few rows that are solved for it."""
+def estimate(study: Study, engine: Engine = solve_in_lanes, *, measure: bool = False) -> Estimate:
+    """The size of a study's store, at once; with ``measure``, how long its rows take too, from a few that are solved.
+
+    **Raises:** :class:`StudyError` as :func:`sweep`.
+    """
     template = study.template()
     outputs = outputs_of(study, template)
-    size = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks
-    count = min(TRIED, study.chunk)
-    rows = np.unique(np.linspace(0, study.rows - 1, count).astype(int))
-    compute(study, template, outputs, rows, engine)
+    rows = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks
+    points = sum(8 * axis.size * len(axis.paths) for axis in study.axes)
+    found = Estimate(study.rows, study.chunks, rows + points)
+    if not measure:
+        return found
+    tried = np.unique(np.linspace(0, study.rows - 1, min(TRIED, study.chunk)).astype(int))
+    first, second = (_seconds(lambda: compute(study, template, outputs, tried, engine)) for _ in range(2))
+    return found._replace(compiling=max(0.0, first - second), solving=second * study.rows / len(tried))
+
+
+def _seconds(call: Callable[[], Any]) -> float:
     start = time.perf_counter()
-    compute(study, template, outputs, rows, engine)
-    seconds = time.perf_counter() - start
-    return Estimate(study.rows, study.chunks, size, seconds * study.rows / len(rows))
+    call()
+    return time.perf_counter() - start
 
 
 def _bytes(size: int) -> str:

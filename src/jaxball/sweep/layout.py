@@ -1,8 +1,12 @@
 """How the rows of a study lie along its axes, as attributes from which its store can be drawn."""
 
+from collections import Counter
+from collections.abc import Sequence
+
 from .axes import Axis, Designed, FromFile, Ranged, Zipped
 from .study import Study
 
+AXES = "axes"  # the group of a store that holds the points of each axis
 _LOGARITHMIC = ("log-uniform", "lognormal")
 
 
@@ -15,6 +19,13 @@ def layout_of(study: Study) -> dict[str, list[int]]:
         "path_logarithmic": [int(item) for axis in study.axes for item in _logarithmic(axis)],
         "axis_scattered": [int(_scattered(axis)) for axis in study.axes],
     }
+
+
+def dimensions(paths: Sequence[str], path_axis: Sequence[int]) -> list[str]:
+    """The name of each axis as a dimension: the path of its one number, or else its place in the study, ``axes[0]``."""
+    numbers = Counter(path_axis)
+    alone = {axis: path for path, axis in zip(paths, path_axis, strict=True) if numbers[axis] == 1}
+    return [alone.get(axis, f"{AXES}[{axis}]") for axis in sorted(numbers)]
 
 
 def _logarithmic(axis: Axis) -> list[bool]:

@@ -6,9 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..extremes import ContactExtremes
-from ..results.variables import CLASSICAL_STATE, COORDINATES, STATE, Variable
+from ..results.variables import CLASSICAL_STATE, STATE, Variable, labels, of_ones_own
 from ..scenario import Scenario
 from ..state import BallState, DiskState
+from .errors import StudyError
+from .layout import AXES
 from .study import Study
 
 NOT_COMPUTED = -1  # the status of a row that has none yet
@@ -59,24 +61,21 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
             found[name] = Output(
                 (*dimensions, *known.dimensions), (*saves, *shape), np.dtype(np.float64), known.units, known.meaning
             )
-    for find in study.finds:
-        for end in find.reduction().ends:
-            found[find.name + end] = _number(
-                "time" if end == "_time" else "", f"{find.name.replace('_', ' ')} of the run"
-            )
     for name in CONTACT if study.contact else ():
         units = "1" if name == "friction_needed" else "time" if name.endswith("_time") else "force"
         found[name] = _number(units, name.replace("_", " ") + " of the run")
+    for find in study.finds:
+        for name, end in ((find.name + end, end) for end in find.reduction().ends):
+            if find.kind and (name in found or name == AXES):
+                raise StudyError(f"Key `find` must give names that the store has not yet, but `{name}` is taken.")
+            found[name] = _number("time" if end == "_time" else "", f"{name.replace('_', ' ')} of the run")
     return found
 
 
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:
     """The labels along each dimension but ``row``."""
-    used = {name: n for item in outputs.values() for name, n in zip(item.dimensions, item.shape, strict=True)}
-    labels = {name: np.asarray(COORDINATES[name]).astype(np.int64) for name in used if name in COORDINATES}
-    if "driven" in used:
-        labels["driven"] = np.asarray(getattr(template.system, "driven"))  # noqa: B009
-    return labels | {name: np.arange(n) for name, n in used.items() if name not in labels}
+    sizes = {name: n for item in outputs.values() for name, n in zip(item.dimensions, item.shape, strict=True)}
+    return labels(template.system, sizes)
 
 
 def _number(units: str, meaning: str, coordinate: bool = False) -> Output:
@@ -87,4 +86,4 @@ def _variable(template: Scenario, name: str, shape: tuple[int, ...]) -> Variable
     if isinstance(template.state, BallState | DiskState):
         known = STATE[name]
         return known if len(shape) == len(known.dimensions) else known._replace(dimensions=())
-    return CLASSICAL_STATE.get(name) or Variable(tuple(f"{name}_{k}" for k in range(1, len(shape) + 1)), "", name)
+    return CLASSICAL_STATE.get(name) or of_ones_own(name, len(shape))

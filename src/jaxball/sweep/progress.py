@@ -1,7 +1,11 @@
 """A line that says how far a study has come."""
 
 import time
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+from .chunk import Done
+from .tally import Tally
 
 SECONDS_BETWEEN_LINES = 30.0
 SECONDS_BETWEEN_CHANGES = 0.2
@@ -19,45 +23,96 @@ class Stream(Protocol):
 
 
 class Progress:
-    """Rows done of all, their rate, the time to go, and failures; on one line of a terminal, else line by line."""
+    """Rows done of all, failures, and the time to go; on one line of a terminal, else line by line.
 
-    def __init__(self, stream: Stream, rows: int, done: int, mine: int):
-        """``rows`` in all, ``done`` before, and ``mine`` that are to be done now."""
-        self.stream, self.rows, self.done, self.mine = stream, rows, done, mine
-        self.now, self.told, self.failed = 0, 0, 0
-        self.start, self.shown = time.monotonic(), 0.0
-        self.terminal = stream.isatty()
+    The first chunk of a worker compiles, and so each worker's speed is that of the chunks after its first.
+    """
 
-    def add(self, rows: int, failed: int) -> None:
-        """Counts rows that were done, and shows it from time to time."""
-        self.now += rows
-        self.failed += failed
-        passed = time.monotonic() - self.shown
+    def __init__(
+        self,
+        stream: Stream,
+        rows: int,
+        before: Tally,
+        mine: int,
+        parallel: int = 1,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """``rows`` in all, those in the store ``before``, and ``mine`` to be done now by ``parallel`` workers."""
+        self.stream, self.rows, self.mine, self.parallel, self.clock = stream, rows, mine, parallel, clock
+        self.done, self.failed, self.now = before.rows, before.failed, 0
+        self.workers: dict[str, _Worker] = {}
+        self.start = self.shown = self.last = clock()
+        self.terminal, self.told = stream.isatty(), ""
+        if mine:
+            self.show()
+
+    def add(self, chunk: Done) -> None:
+        """Counts the rows of a chunk that was done, and shows it from time to time."""
+        self.now += chunk.rows
+        self.done += chunk.rows
+        self.failed += chunk.failed
+        self.last = self.clock()
+        seen = self.workers.get(chunk.worker)
+        now = _Worker(self.last, self.last, 0) if seen is None else seen.after(chunk.rows, self.last)
+        self.workers[chunk.worker] = now
+        passed = self.last - self.shown
         if passed > (SECONDS_BETWEEN_CHANGES if self.terminal else SECONDS_BETWEEN_LINES):
             self.show()
 
     def show(self) -> None:
         """Shows the line now."""
-        self.shown, self.told = time.monotonic(), self.now
-        self.stream.write(f"\r\x1b[K{self.line()}" if self.terminal else f"{self.line()}\n")
+        self.shown, self.told = self.clock(), self.line()
+        self.stream.write(f"\r\x1b[K{self.told}" if self.terminal else f"{self.told}\n")
         self.stream.flush()
 
-    def close(self) -> None:
-        """Shows the last line, if there is one to show."""
-        if self.now:
-            if self.terminal or self.told != self.now:
-                self.show()
-            if self.terminal:
-                self.stream.write("\n")
+    def close(self, after: Tally | None = None) -> None:
+        """Shows the last line, if there is one to show, with what the store holds ``after`` the run: other shards may
+        have written to it too.
+        """
+        if not self.told:
+            return
+        if after is not None:
+            self.done, self.failed = after.rows, after.failed
+        if self.terminal or self.told != self.line():
+            self.show()
+        if self.terminal:
+            self.stream.write("\n")
 
     def line(self) -> str:
         """The line."""
-        done, rate = self.done + self.now, self.now / max(time.monotonic() - self.start, 1e-9)
-        left = duration((self.mine - self.now) / rate) if self.now else "?"
-        return (
-            f"{done:,} of {self.rows:,} rows ({100 * done / self.rows:.1f} %), {rate:,.3g} rows/s, "
-            f"{left} to go, {self.failed:,} failed"
-        )
+        share = f"{100 * self.done / self.rows:.1f} %"
+        return f"{self.done:,} of {self.rows:,} rows ({share}), {self.failed:,} failed, {self._pace()}"
+
+    def _pace(self) -> str:
+        if not self.now:
+            return "compiling"
+        if self.now >= self.mine:
+            return f"in {duration(self.last - self.start)}"
+        rate = self._rate()
+        if rate is None:
+            return "time to go not known before the next chunk"
+        return f"{rate:,.3g} rows/s, {duration((self.mine - self.now) / rate)} to go"
+
+    def _rate(self) -> float | None:
+        """Rows a second of all workers, of whom those that have done one chunk are as fast as the others."""
+        rows = sum(worker.rows for worker in self.workers.values())
+        seconds = sum(worker.last - worker.start for worker in self.workers.values())
+        if rows and seconds:
+            return len(self.workers) * rows / seconds
+        if len(self.workers) > self.parallel:  # a process for each chunk, which compiles it
+            return self.now / (self.last - self.start)
+        return None
+
+
+class _Worker(NamedTuple):
+    """When a worker's first and last chunk ended, and how many rows it did between."""
+
+    start: float
+    last: float
+    rows: int
+
+    def after(self, rows: int, last: float) -> "_Worker":
+        return _Worker(self.start, last, self.rows + rows)
 
 
 def duration(seconds: float) -> str:

@@ -21,6 +21,7 @@ from .progress import Progress, Stream
 from .store import Store, open_store
 from .study import Study
 from .table import has_table, write_table
+from .tally import tally
 
 TASKS_PER_WORKER = 2
 
@@ -76,23 +77,26 @@ def sweep(
     _check(workers, shard)
     template = study.template()
     store = open_store(Path(out).resolve(), study, template, outputs_of(study, template))
-    before = set(store.done())
+    parallel = workers if executor is None else _size(executor)
+    before, known = set(store.done()), tally(store.folder)
     mine = [k for k in range(shard[0] - 1, study.chunks, shard[1]) if k not in before]
     progress = Progress(
         io.StringIO() if stream is None else stream,
         study.rows,
-        sum(len(study.rows_of(k)) for k in before),
+        known,
         sum(len(study.rows_of(k)) for k in mine),
+        parallel,
     )
     threads = max(1, cores() // workers) if executor is None else 1
     tasks = (Task(study, store.folder, k, engine, threads) for k in mine)
     with asked_to_stop() as stop, _running(executor, min(workers, max(len(mine), 1))) as pool:
         try:
-            ahead = TASKS_PER_WORKER * (workers if executor is None else _size(executor))
-            for done in solve_all(pool, tasks, ahead, stop):
-                progress.add(*done)
-        finally:
+            for done in solve_all(pool, tasks, TASKS_PER_WORKER * parallel, stop):
+                progress.add(done)
+        except BaseException:
             progress.close()
+            raise
+        progress.close(tally(store.folder))
         interrupted = stop.is_set()
     return _ended(store, interrupted)
 

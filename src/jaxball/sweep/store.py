@@ -19,11 +19,12 @@ from ..status import Status
 from .attributes import differences, identity_of, read_attributes
 from .disk import flush_folder, part_prefix, remove_dead_parts, remove_parts, write_whole
 from .errors import StoreError
-from .layout import layout_of
+from .layout import AXES, dimensions, layout_of
 from .outputs import Output, labels_of
 from .study import Study
+from .tally import MARKS, done
 
-MARKS = ".done"
+POINTS_TOGETHER = 2**20
 
 
 class Store:
@@ -60,14 +61,9 @@ class Store:
                 "make room for the rest, and run the same command again."
             ) from error
 
-    def is_done(self, chunk: int) -> bool:
-        """Whether a chunk is on the disk."""
-        return self._mark(chunk).exists()
-
     def done(self) -> list[int]:
         """The chunks that are on the disk, in their order."""
-        names = os.listdir(self.folder / MARKS)
-        return sorted(int(name) for name in names if name.isdigit())
+        return done(self.folder)
 
     def read(self, name: str, chunk: int) -> np.ndarray:
         """A variable in the rows of a chunk that is done.
@@ -84,13 +80,6 @@ class Store:
             )
         found = np.frombuffer(content, output.dtype.newbyteorder("<")).reshape(shape)
         return found[: len(self.study.rows_of(chunk))]
-
-    def counts(self) -> dict[Status, int]:
-        """How many of the rows done have each status."""
-        counts = np.zeros(len(Status), dtype=int)
-        for chunk in self.done():
-            counts += np.bincount(self.read("status", chunk), minlength=len(Status))
-        return {status: int(counts[status]) for status in Status if counts[status]}
 
     def tidy(self) -> None:
         """Removes what killed processes left."""
@@ -185,10 +174,33 @@ def _write_metadata(
         )
     for name, labels in labels_of(outputs, template).items():
         group.create_array(name, data=labels, dimension_names=[name], compressors=None)
+    _write_points(group.create_group(AXES), study, dimensions(about["paths"], about["path_axis"]))
     with warnings.catch_warnings():
         # zarr warns that its metadata in one file are not yet in the standard; without them xarray warns.
         warnings.simplefilter("ignore")
         zarr.consolidate_metadata(folder)
+
+
+def _write_points(group: Any, study: Study, names: list[str]) -> None:
+    """The values along each axis, which the rows that are done may not yet have."""
+    for name, axis in zip(names, study.axes, strict=True):
+        chunks = (min(axis.size, POINTS_TOGETHER),)
+        arrays = [
+            group.create_array(
+                path,
+                shape=(axis.size,),
+                chunks=chunks,
+                dtype="f8",
+                dimension_names=[name],
+                compressors=None,
+                filters=None,
+            )
+            for path in axis.paths
+        ]
+        for start in range(0, axis.size, POINTS_TOGETHER):
+            some = np.arange(start, min(start + POINTS_TOGETHER, axis.size))
+            for array, values in zip(arrays, axis.values(some).T, strict=True):
+                array[start : start + POINTS_TOGETHER] = values
 
 
 def _up_to(path: Path, top: Path) -> Iterator[Path]:

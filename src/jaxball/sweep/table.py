@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..results.variables import COORDINATES
+from ..results.variables import entries
 from .disk import flush_folder, whole
 from .errors import StoreError
 from .outputs import Output
@@ -53,13 +53,8 @@ def _columns(outputs: dict[str, Output]) -> Iterator[tuple[str, tuple[str, tuple
         if name == "time":
             continue
         saved = output.dimensions[:1] == ("save",)
-        dimensions, shape = output.dimensions[saved:], output.shape[saved:]
-        for index in np.ndindex(shape):
-            labels = [
-                COORDINATES[dimension][k] if dimension in COORDINATES else str(k)
-                for dimension, k in zip(dimensions, index, strict=True)
-            ]
-            yield "_".join([name, *labels]), (name, (slice(None), *[-1] * saved, *index))
+        for entry, index in entries(name, output.shape[saved:]).items():
+            yield entry, (name, (slice(None), *[-1] * saved, *index))
 
 
 def _group(store: Store, columns: dict[str, Any], chunks: range) -> dict[str, np.ndarray]:

@@ -30,7 +30,7 @@ def sweep_figures(
 
     Slices along each number of crossed axes, maps over two numbers, fans of trajectories where states were saved
     at all times, and all numbers and results against one another. A file is named by the figure, the result and the
-    paths, as in ``slice_z_0_body.mass.png``.
+    paths, as in ``slice_z[0]_body.mass.png``.
 
     **Arguments:**
 
@@ -91,4 +91,4 @@ def _few_curves(rows: Rows, number: str, numbers: Sequence[str]) -> str | None:
 
 
 def _file_name(words: Sequence[str]) -> str:
-    return "_".join(re.sub(r"[^\w.-]+", "_", word).strip("_") for word in words)
+    return "_".join(re.sub(r"[^\w.\[\]-]+", "_", word).strip("_") for word in words)

@@ -1,11 +1,12 @@
 """Results of the rows by their names, such as ``z[0]``, and how they are called in a figure."""
 
 import re
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
 
+from ...results.variables import entries
 from .errors import PictureError
 from .rows import Rows
 
@@ -38,7 +39,7 @@ def result_names(data: "xarray.Dataset") -> list[str]:
     """The names of all results of a study: entries of vectors are counted from 0, as in ``z[0]``."""
     names = [str(name) for name in data.data_vars if name not in _NOT_RESULTS and "row" in data[name].dims]
     names.sort(key=lambda name: (_FIRST.index(name) if name in _FIRST else len(_FIRST), name))
-    return [name + "".join(f"[{k}]" for k in index) for name in names for index in np.ndindex(_shape(data, name))]
+    return [entry for name in names for entry in entries(name, _shape(data, name))]
 
 
 def standard_results(data: "xarray.Dataset") -> list[str]:
@@ -90,15 +91,18 @@ def label_of(data: "xarray.Dataset", result: str, *, at_the_end: bool = True) ->
     words = _WORDS.get(name, name.replace("_", " "))
     if name in _SYMBOLS:
         dimensions = [dimension for dimension in data[name].dims if dimension not in ("row", "save")]
-        labels = [_label(data, dimension, k) for dimension, k in zip(dimensions, index, strict=True)]
-        words = f"${_SYMBOLS[name]}{'_{' + ','.join(labels) + '}' if labels else ''}$"
+        indices = [_index(data, str(dimension), k) for dimension, k in zip(dimensions, index, strict=True)]
+        words = f"${_SYMBOLS[name]}{'_{' + ','.join(indices) + '}' if indices else ''}$"
         words += " at the end" if at_the_end else ""
     units = data[name].attrs.get("units", "")
     return words if units in ("", "1") else f"{words} ({units})"
 
 
-def _label(data: "xarray.Dataset", dimension: Any, k: int) -> str:
-    return str(data[dimension].values[k]) if dimension in data.variables else str(k)
+def _index(data: "xarray.Dataset", dimension: str, k: int) -> str:
+    """The index of the paper's symbol: from 1 on, but for those of a versor, and for driven masses the mass's."""
+    if dimension == "component":
+        return str(k)
+    return str(1 + (int(data[dimension][k]) if dimension == "driven" and dimension in data.variables else k))
 
 
 def _shape(data: "xarray.Dataset", name: str) -> tuple[int, ...]:

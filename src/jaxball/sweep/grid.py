@@ -1,0 +1,47 @@
+"""The rows of a study as a grid: a dimension for each of its axes."""
+
+import functools
+from typing import Any
+
+import numpy as np
+import xarray
+from xarray.backends import BackendArray
+from xarray.core import indexing
+
+from .layout import dimensions
+
+
+def crossed(data: xarray.Dataset, points: xarray.Dataset) -> xarray.Dataset:
+    """The rows in ``data`` along the axes of their study; ``points`` are the values along these."""
+    axes, shape = dimensions(data.attrs["paths"], data.attrs["path_axis"]), tuple(data.attrs["shape"])
+    counted = {name: np.arange(size) for name, size in zip(axes, shape, strict=True) if name not in points.variables}
+    found = {name: _crossed(item, axes, shape) for name, item in data.variables.items() if name not in points.variables}
+    coordinates = {name: found.pop(name) for name in data.coords if name in found}
+    return xarray.Dataset(found, {**counted, **points.variables, **coordinates}, data.attrs)
+
+
+def _crossed(variable: Any, axes: list[str], shape: tuple[int, ...]) -> Any:
+    """A variable with the axes in place of its dimension ``row``, if it has that."""
+    if variable.dims[:1] != ("row",):
+        return variable
+    lazy = indexing.LazilyIndexedArray(_Crossed(variable, shape))
+    return xarray.Variable((*axes, *variable.dims[1:]), lazy, variable.attrs)
+
+
+class _Crossed(BackendArray):
+    """A variable over rows as an array over the points of all axes, read where it is indexed."""
+
+    def __init__(self, variable: Any, axes: tuple[int, ...]):
+        self.variable, self.axes = variable, axes
+        self.shape, self.dtype = (*axes, *variable.shape[1:]), variable.dtype
+
+    def __getitem__(self, key: Any) -> Any:
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
+
+    def _read(self, key: tuple[Any, ...]) -> np.ndarray:
+        along, rest = key[: len(self.axes)], key[len(self.axes) :]
+        strides = np.cumprod([1, *self.axes[:0:-1]])[::-1]
+        places = [stride * np.arange(size)[k] for stride, size, k in zip(strides, self.axes, along, strict=True)]
+        rows = np.asarray(functools.reduce(np.add.outer, places))
+        found = self.variable[(rows.ravel(), *rest)].values
+        return found.reshape(rows.shape + found.shape[1:])

@@ -1,0 +1,74 @@
+"""What became of the rows that a store holds."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+
+from ..status import Status
+from .attributes import read_attributes
+from .errors import StoreError
+
+MARKS = ".done"  # the folder with a mark for each chunk that is whole
+STATUS = np.dtype(np.int8)
+
+
+class Tally(NamedTuple):
+    """How many rows of a store have each status, and the first one that failed, if one did."""
+
+    counts: Int[np.ndarray, " statuses"]
+    first: int | None
+
+    @property
+    def rows(self) -> int:
+        """How many rows are done."""
+        return int(self.counts.sum())
+
+    @property
+    def failed(self) -> int:
+        """How many of them have another status than SUCCESS."""
+        return self.rows - int(self.counts[Status.SUCCESS])
+
+
+def tally(folder: Path) -> Tally:
+    """What became of the rows that are done.
+
+    **Raises:** :class:`StoreError` when ``folder`` is not the store of a study, and when something else has changed a
+    file of it.
+    """
+    attributes = read_attributes(folder)
+    rows, size = attributes["rows"], attributes["chunk"]
+    counts, first = np.zeros(len(Status), dtype=int), None
+    for chunk in done(folder):
+        status = column(folder, "status", chunk, STATUS)[: rows - chunk * size]
+        if len(status) < min(size, rows - chunk * size) or not np.all((status >= 0) & (status < len(Status))):
+            raise _changed(folder, "status", chunk)
+        counts += np.bincount(status, minlength=len(Status))
+        if first is None and np.any(status):
+            first = chunk * size + int(np.argmax(status != Status.SUCCESS))
+    return Tally(counts, first)
+
+
+def done(folder: Path) -> list[int]:
+    """The chunks that are whole, in their order."""
+    marks = folder / MARKS
+    return sorted(int(path.name) for path in marks.iterdir() if path.name.isdigit()) if marks.is_dir() else []
+
+
+def column(folder: Path, name: str, chunk: int, dtype: np.dtype) -> np.ndarray:
+    """A variable that is a number a row, in a chunk that is done.
+
+    **Raises:** :class:`StoreError` when something else has changed its file.
+    """
+    try:
+        return np.frombuffer((folder / name / "c" / str(chunk)).read_bytes(), dtype)
+    except (OSError, ValueError):
+        raise _changed(folder, name, chunk) from None
+
+
+def _changed(folder: Path, name: str, chunk: int) -> StoreError:
+    return StoreError(
+        f'The file "{folder / name / "c" / str(chunk)}" must hold a number for each row, but something has changed it; '
+        f'remove "{folder / MARKS / str(chunk)}" and run the study again, to compute the chunk again.'
+    )

@@ -1,0 +1,126 @@
+"""A store opened along the axes of its study."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+import zarr
+
+from jaxball import plot
+from jaxball.plot.sweeps.results import label_of
+from jaxball.sweep import StoreError, StudyError, describe, open_dataset, open_grid, sweep
+from tests.scenario.documents import BALL
+from tests.sweep.studies import pretend, study
+
+SMALL = 'save = "times"\nchunk = 4'
+m, g = np.linspace(0.5, 2.0, 5), np.array([0.5, 1.0, 2.0])
+SCATTERED = """
+[[axes]]
+zip = [{ path = "body.mass", values = [2.0, 1.0] }, { path = "body.radius", values = [3.0, 4.0] }]
+
+[[axes]]
+design = "latin-hypercube"
+count = 3
+numbers = { "body.gravity" = { uniform = [0.5, 2.0] }, "body.inertia" = { uniform = [1.0, 2.0] } }
+
+[[axes]]
+design = "random"
+count = 2
+numbers = { "time.end" = { uniform = [1.0, 2.0] } }
+"""
+
+
+@pytest.fixture(scope="module")
+def unfinished(tmp_path_factory):
+    """The first, third and fourth of four chunks, each of four rows but the last."""
+    folder = tmp_path_factory.mktemp("grid")
+    for part in (1, 3, 4):
+        store = sweep(study(folder, settings=SMALL), folder / "s.zarr", engine=pretend, shard=(part, 4)).store
+    return store
+
+
+def test_a_grid_has_the_values_of_its_axes_as_coordinates(unfinished):
+    grid = open_grid(unfinished)
+    assert dict(grid.sizes) == {"body.mass": 5, "body.gravity": 3, "save": 5}
+    assert grid["phi"].dims == grid["time"].dims == ("body.mass", "body.gravity", "save")
+    np.testing.assert_array_equal(grid["body.mass"], m)
+    expected, rows = m[:, None] * g, np.arange(15).reshape(5, 3)
+    expected[np.isin(rows, range(4, 8))] = np.nan
+    np.testing.assert_allclose(grid["phi"][..., -1], expected, rtol=1e-15)
+    np.testing.assert_allclose(grid["phi"].sel({"body.mass": 1.25, "save": 0}), expected[2], rtol=1e-15)
+    np.testing.assert_allclose(grid["phi"].isel({"body.gravity": [2, 0], "save": 1}), expected[:, [2, 0]], rtol=1e-15)
+    near = grid["phi"].sel({"body.mass": 1.6, "body.gravity": 1.1}, method="nearest")
+    assert near.dims == ("save",)
+    np.testing.assert_allclose(near, 1.625, rtol=1e-15)
+    assert grid["status"].values.ravel().tolist() == [0] * 4 + [-1] * 4 + [0] * 7
+    np.testing.assert_array_equal(grid["row"], np.where(np.isnan(expected), -1, rows))
+    assert grid.attrs == open_dataset(unfinished).attrs
+
+
+def test_a_grid_reads_what_is_asked_for(unfinished, tmp_path):
+    store = tmp_path / "s.zarr"
+    shutil.copytree(unfinished, store)
+    (store / "phi" / "c" / "3" / "0").write_bytes(b"short")
+    grid = open_grid(store)
+    np.testing.assert_allclose(grid["phi"].sel({"body.mass": 0.5, "save": 0}), 0.5 * g, rtol=1e-15)
+    with pytest.raises(ValueError, match="size"):
+        grid["phi"].sel({"body.mass": 2.0}).load()
+
+
+def test_numbers_that_change_together_lie_along_one_axis(tmp_path):
+    found = study(tmp_path, SCATTERED, SMALL)
+    grid = open_grid(sweep(found, tmp_path / "s.zarr", engine=pretend).store)
+    assert grid["z"].dims == ("axes[0]", "axes[1]", "time.end", "save")
+    for k, size in enumerate((2, 3)):
+        assert grid[f"axes[{k}]"].values.tolist() == list(range(size))
+    assert grid["body.mass"].dims == grid["body.radius"].dims == ("axes[0]",)
+    assert grid["body.radius"].values.tolist() == [3.0, 4.0]
+    assert grid["body.gravity"].dims == ("axes[1]",)
+    np.testing.assert_array_equal(grid["body.gravity"], found.values(np.arange(0, 6, 2))[:, 2])
+    expected = -grid["body.mass"] * grid["body.gravity"]
+    np.testing.assert_allclose(grid["z"].isel({"time.end": 0, "save": 0}), expected, rtol=1e-15)
+    swapped = grid.swap_dims({"axes[0]": "body.mass"})
+    assert float(swapped["body.radius"].sel({"body.mass": 1.0})) == 4.0
+
+
+def test_a_store_without_points_that_counts_from_one_is_opened_and_drawn(tmp_path):
+    """As stores were before everything was counted from 0."""
+    found = study(tmp_path, scenario=BALL)
+    store = sweep(found, tmp_path / "s.zarr", engine=still).store
+    shutil.rmtree(store / "axes")
+    for name, labels in {"axis": [1, 2, 3], "direction": [1, 2]}.items():
+        zarr.open_group(store)[name][:] = labels
+    about = json.loads((store / "zarr.json").read_text())
+    del about["attributes"]["layout"], about["consolidated_metadata"]["metadata"]["axes"]
+    metadata = about["consolidated_metadata"]["metadata"]
+    about["consolidated_metadata"]["metadata"] = {k: item for k, item in metadata.items() if not k.startswith("axes/")}
+    (store / "zarr.json").write_text(json.dumps(about))
+    data = open_dataset(store)
+    assert data["axis"].values.tolist() == [1, 2, 3]
+    assert [label_of(data, name, at_the_end=False) for name in ("Omega[1]", "q[1]")] == [
+        r"$\Omega_{2}$ (rad/time)",
+        "$q_{1}$",
+    ]
+    assert plot.sweep_slice(data, "z[1]", "body.mass").get_ylabel() == "$z_{2}$ at the end (length)"
+    assert "15 of 15 rows" in describe(store)
+    with pytest.raises(StoreError, match="must hold the points of its axes"):
+        open_grid(store)
+    with pytest.raises(StoreError, match="with other layout; it is left as it is"):
+        sweep(found, store, engine=still)
+
+
+def still(batch, wanted):
+    """An engine: balls that stay where they are."""
+    n, times = batch.times.shape
+    counts = np.zeros(n, dtype=int)
+    found = {"status": counts, "steps": counts, "rejected": counts, "reached": batch.times[:, -1]}
+    return found | {name: np.zeros((n, times, size)) for name, size in {"q": 4, "Omega": 3, "z": 2}.items()}
+
+
+@pytest.mark.parametrize("name", ["steps", "phi", "axes", "body.mass"])
+def test_what_is_found_cannot_be_called_as_something_else(tmp_path, name):
+    found = study(tmp_path, settings=f'find = [{{ name = "{name}", maximum = "tests.sweep.test_finds:height" }}]')
+    with pytest.raises(StudyError, match=f"but `{name}` is taken"):
+        sweep(found, tmp_path / "s.zarr", engine=pretend)
+    assert not (tmp_path / "s.zarr").exists()
