@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+import xarray
 import zarr
 
 from jaxball import plot
@@ -108,6 +109,11 @@ def test_a_store_without_points_that_counts_from_one_is_opened_and_drawn(tmp_pat
         open_grid(store)
     with pytest.raises(StoreError, match="with other layout; it is left as it is"):
         sweep(found, store, engine=still)
+
+
+def test_symbols_of_driven_masses_have_the_numbers_of_the_paper():
+    data = xarray.Dataset({"theta": (("row", "driven"), [[0.1, 0.2]])}, {"row": [0], "driven": [0, 2]})
+    assert label_of(data, "theta[1]", at_the_end=False) == r"$\theta_{3}$"
 
 
 def still(batch, wanted):

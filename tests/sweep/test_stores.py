@@ -171,8 +171,14 @@ def test_statuses_that_something_else_changed_are_not_counted(tmp_path, content)
     outcome = sweep(study(tmp_path, settings=SMALL), tmp_path / "s.zarr", engine=pretend)
     place = outcome.store / "status" / "c" / "2"
     place.unlink() if content is None else place.write_bytes(content)
-    with pytest.raises(StoreError, match=r'status/c/2" must hold a number for each row.* remove "\S+/.done/2" and run'):
+    sentence = r'status/c/2" must hold a number for each row.* remove "\S+/.done/2" and run'
+    with pytest.raises(StoreError, match=sentence):
         describe(outcome.store)
+    with pytest.raises(StoreError, match=sentence):
+        sweep(study(tmp_path, settings=SMALL), outcome.store, engine=pretend)
+    (outcome.store / ".done" / "2").unlink()
+    assert sweep(study(tmp_path, settings=SMALL), outcome.store, engine=pretend).finished
+    assert describe(outcome.store).startswith("15 of 15")
 
 
 def test_rows_with_another_number_of_save_times_are_named(tmp_path):

@@ -56,6 +56,8 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
         return BAD_INPUT
     study = sweep.load_study(options.study)
     if options.dry_run:
+        if options.measure:
+            print("jaxball: compiles, and solves a few rows", file=sys.stderr)
         found = sweep.estimate(study, measure=options.measure).sentence(options.workers)
         print(found if options.measure else f"{found}; --measure solves a few rows to say how long it takes")
         return 0

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 
 from ..scenario import Scenario, write_scenario
+from ..scenario.paths import entries
 from ..trajectory import Trajectory
 from .dataset import to_dataset
 from .provenance import attributes
-from .variables import entries, values
+from .variables import values
 
 
 class OutputError(ValueError):

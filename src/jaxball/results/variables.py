@@ -1,4 +1,4 @@
-"""The variables of a saved trajectory: their dimensions, units and meaning, and how their entries are counted."""
+"""The variables of a saved trajectory: their dimensions, units and meaning, and their coordinates."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -128,10 +128,3 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
     """The coordinate along each dimension of these sizes: 0, 1, …, and along ``driven`` the numbers of these masses."""
     found = {name: np.arange(size) for name, size in sizes.items()}
     return found | ({"driven": np.asarray(system.driven)} if "driven" in sizes else {})
-
-
-def entries(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
-    """Each number of an array with its index, by its name: counted from 0, and spelled as the paths of a scenario's
-    numbers are, ``Omega[1]``; a number is called as the array is.
-    """
-    return {name + "".join(f"[{k}]" for k in index): index for index in np.ndindex(shape)}

@@ -32,10 +32,11 @@ def describe(folder: str | Path) -> str:
 
 
 def _failure(folder: Path, attributes: Mapping[str, Any], row: int) -> str:
-    chunk, place = divmod(row, attributes["chunk"])
-    values = {path: float(column(folder, path, chunk, np.dtype("<f8"))[place]) for path in attributes["paths"]}
+    size = attributes["chunk"]
+    chunk, place = divmod(row, size)
+    values = {path: float(column(folder, path, chunk, size, np.dtype("<f8"))[place]) for path in attributes["paths"]}
     shown = ", ".join(f"{path} = {value:.6g}" for path, value in values.items())
-    status = Status(int(column(folder, "status", chunk, STATUS)[place]))
+    status = Status(int(column(folder, "status", chunk, size, STATUS)[place]))
     line = f"  the first to fail is row {row}, {status.name}, with {shown}"
     try:
         read_document(with_numbers(tomllib.loads(attributes["scenario"]), values))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..results.variables import entries
+from ..scenario.paths import entries
 from .disk import flush_folder, whole
 from .errors import StoreError
 from .outputs import Output

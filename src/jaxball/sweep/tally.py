@@ -41,8 +41,8 @@ def tally(folder: Path) -> Tally:
     rows, size = attributes["rows"], attributes["chunk"]
     counts, first = np.zeros(len(Status), dtype=int), None
     for chunk in done(folder):
-        status = column(folder, "status", chunk, STATUS)[: rows - chunk * size]
-        if len(status) < min(size, rows - chunk * size) or not np.all((status >= 0) & (status < len(Status))):
+        status = column(folder, "status", chunk, size, STATUS)[: rows - chunk * size]
+        if not np.all((status >= 0) & (status < len(Status))):
             raise _changed(folder, "status", chunk)
         counts += np.bincount(status, minlength=len(Status))
         if first is None and np.any(status):
@@ -56,15 +56,16 @@ def done(folder: Path) -> list[int]:
     return sorted(int(path.name) for path in marks.iterdir() if path.name.isdigit()) if marks.is_dir() else []
 
 
-def column(folder: Path, name: str, chunk: int, dtype: np.dtype) -> np.ndarray:
-    """A variable that is a number a row, in a chunk that is done.
+def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> np.ndarray:
+    """A variable that is a number a row, in the ``rows`` of a chunk that is done; in the last one some are left over.
 
     **Raises:** :class:`StoreError` when something else has changed its file.
     """
-    try:
-        return np.frombuffer((folder / name / "c" / str(chunk)).read_bytes(), dtype)
-    except (OSError, ValueError):
-        raise _changed(folder, name, chunk) from None
+    path = folder / name / "c" / str(chunk)
+    content = path.read_bytes() if path.is_file() else b""
+    if len(content) != rows * dtype.itemsize:
+        raise _changed(folder, name, chunk)
+    return np.frombuffer(content, dtype)
 
 
 def _changed(folder: Path, name: str, chunk: int) -> StoreError:

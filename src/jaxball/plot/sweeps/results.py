@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from ...results.variables import entries
+from ...scenario.paths import entries
 from .errors import PictureError
 from .rows import Rows
 
