@@ -45,6 +45,9 @@ def lyapunov_spectrum(
 
     **Arguments:**
 
+    - ``system``: a body, or a system of :mod:`jaxball.classical`.
+    - ``exponents``, ``transient``, ``interval``, ``solver``, ``rtol``, ``atol``, ``max_steps``: as for
+      :func:`lyapunov_spectrum_of`.
     - ``times``: the start and the end.
     - ``state``: the state at the start, of any kind; at rest and upright if not given.
     - all others: as for :func:`lyapunov_spectrum_of`. The largest exponent alone, with

@@ -17,7 +17,12 @@ TRIED = 512
 
 
 class Estimate(NamedTuple):
-    """Rows, chunks, the size of the store in bytes, and about how long one process takes, in seconds."""
+    """Rows, chunks, the size of the store in bytes, and about how long one process takes, in seconds.
+
+    **Arguments:**
+
+    - ``rows``, ``chunks``, ``size``, ``seconds``: these numbers.
+    """
 
     rows: int
     chunks: int
@@ -34,7 +39,13 @@ class Estimate(NamedTuple):
 
 
 def estimate(study: Study, engine: Engine = solve_in_lanes) -> Estimate:
-    """The size of a study's store, and how long its rows take, from a few rows that are solved for it."""
+    """The size of a study's store, and how long its rows take, from a few rows that are solved for it.
+
+    **Arguments:**
+
+    - ``study``: what is to be run.
+    - ``engine``: what solves its rows.
+    """
     template = study.template()
     outputs = outputs_of(study, template)
     size = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks
