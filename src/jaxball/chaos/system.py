@@ -11,7 +11,7 @@ from ..body import Ball, Disk
 from ..contact import reaction
 from ..packing import Packing
 from ..phase_space import dimension, normal_of, phase_point
-from ..simulable import SimulableState, SimulableSystem, require_system
+from ..simulable import SimulableState, SimulableSystem
 from ..simulation import DEFAULT_TOLERANCE, at_rest, checked_solver, checked_steps, checked_tolerances
 from ..validity import possible_start
 from .result import LyapunovSpectrum
@@ -56,7 +56,6 @@ def lyapunov_spectrum(
     **Raises:** ``ValueError`` for times, numbers of exponents or intervals that cannot be, ``TypeError`` for a state of
     another kind of system, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
-    require_system(system)
     state = phase_point(system, at_rest(system) if state is None else state)
     edges, skipped = interval_edges(times, transient, interval)
     exponents = checked_count(exponents, dimension(state))
