@@ -65,7 +65,7 @@ def _is_real(x: Any) -> bool:
     dtype = getattr(x, "dtype", None)
     if dtype is None:
         return x is not None and not isinstance(x, str | bytes | complex)
-    return jnp.issubdtype(dtype, jnp.floating) or getattr(dtype, "kind", "") in "biu"
+    return getattr(dtype, "kind", None) in {"b", "i", "u", "f"} or jnp.issubdtype(dtype, jnp.floating)
 
 
 def numbers(

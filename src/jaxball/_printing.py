@@ -98,7 +98,7 @@ def _shape(array: Any) -> str:
     return f"{kind}[{','.join(map(str, array.shape))}]"
 
 
-def _nested(array: np.ndarray) -> str:
+def _nested(array: Any) -> str:
     if array.ndim == 0:
         return str(array)
     return f"({', '.join(map(_nested, array))}{',' if len(array) == 1 else ''})"

@@ -24,7 +24,14 @@ AnyBody = TypeVar("AnyBody", bound="AbstractBody")
 
 
 class PointMass(Printed):
-    """A point mass m_i and its motion in the ball."""
+    """A point mass m_i and its motion in the ball.
+
+    **Arguments:**
+
+    - ``mass``: m_i, in units of mass.
+    - ``motion``: where it is in the ball: an :class:`~jaxball.OnRail`, :class:`~jaxball.Driven`,
+      :class:`~jaxball.Fixed`, :class:`~jaxball.Oscillating` or :class:`~jaxball.Free`.
+    """
 
     mass: Float[Array, "*group"] = eqx.field(converter=numbers("mass"))
     motion: AbstractMotion
@@ -114,11 +121,11 @@ class Ball(AbstractBody):
 
     **Arguments:**
 
-    - ``mass``: m_0, of the shell with its static internal structure.
-    - ``inertia``: the principal moments (d1, d2, d3) about the shell's own centre of mass.
-    - ``radius``: r.
-    - ``offset``: χ_0 = ζ_0, from the geometric centre to the shell's centre of mass, body axes.
-    - ``gravity``: g.
+    - ``mass``: m_0, of the shell with its static internal structure, in units of mass.
+    - ``inertia``: the principal moments (d1, d2, d3) about the shell's own centre of mass, mass length², shape (3,).
+    - ``radius``: r, length.
+    - ``offset``: χ_0 = ζ_0, from the geometric centre to the shell's centre of mass, body axes, length, shape (3,).
+    - ``gravity``: g, length/time².
     - ``force``: Fe(t) at the geometric centre, or None.
     - ``masses``: the point masses, in any number.
     - ``law``: the feedback law that drives the :class:`~jaxball.Driven` masses, if there are any.
@@ -159,8 +166,11 @@ class Ball(AbstractBody):
 class Disk(AbstractBody):
     """A disk with point masses in its plane, rolling on a line: the ball's planar case (section 3.3).
 
-    **Arguments:** as :class:`Ball`, with ``inertia`` the one moment d2, and with ``offset``, the
-    rails and the free motions in the plane of E1 and E3.
+    **Arguments:**
+
+    - ``inertia``: the one moment d2, about the shell's own centre of mass.
+    - ``offset``: in the plane of E1 and E3, as are the rails and the free motions of the masses.
+    - ``mass``, ``radius``, ``gravity``, ``force``, ``masses``, ``law``: as of a :class:`Ball`.
 
     **Raises:** as :class:`Ball`.
     """
@@ -208,7 +218,14 @@ System = Ball | Disk
 
 
 def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | None = None) -> System:
-    """The same shell, gravity and force with other point masses, and the law that drives them."""
+    """The same shell, gravity and force with other point masses, and the law that drives them.
+
+    **Arguments:**
+
+    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+    - ``masses``: the point masses, in any number.
+    - ``law``: the feedback law of those that are :class:`~jaxball.Driven`, or None.
+    """
     return type(system)(
         mass=system.mass,
         inertia=system.inertia,
@@ -223,6 +240,11 @@ def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | 
 
 def with_integrated_angles(system: System, t0: Numbers = 0.0) -> tuple[System, dict[str, Array]]:
     """The same system in the paper's own form, with θ and θ̇ of the scheduled masses in the state.
+
+    **Arguments:**
+
+    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+    - ``t0``: the time of the state.
 
     **Returns:** the system whose :class:`~jaxball.OnRail` masses have become driven ones that
     follow θ̈(t) of their schedules, and the entries ``theta`` and ``thetadot`` of its state at ``t0``.

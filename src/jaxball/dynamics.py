@@ -194,6 +194,12 @@ AnyState = TypeVar("AnyState", bound=State)
 def vector_field(system: SimulableSystem, t: Float[Array, ""], state: AnySimulableState) -> AnySimulableState:
     """ẋ = f(t, x) for the system and the kind of state given.
 
+    **Arguments:**
+
+    - ``system``: a body, or a system of :mod:`jaxball.classical`.
+    - ``t``: time.
+    - ``state``: of any kind that the system has.
+
     **Raises:** ``TypeError`` when the system has no state of that kind.
     """
     return field_of(system, state)(system, t, state)

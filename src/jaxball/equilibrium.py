@@ -45,7 +45,8 @@ class Balance(Printed):
 
     def __repr__(self) -> str:
         others = len(self.solutions) - 1
-        more = f"\n  and {others} other solution{'s' * (others > 1)}, in `solutions`" if others > 0 else ""
+        number = "one other solution" if others == 1 else f"{others} other solutions"
+        more = f"\n  and {number}, in `solutions`" if others > 0 else ""
         return f"Balance: {self.message}{more}"
 
 
@@ -66,6 +67,7 @@ def balance(
 
     **Arguments:**
 
+    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
     - ``free``: the indices (from 0) of the masses whose θ is free; each must be on a rail.
     - ``guess``: the solution nearest to it is chosen; otherwise the one nearest to the angles that
       the masses have at ``t``.
@@ -94,7 +96,15 @@ def balance(
 
 
 def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers = 0.0) -> System:
-    """The same system with the schedules of the masses ``free`` moved so that they have ``theta`` at ``t``."""
+    """The same system with the schedules of the masses ``free`` moved so that they have ``theta`` at ``t``.
+
+    **Arguments:**
+
+    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+    - ``free``: indices of masses, from 0.
+    - ``theta``: their angles, rad on a closed rail and length in a tube, shape (k,).
+    - ``t``: the time at which they have them.
+    """
     masses = list(system.point_masses)
     for index, angle in zip(free, to_array(theta), strict=True):
         motion = masses[index].motion

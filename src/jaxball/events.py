@@ -75,7 +75,13 @@ class Event(AbstractEvent):
 
 
 class Detachment(AbstractEvent):
-    """The normal force N falls to zero, and the ball would leave the plane. Ends the run."""
+    """The normal force N falls to zero, and the ball would leave the plane. Ends the run.
+
+    **Arguments:**
+
+    - ``terminal``: whether it ends the run.
+    - ``room``: how many of its times and states are kept; all are counted.
+    """
 
     terminal: bool = eqx.field(static=True, default=True)
     room: int = eqx.field(static=True, default=8)
@@ -88,7 +94,14 @@ class Detachment(AbstractEvent):
 
 
 class Slip(AbstractEvent):
-    """The friction |f| rises to μN, all that a plane with the coefficient of friction μ can give. Ends the run."""
+    """The friction |f| rises to μN, all that a plane with the coefficient of friction μ can give. Ends the run.
+
+    **Arguments:**
+
+    - ``friction``: μ, a number without unit.
+    - ``terminal``: whether it ends the run.
+    - ``room``: how many of its times and states are kept; all are counted.
+    """
 
     friction: Float[Array, ""] = eqx.field(converter=numbers("friction"))
     terminal: bool = eqx.field(static=True)

@@ -29,6 +29,7 @@ class ContactExtremes(Printed):
       N ≤ 0 somewhere.
     - ``largest_friction``: the largest |f|.
     - ``weight``: M g.
+    - ``least_normal_force_time``, ``friction_needed_time``, ``largest_friction_time``: when.
     """
 
     least_normal_force: Float[Array, "*batch"]
@@ -66,6 +67,10 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
     """N, |f| / N and |f| where they are extreme, within the steps of a run and not just at its saved times.
 
     NaN for a run that could not start.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns with ``dense=True``.
 
     **Raises:** ``ValueError`` when the trajectory was made without ``dense=True``, and ``TypeError`` for a system that
     touches no plane.

@@ -37,6 +37,12 @@ class FunctionLaw(AbstractLaw):
     """u(t, state) = function(t, state, parameters), for any function that JAX can trace.
 
     ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+
+    **Arguments:**
+
+    - ``function``: of (t, state, parameters), to θ̈ of each driven mass, shape (driven,).
+    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
+    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
     """
 
     function: Callable[[Float[Array, ""], State, PyTree], Float[Array, " driven"]] = eqx.field(static=True)
@@ -58,6 +64,10 @@ class FollowSchedules(AbstractLaw):
 
     Where θ̈ of several schedules jumps at one time, the derivative of a solve with respect to that time
     belongs to all of them together; with the schedules prescribed, each has its own.
+
+    **Arguments:**
+
+    - ``schedules``: one for each driven mass, in the order of the masses.
     """
 
     schedules: tuple[AbstractSchedule, ...]
@@ -79,7 +89,14 @@ class FollowSchedules(AbstractLaw):
 
 
 class Servo(AbstractLaw):
-    """u = −stiffness (θ − target(t)) − damping (θ̇ − target rate) + target acceleration, mass by mass."""
+    """u = −stiffness (θ − target(t)) − damping (θ̇ − target rate) + target acceleration, mass by mass.
+
+    **Arguments:**
+
+    - ``targets``: a schedule for each driven mass, in the order of the masses.
+    - ``stiffness``: 1/time², shape (driven,).
+    - ``damping``: 1/time, shape (driven,).
+    """
 
     targets: tuple[AbstractSchedule, ...]
     stiffness: Float[Array, "*group driven"] = eqx.field(converter=numbers("stiffness", ("driven",)))

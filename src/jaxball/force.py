@@ -28,6 +28,13 @@ class AbstractForce(Printed):
 class HarmonicForce(AbstractForce):
     """A constant force plus sinusoids: Fe(t) = constant + Σ amplitude_k sin(frequency_k t + phase_k).
 
+    **Arguments:**
+
+    - ``constant``: shape (3,).
+    - ``amplitude``: shape (terms, 3).
+    - ``frequency``: rad/time, shape (terms,).
+    - ``phase``: rad, shape (terms,); zero if not given.
+
     **Raises:** ``ValueError`` when ``amplitude``, ``frequency`` and ``phase`` differ in length.
     """
 
@@ -51,6 +58,12 @@ class FunctionForce(AbstractForce):
     """Fe(t) = function(t, parameters), for any function that JAX can trace.
 
     ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+
+    **Arguments:**
+
+    - ``function``: of (t, parameters), to Fe, space axes, shape (3,).
+    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
+    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
     """
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)

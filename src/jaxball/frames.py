@@ -51,7 +51,12 @@ class AbstractFrame(Printed):
 
 
 class MatrixFrame(AbstractFrame):
-    """A frame given by its rotation matrix; the identity unless told otherwise."""
+    """A frame given by its rotation matrix; the identity unless told otherwise.
+
+    **Arguments:**
+
+    - ``B``: its columns are the frame's axes in the body, shape (3, 3).
+    """
 
     B: Float[Array, "*group 3 3"] = eqx.field(
         converter=numbers("B", (3, 3)), default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -62,7 +67,12 @@ class MatrixFrame(AbstractFrame):
 
 
 class VersorFrame(AbstractFrame):
-    """A frame given by a quaternion, which is normalised: four numbers that may vary freely."""
+    """A frame given by a quaternion, which is normalised: four numbers that may vary freely.
+
+    **Arguments:**
+
+    - ``q``: (q0, q1, q2, q3), the real part first, shape (4,).
+    """
 
     q: Float[Array, "*group 4"] = eqx.field(converter=numbers("q", (4,)))
 
@@ -75,6 +85,11 @@ class SphericalFrame(AbstractFrame):
 
     The order of the columns is not stated in the paper; of the possible orders, this one puts the
     centre of mass above the geometric centre at the start of section 5's run, as the text says.
+
+    **Arguments:**
+
+    - ``azimuth``: from E1 towards E2, rad.
+    - ``elevation``: over the plane of E1 and E2, rad.
     """
 
     azimuth: Float[Array, "*group"] = eqx.field(converter=numbers("azimuth"))

@@ -77,7 +77,13 @@ def _require_rail(rail: Any) -> None:
 
 
 class OnRail(AbstractPrescribedMotion):
-    """χ(t) = ζ(θ(t)) on ``rail``, with θ(t) given by ``schedule``."""
+    """χ(t) = ζ(θ(t)) on ``rail``, with θ(t) given by ``schedule``.
+
+    **Arguments:**
+
+    - ``rail``: where the mass can be, such as a :class:`~jaxball.Circle`.
+    - ``schedule``: where on it the mass is when, such as a :class:`~jaxball.Pulse`.
+    """
 
     rail: AbstractRail
     schedule: AbstractSchedule
@@ -102,7 +108,12 @@ class OnRail(AbstractPrescribedMotion):
 
 
 class Driven(AbstractMotion):
-    """On ``rail``, with θ̈ = u(t, state) by the ball's feedback law; θ and θ̇ belong to the state."""
+    """On ``rail``, with θ̈ = u(t, state) by the ball's feedback law; θ and θ̇ belong to the state.
+
+    **Arguments:**
+
+    - ``rail``: on which the mass is.
+    """
 
     rail: AbstractRail
 
@@ -126,7 +137,12 @@ class Driven(AbstractMotion):
 
 
 class Fixed(AbstractPrescribedMotion):
-    """A mass held at ``position``: with only such masses the ball has static internal structure."""
+    """A mass held at ``position``: with only such masses the ball has static internal structure.
+
+    **Arguments:**
+
+    - ``position``: χ, from the geometric centre, body axes, length, shape (3,).
+    """
 
     position: Float[Array, "*group 3"] = eqx.field(converter=numbers("position", (3,)))
 
@@ -135,7 +151,12 @@ class Fixed(AbstractPrescribedMotion):
 
 
 class Oscillating(AbstractPrescribedMotion):
-    """A free motion in space whose coordinates are constants plus sinusoids."""
+    """A free motion in space whose coordinates are constants plus sinusoids.
+
+    **Arguments:**
+
+    - ``path``: χ(t), body axes: a :class:`~jaxball.HarmonicSeries` with a constant of shape (3,), length.
+    """
 
     path: HarmonicSeries
 
@@ -152,6 +173,12 @@ class Free(AbstractPrescribedMotion):
 
     ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew. Say
     in ``kink_times`` when its second derivative jumps.
+
+    **Arguments:**
+
+    - ``function``: of (t, parameters), to χ, body axes, length, shape (3,).
+    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
+    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
     """
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)

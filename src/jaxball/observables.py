@@ -20,6 +20,17 @@ class Observables(Printed):
     Positions named ``…_body`` are in body axes and drawn from the geometric centre; those named
     ``…_space`` are in space axes, drawn from it too. ``geometric_centre`` and ``contact_point`` are
     places in space, with the plane at height −r. The contact force acts on the ball.
+
+    **Arguments:**
+
+    - ``mass_positions_body``, ``mass_positions_space``, ``centre_of_mass_body``, ``centre_of_mass_space``: length.
+    - ``geometric_centre``, ``contact_point``: length.
+    - ``vertical_body``: Γ.
+    - ``angular_velocity_body``, ``angular_velocity_space``, ``angular_acceleration_body``: Ω, ω = ΛΩ and Ω̇, in
+      rad/time and rad/time².
+    - ``kinetic_energy``, ``potential_energy``, ``power``: T, V and Ė, of the actuation and the external force
+      together.
+    - ``normal_force``, ``friction``, ``friction_ratio``: N, the two components of f, and |f| / N.
     """
 
     mass_positions_body: Float[Array, "*t n 3"]
@@ -49,7 +60,14 @@ class Observables(Printed):
 
 
 def observe(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Observables:
-    """The observables of a ball or a disk at time ``t``. A disk is observed in space."""
+    """The observables of a ball or a disk at time ``t``. A disk is observed in space.
+
+    **Arguments:**
+
+    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+    - ``t``: time.
+    - ``state``: of one of the kinds that know where the body is.
+    """
     angles = driven_angles(system, t, state)
     rates = vector_field(system, t, state)
     return _observe(system, t, state.in_space(), rates.in_space().Omega, angles)

@@ -4,8 +4,8 @@ from typing import Any
 
 from typing_extensions import TypeVar
 
-from ._arguments import a, require
-from .body import Ball, Disk, System
+from ._arguments import a, refusal
+from .body import System
 from .classical import AbstractClassicalState, AbstractClassicalSystem
 from .state import State
 
@@ -17,7 +17,9 @@ AnySimulableState = TypeVar("AnySimulableState", bound=SimulableState, default=S
 
 def require_system(system: Any) -> None:
     """Raises a ``TypeError`` unless the argument ``system`` is one that can be simulated."""
+    if isinstance(system, SimulableSystem):
+        return
     inner = type(getattr(system, "system", None))
     remedy = f"its `system` is {a(inner.__name__)}" if issubclass(inner, SimulableSystem) else ""
     must = "a Ball, a Disk or one of jaxball.classical"
-    require("system", system, (Ball, Disk, AbstractClassicalSystem), must, remedy)
+    raise refusal("system", must, system, remedy)

@@ -40,7 +40,7 @@ DEFAULT_TOLERANCE = 1e-10
 DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
 NO_PROGRESS = diffrax.NoProgressMeter()
-SHAPED = (*get_args(State), RigidBodyState, ParticleState, VakonomicState)
+SHAPED = {*get_args(State), RigidBodyState, ParticleState, VakonomicState}
 FEW_STEPS = (256, 2048)
 FINEST = {name: 8 * float(np.finfo(name).eps) for name in ("float32", "float64")}
 
@@ -102,7 +102,6 @@ def simulate(
     **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or
     ``TypeError`` for arguments of the wrong kind, and :class:`~jaxball.SolveError` where asked for.
     """
-    require_system(system)
     times = _checked_times(times)
     if state is None:
         state = at_rest(system)
@@ -260,6 +259,7 @@ def at_rest(system: SimulableSystem) -> SimulableState:
 
     **Raises:** ``ValueError`` where angles belong to the state.
     """
+    require_system(system)
     if isinstance(system, AbstractClassicalSystem):
         return _default_state(system.state_type, default_dtype())
     if system.driven:
@@ -307,16 +307,15 @@ def checked_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.Abs
 
     **Raises:** ``TypeError`` for what is not a solver that estimates its error.
     """
-    if solver is None:
-        return DEFAULT_SOLVER
+    if solver is None or isinstance(solver, diffrax.AbstractAdaptiveSolver):
+        return DEFAULT_SOLVER if solver is None else solver
     if isinstance(solver, str):
         remedy = "names are for scenario files"
     elif isinstance(solver, diffrax.AbstractSolver):
         remedy = "it has no error estimate to choose its steps by, and diffrax.HalfSolver(...) gives it one"
     else:
         remedy = ""
-    require("solver", solver, diffrax.AbstractAdaptiveSolver, "an adaptive solver, such as diffrax.Dopri8()", remedy)
-    return solver
+    raise refusal("solver", "an adaptive solver, such as diffrax.Dopri8()", solver, remedy)
 
 
 def checked_steps(max_steps: int) -> int:
@@ -348,7 +347,7 @@ def _checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax
 
 def _check_state(system: SimulableSystem, state: SimulableState) -> None:
     field_of(system, state)
-    if isinstance(state, SHAPED):
+    if type(state) in SHAPED:
         for name, shape in _shapes_of(type(state)).items():
             if (given := getattr(state, name).shape) != shape:
                 raise ValueError(

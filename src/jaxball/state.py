@@ -18,9 +18,14 @@ EMPTY = ()
 class BallState(Printed):
     """x = (θ, θ̇, q, Ω, z) of ``rolling_ball_ode_f``; at rest and upright at the origin by default.
 
-    θ and θ̇ have one entry for each :class:`~jaxball.Driven` mass, and are empty where every motion
-    is prescribed. ``q`` is a versor, ``Omega`` the body angular velocity, ``z`` the path of the
-    geometric centre.
+    **Arguments:**
+
+    - ``q``: the orientation, a versor with its real part first, shape (4,).
+    - ``Omega``: Ω, body axes, rad/time, shape (3,).
+    - ``z``: the path of the geometric centre, length, shape (2,).
+    - ``theta``: θ of each :class:`~jaxball.Driven` mass, rad on a closed rail and length in a tube, shape (driven,);
+      empty where every motion is prescribed.
+    - ``thetadot``: θ̇ of each of them, shape (driven,).
     """
 
     q: Float[Array, "*batch 4"] = eqx.field(converter=numbers("q", (4,), batch=True), default=(1.0, 0.0, 0.0, 0.0))
@@ -47,7 +52,17 @@ class BallState(Printed):
 
 
 class RotationState(Printed):
-    """The state with the rotation matrix Λ in place of the versor, ``uncon_ball_eqns_explicit_full``."""
+    """The state with the rotation matrix Λ in place of the versor, ``uncon_ball_eqns_explicit_full``.
+
+    **Arguments:**
+
+    - ``Lambda``: Λ, from body to space, shape (3, 3).
+    - ``Omega``: Ω, body axes, rad/time, shape (3,).
+    - ``z``: the path of the geometric centre, length, shape (2,).
+    - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
+      none.
+    - ``thetadot``: θ̇ of each of them, shape (driven,).
+    """
 
     Lambda: Float[Array, "*batch 3 3"] = eqx.field(
         converter=numbers("Lambda", (3, 3), batch=True), default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -70,7 +85,16 @@ class RotationState(Printed):
 
 
 class ReducedState(Printed):
-    """The state (Ω, Γ) reduced by the symmetry of the plane, ``uncon_ball_eqns_explicit``."""
+    """The state (Ω, Γ) reduced by the symmetry of the plane, ``uncon_ball_eqns_explicit``.
+
+    **Arguments:**
+
+    - ``Omega``: Ω, body axes, rad/time, shape (3,).
+    - ``Gamma``: Γ = Λ⁻¹ e3, a unit vector, shape (3,).
+    - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
+      none.
+    - ``thetadot``: θ̇ of each of them, shape (driven,).
+    """
 
     Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
     Gamma: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Gamma", (3,), batch=True), default=(0.0, 0.0, 1.0))
@@ -84,6 +108,15 @@ class DiskState(Printed):
     """x = (θ, θ̇, φ, φ̇) of ``eq_rdisk_dynamics``, and z, which follows from φ by ``eq_disk_GC``.
 
     φ is counted anticlockwise from e1 to E1, so a disk with φ̇ > 0 rolls towards −e1.
+
+    **Arguments:**
+
+    - ``phi``: φ, rad.
+    - ``phidot``: φ̇, rad/time.
+    - ``z``: the place of the centre on the line, length.
+    - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
+      none.
+    - ``thetadot``: θ̇ of each of them, shape (driven,).
     """
 
     phi: Float[Array, "*batch"]

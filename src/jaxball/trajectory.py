@@ -34,6 +34,8 @@ class Interpolant(eqx.Module, Generic[AnySimulableState]):
 class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
     """States of a system at saved times, and how the solve ended.
 
+    - ``system``: what was simulated.
+    - ``interpolant``: what ``at`` evaluates; None without dense output.
     - ``times``: the saved times, shape (T,).
     - ``state``: the states there; each of its arrays has T as leading axis. NaN where the solve did
       not come, or all of it where the solve could not start.

@@ -74,7 +74,14 @@ def possible_start(system: SimulableSystem, t: Float[Array, ""], state: Simulabl
 
 
 def problems(system: SimulableSystem, state: SimulableState | None = None, t: Numbers = 0.0) -> list[str]:
-    """One sentence for each number of a body, and of its state at ``t``, that cannot be; empty when all is well."""
+    """One sentence for each number of a body, and of its state at ``t``, that cannot be; empty when all is well.
+
+    **Arguments:**
+
+    - ``system``: a body, or a system of :mod:`jaxball.classical`.
+    - ``state``: its state; only the parameters are looked at if not given.
+    - ``t``: the time of that state.
+    """
     require_system(system)
     classical = isinstance(system, AbstractClassicalSystem)
     found = list(system.conditions() if classical else shell_conditions(system))

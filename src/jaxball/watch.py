@@ -1,5 +1,6 @@
 """Events in a solve: where it may stop, and when exactly each of them happened."""
 
+import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, cast
 
@@ -33,7 +34,8 @@ def checked(system: Any, events: Mapping[str, AbstractEvent] | None) -> dict[str
     events = {} if events is None else events
     require("events", events, Mapping, 'a dictionary of events by name, such as {"lift": Detachment()}')
     for name, event in events.items():
-        require(f"events[{name!r}]", event, AbstractEvent, "an event, such as Detachment()")
+        remedy = "Event(function) is one" if inspect.isfunction(event) else ""
+        require(f"events[{name!r}]", event, AbstractEvent, "an event, such as Detachment()", remedy)
     touching = [name for name, event in events.items() if isinstance(event, Detachment | Slip)]
     if touching and not isinstance(system, Ball | Disk):
         raise TypeError(

@@ -1,6 +1,7 @@
 """What a user finds: the names of ``jaxball`` and of its packages, reachable, listed and documented."""
 
 import ast
+import enum
 import importlib
 import inspect
 import subprocess
@@ -75,6 +76,29 @@ def test_a_misspelt_name_is_an_attribute_error_with_a_suggestion():
     command = [sys.executable, "-c", "import jaxball; jaxball.simulat"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert "Did you mean: 'simulate'?" in done.stderr
+
+
+def public():
+    """Every class and function of the interface, by the name under which a user finds it."""
+    for package in ["jaxball", *(f"jaxball.{name}" for name in PACKAGES), "jaxball.design.control"]:
+        module = importlib.import_module(package)
+        for name in module.__all__:
+            found = getattr(module, name)
+            error = inspect.isclass(found) and issubclass(found, BaseException | enum.Enum)
+            if (inspect.isclass(found) or inspect.isfunction(found)) and not error:
+                yield f"{package}.{name}", found
+
+
+def test_every_argument_is_documented():
+    """Where help() shows a class, it shows what its ``__init__`` says as well."""
+    missing = {}
+    for name, found in public():
+        own = vars(found).get("__init__") if inspect.isclass(found) else None
+        text = (found.__doc__ or "") + (getattr(own, "__doc__", None) or "")
+        unnamed = [one for one in inspect.signature(found).parameters if f"``{one}``" not in text]
+        if unnamed:
+            missing[name] = unnamed
+    assert not missing
 
 
 def test_signatures_name_what_they_take():

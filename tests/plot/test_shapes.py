@@ -1,5 +1,6 @@
 """The curves that stand for shell and rails."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -52,7 +53,7 @@ def test_a_closed_rail_is_drawn_once_round():
     [
         jaxball.Fixed,
         lambda _: jaxball.OnRail(jaxball.Tube((1.0, 0.0, 0.0), (0.0, 2.0, 0.0)), jaxball.ConstantRate(0.0)),
-        lambda _: jaxball.OnRail(jaxball.FunctionRail(lambda theta, _: theta), jaxball.ConstantRate(0.0)),
+        lambda _: jaxball.OnRail(jaxball.FunctionRail(lambda theta, _: theta * jnp.ones(3)), jaxball.ConstantRate(0.0)),
     ],
     ids=["fixed", "outside", "open"],
 )

@@ -32,6 +32,10 @@ def nowhere(*_):
 
 
 def still(*_):
+    return jnp.zeros(())
+
+
+def coasting(*_):
     return jnp.zeros(1)
 
 
@@ -55,7 +59,7 @@ FUNCTIONS = {
         "is a Free" + SCRIPT,
     ),
     "law": (
-        {"masses": on_circle(Driven(Circle(0.5))), "law": FunctionLaw(still)},
+        {"masses": on_circle(Driven(Circle(0.5))), "law": FunctionLaw(coasting)},
         "Key `actuation` must be a FollowSchedules or a Servo to be written to a file, but the law is a "
         "FunctionLaw" + SCRIPT,
     ),

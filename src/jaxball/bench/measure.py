@@ -46,6 +46,10 @@ class Row:
     - ``build_time``: to build or compile what the solve needs, shared parts included.
     - ``state``: the final state.
     - ``steps`` and those after it: see :class:`~jaxball.bench.contenders.Work`.
+    - ``problem``, ``solver``, ``family``, ``tolerance``: what was solved, by which method of which package, and how
+      exactly.
+    - ``rejected``, ``evaluations``, ``jacobians``, ``decompositions``: the work done; None where the package does not
+      tell.
     """
 
     problem: str
@@ -68,7 +72,12 @@ class Row:
 
 @dataclass
 class Measured:
-    """The rows of one problem, and a sentence for everything that was left out of it."""
+    """The rows of one problem, and a sentence for everything that was left out of it.
+
+    **Arguments:**
+
+    - ``rows``, ``left_out``: a list each.
+    """
 
     rows: list[Row] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)

@@ -16,7 +16,12 @@ QUICK_SOLVERS = ("Gauss", "RadauIIA 3", "diffrax Dopri8", "SciPy DOP853", "heyok
 
 
 class Plan(NamedTuple):
-    """Which solvers meet which problems, and how they are measured."""
+    """Which solvers meet which problems, and how they are measured.
+
+    **Arguments:**
+
+    - ``problems``, ``contenders``, ``settings``: lists of both, and how often and how exactly to measure.
+    """
 
     problems: list[Problem]
     contenders: list[Contender]
@@ -25,6 +30,11 @@ class Plan(NamedTuple):
 
 def plan(problem_names: Sequence[str] = (), solver_names: Sequence[str] = (), *, quick: bool = False) -> Plan:
     """The problems and solvers of these names; without names all of them, or the quick ones.
+
+    **Arguments:**
+
+    - ``problem_names``, ``solver_names``: which; all if empty.
+    - ``quick``: whether the quick ones are meant.
 
     **Raises:** :class:`SelectionError` for a name that no problem or solver has.
     """

@@ -20,7 +20,12 @@ ABOUT = "The achieved error and the time of solvers on initial value problems; t
 
 @dataclasses.dataclass(frozen=True)
 class Bench:
-    """What was measured, problem by problem; ``interrupted`` where the user stopped it before the end."""
+    """What was measured, problem by problem; ``interrupted`` where the user stopped it before the end.
+
+    **Arguments:**
+
+    - ``results``: by the name of a problem.
+    """
 
     results: dict[str, Measured]
     interrupted: bool
@@ -38,6 +43,11 @@ def bench(
 
     After each problem ``results.json`` and ``table.md`` are written anew and the problem's diagram is drawn, so
     that an interruption with Ctrl-C, after which this returns, loses one problem at most.
+
+    **Arguments:**
+
+    - ``settings``: how often and how exactly to measure.
+    - ``echo``: takes a line of progress.
 
     **Raises:** :class:`~jaxball.results.OutputError` when a file cannot be written.
     """

@@ -18,6 +18,10 @@ class SelectionError(ValueError):
 def select_problems(known: Mapping[str, Problem], names: Sequence[str]) -> list[Problem]:
     """The problems with these names, in the order of ``known``; all where there are no names.
 
+    **Arguments:**
+
+    - ``names``: as they are called.
+
     **Raises:** :class:`SelectionError` for a name that no problem has.
     """
     found = {key for name in names for key in _matching("problems", name, {key: (key,) for key in known})}
@@ -29,6 +33,10 @@ def select_contenders(names: Sequence[str], known: Mapping[str, Contender] = ALL
 
     A name may also be whole words of one, or the package: "RadauIIA" are all of its stage numbers, and
     "SciPy" all of SciPy.
+
+    **Arguments:**
+
+    - ``names``: as they are called, or words of that.
 
     **Raises:** :class:`SelectionError` for a name that no contender has.
     """

@@ -23,6 +23,7 @@ class PoincareMap(Printed):
     - ``state``: the states there; each of its arrays has n as leading axis.
     - ``count``: how many crossings there were; more than n where they had no room.
     - ``status``, ``reached``: how the run ended; ``ok`` and ``message`` read them.
+    - ``end``: the time at which the run was to end.
     """
 
     times: Float[np.ndarray, " n"]
@@ -71,6 +72,7 @@ def poincare_map(
 
     **Arguments:**
 
+    - ``solver``, ``rtol``, ``atol``, ``max_steps``: as for :func:`jaxball.simulate`.
     - ``section``: a function of (system, t, state) that is zero on the section, as for :class:`jaxball.Event`.
     - ``times``: the start and the end.
     - ``state``: the state at the start. A :class:`~jaxball.ReducedState` is the shortest for a ball.

@@ -11,7 +11,7 @@ from ..body import Ball, Disk
 from ..contact import reaction
 from ..packing import Packing
 from ..phase_space import dimension, normal_of, phase_point
-from ..simulable import SimulableState, SimulableSystem, require_system
+from ..simulable import SimulableState, SimulableSystem
 from ..simulation import DEFAULT_TOLERANCE, at_rest, checked_solver, checked_steps, checked_tolerances
 from ..validity import possible_start
 from .result import LyapunovSpectrum
@@ -45,6 +45,9 @@ def lyapunov_spectrum(
 
     **Arguments:**
 
+    - ``system``: a body, or a system of :mod:`jaxball.classical`.
+    - ``exponents``, ``transient``, ``interval``, ``solver``, ``rtol``, ``atol``, ``max_steps``: as for
+      :func:`lyapunov_spectrum_of`.
     - ``times``: the start and the end.
     - ``state``: the state at the start, of any kind; at rest and upright if not given.
     - all others: as for :func:`lyapunov_spectrum_of`. The largest exponent alone, with
@@ -53,7 +56,6 @@ def lyapunov_spectrum(
     **Raises:** ``ValueError`` for times, numbers of exponents or intervals that cannot be, ``TypeError`` for a state of
     another kind of system, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
-    require_system(system)
     state = phase_point(system, at_rest(system) if state is None else state)
     edges, skipped = interval_edges(times, transient, interval)
     exponents = checked_count(exponents, dimension(state))

@@ -58,6 +58,12 @@ class FunctionAxis(AbstractAxis):
 
     ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew. Say
     in ``kink_times`` when its derivative jumps.
+
+    **Arguments:**
+
+    - ``function``: of (t, parameters), to ξ, body axes, shape (3,).
+    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
+    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
     """
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)

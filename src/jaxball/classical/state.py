@@ -16,6 +16,11 @@ class RigidBodyState(AbstractClassicalState):
 
     ``q`` is a versor, whose rotation Λ maps body vectors to space vectors, and ``Omega`` the body
     angular velocity, in radians per unit time.
+
+    **Arguments:**
+
+    - ``q``: the real part first, shape (4,).
+    - ``Omega``: body axes, rad/time, shape (3,).
     """
 
     q: Float[Array, "*batch 4"] = eqx.field(converter=numbers("q", (4,), batch=True), default=(1.0, 0.0, 0.0, 0.0))
@@ -37,7 +42,13 @@ class RigidBodyState(AbstractClassicalState):
 
 
 class ParticleState(AbstractClassicalState):
-    """(x, y, z, ẋ, ẏ) of a particle with ż = y ẋ; at rest at the origin by default."""
+    """(x, y, z, ẋ, ẏ) of a particle with ż = y ẋ; at rest at the origin by default.
+
+    **Arguments:**
+
+    - ``x``, ``y``, ``z``: the place, length.
+    - ``xdot``, ``ydot``: ẋ and ẏ, length/time.
+    """
 
     x: Float[Array, "*batch"] = eqx.field(converter=numbers("x", batch=True), default=0.0)
     y: Float[Array, "*batch"] = eqx.field(converter=numbers("y", batch=True), default=0.0)
@@ -54,8 +65,12 @@ class ParticleState(AbstractClassicalState):
 class VakonomicState(AbstractClassicalState):
     """(x, y, z, ẋ, ẏ, λ) of the vakonomic particle, whose multiplier λ has a rate and an initial value.
 
-    **Arguments:** ``multiplier`` is λ, a momentum; if it is not given, λ = −y ẋ, which is the choice of
-    the paper for a particle of unit mass: its constant c̃ = ż + λ is 0.
+    **Arguments:**
+
+    - ``x``, ``y``, ``z``: the place, length.
+    - ``xdot``, ``ydot``: ẋ and ẏ, length/time.
+    - ``multiplier``: λ, a momentum; if it is not given, λ = −y ẋ, which is the choice of the paper for a particle of
+      unit mass: its constant c̃ = ż + λ is 0.
     """
 
     x: Float[Array, "*batch"]

@@ -15,7 +15,12 @@ INSIDE = 1e-3
 
 
 class Bounds(NamedTuple):
-    """The lower and upper bounds of n numbers, infinite where there is none, and their scales."""
+    """The lower and upper bounds of n numbers, infinite where there is none, and their scales.
+
+    **Arguments:**
+
+    - ``lower``, ``upper``, ``scale``: one entry for each number, shape (n,).
+    """
 
     lower: Float[np.ndarray, " n"]
     upper: Float[np.ndarray, " n"]

@@ -60,6 +60,11 @@ def check_gradient(optimiser: Optimiser, z: Float[np.ndarray, " n"], seed: int =
 
     The sum is the augmented Lagrangian with multipliers so large that every place of every constraint counts.
 
+    **Arguments:**
+
+    - ``optimiser``: whose sum and gradient are checked.
+    - ``seed``: of the direction.
+
     **Raises:** :class:`DesignError` where ``z`` cannot be simulated or the gradient is not finite.
     """
     direction = np.random.default_rng(seed).normal(size=z.shape)
@@ -87,7 +92,12 @@ def check_gradient(optimiser: Optimiser, z: Float[np.ndarray, " n"], seed: int =
 
 
 def require_good(check: GradientCheck) -> None:
-    """Raises a :class:`DesignError` where a gradient cannot be relied on."""
+    """Raises a :class:`DesignError` where a gradient cannot be relied on.
+
+    **Arguments:**
+
+    - ``check``: what :func:`check_gradient` returns.
+    """
     if not check.good:
         raise DesignError(
             f"The gradient must agree with differences to {DIFFERENCES_AGREE:g} and with forward mode to "

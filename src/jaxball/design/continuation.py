@@ -26,7 +26,12 @@ FOLD_SEARCHES, FLAT = 40, 1e-9
 
 
 class Fold(NamedTuple):
-    """A turning point: dλ/ds = 0. It lies between the points ``after`` and ``after + 1`` of its branch."""
+    """A turning point: dλ/ds = 0. It lies between the points ``after`` and ``after + 1`` of its branch.
+
+    **Arguments:**
+
+    - ``y``, ``parameter``: where it is: y, shape (n,), and λ.
+    """
 
     after: int
     y: Float[np.ndarray, " n"]

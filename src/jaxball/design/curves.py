@@ -60,15 +60,19 @@ class FigureEight(AbstractCurve):
 
 
 class Through(AbstractCurve):
-    """The cubic spline through ``points`` at equal steps of s; a straight line through two.
+    """The cubic spline through points at equal steps of s; a straight line through two.
 
-    **Raises:** :class:`DesignError` when ``points`` does not have the shape (n, 2) with n ≥ 2.
+    **Arguments:**
+
+    - ``through``: the points, length, shape (n, 2).
+
+    **Raises:** ``ValueError`` when it has another shape, and :class:`DesignError` for fewer than two points.
     """
 
     through: Float[Array, "n 2"] = eqx.field(converter=numbers("through", ("n", 2)))
 
     def __check_init__(self):
-        if self.through.ndim != 2 or self.through.shape[1] != 2 or self.through.shape[0] < 2:
+        if self.through.shape[0] < 2:
             raise DesignError(
                 "Argument `through` must be two points or more, each of two numbers, but its shape is "
                 f"{self.through.shape}."

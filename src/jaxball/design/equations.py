@@ -42,7 +42,12 @@ class AbstractEquations(abc.ABC):
 
 
 class FunctionEquations(AbstractEquations):
-    """The equations function(y, λ) = 0, with dense derivatives by JAX."""
+    """The equations function(y, λ) = 0, with dense derivatives by JAX.
+
+    **Arguments:**
+
+    - ``function``: of (y, λ), from shape (n,) to shape (n,).
+    """
 
     def __init__(self, function: Callable[[Float[Array, " n"], Float[Array, ""]], Float[Array, " n"]]):
         self._residual = jax.jit(function)

@@ -72,6 +72,10 @@ class ProblemFile(NamedTuple):
 def load_problem(source: str | Path) -> ProblemFile:
     """The problem of a file.
 
+    **Arguments:**
+
+    - ``source``: the path of a problem file.
+
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, when it is not TOML, and
     when a key of it or of its scenario is misspelt, missing or wrong.
     """
@@ -80,6 +84,10 @@ def load_problem(source: str | Path) -> ProblemFile:
 
 def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
     """The problem that the text of a file describes; a scenario file is looked for from ``folder`` on.
+
+    **Arguments:**
+
+    - ``text``: the content of a problem file.
 
     **Raises:** as :func:`load_problem`.
     """

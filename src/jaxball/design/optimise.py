@@ -27,7 +27,13 @@ GROWTH = 4.0
 
 
 class Optimiser:
-    """Solves a program step by step; each step takes a :class:`Progress` further."""
+    """Solves a program step by step; each step takes a :class:`Progress` further.
+
+    **Arguments:**
+
+    - ``program``: what is minimised, and under which constraints.
+    - ``settings``: how it is searched.
+    """
 
     def __init__(self, program: AbstractProgram, settings: Settings):
         self.program, self.settings = program, settings

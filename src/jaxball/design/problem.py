@@ -43,6 +43,10 @@ class Problem:
 
     With ``perturbations`` the problem is robust: its objectives are means over the perturbed balls, and its constraints
     must hold for each of them.
+
+    **Arguments:**
+
+    - ``objectives``, ``constraints``: by name.
     """
 
     space: DesignSpace

@@ -24,7 +24,12 @@ RAIL_SAMPLES = 48
 
 
 class Solve(NamedTuple):
-    """How candidates are simulated; ``adjoint`` None stands for reverse mode."""
+    """How candidates are simulated; ``adjoint`` None stands for reverse mode.
+
+    **Arguments:**
+
+    - ``solver``, ``rtol``, ``atol``, ``max_steps``: as for :func:`jaxball.simulate`.
+    """
 
     solver: diffrax.AbstractAdaptiveSolver
     rtol: float
@@ -53,6 +58,8 @@ class Curves(NamedTuple):
 class Run(eqx.Module):
     """A system that has rolled, at times t. What is not looked at is not computed.
 
+    - ``system``, ``times``, ``state``: the body, times of shape (t,), and the states then.
+    - ``status``: the number of a :class:`~jaxball.Status`.
     - ``rail_samples``: at how many places closed rails are looked at.
     """
 
@@ -114,7 +121,14 @@ class Run(eqx.Module):
 
 
 def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES) -> Run:
-    """The run of a candidate; NaN where the solve did not come."""
+    """The run of a candidate; NaN where the solve did not come.
+
+    **Arguments:**
+
+    - ``candidate``: what is simulated.
+    - ``solve``: how.
+    - ``rail_samples``: at how many places closed rails are looked at.
+    """
     trajectory = simulate(
         candidate.system,
         candidate.times,

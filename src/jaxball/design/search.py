@@ -28,6 +28,7 @@ MORE = 1.2
 class Design:
     """A finished design.
 
+    - ``problem``, ``settings``: what was solved, and how.
     - ``numbers``: the values of the variables.
     - ``check``: that of the gradient at the start; None where the search was gone on with.
     - ``progress``: how it was found. ``worth`` and ``feasible`` say what it is.
@@ -81,6 +82,8 @@ def design(
 
     **Arguments:**
 
+    - ``problem``: what is wanted.
+    - ``settings``: how it is searched; the defaults if not given.
     - ``folder``: where the progress and the best design so far are kept, each time they change; a search that was
       stopped is gone on with from there. Nothing is kept if not given.
     - ``identity``: what the search depends on, so that it is not gone on with for another problem.

@@ -36,6 +36,10 @@ class Shooting(AbstractProgram):
     The unknowns are the variables z of the design and, ball by ball, the components of the state at each joint, where
     a piece after the first starts. Continuity is the last constraint.
 
+    **Arguments:**
+
+    - ``problem``: what is to be solved.
+
     **Raises:** :class:`DesignError` where the steps between save times cannot be shared out so.
     """
 

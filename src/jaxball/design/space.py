@@ -24,7 +24,14 @@ from .variables import Variable, expanded
 
 
 class Candidate(NamedTuple):
-    """What is simulated for one z."""
+    """What is simulated for one z.
+
+    **Arguments:**
+
+    - ``system``: the body.
+    - ``state``: at the first of the times.
+    - ``times``: the save times, shape (T,).
+    """
 
     system: System
     state: BallState | DiskState

@@ -14,6 +14,7 @@ from .errors import DesignError
 class Worth(NamedTuple):
     """What a design was found to be worth: its objective, largest violation, and gradient of the Lagrangian.
 
+    - ``objective``, ``violation``, ``gradient``: these three numbers.
     - ``place``: where the violation is largest; −1 where there are no constraints.
     """
 

@@ -54,7 +54,12 @@ class Verified(NamedTuple):
 
 
 def verify(problem: Problem, z: Float[np.ndarray, " n"]) -> Verified:
-    """The design ``z`` evaluated with a solver of another family and on samples ten times as fine."""
+    """The design ``z`` evaluated with a solver of another family and on samples ten times as fine.
+
+    **Arguments:**
+
+    - ``problem``: for whose objectives and constraints.
+    """
     other, solver = _other_solve(problem)
     designed, finer, most = jax.tree.map(np.asarray, _compared(problem)(jnp.asarray(z)))
     violations = {name: (float(most.coarse[name]), float(most.fine[name])) for name in problem.constraints}
@@ -114,7 +119,14 @@ def _finer(times: Float[jax.Array, " t"]) -> Float[jax.Array, " fine"]:
 
 
 def perturbed(problem: Problem, z: Float[np.ndarray, " n"], perturbations: Perturbations = AS_BUILT) -> Evaluation:
-    """The design as it may be built: each perturbed ball's objectives and violations, on a leading axis."""
+    """The design as it may be built: each perturbed ball's objectives and violations, on a leading axis.
+
+    **Arguments:**
+
+    - ``problem``: for whose objectives and constraints.
+    - ``z``: the design, shape (n,).
+    - ``perturbations``: how the balls differ.
+    """
     shaken = dataclasses.replace(problem, perturbations=perturbations)
 
     @jax.jit

@@ -52,6 +52,10 @@ class Maximum(AbstractReduction):
     """The largest value within the steps of a run, not just at their ends, and when it occurs, ``…_time``.
 
     ``then`` is a growing function that is applied to the value: a smooth quantity has its maximum found more easily.
+
+    **Arguments:**
+
+    - ``quantity``: of (system, t, state), to one number.
     """
 
     quantity: Quantity = eqx.field(static=True)
@@ -64,7 +68,12 @@ class Maximum(AbstractReduction):
 
 
 class Minimum(AbstractReduction):
-    """The smallest value within the steps of a run, not just at their ends, and when it occurs, ``…_time``."""
+    """The smallest value within the steps of a run, not just at their ends, and when it occurs, ``…_time``.
+
+    **Arguments:**
+
+    - ``quantity``: of (system, t, state), to one number.
+    """
 
     quantity: Quantity = eqx.field(static=True)
     signs: ClassVar[tuple[float, ...]] = (-1.0,)
@@ -75,7 +84,12 @@ class Minimum(AbstractReduction):
 
 
 class Drift(AbstractReduction):
-    """The largest distance of the quantity from its value at the start."""
+    """The largest distance of the quantity from its value at the start.
+
+    **Arguments:**
+
+    - ``quantity``: of (system, t, state), to one number.
+    """
 
     quantity: Quantity = eqx.field(static=True)
     signs: ClassVar[tuple[float, ...]] = (1.0, -1.0)
@@ -87,7 +101,12 @@ class Drift(AbstractReduction):
 
 
 class Integral(AbstractReduction):
-    """The integral over time, by the rule of Gauss and Lobatto with five nodes in each step."""
+    """The integral over time, by the rule of Gauss and Lobatto with five nodes in each step.
+
+    **Arguments:**
+
+    - ``quantity``: of (system, t, state), to one number.
+    """
 
     quantity: Quantity = eqx.field(static=True)
     is_integral: ClassVar[bool] = True

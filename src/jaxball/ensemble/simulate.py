@@ -12,7 +12,7 @@ from jax.core import Tracer
 from .._arguments import described, require
 from .._arrays import Numbers, to_numpy
 from ..dynamics import field_of
-from ..simulable import SimulableState, SimulableSystem, require_system
+from ..simulable import SimulableState, SimulableSystem
 from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_steps, checked_tolerances
 from ..trajectory import Trajectory
 from .ensemble import Ensemble
@@ -69,7 +69,6 @@ def simulate_ensemble(
     **Raises:** ``ValueError`` where leading axes differ, ``TypeError`` for other solvers, and
     :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
-    require_system(system)
     field_of(system, state)
     method = _checked_solver(DEFAULT_SOLVER if solver is None else solver)
     rtol, atol = checked_tolerances(rtol, atol)

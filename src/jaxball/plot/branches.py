@@ -17,6 +17,10 @@ def branch(
 ) -> Axes:
     """Positive ``values`` of the solutions of a branch over a positive weight called ``name``, both logarithmic.
 
+    **Arguments:**
+
+    - ``weights``: the weight of each solution, shape (points,).
+
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
     ax = plane_axes(ax)
@@ -35,6 +39,11 @@ def place_in_time(
     ax: Axes | None = None,
 ) -> Axes:
     """z of a disk over time, in each case by its name as times and places, and where it was wanted, dashed.
+
+    **Arguments:**
+
+    - ``found``: times and places of each case, by its name.
+    - ``wanted``: times and places, or None.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """

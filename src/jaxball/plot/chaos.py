@@ -24,6 +24,7 @@ def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: f
 
     **Arguments:**
 
+    - ``dataset``: what :func:`jaxball.chaos.chart` returns.
     - ``largest``: the exponent at the end of the colours; if not given, the largest on the chart. The colours begin
       at zero, and smaller exponents have the colour of zero.
 
@@ -53,6 +54,10 @@ def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: f
 
 def lyapunov_convergence(spectrum: LyapunovSpectrum, ax: Axes | None = None) -> Axes:
     """The running means of the Lyapunov exponents over time.
+
+    **Arguments:**
+
+    - ``spectrum``: what :func:`jaxball.chaos.lyapunov_spectrum` returns.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """

@@ -29,6 +29,10 @@ COLOURS = (*COMPONENTS, INK, *MASSES)
 def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -> Axes:
     """The body components Ω_i of a rigid body, or every number of another state.
 
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
+
     **Raises:** ``ValueError`` for a batch, for a ball or a disk, and for a three-dimensional ``ax``.
     """
     rows = _rows(trajectory)
@@ -46,6 +50,10 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
 
 def law_errors(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -> Axes:
     """How far each of the laws is from its value at the start, where that is not 0; of a vector, the farthest entry.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
 
     **Raises:** ``ValueError`` for a batch, for a ball or a disk, and for a three-dimensional ``ax``.
     """

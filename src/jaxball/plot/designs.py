@@ -19,6 +19,12 @@ def designed_path(
 ) -> Axes:
     """The path of the geometric centre before and after, the wanted one dashed, and the discs to stay out of.
 
+    **Arguments:**
+
+    - ``before``, ``after``: places at times, length, shape (t, 2).
+    - ``wanted``: points of the wanted path, shape (k, 2), or None.
+    - ``discs``: centre and radius of each.
+
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
     ax = plane_axes(ax, (WIDE[0], 4.0))
@@ -37,6 +43,11 @@ def designed_path(
 def rail_angles(times: Float[np.ndarray, " t"], theta: Float[np.ndarray, "t n"], ax: Axes | None = None) -> Axes:
     """θ_i over time.
 
+    **Arguments:**
+
+    - ``times``: shape (t,).
+    - ``theta``: θ of each mass then, shape (t, n).
+
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
     return _of_masses(times, theta, r"\theta", ax)
@@ -44,6 +55,11 @@ def rail_angles(times: Float[np.ndarray, " t"], theta: Float[np.ndarray, "t n"],
 
 def rail_accelerations(times: Float[np.ndarray, " t"], u: Float[np.ndarray, "t n"], ax: Axes | None = None) -> Axes:
     """θ̈_i over time.
+
+    **Arguments:**
+
+    - ``times``: shape (t,).
+    - ``u``: θ̈ of each mass then, shape (t, n).
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
@@ -71,6 +87,10 @@ def convergence(
     """Objective, violation and gradient norm of the best start at each report; what is not positive is left out.
 
     ``polish`` is the report with which the polish begins, where a line is drawn.
+
+    **Arguments:**
+
+    - ``objective``, ``violation``, ``gradient``: one entry for each report, shape (k,).
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """

@@ -16,6 +16,10 @@ Series = tuple[Float[np.ndarray, " T"], str, str]
 def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """φ̇ of the disk, ``fig_disk_dot_angle``, or the body components Ω_i of the ball, ``fig_ball_Omega``.
 
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
+
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
     times, _, seen = record(trajectory)
@@ -28,6 +32,10 @@ def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Kinetic energy T, potential energy V and their sum E.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
@@ -43,6 +51,10 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Ė, the power of the actuation and of the external force together.
 
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
+
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
     times, _, seen = record(trajectory)
@@ -53,6 +65,10 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """The force of the plane: the normal force N and the magnitude |f| of the friction.
 
     With dense output, the least N of the whole run is marked.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
@@ -75,6 +91,10 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     That of the whole run is marked where there is dense output, and otherwise the largest at the saved times.
     Where N ≤ 0 the ball would leave the plane: nothing is drawn there, and a note takes the place of
     the mark.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """

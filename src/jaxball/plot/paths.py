@@ -25,6 +25,10 @@ def body_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     In space for the ball, ``fig_ball_cm_bf_gc``. For the disk over time, ``fig_disk_cm_time_bf_gc``,
     unless ``ax`` is a plane one: then in the plane of E1 and E3. A dot is the start of a trajectory.
 
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
+
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or an ``ax`` of the wrong kind.
     """
     times, _, seen = record(trajectory)
@@ -35,6 +39,10 @@ def space_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Trajectories of the masses and of the system's CM in the spatial frame translated to the GC.
 
     As :func:`body_paths`: ``fig_ball_cm_spatial_gc`` and ``fig_disk_cm_time_spatial_gc``.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or an ``ax`` of the wrong kind.
     """
@@ -47,6 +55,10 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     In the plane of e1 and e2 for the ball, ``fig_ball_gc_path``, with a dot at its start and a
     square at its end; z over time for the disk, ``fig_disk_gc``.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """

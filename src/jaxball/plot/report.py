@@ -37,6 +37,10 @@ def figures(trajectory: Trajectory[Any, Any], folder: str | Path) -> list[Path]:
     Each file is named by the body and the function, as in ``ball_energies.png``. The acceleration is
     left out where no mass has an angle to draw. Of a classical system, the motion and its laws are drawn.
 
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
+
     **Raises:** ``ValueError`` for a reduced trajectory or a batch.
     """
     classical = isinstance(trajectory.system, AbstractClassicalSystem)
@@ -56,6 +60,10 @@ def figures(trajectory: Trajectory[Any, Any], folder: str | Path) -> list[Path]:
 
 def overview(trajectory: Trajectory) -> Figure:
     """One page: configuration, trajectories, path, angular velocity, energies and friction.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
 
     **Raises:** ``ValueError`` for a reduced trajectory or a batch.
     """

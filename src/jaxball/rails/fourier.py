@@ -14,6 +14,11 @@ from .base import AbstractRail
 class FourierRail(AbstractRail):
     """ζ(θ) = centre + Σ_k ( cosine_k cos kθ + sine_k sin kθ ), k = 1 … K.
 
+    **Arguments:**
+
+    - ``cosine``, ``sine``: a row for each harmonic, length, shape (K, 3).
+    - ``centre``: length, shape (3,); the geometric centre if not given.
+
     **Raises:** ``ValueError`` when ``cosine`` and ``sine`` do not have one shape (K, 3).
     """
 

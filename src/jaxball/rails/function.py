@@ -16,6 +16,12 @@ class FunctionRail(AbstractRail):
     ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
     ``parameters`` may be any PyTree of arrays; they can be swept and differentiated.
     ``closed_after`` is the period of a closed rail, or None.
+
+    **Arguments:**
+
+    - ``function``: of (theta, parameters), to the point ζ, body axes, length, shape (3,).
+    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
+    - ``closed_after``: the period of a closed rail, or None for an open one.
     """
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)

@@ -42,7 +42,17 @@ class AbstractPlanarRail(AbstractRail):
 
 
 class Circle(AbstractPlanarRail):
-    """A circle of ``radius``: (x, y) = radius (cos θ, sin θ), as in sections 4 and 5."""
+    """A circle of ``radius``: (x, y) = radius (cos θ, sin θ), as in sections 4 and 5.
+
+    **Arguments:**
+
+    - ``radius``: length.
+    - ``centre``: of the rail, from the geometric centre, body axes, shape (3,), length; the geometric centre if not
+      given.
+    - ``frame``: the orientation, whose first and third columns span the rail's plane: a
+      :class:`~jaxball.SphericalFrame`, :class:`~jaxball.VersorFrame` or :class:`~jaxball.MatrixFrame`; the plane of
+      E1 and E3 if not given.
+    """
 
     radius: Float[Array, "*group"] = eqx.field(converter=numbers("radius"))
     centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=ORIGIN)
@@ -54,7 +64,17 @@ class Circle(AbstractPlanarRail):
 
 
 class Ellipse(AbstractPlanarRail):
-    """An ellipse: (x, y) = (a cos θ, b sin θ) with ``semi_axes`` (a, b)."""
+    """An ellipse: (x, y) = (a cos θ, b sin θ) with ``semi_axes`` (a, b).
+
+    **Arguments:**
+
+    - ``semi_axes``: (a, b), length, shape (2,).
+    - ``centre``: of the rail, from the geometric centre, body axes, shape (3,), length; the geometric centre if not
+      given.
+    - ``frame``: the orientation, whose first and third columns span the rail's plane: a
+      :class:`~jaxball.SphericalFrame`, :class:`~jaxball.VersorFrame` or :class:`~jaxball.MatrixFrame`; the plane of
+      E1 and E3 if not given.
+    """
 
     semi_axes: Float[Array, "*group 2"] = eqx.field(converter=numbers("semi_axes", (2,)))
     centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=ORIGIN)
@@ -66,7 +86,17 @@ class Ellipse(AbstractPlanarRail):
 
 
 class GeronoEight(AbstractPlanarRail):
-    """The figure eight of Gerono: (x, y) = (a cos θ, b sin 2θ) with ``half_extents`` (a, b)."""
+    """The figure eight of Gerono: (x, y) = (a cos θ, b sin 2θ) with ``half_extents`` (a, b).
+
+    **Arguments:**
+
+    - ``half_extents``: (a, b), length, shape (2,).
+    - ``centre``: of the rail, from the geometric centre, body axes, shape (3,), length; the geometric centre if not
+      given.
+    - ``frame``: the orientation, whose first and third columns span the rail's plane: a
+      :class:`~jaxball.SphericalFrame`, :class:`~jaxball.VersorFrame` or :class:`~jaxball.MatrixFrame`; the plane of
+      E1 and E3 if not given.
+    """
 
     half_extents: Float[Array, "*group 2"] = eqx.field(converter=numbers("half_extents", (2,)))
     centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=ORIGIN)
@@ -78,7 +108,17 @@ class GeronoEight(AbstractPlanarRail):
 
 
 class BernoulliEight(AbstractPlanarRail):
-    """The lemniscate of Bernoulli of half width a: (x, y) = a (cos θ, sin θ cos θ) / (1 + sin² θ)."""
+    """The lemniscate of Bernoulli of half width a: (x, y) = a (cos θ, sin θ cos θ) / (1 + sin² θ).
+
+    **Arguments:**
+
+    - ``half_width``: a, length.
+    - ``centre``: of the rail, from the geometric centre, body axes, shape (3,), length; the geometric centre if not
+      given.
+    - ``frame``: the orientation, whose first and third columns span the rail's plane: a
+      :class:`~jaxball.SphericalFrame`, :class:`~jaxball.VersorFrame` or :class:`~jaxball.MatrixFrame`; the plane of
+      E1 and E3 if not given.
+    """
 
     half_width: Float[Array, "*group"] = eqx.field(converter=numbers("half_width"))
     centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=ORIGIN)

@@ -16,6 +16,10 @@ class SplineRail(AbstractRail):
 
     ζ and ζ′ are smooth and ζ″ is continuous, so the motion of a mass has no jump of acceleration.
 
+    **Arguments:**
+
+    - ``points_on_rail``: the points, body axes, length, shape (n, 3).
+
     **Raises:** ``ValueError`` when ``points`` does not have the shape (n, 3) with n ≥ 3.
     """
 

@@ -9,7 +9,13 @@ from .base import AbstractRail
 
 
 class Tube(AbstractRail):
-    """A straight tube: ζ(θ) = centre + θ direction / |direction|; θ is the distance from ``centre``."""
+    """A straight tube: ζ(θ) = centre + θ direction / |direction|; θ is the distance from ``centre``.
+
+    **Arguments:**
+
+    - ``direction``: of any length but 0, body axes, shape (3,).
+    - ``centre``: where θ is 0, body axes, length, shape (3,).
+    """
 
     direction: Float[Array, "*group 3"] = eqx.field(converter=numbers("direction", (3,)))
     centre: Float[Array, "*group 3"] = eqx.field(converter=numbers("centre", (3,)), default=(0.0, 0.0, 0.0))

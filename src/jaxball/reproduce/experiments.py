@@ -31,6 +31,11 @@ class Experiment:
 
     ``symbols`` are the parts of the state that are compared with the reference; angles that are
     prescribed in closed form are not among them.
+
+    **Arguments:**
+
+    - ``name``, ``system``, ``tolerance``, ``reference``: what it is called, the body, the tolerance of its solves,
+      and the exact states.
     """
 
     name: str
@@ -66,6 +71,7 @@ class Experiment:
 class Measurement:
     """What one solver did in one experiment. Times are in seconds.
 
+    - ``system``, ``solver``, ``tolerance``: what was solved, by what, and how exactly.
     - ``accepted``, ``rejected``, ``evaluations``: steps, and evaluations of the right-hand side, all
       counted in a run of its own, which rounds differently and may differ by a step or two.
     - ``error``: the largest at the saved times; ``error_at_end``: at the last of them.

@@ -21,6 +21,10 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
     are counted from 0. Attributes say how the solve ended, and hold the scenario's file if ``scenario``
     is given.
 
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
+
     **Raises:** ``ValueError`` for a batch of trajectories.
     """
     # Imported here, because it takes longer than all of jaxball's own modules.

@@ -24,6 +24,9 @@ class OutputError(ValueError):
 def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario | None = None) -> Path:
     """Saves a trajectory with all its observables, or laws, in the format that the suffix of ``path`` names.
 
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
+    - ``path``: where to, with its suffix.
+    - ``scenario``: what the run came from, whose text is kept with it; None if there is none.
     - ``.nc``: netCDF, see :func:`to_dataset`; ``xarray.open_dataset(path)`` reads it.
     - ``.npz``: the same arrays, and the attributes as texts and numbers.
     - ``.csv``: a row for each time and a column for each number, named as ``Omega[1]`` or

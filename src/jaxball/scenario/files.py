@@ -52,6 +52,10 @@ _CLASSICAL_KEYS["body"] = Key(_WHOLE, None)
 def load_scenario(source: str | Path) -> Scenario:
     """The scenario of a file, or the built-in one of that name.
 
+    **Arguments:**
+
+    - ``source``: the path of a file, or the name of a built-in scenario.
+
     **Raises:** :class:`ScenarioError`, with one sentence, when there is no such file or name, when it
     is not TOML, and when a key is misspelt, missing, of the wrong type or shape, or impossible.
     """
@@ -71,6 +75,10 @@ def load_scenario(source: str | Path) -> Scenario:
 def read_scenario(text: str) -> Scenario:
     """The scenario that the text of a file describes.
 
+    **Arguments:**
+
+    - ``text``: the content of a scenario file.
+
     **Raises:** :class:`ScenarioError`, with one sentence, when the text is not TOML, or a key is
     misspelt, missing, of the wrong type or shape, or impossible.
     """
@@ -83,6 +91,10 @@ def read_scenario(text: str) -> Scenario:
 
 def read_document(document: dict[str, Any]) -> Scenario:
     """The scenario that a parsed file describes, which is left as it is.
+
+    **Arguments:**
+
+    - ``document``: what :mod:`tomllib` makes of a scenario file.
 
     **Raises:** :class:`ScenarioError` as :func:`read_scenario`.
     """
@@ -120,6 +132,10 @@ def _classical(document: dict[str, Any]) -> Scenario:
 
 def write_scenario(scenario: Scenario) -> str:
     """The text of a file that describes the scenario; reading it gives the same numbers, bit for bit.
+
+    **Arguments:**
+
+    - ``scenario``: what to write.
 
     **Raises:** :class:`ScenarioError` for what a file cannot hold: Python functions, and states other
     than that of a ball with a versor and of a disk.

@@ -20,6 +20,10 @@ def builtin_scenarios() -> tuple[str, ...]:
 def builtin_text(name: str) -> str:
     """The text of a built-in scenario's file, comments included.
 
+    **Arguments:**
+
+    - ``name``: of a built-in scenario.
+
     **Raises:** :class:`ScenarioError` when there is none of that name.
     """
     if name not in builtin_scenarios():
@@ -30,7 +34,12 @@ def builtin_text(name: str) -> str:
 
 
 def builtin_title(name: str) -> str:
-    """The title of a built-in scenario."""
+    """The title of a built-in scenario.
+
+    **Arguments:**
+
+    - ``name``: of a built-in scenario.
+    """
     return tomllib.loads(builtin_text(name))["title"]
 
 

@@ -15,6 +15,13 @@ class FunctionSchedule(AbstractSchedule):
 
     ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew. Say
     in ``kink_times`` when its second derivative jumps.
+
+    **Arguments:**
+
+    - ``function``: of (t, parameters), to an angle in rad, or a length in a tube.
+    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
+    - ``theta``: what is added to it.
+    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
     """
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, ""]] = eqx.field(static=True)

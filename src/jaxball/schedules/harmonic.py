@@ -10,7 +10,13 @@ from .base import AbstractSchedule
 
 
 class ConstantRate(AbstractSchedule):
-    """θ(t) = theta + rate t; with ``rate`` zero, a mass that is held in place."""
+    """θ(t) = theta + rate t; with ``rate`` zero, a mass that is held in place.
+
+    **Arguments:**
+
+    - ``theta``: θ at time 0, rad on a closed rail and length in a tube.
+    - ``rate``: θ̇, the same per time; 0 if not given.
+    """
 
     theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))
     rate: Float[Array, "*group"] = eqx.field(converter=numbers("rate"), default=0.0)
@@ -24,6 +30,14 @@ class ConstantRate(AbstractSchedule):
 
 class Sinusoids(AbstractSchedule):
     """θ(t) = theta + rate t + Σ amplitude_k sin(frequency_k t + phase_k).
+
+    **Arguments:**
+
+    - ``theta``: the constant, rad on a closed rail and length in a tube.
+    - ``amplitude``: in the same unit, shape (terms,).
+    - ``frequency``: rad/time, shape (terms,).
+    - ``phase``: rad, shape (terms,); zero if not given.
+    - ``rate``: the constant part of θ̇.
 
     **Raises:** ``ValueError`` when ``amplitude``, ``frequency`` and ``phase`` differ in length.
     """

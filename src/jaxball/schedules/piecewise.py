@@ -31,7 +31,11 @@ class PiecewiseAcceleration(AbstractSchedule):
     time and after the last, θ̈ = 0. The paper's pulse is times (0, .1, .2) and accelerations
     ((1, 0), (1, −10)).
 
-    **Arguments:** ``theta`` and ``rate`` are θ and θ̇ at ``times[0]``.
+    **Arguments:**
+
+    - ``theta``, ``rate``: θ and θ̇ at ``times[0]``, rad and rad/time, or length and length/time in a tube.
+    - ``times``: increasing, shape (n + 1,).
+    - ``accelerations``: shape (n, k), in rad/time² times powers of 1/time.
 
     **Raises:** ``ValueError`` when ``accelerations`` does not have one row for each interval.
     """

@@ -16,7 +16,11 @@ class Pulse(AbstractSchedule):
     The defaults are ``eq_prescribed_u_ball``: u = 1 on [0, .1] and 2 − 10 t on [.1, .2]. Section 4
     gives the disk's odd masses ``height`` −1, ``eq_prescribed_u_disk``.
 
-    **Arguments:** ``theta`` and ``rate`` are θ and θ̇ at ``start``.
+    **Arguments:**
+
+    - ``theta``, ``rate``: θ and θ̇ at ``start``, rad and rad/time, or length and length/time in a tube.
+    - ``height``: of θ̈, rad/time².
+    - ``start``, ``hold``, ``end``: times.
     """
 
     theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))

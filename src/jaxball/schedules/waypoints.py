@@ -16,6 +16,12 @@ class Waypoints(AbstractSchedule):
     Before the first waypoint and after the last the mass keeps the rate that it has there, which is
     ``end_rates`` (at rest unless told otherwise).
 
+    **Arguments:**
+
+    - ``times``: increasing, shape (n,).
+    - ``angles``: θ then, rad on a closed rail and length in a tube, shape (n,).
+    - ``end_rates``: θ̇ at the first and the last, shape (2,).
+
     **Raises:** ``ValueError`` when ``times`` and ``angles`` do not have one length, two or more.
     """
 

@@ -22,7 +22,14 @@ MAX_STEPS = 20
 
 
 class InitialValues(eqx.Module):
-    """What :func:`consistent_initial_values` found."""
+    """What :func:`consistent_initial_values` found.
+
+    **Arguments:**
+
+    - ``y``: the values.
+    - ``converged``: whether they fulfil the equations.
+    - ``index_one``: whether the algebraic equations determine the algebraic variables.
+    """
 
     y: PyTree[Array]
     converged: Bool[Array, ""]
@@ -58,7 +65,10 @@ def consistent_initial_values(
 
     M y₀ stays what it is, so that a diagonal M means that the other variables do.
 
-    **Arguments:** those of ``diffrax.diffeqsolve``; ``throw`` says whether to raise where none are found.
+    **Arguments:**
+
+    - ``term``, ``t0``, ``y0``, ``args``: as for ``diffrax.diffeqsolve``.
+    - ``throw``: whether to raise where none are found.
 
     **Raises:** ``ValueError`` if asked to.
     """

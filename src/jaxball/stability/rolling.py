@@ -27,6 +27,7 @@ def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numb
 
     **Arguments:**
 
+    - ``ball``: a body of revolution about E3.
     - ``inclination``: ϑ, from E3 to the vertical, in rad.
     - ``precession``: P, the rate at which E3 goes round the vertical, in rad per time; not zero.
     - ``t``: the time at which schedules are read; the masses must be at rest in the ball.

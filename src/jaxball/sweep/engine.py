@@ -22,6 +22,11 @@ def solve_in_lanes(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
 
     Other methods (implicit ones, the DAE, projection, steps to saved times) and driven masses, which may leave the
     shell, are left to :func:`jaxball.simulate` under ``vmap``, and so are the runs that end where the ball detaches.
+
+    **Arguments:**
+
+    - ``batch``: the rows.
+    - ``wanted``: what to find of them.
     """
     if not solved_in_lanes(batch.template):
         return solve_by_vmap(batch, wanted)

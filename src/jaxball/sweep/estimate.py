@@ -18,8 +18,12 @@ TRIED = 512
 
 
 class Estimate(NamedTuple):
-    """Rows, chunks, the size of the store in bytes; and, where they were measured, the seconds for which one process
-    compiles, and those in which it then solves all rows.
+    """Rows, chunks, the size of the store, and where it was measured how long one process takes.
+
+    **Arguments:**
+
+    - ``rows``, ``chunks``, ``size``: how many, and the bytes of the store.
+    - ``compiling``, ``solving``: the seconds for which one process compiles, and in which it then solves all rows.
     """
 
     rows: int
@@ -40,7 +44,13 @@ class Estimate(NamedTuple):
 
 
 def estimate(study: Study, engine: Engine = solve_in_lanes, *, measure: bool = False) -> Estimate:
-    """The size of a study's store, at once; with ``measure``, how long its rows take too, from a few that are solved.
+    """The size of a study's store, at once.
+
+    **Arguments:**
+
+    - ``study``: what is to be run.
+    - ``engine``: what solves its rows.
+    - ``measure``: whether a few rows are solved, to say how long all of them take.
 
     **Raises:** :class:`StudyError` as :func:`sweep`.
     """

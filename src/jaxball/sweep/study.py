@@ -128,6 +128,10 @@ class Study:
 def load_study(source: str | Path) -> Study:
     """The study of a file.
 
+    **Arguments:**
+
+    - ``source``: the path of a study file.
+
     **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence, when there is no such file, when it is not
     TOML, when a key of it or of its scenario is misspelt, missing or wrong, and when an axis names no number.
     """
@@ -136,6 +140,10 @@ def load_study(source: str | Path) -> Study:
 
 def read_study(text: str, folder: str | Path = ".") -> Study:
     """The study that the text of a file describes; files that it names are looked for from ``folder`` on.
+
+    **Arguments:**
+
+    - ``text``: the content of a study file.
 
     **Raises:** as :func:`load_study`.
     """

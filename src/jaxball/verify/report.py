@@ -60,6 +60,7 @@ class Trust:
     - ``lyapunov_time``: the time in which it grows e-fold on average, the inverse of the finite-time Lyapunov exponent.
     - ``horizon``: the time at which the error reaches 1e-3. Beyond the end of the run it is an estimate by the mean
       growth, and too early where the motion is regular.
+    - ``end``: when the run ended.
     """
 
     error: float
@@ -78,6 +79,7 @@ class Trust:
 class Report:
     """The laws of one run.
 
+    - ``title``: the first line.
     - ``rows``: one for each law.
     - ``trust``: how far ahead the result can be trusted; None where this was not asked for, or not found.
     - ``failure``: a sentence, where the solve failed and nothing could be checked.

@@ -21,7 +21,12 @@ class NormalForce(AbstractRunningConstraint):
 
 
 class Friction(AbstractRunningConstraint):
-    """|f| ≤ mu N at all times; in this form the violation stays smooth where N is small."""
+    """|f| ≤ mu N at all times; in this form the violation stays smooth where N is small.
+
+    **Arguments:**
+
+    - ``mu``: μ, a number without unit.
+    """
 
     mu: Float[Array, ""] = eqx.field(converter=numbers("mu"))
 
@@ -37,7 +42,13 @@ class Friction(AbstractRunningConstraint):
 
 
 class ClearOfObstacles(AbstractRunningConstraint):
-    """The geometric centre outside of discs of the plane; shape (t, k)."""
+    """The geometric centre outside of discs of the plane; shape (t, k).
+
+    **Arguments:**
+
+    - ``centres``: of the discs, length, shape (k, 2).
+    - ``radii``: length, shape (k,).
+    """
 
     centres: Float[Array, "k 2"] = eqx.field(converter=numbers("centres", ("k", 2)))
     radii: Float[Array, " k"] = eqx.field(converter=numbers("radii", ("k",)))

@@ -25,7 +25,12 @@ class MassesApart(AbstractRunningConstraint):
 
 
 class SpeedLimit(AbstractRunningConstraint):
-    """|χ̇| ≤ most for every mass; shape (t, n)."""
+    """|χ̇| ≤ most for every mass; shape (t, n).
+
+    **Arguments:**
+
+    - ``most``: length/time.
+    """
 
     most: Float[Array, ""] = eqx.field(converter=numbers("most"))
 
@@ -37,7 +42,12 @@ class SpeedLimit(AbstractRunningConstraint):
 
 
 class AccelerationLimit(AbstractRunningConstraint):
-    """|χ̈| ≤ most for every mass; shape (t, n)."""
+    """|χ̈| ≤ most for every mass; shape (t, n).
+
+    **Arguments:**
+
+    - ``most``: length/time².
+    """
 
     most: Float[Array, ""] = eqx.field(converter=numbers("most"))
 
@@ -49,7 +59,12 @@ class AccelerationLimit(AbstractRunningConstraint):
 
 
 class ForceLimit(AbstractRunningConstraint):
-    """|F·τ| ≤ most, the force on each mass along its rail; shape (t, n)."""
+    """|F·τ| ≤ most, the force on each mass along its rail; shape (t, n).
+
+    **Arguments:**
+
+    - ``most``: mass length/time².
+    """
 
     most: Float[Array, ""] = eqx.field(converter=numbers("most"))
 

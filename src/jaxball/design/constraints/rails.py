@@ -14,7 +14,12 @@ from .segments import distance
 
 
 class RailsInside(AbstractRunningConstraint):
-    """|ζ| ≤ r − clearance on every closed rail, and |χ| ≤ r − clearance for every mass along the motion."""
+    """|ζ| ≤ r − clearance on every closed rail, and |χ| ≤ r − clearance for every mass along the motion.
+
+    **Arguments:**
+
+    - ``clearance``: length.
+    """
 
     clearance: Float[Array, ""] = eqx.field(converter=numbers("clearance"), default=0.0)
 
@@ -43,7 +48,12 @@ class RailsApart(AbstractConstraint):
 
 
 class RegularRails(AbstractConstraint):
-    """|ζ′(θ)| ≥ least on every closed rail, so that the mass can go along it at a finite rate."""
+    """|ζ′(θ)| ≥ least on every closed rail, so that the mass can go along it at a finite rate.
+
+    **Arguments:**
+
+    - ``least``: length/rad.
+    """
 
     least: Float[Array, ""] = eqx.field(converter=numbers("least"))
 

@@ -55,6 +55,13 @@ class Collocation(AbstractEquations):
     """The equations for the problem vary(problem, λ) on a mesh, with s nodes an interval, and the barrier µ.
 
     ``vary`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+
+    **Arguments:**
+
+    - ``problem``: what ``vary`` changes with λ.
+    - ``mesh``: times, the start first and the end last, shape (N + 1,).
+    - ``stages``: s.
+    - ``barrier``: µ.
     """
 
     def __init__(

@@ -17,6 +17,10 @@ def least_curvature(solution: Solution) -> float:
 
     Controls have the norm (1/T ∫ |u|² dt)^½, so that it does not depend on the mesh: where the cost is w |u|² and
     nothing else, it is 2 w. A solution with a positive one is a strict local minimum.
+
+    **Arguments:**
+
+    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
     """
     collocation = solution.collocation
     places, count = collocation.places, collocation.unconstrained

@@ -37,6 +37,12 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     says how far it must be beside the centre; it stays at its distance from there. θ follows by the smallest changes.
     The path so fulfils the equations of motion but for spin, and what the masses do by moving to where they lean.
 
+    **Arguments:**
+
+    - ``problem``: what is to be solved.
+    - ``mesh``: times, the start first and the end last, shape (N + 1,).
+    - ``stages``: how many nodes of Gauss an interval has.
+
     **Raises:** :class:`~jaxball.design.DesignError` where no objective is a
     :class:`~jaxball.design.FollowTrajectory`, and where gravity cannot accelerate the ball as it is wanted.
     """

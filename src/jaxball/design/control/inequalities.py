@@ -26,7 +26,12 @@ def margins(collocation: Collocation, path: Path, times: Float[np.ndarray, " k"]
 
 
 def violations(collocation: Collocation, path: Path, parameter: float) -> Float[np.ndarray, " N"]:
-    """For each interval, by how much an inequality is violated at most; 0 where all hold."""
+    """For each interval, by how much an inequality is violated at most; 0 where all hold.
+
+    **Arguments:**
+
+    - ``collocation``, ``path``, ``parameter``: the equations, states and controls, and λ.
+    """
     times = path.within(PLACES)
     found = margins(collocation, path, np.ravel(times), parameter)
     return np.max(-found.reshape(*times.shape, collocation.inequalities), axis=(1, 2), initial=0.0)

@@ -12,7 +12,12 @@ from .rolling import Rolling, rolling
 
 
 def means(solution: Solution) -> dict[str, float]:
-    """The mean of each objective's integrand over the run, by the weights of Gauss, without its weight."""
+    """The mean of each objective's integrand over the run, by the weights of Gauss, without its weight.
+
+    **Arguments:**
+
+    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
+    """
     problem, collocation = rolling(solution.problem), solution.collocation
     path = solution.path
     states, controls = (part.reshape(-1, part.shape[-1]) for part in (path.nodes, path.controls))

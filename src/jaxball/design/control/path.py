@@ -11,6 +11,7 @@ from ...solvers.tableau import gauss
 class Path(NamedTuple):
     """States of degree s and controls of degree s − 1 on each interval of a mesh.
 
+    - ``mesh``: times, the start first and the end last, shape (N + 1,).
     - ``knots``, ``nodes``: the states at the starts and the ends of intervals, and at the nodes of Gauss.
     - ``controls``: at the nodes.
     """

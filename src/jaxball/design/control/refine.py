@@ -87,6 +87,12 @@ def started(collocation: Collocation, path: Path, parameter: float) -> Float[np.
 def solved(collocation: Collocation, path: Path, parameter: float = 0.0, tolerance: float = 1e-6) -> Solution:
     """The solution near a path, on meshes that are made finer until no interval's error is above ``tolerance``.
 
+    **Arguments:**
+
+    - ``collocation``: the equations on the first mesh.
+    - ``path``: where Newton's method begins.
+    - ``parameter``: λ.
+
     **Raises:** :class:`~jaxball.design.DesignError` where Newton's method finds no solution.
     """
     for _ in range(MOST_ROUNDS):
@@ -120,7 +126,12 @@ def near(collocation: Collocation, path: Path, parameter: float) -> tuple[Colloc
 
 
 def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], parameter: float) -> Float[np.ndarray, " N"]:
-    """For each interval, the largest ∫ |ẋ − rate(t, x, u)| dt of a component of the state, over 1 + max |x|."""
+    """For each interval, the largest ∫ |ẋ − rate(t, x, u)| dt of a component of the state, over 1 + max |x|.
+
+    **Arguments:**
+
+    - ``collocation``, ``y``, ``parameter``: as in a :class:`Solution`.
+    """
     path, quadrature, h = path_of(collocation, y), gauss(collocation.stages + 2), collocation.steps
     times = np.ravel(collocation.mesh[:-1, None] + h[:, None] * quadrature.c)
     states = path.states(times)
@@ -134,7 +145,15 @@ def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], paramet
 def finer_mesh(
     mesh: Float[np.ndarray, " N_plus_one"], errors: Float[np.ndarray, " N"], tolerance: float, order: int
 ) -> Float[np.ndarray, " M_plus_one"]:
-    """The mesh with each interval whose error is too large cut in equal pieces, so many as the order asks for."""
+    """The mesh with each interval whose error is too large cut in equal pieces, so many as the order asks for.
+
+    **Arguments:**
+
+    - ``mesh``: times, the start first and the end last, shape (N + 1,).
+    - ``errors``: of each interval, shape (N,).
+    - ``tolerance``: the largest error that is not too large.
+    - ``order``: of the method.
+    """
     pieces = [
         min(MOST_PIECES, max(2, math.ceil((error / tolerance) ** (1 / order)))) if error > tolerance else 1
         for error in errors

@@ -69,6 +69,7 @@ class Rolling(AbstractControlProblem):
 
         **Arguments:**
 
+        - ``system``: a ball or a disk with masses on rails.
         - ``times``: of the start and of the end.
         - ``state``: at the start; at rest at the origin if not given. θ and θ̇ are those of the schedules.
         - ``place``: of the geometric centre at the end, (z1, z2) of a ball or z of a disk; free if not given.
@@ -176,6 +177,10 @@ def between(ends: tuple[Rolling, Rolling], share: Float[Array, ""]) -> Rolling:
     """A problem on the way from one to another: all numbers go straight, and positive weights at a constant ratio.
 
     From the first at ``share`` 0 to the second at 1. Both must be of the same structure.
+
+    **Arguments:**
+
+    - ``ends``: both problems.
     """
     first, second = ends
     mixed = jax.tree.map(lambda a, b: a + share * (b - a) if eqx.is_inexact_array(a) else a, first, second)

@@ -20,7 +20,12 @@ from .rolling import rolling
 
 
 def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
-    """θ(t) of each mass: θ̈ is the polynomial u on each interval, so that at the knots θ and θ̇ are the solution's."""
+    """θ(t) of each mass: θ̈ is the polynomial u on each interval, so that at the knots θ and θ̇ are the solution's.
+
+    **Arguments:**
+
+    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
+    """
     problem, path = rolling(solution.problem), solution.path
     powers = np.arange(path.controls.shape[1])
     coefficients = path.control_coefficients / np.diff(path.mesh)[:, None, None] ** powers[:, None]
@@ -31,7 +36,14 @@ def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
 
 
 def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenario:
-    """The scenario in which the masses move as the solution asks for, which ``jaxball simulate`` runs."""
+    """The scenario in which the masses move as the solution asks for, which ``jaxball simulate`` runs.
+
+    **Arguments:**
+
+    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
+    - ``title``: of the scenario.
+    - ``saves``: how many times are saved.
+    """
     problem = rolling(solution.problem)
     state = problem.state
     fields = {name: getattr(state, name) for name in state.__dataclass_fields__ if not name.startswith("theta")}
@@ -65,6 +77,12 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
     """The solution's schedules simulated by a solver of another kind, and looked at ten times an interval of the mesh
     where there are constraints.
 
+    **Arguments:**
+
+    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
+    - ``solver``: its name, as in a scenario file.
+    - ``tolerance``: of that solver.
+
     **Raises:** :class:`~jaxball.SolveError` where the solve fails.
     """
     problem, scenario = rolling(solution.problem), scenario_of(solution)
@@ -96,7 +114,13 @@ def _violations(run: Run, constraints: dict[str, AbstractRunningConstraint]) -> 
 
 
 def places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:
-    """Where a solution has the geometric centre: (z1, z2) of a ball, z of a disk."""
+    """Where a solution has the geometric centre: (z1, z2) of a ball, z of a disk.
+
+    **Arguments:**
+
+    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
+    - ``times``: shape (k,).
+    """
     packing = rolling(solution.problem).packing
     unpacked = jax.jit(jax.vmap(packing.unpack))(jnp.asarray(times), jnp.asarray(solution.path.states(times)))
     return np.asarray(unpacked.z)

@@ -36,6 +36,7 @@ def sharpened(
 
     **Arguments:**
 
+    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
     - ``barrier``: µ at the end.
     - ``tolerance``: of :func:`mesh_errors`; ``violation``: of :func:`violations`.
     - ``visit``: called with the solution on each mesh.

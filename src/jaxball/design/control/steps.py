@@ -21,7 +21,14 @@ Guess = Callable[[Rolling, Float[np.ndarray, " N_plus_one"], int], Path]
 
 
 def at_rest(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
-    """The path on which nothing moves."""
+    """The path on which nothing moves.
+
+    **Arguments:**
+
+    - ``problem``: what is to be solved.
+    - ``mesh``: times, the start first and the end last, shape (N + 1,).
+    - ``stages``: how many nodes of Gauss an interval has.
+    """
     initial = np.asarray(problem.initial)
     shape = (len(mesh) - 1, stages)
     return Path(
@@ -45,6 +52,13 @@ def started(
     From rest it comes to motions that are small. To others it may come from :func:`rolling_along` the wanted path. What
     the ``barrier`` keeps away from constraints :func:`sharpened` lets come to them.
 
+    **Arguments:**
+
+    - ``problem``: what is to be solved.
+    - ``mesh``: times, the start first and the end last, shape (N + 1,).
+    - ``stages``: how many nodes of Gauss an interval has.
+    - ``tolerance``: the largest error of an interval of the mesh.
+
     **Raises:** :class:`~jaxball.design.DesignError` where it does not come to one.
     """
     collocation = Collocation((problem, problem), mesh, stages, between, barrier)
@@ -62,6 +76,11 @@ def continued(
     With constraints it is :func:`sharpened` that makes the mesh finer, after the barrier has fallen.
 
     The parameter of the branch is the share of the way from one problem to the other, as :func:`between` has it.
+
+    **Arguments:**
+
+    - ``tolerance``: the largest error of an interval of the mesh.
+    - ``visit``: is given each solution on the way.
 
     **Raises:** :class:`~jaxball.design.DesignError` where the branch does not get to its end, or where Newton's method
     finds no solution on a finer mesh.

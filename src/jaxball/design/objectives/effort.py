@@ -7,14 +7,24 @@ from .base import AbstractRunningObjective, unit_of_time
 
 
 class AccelerationEffort(AbstractRunningObjective):
-    """The mean of Σ θ̈² over the masses on rails, in units of g²/r², as in the authors' papers on control."""
+    """The mean of Σ θ̈² over the masses on rails, in units of g²/r², as in the authors' papers on control.
+
+    **Arguments:**
+
+    - ``weight``: by what it is multiplied in the sum of objectives.
+    """
 
     def integrand(self, run: Run):
         return jnp.sum(run.on_rails.thetaddot**2, axis=-1) * unit_of_time(run) ** 4
 
 
 class PowerEffort(AbstractRunningObjective):
-    """The mean of Σ P² over the masses, P = F·χ̇ the power of a mass's actuator, in units of M g √(g r)."""
+    """The mean of Σ P² over the masses, P = F·χ̇ the power of a mass's actuator, in units of M g √(g r).
+
+    **Arguments:**
+
+    - ``weight``: by what it is multiplied in the sum of objectives.
+    """
 
     def integrand(self, run: Run):
         power = jnp.sum(run.forces * run.masses.chidot, axis=-1)
@@ -23,7 +33,12 @@ class PowerEffort(AbstractRunningObjective):
 
 
 class ForceEffort(AbstractRunningObjective):
-    """The mean of Σ (F·τ)² over the masses, F·τ the force on a mass along its rail, in units of M g."""
+    """The mean of Σ (F·τ)² over the masses, F·τ the force on a mass along its rail, in units of M g.
+
+    **Arguments:**
+
+    - ``weight``: by what it is multiplied in the sum of objectives.
+    """
 
     def integrand(self, run: Run):
         along = jnp.sum(run.forces * run.on_rails.tangent, axis=-1)

@@ -11,7 +11,13 @@ from .base import AbstractObjective, unit_of_time
 
 
 class ReachPlace(AbstractObjective):
-    """|z − place|² / r² at the end."""
+    """|z − place|² / r² at the end.
+
+    **Arguments:**
+
+    - ``place``: length, shape (2,); the second is 0 for a disk.
+    - ``weight``: by what it is multiplied in the sum of objectives.
+    """
 
     place: Float[Array, "2"] = eqx.field(converter=numbers("place", (2,)))
 
@@ -24,7 +30,12 @@ class ReachPlace(AbstractObjective):
 
 
 class ReachPose(AbstractObjective):
-    """sin² of half the angle between the orientation at the end and ``versor``: 1 − (q·q*)² / (|q| |q*|)²."""
+    """sin² of half the angle between the orientation at the end and ``versor``: 1 − (q·q*)² / (|q| |q*|)².
+
+    **Arguments:**
+
+    - ``weight``: by what it is multiplied in the sum of objectives.
+    """
 
     versor: Float[Array, "4"] = eqx.field(converter=numbers("versor", (4,)))
 
@@ -34,28 +45,48 @@ class ReachPose(AbstractObjective):
 
 
 class StopAtRest(AbstractObjective):
-    """T / (M g r) at the end, the kinetic energy of shell and masses: zero where all are at rest."""
+    """T / (M g r) at the end, the kinetic energy of shell and masses: zero where all are at rest.
+
+    **Arguments:**
+
+    - ``weight``: by what it is multiplied in the sum of objectives.
+    """
 
     def __call__(self, run: Run):
         return run.observables.kinetic_energy[-1] / (run.weight * run.length)
 
 
 class Balanced(AbstractObjective):
-    """The squared horizontal distance of the system's centre of mass from the geometric centre at the end, over r²."""
+    """The squared horizontal distance of the system's centre of mass from the geometric centre at the end, over r².
+
+    **Arguments:**
+
+    - ``weight``: by what it is multiplied in the sum of objectives.
+    """
 
     def __call__(self, run: Run):
         return jnp.sum(run.observables.centre_of_mass_space[-1, :2] ** 2) / run.length**2
 
 
 class GoFar(AbstractObjective):
-    """−|z(end) − z(start)| / r: as far as possible."""
+    """−|z(end) − z(start)| / r: as far as possible.
+
+    **Arguments:**
+
+    - ``weight``: by what it is multiplied in the sum of objectives.
+    """
 
     def __call__(self, run: Run):
         return -norm(run.z[-1] - run.z[0]) / run.length
 
 
 class Duration(AbstractObjective):
-    """How long the run takes, in units of √(r/g), where its end is a variable."""
+    """How long the run takes, in units of √(r/g), where its end is a variable.
+
+    **Arguments:**
+
+    - ``weight``: by what it is multiplied in the sum of objectives.
+    """
 
     def __call__(self, run: Run):
         return (run.times[-1] - run.times[0]) / unit_of_time(run)

@@ -21,6 +21,12 @@ class AvoidObstacles(AbstractRunningObjective):
 
     Smooth: it is felt outside a disc within some ``softness``, which is in radii of the shell. To keep clear of an
     upright post, add the ball's radius to the post's.
+
+    **Arguments:**
+
+    - ``centres``: of the discs, length, shape (k, 2).
+    - ``radii``: length, shape (k,).
+    - ``weight``: by what it is multiplied in the sum of objectives.
     """
 
     centres: Float[Array, "k 2"] = eqx.field(converter=numbers("centres", ("k", 2)))

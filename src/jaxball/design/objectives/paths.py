@@ -26,6 +26,11 @@ class FollowTrajectory(AbstractRunningObjective):
 
     s goes from 0 at ``start`` to 1 at ``end``, the times of the run if not given, at a constant rate, or from rest to
     rest by 10 u³ − 15 u⁴ + 6 u⁵ where ``rest_to_rest``.
+
+    **Arguments:**
+
+    - ``curve``: an :class:`AbstractCurve`.
+    - ``weight``: by what it is multiplied in the sum of objectives.
     """
 
     curve: AbstractCurve
@@ -59,6 +64,12 @@ class FollowCurve(AbstractObjective):
 
     The first mean is over the length of the path, so that it does not matter how long the ball stays anywhere; the
     second, over the curve, sees what of it the path leaves out. Distances are from the chords between samples.
+
+    **Arguments:**
+
+    - ``curve``: an :class:`AbstractCurve`.
+    - ``samples``: how many points of the curve are looked at.
+    - ``weight``: by what it is multiplied in the sum of objectives.
     """
 
     curve: AbstractCurve
@@ -82,6 +93,12 @@ class LargestDistance(FollowCurve):
     """The largest distance between path and curve, in radii: the curve followed nowhere worse than elsewhere.
 
     It has a kink wherever another place becomes the farthest.
+
+    **Arguments:**
+
+    - ``curve``: an :class:`AbstractCurve`.
+    - ``samples``: how many points of the curve are looked at.
+    - ``weight``: by what it is multiplied in the sum of objectives.
     """
 
     def __call__(self, run: Run):

@@ -40,6 +40,7 @@ def sweep_fan(
 
     **Arguments:**
 
+    - ``ax``: where to draw; a new figure if not given.
     - ``data``, ``at``: as in :func:`sweep_slice`.
     - ``by``: the path of the number that gives the colours.
     - ``result``: such as ``"Omega[1]"``.

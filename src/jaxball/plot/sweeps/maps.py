@@ -40,7 +40,10 @@ def sweep_map(
     Crossed axes give cells, white where nothing was computed; two numbers of a scattered axis give dots, and rows that
     failed marks. The title says at what the other axes are fixed.
 
-    **Arguments:** as :func:`sweep_slice`, with ``right`` and ``up``, the paths of both numbers.
+    **Arguments:**
+
+    - ``data``, ``result``, ``ax``, ``at``: as for :func:`sweep_slice`.
+    - ``right``, ``up``: the paths of both numbers.
 
     **Raises:** as :func:`sweep_slice`.
     """
