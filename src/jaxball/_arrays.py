@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from .wording import counted
+
 Numbers = ArrayLike | Sequence[Any]  # a number, an array, or nested sequences of numbers
 
 
@@ -24,5 +26,5 @@ def to_array(x: Numbers) -> Float[Array, "..."]:
 def require_shape(name: str, value: Array, shape: tuple[int, ...]) -> None:
     """Raises a ``ValueError`` unless the argument ``name`` has the shape () or (n,) that it must have."""
     if value.shape != shape:
-        wanted = "a single number" if shape == () else f"{shape[0]} numbers"
+        wanted = "a single number" if shape == () else counted(shape[0], "number")
         raise ValueError(f"Argument `{name}` must be {wanted}, but its shape is {value.shape}.")

@@ -61,8 +61,9 @@ class Scenario:
 
         **Raises:** as :func:`jaxball.simulate`, and :class:`ScenarioError` where the solver does not go with ``dae``.
         """
+        named = "Key `solve.solver`" if solver is None else "Argument `solver`"
         solver = self.solver if solver is None else solver
-        check_dae(self.system, solver, self.dae)
+        check_dae(self.system, solver, self.dae, named)
         trajectory = simulate(
             self.system,
             self.times,
