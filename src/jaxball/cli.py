@@ -1,45 +1,30 @@
 """The command line: ``jaxball`` and its commands, one a file in ``commands``."""
 
-import argparse
-import importlib.metadata
+import io
 import sys
 from collections.abc import Sequence
 
-import jax
-
-from . import cpu
-from .commands import bench, chaos, design, reproduce, scenarios, simulate, sweep, verify
-from .commands.options import BAD_INPUT
-from .results import OutputError
-from .scenario import ScenarioError
-from .simulation import PrecisionError
-
-COMMANDS = (scenarios, simulate, chaos, verify, sweep, design, reproduce, bench)
+from . import interruption
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command, and returns its exit code.
 
-    0, 1 for a run that is not to be believed, 2 for bad input, 3 for a solve that failed, 130 for Ctrl-C.
+    0, 1 for a run that is not to be believed, 2 for bad input, 3 for a solve that failed, 130 for Ctrl-C, 141 where
+    nobody reads the output any more.
+
+    Without ``arguments`` the command is that of the process, which Ctrl-C then ends at once. Called from Python with
+    ``arguments`` it leaves signals as they are.
     """
-    options = _parser().parse_args(arguments)
-    cpu.prepare(gradients=options.gradients)
-    jax.config.update("jax_enable_x64", True)
-    try:
-        return options.run(options)
-    except (ScenarioError, OutputError, PrecisionError, OSError) as error:
-        print(f"jaxball: {error}", file=sys.stderr)
-        return BAD_INPUT
+    own = arguments is None
+    if own:
+        interruption.end_at_ctrl_c()
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            sys.stdout.reconfigure(line_buffering=True)  # so that no line is lost
+    # Imported here, because Ctrl-C is to be heard before anything that takes time.
+    from .commands.dispatch import run
 
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="jaxball",
-        description="Simulates a rolling ball or disk driven by point masses moving inside it.",
-    )
-    parser.add_argument("--version", action="version", version=f"jaxball {importlib.metadata.version('jaxball')}")
-    parser.set_defaults(gradients=False)
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in COMMANDS:
-        command.add(commands)
-    return parser
+    code = run(sys.argv[1:] if arguments is None else arguments)
+    if own:
+        interruption.end_as_it_is()
+    return code

@@ -19,6 +19,7 @@ from .packing import Packing
 from .simulable import AnySimulableState, AnySimulableSystem, SimulableSystem
 from .state import BallState, DiskState, ReducedState, RotationState
 from .status import SolveError, Status
+from .wording import counted
 
 
 class Interpolant(eqx.Module, Generic[AnySimulableState]):
@@ -126,8 +127,8 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
             return self._of_many()
         lines = [
             f"Trajectory of a {_described(self.system)}",
-            f"  {self.times.size} times from {float(self.times[0]):g} to {float(self.times[-1]):g}",
-            f"  {int(self.steps)} steps, {int(self.rejected)} of them rejected",
+            f"  {counted(self.times.size, 'time')} from {float(self.times[0]):g} to {float(self.times[-1]):g}",
+            f"  {counted(int(self.steps), 'step')}, {int(self.rejected)} of them rejected",
             f"  {self.message}",
         ]
         if isinstance(self.state, BallState | DiskState):
@@ -164,7 +165,7 @@ def _laws_of_all(system, times, state) -> Any:
 def _described(system: SimulableSystem) -> str:
     if isinstance(system, AbstractClassicalSystem):
         return system.title
-    masses = "one point mass" if system.n_masses == 1 else f"{system.n_masses or 'no'} point masses"
+    masses = counted(system.n_masses, "point mass", "point masses") if system.n_masses else "no point masses"
     return f"{type(system).__name__.lower()} with {masses}"
 
 

@@ -53,7 +53,7 @@ def test_bad_input_leaves_the_output_as_it_was(folder):
     (folder / "run.csv").write_text("precious")
     done = jaxball("simulate", "bad.toml", "--out", "run.csv", folder=folder)
     assert done.returncode == 2
-    assert done.stderr == "jaxball: Key `body.gravty` is not known; did you mean `gravity`?\n"
+    assert done.stderr == "jaxball: bad.toml: Key `body.gravty` is not known; did you mean `gravity`?\n"
     assert done.stdout == ""
     assert (folder / "run.csv").read_text() == "precious"
 
@@ -92,8 +92,12 @@ def test_version(capsys):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["scenarios", "bal"], '"bal"; did you mean ball.'),
-        (["simulate", "none.toml"], '"none.toml" (No such file or directory)'),
+        (["scenarios", "bal"], 'NAME must be that of a built-in scenario, but it is "bal"; did you mean "ball"?'),
+        (
+            ["simulate", "none.toml"],
+            'FILE must be a scenario file, or the name of a built-in one, but it is "none.',
+        ),
+        (["simulate", "none.toml"], "(No such file or directory); `jaxball scenarios` lists them."),
         (["simulate", "ball", "--out", "run.pdf"], "must end in one of .nc, .npz, .csv"),
         (["simulate", "ball", "--out", "none/run.nc"], 'a folder that exists, but "none" does not'),
         (["simulate", "ball", "--animate", "film.avi"], "must end in one of .mp4, .gif"),

@@ -45,8 +45,9 @@ def test_a_solve_that_fails(capsys):
     ("arguments", "sentence"),
     [
         (["nonholonomic-particle", "none.toml"], '"none.toml" (No such file or directory)'),
-        (["ball", "--laws", "enrgy"], "must hold names of energy, momentum, chaplygin, jellett-rate, jellett"),
-        (["ball", "--json", "report.txt"], "must end in one of .json"),
+        (["ball", "--laws", "enrgy"], '`--laws` must hold names of laws, but it holds "enrgy"; did you mean "energy"?'),
+        (["ball", "--laws", "qqq"], 'it holds "qqq"; the laws here are energy, momentum, chaplygin, jellett-rate, '),
+        (["ball", "--json", "report.txt"], "must end in .json"),
     ],
 )
 def test_bad_arguments(capsys, arguments, sentence):

@@ -161,7 +161,7 @@ def test_the_gradient_is_right_to_the_solver():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (('kind = "within"', 'kind = "withing"'), "must be one of"),
+        (('kind = "within"', 'kind = "withing"'), 'did you mean "within"'),
         (("starts = 2", "starts = 0"), "search.starts"),
         (("lower = -1.0", "lower = 3.0"), "lower bound below"),
         (('path = "initial.Omega[1]"', 'path = "initial.Omega[7]"'), "did you mean"),

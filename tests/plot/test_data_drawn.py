@@ -112,7 +112,7 @@ def test_a_system_is_drawn_at_any_time_and_with_any_driven_angle():
     later = drawn(plot.configuration(paper_disk(), t=5.0), "CM")
     angles = -np.pi / 2 + np.array([-1, 1, -1, 1]) * travelled(5.0)
     np.testing.assert_allclose(later[0, 0], np.sum(DISK_RADII * np.cos(angles)) / 5, atol=1e-14)
-    with pytest.raises(ValueError, match=r"^Argument `theta` must have 1 entries, .* but its shape is \(0,\)\.$"):
+    with pytest.raises(ValueError, match=r"^Argument `theta` must have 1 entry, .* but its shape is \(0,\)\.$"):
         plot.configuration(ball)
 
 

@@ -213,11 +213,12 @@ def altered(**status):
 @pytest.mark.parametrize(
     ("draw", "sentence"),
     [
-        (lambda: plot.sweep_slice(disks(), "ph", OVER_MASS), r"^Result `ph` must be one of .* has, z, phi, .*steps\.$"),
+        (lambda: plot.sweep_slice(disks(), "ph", OVER_MASS), r"^Result `ph` must be one .* has; did you mean `phi`\?$"),
+        (lambda: plot.sweep_slice(disks(), "q", OVER_MASS), r"^Result `q` must be one .* it has z, phi, .*steps\.$"),
         (lambda: plot.sweep_slice(balls([0]), "z", "initial.speed"), r"^Result `z` must be .* z\[0\], z\[1\], "),
         (
             lambda: plot.sweep_slice(disks(), "phi", "mass"),
-            r"^Path `mass` must be one .* body.mass, body\.gravity\.$",
+            r"^Path `mass` must be one .* changes; did you mean `body\.mass`\?$",
         ),
         (lambda: plot.sweep_slice(disks(DESIGN), "phi", OVER_MASS, by="body.gravity"), r"^Argument `by` must be a num"),
         (lambda: plot.sweep_slice(disks(), "phi", OVER_MASS, at={OVER_MASS: 1.0}), r"^Argument `at` must have no"),
@@ -283,7 +284,7 @@ def test_the_command_draws_standard_results_of_one_number(command, tmp_path, cap
     [
         (["none.zarr"], 'must be the store of a study at "none.zarr", but there is nothing'),
         (["."], "must be the store of a study, but it is something else"),
-        (["s.zarr", "--result", "steps", "psi"], "Result `psi` must be one of those that the study has, z, phi, "),
+        (["s.zarr", "--result", "steps", "psi"], "Result `psi` must be one of those that the study has; did you mean"),
         (["s.zarr", "--against", "body.masses"], "Path `body.masses` must be one of the numbers"),
         (["begun.zarr"], "must have a row that was computed, but none of its rows is done yet"),
     ],

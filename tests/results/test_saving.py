@@ -144,7 +144,7 @@ def test_failure_leaves_the_file_as_it_was(ball, tmp_path, monkeypatch):
         raise OSError("the disk is full")
 
     monkeypatch.setattr(np, "savetxt", fails)
-    with pytest.raises(OutputError, match=r'run\.csv" is not: the disk is full\.$'):
+    with pytest.raises(OutputError, match=r'^The file "\S+/run\.csv" cannot be written: the disk is full\.$'):
         save(trajectory, path)
     assert path.read_text() == "precious"
     assert [item.name for item in tmp_path.iterdir()] == ["run.csv"]

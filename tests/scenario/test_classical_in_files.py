@@ -56,7 +56,7 @@ def test_what_is_written_reads_the_same(text):
 @pytest.mark.parametrize(
     ("text", "old", "new", "sentence"),
     [
-        (TOP, "heavy-top", "heavy-tap", '`kind` must be one of "ball", "disk", "free-rigid-body", "heavy-top"'),
+        (TOP, "heavy-top", "heavy-tap", '`kind` cannot be "heavy-tap"; did you mean "heavy-top"'),
         (TOP, '"heavy-top"', '["heavy-top"]', "`kind` must be one of"),
         (TOP, "chi = [0.0, 0.1, 0.7], ", "", "`body.chi` must be a list of 3 finite numbers, but it is missing"),
         (TOP, "0.7]", "1.7]", "`body.chi` must be a place where a body of this mass and inertia can have"),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from jaxball.scenario import ScenarioError, builtin_text, load_scenario, read_scenario
+from jaxball.scenario import ScenarioError, builtin_text, load_scenario, read_scenario, write_scenario
 
 from .documents import BALL, DISK, TURNING, edited, with_motion, with_rail, with_schedule
 
@@ -13,16 +13,20 @@ TYPES = {
     ),
     "no format": (
         edited("format = 1\n", ""),
-        "Key `format` must be a whole number from 1 to 1, but it is missing.",
+        "Key `format` must be 1, but it is missing.",
     ),
     "newer format": (
         edited("format = 1", "format = 2"),
-        "Key `format` must be a whole number from 1 to 1, but it is 2.",
+        "Key `format` must be 1, but it is 2.",
     ),
     "another kind": (
         edited('"ball"', '"cube"'),
         'Key `kind` must be one of "ball", "disk", "free-rigid-body", "heavy-top", "suslov", '
         '"nonholonomic-particle", "vakonomic-particle", but it is "cube".',
+    ),
+    "a misspelt kind": (
+        edited('"ball"', '"Bal"'),
+        'Key `kind` cannot be "Bal"; did you mean "ball"?',
     ),
     "title not a text": (
         'title = ["a"]\n' + BALL,
@@ -162,7 +166,7 @@ SHELLS = {
     ),
     "force with a phase too many": (
         BALL + "[force]\nfrequency = [1.0]\namplitude = [[1.0, 0.0, 0.0]]\nphase = [1.0, 2.0]",
-        "Key `force.phase` must be as long as `frequency`, which has 1 entries, but it is one of 2.",
+        "Key `force.phase` must be as long as `frequency`, which has 1 entry, but it is one of 2.",
     ),
 }
 
@@ -187,9 +191,9 @@ def test_documents_are_good():
 
 
 def test_no_such_file():
-    with pytest.raises(ScenarioError, match=r'or one of ball, .*, but it is "bal" \(.*\); did you mean ball\.$'):
+    with pytest.raises(ScenarioError, match=r'name of a built-in one, but it is "bal" \(.*\); did you mean "ball"\?$'):
         load_scenario("bal")
-    with pytest.raises(ScenarioError, match=r'must be one of ball, .*, but it is "discus"; did you mean disk\.$'):
+    with pytest.raises(ScenarioError, match=r'that of a built-in scenario, but it is "discus"; did you mean "disk"\?$'):
         builtin_text("discus")
 
 
@@ -197,3 +201,23 @@ def test_file_that_is_not_text(tmp_path):
     (tmp_path / "a.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(ScenarioError, match=r"\(it is not UTF-8 text\)\.$"):
         load_scenario(tmp_path / "a.toml")
+
+
+def test_the_name_of_the_file_stands_in_every_message(tmp_path):
+    (tmp_path / "a.toml").write_text(edited("gravity", "gravty"))
+    with pytest.raises(ScenarioError, match=r"^\S+/a\.toml: Key `body\.gravty` is not known; did you mean"):
+        load_scenario(tmp_path / "a.toml")
+    (tmp_path / "a.toml").write_text("")
+    with pytest.raises(ScenarioError, match=r"^\S+/a\.toml: Key `format` must be 1, but it is missing\.$"):
+        load_scenario(tmp_path / "a.toml")
+    (tmp_path / "a.toml").write_bytes(b"\x00\x01")
+    with pytest.raises(ScenarioError, match=r"^\S+/a\.toml: A scenario must be a TOML document, but it is not: "):
+        load_scenario(tmp_path / "a.toml")
+    with pytest.raises(ScenarioError, match=rf'it is "{tmp_path}" \(Is a directory\)\.$'):
+        load_scenario(tmp_path)
+
+
+def test_files_as_editors_on_windows_write_them(tmp_path):
+    (tmp_path / "a.toml").write_bytes(b"\xef\xbb\xbf" + BALL.replace("\n", "\r\n").encode())
+    read, wanted = load_scenario(tmp_path / "a.toml"), read_scenario(BALL)
+    assert write_scenario(read) == write_scenario(wanted)

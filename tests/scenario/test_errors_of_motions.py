@@ -30,7 +30,7 @@ RAILS = {
     ),
     "Fourier rail": (
         with_rail('{ kind = "fourier", cosine = [[0.1, 0, 0]], sine = [[0, 0.1, 0], [0, 0, 0]] }'),
-        "Key `masses[0].rail.sine` must be as long as `cosine`, which has 1 rows, but it is one of 2.",
+        "Key `masses[0].rail.sine` must be as long as `cosine`, which has 1 row, but it is one of 2.",
     ),
     "spline through two points": (
         with_rail('{ kind = "spline", points = [[0, 0, 0.1], [0.1, 0, 0]] }'),
@@ -126,7 +126,7 @@ RUNS = {
     ),
     "gains too many": (
         BALL + SERVO + "stiffness = [1.0]\ndamping = [1.0, 2.0]",
-        "Key `actuation.damping` must be a list of 1 numbers, one for each driven mass, but it is one of 2.",
+        "Key `actuation.damping` must be a list of 1 number, one for each driven mass, but it is one of 2.",
     ),
     "negative gain": (
         BALL + SERVO + "stiffness = [-1.0]\ndamping = [1.0]",

@@ -82,11 +82,13 @@ def test_differential_algebraic_form_by_another_solver(tmp_path, capsys, solver)
     """Whether the file names it or the command line does, it is bad input, and nothing is solved."""
     (tmp_path / "file.toml").write_text(file("ball", f'solver = "{solver}"\ndae = true'))
     (tmp_path / "good.toml").write_text(file("ball", DAE))
-    for arguments in ([str(tmp_path / "file.toml")], [str(tmp_path / "good.toml"), "--solver", solver]):
+    bad, good = str(tmp_path / "file.toml"), str(tmp_path / "good.toml")
+    named = {f"{bad}: Key `solve.solver`": [bad], "Argument `--solver`": [good, "--solver", solver]}
+    for name, arguments in named.items():
         assert main(["simulate", *arguments]) == 2
         captured = capsys.readouterr()
         assert captured.out == ""
         assert captured.err == (
-            'jaxball: Key `solve.solver` must be one of "radau5", "radau9", "radau13" where `solve.dae` is true, '
+            f'jaxball: {name} must be one of "radau5", "radau9", "radau13" where `solve.dae` is true, '
             f'because other solvers know no mass matrix, but it is "{solver}".\n'
         )

@@ -73,7 +73,7 @@ def test_settings(tmp_path, old, new, sentence):
 
 
 def test_a_wrong_scenario_is_named_as_such(tmp_path):
-    with pytest.raises(StudyError, match=r"The scenario of the study is wrong: Key `body.mass` must be .* missing"):
+    with pytest.raises(StudyError, match=r'scenario of the study, "disk.toml", is wrong: Key `body.mass` .* missing'):
         study(tmp_path, scenario=DISK.replace("mass = 1.0\n", "", 1))
 
 

@@ -1,5 +1,6 @@
 """Nothing is lost: runs that were killed at random moments end as if nothing had happened."""
 
+import contextlib
 import importlib.util
 import os
 import random
@@ -38,7 +39,23 @@ def test_the_command_stops_at_ctrl_c(tmp_path):
         run.send_signal(signal.SIGINT)
         text = run.communicate(timeout=120)[1]
     assert run.returncode == 130
-    assert "of 600 rows done; run the same command to go on." in text
+    assert text.startswith("jaxball: Stopping when what is being computed is in the store; press Ctrl-C again to stop")
+    assert "of 600 rows done; run the same command to resume." in text
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="this system does not show its processes")
+def test_the_second_ctrl_c_stops_at_once_and_its_workers_too(tmp_path):
+    (tmp_path / "study.toml").write_text(study_text(tmp_path, MANY, "chunk = 16"))
+    with start(tmp_path, "a.zarr", "--workers", "2") as run:
+        while processes(run.pid) < 4:  # the command, its two workers, and Python's tracker of what they share
+            assert run.poll() is None
+        for words in ("Stopping", "Stopped"):
+            os.killpg(run.pid, signal.SIGINT)
+            assert run.stderr.readline().startswith(f"jaxball: {words}")
+        # At the end of the file nothing of the session runs any more.
+        assert run.communicate(timeout=120)[1] == ""
+    assert run.returncode == 130
+    assert not list(tmp_path.rglob(".part-*"))
 
 
 @pytest.mark.slow
@@ -72,6 +89,15 @@ def test_a_dask_cluster_on_this_machine(tmp_path):
     assert outcome.finished
     # In processes of its own, with the same flags of XLA as those of the cluster.
     assert files(sweep(found, tmp_path / "spawned.zarr", workers=2).store) == files(outcome.store)
+
+
+def processes(session):
+    """How many processes a session has."""
+    sessions = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            sessions.append(int(path.read_text().rpartition(")")[2].split()[3]))
+    return sessions.count(session)
 
 
 def start(folder, store, *options):

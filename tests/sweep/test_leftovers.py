@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from jaxball.cli import main
+from jaxball.output import part_prefix
 from jaxball.sweep import StoreError, sweep
-from jaxball.sweep.disk import SECONDS_OF_A_PART, part_prefix
+from jaxball.sweep.disk import SECONDS_OF_A_PART
 from tests.sweep.studies import files, pretend, study, study_text
 
 KILLED_WHILE_IT_MAKES_A_STORE = """

@@ -12,6 +12,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullLocator
 
+from ..output import replacing
 from ..plot import style
 from .contenders import ALL
 from .measure import Row
@@ -48,7 +49,8 @@ def draw(problem: Problem, rows: Sequence[Row], folder: Path) -> list[Path]:
     figure = diagram(problem, rows)
     paths = [folder / f"{problem.name}.{suffix}" for suffix in ("png", "pdf")]
     for path in paths:
-        figure.savefig(path, dpi=200)
+        with replacing(path) as beside:
+            figure.savefig(beside, dpi=200)
     return paths
 
 

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from ..wording import counted
 from .contenders import Contender, Program, Run
 from .problem import Problem
 from .texts import power, seconds
@@ -116,7 +117,7 @@ def measure(problem: Problem, contenders: Sequence[Contender], settings: Setting
             continue
         found, failures = _build(problem, contender, settings, leave_out)
         if found:
-            echo(f"  {contender.name}: {len(found)} settings, built in {seconds(found[0].build_time)}")
+            echo(f"  {contender.name}: {counted(len(found), 'setting')}, built in {seconds(found[0].build_time)}")
         entries += found
         measured.rows += failures
     time_in_turns(entries, settings.budget)

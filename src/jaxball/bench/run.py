@@ -7,7 +7,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..results import replacing
+from ..output import replacing
+from ..wording import counted
 from . import report
 from .contenders import FAMILIES, Contender
 from .machine import description
@@ -87,12 +88,13 @@ def _present(contenders: Sequence[Contender]) -> tuple[list[Contender], list[str
 def _finding(rows: Sequence[Row]) -> str:
     good = [row for row in rows if not row.failure]
     solvers = len({row.solver for row in good})
+    done = f"{counted(solvers, 'solver')}, {counted(len(good), 'setting')}"
     for goal in reversed(report.GOALS):
         found = report.cheapest(rows, goal)
         if found:
             time = seconds(found[0].time or 0.0)
-            return f"{solvers} solvers, {len(good)} settings; fastest to {power(goal)}: {found[0].solver}, {time}"
-    return f"{solvers} solvers, {len(good)} settings, none with an error of at most {power(report.GOALS[0])}"
+            return f"{done}; fastest to {power(goal)}: {found[0].solver}, {time}"
+    return f"{done}, none with an error of at most {power(report.GOALS[0])}"
 
 
 def _write(

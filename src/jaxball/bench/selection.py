@@ -1,9 +1,9 @@
 """Problems and solvers chosen by name."""
 
-import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeVar
 
+from ..wording import nearest
 from .contenders import ALL, Contender
 from .problem import Problem
 
@@ -65,6 +65,8 @@ def _holds(label: str, name: str) -> bool:
 
 
 def _suggestion(name: str, known: Iterable[str]) -> str:
-    lower = {label.lower(): label for label in known}
-    nearest = [lower[match] for match in difflib.get_close_matches(name.lower(), lower, NEAREST, cutoff=0.3)]
-    return f"the nearest names are {', '.join(nearest)}" if nearest else f"the names are {', '.join(lower.values())}"
+    known = list(known)
+    near = nearest(name, known, NEAREST, cutoff=0.3)
+    if len(near) == 1:
+        return f"the nearest name is {near[0]}"
+    return f"the nearest names are {', '.join(near)}" if near else f"the names are {', '.join(known)}"

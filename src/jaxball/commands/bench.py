@@ -2,16 +2,16 @@
 
 import argparse
 import dataclasses
-import sys
 from pathlib import Path
 
-from ..results import OutputError
-from .options import BAD_INPUT, INTERRUPTED, positive
+from ..interruption import INTERRUPTED, STOPPED, last_words
+from ..output import check_folder
+from .options import BadInputError, positive
 
 
 def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
-    parser = commands.add_parser("bench", help="compare solvers at equal achieved error")
+    parser = commands.add_parser("bench")
     parser.add_argument("problems", nargs="*", metavar="PROBLEM", help="which problems (default: all)")
     parser.add_argument("--solvers", nargs="+", default=[], metavar="NAME", help="a solver, a package, or words of one")
     parser.add_argument("--tolerances", nargs="+", type=positive, metavar="RTOL", help="default: 1e-4 to 1e-13")
@@ -30,18 +30,22 @@ def _run(options: argparse.Namespace) -> int:
     if options.list:
         print(bench.listing())
         return 0
-    if options.out.exists() and not options.out.is_dir():
-        raise OutputError(f'Argument `--out` must be a folder, but "{options.out}" is a file.')
+    check_folder(options.out, "--out")
     try:
         plan = bench.plan(options.problems, options.solvers, quick=options.quick)
     except bench.SelectionError as error:
-        print(f"jaxball: {error}", file=sys.stderr)
-        return BAD_INPUT
+        raise BadInputError(str(error)) from None
     changes = {
         "tolerances": options.tolerances and tuple(options.tolerances),
         "budget": options.budget,
         "limit": options.limit,
     }
     settings = dataclasses.replace(plan.settings, **{key: value for key, value in changes.items() if value is not None})
-    done = bench.bench(plan.problems, plan.contenders, settings, options.out)
+    with last_words(lambda: _stopped(options.out)):
+        done = bench.bench(plan.problems, plan.contenders, settings, options.out)
     return INTERRUPTED if done.interrupted else 0
+
+
+def _stopped(out: Path) -> str:
+    kept = (out / "results.json").exists()
+    return f'Stopped; "{out}" has the problems that were finished.' if kept else STOPPED

@@ -5,17 +5,17 @@ import sys
 from pathlib import Path
 
 from ..chaos import lyapunov_spectrum
-from ..results import check_destination, replacing
+from ..output import check_destination, replacing
 from ..scenario import load_scenario
 from ..scenario.solve import SOLVERS
-from .options import BAD_INPUT, FAILED_SOLVE, number, positive
+from .options import FAILED_SOLVE, BadInputError, number, positive
 
 FIGURES = (".png", ".pdf", ".svg")
 
 
 def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
-    parser = commands.add_parser("chaos", help="Lyapunov exponents of a scenario")
+    parser = commands.add_parser("chaos")
     parser.add_argument("scenario", metavar="FILE|NAME", help="a scenario file, or a built-in scenario")
     parser.add_argument("--end", type=number, help="the time at which to end, instead of the scenario's")
     parser.add_argument("--transient", type=number, default=0.0, help="the time before averages begin (default: 0)")
@@ -27,9 +27,11 @@ def add(commands) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     if options.plot is not None:
-        check_destination(options.plot, FIGURES)
+        check_destination(options.plot, FIGURES, "--plot")
     scenario = load_scenario(options.scenario)
     end = scenario.times[-1] if options.end is None else options.end
+    if end <= scenario.times[0]:
+        raise BadInputError(f"Argument `--end` must be after the start, {scenario.times[0]:g}, but it is {end:g}.")
     try:
         spectrum = lyapunov_spectrum(
             scenario.system,
@@ -43,8 +45,7 @@ def _run(options: argparse.Namespace) -> int:
             atol=scenario.atol,
         )
     except ValueError as error:
-        print(f"jaxball: {error}", file=sys.stderr)
-        return BAD_INPUT
+        raise BadInputError(str(error)) from None
     if not spectrum.ok:
         print(f"jaxball: {spectrum.message}", file=sys.stderr)
         return FAILED_SOLVE

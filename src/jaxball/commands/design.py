@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..results import OutputError
-from .options import INTERRUPTED
+from ..interruption import last_words
+from ..output import check_folder
 
 UNMET = 1
 
@@ -16,7 +16,6 @@ def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "design",
-        help="find a design by gradients through the simulation",
         description="Looks for a design, or goes on with a search that was stopped, whatever stopped it.",
     )
     parser.add_argument("problem", metavar="FILE", help="a problem file")
@@ -29,11 +28,12 @@ def _run(options: argparse.Namespace) -> int:
     # Imported here, because the other commands have no use for it.
     from ..design.control.files import TABLE, read_control
     from ..design.files import load_document, problem_of
+    from ..scenario.within import naming
 
+    check_folder(options.out, "--out")
     document, folder = load_document(options.problem), Path(options.problem).parent
-    found = read_control(document, folder) if TABLE in document else problem_of(document, folder)
-    if options.out.exists() and not options.out.is_dir():
-        raise OutputError(f'Argument `--out` must be a folder, but "{options.out}" is a file.')
+    with naming(options.problem):
+        found = (read_control if TABLE in document else problem_of)(document, folder)
 
     def say(line: str) -> None:
         if not options.quiet:
@@ -54,13 +54,13 @@ def _control(options: argparse.Namespace, found: Any, say: Callable[[str], None]
         write_design(solution, found.title, found.saves, options.out)
         kept = True
 
-    try:
+    def stopped() -> str:
+        what = f"the last motion found is {options.out / SCENARIO}" if kept else "no motion was found yet"
+        return f"Stopped; {what}."
+
+    with last_words(stopped):
         done = controlled(found, say, keep)
         report = write_report(done, found.title, found.saves, options.out)
-    except KeyboardInterrupt:
-        what = f"the last motion found is {options.out / SCENARIO}" if kept else "no motion was found yet"
-        print(f"jaxball: Stopped; {what}.", file=sys.stderr)
-        return INTERRUPTED
     if found.title:
         print(found.title)
     for name, value in means(done.solution).items():
@@ -79,16 +79,14 @@ def _search(options: argparse.Namespace, found: Any, say: Callable[[str], None])
     from ..design.report import write_report
     from ..design.search import PROGRESS, SCENARIO, design
 
-    try:
+    def stopped() -> str:
+        if not all((options.out / name).exists() for name in (PROGRESS, SCENARIO)):
+            return "Stopped; no design was found yet."
+        return f"Stopped; the best design so far is {options.out / SCENARIO}; run the same command to resume."
+
+    with last_words(stopped):
         done = design(found.problem, found.settings, options.out, identity=found.identity, say=say)
-    except KeyboardInterrupt:
-        if (options.out / PROGRESS).exists():
-            print(
-                f"jaxball: Stopped; the best design so far is {options.out / SCENARIO}; run the same command to go on.",
-                file=sys.stderr,
-            )
-        return INTERRUPTED
-    report = write_report(done, found.title, options.out)
+        report = write_report(done, found.title, options.out)
     if found.title:
         print(found.title)
     for name, value in zip(found.problem.objectives, done.verified.finer.terms, strict=True):

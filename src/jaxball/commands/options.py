@@ -5,7 +5,11 @@ import math
 
 BAD_INPUT = 2
 FAILED_SOLVE = 3
-INTERRUPTED = 130
+BROKEN_PIPE = 141  # as a shell reports it of other programs
+
+
+class BadInputError(ValueError):
+    """What was typed cannot be; the message is one sentence that says what and why."""
 
 
 def positive(text: str) -> float:

@@ -14,10 +14,12 @@ import numpy as np
 from ..classical import AbstractClassicalSystem
 from ..events import AbstractEvent, Detachment, Slip
 from ..extremes import contact_extremes
-from ..results import OutputError, check_destination, replacing, save
+from ..output import OutputError, check_destination, check_folder, replacing
+from ..results import SUFFIXES, save
 from ..scenario import Scenario, ScenarioError, load_scenario
-from ..scenario.solve import SOLVERS
+from ..scenario.solve import SOLVERS, check_dae
 from ..trajectory import Trajectory
+from ..wording import counted
 from .options import FAILED_SOLVE, positive
 
 ANIMATIONS = (".mp4", ".gif")
@@ -26,12 +28,14 @@ FRAMES = 30
 
 def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
-    parser = commands.add_parser("simulate", help="simulate a scenario")
+    parser = commands.add_parser("simulate")
     parser.add_argument("scenario", metavar="FILE|NAME", help="a scenario file, or a built-in scenario")
     parser.add_argument("--out", type=Path, metavar="FILE", help="save the trajectory: .nc, .npz or .csv")
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw the figures into this folder")
     parser.add_argument("--animate", type=Path, metavar="FILE", help="make an animation: .mp4 or .gif")
-    parser.add_argument("--solver", choices=SOLVERS, help="instead of the scenario's")
+    parser.add_argument(
+        "--solver", choices=SOLVERS, metavar="SOLVER", help=f"instead of the scenario's: {', '.join(SOLVERS)}"
+    )
     parser.add_argument("--rtol", type=positive, help="relative tolerance, instead of the scenario's")
     parser.add_argument("--atol", type=positive, help="absolute tolerance, instead of the scenario's")
     parser.add_argument("--friction", type=positive, metavar="MU", help="end where more friction than this is needed")
@@ -44,6 +48,8 @@ def _run(options: argparse.Namespace) -> int:
     changes = {name: getattr(options, name) for name in ("solver", "rtol", "atol")}
     changes = {name: value for name, value in changes.items() if value is not None}
     scenario = dataclasses.replace(load_scenario(options.scenario), **changes)
+    if options.solver is not None:
+        check_dae(scenario.system, options.solver, scenario.dae, "Argument `--solver`")
     _check_animation(options, scenario)
     touches = not isinstance(scenario.system, AbstractClassicalSystem)
     trajectory = scenario.simulate(dense=touches, events=_events(options, scenario))
@@ -64,11 +70,11 @@ def _kept(out: Path | None) -> str:
 
 def _check_destinations(options: argparse.Namespace) -> None:
     if options.out is not None:
-        check_destination(options.out)
-    if options.plot is not None and options.plot.exists() and not options.plot.is_dir():
-        raise OutputError(f'Argument `--plot` must be a folder, but "{options.plot}" is a file.')
+        check_destination(options.out, SUFFIXES, "--out")
+    if options.plot is not None:
+        check_folder(options.plot, "--plot")
     if options.animate is not None:
-        check_destination(options.animate, ANIMATIONS)
+        check_destination(options.animate, ANIMATIONS, "--animate")
         if options.animate.suffix == ".mp4" and shutil.which("ffmpeg") is None:
             raise OutputError(
                 f'Argument `--animate` must end in .gif where ffmpeg is not installed, but it is "{options.animate}".'
@@ -91,7 +97,7 @@ def _draw(options: argparse.Namespace, scenario: Scenario, trajectory: Trajector
     written = []
     if options.plot is not None:
         paths = plot.figures(trajectory, options.plot)
-        written.append(f"{len(paths)} figures in {options.plot}")
+        written.append(f"{counted(len(paths), 'figure')} in {options.plot}")
     if options.animate is not None:
         with replacing(options.animate) as beside:
             plot.animate(_for_film(scenario), beside, fps=FRAMES)

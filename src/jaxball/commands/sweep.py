@@ -5,7 +5,10 @@ import importlib.util
 import sys
 from pathlib import Path
 
-from .options import BAD_INPUT, FAILED_SOLVE, INTERRUPTED
+from ..interruption import INTERRUPTED, STOPPED, last_words
+from ..output import check_folder
+from ..wording import both, counted
+from .options import FAILED_SOLVE, BadInputError
 
 NEEDED = ("zarr", "pandas", "pyarrow", "scipy")
 
@@ -14,7 +17,6 @@ def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "sweep",
-        help="run a study: a scenario with other numbers in each row",
         usage=(
             "jaxball sweep STUDY --out STORE [--workers N] [--shard K/N] [--dry-run [--measure]]\n"
             "       jaxball sweep status STORE\n"
@@ -52,8 +54,7 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
         parser.error("argument --measure is for --dry-run")
     if options.store is not None:
         parser.error(f"unrecognized argument: {options.store}")
-    if _is_missing(NEEDED):
-        return BAD_INPUT
+    _require(NEEDED)
     study = sweep.load_study(options.study)
     if options.dry_run:
         if options.measure:
@@ -70,13 +71,14 @@ def _sweep(study, options: argparse.Namespace) -> int:
     from .. import sweep
 
     try:
-        outcome = sweep.sweep(study, options.out, workers=options.workers, shard=options.shard, stream=sys.stderr)
+        with last_words(lambda: _stopped(options.out)):
+            outcome = sweep.sweep(study, options.out, workers=options.workers, shard=options.shard, stream=sys.stderr)
     except sweep.WorkerError as error:
         print(f"jaxball: {error}", file=sys.stderr)
         return FAILED_SOLVE
     if outcome.interrupted:
         print(
-            f"jaxball: Stopped with {outcome.done:,} of {outcome.rows:,} rows done; run the same command to go on.",
+            f"jaxball: Stopped with {outcome.done:,} of {outcome.rows:,} rows done; run the same command to resume.",
             file=sys.stderr,
         )
         return INTERRUPTED
@@ -89,33 +91,31 @@ def _sweep(study, options: argparse.Namespace) -> int:
 def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     if options.store is None or options.out is None:
         parser.error("the following arguments are required after plot: STORE, --out")
-    if _is_missing(("zarr",)):
-        return BAD_INPUT
+    _require(("zarr",))
     from .. import plot, sweep
 
     data = sweep.open_dataset(options.store)
-    if options.out.exists() and not options.out.is_dir():
-        raise sweep.StoreError(f'Argument `--out` must be a folder, but "{options.out}" is a file.')
+    check_folder(options.out, "--out")
     try:
         paths = plot.sweep_figures(data, options.out, options.result, options.against)
     except plot.PictureError as error:
-        print(f"jaxball: {error}", file=sys.stderr)
-        return BAD_INPUT
-    print(f"{len(paths)} figures of {options.store}")
+        raise BadInputError(str(error)) from None
+    print(f"{counted(len(paths), 'figure')} of {options.store}")
     for path in paths:
         print(f"  written: {path}")
     return 0
 
 
-def _is_missing(packages: tuple[str, ...]) -> bool:
-    """Whether one of the packages is not installed, which is then told."""
+def _stopped(out: Path) -> str:
+    return f'Stopped; what "{out}" holds is whole; run the same command to resume.' if out.exists() else STOPPED
+
+
+def _require(packages: tuple[str, ...]) -> None:
+    """Raises where one of the packages is not installed."""
     missing = [name for name in packages if importlib.util.find_spec(name) is None]
     if missing:
-        print(
-            f"jaxball: A sweep needs {', '.join(missing)}, which are not installed; pip install 'jaxball[sweep]'.",
-            file=sys.stderr,
-        )
-    return bool(missing)
+        are = "is" if len(missing) == 1 else "are"
+        raise BadInputError(f"A sweep needs {both(missing)}, which {are} not installed; pip install 'jaxball[sweep]'.")
 
 
 def _count(text: str) -> int:

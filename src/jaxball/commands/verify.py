@@ -2,13 +2,12 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
-from ..results import check_destination, replacing
+from ..output import check_destination, replacing
 from ..scenario import builtin_scenarios, load_scenario
 from ..verify import LAWS, verify
-from .options import BAD_INPUT, FAILED_SOLVE
+from .options import FAILED_SOLVE, BadInputError
 
 LAW_BROKEN = 1
 
@@ -17,7 +16,6 @@ def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "verify",
-        help="check the laws of mechanics on a run",
         description="Runs scenarios and checks every law that applies. Exit code 1 where a run is not to be believed.",
         epilog="Laws: " + "; ".join(f"{name}: {what}" for name, what in LAWS.items()) + ".",
     )
@@ -32,7 +30,7 @@ def add(commands) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     if options.json is not None:
-        check_destination(options.json, (".json",))
+        check_destination(options.json, (".json",), "--json")
     names = options.scenarios or builtin_scenarios()
     # All of them before the first run, so that a misspelt name is not found out after minutes.
     scenarios = {name: load_scenario(name) for name in names}
@@ -41,8 +39,7 @@ def _run(options: argparse.Namespace) -> int:
         try:
             reports[name] = verify(scenario, laws=options.laws, quick=options.quick)
         except ValueError as error:
-            print(f"jaxball: {error}", file=sys.stderr)
-            return BAD_INPUT
+            raise BadInputError(str(error)) from None
         print(f"{name}: {reports[name]}", flush=True)
         if options.json is not None:
             with replacing(options.json) as beside:

@@ -6,10 +6,9 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from ..scenario import ScenarioError
 from ..scenario.table import Key, read_family, read_table
 from ..scenario.values import NOT_NEGATIVE, POSITIVE, Choice, Integer, Nested, Numbers, Text, key_error, shown
-from ..scenario.within import SCENARIO, document_of, scenario_document, text_of
+from ..scenario.within import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from .errors import DesignError
 from .kinds import CONSTRAINTS, OBJECTIVES
 from .perturbations import Perturbations
@@ -79,7 +78,9 @@ def load_problem(source: str | Path) -> ProblemFile:
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, when it is not TOML, and
     when a key of it or of its scenario is misspelt, missing or wrong.
     """
-    return problem_of(load_document(source), Path(source).parent)
+    document = load_document(source)
+    with naming(source):
+        return problem_of(document, Path(source).parent)
 
 
 def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
@@ -99,7 +100,9 @@ def load_document(source: str | Path) -> dict[str, Any]:
 
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, or when it is not TOML.
     """
-    return document_of(text_of(source, "problem", DesignError), "problem", DesignError)
+    text = text_of(source, "problem file", DesignError)
+    with naming(source):
+        return document_of(text, "problem", DesignError)
 
 
 def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFile:
@@ -111,12 +114,8 @@ def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFil
     found = read_table(document, "", _KEYS)
     scenario = scenario_document(found["scenario"], Path(folder), DesignError)
     variables = [_variable(item, path) for path, item in _items(found["variables"], "variables")]
-    try:
+    with naming_scenario(found["scenario"], "problem", DesignError):
         space = DesignSpace(scenario, variables)
-    except DesignError:
-        raise
-    except ScenarioError as error:
-        raise DesignError(f"The scenario of the problem is wrong: {error}") from None
     objectives = objects_of(found["objectives"], "objectives", OBJECTIVES)
     constraints = objects_of(list(found["constraints"]), "constraints", CONSTRAINTS)
     given = read_table({} if found["search"] is None else found["search"], "search", _SETTINGS)

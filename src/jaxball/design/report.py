@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from .. import plot
 from ..body import Disk
 from ..extremes import contact_extremes
-from ..results import replacing
+from ..output import replacing
 from ..scenario import ScenarioError
 from ..trajectory import Trajectory
 from .objectives import FollowCurve, FollowTrajectory, LargestDistance

@@ -14,6 +14,7 @@ from .._arrays import Numbers, to_array
 from ..body import Disk, System
 from ..moments import kinematics, moments
 from ..trajectory import Trajectory
+from ..wording import counted
 from .record import require_one
 from .shapes import outline, rail_points, split, view, wireframe
 from .style import (
@@ -119,7 +120,7 @@ def _places(system: System, t: Numbers, theta: Numbers) -> Places:
     angles = to_array(theta)
     if angles.shape != (len(system.driven),):
         raise ValueError(
-            f"Argument `theta` must have {len(system.driven)} entries, one for each driven mass, "
+            f"Argument `theta` must have {counted(len(system.driven), 'entry', 'entries')}, one for each driven mass, "
             f"but its shape is {angles.shape}."
         )
     return Places(*(np.asarray(place) for place in _positions(system, to_array(t), angles)))

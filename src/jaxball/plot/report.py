@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from ..body import Disk
 from ..classical import AbstractClassicalSystem
+from ..output import replacing
 from ..trajectory import Trajectory
 from .actuation import acceleration, accelerations
 from .classical import classical_motion, law_errors
@@ -54,7 +55,8 @@ def figures(trajectory: Trajectory[Any, Any], folder: str | Path) -> list[Path]:
         if draw is acceleration and not accelerations(trajectory):
             continue
         paths.append(folder / f"{kind}_{draw.__name__}.png")
-        draw(trajectory).figure.savefig(paths[-1], dpi=200)  # pyright: ignore
+        with replacing(paths[-1]) as beside:
+            draw(trajectory).figure.savefig(beside, dpi=200)  # pyright: ignore
     return paths
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from .. import paper, plot
+from ..output import replacing
 from ..simulation import simulate
 from .experiments import Experiment
 
@@ -49,5 +50,6 @@ def draw(experiment: Experiment, folder: Path) -> list[Path]:
     paths = []
     for name, function in wanted.items():
         paths.append(folder / f"{name}.png")
-        function(trajectory).figure.savefig(paths[-1], dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
+        with replacing(paths[-1]) as beside:
+            function(trajectory).figure.savefig(beside, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
     return paths

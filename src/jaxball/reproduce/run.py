@@ -3,6 +3,8 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from ..output import replacing
+from ..wording import counted
 from . import table
 from .experiments import SOLVERS, Measurement, ball_experiment, disk_experiment, measure
 
@@ -43,8 +45,9 @@ def reproduce(
         for solver in solvers:
             measurements.append(measure(experiment, solver))
             echo(table.row(measurements[-1]))
-    (out / "table.md").write_text(table.markdown(measurements), encoding="utf-8")
-    (out / "table.json").write_text(table.as_json(measurements), encoding="utf-8")
+    for name, content in (("table.md", table.markdown(measurements)), ("table.json", table.as_json(measurements))):
+        with replacing(out / name) as beside:
+            beside.write_text(content, encoding="utf-8")
     drawn = []
     if figures:
         from .pictures import draw  # only here, so that a table without figures does not load matplotlib
@@ -53,7 +56,7 @@ def reproduce(
             drawn += draw(experiment, out)
 
     echo("\n" + "\n".join(table.LEGEND))
-    echo(f"\nWrote table.md, table.json and {len(drawn)} figures into {out}.")
+    echo(f"\nWrote table.md, table.json and {counted(len(drawn), 'figure')} into {out}.")
     echo("\n" + table.agreement(measurements))
     return measurements
 

@@ -1,24 +1,18 @@
 """Saving a trajectory to a file."""
 
-import contextlib
-import os
-import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ..output import check_destination, replacing
 from ..scenario import Scenario, write_scenario
 from ..scenario.paths import entries
 from ..trajectory import Trajectory
 from .dataset import to_dataset
 from .provenance import attributes
 from .variables import values
-
-
-class OutputError(ValueError):
-    """A file cannot be written; the message is one sentence that names it."""
 
 
 def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario | None = None) -> Path:
@@ -34,7 +28,8 @@ def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario 
       that reached its end, and the number of its :class:`~jaxball.Status` for one that failed.
 
     A failed solve is saved too, with its status, and NaN after the time that it reached. The file is
-    written beside ``path`` and then moved there, so a failure never harms a file that exists.
+    written beside ``path`` and then moved there, so a failure never harms a file that exists. A symbolic
+    link is followed.
 
     **Returns:** ``path``.
 
@@ -42,42 +37,10 @@ def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario 
     ``ValueError`` for a batch of trajectories.
     """
     path = Path(path)
-    check_destination(path)
+    check_destination(path, SUFFIXES)
     with replacing(path) as beside:
         WRITERS[path.suffix](trajectory, beside, scenario)
     return path
-
-
-@contextlib.contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """A path to write to, beside ``path``; what is there at the end is moved to ``path``.
-
-    **Raises:** :class:`OutputError` when the file cannot be written; ``path`` is then as it was.
-    """
-    try:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".jaxball-") as folder:
-            beside = Path(folder) / path.name
-            yield beside
-            os.replace(beside, path)
-    except OSError as error:
-        raise OutputError(
-            f'Argument `path` must be a file that can be written, but "{path}" is not: {error}.'
-        ) from error
-
-
-def check_destination(path: Path, suffixes: tuple[str, ...] | None = None) -> None:
-    """Raises an :class:`OutputError` unless a file with one of ``suffixes`` can be written at ``path``."""
-    suffixes = tuple(WRITERS) if suffixes is None else suffixes
-    if path.suffix not in suffixes:
-        raise OutputError(f'Argument `path` must end in one of {", ".join(suffixes)}, but it is "{path}".')
-    if path.is_dir():
-        raise OutputError(f'Argument `path` must be a file, but "{path}" is a folder.')
-    if not path.parent.is_dir():
-        raise OutputError(
-            f'Argument `path` must lie in a folder that exists, but "{path.parent}" does not; make it first.'
-        )
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise OutputError(f'Argument `path` must lie in a folder that can be written, but "{path.parent}" cannot.')
 
 
 def _write_netcdf(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None) -> None:
@@ -107,3 +70,4 @@ WRITERS: dict[str, Callable[[Trajectory[Any, Any], Path, Scenario | None], None]
     ".npz": _write_npz,
     ".csv": _write_csv,
 }
+SUFFIXES = tuple(WRITERS)

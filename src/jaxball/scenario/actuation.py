@@ -7,6 +7,7 @@ from ..body import PointMass, System
 from ..feedback import AbstractLaw, FollowSchedules, Servo
 from ..motion import Driven, OnRail
 from ..schedules import AbstractSchedule
+from ..wording import counted
 from .table import Family, Key, Module, join, read_family
 from .values import NOT_NEGATIVE, Indices, Numbers, ScenarioError, key_error
 
@@ -51,7 +52,7 @@ def apply_actuation(
         if name in values and len(values[name]) != len(driven):
             raise key_error(
                 join(path, name),
-                f"a list of {len(driven)} numbers, one for each driven mass",
+                f"a list of {counted(len(driven), 'number')}, one for each driven mass",
                 f"one of {len(values[name])}",
             )
     schedules, changed = [], list(masses)

@@ -1,6 +1,5 @@
 """Scenario files: text to scenario and back."""
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from .actuation import apply_actuation, write_actuation
 from .body import kind_of, read_force, read_shell, write_body
 from .classical import CLASSICAL, read_classical, write_classical
 from .initial import balanced, initial_state, read_initial, write_initial
-from .library import builtin_scenarios, builtin_text, nearest
+from .library import builtin_scenarios, builtin_text, nearest_builtin
 from .masses import read_masses, write_masses
 from .scenario import Scenario
 from .shell import check_inside, check_start
@@ -22,6 +21,7 @@ from .solve import SOLVE, check_dae
 from .table import Key, read_table, write_table
 from .times import read_times, write_times
 from .values import Choice, Integer, Nested, ScenarioError, Text
+from .within import document_of, naming, text_of
 
 FORMAT = 1
 
@@ -61,15 +61,9 @@ def load_scenario(source: str | Path) -> Scenario:
     """
     if isinstance(source, str) and source in builtin_scenarios():
         return read_scenario(builtin_text(source))
-    try:
-        text = Path(source).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
-        raise ScenarioError(
-            f"Argument `source` must be a scenario file or one of {', '.join(builtin_scenarios())}, but "
-            f'it is "{source}" ({reason}){nearest(str(source))}.'
-        ) from None
-    return read_scenario(text)
+    text = text_of(source, "scenario file, or the name of a built-in one", ScenarioError, nearest_builtin(str(source)))
+    with naming(source):
+        return read_scenario(text)
 
 
 def read_scenario(text: str) -> Scenario:
@@ -82,11 +76,7 @@ def read_scenario(text: str) -> Scenario:
     **Raises:** :class:`ScenarioError`, with one sentence, when the text is not TOML, or a key is
     misspelt, missing, of the wrong type or shape, or impossible.
     """
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ScenarioError(f"A scenario must be a TOML document, but it is not: {error}.") from None
-    return read_document(document)
+    return read_document(document_of(text, "scenario", ScenarioError))
 
 
 def read_document(document: dict[str, Any]) -> Scenario:

@@ -6,6 +6,7 @@ from ..force import HarmonicForce
 from ..harmonics import HarmonicSeries
 from ..motion import Oscillating
 from ..schedules import Sinusoids
+from ..wording import counted
 from .table import Key, Module, join
 from .values import Numbers, key_error
 
@@ -25,7 +26,7 @@ def check_lengths(found: dict[str, Any], path: str) -> None:
         if len(found[name]) != n and not (name == "phase" and len(found[name]) == 0):
             raise key_error(
                 join(path, name),
-                f"as long as `frequency`, which has {n} entries",
+                f"as long as `frequency`, which has {counted(n, 'entry', 'entries')}",
                 f"one of {len(found[name])}",
             )
 

@@ -14,6 +14,7 @@ from ..equilibrium import balance, with_angles
 from ..motion import OnRail
 from ..schedules import AbstractSchedule
 from ..state import BallState, DiskState, State
+from ..wording import counted
 from .table import Key, join, read_one_of, read_table, write_table
 from .values import NOT_ALL_ZERO, Flag, Indices, Nested, Numbers, ScenarioError, key_error
 
@@ -71,7 +72,7 @@ def initial_state(
         elif len(given) != len(schedules):
             raise key_error(
                 join(path, name),
-                f"a list of {len(schedules)} numbers, one for each mass that a law drives",
+                f"a list of {counted(len(schedules), 'number')}, one for each mass that a law drives",
                 f"one of {len(given)}",
             )
     return (DiskState if kind == "disk" else BallState)(**found)

@@ -1,9 +1,9 @@
 """The scenarios that come with the package, one file each."""
 
-import difflib
 import importlib.resources
 import tomllib
 
+from ..wording import did_you_mean
 from .values import ScenarioError
 
 
@@ -28,7 +28,7 @@ def builtin_text(name: str) -> str:
     """
     if name not in builtin_scenarios():
         raise ScenarioError(
-            f'Argument `name` must be one of {", ".join(builtin_scenarios())}, but it is "{name}"{nearest(name)}.'
+            f'Argument `name` must be that of a built-in scenario, but it is "{name}"{nearest_builtin(name)}'
         )
     return (_folder() / f"{name}.toml").read_text(encoding="utf-8")
 
@@ -43,7 +43,6 @@ def builtin_title(name: str) -> str:
     return tomllib.loads(builtin_text(name))["title"]
 
 
-def nearest(name: str) -> str:
-    """A hint for a name that is nearly that of a built-in scenario; empty where there is none."""
-    near = difflib.get_close_matches(name, builtin_scenarios(), n=1)
-    return f"; did you mean {near[0]}" if near else ""
+def nearest_builtin(name: str) -> str:
+    """The end of a sentence about a name that is not that of a built-in scenario."""
+    return did_you_mean(name, builtin_scenarios(), "`jaxball scenarios` lists them")

@@ -3,6 +3,7 @@
 from typing import Any
 
 from ..rails import BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
+from ..wording import counted
 from .frames import FRAME
 from .table import Family, Key, Module, join
 from .values import NOT_ALL_ZERO, POSITIVE, Numbers, key_error
@@ -17,7 +18,7 @@ PLACE = {"centre": CENTRE, "frame": FRAME}
 def _check_harmonics(found: dict[str, Any], path: str) -> None:
     n, m = len(found["cosine"]), len(found["sine"])
     if m != n:
-        raise key_error(join(path, "sine"), f"as long as `cosine`, which has {n} rows", f"one of {m}")
+        raise key_error(join(path, "sine"), f"as long as `cosine`, which has {counted(n, 'row')}", f"one of {m}")
 
 
 def _check_points(found: dict[str, Any], path: str) -> None:

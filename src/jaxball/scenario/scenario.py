@@ -15,6 +15,7 @@ from ..simulable import SimulableSystem
 from ..simulation import DEFAULT_TOLERANCE, simulate
 from ..state import BallState, DiskState
 from ..trajectory import Trajectory
+from ..wording import one_of
 from .shell import mark_escape
 from .solve import SOLVERS, check_dae
 
@@ -68,10 +69,11 @@ class Scenario:
 
         **Raises:** as :func:`jaxball.simulate`, and :class:`ScenarioError` where the solver does not go with ``dae``.
         """
+        named = "Key `solve.solver`" if solver is None else "Argument `solver`"
         solver = self.solver if solver is None else solver
         if not isinstance(solver, str) or solver not in SOLVERS:
-            raise refusal("solver", f"a name, one of {', '.join(SOLVERS)}", solver)
-        check_dae(self.system, solver, self.dae)
+            raise refusal("solver", f"a name, {one_of(list(SOLVERS))}", solver)
+        check_dae(self.system, solver, self.dae, named)
         trajectory = simulate(
             self.system,
             self.times,

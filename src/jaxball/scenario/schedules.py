@@ -3,6 +3,7 @@
 from typing import Any
 
 from ..schedules import ConstantRate, PiecewiseAcceleration, Pulse, Waypoints
+from ..wording import counted
 from .harmonics import SINUSOIDS
 from .table import Family, Key, Module, join
 from .values import INCREASING, Numbers, key_error
@@ -24,7 +25,7 @@ def _check_pieces(found: dict[str, Any], path: str) -> None:
         raise key_error(
             join(path, "accelerations"),
             f"a list with a row for each interval between the {times} `times`",
-            f"one of {rows} rows",
+            f"one of {counted(rows, 'row')}",
         )
 
 
@@ -33,7 +34,11 @@ def _check_waypoints(found: dict[str, Any], path: str) -> None:
     if times < 2:
         raise key_error(join(path, "times"), "a list of two times or more", f"one of {times}")
     if angles != times:
-        raise key_error(join(path, "angles"), f"as long as `times`, which has {times} entries", f"one of {angles}")
+        raise key_error(
+            join(path, "angles"),
+            f"as long as `times`, which has {counted(times, 'entry', 'entries')}",
+            f"one of {angles}",
+        )
 
 
 SCHEDULES: Family = {

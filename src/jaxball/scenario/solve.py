@@ -40,8 +40,11 @@ SOLVE = {
 }
 
 
-def check_dae(system: SimulableSystem, solver: str, dae: bool) -> None:
-    """Raises a :class:`ScenarioError` where the differential-algebraic form is asked for and there is none."""
+def check_dae(system: SimulableSystem, solver: str, dae: bool, named: str = "Key `solve.solver`") -> None:
+    """Raises a :class:`ScenarioError` where the differential-algebraic form is asked for and there is none.
+
+    The message calls the solver as ``named``.
+    """
     if dae and isinstance(system, Disk):
         raise ScenarioError(
             "Key `solve.dae` must be false for a disk, whose state holds no versor, but it is true; use a ball."
@@ -53,6 +56,6 @@ def check_dae(system: SimulableSystem, solver: str, dae: bool) -> None:
     if dae and solver not in KNOW_MASS_MATRICES:
         names = ", ".join(f'"{name}"' for name in KNOW_MASS_MATRICES)
         raise ScenarioError(
-            f"Key `solve.solver` must be one of {names} where `solve.dae` is true, because other solvers know no mass "
+            f"{named} must be one of {names} where `solve.dae` is true, because other solvers know no mass "
             f'matrix, but it is "{solver}".'
         )

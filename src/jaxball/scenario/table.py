@@ -1,11 +1,11 @@
 """Tables of a scenario file: which keys one has, read and written by the same description."""
 
-import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
 
+from ..wording import did_you_mean
 from .values import Choice, Kind, ScenarioError, key_error, shown
 
 REQUIRED = object()
@@ -147,10 +147,8 @@ def refuse_unknown(values: Any, path: str, known: Iterable[str]) -> None:
     known = sorted(known)
     for name in values:
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-            here = f"the keys here are {', '.join(known)}." if known else "there are no keys here."
-            hint = f"did you mean `{near[0]}`?" if near else here
-            raise ScenarioError(f"Key `{join(path, name)}` is not known; {hint}")
+            here = f"the keys here are {', '.join(known)}" if known else "there are no keys here"
+            raise ScenarioError(f"Key `{join(path, name)}` is not known{did_you_mean(name, known, here, '`')}")
 
 
 def _is_default(value: Any, key: Key) -> bool:

@@ -13,6 +13,8 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..wording import did_you_mean, nearest, one_of
+
 LONGEST_SHOWN = 60
 
 
@@ -81,7 +83,7 @@ class Numbers:
         if not self.shape:
             return f"a {before} number{after}"
         counts = ["" if n is None else f"{n} " for n in self.shape]
-        inner = f"{counts[-1]}{before} numbers{after}"
+        inner = f"{counts[-1]}{before} {'number' if self.shape[-1] == 1 else 'numbers'}{after}"
         return f"a list of {inner}" if len(self.shape) == 1 else f"a list of {counts[0]}rows of {inner}"
 
     def read(self, value: Any, path: str) -> np.ndarray | float:
@@ -130,7 +132,7 @@ class Integer:
 
     @property
     def words(self) -> str:
-        return f"a whole number from {self.least} to {self.most}"
+        return f"a whole number from {self.least} to {self.most}" if self.least < self.most else f"{self.least}"
 
     def read(self, value: Any, path: str) -> int:
         if not _is_integer(value) or not self.least <= value <= self.most:
@@ -195,10 +197,12 @@ class Choice:
 
     @property
     def words(self) -> str:
-        return "one of " + ", ".join(f'"{name}"' for name in self.names)
+        return one_of([f'"{name}"' for name in self.names])
 
     def read(self, value: Any, path: str) -> str:
         if not isinstance(value, str) or value not in self.names:
+            if isinstance(value, str) and nearest(value, self.names):
+                raise ScenarioError(f"Key `{path}` cannot be {shown(value)}{did_you_mean(value, self.names)}")
             raise key_error(path, self.words, shown(value))
         return value
 

@@ -1,18 +1,41 @@
 """Files that hold a scenario among other things: studies and problems."""
 
+import contextlib
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .library import builtin_scenarios, builtin_text
+from .library import builtin_scenarios, builtin_text, nearest_builtin
 from .values import Nested, ScenarioError, key_error, shown
 
 # A scenario in such a file: a table, the name of a built-in one, or the path of a file.
 SCENARIO = Nested(lambda value, path: value, lambda value, path: value, "a table, a name or a file")
 
 
-def text_of(source: str | Path, what: str, error: type[ScenarioError]) -> str:
-    """The text of a file, which is ``what``.
+@contextlib.contextmanager
+def naming(source: str | Path) -> Iterator[None]:
+    """Lets the errors that are raised within begin with the name of the file."""
+    try:
+        yield
+    except ScenarioError as error:
+        raise type(error)(f"{source}: {error}") from None
+
+
+@contextlib.contextmanager
+def naming_scenario(value: Any, what: str, error: type[ScenarioError]) -> Iterator[None]:
+    """Lets errors of the scenario that ``what`` holds or names say so; those of the type ``error`` do already."""
+    try:
+        yield
+    except error:
+        raise
+    except ScenarioError as cause:
+        name = f', "{value}",' if isinstance(value, str) else ""
+        raise error(f"The scenario of the {what}{name} is wrong: {cause}") from None
+
+
+def text_of(source: str | Path, what: str, error: type[ScenarioError], hint: str = ".") -> str:
+    """The text of a file, which is ``what``; ``hint`` ends the sentence where there is none.
 
     **Raises:** ``error``, with one sentence, when there is no such file, or when it is no text.
     """
@@ -20,7 +43,8 @@ def text_of(source: str | Path, what: str, error: type[ScenarioError]) -> str:
         return Path(source).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as cause:
         reason = cause.strerror if isinstance(cause, OSError) else "it is not UTF-8 text"
-        raise error(f'Argument `source` must be a {what} file, but it is "{source}" ({reason}).') from None
+        hint = hint if isinstance(cause, FileNotFoundError) else "."
+        raise error(f'Argument `source` must be a {what}, but it is "{source}" ({reason}){hint}') from None
 
 
 def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, Any]:
@@ -29,7 +53,7 @@ def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, A
     **Raises:** ``error`` when it is none.
     """
     try:
-        return tomllib.loads(text)
+        return _parsed(text)
     except tomllib.TOMLDecodeError as cause:
         raise error(f"A {what} must be a TOML document, but it is not: {cause}.") from None
 
@@ -45,9 +69,14 @@ def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> d
         raise key_error("scenario", SCENARIO.words, shown(value))
     try:
         known = value in builtin_scenarios()
-        return tomllib.loads(builtin_text(value) if known else (folder / value).read_text(encoding="utf-8"))
+        return _parsed(builtin_text(value) if known else (folder / value).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as cause:
         raise error(
-            f"Key `scenario` must be a table, a scenario file or one of {', '.join(builtin_scenarios())}, but it is "
-            f'"{value}" ({getattr(cause, "strerror", None) or cause}).'
+            f'Key `scenario` must be a table, a scenario file, or the name of a built-in one, but it is "{value}" '
+            f"({getattr(cause, 'strerror', None) or cause}){nearest_builtin(value)}"
         ) from None
+
+
+def _parsed(text: str) -> dict[str, Any]:
+    """Some editors put a byte-order mark at the beginning, which TOML does not know."""
+    return tomllib.loads(text.removeprefix("\ufeff"))

@@ -1,6 +1,6 @@
 """What can be wrong with a sweep."""
 
-from ..results import OutputError
+from ..output import OutputError
 from ..scenario import ScenarioError
 
 

@@ -2,14 +2,16 @@
 
 import concurrent.futures
 import multiprocessing
+import multiprocessing.context
+import multiprocessing.util
 import threading
 import time
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+from .. import interruption
 from .chunk import Done, Task, solve_chunk, solve_chunk_elsewhere
 from .errors import WorkerError
-from .interrupt import leave_to_the_parent
 
 SECONDS_BETWEEN_LOOKS = 0.02
 
@@ -26,13 +28,33 @@ class _Here(concurrent.futures.Executor):
         return future
 
 
+class _Worker(multiprocessing.context.SpawnProcess):
+    """Importing JAX takes seconds, in which a Ctrl-C at the terminal would reach it too."""
+
+    def start(self) -> None:
+        with interruption.heard_by_the_parent():
+            super().start()
+
+
+class _Context(multiprocessing.context.SpawnContext):
+    Process = _Worker
+
+
 def executor_of(workers: int) -> concurrent.futures.Executor:
     """An executor with so many processes, each started afresh; this process itself for one worker."""
     if workers == 1:
         return _Here()
     return concurrent.futures.ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), initializer=leave_to_the_parent
+        workers, mp_context=_Context(), initializer=interruption.ignore_ctrl_c
     )
+
+
+def kill_workers() -> None:
+    """Ends the processes of :func:`executor_of` at once; what they have not finished has no mark in the store."""
+    for process in multiprocessing.active_children():
+        process.kill()
+    # As Python does where a process ends by itself; else its tracker of resources complains of those that they shared.
+    multiprocessing.util._run_finalizers(0)  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.Event) -> Iterator[Done]:

@@ -12,6 +12,7 @@ from ..scenario import Scenario
 from ..scenario.solve import SOLVERS
 from ..scenario.table import Key, read_one_of
 from ..scenario.values import Text, key_error, shown
+from ..wording import did_you_mean
 from .errors import StudyError
 
 KINDS: Mapping[str, type[Any]] = {"maximum": Maximum, "minimum": Minimum, "integral": Integral, "drift": Drift}
@@ -73,8 +74,12 @@ def solved_in_lanes(template: Scenario) -> bool:
 def _read(value: Any, path: str, template: Scenario) -> Find:
     if isinstance(value, str):
         if value not in REDUCTIONS or not isinstance(template.system, Ball | Disk):
-            known = ", ".join(REDUCTIONS) if isinstance(template.system, Ball | Disk) else "none for this system"
-            raise key_error(path, f"a table or a name that is known ({known})", shown(value))
+            known = list(REDUCTIONS) if isinstance(template.system, Ball | Disk) else []
+            hint = f"the names are {', '.join(known)}" if known else "there are none for this system"
+            raise StudyError(
+                f"Key `{path}` must be a table or a name that is known, but it is {shown(value)}"
+                f"{did_you_mean(value, known, hint)}"
+            )
         return Find(value)
     kind, found = read_one_of(value, path, CHOICES)
     return Find(found["name"], kind, found[kind])

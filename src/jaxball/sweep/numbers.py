@@ -1,10 +1,10 @@
 """The numbers of a scenario's document, addressed by their paths: ``masses[0].rail.radius``."""
 
-import difflib
 import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from ..wording import did_you_mean
 from .errors import StudyError
 
 _STEP = re.compile(r"\.?([A-Za-z_][\w-]*)|\[(\d+)\]")
@@ -31,10 +31,9 @@ def check_number(document: Mapping[str, Any], path: str) -> None:
         return
     if _FIXED.fullmatch(path):
         raise StudyError(f"Key `{path}` must be the same in all rows, because it shapes what is computed and saved.")
-    near = difflib.get_close_matches(path, known, n=1)
-    hint = f"did you mean `{near[0]}`?" if near else f"its numbers are {', '.join(known)}."
+    hint = did_you_mean(path, known, f"its numbers are {', '.join(known)}", "`")
     raise StudyError(
-        f"Key `{path}` names no number that stands in the scenario; write it there if it has its default, {hint}"
+        f"Key `{path}` names no number that stands in the scenario; write it there if it has its default{hint}"
     )
 
 

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 import jax
 
 from ..ensemble.threads import cores
+from ..interruption import asked_to_stop, before_the_end
 from .batch import Engine
 from .chunk import Task
 from .engine import solve_in_lanes
 from .errors import StudyError
-from .executors import executor_of, solve_all
-from .interrupt import asked_to_stop
+from .executors import executor_of, kill_workers, solve_all
 from .outputs import outputs_of
 from .progress import Progress, Stream
 from .store import Store, open_store
@@ -24,6 +24,7 @@ from .table import has_table, write_table
 from .tally import tally
 
 TASKS_PER_WORKER = 2
+STOPPING = "Stopping when what is being computed is in the store; press Ctrl-C again to stop at once."
 
 
 class Outcome(NamedTuple):
@@ -87,9 +88,10 @@ def sweep(
         sum(len(study.rows_of(k)) for k in mine),
         parallel,
     )
+    words = STOPPING if stream is not None else ""
     threads = max(1, cores() // workers) if executor is None else 1
     tasks = (Task(study, store.folder, k, engine, threads) for k in mine)
-    with asked_to_stop() as stop, _running(executor, min(workers, max(len(mine), 1))) as pool:
+    with asked_to_stop(words) as stop, _running(executor, min(workers, max(len(mine), 1))) as pool:
         try:
             for done in solve_all(pool, tasks, TASKS_PER_WORKER * parallel, stop):
                 progress.add(done)
@@ -120,7 +122,8 @@ def _running(executor: Any, workers: int) -> Iterator[Any]:
         return
     own: concurrent.futures.Executor = executor_of(workers)
     try:
-        yield own
+        with before_the_end(kill_workers):
+            yield own
     finally:
         own.shutdown(wait=True, cancel_futures=True)
 

@@ -6,6 +6,7 @@ again.
 """
 
 import os
+import shutil
 import tempfile
 import warnings
 from collections.abc import Iterator
@@ -14,10 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from .. import interruption
+from ..output import flush_to_disk, part_prefix
 from ..scenario import Scenario
 from ..status import Status
+from ..wording import counted
 from .attributes import differences, identity_of, read_attributes
-from .disk import flush_folder, part_prefix, remove_dead_parts, remove_parts, write_whole
+from .disk import remove_dead_parts, remove_parts, write_whole
 from .errors import StoreError
 from .layout import AXES, dimensions, layout_of
 from .outputs import Output, labels_of
@@ -52,9 +56,9 @@ class Store:
                 write_whole(path, padded.astype(output.dtype.newbyteorder("<")).tobytes())
                 folders |= set(_up_to(path.parent, self.folder))
             for folder in folders:
-                flush_folder(folder)
+                flush_to_disk(folder)
             write_whole(self._mark(chunk), b"")
-            flush_folder(self._mark(chunk).parent)
+            flush_to_disk(self._mark(chunk).parent)
         except OSError as error:
             raise StoreError(
                 f'The store "{self.folder}" cannot be written: {error.strerror or error}. What it holds is whole; '
@@ -75,8 +79,8 @@ class Store:
         content = path.read_bytes() if path.exists() else b""
         if len(content) != int(np.prod(shape)) * output.dtype.itemsize:
             raise StoreError(
-                f'The file "{path}" must hold a chunk of {shape[0]} rows, but something has changed it; remove '
-                f'"{self._mark(chunk)}" and run the same command, to compute the chunk again.'
+                f'The file "{path}" must hold a chunk of {counted(shape[0], "row")}, but something has changed it; '
+                f'remove "{self._mark(chunk)}" and run the same command, to compute the chunk again.'
             )
         found = np.frombuffer(content, output.dtype.newbyteorder("<")).reshape(shape)
         return found[: len(self.study.rows_of(chunk))]
@@ -124,7 +128,10 @@ def _create(
     folder: Path, study: Study, template: Scenario, outputs: dict[str, Output], attributes: dict[str, Any]
 ) -> None:
     try:
-        with tempfile.TemporaryDirectory(prefix=part_prefix(), dir=folder.parent) as beside:
+        with (
+            tempfile.TemporaryDirectory(prefix=part_prefix(), dir=folder.parent) as beside,
+            interruption.before_the_end(lambda: shutil.rmtree(beside)),
+        ):
             made = Path(beside) / "store"
             _write_metadata(made, study, template, outputs, attributes)
             (made / MARKS).mkdir()
@@ -133,7 +140,7 @@ def _create(
             except OSError:
                 if not (folder / "zarr.json").exists():  # unless another shard was faster
                     raise
-        flush_folder(folder.parent)
+        flush_to_disk(folder.parent)
     except OSError as error:
         raise StoreError(
             f'Argument `out` must lie in a folder that can be written, but "{folder}" cannot be made: '

@@ -15,7 +15,7 @@ from ..body import Ball, Disk
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.table import Key, read_table
 from ..scenario.values import Choice, Flag, Integer, Nested, Text, key_error, shown
-from ..scenario.within import SCENARIO, document_of, scenario_document, text_of
+from ..scenario.within import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from .axes import Axis, read_axis
 from .errors import StudyError
 from .finds import Find, read_finds
@@ -135,7 +135,9 @@ def load_study(source: str | Path) -> Study:
     **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence, when there is no such file, when it is not
     TOML, when a key of it or of its scenario is misspelt, missing or wrong, and when an axis names no number.
     """
-    return read_study(text_of(source, "study", StudyError), Path(source).parent)
+    text = text_of(source, "study file", StudyError)
+    with naming(source):
+        return read_study(text, Path(source).parent)
 
 
 def read_study(text: str, folder: str | Path = ".") -> Study:
@@ -150,10 +152,8 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     document = document_of(text, "study", StudyError)
     found, folder = read_table(document, "", _KEYS), Path(folder)
     scenario = scenario_document(found["scenario"], folder, StudyError)
-    try:
+    with naming_scenario(found["scenario"], "study", StudyError):
         template = read_document(scenario)
-    except ScenarioError as error:
-        raise StudyError(f"The scenario of the study is wrong: {error}") from None
     for key in ("contact", "detachment"):
         if found[key] and not isinstance(template.system, Ball | Disk):
             raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which touches no plane.")

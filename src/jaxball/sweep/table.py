@@ -1,13 +1,12 @@
 """The flat table of a study: a Parquet file with a row for each run."""
 
-import os
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from ..output import flush_to_disk, whole
 from ..scenario.paths import entries
-from .disk import flush_folder, whole
 from .errors import StoreError
 from .outputs import Output
 from .store import Store
@@ -35,11 +34,11 @@ def write_table(store: Store) -> None:
     )
     together = max(1, ROWS_OF_A_GROUP // store.study.chunk)
     try:
-        with whole(store.table) as beside, pyarrow.parquet.ParquetWriter(beside, schema) as writer:
+        with whole(store.table, flush=True) as beside, pyarrow.parquet.ParquetWriter(beside, schema) as writer:
             for start in range(0, store.study.chunks, together):
                 chunks = range(start, min(start + together, store.study.chunks))
                 writer.write_table(pyarrow.table(_group(store, columns, chunks), schema=schema))
-        flush_folder(store.table.parent)
+        flush_to_disk(store.table.parent)
     except OSError as error:
         raise StoreError(
             f'The table "{store.table}" cannot be written: {error.strerror or error}. The store is whole; make room, '
@@ -67,4 +66,4 @@ def _group(store: Store, columns: dict[str, Any], chunks: range) -> dict[str, np
 
 def has_table(store: Store) -> bool:
     """Whether the table is there."""
-    return os.path.lexists(store.table)
+    return store.table.exists()

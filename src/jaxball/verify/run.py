@@ -11,6 +11,7 @@ from ..scenario import Scenario
 from ..simulable import SimulableState, SimulableSystem
 from ..simulation import at_rest
 from ..state import BallState, DiskState
+from ..wording import did_you_mean
 from .along import BALANCES, laws_along
 from .case import Case
 from .comparisons import CHECKS, COMPARISONS, SLOW
@@ -86,5 +87,6 @@ def _scenario(system: Scenario | SimulableSystem, times: Any, state: Any, settin
 def _checked(laws: Sequence[str], known: Mapping[str, Any]) -> list[str]:
     unknown = [name for name in laws if name not in known and name not in LAWS]
     if unknown:
-        raise ValueError(f'Argument `laws` must hold names of {", ".join(known)}, but it holds "{unknown[0]}".')
+        hint = did_you_mean(unknown[0], known, f"the laws here are {', '.join(known)}")
+        raise ValueError(f'Argument `laws` must hold names of laws, but it holds "{unknown[0]}"{hint}')
     return list(dict.fromkeys(laws))

@@ -11,7 +11,7 @@ from ...body import Ball, Disk
 from ...scenario import read_document
 from ...scenario.table import Family, Key, read_table
 from ...scenario.values import POSITIVE, Choice, Integer, Numbers, Text, key_error, shown
-from ...scenario.within import SCENARIO, scenario_document
+from ...scenario.within import SCENARIO, naming_scenario, scenario_document
 from ...state import BallState, DiskState
 from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
@@ -73,7 +73,8 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     missing or wrong.
     """
     found = read_table(document, "", _KEYS)
-    scenario = read_document(scenario_document(found["scenario"], Path(folder), DesignError))
+    with naming_scenario(found["scenario"], "problem", DesignError):
+        scenario = read_document(scenario_document(found["scenario"], Path(folder), DesignError))
     system = scenario.system
     if not isinstance(system, Ball | Disk):
         raise key_error("scenario.kind", "ball or disk", system.title.lower())

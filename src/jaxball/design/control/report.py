@@ -11,8 +11,9 @@ from matplotlib.axes import Axes
 from ... import plot
 from ...body import Disk
 from ...extremes import contact_extremes
-from ...results import replacing
+from ...output import replacing
 from ...scenario import Scenario, write_scenario
+from ...wording import counted
 from ..wanted import curve_and_discs, places_in_time
 from .inequalities import PLACES
 from .means import means
@@ -75,7 +76,7 @@ def _constraints(found: Controlled) -> list[str]:
     rows = ["| constraint | largest violation | |", "|" + "---|" * 3]
     for name, by in violations.items():
         rows.append(f"| {name} | {by:.3g} | {'violated' if name in found.broken else 'holds'} |")
-    looked = f"Looked at {PLACES - 1} times on each of {found.solution.errors.size} intervals"
+    looked = f"Looked at {PLACES - 1} times on each of {counted(found.solution.errors.size, 'interval')}"
     return [*rows, "", f"{looked}; {found.violation:g} is allowed.", ""]
 
 

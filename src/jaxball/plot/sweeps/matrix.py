@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ...status import Status
+from ...wording import counted
 from ..style import COMPONENTS, SMALL, named, plane_axes
 from .errors import PictureError
 from .failures import LOOKS, MANY, make_room, marks, names_of, outcomes, present
@@ -84,7 +85,7 @@ def _drawn(rows: Rows, variables: Sequence[_Variable]) -> Figure:
     entries = list(keys.values())
     figure.legend(
         handles=entries,
-        title=left_out[0] if left_out else f"{len(rows):,} rows",
+        title=left_out[0] if left_out else counted(len(rows), "row"),
         loc="upper right",
         frameon=False,
         prop=SMALL,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from ...output import replacing
 from .fans import sweep_fan
 from .maps import sweep_map
 from .matrix import MOST_VARIABLES, sweep_matrix
@@ -40,7 +41,7 @@ def sweep_figures(
       maps over the first two alone.
 
     **Raises:** :class:`PictureError` when nothing can be drawn, and for an unknown result or path, naming those there
-    are; nothing is written then. ``OSError`` when a file cannot be written.
+    are; nothing is written then. ``OutputError`` when a file cannot be written.
     """
     rows = rows_of(data)
     for name in results:
@@ -58,7 +59,8 @@ def sweep_figures(
         paths.append(folder / f"{_file_name(words)}.png")
         drawn = draw()
         figure = drawn if isinstance(drawn, Figure) else drawn.figure
-        figure.savefig(paths[-1], dpi=DPI)
+        with replacing(paths[-1]) as beside:
+            figure.savefig(beside, dpi=DPI)
     return paths
 
 

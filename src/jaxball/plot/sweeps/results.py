@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...scenario.paths import entries
+from ...wording import did_you_mean
 from .errors import PictureError
 from .rows import Rows
 
@@ -81,7 +82,8 @@ def parsed(data: "xarray.Dataset", result: str) -> tuple[str, tuple[int, ...]]:
     """
     known = result_names(data)
     if result not in known:
-        raise PictureError(f"Result `{result}` must be one of those that the study has, {', '.join(known)}.")
+        hint = did_you_mean(result, known, f"it has {', '.join(known)}", "`")
+        raise PictureError(f"Result `{result}` must be one of those that the study has{hint}")
     return result.partition("[")[0], tuple(int(k) for k in re.findall(r"\[(\d+)\]", result))
 
 

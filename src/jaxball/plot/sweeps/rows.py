@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...status import Status
+from ...wording import did_you_mean
 from .errors import PictureError
 
 if TYPE_CHECKING:
@@ -49,9 +50,8 @@ class Rows:
         **Raises:** :class:`PictureError` when the study changes no such number.
         """
         if path not in self.paths:
-            raise PictureError(
-                f"Path `{path}` must be one of the numbers that the study changes, {', '.join(self.paths)}."
-            )
+            hint = did_you_mean(path, self.paths, f"it changes {', '.join(self.paths)}", "`")
+            raise PictureError(f"Path `{path}` must be one of the numbers that the study changes{hint}")
         return int(_listed(self.data, "path_axis")[self.paths.index(path)])
 
     def paths_of(self, axis: int) -> tuple[str, ...]:

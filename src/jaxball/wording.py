@@ -1,0 +1,33 @@
+"""Parts of sentences: enumerations, numbers of things, and names that were perhaps meant."""
+
+import difflib
+from collections.abc import Iterable, Sequence
+
+
+def one_of(names: Sequence[str]) -> str:
+    """``one of a, b, c``, and a single name as it is."""
+    return names[0] if len(names) == 1 else f"one of {', '.join(names)}"
+
+
+def both(names: Sequence[str]) -> str:
+    """``a, b and c``."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def counted(number: int, thing: str, things: str = "") -> str:
+    """``1 mass``, ``2 masses``, ``1,000 rows``; ``things`` is the plural where it is not with an s."""
+    return f"{number:,} {thing if number == 1 else things or f'{thing}s'}"
+
+
+def nearest(name: str, known: Iterable[str], most: int = 1, cutoff: float = 0.6) -> list[str]:
+    """The names that were perhaps meant, in upper or lower case, the nearest first; none where no name is near."""
+    lower = {one.lower(): one for one in known}
+    return [lower[near] for near in difflib.get_close_matches(name.lower(), lower, most, cutoff)]
+
+
+def did_you_mean(name: str, known: Iterable[str], otherwise: str = "", quote: str = '"') -> str:
+    """``; did you mean "circle"?``, and ``otherwise``, or nothing, with a full stop where no name is near."""
+    for near in nearest(name, known):
+        return f"; did you mean {quote}{near}{quote}?"
+    return f"; {otherwise}." if otherwise else "."

@@ -1,0 +1,111 @@
+"""Ctrl-C ends a command with one sentence and exit code 130, whatever it is doing."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+# Of a process that hears Ctrl-C as a command does, and presses it.
+PRELUDE = """
+import os, signal, sys, time
+from pathlib import Path
+from jaxball import interruption
+from jaxball.output import replacing
+
+interruption.end_at_ctrl_c()
+press = lambda: (os.kill(os.getpid(), signal.SIGINT), time.sleep(60))
+"""
+
+MOMENTS = {
+    "while the main thread is in a call of C": ("press()", "Stopped."),
+    "where an exception would be lost": (
+        """
+class Loses:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        for _ in range(10**9): pass
+Loses()
+time.sleep(60)
+""",
+        "Stopped.",
+    ),
+    "while a file is written": (
+        """
+with replacing(Path("run.csv")) as beside:
+    beside.write_text("half of it")
+    press()
+""",
+        "Stopped.",
+    ),
+    "where there is something to be said": (
+        'with interruption.last_words(lambda: "Stopped; all is well."):\n    press()',
+        "Stopped; all is well.",
+    ),
+    "after it was pressed already": (
+        'with interruption.asked_to_stop("Stopping.") as stop:\n'
+        "    os.kill(os.getpid(), signal.SIGINT)\n    assert stop.wait(60)\n    press()",
+        "Stopping.\njaxball: Stopped.",
+    ),
+}
+
+
+@pytest.fixture(autouse=True)
+def hears_ctrl_c():
+    """Children of a process that ignores Ctrl-C, as in the background of a shell, would ignore it too."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def start(program, *arguments, folder):
+    """A process of its own, in a session of its own as in a terminal of its own."""
+    return subprocess.Popen(
+        [sys.executable, *program, *arguments],
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+@pytest.mark.parametrize(("program", "words"), MOMENTS.values(), ids=MOMENTS.keys())
+def test_ctrl_c(tmp_path, program, words):
+    (tmp_path / "run.csv").write_text("precious")
+    with start(["-c", PRELUDE + program], folder=tmp_path) as run:
+        output, errors = run.communicate(timeout=50)
+    assert (run.returncode, output, errors) == (130, "", f"jaxball: {words}\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
+    assert (tmp_path / "run.csv").read_text() == "precious"
+
+
+def test_ctrl_c_is_ignored_where_a_shell_says_so(tmp_path):
+    program = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)" + PRELUDE
+    with start(["-c", program + "os.kill(os.getpid(), signal.SIGINT); print('done')"], folder=tmp_path) as run:
+        assert run.communicate(timeout=50) == ("done\n", "")
+    assert run.returncode == 0
+
+
+@pytest.mark.slow
+def test_ctrl_c_at_random_moments():
+    """Twice in each command; ``python -m tests.cli.interrupted 200 1`` presses it oftener."""
+    command = [sys.executable, "-m", "tests.cli.interrupted", "24", "1"]
+    done = subprocess.run(command, cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=1500)
+    assert done.returncode == 0, done.stderr
+    assert "bad: " not in done.stdout, done.stdout
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="this system does not show what a process has loaded")
+def test_ctrl_c_while_jax_is_imported(tmp_path):
+    with start(["-m", "jaxball"], "simulate", "ball", folder=tmp_path) as run:
+        deadline = time.monotonic() + 50
+        while "libjax_common" not in Path(f"/proc/{run.pid}/maps").read_text():
+            assert run.poll() is None
+            assert time.monotonic() < deadline
+        os.killpg(run.pid, signal.SIGINT)
+        output, errors = run.communicate(timeout=50)
+    assert (run.returncode, output, errors) == (130, "", "jaxball: Stopped.\n")

@@ -1,0 +1,67 @@
+"""Parts of sentences have their grammar right."""
+
+import pytest
+
+from jaxball.cli import main
+from jaxball.scenario import ScenarioError
+from jaxball.scenario.values import Choice, Integer, Numbers
+from jaxball.wording import both, counted, did_you_mean, one_of
+
+
+def test_numbers_of_things():
+    assert [counted(n, "point mass", "point masses") for n in (0, 1, 2)] == [
+        "0 point masses",
+        "1 point mass",
+        "2 point masses",
+    ]
+    assert counted(12000, "row") == "12,000 rows"
+
+
+def test_enumerations():
+    assert (one_of(["a"]), one_of(["a", "b", "c"])) == ("a", "one of a, b, c")
+    assert (both(["a"]), both(["a", "b"]), both(["a", "b", "c"])) == ("a", "a and b", "a, b and c")
+
+
+def test_what_a_value_must_be():
+    assert [kind.words for kind in (Integer(1, 1), Integer(1, 2), Choice(("a",)), Numbers((1,)), Numbers((2,)))] == [
+        "1",
+        "a whole number from 1 to 2",
+        '"a"',
+        "a list of 1 finite number",
+        "a list of 2 finite numbers",
+    ]
+
+
+def test_names_that_were_perhaps_meant():
+    names = ("dopri5", "Radau5", "tr-bdf2")
+    assert did_you_mean("dopri", names) == '; did you mean "dopri5"?'
+    assert did_you_mean("RADAU", names, "", "`") == "; did you mean `Radau5`?"
+    assert did_you_mean("euler", names) == "."
+    assert did_you_mean("euler", names, "see there") == "; see there."
+    with pytest.raises(ScenarioError, match=r'^Key `a` cannot be "tr-bdf"; did you mean "tr-bdf2"\?$'):
+        Choice(names).read("tr-bdf", "a")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [
+        (["simulte", "ball"], 'argument COMMAND: there is no "simulte"; did you mean "simulate"?'),
+        (["roll"], 'argument COMMAND: there is no "roll"; jaxball --help shows what there is.'),
+        (["simulate", "ball", "--solver", "dopri9"], 'argument --solver: there is no "dopri9"; did you mean "dopri8"?'),
+    ],
+)
+def test_what_is_typed_amiss(capsys, arguments, hint):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    errors = capsys.readouterr().err
+    assert caught.value.code == 2
+    assert errors.endswith(f"{hint}\n")
+    assert "trapezoidal" not in errors
+
+
+def test_a_package_that_is_not_installed(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "zarr" else name)
+    assert main(["sweep", "study.toml", "--out", str(tmp_path / "s.zarr")]) == 2
+    assert capsys.readouterr().err == (
+        "jaxball: A sweep needs zarr, which is not installed; pip install 'jaxball[sweep]'.\n"
+    )
