@@ -5,10 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from .. import paper, plot
+from ..plot.report import write_figure
 from ..simulation import simulate
 from .experiments import Experiment
 
 TIMES = 2001
+TITLES = {"disk": "The paper's disk, section 4", "ball": "The paper's ball, section 5"}
 
 FIGURES = {
     "disk": {
@@ -49,5 +51,5 @@ def draw(experiment: Experiment, folder: Path) -> list[Path]:
     paths = []
     for name, function in wanted.items():
         paths.append(folder / f"{name}.png")
-        function(trajectory).figure.savefig(paths[-1], dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
+        write_figure(function(trajectory), paths[-1], trajectory.system, TITLES[experiment.name])
     return paths
