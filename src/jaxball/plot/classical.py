@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ..classical import AbstractClassicalSystem, RigidBodyState
 from ..trajectory import Trajectory
@@ -67,7 +68,7 @@ def law_errors(trajectory: Trajectory[Any, Any]) -> Figure:
     panels = figure.subplots(len(laws), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, leaf) in zip(panels, laws.items(), strict=True):
         values = np.asarray(leaf)[rows].reshape(len(rows), -1)
-        _law(ax, times, values - values[:1], _WORDS.get(name, name.replace("_", " ")))
+        _law(ax, times, values - values[:1], _WORDS.get(name) or name.replace("_", " "))
     named(panels[-1], "$t$")
     return figure
 
@@ -82,7 +83,7 @@ def _law(ax: Axes, times: Float[np.ndarray, " T"], changes: Float[np.ndarray, "T
         colour = (*COMPONENTS, *COLOURS)[k % (len(COMPONENTS) + len(COLOURS))]
         ax.plot(times, values * 10.0**-power, color=colour, linewidth=0.9, label=str(k + 1))
     ax.margins(x=0)
-    ax.yaxis.get_major_locator().set_params(nbins=4)
+    ax.yaxis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10]))
     up_to_ticks(ax)
     scale = f", in $10^{{{power}}}$" if power else ""
     change = f"change since the start{scale}" if largest > 0 else "no change"

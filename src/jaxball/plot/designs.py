@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle as Ring
+from matplotlib.ticker import MaxNLocator
 
 from .style import (
     COMPONENTS,
@@ -108,7 +109,7 @@ def convergence(
         ax.plot(held, np.zeros(held.size), label="none violated", **edge, **mark)
     if polish is not None:
         ax.axvline(polish - 0.5, color=SHELL, linewidth=0.8, label="polish begins")
-    ax.xaxis.get_major_locator().set_params(integer=True)
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10], integer=True))
     named(ax, "report of the search", "objective, violation,\nnorm of the gradient")
     legend_above(ax, most=3)
     return ax

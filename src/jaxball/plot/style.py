@@ -38,6 +38,7 @@ LABEL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=11)
 SMALL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=10)
 # Titles are the users', and may have characters that STIX lacks.
 TINY = FontProperties(family=["STIXGeneral", "DejaVu Sans"], math_fontfamily="stix", size=8)
+CAPTION: dict[str, Any] = {"fontproperties": TINY, "color": "0.35"}
 WIDE, SQUARE = (4.6, 3.1), (4.6, 4.7)
 WIDE_RANGE = 1e3  # of a logarithmic axis, the powers of ten along which are numbers enough
 LETTERS = 20  # of a caption to an inch
@@ -52,10 +53,14 @@ def caption(figure: Any, system: "SimulableSystem | None" = None, title: str = "
     - ``system``: the system, from whose numbers the units are known to be none where m_0 = r = g = 1.
     - ``title``: a line that says which system it is, such as that of a scenario, in the words that are shown.
     """
+    lines = textwrap.wrap(subject(system, title), int(LETTERS * figure.get_figwidth()), break_on_hyphens=False)
+    figure.suptitle("\n".join(lines), linespacing=1.15, **CAPTION)
+
+
+def subject(system: "SimulableSystem | None", title: str = "") -> str:
+    """Which system a figure shows, and in what units."""
     shown = title.replace("$", r"\$") or ("" if system is None else _described(system))
-    sentence = f"{shown}; {_units(system, title)}" if shown else _units(system, title)
-    lines = textwrap.wrap(sentence, int(LETTERS * figure.get_figwidth()), break_on_hyphens=False)
-    figure.suptitle("\n".join(lines), fontproperties=TINY, color="0.35", linespacing=1.15)
+    return f"{shown}; {_units(system, title)}" if shown else _units(system, title)
 
 
 def _described(system: "SimulableSystem") -> str:
@@ -151,8 +156,13 @@ def number_decades(axis: Axis, ratio: float) -> None:
     """Numbers along a logarithmic axis whose ends have this ratio: on a short one, those between powers of ten too."""
     if ratio < WIDE_RANGE:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"${number(value)}$"))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: _upright(number(value))))
     axis.set_minor_formatter(NullFormatter())
+
+
+def _upright(tex: str) -> str:
+    """A number in the font of the other ticks."""
+    return rf"$\mathdefault{{{tex}}}$" if "^" in tex else tex
 
 
 def number(x: float) -> str:
