@@ -25,8 +25,12 @@ def boxes(figure):
     """The rectangles of all texts that are drawn."""
     renderer = FigureCanvasAgg(figure).get_renderer()
     figure.draw(renderer)
-    axes = [axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis, *([ax.zaxis] if hasattr(ax, "zaxis") else []))]
-    shown = [label for axis in axes for tick in axis._update_ticks() for label in (tick.label1, tick.label2)]
+    axes, drawn = [], []
+    for ax in figure.axes:
+        of_ax = [ax.xaxis, ax.yaxis, *([ax.zaxis] if hasattr(ax, "zaxis") else [])]
+        axes += of_ax
+        drawn += of_ax if getattr(ax, "_axis3don", True) and ax.axison else []
+    shown = [label for axis in drawn for tick in axis._update_ticks() for label in (tick.label1, tick.label2)]
     every = [label for axis in axes for tick in axis.get_major_ticks() for label in (tick.label1, tick.label2)]
     every += [label for axis in axes for tick in axis.get_minor_ticks() for label in (tick.label1, tick.label2)]
     hidden = {id(label) for label in every} - {id(label) for label in shown}
