@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from matplotlib.figure import Figure
 
-from jaxball import simulate
+from jaxball import plot, simulate
 from jaxball.classical import NonholonomicParticle, ParticleState, VakonomicParticle, VakonomicState
 
 jax.config.update("jax_enable_x64", True)
@@ -24,12 +24,13 @@ for name, state in (("Lagrange-d'Alembert", mechanical.state), ("vakonomic", vak
     print(f"{name:19} {state.x[-1]:.10f}  {state.y[-1]:.10f}  {state.ydot[-1]:.10f}")
 print(f"{'closed form':19} {exact.x:.10f}  {exact.y:.10f}  {exact.ydot:.10f}")
 
-figure = Figure(figsize=(9.0, 2.6), layout="constrained")
+figure = Figure(figsize=(9.0, 2.9), layout="constrained")
+plot.caption(figure, title="A particle with dz/dt = y dx/dt")
 for ax, (name, label) in zip(figure.subplots(1, 3), {"x": "$x$", "y": "$y$", "ydot": "$p_y$"}.items(), strict=True):
     ax.plot(times, getattr(mechanical.state, name), label="Lagrange-d'Alembert")
     ax.plot(times, getattr(vakonomic.state, name), "--", label="vakonomic")
     ax.set(xlabel="$t$", ylabel=label)
     ax.margins(x=0)
-figure.axes[0].legend(frameon=False)
+figure.legend(handles=figure.axes[0].lines, loc="outside lower center", ncols=2, frameon=False)
 figure.savefig("two_principles.png", dpi=150)
 print("written: two_principles.png")

@@ -100,4 +100,5 @@ figures = {
     "accelerations": plot.rail_accelerations(times, past.path.inputs(times)),
 }
 for name, ax in figures.items():
+    plot.caption(ax.figure, ball, "The paper's ball past a post")
     ax.figure.savefig(f"ball_past_a_post_{name}.png", dpi=200)

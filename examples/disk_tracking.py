@@ -66,4 +66,5 @@ figures = {
     "accelerations": plot.rail_accelerations(times, hard.path.inputs(times)),
 }
 for name, ax in figures.items():
+    plot.caption(ax.figure, disk, "Four masses on circles in a disk, there and back")
     ax.figure.savefig(f"disk_tracking_{name}.png", dpi=200)

@@ -82,4 +82,5 @@ figures = {
     "accelerations": plot.rail_accelerations(times, tight.path.inputs(times)),
 }
 for name, ax in figures.items():
+    plot.caption(ax.figure, ball, "Six masses in straight tubes, a figure eight")
     ax.figure.savefig(f"six_tubes_{name}.png", dpi=200)

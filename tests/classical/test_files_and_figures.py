@@ -1,6 +1,7 @@
 """Runs of classical systems are saved with their laws, drawn, and summed up on the command line."""
 
 import equinox as eqx
+import jax
 import numpy as np
 import pytest
 import xarray
@@ -37,10 +38,28 @@ def test_figures_draw_the_numbers(body, tmp_path):
     ax = plot.classical_motion(body)
     drawn = np.stack([line.get_ydata() for line in ax.get_lines()[:3]], axis=1)
     np.testing.assert_array_equal(drawn, body.state.Omega)
-    changes = plot.law_errors(body).get_lines()[0].get_ydata()
-    np.testing.assert_array_equal(changes[1:], np.abs(body.laws.energy - body.laws.energy[0])[1:])
+    check_laws(plot.law_errors(body), body.laws)
     names = [path.name for path in plot.figures(body, tmp_path / "figures")]
     assert names == ["free_rigid_body_classical_motion.png", "free_rigid_body_law_errors.png"]
+
+
+def check_laws(figure, laws):
+    """A panel for each law, whose lines are its changes in units of the power of ten that its title says."""
+    assert len(figure.axes) == len(laws)
+    for ax, (name, values) in zip(figure.axes, laws._asdict().items(), strict=True):
+        title = ax.get_title(loc="left")
+        assert title.startswith(name.replace("_", " "))
+        power = int(title.partition("10^{")[2].rstrip("}$"))
+        changes = (np.asarray(values) - np.asarray(values)[0]).reshape(len(values), -1)
+        drawn = np.stack([line.get_ydata() for line in ax.get_lines()[1:]], axis=1)
+        np.testing.assert_allclose(drawn * 10.0**power, changes, rtol=1e-12)
+        assert 1 <= np.max(np.abs(drawn)) < 10
+
+
+def test_a_law_that_did_not_change_says_so(body):
+    still = eqx.tree_at(lambda run: run.state, body, jax.tree.map(lambda leaf: 0 * leaf + leaf[:1], body.state))
+    for ax in plot.law_errors(still).axes:
+        assert ax.get_title(loc="left").endswith(": no change")
 
 
 def test_a_ball_is_drawn_by_other_functions(body):

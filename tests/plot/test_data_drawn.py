@@ -7,6 +7,8 @@ from matplotlib.figure import Figure
 
 import jaxball
 from jaxball import plot
+from jaxball.plot.style import mass_colour
+from jaxball.scenario import load_scenario
 from tests.plot.lines import drawn
 from tests.support.paper import DISK_RADII, paper_ball, paper_disk
 
@@ -80,6 +82,20 @@ def test_a_jump_of_acceleration_is_drawn_upright():
     assert np.min(np.diff(t)) < 1e-15
 
 
+def test_groups_of_masses_that_are_pushed_unlike_have_lines_of_their_own():
+    ax = plot.acceleration(load_scenario("six-tubes").system, times=(0.0, 1.0))
+    assert [line.get_label() for line in ax.lines] == ["$i = 1, 2$", "$i = 3, 4$", "$i = 5, 6$"]
+    assert len({line.get_color() for line in ax.lines}) == 3
+
+
+def test_the_colours_of_masses_on_one_rail_are_all_seen():
+    lines = plot.configuration(load_scenario("six-tubes").system).lines
+    rails = [line for line in lines if len(line.get_data_3d()[0]) == 2]
+    one, other = (line for line in rails if line.get_color() in (mass_colour(1), mass_colour(2)))
+    np.testing.assert_array_equal(one.get_data_3d(), other.get_data_3d())
+    assert (one.get_linestyle(), other.get_linestyle()) == ("-", "--")
+
+
 def test_a_driven_mass_is_drawn_as_the_law_drives_it():
     mass = jaxball.PointMass(1.0, jaxball.OnRail(jaxball.Circle(0.5), jaxball.Pulse(0.3)))
     ball, angles = jaxball.with_integrated_angles(jaxball.Ball(mass=1.0, inertia=(1, 1, 1), masses=[mass]))
@@ -94,7 +110,8 @@ def test_the_disk_starts_with_its_masses_below_the_centre():
     np.testing.assert_allclose([line.get_ydata()[0] for line in marks], np.negative(DISK_RADII), atol=1e-15)
     np.testing.assert_allclose(drawn(ax, "CM"), [[0.0, -np.sum(DISK_RADII) / 5]], atol=1e-15)
     np.testing.assert_allclose(drawn(ax, "GC"), [[0.0, 0.0]])
-    assert [text.get_text() for text in ax.texts] == ["$m_0$", "$m_{1}$", "$m_{2}$", "$m_{3}$", "$m_{4}$"]
+    np.testing.assert_allclose(drawn(ax, "$m_0$"), [[0.0, 0.0]])
+    assert [text.get_text() for text in ax.texts] == ["$m_{1}$", "$m_{2}$", "$m_{3}$", "$m_{4}$"]
     assert ax.get_aspect() == 1.0
 
 

@@ -12,6 +12,7 @@ from jaxball import plot
 from jaxball.plot.animation import frames
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
+from tests.plot.geometry import overlaps
 
 QUANTITIES = [
     "configuration",
@@ -127,6 +128,16 @@ def test_the_scene_keeps_masses_on_their_rails_and_the_body_on_its_trail(body, r
         assert np.min(np.linalg.norm(rail - dot, axis=1)) < 0.0125 + 8e-5
     (trail,) = (np.column_stack(p) for p in places if np.shape(p)[1] == 14)
     np.testing.assert_allclose(trail[-1], np.asarray(trajectory.observables.contact_point)[13, columns])
+
+
+@pytest.mark.parametrize("body", ["ball", "disk"])
+def test_the_texts_of_a_scene_are_apart(body, request):
+    trajectory = request.getfixturevalue(f"{body}_trajectory")
+    figure, show = scene(trajectory, record(trajectory))
+    assert any(text.get_text().startswith(f"{body.title()} with ") for text in figure.texts)
+    for k in (0, 20):
+        show(k)
+        assert overlaps(figure) == []
 
 
 def dots_colour(lines, i):

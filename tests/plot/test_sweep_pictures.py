@@ -9,16 +9,19 @@ import xarray
 from matplotlib.collections import LineCollection, PathCollection, QuadMesh
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.patches import PathPatch
+from matplotlib.patches import PathPatch, StepPatch
 
 from jaxball import plot
 from jaxball.cli import main
 from jaxball.plot.sweeps import fans, maps, slices
 from jaxball.plot.sweeps.fixed import sample
+from jaxball.plot.sweeps.results import standard_results
 from jaxball.plot.sweeps.rows import rows_of
+from jaxball.sweep.layout import layout_of
+from tests.plot.geometry import overlaps
 from tests.plot.lines import drawn
 from tests.plot.studies import DESIGN, GRID, HEAVY, MASSES, balls, disks, g, heavy_ones_fail, m, store
-from tests.sweep.studies import pretend
+from tests.sweep.studies import GRAVITIES, pretend, study
 
 OVER_MASS, TIMES = "body.mass", 'save = "times"'
 
@@ -158,9 +161,70 @@ def test_a_matrix_has_every_pair_once():
     np.testing.assert_array_equal(panels[0].lines[1].get_xydata(), np.column_stack([mass, gravity])[~good])
     np.testing.assert_array_equal(panels[1].lines[0].get_xydata(), np.column_stack([mass, mass * gravity])[good])
     np.testing.assert_array_equal(panels[1].lines[1].get_xdata(), mass[~good])
-    counted = [sum(bar.get_height() for bar in bars) for bars in figure.axes[0].containers]
-    assert counted == [good.sum(), (~good).sum()]
+    assert counted(figure.axes[0]) == [good.sum(), (~good).sum()]
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [f"MAX_STEPS ({np.sum(~good)})"]
+
+
+def counted(ax):
+    """How many rows each stack of a histogram has in all."""
+    stacks = [patch.get_data() for patch in ax.patches if isinstance(patch, StepPatch)]
+    return [np.sum(stack.values - stack.baseline) for stack in stacks]
+
+
+@pytest.mark.parametrize("count", [7, 41, 100])
+def test_a_grid_has_a_bar_for_each_of_its_points(count):
+    """Bars over a part of the points would have now one of them, now two: a comb."""
+    axes = f'[[axes]]\npath = "body.mass"\nlinear = {{ from = 0.1, to = 1.0, count = {count} }}\n' + GRAVITIES
+    data = disks(axes)
+    (bars,) = (patch.get_data() for patch in plot.sweep_matrix(data, ["phi"], [OVER_MASS]).axes[0].patches[:1])
+    np.testing.assert_allclose((bars.edges[1:] + bars.edges[:-1]) / 2, np.linspace(0.1, 1.0, count), rtol=1e-12)
+    np.testing.assert_array_equal(bars.values, np.sum(data["status"].values.reshape(count, 3) == 0, axis=1))
+
+
+@pytest.mark.parametrize(("first", "last", "bars", "each"), [(7, 36, 15, 2), (0, 99, 20, 5), (3, 12, 10, 1)])
+def test_each_bar_has_as_many_whole_numbers(first, last, bars, each):
+    steps = np.arange(first, last + 1)
+    data = balls([0] * len(steps)).assign(steps=("row", steps))
+    stack = plot.sweep_matrix(data, ["steps"]).axes[-1].patches[0].get_data()
+    np.testing.assert_array_equal(stack.values, np.full(bars, each))
+    np.testing.assert_allclose(stack.edges[:2], [first - 0.5, first - 0.5 + each])
+
+
+def test_what_the_study_finds_is_drawn_first():
+    found = store_of_finds()
+    assert standard_results(found) == ["largest_speed", "distance", "z", "steps"]
+    drawn = [ax.get_ylabel() for ax in plot.sweep_matrix(found).axes if ax.get_ylabel()]
+    assert drawn[1:3] == ["largest speed (length)", "distance (length)"]
+    assert standard_results(disks())[:2] == ["z", "phi"]
+
+
+def store_of_finds():
+    """A study of disks that was to find the largest speed and the distance, in this order."""
+    data = disks()
+    more = {"distance": data["z"], "largest_speed": data["z"], "largest_speed_time": data["z"]}
+    return data.assign(more).assign_attrs(finds=["largest_speed", "distance"])
+
+
+def test_a_store_says_what_its_study_finds(tmp_path):
+    found = study(tmp_path, MASSES, 'find = ["largest_angular_speed", "distance"]')
+    assert layout_of(found)["finds"] == ["largest_angular_speed", "distance"]
+    assert "finds" not in layout_of(study(tmp_path, MASSES, ""))
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda data: plot.sweep_slice(data, "phi", OVER_MASS).figure,
+        lambda data: plot.sweep_map(data, "phi", OVER_MASS, "body.gravity").figure,
+        lambda data: plot.sweep_matrix(data),
+    ],
+)
+def test_a_picture_says_which_study_it_shows(draw):
+    data = disks()
+    figure = draw(data.assign_attrs(title="Heavy disks"))
+    assert figure.get_suptitle() == "Heavy disks; in the units of the scenario"
+    assert overlaps(figure) == []
+    assert figure.get_suptitle() != draw(data.assign_attrs(title="")).get_suptitle()
 
 
 def test_results_that_are_infinite_are_told_apart():

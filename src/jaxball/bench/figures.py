@@ -67,7 +67,7 @@ def diagram(problem: Problem, rows: Sequence[Row]) -> Figure:
     ax.grid(True, color=style.FAINT, linewidth=0.4)
     ax.set_axisbelow(True)
     kind = "largest relative error" if problem.relative else "largest error"
-    style.named(ax, f"{kind} at $t = {_number(problem.end)}$", "time of a solve [s]")
+    style.named(ax, f"{kind} at $t = {style.number(problem.end)}$", "time of a solve [s]")
     ax.set_title(_with_subscripts(problem.title), fontproperties=style.LABEL, loc="left")
     _name_lines(ax)
     figure = ax.figure
@@ -147,13 +147,3 @@ def apart(heights: Sequence[float], gap: float) -> list[float]:
 def _with_subscripts(title: str) -> str:
     """``title`` with small digits set by TeX, because the font has none."""
     return re.sub("[₀-₉]", lambda found: f"$_{'₀₁₂₃₄₅₆₇₈₉'.index(found[0])}$", title)
-
-
-def _number(x: float) -> str:
-    """A number in TeX, with a power of ten where that is shorter."""
-    text = f"{x:.7g}"
-    mantissa, _, exponent = text.partition("e")
-    if not exponent:
-        return text
-    power = f"10^{{{int(exponent)}}}"
-    return power if mantissa == "1" else rf"{mantissa} \times {power}"

@@ -3,6 +3,7 @@
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 from ..chaos import lyapunov_spectrum
 from ..output import check_destination, replacing
@@ -55,6 +56,8 @@ def _run(options: argparse.Namespace) -> int:
         from .. import plot
 
         with replacing(options.plot) as beside:
-            plot.lyapunov_convergence(spectrum).figure.savefig(beside, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
+            figure: Any = plot.lyapunov_convergence(spectrum).figure
+            plot.caption(figure, scenario.system, scenario.title)
+            figure.savefig(beside, dpi=200)
         print(f"  written: {options.plot}")
     return 0

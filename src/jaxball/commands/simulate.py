@@ -96,7 +96,7 @@ def _draw(options: argparse.Namespace, scenario: Scenario, trajectory: Trajector
 
     written = []
     if options.plot is not None:
-        paths = plot.figures(trajectory, options.plot)
+        paths = plot.figures(trajectory, options.plot, scenario.title)
         written.append(f"{counted(len(paths), 'figure')} in {options.plot}")
     if options.animate is not None:
         with replacing(options.animate) as beside:

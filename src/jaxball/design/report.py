@@ -14,6 +14,7 @@ from .. import plot
 from ..body import Disk
 from ..extremes import contact_extremes
 from ..output import replacing
+from ..plot.report import write_figure
 from ..scenario import ScenarioError
 from ..trajectory import Trajectory
 from .objectives import FollowCurve, FollowTrajectory, LargestDistance
@@ -40,7 +41,12 @@ def write_report(design: Design, title: str, folder: Path) -> Path:
     try:
         before = _simulated(design, np.asarray(space.numbers(jnp.asarray(space.start))))
         after = _simulated(design, design.numbers)
-        lines += [*_distances(design, before, after), *_contact(after), "", *_figures(design, before, after, folder)]
+        lines += [
+            *_distances(design, before, after),
+            *_contact(after),
+            "",
+            *_figures(design, before, after, title, folder),
+        ]
     except ScenarioError as error:
         lines.append(f"The scenario cannot be run by `jaxball simulate`: {error}")
     with replacing(folder / "report.md") as beside:
@@ -139,7 +145,9 @@ def _distances(design: Design, before: Trajectory[Any, Any], after: Trajectory[A
     return lines
 
 
-def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any], folder: Path) -> list[str]:
+def _figures(
+    design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any], title: str, folder: Path
+) -> list[str]:
     history, run = np.asarray(design.progress.history), _run(after)
     wanted = [*design.problem.objectives.values(), *design.problem.constraints.values()]
     axes = {
@@ -156,8 +164,7 @@ def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any
         theta = np.asarray(jax.jit(lambda: run.on_rails.theta)())
         axes["angles"] = plot.rail_angles(np.asarray(after.times), theta)
     for name, ax in axes.items():
-        with replacing(folder / f"{name}.png") as beside:
-            ax.figure.savefig(beside, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
+        write_figure(ax, folder / f"{name}.png", after.system, title)
     return [f"![{name}]({name}.png)" for name in axes]
 
 

@@ -1,7 +1,9 @@
 """Figures and animations of trajectories, with matplotlib.
 
 Every plot function draws into ``ax`` and returns it; without one it makes a new figure, which
-``ax.figure`` gives. No figure is registered with pyplot, and no setting of matplotlib is changed.
+``ax.figure`` gives. Those of several panels return the figure. A new figure of a trajectory says above
+it which system it shows, and in what units; :func:`caption` says it in other words. No figure is
+registered with pyplot, and no setting of matplotlib is changed.
 """
 
 from .._interface import interface as _interface
@@ -26,6 +28,7 @@ from .evolution import (
 )
 from .paths import body_paths as body_paths, centre_path as centre_path, space_paths as space_paths
 from .report import figures as figures, overview as overview
+from .style import caption as caption
 from .sweeps.errors import PictureError as PictureError
 from .sweeps.fans import sweep_fan as sweep_fan
 from .sweeps.maps import sweep_map as sweep_map

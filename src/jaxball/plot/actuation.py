@@ -12,7 +12,7 @@ from ..dynamics import driven_angles
 from ..motion import OnRail
 from ..trajectory import Trajectory
 from .record import finite_rows, require_one
-from .style import INK, legend_above, mass_line, named, plane_axes
+from .style import INK, legend_above, mass_line, named, plane_axes, up_to_ticks
 
 Curve = tuple[np.ndarray, np.ndarray]
 
@@ -25,7 +25,8 @@ def acceleration(
 ) -> Axes:
     """The magnitudes |θ̈_i| over time, ``fig_abs_ui``; masses with the same curve share a line.
 
-    Where every curve ends at zero, the axis of time ends soon after the last one does.
+    A line that all of several masses share is black. Where every curve ends at zero, the axis of time ends soon after
+    the last one does.
 
     **Arguments:**
 
@@ -42,12 +43,16 @@ def acceleration(
             "Argument `source` must have a mass with a schedule, or be a trajectory with a driven mass, "
             "but it has neither; there is no acceleration to draw."
         )
-    ax = plane_axes(ax)
-    for members, (t, size) in _shared(curves):
-        shared = {} if len(members) == 1 else {"color": INK}
+    ax = plane_axes(ax, system=source.system if isinstance(source, Trajectory) else source)
+    groups = _shared(curves)
+    for members, (t, size) in groups:
+        shared = {"color": INK, "linestyle": "-"} if len(groups) == 1 < len(members) else {}
         ax.plot(t, size, **mass_line(members[0], **shared), label=_names(members))
+    ax.margins(x=0)
     _show_the_active_part(ax, list(curves.values()))
-    ax.set_ylim(bottom=-0.03 * ax.get_ylim()[1])  # a mass that is not pushed is seen above the axis
+    up_to_ticks(ax, low=0.0)
+    top = ax.get_ylim()[1]
+    ax.set_ylim(-0.03 * top, top)  # a mass that is not pushed is seen above the axis
     named(ax, "$t$", r"$|\ddot{\theta}_i|$")
     legend_above(ax)
     return ax

@@ -1,12 +1,18 @@
 """Figures of optimal control: objectives along a branch of solutions, and what the masses are told to do."""
 
+import itertools
+import textwrap
 from collections.abc import Mapping
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from .style import COMPONENTS, INK, legend_above, named, plane_axes
+from .style import COMPONENTS, DASHED, INK, MASSES, TRAIL, legend_above, named, number_decades, plane_axes, up_to_ticks
+
+COLOURS = (*COMPONENTS, INK, *MASSES)
+PATHS = ("0.6", TRAIL, *COLOURS)  # grey before and red after, as in the plane
+LETTERS = 36  # of a label along the axis upwards
 
 
 def branch(
@@ -14,21 +20,27 @@ def branch(
     values: Mapping[str, Float[np.ndarray, " points"]],
     name: str = "weight",
     ax: Axes | None = None,
+    *,
+    of: str = "",
 ) -> Axes:
     """Positive ``values`` of the solutions of a branch over a positive weight called ``name``, both logarithmic.
 
     **Arguments:**
 
     - ``weights``: the weight of each solution, shape (points,).
+    - ``of``: on the axis upwards, what the values are; if not given, their names.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
     ax = plane_axes(ax)
-    for (label, numbers), colour in zip(values.items(), COMPONENTS, strict=False):
+    for (label, numbers), colour in zip(values.items(), itertools.cycle(COLOURS), strict=False):
         ax.plot(weights, numbers, color=colour, linewidth=1.2, marker=".", ms=4, label=label)
     ax.set_xscale("log")
     ax.set_yscale("log")
-    named(ax, name)
+    for axis in (ax.xaxis, ax.yaxis):
+        low, high = axis.get_view_interval()
+        number_decades(axis, high / low)
+    named(ax, name, "\n".join(textwrap.wrap(of or ", ".join(values), LETTERS)))
     legend_above(ax)
     return ax
 
@@ -48,11 +60,12 @@ def place_in_time(
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
     ax = plane_axes(ax)
-    for (label, places), colour in zip(found.items(), COMPONENTS, strict=False):
+    for (label, places), colour in zip(found.items(), itertools.cycle(PATHS), strict=False):
         ax.plot(*places, color=colour, linewidth=1.4, label=label)
     if wanted is not None:
-        ax.plot(*wanted, color=INK, linewidth=0.8, linestyle=(0, (4, 2)), label="wanted")
+        ax.plot(*wanted, color=INK, linewidth=0.8, linestyle=DASHED, label="wanted")
     ax.margins(x=0)
+    up_to_ticks(ax)
     named(ax, "$t$", "$z$")
     legend_above(ax)
     return ax

@@ -1,16 +1,21 @@
 """The motion of a classical system over time, and how well its laws hold."""
 
+import math
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ..classical import AbstractClassicalSystem, RigidBodyState
 from ..trajectory import Trajectory
-from .evolution import over_time
+from .evolution import Series, over_time
 from .record import finite_rows, require_one
-from .style import COMPONENTS, INK, MASSES
+from .style import COMPONENTS, DASHED, INK, MASSES, SMALL, WIDE, caption, named, plane_axes, up_to_ticks
 
+PANEL = 1.05  # the height of a law's panel, in inches
 _WORDS = {
     "x": "$x$",
     "y": "$y$",
@@ -23,11 +28,15 @@ _WORDS = {
     "p_z": "$p_z$",
     "p_xz": "$p_{xz}$",
 }
-COLOURS = (*COMPONENTS, INK, *MASSES)
+# A coordinate and its rate have one colour.
+_LOOKS = {
+    letter + dot: (COMPONENTS[k], DASHED if dot else "-") for dot in ("", "dot") for k, letter in enumerate("xyz")
+}
+COLOURS = (INK, *MASSES)
 
 
 def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -> Axes:
-    """The body components Ω_i of a rigid body, or every number of another state.
+    """The body components Ω_i of a rigid body, or every number of another state; rates of coordinates are dashed.
 
     **Arguments:**
 
@@ -36,37 +45,70 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
     **Raises:** ``ValueError`` for a batch, for a ball or a disk, and for a three-dimensional ``ax``.
     """
     rows = _rows(trajectory)
-    state = trajectory.state
+    times, state = np.asarray(trajectory.times)[rows], trajectory.state
     if isinstance(state, RigidBodyState):
-        found = {rf"$\Omega_{j + 1}$": np.asarray(state.Omega)[rows, j] for j in range(3)}
-        return _drawn(trajectory, rows, found, r"$\Omega_i$", ax)
-    found = {
-        _WORDS.get(name, name if leaf.ndim == 1 else f"{name} {k + 1}"): values[rows]
-        for name, leaf in vars(state).items()
-        for k, values in enumerate(np.asarray(leaf).reshape(len(trajectory.times), -1).T)
-    }
-    return _drawn(trajectory, rows, found, "state", ax)
+        Omega = np.asarray(state.Omega)[rows]
+        series = [Series(Omega[:, j], rf"$\Omega_{j + 1}$", COMPONENTS[j]) for j in range(3)]
+        return over_time(trajectory.system, times, series, r"$\Omega_i$", ax)
+    series = []
+    for name, leaf in vars(state).items():
+        for k, values in enumerate(np.asarray(leaf).reshape(len(trajectory.times), -1).T):
+            label = _WORDS.get(name, name if leaf.ndim == 1 else f"{name} {k + 1}")
+            others = sum(one.colour in COLOURS for one in series)
+            look = _LOOKS.get(name) or (COLOURS[others % len(COLOURS)], "-")
+            series.append(Series(values[rows], label, *look))
+    return over_time(trajectory.system, times, series, "state", ax, most=6)
 
 
-def law_errors(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -> Axes:
-    """How far each of the laws is from its value at the start, where that is not 0; of a vector, the farthest entry.
+def law_errors(trajectory: Trajectory[Any, Any]) -> Figure:
+    """How far each of the laws is from its value at the start, in a panel of its own; of a vector, each component.
 
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
 
-    **Raises:** ``ValueError`` for a batch, for a ball or a disk, and for a three-dimensional ``ax``.
+    **Raises:** ``ValueError`` for a batch, and for a ball or a disk.
     """
     rows = _rows(trajectory)
-    found = {}
-    for name, leaf in trajectory.laws._asdict().items():
+    times, laws = np.asarray(trajectory.times)[rows], trajectory.laws._asdict()
+    figure = Figure(figsize=(WIDE[0], 0.6 + PANEL * len(laws)), layout="constrained")
+    caption(figure, trajectory.system)
+    panels = figure.subplots(len(laws), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, (name, leaf) in zip(panels, laws.items(), strict=True):
         values = np.asarray(leaf)[rows].reshape(len(rows), -1)
-        changes = np.max(np.abs(values - values[:1]), axis=1)
-        found[_WORDS.get(name, name.replace("_", " "))] = np.where(changes > 0, changes, np.nan)
-    ax = _drawn(trajectory, rows, found, "change since the start", ax)
-    if any(np.any(np.isfinite(values)) for values in found.values()):
-        ax.set_yscale("log")
-    return ax
+        _law(ax, times, values - values[:1], _WORDS.get(name) or name.replace("_", " "))
+    named(panels[-1], "$t$")
+    return figure
+
+
+def _law(ax: Axes, times: Float[np.ndarray, " T"], changes: Float[np.ndarray, "T k"], name: str) -> None:
+    """The changes of a law, in units of a power of ten."""
+    plane_axes(ax)
+    largest = float(np.max(np.abs(changes), initial=0.0))
+    power = math.floor(math.log10(largest)) if largest > 0 else 0
+    ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
+    for k, values in enumerate(changes.T):
+        colour = (*COMPONENTS, *COLOURS)[k % (len(COMPONENTS) + len(COLOURS))]
+        ax.plot(times, values * 10.0**-power, color=colour, linewidth=0.9, label=str(k + 1))
+    ax.margins(x=0)
+    ax.yaxis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10]))
+    up_to_ticks(ax)
+    scale = f", in $10^{{{power}}}$" if power else ""
+    change = f"change since the start{scale}" if largest > 0 else "no change"
+    ax.set_title(f"{name}: {change}", fontproperties=SMALL, loc="left", pad=5)
+    if changes.shape[1] > 1:
+        ax.legend(
+            loc="lower right",
+            bbox_to_anchor=(1.0, 1.0),
+            ncols=3,
+            frameon=False,
+            prop=SMALL,
+            handlelength=1.0,
+            columnspacing=0.8,
+            handletextpad=0.4,
+            borderaxespad=0.0,
+            borderpad=0.1,
+        )
 
 
 def _rows(trajectory: Trajectory[Any, Any]) -> np.ndarray:
@@ -77,8 +119,3 @@ def _rows(trajectory: Trajectory[Any, Any]) -> np.ndarray:
             f"{type(trajectory.system).__name__}; the other functions of jaxball.plot draw it."
         )
     return finite_rows(trajectory)
-
-
-def _drawn(trajectory: Trajectory[Any, Any], rows: np.ndarray, found: dict[str, np.ndarray], name: str, ax) -> Axes:
-    series = [(values, label, COLOURS[k % len(COLOURS)]) for k, (label, values) in enumerate(found.items())]
-    return over_time(np.asarray(trajectory.times)[rows], series, name, ax, most=3)

@@ -15,24 +15,26 @@ from ..body import Disk, System
 from ..moments import kinematics, moments
 from ..trajectory import Trajectory
 from ..wording import counted
+from .labels import name_points
 from .record import require_one
-from .shapes import outline, rail_points, split, view, wireframe
+from .shapes import outline, rails_of, split, view, wireframe
 from .style import (
     FAINT,
     INK,
     SHELL,
-    WIDE,
+    SQUARE,
     cube,
     legend_above,
     mass_colour,
     mass_line,
     named,
     plane_axes,
+    sharing,
     space_axes,
-    write,
 )
 
 HALO = [withStroke(linewidth=2.2, foreground="white")]
+DOT = 8.0  # the diameter of a mass, in points
 
 
 class Places(NamedTuple):
@@ -50,11 +52,11 @@ def configuration(
     t: Numbers = 0.0,
     theta: Numbers = (),
 ) -> Axes:
-    """Shell, rails and masses m_i, the shell's centre of mass m_0 and the system's, in body axes.
+    """Shell, rails and masses m_i, the shell's centre of mass m_0 and the system's, CM, in body axes.
 
     The ball is drawn in space, ``fig_ball_masses_rail_bf_gc``, the disk in its plane,
-    ``fig_disk_masses_rails_bf_gc``. Of a tube, the part inside the shell is drawn; of other open
-    rails and of free motions, the mass alone.
+    ``fig_disk_masses_rails_bf_gc``. A rail that several masses share has dashes in the colour of each.
+    Of a tube, the part inside the shell is drawn; of other open rails and of free motions, the mass alone.
 
     **Arguments:**
 
@@ -72,47 +74,42 @@ def configuration(
     places = _places(system, t, theta)
     r = float(system.radius)
     if isinstance(system, Disk):
-        return _in_plane(system, places, r, plane_axes(ax, (WIDE[0], WIDE[0])))
-    ax = space_axes(ax)
+        return _in_plane(system, places, r, plane_axes(ax, SQUARE, system))
+    ax = space_axes(ax, system=system)
     cube(ax, r, "E")
     viewer = view(ax)
     front, back = split(wireframe(r), viewer)
     ax.plot(*back.T, color=FAINT, linewidth=0.4, zorder=1)
     ax.plot(*front.T, color="0.7", linewidth=0.4, zorder=1.5)
     ax.plot(*outline(r, viewer).T, color=SHELL, linewidth=0.9, zorder=1.5)
-    _draw(ax, system, places, r, columns=[0, 1, 2])
+    _draw(ax, system, places, columns=[0, 1, 2])
     return ax
 
 
 def _in_plane(disk: Disk, places: Places, r: float, ax: Axes) -> Axes:
     ax.add_patch(Ring((0.0, 0.0), r, facecolor="none", edgecolor=SHELL, linewidth=1.2))
-    _draw(ax, disk, places, r, columns=[0, 2])
+    _draw(ax, disk, places, columns=[0, 2])
     limits, ticks = (-1.08 * r, 1.08 * r), (-r, 0.0, r)
     ax.set(xlim=limits, ylim=limits, xticks=ticks, yticks=ticks, aspect="equal")
     named(ax, r"$\mathbf{E}_1$", r"$\mathbf{E}_3$")
     return ax
 
 
-def _draw(ax: Axes, system: System, places: Places, r: float, columns: list[int]) -> None:
+def _draw(ax: Axes, system: System, places: Places, columns: list[int]) -> None:
     def mark(point, marker, size, color, **options):
-        ax.plot(*point[columns, None], marker, ms=size, color=color, mew=0.8, linestyle="none", **options)
+        ax.plot(*point[columns, None], marker, ms=size, color=color, linestyle="none", **options)
 
-    def name(point, text, color, shift=(0.055, 0.055, 0.055)):
-        place = point[columns] + r * np.asarray(shift)[columns]
-        write(ax, place, text, color=color, path_effects=HALO, zorder=6, ha="left", va="bottom")
-
-    for i, mass in enumerate(system.point_masses, start=1):
-        rail = rail_points(mass.motion, r)
-        if rail is not None:
-            ax.plot(*rail[:, columns].T, **mass_line(i, linewidth=1.0, zorder=2))
-    mark(np.zeros(3), "+", 8, INK, zorder=3, label="GC")
-    mark(places.shell, "s", 5, SHELL, markeredgecolor="white", zorder=3.5)
-    name(places.shell, "$m_0$", SHELL, shift=(-0.2, -0.2, 0.02))
-    for i, point in enumerate(places.masses, start=1):
-        if np.all(np.isfinite(point)):
-            mark(point, "o", 8, mass_colour(i), markeredgecolor="white", zorder=4)
-            name(point, f"$m_{{{i}}}$", mass_colour(i))
-    mark(places.system, "*", 9, INK, markeredgecolor="white", zorder=5, label="CM")
+    for sharers, rail in rails_of(system):
+        for k, i in enumerate(sharers):
+            ax.plot(*rail[:, columns].T, **mass_line(i, linewidth=1.0, zorder=2, **sharing(k, len(sharers))))
+    mark(np.zeros(3), "+", 11, INK, mew=0.8, zorder=3, label="GC")
+    mark(places.shell, "s", 6, SHELL, mew=1.2, markerfacecolor="none", zorder=3.5, label="$m_0$")
+    seen = [i for i, point in enumerate(places.masses) if np.all(np.isfinite(point))]
+    for i in seen:
+        mark(places.masses[i], "o", DOT, mass_colour(i + 1), mew=0.8, markeredgecolor="white", zorder=4)
+    mark(places.system, "*", 8, INK, mew=0.6, markeredgecolor="white", zorder=5, label="CM")
+    names, colours = [f"$m_{{{i + 1}}}$" for i in seen], [mass_colour(i + 1) for i in seen]
+    name_points(ax, places.masses[seen][:, columns], names, colours, DOT / 2, path_effects=HALO, zorder=6)
     legend_above(ax)
 
 

@@ -6,8 +6,23 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle as Ring
+from matplotlib.ticker import MaxNLocator
 
-from .style import COMPONENTS, INK, SHELL, SMALL, TRAIL, WIDE, legend_above, mass_line, named, plane_axes
+from .style import (
+    COMPONENTS,
+    DASHED,
+    INK,
+    SHELL,
+    TRAIL,
+    WIDE,
+    ends,
+    legend_above,
+    mass_line,
+    named,
+    number_decades,
+    plane_axes,
+    up_to_ticks,
+)
 
 
 def designed_path(
@@ -18,6 +33,8 @@ def designed_path(
     ax: Axes | None = None,
 ) -> Axes:
     """The path of the geometric centre before and after, the wanted one dashed, and the discs to stay out of.
+
+    A ring is the start of the path after, a square its end.
 
     **Arguments:**
 
@@ -33,9 +50,11 @@ def designed_path(
     ax.plot(*before.T, color="0.7", linewidth=1.0, label="before")
     ax.plot(*after.T, color=TRAIL, linewidth=1.4, label="after")
     if wanted is not None:
-        ax.plot(*wanted.T, color=INK, linewidth=0.8, linestyle=(0, (4, 2)), label="wanted")
+        ax.plot(*wanted.T, color=INK, linewidth=0.8, linestyle=DASHED, label="wanted")
+    ends(ax, after, TRAIL, labelled=True, zorder=3)
     ax.set_aspect("equal", adjustable="datalim")
-    named(ax, r"$\mathbf{e}_1$", r"$\mathbf{e}_2$")
+    ax.margins(0.08)
+    named(ax, "$z_1$", "$z_2$")
     legend_above(ax)
     return ax
 
@@ -71,6 +90,7 @@ def _of_masses(times: np.ndarray, values: np.ndarray, symbol: str, ax: Axes | No
     for i in range(values.shape[1]):
         ax.plot(times, values[:, i], label=f"${symbol}_{{{i + 1}}}$", **mass_line(i + 1))
     ax.margins(x=0)
+    up_to_ticks(ax)
     named(ax, "$t$", f"${symbol}_i$")
     legend_above(ax)
     return ax
@@ -84,9 +104,10 @@ def convergence(
     *,
     polish: int | None = None,
 ) -> Axes:
-    """Objective, violation and gradient norm of the best start at each report; what is not positive is left out.
+    """Objective, violation and gradient norm of the best start at each report, on a logarithmic scale.
 
-    ``polish`` is the report with which the polish begins, where a line is drawn.
+    Triangles on the lower edge are reports at which no constraint was violated; other numbers that are not positive are
+    left out. ``polish`` is the report with which the polish begins, where a line is drawn.
 
     **Arguments:**
 
@@ -97,19 +118,18 @@ def convergence(
     ax = plane_axes(ax)
     rows = zip(("objective", "violation", "gradient"), (objective, violation, gradient), COMPONENTS, strict=True)
     for name, values, colour in rows:
-        ax.plot(np.where(values > 0, values, np.nan), color=colour, linewidth=1.2, label=name, marker=".", ms=3)
+        ax.plot(np.where(values > 0, values, np.nan), color=colour, linewidth=1.2, label=name, marker=".", ms=5)
     ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    number_decades(ax.yaxis, high / low)
+    held = np.flatnonzero(violation <= 0)
+    if held.size:
+        edge = {"transform": ax.get_xaxis_transform(), "clip_on": False, "linestyle": "none"}
+        mark = {"marker": "v", "ms": 5, "mew": 1.0, "color": COMPONENTS[1], "markerfacecolor": "white"}
+        ax.plot(held, np.zeros(held.size), label="none violated", **edge, **mark)
     if polish is not None:
-        ax.axvline(polish - 0.5, color=SHELL, linewidth=0.8)
-        ax.text(
-            polish - 0.4,
-            0.98,
-            "polish",
-            transform=ax.get_xaxis_transform(),
-            va="top",
-            color=SHELL,
-            fontproperties=SMALL,
-        )
-    named(ax, "report")
-    legend_above(ax)
+        ax.axvline(polish - 0.5, color=SHELL, linewidth=0.8, label="polish begins")
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10], integer=True))
+    named(ax, "report of the search", "objective, violation,\nnorm of the gradient")
+    legend_above(ax, most=3)
     return ax

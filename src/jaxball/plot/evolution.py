@@ -1,16 +1,30 @@
 """Quantities over time: rates, energies and forces."""
 
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from ..body import Disk
 from ..extremes import contact_extremes
+from ..simulable import SimulableSystem
 from ..trajectory import Trajectory
 from .record import record
-from .style import COMPONENTS, INK, legend_above, named, plane_axes, write
+from .style import COMPONENTS, DASHED, INK, legend_above, named, plane_axes, up_to_ticks, write
 
-Series = tuple[Float[np.ndarray, " T"], str, str]
+CONSTANT = 1e-6  # a force that changes by less, relative to itself, is the same throughout
+
+
+class Series(NamedTuple):
+    """What is drawn over time as one line."""
+
+    values: Float[np.ndarray, " T"]
+    label: str
+    colour: str
+    dashes: Any = "-"
 
 
 def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -25,13 +39,14 @@ def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     times, _, seen = record(trajectory)
     Omega = seen.angular_velocity_body
     if isinstance(trajectory.system, Disk):
-        return over_time(times, [(-Omega[:, 1], "", COMPONENTS[0])], r"$\dot{\phi}$", ax)
-    series = [(Omega[:, j], rf"$\Omega_{j + 1}$", COMPONENTS[j]) for j in range(3)]
-    return over_time(times, series, r"$\Omega_i$", ax)
+        series = [Series(-Omega[:, 1], "", COMPONENTS[0])]
+        return over_time(trajectory.system, times, series, r"$\dot{\phi}$", ax)
+    series = [Series(Omega[:, j], rf"$\Omega_{j + 1}$", COMPONENTS[j]) for j in range(3)]
+    return over_time(trajectory.system, times, series, r"$\Omega_i$", ax)
 
 
 def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Kinetic energy T, potential energy V and their sum E.
+    """Kinetic energy T, potential energy V and their sum E, dashed, so that a T that it covers is seen.
 
     **Arguments:**
 
@@ -41,11 +56,11 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """
     times, _, seen = record(trajectory)
     series = [
-        (seen.kinetic_energy, "$T$", COMPONENTS[0]),
-        (seen.potential_energy, "$V$", COMPONENTS[1]),
-        (seen.kinetic_energy + seen.potential_energy, "$E = T + V$", INK),
+        Series(seen.kinetic_energy, "$T$", COMPONENTS[0]),
+        Series(seen.potential_energy, "$V$", COMPONENTS[1]),
+        Series(seen.kinetic_energy + seen.potential_energy, "$E = T + V$", INK, DASHED),
     ]
-    return over_time(times, series, "energy", ax)
+    return over_time(trajectory.system, times, series, "energy", ax)
 
 
 def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -58,7 +73,7 @@ def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
     times, _, seen = record(trajectory)
-    return over_time(times, [(seen.power, "", COMPONENTS[0])], r"$\dot{E}$", ax)
+    return over_time(trajectory.system, times, [Series(seen.power, "", COMPONENTS[0])], r"$\dot{E}$", ax)
 
 
 def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -74,14 +89,19 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """
     times, _, seen = record(trajectory)
     series = [
-        (seen.normal_force, "$N$", COMPONENTS[0]),
-        (np.linalg.norm(seen.friction, axis=1), r"$|\,\mathbf{f}\,|$", COMPONENTS[1]),
+        Series(seen.normal_force, "$N$", COMPONENTS[0]),
+        Series(np.linalg.norm(seen.friction, axis=1), r"$|\,\mathbf{f}\,|$", COMPONENTS[1]),
     ]
-    ax = over_time(times, series, "contact force", ax)
+    ax = over_time(trajectory.system, times, series, "contact force", ax)
+    up_to_ticks(ax, low=0.0)
     if trajectory.interpolant is not None:
         extremes = contact_extremes(trajectory)
         at, least = float(extremes.least_normal_force_time), float(extremes.least_normal_force)
-        _mark(ax, at, least, rf"least $N = {least:.4g}$ at $t = {at:.4g}$", COMPONENTS[0])
+        if len(times) and np.max(seen.normal_force) - least <= CONSTANT * abs(least):
+            at, when = float(times[0]), "throughout"
+        else:
+            when = _when(at, times)
+        _mark(ax, at, least, rf"least $N = {least:.4g}$ {when}", COMPONENTS[0])
     return ax
 
 
@@ -102,15 +122,15 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     ratio = seen.friction_ratio
     held = np.isfinite(ratio)
     drawn = np.where(held, ratio, np.nan)
-    ax = over_time(times, [(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
-    ax.set_ylim(bottom=0)
+    ax = over_time(trajectory.system, times, [Series(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
+    up_to_ticks(ax, low=0.0)
     if not np.all(held):
-        sentence = rf"not drawn where $N \leq 0$, first at $t = {times[~held][0]:.4g}$"
+        sentence = rf"not drawn where $N \leq 0$, first {_when(float(times[~held][0]), times)}"
         write(ax, (0.5, 1.02), sentence, transform=ax.transAxes, ha="center", va="bottom")
     elif len(ratio):
         at, mu = _largest_ratio(trajectory, times, ratio)
-        label = rf"$\mu_{{\min}} = {mu:.4g}$ at $t = {at:.4g}$"
-        _mark(ax, at, mu, label, COMPONENTS[1])
+        _mark(ax, at, mu, rf"$\mu_{{\min}} = {mu:.4g}$ {_when(at, times)}", COMPONENTS[1])
+        up_to_ticks(ax, low=0.0)
     return ax
 
 
@@ -129,16 +149,30 @@ def _largest_ratio(trajectory: Trajectory, times: np.ndarray, ratio: np.ndarray)
     return float(times[k]), float(ratio[k])
 
 
-def over_time(times: Float[np.ndarray, " T"], series: list[Series], name: str, ax: Axes | None, most: int = 5) -> Axes:
-    """Several series over time, ``name`` on the axis upwards, and ``most`` of their labels to a row."""
-    ax = plane_axes(ax)
-    for values, label, color in series:
-        ax.plot(times, values, color=color, linewidth=1.2, label=label or None)
-    drawn = np.concatenate([values for values, _, _ in series])
+def _when(t: float, times: Float[np.ndarray, " T"]) -> str:
+    """A time in words, to five digits of the time of the whole run."""
+    span = float(times[-1] - times[0])
+    return rf"at $t = {round(t, 4 - math.floor(math.log10(span))) if span > 0 else t:g}$"
+
+
+def over_time(
+    system: SimulableSystem,
+    times: Float[np.ndarray, " T"],
+    series: Sequence[Series],
+    name: str,
+    ax: Axes | None,
+    most: int = 5,
+) -> Axes:
+    """Several series of a system over time, ``name`` on the axis upwards, and ``most`` of their labels to a row."""
+    ax = plane_axes(ax, system=system)
+    for values, label, colour, dashes in series:
+        ax.plot(times, values, color=colour, linestyle=dashes, linewidth=1.2, label=label or None)
+    drawn = np.concatenate([one.values for one in series])
     drawn = drawn[np.isfinite(drawn)]
     if drawn.size and drawn.min() < 0 < drawn.max():
         ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
     ax.margins(x=0)
+    up_to_ticks(ax)
     named(ax, "$t$", name)
     legend_above(ax, most)
     return ax

@@ -11,11 +11,26 @@ from mpl_toolkits.mplot3d import Axes3D
 from ..body import Disk
 from ..trajectory import Trajectory
 from .record import record
-from .shapes import outline, parallel, view
-from .style import INK, SHELL, TRAIL, WIDE, cube, legend_above, mass_line, named, plane_axes, space_axes
+from .shapes import outline, parallel, rails_of, view
+from .style import (
+    INK,
+    SHELL,
+    TRAIL,
+    WIDE,
+    cube,
+    ends,
+    legend_above,
+    mass_line,
+    named,
+    plane_axes,
+    sharing,
+    space_axes,
+    up_to_ticks,
+)
 
 # Three-dimensional Axes cut off what is outside of their square, and would take these lines'
 # coordinates in space for places on the page when they are laid out.
+LONG = (5.6, 3.6)
 UNCUT: dict[str, Any] = {"clip_on": False, "in_layout": False}
 
 
@@ -23,7 +38,7 @@ def body_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Trajectories of the masses and of the system's CM in the body frame translated to the GC.
 
     In space for the ball, ``fig_ball_cm_bf_gc``. For the disk over time, ``fig_disk_cm_time_bf_gc``,
-    unless ``ax`` is a plane one: then in the plane of E1 and E3. A dot is the start of a trajectory.
+    unless ``ax`` is a plane one: then in the plane of E1 and E3. A ring is the start of a trajectory, a square its end.
 
     **Arguments:**
 
@@ -53,7 +68,7 @@ def space_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """The path of the GC, and of the contact point below it.
 
-    In the plane of e1 and e2 for the ball, ``fig_ball_gc_path``, with a dot at its start and a
+    In the plane of e1 and e2 for the ball, ``fig_ball_gc_path``, with a ring at its start and a
     square at its end; z over time for the disk, ``fig_disk_gc``.
 
     **Arguments:**
@@ -65,14 +80,15 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     times, _, seen = record(trajectory)
     z = seen.geometric_centre
     if isinstance(trajectory.system, Disk):
-        ax = plane_axes(ax)
+        ax = plane_axes(ax, system=trajectory.system)
         ax.plot(times, z[:, 0], color=TRAIL, linewidth=1.2)
+        ax.margins(x=0)
+        up_to_ticks(ax)
         named(ax, "$t$", "$z$")
         return ax
-    ax = plane_axes(ax, (WIDE[0], 4.2))
+    ax = plane_axes(ax, (WIDE[0], 4.2), trajectory.system)
     ax.plot(z[:, 0], z[:, 1], color=TRAIL, linewidth=1.2)
-    ax.plot(z[:1, 0], z[:1, 1], "o", ms=5, color=INK, linestyle="none", label="start")
-    ax.plot(z[-1:, 0], z[-1:, 1], "s", ms=4.5, color=INK, linestyle="none", label="end")
+    ends(ax, z[:, :2], INK, labelled=True)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
     named(ax, "$z_1$", "$z_2$")
@@ -88,21 +104,28 @@ def _paths(
     frame: str,
     ax: Axes | None,
 ) -> Axes:
-    r = float(trajectory.system.radius)
-    curves = [(masses[:, i - 1], mass_line(i, label=f"$m_{{{i}}}$")) for i in range(1, masses.shape[1] + 1)]
+    system = trajectory.system
+    r = float(system.radius)
+    dashes = {i: sharing(k, len(sharers)) for sharers, _ in rails_of(system) for k, i in enumerate(sharers)}
+    curves = [
+        (masses[:, i - 1], mass_line(i, label=f"$m_{{{i}}}$", **(dashes.get(i, {}) if frame == "E" else {})))
+        for i in range(1, masses.shape[1] + 1)
+    ]
     curves.append((centre, {"color": INK, "linestyle": "-", "linewidth": 1.6, "label": "CM"}))
     over_time = False
-    if not isinstance(trajectory.system, Disk):
-        ax, columns = _sphere(space_axes(ax), r, frame), [0, 1, 2]
+    if not isinstance(system, Disk):
+        ax, columns = _sphere(space_axes(ax, system=system), r, frame), [0, 1, 2]
     elif ax is None or isinstance(ax, Axes3D):
         span = float(trajectory.times[0]), float(trajectory.times[-1])
-        ax, columns, over_time = _cylinder(space_axes(ax, (5.6, 3.4)), r, frame, span), [0, 2], True
+        ax, columns, over_time = _cylinder(space_axes(ax, LONG, system), r, frame, span), [0, 2], True
     else:
         ax, columns = _circle(plane_axes(ax), r, frame), [0, 2]
+    points = np.zeros((0, len(columns) + over_time))
     for path, line in curves:
         points = np.column_stack([times, path[:, columns]]) if over_time else path[:, columns]
         ax.plot(*points.T, **line, zorder=3, **UNCUT)
-        ax.plot(*points[:1].T, "o", ms=4, color=line["color"], linestyle="none", zorder=4, **UNCUT)
+        ends(ax, points, line["color"], zorder=4, **UNCUT)
+    ends(ax, np.full_like(points[:1], np.nan), INK, labelled=True)
     legend_above(ax)
     return ax
 

@@ -3,11 +3,13 @@
 from pathlib import Path
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from ..body import Disk
 from ..classical import AbstractClassicalSystem
 from ..output import replacing
+from ..simulable import SimulableSystem
 from ..trajectory import Trajectory
 from .actuation import acceleration, accelerations
 from .classical import classical_motion, law_errors
@@ -15,7 +17,7 @@ from .configuration import configuration
 from .evolution import angular_velocity, contact_force, energies, friction_ratio, power
 from .paths import body_paths, centre_path, space_paths
 from .record import record
-from .style import LABEL
+from .style import LABEL, caption
 
 CLASSICAL = (classical_motion, law_errors)
 STANDARD = (
@@ -32,11 +34,12 @@ STANDARD = (
 )
 
 
-def figures(trajectory: Trajectory[Any, Any], folder: str | Path) -> list[Path]:
+def figures(trajectory: Trajectory[Any, Any], folder: str | Path, title: str = "") -> list[Path]:
     """Writes the standard figures of a trajectory into ``folder`` as PNG, and says where they are.
 
     Each file is named by the body and the function, as in ``ball_energies.png``. The acceleration is
-    left out where no mass has an angle to draw. Of a classical system, the motion and its laws are drawn.
+    left out where no mass has an angle to draw. Of a classical system, the motion and its laws are drawn. ``title`` is
+    a line that says which system it is, such as that of a scenario.
 
     **Arguments:**
 
@@ -55,13 +58,20 @@ def figures(trajectory: Trajectory[Any, Any], folder: str | Path) -> list[Path]:
         if draw is acceleration and not accelerations(trajectory):
             continue
         paths.append(folder / f"{kind}_{draw.__name__}.png")
-        with replacing(paths[-1]) as beside:
-            draw(trajectory).figure.savefig(beside, dpi=200)  # pyright: ignore
+        write_figure(draw(trajectory), paths[-1], trajectory.system, title)
     return paths
 
 
-def overview(trajectory: Trajectory) -> Figure:
-    """One page: configuration, trajectories, path, angular velocity, energies and friction.
+def write_figure(drawn: Axes | Figure, path: Path, system: SimulableSystem, title: str = "") -> None:
+    """Writes a figure, which says above it which system it shows."""
+    figure = drawn if isinstance(drawn, Figure) else drawn.figure
+    caption(figure, system, title)
+    with replacing(path) as beside:
+        figure.savefig(beside, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def overview(trajectory: Trajectory, title: str = "") -> Figure:
+    """One page: configuration, trajectories, path, angular velocity, energies and friction; ``title`` says of what.
 
     **Arguments:**
 
@@ -70,7 +80,8 @@ def overview(trajectory: Trajectory) -> Figure:
     **Raises:** ``ValueError`` for a reduced trajectory or a batch.
     """
     planar = isinstance(trajectory.system, Disk)
-    figure = Figure(figsize=(10.5, 6.4), layout="constrained")
+    figure = Figure(figsize=(10.5, 6.8), layout="constrained")
+    caption(figure, trajectory.system, title)
     grid = figure.add_gridspec(2, 3, height_ratios=(1.25, 1))
     in_space = {} if planar else {"projection": "3d", "computed_zorder": False}
     panels = (

@@ -16,7 +16,7 @@ from ..body import Disk, System
 from ..trajectory import Trajectory
 from .record import Record
 from .shapes import outline, rail_points, split, towards, wireframe
-from .style import FAINT, INK, SHELL, SMALL, TRAIL, mass_colour, mass_line
+from .style import CAPTION, FAINT, INK, SHELL, SMALL, TRAIL, mass_colour, mass_line, subject
 
 ELEVATION, AZIMUTH = 26.0, -60.0  # degrees
 WIDTH, MARGIN, HEADER = 8.0, 0.15, 0.5  # inches
@@ -166,6 +166,7 @@ def _inside(figure: Figure, ax: Axes, system: System, seen: Record) -> Callable[
     dots = [_line(ax, **dot, color=mass_colour(i), label=f"$m_{{{i}}}$") for i, _ in masses]
     star = _line(ax, **(dot | {"marker": "*", "ms": 10}), color=INK, label="CM")
     figure.legend(loc="upper right", ncols=min(len(dots) + 1, 7), frameon=False, prop=SMALL, handletextpad=0.2)
+    figure.text(0.5, 0.02 / figure.get_figheight(), subject(system), ha="center", va="bottom", **CAPTION)
     clock = figure.text(0.02, 0.98, "", fontproperties=SMALL, ha="left", va="top")
 
     def show(k: int) -> None:

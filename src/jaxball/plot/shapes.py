@@ -5,6 +5,7 @@ from jaxtyping import Float
 from mpl_toolkits.mplot3d import Axes3D
 
 from .._arrays import to_array
+from ..body import System
 from ..motion import AbstractMotion, Driven, OnRail
 from ..rails import Tube
 
@@ -31,6 +32,22 @@ def rail_points(motion: AbstractMotion, radius: float) -> Float[np.ndarray, "poi
     else:
         theta = np.linspace(0.0, rail.period, 241)
     return np.asarray(rail.points(to_array(theta)))
+
+
+def rails_of(system: System) -> list[tuple[list[int], Float[np.ndarray, "points 3"]]]:
+    """The rails that can be drawn, each with the masses i = 1 … n that are on it."""
+    found: list[tuple[list[int], np.ndarray]] = []
+    for i, mass in enumerate(system.point_masses, start=1):
+        rail = rail_points(mass.motion, float(system.radius))
+        if rail is None:
+            continue
+        for sharers, other in found:
+            if np.shape(other) == np.shape(rail) and np.allclose(other, rail):
+                sharers.append(i)
+                break
+        else:
+            found.append(([i], rail))
+    return found
 
 
 def wireframe(radius: float, meridians: int = 12, parallels: int = 5) -> Float[np.ndarray, "points 3"]:

@@ -1,19 +1,26 @@
 """The look of the figures, passed to each artist: matplotlib's own settings are not touched."""
 
 import math
+import textwrap
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.text import Text
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from mpl_toolkits.mplot3d import Axes3D
+
+from ..classical import AbstractClassicalSystem
+
+if TYPE_CHECKING:
+    from ..simulable import SimulableSystem
 
 INK = "black"
 SHELL = "0.45"
@@ -23,11 +30,52 @@ TRAIL = "#BB5566"
 # apart by colour-blind readers and in grey.
 MASSES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 COMPONENTS = ("#004488", "#BB5566", "#DDAA33")
+DASHED = (0, (4, 2))
+DASH = 7.0  # of lines that lie on one another, in widths of the line
 DASHES = ("-", (0, (6, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 
 LABEL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=11)
 SMALL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=10)
-WIDE, SQUARE = (4.6, 2.9), (4.4, 4.4)
+# Titles are the users', and may have characters that STIX lacks.
+TINY = FontProperties(family=["STIXGeneral", "DejaVu Sans"], math_fontfamily="stix", size=8)
+CAPTION: dict[str, Any] = {"fontproperties": TINY, "color": "0.35"}
+WIDE, SQUARE = (4.6, 3.1), (4.6, 4.7)
+WIDE_RANGE = 1e3  # of a logarithmic axis, the powers of ten along which are numbers enough
+LETTERS = 20  # of a caption to an inch
+
+
+def caption(figure: Any, system: "SimulableSystem | None" = None, title: str = "") -> None:
+    """Says above a figure which system it shows, and in what units.
+
+    **Arguments:**
+
+    - ``figure``: a figure; what its caption was before is replaced.
+    - ``system``: the system, from whose numbers the units are known to be none where m_0 = r = g = 1.
+    - ``title``: a line that says which system it is, such as that of a scenario, in the words that are shown.
+    """
+    lines = textwrap.wrap(subject(system, title), int(LETTERS * figure.get_figwidth()), break_on_hyphens=False)
+    figure.suptitle("\n".join(lines), linespacing=1.15, **CAPTION)
+
+
+def subject(system: "SimulableSystem | None", title: str = "") -> str:
+    """Which system a figure shows, and in what units."""
+    shown = title.replace("$", r"\$") or ("" if system is None else _described(system))
+    return f"{shown}; {_units(system, title)}" if shown else _units(system, title)
+
+
+def _described(system: "SimulableSystem") -> str:
+    if isinstance(system, AbstractClassicalSystem):
+        return system.title.capitalize() if system.title[0].islower() else system.title
+    masses = f"{system.n_masses} point mass{'' if system.n_masses == 1 else 'es'}"
+    return f"{type(system).__name__} with {masses if system.n_masses else 'no point masses'}"
+
+
+def _units(system: "SimulableSystem | None", title: str) -> str:
+    if system is not None and not isinstance(system, AbstractClassicalSystem):
+        scales = [np.asarray(getattr(system, name)) for name in ("mass", "radius", "gravity")]
+        if all(np.all(scale == 1.0) for scale in scales):
+            return "dimensionless,\N{NO-BREAK SPACE}$m_0=r=g=1$"
+    return "in the units of the scenario" if title or system is None else "in the units of its parameters"
 
 
 def mass_colour(i: int) -> str:
@@ -41,13 +89,13 @@ def mass_line(i: int, **changes: Any) -> dict[str, Any]:
     return {"color": mass_colour(i), "linestyle": dashes, "linewidth": 1.2} | changes
 
 
-def plane_axes(ax: Axes | None, size: tuple[float, float] = WIDE) -> Axes:
-    """``ax``, or the Axes of a new figure, with thin ticks and without a box.
+def plane_axes(ax: Axes | None, size: tuple[float, float] = WIDE, system: "SimulableSystem | None" = None) -> Axes:
+    """``ax``, or the Axes of a new figure that says which ``system`` it shows, with thin ticks and without a box.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
     if ax is None:
-        ax = Figure(figsize=size, layout="constrained").add_subplot()
+        ax = _new(size, system).add_subplot()
     if isinstance(ax, Axes3D):
         raise ValueError(f"Argument `ax` must be a plane Axes, but it is a {type(ax).__name__}; omit it for a new one.")
     ax.tick_params(width=0.6, length=3, labelsize=9, labelfontfamily="STIXGeneral")
@@ -58,13 +106,13 @@ def plane_axes(ax: Axes | None, size: tuple[float, float] = WIDE) -> Axes:
     return ax
 
 
-def space_axes(ax: Axes | None, size: tuple[float, float] = SQUARE) -> Axes3D:
-    """``ax``, or the three-dimensional Axes of a new figure, seen from afar and with white panes.
+def space_axes(ax: Axes | None, size: tuple[float, float] = SQUARE, system: "SimulableSystem | None" = None) -> Axes3D:
+    """``ax``, or the three-dimensional Axes of a new figure as in :func:`plane_axes`, seen from afar, its panes white.
 
     **Raises:** ``ValueError`` when ``ax`` is not three-dimensional.
     """
     if ax is None:
-        ax = Figure(figsize=size, layout="constrained").add_subplot(projection="3d", computed_zorder=False)
+        ax = _new(size, system).add_subplot(projection="3d", computed_zorder=False)
     if not isinstance(ax, Axes3D):
         raise ValueError(
             "Argument `ax` must be a three-dimensional Axes, made with projection='3d', but it is a "
@@ -77,6 +125,54 @@ def space_axes(ax: Axes | None, size: tuple[float, float] = SQUARE) -> Axes3D:
         axis.line.set(color="0.6", linewidth=0.6)  # pyright: ignore
     ax.grid(False)
     return ax
+
+
+def _new(size: tuple[float, float], system: "SimulableSystem | None") -> Figure:
+    figure = Figure(figsize=size, layout="constrained")
+    if system is not None:
+        caption(figure, system)
+    return figure
+
+
+def up_to_ticks(ax: Axes, low: float = math.inf, high: float = -math.inf) -> None:
+    """Ends the axis upwards at ticks, so that all that is drawn, and ``low`` and ``high``, lies between two numbers."""
+    drawn = ax.dataLim.intervaly
+    low, high = min(low, float(drawn[0])), max(high, float(drawn[1]))
+    if not np.isfinite([low, high]).all():
+        return
+    if high - low <= 1e-9 * max(abs(low), abs(high)):  # a constant is seen against 0, and 0 against ±1
+        low, high = (min(low, 0.0), max(high, 0.0)) if low or high else (-1.0, 1.0)
+    hair = 0.005 * (high - low)  # by which a curve may pass a tick: less than the width of its line
+    bottom, top = low + hair, high - hair
+    for _ in range(5):  # other limits may have other ticks
+        ticks = ax.yaxis.get_major_locator().tick_values(bottom, top)
+        if (ticks[0], ticks[-1]) == (bottom, top):
+            break
+        bottom, top = float(ticks[0]), float(ticks[-1])
+    ax.set_ylim(min(bottom, low), max(top, high))
+
+
+def number_decades(axis: Axis, ratio: float) -> None:
+    """Numbers along a logarithmic axis whose ends have this ratio: on a short one, those between powers of ten too."""
+    if ratio < WIDE_RANGE:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: _upright(number(value))))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _upright(tex: str) -> str:
+    """A number in the font of the other ticks."""
+    return rf"$\mathdefault{{{tex}}}$" if "^" in tex else tex
+
+
+def number(x: float) -> str:
+    """A number in TeX, with a power of ten where that is shorter."""
+    text = f"{x:.7g}"
+    mantissa, _, exponent = text.partition("e")
+    if not exponent:
+        return text
+    power = f"10^{{{int(exponent)}}}"
+    return power if mantissa == "1" else rf"{mantissa} \times {power}"
 
 
 def cube(ax: Axes3D, radius: float, names: str) -> None:
@@ -96,17 +192,35 @@ def named(ax: Axes, *labels: str) -> None:
         getattr(ax, f"set_{letter}label")(label, fontproperties=LABEL, **in_space)
 
 
+def ends(
+    ax: Axes, points: Float[np.ndarray, "T d"], colour: str, *, labelled: bool = False, size: float = 5.0, **look: Any
+) -> None:
+    """A ring at the start of a path and a square at its end, both seen where they meet; ``labelled``, in the legend."""
+    start, end = ("start", "end") if labelled else (None, None)
+    look = {"color": colour, "linestyle": "none"} | look
+    ax.plot(*points[:1].T, "o", ms=size, mew=1.0, markerfacecolor="white", label=start, **look)
+    ax.plot(*points[-1:].T, "s", ms=0.6 * size, mew=0.0, label=end, **look)
+
+
+def sharing(k: int, n: int) -> dict[str, Any]:
+    """The dashes of the k-th of ``n`` lines that lie on one another, of which the first, below the others, is whole."""
+    return {"linestyle": (k * DASH, (DASH, (n - 1) * DASH)), "dash_capstyle": "butt"} if k else {}
+
+
 def legend_above(ax: Axes, most: int = 5) -> None:
     """A legend above the axes, where it hides nothing; none where nothing is labelled. ``most`` labels to a row."""
     handles, labels = ax.get_legend_handles_labels()
     if labels:
         rows = math.ceil(len(labels) / max(most, math.ceil(len(labels) / 4)))
+        columns = math.ceil(len(labels) / rows)
+        # matplotlib fills columns, and a reader reads rows.
+        order = [k for column in range(columns) for k in range(column, len(labels), columns)]
         ax.legend(
-            handles,
-            labels,
+            [handles[k] for k in order],
+            [labels[k] for k in order],
             loc="lower center",
             bbox_to_anchor=(0.5, 1.0),
-            ncols=math.ceil(len(labels) / rows),
+            ncols=columns,
             frameon=False,
             prop=SMALL,
             handlelength=1.3,

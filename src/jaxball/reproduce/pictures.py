@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from .. import paper, plot
-from ..output import replacing
+from ..plot.report import write_figure
 from ..simulation import simulate
 from .experiments import Experiment
 
 TIMES = 2001
+TITLES = {"disk": "The paper's disk, section 4", "ball": "The paper's ball, section 5"}
 
 FIGURES = {
     "disk": {
@@ -50,6 +51,5 @@ def draw(experiment: Experiment, folder: Path) -> list[Path]:
     paths = []
     for name, function in wanted.items():
         paths.append(folder / f"{name}.png")
-        with replacing(paths[-1]) as beside:
-            function(trajectory).figure.savefig(beside, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
+        write_figure(function(trajectory), paths[-1], trajectory.system, TITLES[experiment.name])
     return paths

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import Any
 
 from .axes import Axis, Designed, FromFile, Ranged, Zipped
 from .study import Study
@@ -10,11 +11,12 @@ AXES = "axes"  # the group of a store that holds the points of each axis
 _LOGARITHMIC = ("log-uniform", "lognormal")
 
 
-def layout_of(study: Study) -> dict[str, list[int]]:
+def layout_of(study: Study) -> dict[str, list[Any]]:
     """For each path, its axis and whether its values are spread by their logarithm; for each axis, whether its points
-    are scattered. Lists of numbers, which every file format can hold.
+    are scattered; the names of what the study finds. Lists of numbers and texts, which every file format can hold.
     """
-    return {
+    finds = {"finds": [find.name for find in study.finds]} if study.finds else {}
+    return finds | {
         "path_axis": [k for k, axis in enumerate(study.axes) for _ in axis.paths],
         "path_logarithmic": [int(item) for axis in study.axes for item in _logarithmic(axis)],
         "axis_scattered": [int(_scattered(axis)) for axis in study.axes],

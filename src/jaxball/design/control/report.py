@@ -12,6 +12,7 @@ from ... import plot
 from ...body import Disk
 from ...extremes import contact_extremes
 from ...output import replacing
+from ...plot.report import write_figure
 from ...scenario import Scenario, write_scenario
 from ...wording import counted
 from ..wanted import curve_and_discs, places_in_time
@@ -32,7 +33,7 @@ def write_report(found: Controlled, title: str, saves: int, folder: Path) -> Pat
     contact = contact_extremes(scenario.simulate(dense=True, throw=True))
     lines = [f"# {title or 'An optimal control'}", "", _verdict(found), "", *_objectives(found), ""]
     lines += _constraints(found)
-    lines += [f"Along the run: {'; '.join(str(contact).splitlines())}.", "", *_figures(found, folder)]
+    lines += [f"Along the run: {'; '.join(str(contact).splitlines())}.", "", *_figures(found, title, folder)]
     with replacing(folder / REPORT) as beside:
         beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return folder / REPORT
@@ -80,7 +81,7 @@ def _constraints(found: Controlled) -> list[str]:
     return [*rows, "", f"{looked}; {found.violation:g} is allowed.", ""]
 
 
-def _figures(found: Controlled, folder: Path) -> list[str]:
+def _figures(found: Controlled, title: str, folder: Path) -> list[str]:
     problem = rolling(found.solution.problem)
     times = np.linspace(float(problem.start), float(problem.end), DRAWN)
     axes = {
@@ -92,10 +93,9 @@ def _figures(found: Controlled, folder: Path) -> list[str]:
     for name in [name for name in first if 0 < first[name] != last[name] > 0][:1]:
         weights = np.asarray([point.weights[name] for point in branch])
         values = {one: np.asarray([point.means[one] for point in branch]) for one in branch[0].means}
-        axes["branch"] = plot.branch(weights, values, f"weight of {name}")
+        axes["branch"] = plot.branch(weights, values, f"weight of {name}", of="mean of each objective")
     for label, ax in axes.items():
-        with replacing(folder / f"{label}.png") as beside:
-            ax.figure.savefig(beside, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
+        write_figure(ax, folder / f"{label}.png", problem.system, title)
     return [f"![{label}]({label}.png)" for label in axes]
 
 

@@ -10,10 +10,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 
-from ..style import named, plane_axes
+from ..style import INK, named
 from .failures import LOOKS, marks, names_of
 from .fixed import fixed, sample
-from .heading import COLOURS, coloured, heading, norm_of
+from .heading import COLOURS, coloured, heading, norm_of, study_axes
 from .results import histories_of, label_of, parsed, result_names
 from .rows import Rows, rows_of
 
@@ -36,7 +36,7 @@ def sweep_fan(
 
     Drawn is the path of a ball's centre in the plane, z of a disk over time, or ``result`` over time. A row that failed
     is drawn as far as it came, in the colour of its status, with a mark at its end; those that did not start are
-    counted in the legend.
+    counted in the legend. A ring is where paths in the plane start.
 
     **Arguments:**
 
@@ -50,7 +50,7 @@ def sweep_fan(
     rows = rows_of(data)
     rows, notes = fixed(rows, {rows.axis_of(by)}, at)
     names, (drawn, left_out) = names_of(rows.status), sample(rows, MOST_CURVES)
-    rows, ax = rows.chosen(drawn), plane_axes(ax, SIZE)
+    rows, ax = rows.chosen(drawn), study_axes(rows.data, ax, SIZE)
     curves, numbers = _curves(rows, result), rows.number(by)
     shown = ScalarMappable(norm_of(numbers, rows.is_logarithmic(by)), COLOURS)
     shown.set_array(numbers)
@@ -62,6 +62,8 @@ def sweep_fan(
     ends = np.stack([_end(curve) for curve in curves])
     keys = marks(ax, ends[:, 0], ends[:, 1], rows.status, names)
     if result is None and _in_the_plane(data):
+        starts = np.unique(curves[:, 0], axis=0)
+        keys += ax.plot(*starts.T, "o", ms=4.5, mew=1.0, color=INK, markerfacecolor="white", ls="none", label="start")
         ax.set_aspect("equal", adjustable="datalim")
     ax.autoscale_view()
     named(ax, *_labels(data, result))

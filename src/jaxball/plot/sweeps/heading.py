@@ -1,8 +1,9 @@
 """Titles and legends above the axes, scales of their numbers, and colours for a number."""
 
 import textwrap
+import tomllib
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -10,13 +11,31 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from ..style import SMALL, colour_bar
+from ..style import SMALL, caption, colour_bar, number_decades, plane_axes
+
+if TYPE_CHECKING:
+    import xarray
 
 COLOURS = "viridis"
-_WIDE_DECADES = 3.0
 _LETTERS = 62
+
+
+def title_of(data: "xarray.Dataset") -> str:
+    """Which study a data set is of: its own title, or that of its scenario, or the scenario's kind."""
+    document = tomllib.loads(data.attrs.get("scenario", ""))
+    return data.attrs.get("title") or document.get("title") or f"A study of a {document.get('kind', 'system')}"
+
+
+def study_axes(data: "xarray.Dataset", ax: Axes | None, size: tuple[float, float]) -> Axes:
+    """``ax``, or the Axes of a new figure that says which study it shows.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    made = plane_axes(ax, size)
+    if ax is None:
+        caption(made.figure, title=title_of(data))
+    return made
 
 
 def heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), most: int = 3) -> None:
@@ -46,7 +65,7 @@ def scale(axis: Axis, logarithmic: bool, values: np.ndarray) -> None:
     if not logarithmic or not values.size or values.min() <= 0:
         return
     axis.axes.set(**{f"{axis.axis_name}scale": "log"})  # pyright: ignore[reportAttributeAccessIssue]
-    _short_scale(axis, float(values.max() / values.min()))
+    number_decades(axis, float(values.max() / values.min()))
 
 
 def coloured(ax: Axes, shown: ScalarMappable, label: str) -> None:
@@ -54,15 +73,7 @@ def coloured(ax: Axes, shown: ScalarMappable, label: str) -> None:
     bar = colour_bar(ax, shown, label)
     if isinstance(shown.norm, LogNorm):
         low, high = bar.ax.get_ylim()
-        _short_scale(bar.ax.yaxis, high / low)
-
-
-def _short_scale(axis: Axis, ratio: float) -> None:
-    """Round numbers written out on a logarithmic scale that is not long."""
-    if np.log10(ratio) < _WIDE_DECADES:
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
+        number_decades(bar.ax.yaxis, high / low)
 
 
 def norm_of(values: np.ndarray, logarithmic: bool = False) -> Normalize:

@@ -10,11 +10,11 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from ...status import Status
-from ..style import named, plane_axes
+from ..style import named
 from .errors import PictureError
 from .failures import LOOKS, MANY, marks, names_of, outcomes, patch
 from .fixed import fixed, sample
-from .heading import COLOURS, coloured, edges_of, heading, norm_of, scale
+from .heading import COLOURS, coloured, edges_of, heading, norm_of, scale, study_axes
 from .results import label_of, values_of
 from .rows import Rows, rows_of
 
@@ -52,7 +52,7 @@ def sweep_map(
     rows = rows_of(data)
     rows, notes = fixed(rows, {rows.axis_of(right), rows.axis_of(up)}, at)
     crossed = rows.axis_of(right) != rows.axis_of(up) and not (rows.is_scattered(right) or rows.is_scattered(up))
-    ax = plane_axes(ax, SIZE)
+    ax = study_axes(rows.data, ax, SIZE)
     shown, keys, more = (_cells if crossed else _dots)(ax, rows, result, right, up)
     for axis, path in ((ax.xaxis, right), (ax.yaxis, up)):
         scale(axis, rows.is_logarithmic(path), rows.number(path))

@@ -1,20 +1,22 @@
 """Numbers and results of a study against one another."""
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ...status import Status
 from ...wording import counted
-from ..style import COMPONENTS, SMALL, named, plane_axes
+from ..style import COMPONENTS, SMALL, caption, named, plane_axes
 from .errors import PictureError
 from .failures import LOOKS, MANY, make_room, marks, names_of, outcomes, present
 from .fixed import sample
-from .heading import edges_of, scale
+from .heading import edges_of, scale, title_of
 from .results import label_of, standard_results, values_of
 from .rows import Rows, rows_of
 
@@ -25,8 +27,8 @@ PANEL = 1.75
 MOST_DOTS = 5_000
 MOST_VARIABLES = 8
 MOST_LETTERS = 18
-MOST_BARS = 30
 _BINS = 20
+_MOST_POINTS = 100_000
 
 
 class _Variable(NamedTuple):
@@ -34,6 +36,7 @@ class _Variable(NamedTuple):
     values: np.ndarray
     is_number: bool
     logarithmic: bool
+    crossed: bool  # one of the numbers of a crossed axis
 
 
 def sweep_matrix(
@@ -60,15 +63,19 @@ def sweep_matrix(
             f"Arguments `results` and `numbers` must be 2 to {MOST_VARIABLES} together, but they are "
             f"{len(results)} and {len(numbers)}; choose some of {', '.join([*results, *numbers])}."
         )
-    variables = [_Variable(_broken(path), rows.number(path), True, rows.is_logarithmic(path)) for path in numbers]
-    variables += [_Variable(label_of(data, name), values_of(rows, name), False, False) for name in results]
+    variables = [
+        _Variable(_broken(path), rows.number(path), True, rows.is_logarithmic(path), not rows.is_scattered(path))
+        for path in numbers
+    ]
+    variables += [_Variable(label_of(data, name), values_of(rows, name), False, False, False) for name in results]
     return _drawn(rows, variables)
 
 
 def _drawn(rows: Rows, variables: Sequence[_Variable]) -> Figure:
     n, keys, panels = len(variables), {}, {}
     drawn, left_out = sample(rows, MOST_DOTS)
-    figure = Figure(figsize=(PANEL * n + 0.6, PANEL * n + 0.4), layout="constrained")
+    figure = Figure(figsize=(PANEL * n + 0.6, PANEL * n + 0.6), layout="constrained")
+    caption(figure, title=title_of(rows.data))
     for i, up in enumerate(variables):
         for j, right in enumerate(variables[: i + 1]):
             beside = panels.get((i, 0)) if i != j else None
@@ -125,23 +132,38 @@ def _counts(ax: Axes, rows: Rows, variable: _Variable) -> None:
     values = variable.values[np.isfinite(variable.values)]
     if not values.size:
         return
-    different = np.unique(values)
-    if variable.is_number and len(different) <= MOST_BARS:  # a bar for each point of a crossed axis
-        edges = edges_of(different, variable.logarithmic)
-    else:
-        spread = np.geomspace if variable.logarithmic and different[0] > 0 else np.linspace
-        ends = different[[0, -1]] if len(different) > 1 else different[0] + np.array([-0.5, 0.5])
-        edges = spread(float(ends[0]), float(ends[1]), _BINS + 1)
-    codes = [Status.SUCCESS, *(present(rows.status) if variable.is_number else ())]
-    ax.hist(
-        [variable.values[(rows.status == code) & np.isfinite(variable.values)] for code in codes],
-        bins=edges.tolist(),
-        stacked=True,
-        color=[COMPONENTS[0] if code == Status.SUCCESS else LOOKS[code].colour for code in codes],
-    )
+    edges = _edges(np.unique(values), variable)
+    below = np.zeros(len(edges) - 1)
+    for code in [Status.SUCCESS, *(present(rows.status) if variable.is_number else ())]:
+        these = variable.values[(rows.status == code) & np.isfinite(variable.values)]
+        above = below + np.histogram(these, edges)[0]
+        colour = COMPONENTS[0] if code == Status.SUCCESS else LOOKS[code].colour
+        ax.stairs(above, edges, baseline=below, fill=True, color=colour)
+        below = above
     ax.spines["left"].set_visible(False)
     ax.tick_params(left=False)
     scale(ax.xaxis, variable.logarithmic, values)
+
+
+def _edges(different: Float[np.ndarray, " values"], variable: _Variable) -> Float[np.ndarray, " edges"]:
+    """The edges of the bars: one for each point of a crossed axis; as many points in each where values are those of
+    another grid, such as whole numbers; and else equal ones.
+    """
+    if variable.crossed:
+        return edges_of(different, variable.logarithmic)
+    logarithmic = variable.logarithmic and different[0] > 0
+    places = np.log(different) if logarithmic else different
+    if len(places) == 1:
+        edges = places[0] + np.array([-0.5, 0.5])
+    else:
+        step = np.min(np.diff(places))
+        points = (places - places[0]) / step
+        if points[-1] < _MOST_POINTS and np.allclose(points, np.round(points), rtol=0.0, atol=1e-3):
+            each = math.ceil((points[-1] + 1) / _BINS)
+            edges = places[0] + step * (each * np.arange(math.ceil((points[-1] + 1) / each) + 1) - 0.5)
+        else:
+            edges = np.linspace(places[0], places[-1], _BINS + 1)
+    return np.exp(edges) if logarithmic else edges
 
 
 def _broken(path: str) -> str:

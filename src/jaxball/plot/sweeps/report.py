@@ -36,7 +36,8 @@ def sweep_figures(
     **Arguments:**
 
     - ``data``: from ``xarray.open_zarr`` of a store.
-    - ``results``: which; if not given, the friction needed and the place at the end where there are, and the steps.
+    - ``results``: which; if not given, what the study was to find, or else the friction needed and the place at the
+      end where there are, and the steps.
     - ``against``: the paths of the numbers; if not given, the first four that vary, with
       maps over the first two alone.
 
@@ -79,8 +80,9 @@ def _drawings(
     if any("save" in data[parsed(data, name)[0]].dims for name in result_names(data)):
         for number in numbers:
             yield ["fan", number], lambda n=number: sweep_fan(data, n)
-    if len(numbers) >= 2 and len(numbers) + len(results) <= MOST_VARIABLES:
-        yield ["matrix"], lambda: sweep_matrix(data, results, numbers)
+    some = results[: MOST_VARIABLES - len(numbers)]
+    if len(numbers) >= 2 and some:
+        yield ["matrix"], lambda: sweep_matrix(data, some, numbers)
 
 
 def _few_curves(rows: Rows, number: str, numbers: Sequence[str]) -> str | None:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from ...scenario.paths import entries
 from ...wording import did_you_mean
 from .errors import PictureError
-from .rows import Rows
+from .rows import Rows, listed
 
 if TYPE_CHECKING:
     import xarray
@@ -37,16 +37,26 @@ MOST_STANDARD = 3
 
 
 def result_names(data: "xarray.Dataset") -> list[str]:
-    """The names of all results of a study: entries of vectors are counted from 0, as in ``z[0]``."""
+    """The names of all results of a study, what it was to find first: entries of vectors are counted from 0, as in
+    ``z[0]``.
+    """
     names = [str(name) for name in data.data_vars if name not in _NOT_RESULTS and "row" in data[name].dims]
-    names.sort(key=lambda name: (_FIRST.index(name) if name in _FIRST else len(_FIRST), name))
+    first = [*_finds(data), *_FIRST]
+    names.sort(key=lambda name: (first.index(name) if name in first else len(first), name))
     return [entry for name in names for entry in entries(name, _shape(data, name))]
 
 
 def standard_results(data: "xarray.Dataset") -> list[str]:
-    """A few results that say most: the friction needed and the place at the end where there are, and the steps."""
+    """A few results that say most: what the study was to find, or else the friction needed and the place at the end
+    where there are, and the steps.
+    """
     names = [name for name in result_names(data) if name not in ("steps", "rejected", "reached")]
-    return [*names[:MOST_STANDARD], "steps"]
+    return [*names[: max(MOST_STANDARD, len(_finds(data)))], "steps"]
+
+
+def _finds(data: "xarray.Dataset") -> list[str]:
+    """The names of what the study was to find."""
+    return [name for name in listed(data, "finds") if name in data.data_vars] if "finds" in data.attrs else []
 
 
 def values_of(rows: Rows, result: str) -> Float[np.ndarray, " rows"]:

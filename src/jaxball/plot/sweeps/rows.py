@@ -37,7 +37,7 @@ class Rows:
     @property
     def paths(self) -> tuple[str, ...]:
         """The paths of the numbers that change."""
-        return tuple(_listed(self.data, "paths"))
+        return tuple(listed(self.data, "paths"))
 
     @property
     def failed(self) -> Bool[np.ndarray, " rows"]:
@@ -52,7 +52,7 @@ class Rows:
         if path not in self.paths:
             hint = did_you_mean(path, self.paths, f"it changes {', '.join(self.paths)}", "`")
             raise PictureError(f"Path `{path}` must be one of the numbers that the study changes{hint}")
-        return int(_listed(self.data, "path_axis")[self.paths.index(path)])
+        return int(listed(self.data, "path_axis")[self.paths.index(path)])
 
     def paths_of(self, axis: int) -> tuple[str, ...]:
         """The paths of the numbers that change along an axis."""
@@ -60,11 +60,11 @@ class Rows:
 
     def is_scattered(self, path: str) -> bool:
         """Whether the values at ``path`` are those of a design or of a file."""
-        return bool(_listed(self.data, "axis_scattered")[self.axis_of(path)])
+        return bool(listed(self.data, "axis_scattered")[self.axis_of(path)])
 
     def is_logarithmic(self, path: str) -> bool:
         """Whether the values at ``path`` are spread by their logarithm."""
-        return bool(_listed(self.data, "path_logarithmic")[self.paths.index(path)])
+        return bool(listed(self.data, "path_logarithmic")[self.paths.index(path)])
 
     def number(self, path: str) -> Float[np.ndarray, " rows"]:
         """The number at ``path`` in each row."""
@@ -107,11 +107,11 @@ def rows_of(data: "xarray.Dataset") -> Rows:
             f"Argument `data` must have a row that succeeded, but all {len(status):,} that are done failed: {counts}; "
             "`jaxball sweep status` says what is wrong with the first of them."
         )
-    indices = np.stack(np.unravel_index(row[computed], tuple(_listed(data, "shape"))), axis=1)
+    indices = np.stack(np.unravel_index(row[computed], tuple(listed(data, "shape"))), axis=1)
     return Rows(data, computed, indices, status)
 
 
-def _listed(data: Any, name: str) -> list[Any]:
+def listed(data: Any, name: str) -> list[Any]:
     """An attribute that is a list; files of some formats hold a list of one as a number or a text."""
     value = data.attrs[name]
     return [value] if isinstance(value, str) else np.atleast_1d(value).tolist()

@@ -9,11 +9,11 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
 from ...status import Status
-from ..style import COMPONENTS, named, plane_axes
+from ..style import COMPONENTS, named
 from .errors import PictureError
 from .failures import make_room, marks, names_of, outcomes
 from .fixed import fixed, sample
-from .heading import COLOURS, heading, scale
+from .heading import COLOURS, heading, scale, study_axes
 from .results import label_of, values_of
 from .rows import Rows, rows_of
 
@@ -58,7 +58,7 @@ def sweep_slice(
     names, (drawn, left_out) = names_of(outcome), sample(rows, MOST_DRAWN)
     rows, outcome = rows.chosen(drawn), outcome[drawn]
     numbers, values = rows.number(against), np.where(outcome == Status.SUCCESS, values_of(rows, result), np.nan)
-    ax, keys = plane_axes(ax, SIZE), []
+    ax, keys = study_axes(rows.data, ax, SIZE), []
     look = {"linestyle": "none" if rows.is_scattered(against) else "-", **_markers(rows, against)}
     for label, which, colour in _curves(rows, by):
         order = which[np.argsort(numbers[which], kind="stable")]

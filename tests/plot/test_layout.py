@@ -1,0 +1,131 @@
+"""Every figure says what it shows, and none of its texts lies on another, on a curve or beyond the page."""
+
+import matplotlib.ticker
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from jaxball import Ball, plot
+from jaxball.classical import AbstractClassicalSystem
+from jaxball.plot.actuation import accelerations
+from jaxball.plot.report import CLASSICAL, STANDARD
+from jaxball.plot.style import caption
+from jaxball.scenario import builtin_scenarios, load_scenario
+from tests.plot.geometry import overlaps
+
+SCENARIOS = builtin_scenarios()
+ROLLING = [name for name in SCENARIOS if not isinstance(load_scenario(name).system, AbstractClassicalSystem)]
+T = np.linspace(0.0, 6.0, 61)
+WAVES = np.sin(T[:, None] + np.arange(7))
+SEARCH = np.exp(-np.arange(20.0) / 3)
+DRAWN = {
+    "convergence": lambda: plot.convergence(9 * SEARCH, np.where(SEARCH > 0.1, SEARCH, 0.0), SEARCH**2, polish=12),
+    "branch": lambda: plot.branch(T + 1, {"root mean square error": T + 1, "effort": 1 / (T + 1)}, "weight of the end"),
+    "path": lambda: plot.designed_path(WAVES[:, :2], WAVES[:, 1:3], WAVES[:, 2:4], [(np.zeros(2), 0.3)]),
+    "place": lambda: plot.place_in_time({"before": (T, T), "after": (T, -T)}, (T, T / 2)),
+    "angles": lambda: plot.rail_angles(T, WAVES),
+    "accelerations": lambda: plot.rail_accelerations(T, WAVES[:, :3]),
+}
+
+
+def figure_of(drawn):
+    return drawn if isinstance(drawn, Figure) else drawn.figure
+
+
+@pytest.mark.parametrize("name", ROLLING)
+def test_names_of_masses_hide_nothing(name):
+    scenario = load_scenario(name)
+    figure = figure_of(plot.configuration(scenario.system, theta=scenario.state.theta))
+    assert overlaps(figure) == []
+    caption(figure, scenario.system, scenario.title)
+    assert overlaps(figure) == []
+
+
+@pytest.mark.parametrize("draw", [*STANDARD, plot.overview])
+@pytest.mark.parametrize("body", ["ball", "disk"])
+def test_texts_of_the_paper_s_runs_are_apart(body, draw, request):
+    trajectory = request.getfixturevalue(f"{body}_trajectory")
+    figure = figure_of(draw(trajectory))
+    assert figure.get_suptitle() == (
+        f"{body.title()} with {3 if body == 'ball' else 4} point masses; dimensionless,\N{NO-BREAK SPACE}$m_0=r=g=1$"
+    )
+    assert overlaps(figure) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_texts_of_every_scenario_are_apart(name):
+    scenario = load_scenario(name)
+    rolling = name in ROLLING
+    trajectory = scenario.simulate(dense=rolling, throw=True)
+    for draw in (*STANDARD, plot.overview) if rolling else CLASSICAL:
+        if draw is not plot.acceleration or accelerations(trajectory):
+            figure = figure_of(draw(trajectory))
+            caption(figure, scenario.system, scenario.title)
+            assert overlaps(figure) == [], draw
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_texts_of_designs_are_apart(name):
+    ax = DRAWN[name]()
+    caption(
+        ax.figure, title="A ball that follows a curve of which a long title tells, with a mass to spare in its shell"
+    )
+    assert overlaps(ax.figure) == []
+    assert ax.get_xlabel()
+    assert ax.get_ylabel()
+
+
+def test_reports_without_a_violation_are_marked():
+    violation = np.array([1.0, 0.1, 0.0, 1e-6, 0.0])
+    ax = plot.convergence(violation + 1, violation, violation + 1)
+    (line,) = (line for line in ax.lines if line.get_label() == "violation")
+    (held,) = (line for line in ax.lines if line.get_label() == "none violated")
+    np.testing.assert_array_equal(line.get_ydata()[[0, 1, 3]], violation[[0, 1, 3]])
+    np.testing.assert_array_equal(held.get_xdata(), [2, 4])
+    ax.figure.draw_without_rendering()
+    height = ax.transAxes.inverted().transform(held.get_transform().transform(held.get_xydata()))[:, 1]
+    np.testing.assert_allclose(height, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("draw", [plot.friction_ratio, plot.energies, plot.angular_velocity, plot.contact_force])
+@pytest.mark.parametrize("body", ["ball", "disk"])
+def test_all_that_is_drawn_lies_between_two_numbers(body, draw, request):
+    ax = draw(request.getfixturevalue(f"{body}_trajectory"))
+    low, high = ax.get_ylim()
+    ticks = [tick for tick in ax.get_yticks() if low - 1e-9 <= tick <= high + 1e-9]
+    values = np.concatenate([line.get_ydata() for line in ax.lines])
+    hair = 0.006 * (high - low)  # a line is wider
+    assert ticks[0] <= np.nanmin(values) + hair
+    assert ticks[-1] >= np.nanmax(values) - hair
+    assert 3 <= len(ticks) <= 8
+    assert isinstance(ax.yaxis.get_major_locator(), matplotlib.ticker.MaxNLocator)
+
+
+@pytest.mark.parametrize("draw", [plot.body_paths, plot.space_paths, plot.centre_path])
+def test_starts_and_ends_of_curves_are_in_the_legend(draw, ball_trajectory):
+    ax = draw(ball_trajectory)
+    assert {"start", "end"} <= {text.get_text() for text in ax.get_legend().get_texts()}
+    coordinates = [
+        np.column_stack(line.get_data_3d() if hasattr(line, "get_data_3d") else line.get_data()) for line in ax.lines
+    ]
+    rings = [points[0] for points, line in zip(coordinates, ax.lines, strict=True) if line.get_marker() == "o"]
+    squares = [points[0] for points, line in zip(coordinates, ax.lines, strict=True) if line.get_marker() == "s"]
+    for points in (points for points in coordinates if len(points) == len(ball_trajectory.times)):
+        assert any(np.array_equal(points[0], ring) for ring in rings)
+        assert any(np.array_equal(points[-1], square) for square in squares)
+
+
+def test_a_title_is_shown_as_it_is_written(ball_trajectory):
+    ax = plot.energies(ball_trajectory)
+    caption(ax.figure, ball_trajectory.system, "Costs $5, or $6")
+    assert ax.figure.get_suptitle().startswith(r"Costs \$5, or \$6; dimensionless")
+    ax.figure.draw_without_rendering()
+
+
+def test_units_are_those_of_the_parameters_where_they_are_not_one():
+    ball = Ball(mass=2.0, inertia=(1.0, 1.0, 1.0))
+    figure = figure_of(plot.configuration(ball))
+    assert figure.get_suptitle() == "Ball with no point masses; in the units of its parameters"
+    caption(figure, ball, "A shell")
+    assert figure.get_suptitle() == "A shell; in the units of the scenario"
