@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._arrays import to_array
+from ..line import beside, places
 from ..norms import norm
 from ..run import Run
 from .base import AbstractRunningObjective
@@ -23,10 +24,13 @@ class AvoidObstacles(AbstractRunningObjective):
     upright post, add the ball's radius to the post's.
     """
 
-    centres: Float[Array, "k 2"] = eqx.field(converter=to_array)
+    centres: Float[Array, "k 2"] = eqx.field(converter=places)
     radii: Float[Array, " k"] = eqx.field(converter=to_array)
     softness: Float[Array, ""] = eqx.field(converter=to_array, default=0.1)
 
     def integrand(self, run: Run):
         inside = jax.nn.softplus(depths(run, self.centres, self.radii) / self.softness)
         return jnp.sum(inside**2, axis=-1)
+
+    def beyond_a_disk(self):
+        return beside(self.centres)
