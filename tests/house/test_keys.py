@@ -38,10 +38,14 @@ def readers() -> dict[str, dict[str, Mapping[str, Key]]]:
     return found
 
 
+def sections() -> list[str]:
+    return re.split(r"^### ", PAGE.read_text(), flags=re.MULTILINE)[1:]
+
+
 def page() -> Found:
     """The default that the page says of each key: by the path of its table, its kind or the like, and its name."""
     found: Found = {}
-    for section in re.split(r"^### ", PAGE.read_text(), flags=re.MULTILINE)[1:]:
+    for section in sections():
         title, *lines = section.splitlines()
         rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines if line.startswith("|")]
         for path in re.findall(r"`([^`]+)`", title):
@@ -70,6 +74,12 @@ def entries() -> dict[tuple[str, str, str], Key]:
 
 def test_every_key_is_on_the_page_and_no_other():
     assert set(page()) == set(entries())
+
+
+def test_every_kind_is_on_the_page():
+    said = {path: section for section in sections() for path in re.findall(r"`([^`]+)`", section.splitlines()[0])}
+    for path, choice, _ in entries():
+        assert path.count(".") == 0 or re.search(rf"(?<![\w-]){choice}(?![\w-])", said[path]), (path, choice)
 
 
 def test_every_default_is_on_the_page():
