@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._arrays import Numbers, to_array
-from ..body import Disk, System
+from ..body import Disk
+from ..simulable import SimulableSystem
 from .errors import DesignError
 
 # What is less beside e1 than this share of how far it goes is rounding.
@@ -42,7 +43,7 @@ def beside(points: Float[ArrayLike, "n 2"]) -> str:
     return f"a place {most:.6g} beside e1" if most > ROUNDING * np.max(points, initial=0.0) else ""
 
 
-def require_reach(system: System, wanted: Mapping[str, Wanted]) -> None:
+def require_reach(system: SimulableSystem, wanted: Mapping[str, Wanted]) -> None:
     """Refuses objectives and constraints that no disk can meet.
 
     **Raises:** :class:`DesignError`, with the name of the first one, where the system is a disk.

@@ -101,5 +101,5 @@ def load_progress(path: Path, identity: str) -> Progress:
         kept["best"],
         Worth(*(float(x) for x in kept["worth"])),
         [tuple(float(x) for x in row) for row in kept["history"]],
-        float(kept["elapsed"]),
+        float(kept.get("elapsed", 0.0)),
     )
