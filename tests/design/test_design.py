@@ -5,15 +5,19 @@ The place is at (2, 0.5), and the ball may not pass e1 = 1.5: it ends at (1.5, 0
 
 import functools
 import os
+import re
+import tomllib
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import tomli_w
 
 import jaxball
 from jaxball import cli, design
 from jaxball.design.report import write_report
+from jaxball.design.state import load_progress
 
 PROBLEM = """
 format = 1
@@ -72,8 +76,11 @@ def folder(tmp_path_factory):
 def test_the_command_writes_the_same(folder, tmp_path):
     (tmp_path / "problem.toml").write_text(PROBLEM)
     assert cli.main(["design", str(tmp_path / "problem.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
-    for name in ("design.toml", "report.md"):
-        assert (tmp_path / "out" / name).read_text() == (folder / name).read_text()
+    assert (tmp_path / "out" / "design.toml").read_text() == (folder / "design.toml").read_text()
+    assert (tmp_path / "out" / "problem.toml").read_text() == PROBLEM
+    ours, theirs = ((path / "report.md").read_text().split("## How it was made") for path in (tmp_path / "out", folder))
+    assert ours[0] == theirs[0]
+    assert f"By `jaxball design {tmp_path / 'problem.toml'} --out" in ours[1]
 
 
 def test_the_optimum_on_a_constraint(folder):
@@ -86,7 +93,12 @@ def test_the_report_has_figures_and_numbers(folder):
     text = (folder / "report.md").read_text()
     assert "All constraints hold" in text
     assert "is stationary" in text
-    assert "| reach-place | 1 |" in text
+    # Half a radius is missed, which is squared.
+    assert re.search(r"^\| reach-place \| 1 \| \S+ \| 0\.25 \| 0\.25 \| distance 0\.5 \|", text, re.MULTILINE)
+    assert re.search(r"^\| within \| holds, margin \S+ \| holds", text, re.MULTILINE)
+    assert re.search(r"^\| `initial.Omega\[1\]` \| .* \| free \|$", text, re.MULTILINE)
+    assert not re.search(r"\binf\b", text)
+    assert re.search(r"^By jaxball \S+, jax \S+, diffrax \S+, in \d", text, re.MULTILINE)
     for name in ("path", "rails", "contact", "convergence"):
         assert (folder / f"{name}.png").exists()
 
@@ -110,7 +122,9 @@ def test_a_search_that_was_stopped_goes_on_where_it_was(folder, tmp_path):
         design.design(found.problem, found.settings, tmp_path, identity=found.identity, say=say)
     kept = jaxball.load_scenario(tmp_path / "design.toml")
     assert np.all(np.isfinite(kept.state.Omega))
+    before = load_progress(tmp_path / "progress.npz", found.identity).elapsed
     done = design.design(found.problem, found.settings, tmp_path, identity=found.identity)
+    assert done.progress.elapsed > before > 0
     whole = jaxball.load_scenario(folder / "design.toml")
     np.testing.assert_array_equal(done.numbers, np.asarray(whole.state.Omega)[:2])
     with pytest.raises(design.DesignError, match="another problem"):
@@ -168,11 +182,22 @@ def test_the_gradient_is_right_to_the_solver():
         (("mass = 1.0", "mass = -1.0"), "body.mass"),
         (("format = 1", "format = 2"), "format"),
         (("place = [2.0, 0.5]", "plaice = [2.0, 0.5]"), "did you mean `place`"),
+        (("high = [1.5, 5.0]", "high = [1.5, -5.0]"), r"constraints\[0\]\.high.* above `low`"),
     ],
 )
 def test_errors_of_problem_files_name_the_key(change, words):
     with pytest.raises(jaxball.ScenarioError, match=words):
         design.read_problem(PROBLEM.replace(*change))
+
+
+@pytest.mark.parametrize("value", ["0", "true", '"friction"', "{}"])
+@pytest.mark.parametrize("table", ["constraints", "objectives", "variables"])
+def test_what_is_no_list_of_tables_is_told(table, value):
+    document = tomllib.loads(PROBLEM) | {table: tomllib.loads(f"x = {value}")["x"]}
+    with pytest.raises(
+        jaxball.ScenarioError, match=rf"^Key `{table}` must be a list of tables, .* \[\[{table}\]\], but"
+    ):
+        design.read_problem(tomli_w.dumps(document))
 
 
 def test_files_that_are_none_are_told(tmp_path, capsys):

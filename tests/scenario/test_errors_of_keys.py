@@ -1,5 +1,6 @@
 """What is wrong with a key of a scenario file is one sentence that names it."""
 
+import numpy as np
 import pytest
 
 from jaxball.scenario import ScenarioError, builtin_text, load_scenario, read_scenario, write_scenario
@@ -170,7 +171,54 @@ SHELLS = {
     ),
 }
 
-CASES = TYPES | KEYS | SHELLS
+NUMBERS = {
+    "versor too large to be squared": (
+        BALL + "[initial]\nversor = [1e300, 0.0, 0.0, 0.0]",
+        "Key `initial.versor` must be a versor, whose four numbers have squares that add up to 1, but it is "
+        "[1e+300, 0.0, 0.0, 0.0].",
+    ),
+    "position too far to be squared": (
+        with_motion("position = [1e200, 0.0, 0.0]"),
+        "Key `masses[0].position` must be a point inside the shell of radius 1, but it is [1e+200, 0.0, 0.0].",
+    ),
+    "rail too large to be squared": (
+        with_rail('{ kind = "ellipse", semi_axes = [1e200, 1e199] }'),
+        "Key `masses[0].rail` must be a curve inside the shell of radius 1, but it is 1e+200 from the centre at "
+        "theta = 0.",
+    ),
+    "beside a disk's plane, too far to be rounded": (
+        with_motion("free = { constant = [0.0, 1e305, 0.0] }", DISK),
+        "Key `masses[0].free` must lie in the plane of a disk, E1 and E3, but it passes [0.0, 1e+305, 0.0].",
+    ),
+    "start too far to be squared": (
+        with_rail('{ kind = "tube", direction = [1, 0, 0] }')
+        + '[actuation]\nform = "integrated"\n[initial]\ntheta = [1e200]\nthetadot = [0.0]',
+        "Key `initial.theta` must be angles at which each mass is inside the shell of radius 1, but it is [1e+200], "
+        "which puts mass 0 at the distance 1e+200 from the centre.",
+    ),
+    "a span beyond floats": (
+        edited("start = 0.0\nend = 2.0", "start = -1e308\nend = 1e308"),
+        "Key `time.end` must be times whose differences are finite numbers, but it is from -1e+308 to 1e+308.",
+    ),
+    "times beyond floats": (
+        edited("start = 0.0\nend = 2.0\nsaves = 5", "at = [-1e308, 1e308]"),
+        "Key `time.at` must be times whose differences are finite numbers, but it is from -1e+308 to 1e+308.",
+    ),
+    "digits beyond Python's": (
+        edited("mass = 1.0", "mass = 1" + 5000 * "0"),
+        "A scenario must be a TOML document, but it is not: it has a number of too many digits.",
+    ),
+    "too many brackets": (
+        edited("mass = 1.0", "mass = " + 5000 * "["),
+        "A scenario must be a TOML document, but it is not: it is nested too deeply.",
+    ),
+    "a text of two lines": (
+        edited("mass = 1.0", 'mass = "a\\n\\"b\\""'),
+        'Key `body.mass` must be a positive number, but it is "a\\n\\"b\\"".',
+    ),
+}
+
+CASES = TYPES | KEYS | SHELLS | NUMBERS
 
 
 @pytest.mark.parametrize(("text", "sentence"), CASES.values(), ids=CASES.keys())
@@ -188,6 +236,13 @@ def test_documents_are_good():
         with_schedule('{ kind = "pulse", theta = 0 }'),
     ):
         assert read_scenario(text).times.size == 5
+
+
+@pytest.mark.parametrize("size", [1e-310, 1e-200, 3.0, 1e200, 1e308])
+def test_an_axis_of_any_length_gives_the_same_versor(size):
+    text = BALL + f"[initial]\naxis = [0.0, {size}, {size}]\nangle = 0.5"
+    s = np.sin(0.25) / np.sqrt(2)
+    np.testing.assert_allclose(read_scenario(text).state.q, [np.cos(0.25), 0.0, s, s], rtol=1e-13, atol=1e-300)
 
 
 def test_no_such_file():

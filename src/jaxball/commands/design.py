@@ -1,6 +1,7 @@
 """``jaxball design``: rails, motions and parameters found that make a ball do what is wanted."""
 
 import argparse
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -27,24 +28,31 @@ def add(commands) -> None:
 def _run(options: argparse.Namespace) -> int:
     # Imported here, because the other commands have no use for it.
     from ..design.control.files import TABLE, read_control
-    from ..design.files import load_document, problem_of
-    from ..scenario.within import naming
+    from ..design.errors import DesignError
+    from ..design.files import problem_of
+    from ..design.source import Source
+    from ..scenario.within import document_of, naming, text_of
 
     check_folder(options.out, "--out")
-    document, folder = load_document(options.problem), Path(options.problem).parent
+    file = Path(options.problem)
+    text, folder = text_of(file, "problem", DesignError), file.parent
     with naming(options.problem):
+        document = document_of(text, "problem", DesignError)
         found = (read_control if TABLE in document else problem_of)(document, folder)
+    source = Source(shlex.join(["jaxball", "design", str(file), "--out", str(options.out)]), file, text)
+    source.check(options.out)
 
     def say(line: str) -> None:
         if not options.quiet:
             print(line, file=sys.stderr, flush=True)
 
-    return (_control if TABLE in document else _search)(options, found, say)
+    return (_control if TABLE in document else _search)(options, found, source, say)
 
 
-def _control(options: argparse.Namespace, found: Any, say: Callable[[str], None]) -> int:
+def _control(options: argparse.Namespace, found: Any, source: Any, say: Callable[[str], None]) -> int:
+    from ..design.cells import violation
     from ..design.control.means import means
-    from ..design.control.report import SCENARIO, write_design, write_report
+    from ..design.control.report import SCENARIO, objectives_in_units, write_design, write_report
     from ..design.control.solve import controlled
 
     kept = False
@@ -60,13 +68,12 @@ def _control(options: argparse.Namespace, found: Any, say: Callable[[str], None]
 
     with last_words(stopped):
         done = controlled(found, say, keep)
-        report = write_report(done, found.title, found.saves, options.out)
+        report = write_report(done, found.title, found.saves, options.out, source)
     if found.title:
         print(found.title)
-    for name, value in means(done.solution).items():
-        print(f"  {name}: {value:.6g}")
-    if done.seen.violations:
-        print(f"  largest violation between nodes: {max(done.seen.violations.values()):.3g}")
+    _say_objectives(means(done.solution), objectives_in_units(done))
+    for name, by in done.seen.violations.items():
+        print(f"  {name}: {violation(by, done.violation)}")
     print(f"  written: {report}, {options.out / SCENARIO}")
     for name, by in done.broken.items():
         sentence = f"The constraint `{name}` is violated by {by:.2g}, and {done.violation:g} is allowed"
@@ -74,9 +81,10 @@ def _control(options: argparse.Namespace, found: Any, say: Callable[[str], None]
     return 0 if done.good else UNMET
 
 
-def _search(options: argparse.Namespace, found: Any, say: Callable[[str], None]) -> int:
+def _search(options: argparse.Namespace, found: Any, source: Any, say: Callable[[str], None]) -> int:
+    from ..design.cells import violation
     from ..design.remarks import remarks
-    from ..design.report import write_report
+    from ..design.report import objectives_in_units, write_report
     from ..design.search import PROGRESS, SCENARIO, design
 
     def stopped() -> str:
@@ -86,13 +94,20 @@ def _search(options: argparse.Namespace, found: Any, say: Callable[[str], None])
 
     with last_words(stopped):
         done = design(found.problem, found.settings, options.out, identity=found.identity, say=say)
-        report = write_report(done, found.title, options.out)
+        report = write_report(done, found.title, options.out, source)
     if found.title:
         print(found.title)
-    for name, value in zip(found.problem.objectives, done.verified.finer.terms, strict=True):
-        print(f"  {name}: {value:.6g}")
-    print(f"  largest violation between samples: {done.verified.violation:.3g}")
+    values = dict(zip(found.problem.objectives, done.verified.finer.terms.tolist(), strict=True))
+    _say_objectives(values, objectives_in_units(done))
+    for name, (_, by) in done.verified.violations.items():
+        print(f"  {name}: {violation(by, found.settings.tolerance)}")
     print(f"  written: {report}, {options.out / SCENARIO}")
     for remark in remarks(done):
         print(f"jaxball: {remark}", file=sys.stderr)
     return 0 if done.feasible else UNMET
+
+
+def _say_objectives(values: dict[str, float], meant: dict[str, str]) -> None:
+    """The values, with the lengths, angles and times that they stand for."""
+    for name, value in values.items():
+        print(f"  {name}: {value:.6g}{f' ({meant[name]})' if meant[name] else ''}")

@@ -12,10 +12,13 @@ from jaxtyping import Array, Float
 from .._arrays import numbers, to_array
 from ..piecewise import PiecewisePolynomial, clamped_cubic_spline
 from .errors import DesignError
+from .line import place, places
+
+LOOKED_AT = 200
 
 
 class AbstractCurve(eqx.Module):
-    """A curve c(s) in the plane, 0 ≤ s ≤ 1."""
+    """A curve c(s) in the plane, 0 ≤ s ≤ 1; that of a disk lies on e1, and its places are single numbers."""
 
     @abc.abstractmethod
     def __call__(self, s: Float[Array, ""]) -> Float[Array, "2"]:
@@ -24,6 +27,10 @@ class AbstractCurve(eqx.Module):
     def points(self, count: int) -> Float[Array, "count 2"]:
         """Points at equal steps of s, both ends among them."""
         return jax.vmap(self)(jnp.linspace(0.0, 1.0, count, dtype=to_array(0.0).dtype))
+
+    def spanned_by(self) -> Float[Array, "k 2"]:
+        """Vectors of which each of its points is a linear combination; points of it if not overridden."""
+        return self.points(LOOKED_AT)
 
 
 class Sigmoid(AbstractCurve):
@@ -36,12 +43,15 @@ class Sigmoid(AbstractCurve):
     length: Float[Array, ""] = eqx.field(converter=numbers("length"))
     height: Float[Array, ""] = eqx.field(converter=numbers("height"))
     steepness: Float[Array, ""] = eqx.field(converter=numbers("steepness"), default=10.0)
-    origin: Float[Array, "2"] = eqx.field(converter=numbers("origin", (2,)), default=(0.0, 0.0))
+    origin: Float[Array, "2"] = eqx.field(converter=place("origin"), default=(0.0, 0.0))
 
     def __call__(self, s):
         half = jax.nn.sigmoid(self.steepness / 2)
         rise = (jax.nn.sigmoid(self.steepness * (s - 0.5)) - (1 - half)) / (2 * half - 1)
         return self.origin + jnp.stack([self.length * s, self.height * rise])
+
+    def spanned_by(self):
+        return jnp.stack([self.origin, jnp.stack([self.length, self.height])])
 
 
 class FigureEight(AbstractCurve):
@@ -52,11 +62,14 @@ class FigureEight(AbstractCurve):
 
     length: Float[Array, ""] = eqx.field(converter=numbers("length"))
     height: Float[Array, ""] = eqx.field(converter=numbers("height"))
-    origin: Float[Array, "2"] = eqx.field(converter=numbers("origin", (2,)), default=(0.0, 0.0))
+    origin: Float[Array, "2"] = eqx.field(converter=place("origin"), default=(0.0, 0.0))
 
     def __call__(self, s):
         turn = 2 * math.pi * s
         return self.origin + jnp.stack([self.length * jnp.sin(turn), self.height * jnp.sin(2 * turn)]) / 2
+
+    def spanned_by(self):
+        return jnp.stack([self.origin, jnp.stack([self.length, self.height])])
 
 
 class Through(AbstractCurve):
@@ -69,7 +82,7 @@ class Through(AbstractCurve):
     **Raises:** ``ValueError`` when it has another shape, and :class:`DesignError` for fewer than two points.
     """
 
-    through: Float[Array, "n 2"] = eqx.field(converter=numbers("through", ("n", 2)))
+    through: Float[Array, "n 2"] = eqx.field(converter=places("through"))
 
     def __check_init__(self):
         if self.through.shape[0] < 2:
@@ -77,6 +90,9 @@ class Through(AbstractCurve):
                 "Argument `through` must be two points or more, each of two numbers, but its shape is "
                 f"{self.through.shape}."
             )
+
+    def spanned_by(self):
+        return self.through
 
     def __call__(self, s):
         n = self.through.shape[0]

@@ -6,11 +6,23 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from ..scenario.table import Key, read_family, read_table
-from ..scenario.values import NOT_NEGATIVE, POSITIVE, Choice, Integer, Nested, Numbers, Text, key_error, shown
+from ..scenario.table import Family, Key, keys_of, read_family, read_list, read_table
+from ..scenario.values import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    Choice,
+    Integer,
+    Kind,
+    Nested,
+    Numbers,
+    Text,
+    key_error,
+    shown,
+    unread,
+)
 from ..scenario.within import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from .errors import DesignError
-from .kinds import CONSTRAINTS, OBJECTIVES
+from .kinds import PLANE, constraints_of, objectives_of, plane_of
 from .perturbations import Perturbations
 from .problem import Problem
 from .settings import METHODS, Settings
@@ -18,19 +30,16 @@ from .space import DesignSpace
 from .variables import Variable
 
 FORMAT = 1
-ANY = Nested(lambda value, path: value, lambda value, path: value, "a table")
-LIST = Nested(lambda value, path: value, lambda value, path: value, "a list of tables")
-_KEYS = {
+LIST = "a list of tables"
+# What a problem of either kind has.
+SHARED = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
     "scenario": Key(SCENARIO),
-    "variables": Key(LIST),
-    "objectives": Key(LIST),
-    "constraints": Key(LIST, ()),
-    "robust": Key(ANY, None),
-    "search": Key(ANY, None),
+    "objectives": Key(unread(LIST, keys_of(objectives_of(PLANE)))),
+    "constraints": Key(unread(LIST, keys_of(constraints_of(PLANE))), []),
 }
-_NUMBER, _POSITIVE = Key(Numbers(), None), Key(Numbers(rule=POSITIVE), None)
+_NUMBER = Key(Numbers(), None)
 _PATHS = Nested(lambda value, path: _paths(value, path), lambda value, path: list(value), "a path, or a list of paths")
 _VARIABLE = {
     "path": Key(_PATHS),
@@ -48,11 +57,20 @@ _ROBUST = {
     "seed": Key(Integer(0, 10**6), 0),
 }
 _COUNTS, _FROM_ZERO = ("starts", "polished", "rounds", "evaluations", "intervals"), ("steps", "seed")
+_OF_SETTINGS: dict[str, Kind] = {
+    **dict.fromkeys(_COUNTS, Integer(1, 10**6)),
+    **dict.fromkeys(_FROM_ZERO, Integer(0, 10**6)),
+    "method": Choice(METHODS),
+}
 _SETTINGS = {
-    **{field.name: _POSITIVE for field in dataclasses.fields(Settings)},
-    **dict.fromkeys(_COUNTS, Key(Integer(1, 10**6), None)),
-    **dict.fromkeys(_FROM_ZERO, Key(Integer(0, 10**6), None)),
-    "method": Key(Choice(METHODS), None),
+    field.name: Key(_OF_SETTINGS.get(field.name, Numbers(rule=POSITIVE)), field.default)
+    for field in dataclasses.fields(Settings)
+}
+KEYS = {
+    **SHARED,
+    "variables": Key(unread(LIST, {"": _VARIABLE})),
+    "robust": Key(unread(tables={"": _ROBUST}), None),
+    "search": Key(unread(tables={"": _SETTINGS}), None),
 }
 
 
@@ -78,9 +96,9 @@ def load_problem(source: str | Path) -> ProblemFile:
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, when it is not TOML, and
     when a key of it or of its scenario is misspelt, missing or wrong.
     """
-    document = load_document(source)
+    text = text_of(source, "problem", DesignError)
     with naming(source):
-        return problem_of(document, Path(source).parent)
+        return read_problem(text, Path(source).parent)
 
 
 def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
@@ -95,50 +113,34 @@ def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
     return problem_of(document_of(text, "problem", DesignError), folder)
 
 
-def load_document(source: str | Path) -> dict[str, Any]:
-    """The document of a problem file.
-
-    **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, or when it is not TOML.
-    """
-    text = text_of(source, "problem file", DesignError)
-    with naming(source):
-        return document_of(text, "problem", DesignError)
-
-
 def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFile:
     """The problem of a document; a scenario file is looked for from ``folder`` on.
 
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when a key of it or of its scenario is misspelt,
     missing or wrong.
     """
-    found = read_table(document, "", _KEYS)
+    found = read_table(document, "", KEYS)
     scenario = scenario_document(found["scenario"], Path(folder), DesignError)
-    variables = [_variable(item, path) for path, item in _items(found["variables"], "variables")]
+    variables = read_list(found["variables"], "variables", _variable)
     with naming_scenario(found["scenario"], "problem", DesignError):
         space = DesignSpace(scenario, variables)
-    objectives = objects_of(found["objectives"], "objectives", OBJECTIVES)
-    constraints = objects_of(list(found["constraints"]), "constraints", CONSTRAINTS)
-    given = read_table({} if found["search"] is None else found["search"], "search", _SETTINGS)
-    settings = Settings(**{name: value for name, value in given.items() if value is not None})
+    plane = plane_of(space.scenario.system)
+    objectives = objects_of(found["objectives"], "objectives", objectives_of(plane))
+    constraints = objects_of(found["constraints"], "constraints", constraints_of(plane), empty=True)
+    settings = Settings(**read_table({} if found["search"] is None else found["search"], "search", _SETTINGS))
     robust = None if found["robust"] is None else _perturbations(found["robust"])
     identity = tomli_w.dumps({**document, "scenario": space.document}) + repr(settings)
     return ProblemFile(found["title"], Problem(space, objectives, constraints, robust), settings, identity)
 
 
-def objects_of(values: Any, path: str, family: Any) -> dict[str, Any]:
+def objects_of(values: Any, path: str, family: Family, empty: bool = False) -> dict[str, Any]:
     """Objects of a family by their kinds; a second one of a kind has its number behind it."""
     found: dict[str, Any] = {}
-    for place, item in _items(values, path, empty=family is CONSTRAINTS):
-        one, kind = read_family(item, place, family), item["kind"]
+    read = read_list(values, path, lambda item, place: (read_family(item, place, family), item["kind"]), empty)
+    for one, kind in read:
         count = sum(name.split(" ")[0] == kind for name in found)
         found[f"{kind} {count + 1}" if count else kind] = one
     return found
-
-
-def _items(values: Any, path: str, empty: bool = False) -> list[tuple[str, Any]]:
-    if not isinstance(values, list) or not (values or empty):
-        raise key_error(path, f"a list of tables, each under the heading [[{path}]]", shown(values))
-    return [(f"{path}[{k}]", item) for k, item in enumerate(values)]
 
 
 def _variable(values: Any, path: str) -> Variable:

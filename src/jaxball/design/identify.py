@@ -13,8 +13,10 @@ from jaxtyping import Array, Float
 
 from .._arguments import require
 from .._arrays import to_numpy
+from ..body import Disk
 from ..scenario.solve import SOLVERS
 from .errors import DesignError
+from .line import places
 from .run import Solve, run_of
 from .space import DesignSpace
 
@@ -74,10 +76,10 @@ class Identification:
         return "\n".join([f"noise {self.noise:.3g}", *rows])
 
 
-def identify(space: DesignSpace, path: Float[np.ndarray, "T 2"]) -> Identification:
+def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identification:
     """The numbers of ``space`` with which its scenario's path is nearest to a recorded one, in the mean square.
 
-    ``path`` is that of the geometric centre at the scenario's save times; the second column is 0 for a disk. The
+    ``path`` is that of the geometric centre at the scenario's save times, two numbers each, of a disk one. The
     noise is taken to be independent and of one size. From the start on, steps are those of Gauss–Newton, damped after
     Levenberg and Marquardt (Nocedal & Wright, Numerical Optimization, section 10.3).
 
@@ -87,11 +89,13 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T 2"]) -> Identificati
     require("space", space, DesignSpace, "a DesignSpace")
     path = to_numpy(path, "path")
     times = space.scenario.times
-    if path.shape != (times.size, 2) or not np.all(np.isfinite(path)):
+    flat = isinstance(space.scenario.system, Disk)
+    if path.shape != (times.size, 2)[: 1 if flat else 2] or not np.all(np.isfinite(path)):
         raise DesignError(
-            f"Argument `path` must be a finite place for each of the {times.size} save times, but its shape is "
-            f"{path.shape}."
+            f"Argument `path` must be a finite place for each of the {times.size} save times, "
+            f"{'one number' if flat else 'two numbers'} each, but its shape is {path.shape}."
         )
+    path = np.asarray(places("path")(path))
     look = _residuals(space, path)
     z = space.start
     r, J = look(z)

@@ -1,80 +1,155 @@
 """The objectives, constraints and curves that a problem file can hold, and their keys."""
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-from ..scenario.table import Family, Key, Module, read_family, write_family
-from ..scenario.values import NOT_ALL_ZERO, POSITIVE, Flag, Nested, Numbers
+import numpy as np
+
+from ..body import Disk
+from ..scenario.table import Family, Key, Module, join, member_of
+from ..scenario.values import NOT_ALL_ZERO, POSITIVE, Flag, Numbers, Rule, key_error
+from ..simulable import SimulableSystem
 from . import constraints, objectives
 from .curves import FigureEight, Sigmoid, Through
 
-NUMBER, SIZE, PLACE = Numbers(), Numbers(rule=POSITIVE), Numbers((2,))
-
-
-def _through(points: Any) -> Through:
-    return Through(points)
-
-
-CURVES: Family = {
-    "sigmoid": Module(
-        Sigmoid,
-        {
-            "length": Key(NUMBER),
-            "height": Key(NUMBER),
-            "steepness": Key(SIZE, 10.0),
-            "origin": Key(PLACE, (0.0, 0.0)),
-        },
-    ),
-    "figure-eight": Module(
-        FigureEight,
-        {"length": Key(NUMBER), "height": Key(NUMBER), "origin": Key(PLACE, (0.0, 0.0))},
-    ),
-    "through": Module(Through, {"points": Key(Numbers((None, 2)))}, build=_through, attributes={"points": "through"}),
-}
-CURVE = Key(
-    Nested(
-        lambda values, path: read_family(values, path, CURVES),
-        lambda curve, path: write_family(curve, path, CURVES),
-    )
-)
+NUMBER, SIZE = Numbers(), Numbers(rule=POSITIVE)
 WEIGHT = {"weight": Key(NUMBER, 1.0)}
-DISCS = {"centres": Key(Numbers((None, 2))), "radii": Key(Numbers((None,), POSITIVE))}
 
-OBJECTIVES: Family = {
-    "reach-place": Module(objectives.ReachPlace, {"place": Key(PLACE), **WEIGHT}),
-    "reach-pose": Module(objectives.ReachPose, {"versor": Key(Numbers((4,), NOT_ALL_ZERO)), **WEIGHT}),
-    "stop-at-rest": Module(objectives.StopAtRest, WEIGHT),
-    "balanced": Module(objectives.Balanced, WEIGHT),
-    "duration": Module(objectives.Duration, WEIGHT),
-    "go-far": Module(objectives.GoFar, WEIGHT),
-    "follow-trajectory": Module(
-        objectives.FollowTrajectory,
-        {
-            "curve": CURVE,
-            "rest_to_rest": Key(Flag(), False),
-            "start": Key(NUMBER, None),
-            "end": Key(NUMBER, None),
-            **WEIGHT,
-        },
-    ),
-    "follow-curve": Module(objectives.FollowCurve, {"curve": CURVE, **WEIGHT}),
-    "largest-distance": Module(objectives.LargestDistance, {"curve": CURVE, **WEIGHT}),
-    "masses-near-centre": Module(objectives.MassesNearCentre, WEIGHT),
-    "avoid-obstacles": Module(objectives.AvoidObstacles, {**DISCS, "softness": Key(SIZE, 0.1), **WEIGHT}),
-    "acceleration-effort": Module(objectives.AccelerationEffort, WEIGHT),
-    "power-effort": Module(objectives.PowerEffort, WEIGHT),
-    "force-effort": Module(objectives.ForceEffort, WEIGHT),
-}
+_ON_LINE = ", because a disk rolls along e1"
+_FLAT = Rule("finite", lambda x: np.all(x == 0, axis=1), f" that is 0{_ON_LINE}")
+_ABOUT_E2 = Rule(
+    "finite",
+    lambda x: np.any(x != 0, axis=1) & np.all(x[:, 1::2] == 0, axis=1),
+    " [q0, 0, q2, 0], not all zero, because a disk turns about e2",
+)
 
-CONSTRAINTS: Family = {
-    "rails-inside": Module(constraints.RailsInside, {"clearance": Key(NUMBER, 0.0)}),
-    "rails-apart": Module(constraints.RailsApart, {"distance": Key(SIZE)}),
-    "regular-rails": Module(constraints.RegularRails, {"least": Key(SIZE)}),
-    "masses-apart": Module(constraints.MassesApart, {"distance": Key(SIZE)}),
-    "speed-limit": Module(constraints.SpeedLimit, {"most": Key(SIZE)}),
-    "acceleration-limit": Module(constraints.AccelerationLimit, {"most": Key(SIZE)}),
-    "force-limit": Module(constraints.ForceLimit, {"most": Key(SIZE)}),
-    "normal-force": Module(constraints.NormalForce, {"least": Key(NUMBER)}),
-    "friction": Module(constraints.Friction, {"mu": Key(SIZE)}),
-    "clear-of-obstacles": Module(constraints.ClearOfObstacles, DISCS),
-    "within": Module(constraints.Within, {"low": Key(PLACE), "high": Key(PLACE)}),
-}
+
+@dataclass(frozen=True)
+class OnLine(Numbers):
+    """Places of a disk, one number each."""
+
+    @property
+    def words(self) -> str:
+        return super().words + _ON_LINE
+
+    def write(self, value: Any, path: str) -> Any:
+        return np.asarray(value, dtype=float)[..., 0].tolist()
+
+
+class Plane(NamedTuple):
+    """What places of a body are in a file: of a ball in the plane, of a disk on a line in it.
+
+    - ``place``, ``places``: one place, and a list of them.
+    - ``height``: how far a curve goes along e2.
+    - ``versor``: an orientation.
+    """
+
+    place: Numbers
+    places: Numbers
+    height: Key
+    versor: Numbers
+
+
+PLANE = Plane(Numbers((2,)), Numbers((None, 2)), Key(NUMBER), Numbers((4,), NOT_ALL_ZERO))
+LINE = Plane(OnLine(), OnLine((None,)), Key(Numbers(rule=_FLAT), 0.0), Numbers((4,), _ABOUT_E2))
+
+
+def plane_of(system: SimulableSystem) -> Plane:
+    """Where the places of a system are."""
+    return LINE if isinstance(system, Disk) else PLANE
+
+
+def curves(plane: Plane) -> Family:
+    """The curves that a path can follow."""
+    origin = {"origin": Key(plane.place, (0.0, 0.0))}
+    return {
+        "sigmoid": Module(
+            Sigmoid, {"length": Key(NUMBER), "height": plane.height, "steepness": Key(SIZE, 10.0), **origin}
+        ),
+        "figure-eight": Module(FigureEight, {"length": Key(NUMBER), "height": plane.height, **origin}),
+        "through": Module(
+            Through,
+            {"points": Key(plane.places)},
+            build=lambda points: Through(points),
+            attributes={"points": "through"},
+            check=_check_points,
+        ),
+    }
+
+
+def objectives_of(plane: Plane) -> Family:
+    """What can be made small."""
+    curve = {"curve": Key(member_of(curves(plane)))}
+    return {
+        "reach-place": Module(objectives.ReachPlace, {"place": Key(plane.place), **WEIGHT}),
+        "reach-pose": Module(objectives.ReachPose, {"versor": Key(plane.versor), **WEIGHT}),
+        "stop-at-rest": Module(objectives.StopAtRest, WEIGHT),
+        "balanced": Module(objectives.Balanced, WEIGHT),
+        "duration": Module(objectives.Duration, WEIGHT),
+        "go-far": Module(objectives.GoFar, WEIGHT),
+        "follow-trajectory": Module(
+            objectives.FollowTrajectory,
+            {
+                **curve,
+                "rest_to_rest": Key(Flag(), False),
+                "start": Key(NUMBER, None),
+                "end": Key(NUMBER, None),
+                **WEIGHT,
+            },
+            check=_check_times,
+        ),
+        "follow-curve": Module(objectives.FollowCurve, {**curve, **WEIGHT}),
+        "largest-distance": Module(objectives.LargestDistance, {**curve, **WEIGHT}),
+        "masses-near-centre": Module(objectives.MassesNearCentre, WEIGHT),
+        "avoid-obstacles": Module(
+            objectives.AvoidObstacles, {**_discs(plane), "softness": Key(SIZE, 0.1), **WEIGHT}, check=_check_discs
+        ),
+        "acceleration-effort": Module(objectives.AccelerationEffort, WEIGHT),
+        "power-effort": Module(objectives.PowerEffort, WEIGHT),
+        "force-effort": Module(objectives.ForceEffort, WEIGHT),
+    }
+
+
+def constraints_of(plane: Plane) -> Family:
+    """What can be asked to hold."""
+    return {
+        "rails-inside": Module(constraints.RailsInside, {"clearance": Key(NUMBER, 0.0)}),
+        "rails-apart": Module(constraints.RailsApart, {"distance": Key(SIZE)}),
+        "regular-rails": Module(constraints.RegularRails, {"least": Key(SIZE)}),
+        "masses-apart": Module(constraints.MassesApart, {"distance": Key(SIZE)}),
+        "speed-limit": Module(constraints.SpeedLimit, {"most": Key(SIZE)}),
+        "acceleration-limit": Module(constraints.AccelerationLimit, {"most": Key(SIZE)}),
+        "force-limit": Module(constraints.ForceLimit, {"most": Key(SIZE)}),
+        "normal-force": Module(constraints.NormalForce, {"least": Key(NUMBER)}),
+        "friction": Module(constraints.Friction, {"mu": Key(SIZE)}),
+        "clear-of-obstacles": Module(constraints.ClearOfObstacles, _discs(plane), check=_check_discs),
+        "within": Module(constraints.Within, {"low": Key(plane.place), "high": Key(plane.place)}, check=_check_corners),
+    }
+
+
+def _discs(plane: Plane) -> dict[str, Key]:
+    return {"centres": Key(plane.places), "radii": Key(Numbers((None,), POSITIVE))}
+
+
+def _check_points(found: dict[str, Any], path: str) -> None:
+    n = len(found["points"])
+    if n < 2:
+        raise key_error(join(path, "points"), "a list of two points or more", f"one of {n}")
+
+
+def _check_discs(found: dict[str, Any], path: str) -> None:
+    n, m = len(found["centres"]), len(found["radii"])
+    if m != n:
+        raise key_error(join(path, "radii"), f"as long as `centres`, which has {n} entries", f"one of {m}")
+
+
+def _check_times(found: dict[str, Any], path: str) -> None:
+    start, end = found["start"], found["end"]
+    if start is not None and end is not None and not start < end:
+        raise key_error(join(path, "end"), f"later than `start` = {start!r}", repr(end))
+
+
+def _check_corners(found: dict[str, Any], path: str) -> None:
+    low, high = np.asarray(found["low"]), np.asarray(found["high"])
+    if not np.all(low < high):
+        raise key_error(join(path, "high"), f"above `low`, {low.tolist()}", str(high.tolist()))

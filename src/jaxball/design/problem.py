@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 
 from ..scenario.solve import SOLVERS
 from .constraints import AbstractConstraint
+from .line import require_reach
 from .objectives import AbstractObjective
 from .perturbations import Errors, Perturbations, perturbed_system
 from .places import Places
@@ -47,12 +48,17 @@ class Problem:
     **Arguments:**
 
     - ``objectives``, ``constraints``: by name.
+
+    **Raises:** :class:`DesignError` for a disk that cannot meet an objective or a constraint.
     """
 
     space: DesignSpace
     objectives: Mapping[str, AbstractObjective]
     constraints: Mapping[str, AbstractConstraint]
     perturbations: Perturbations | None = None
+
+    def __post_init__(self):
+        require_reach(self.space.scenario.system, {**self.objectives, **self.constraints})
 
     @functools.cached_property
     def weights(self) -> Float[np.ndarray, " objectives"]:

@@ -17,11 +17,13 @@ from ..output import replacing
 from ..plot.report import write_figure
 from ..scenario import ScenarioError
 from ..trajectory import Trajectory
+from .cells import bounds, in_units, violation
 from .objectives import FollowCurve, FollowTrajectory, LargestDistance
 from .problem import worst
 from .remarks import remarks
 from .run import Run
 from .search import SCENARIO, Design
+from .source import Source, made
 from .verify import as_built
 from .wanted import curve_and_discs, places_in_time
 
@@ -29,9 +31,14 @@ from .wanted import curve_and_discs, places_in_time
 SMALLEST_FRICTION = 1e-9
 
 
-def write_report(design: Design, title: str, folder: Path) -> Path:
-    """Writes ``design.toml``, ``report.md`` and its figures into ``folder``; the path of the report."""
+def write_report(design: Design, title: str, folder: Path, source: Source | None = None) -> Path:
+    """Writes ``design.toml``, ``report.md`` and its figures into ``folder``; the path of the report.
+
+    With a ``source`` the report names it, and a copy of the problem file is beside it.
+    """
     folder.mkdir(parents=True, exist_ok=True)
+    if source is not None:
+        source.copy(folder)
     document, space = design.document, design.problem.space
     with replacing(folder / SCENARIO) as beside:
         beside.write_text(tomli_w.dumps(document), encoding="utf-8")
@@ -41,16 +48,13 @@ def write_report(design: Design, title: str, folder: Path) -> Path:
     try:
         before = _simulated(design, np.asarray(space.numbers(jnp.asarray(space.start))))
         after = _simulated(design, design.numbers)
-        lines += [
-            *_distances(design, before, after),
-            *_contact(after),
-            "",
-            *_figures(design, before, after, title, folder),
-        ]
+        lines += [*_distances(design, before, after), *_contact(after), ""]
+        lines += [*_figures(design, before, after, title, folder), ""]
     except ScenarioError as error:
-        lines.append(f"The scenario cannot be run by `jaxball simulate`: {error}")
+        lines += [f"The scenario cannot be run by `jaxball simulate`: {error}", ""]
+    lines += made(source, design.progress.elapsed, resumed=design.check is None)
     with replacing(folder / "report.md") as beside:
-        beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        beside.write_text("\n".join(lines), encoding="utf-8")
     return folder / "report.md"
 
 
@@ -71,7 +75,10 @@ def _remarks(design: Design) -> list[str]:
 
 
 def _objectives(design: Design) -> list[str]:
-    rows = ["| objective | weight | before | after | verified | perturbed, median | worst |", "|" + "---|" * 7]
+    rows = [
+        "| objective | weight | before | after | verified | in units of the scenario | perturbed, median | worst |",
+        "|" + "---|" * 8,
+    ]
     terms = zip(
         design.problem.objectives,
         design.problem.weights,
@@ -82,7 +89,19 @@ def _objectives(design: Design) -> list[str]:
         np.max(design.perturbed.terms, axis=0),
         strict=True,
     )
-    return rows + [f"| {name} | " + " | ".join(f"{x:.6g}" for x in numbers) + " |" for name, *numbers in terms]
+    meant = objectives_in_units(design)
+    for name, *numbers in terms:
+        cells = [f"{x:.6g}" for x in numbers]
+        rows.append("| " + " | ".join([name, *cells[:4], meant[name], *cells[4:]]) + " |")
+    return [*rows, "", "Objectives are dimensionless: lengths over r, times over √(r/g), forces over M g."]
+
+
+def objectives_in_units(design: Design) -> dict[str, str]:
+    """The lengths, angles and times that the verified values of objectives stand for, in units of the scenario."""
+    system = design.problem.space.candidate_of(jnp.asarray(design.numbers)).system
+    names = design.problem.objectives
+    values = dict(zip(names, np.asarray(design.verified.finer.terms).tolist(), strict=True))
+    return in_units(names, values, system)
 
 
 def _constraints(design: Design) -> list[str]:
@@ -92,13 +111,17 @@ def _constraints(design: Design) -> list[str]:
     before = places.by_constraint(np.asarray(design.before.violations))
     shaken = [places.by_constraint(np.asarray(row)) for row in design.perturbed.violations]
     rows = [
-        "| largest violation | before | after | verified, between samples too | perturbed, worst |",
+        "| constraint | before | after | verified, between samples too | perturbed, worst |",
         "|" + "---|" * 5,
     ]
     for name, (coarse, fine) in design.verified.violations.items():
         perturbed = worst([worst(one[name]) for one in shaken])
-        rows.append(f"| {name} | {worst(before[name]):.3e} | {coarse:.3e} | {fine:.3e} | {perturbed:.3e} |")
-    return rows
+        cells = [violation(by, design.settings.tolerance) for by in (worst(before[name]), coarse, fine, perturbed)]
+        rows.append("| " + " | ".join([name, *cells]) + " |")
+    looked = (
+        "Each is where it is nearest to being violated, or violated most; violations and margins are dimensionless."
+    )
+    return [*rows, "", looked]
 
 
 def _variables(design: Design) -> list[str]:
@@ -107,7 +130,7 @@ def _variables(design: Design) -> list[str]:
     rows = ["| variable | start | found | bounds |", "|" + "---|" * 4]
     for variable, old, new in zip(space.variables, start, design.numbers, strict=True):
         names = ", ".join(f"`{path}`" for path in variable.paths)
-        rows.append(f"| {names} | {old:.8g} | {new:.12g} | {variable.lower:g} to {variable.upper:g} |")
+        rows.append(f"| {names} | {old:.8g} | {new:.12g} | {bounds(variable.lower, variable.upper)} |")
     return rows
 
 

@@ -1,6 +1,7 @@
 """A problem solved: the gradient checked, a design looked for, kept, verified, and tightened where need be."""
 
 import dataclasses
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -92,6 +93,7 @@ def design(
     **Raises:** :class:`DesignError` where the gradient is wrong, no start can be simulated, or ``folder`` has the
     progress of another problem.
     """
+    began = time.perf_counter()
     settings = Settings() if settings is None else settings
     program = Shooting(problem, settings.intervals)
     optimiser = Optimiser(program, settings)
@@ -104,8 +106,10 @@ def design(
         say(f"gradient check\n{check}")
         require_good(check)
         progress = optimiser.begin()
+    began -= progress.elapsed
 
     def report(progress: Progress) -> None:
+        progress.elapsed = time.perf_counter() - began
         phase, step, *leader = progress.history[-1]
         worth = Worth(*leader)
         say(line(("adam", "polish")[int(phase)], int(step), worth, program.places.name(int(worth.place))))
@@ -127,14 +131,17 @@ def design(
     z = program.design(progress.best)
     numbers = np.asarray(problem.space.numbers(jnp.asarray(z)))
     shaken = perturbed(problem, z, as_built(problem))
+    progress.elapsed = time.perf_counter() - began
+    if folder is not None:
+        save_progress(progress, folder / PROGRESS, identity)
     return Design(problem, settings, numbers, check, progress, before, verified, shaken)
 
 
 def line(phase: str, step: int, worth: Worth, constraint: str) -> str:
-    """A line of progress; ``constraint`` is the one that is violated most."""
+    """A line of progress; ``constraint`` is the one that is violated most, if one is."""
+    violated = f"{max(worth.violation, 0.0):8.2e} {constraint if worth.violation > 0 else ''}"
     return (
-        f"{phase:6} {step:4}  objective {worth.objective:12.6g}  gradient {worth.gradient:8.1e}  "
-        f"violation {worth.violation:9.2e} {constraint}"
+        f"{phase:6} {step:4}  objective {worth.objective:12.6g}  gradient {worth.gradient:8.1e}  violation {violated}"
     ).rstrip()
 
 

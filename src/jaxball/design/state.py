@@ -40,6 +40,7 @@ class Progress:
     - ``arrays``: what else the phase needs: moments of Adam, or multipliers.
     - ``best``, ``worth``: the best design so far.
     - ``history``: for each report, the phase (0 or 1), the step, and the worth of the best of ``z`` then.
+    - ``elapsed``: how long it took, in seconds, all runs of a search that was stopped together.
     """
 
     phase: str
@@ -49,6 +50,7 @@ class Progress:
     best: Float[np.ndarray, " n"]
     worth: Worth = dataclasses.field(default_factory=Worth)
     history: list[tuple[float, ...]] = dataclasses.field(default_factory=list)
+    elapsed: float = 0.0
 
     def offer(self, z: Float[np.ndarray, "starts n"], worths: list[Worth], tolerance: float) -> Worth:
         """Takes over a design that is better than the best so far; the best of those offered."""
@@ -73,6 +75,7 @@ def save_progress(progress: Progress, path: Path, identity: str) -> None:
             z=progress.z,
             best=progress.best,
             worth=np.asarray(progress.worth),
+            elapsed=progress.elapsed,
             history=np.asarray(progress.history, dtype=float).reshape(-1, 6),
             **arrays,
         )
@@ -99,4 +102,5 @@ def load_progress(path: Path, identity: str) -> Progress:
         kept["best"],
         Worth(*(float(x) for x in kept["worth"])),
         [tuple(float(x) for x in row) for row in kept["history"]],
+        float(kept.get("elapsed", 0.0)),
     )

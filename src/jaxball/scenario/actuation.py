@@ -33,7 +33,7 @@ def _servo(stiffness, damping, masses=None) -> Actuation:
 
 _WHICH = Key(Indices(), None)
 _GAINS = Key(Numbers((None,), NOT_NEGATIVE))
-_FORMS: Family = {
+FORMS: Family = {
     "prescribed": Module(type(None), {}, build=_prescribed),
     "integrated": Module(FollowSchedules, {"masses": _WHICH}, build=_integrated),
     "servo": Module(Servo, {"stiffness": _GAINS, "damping": _GAINS, "masses": _WHICH}, build=_servo),
@@ -44,7 +44,7 @@ def apply_actuation(
     values: Any, path: str, masses: Sequence[PointMass]
 ) -> tuple[list[PointMass], AbstractLaw | None, tuple[AbstractSchedule, ...]]:
     """The masses with those that a law drives made so, the law, and the schedules that it follows."""
-    chosen, make_law = read_family(values, path, _FORMS, key="form")
+    chosen, make_law = read_family(values, path, FORMS, key="form")
     if make_law is None:
         return list(masses), None, ()
     driven = _driven(chosen, values["form"], path, masses)

@@ -42,7 +42,7 @@ _AXIS = Module(
     check=check_lengths,
 )
 # As a family of one, so that a FunctionAxis is refused by name where a file is written.
-_XI = Nested(_AXIS.read, lambda item, path: write_member(item, path, {"harmonic": _AXIS})[1])
+_XI = Nested(_AXIS.read, lambda item, path: write_member(item, path, {"harmonic": _AXIS})[1], tables={"": _AXIS.keys})
 
 CLASSICAL = {
     "free-rigid-body": Module(FreeRigidBody, INERTIA),
@@ -65,6 +65,12 @@ _PARTICLE = {name: Key(Numbers(), 0.0) for name in ("x", "y", "z", "xdot", "ydot
 _PARTICLES = {
     ParticleState: _PARTICLE,
     VakonomicState: {**_PARTICLE, "multiplier": Key(Numbers(), None)},
+}
+# The keys of [initial] by the kind of the system.
+INITIAL = {
+    **{kind: {**_ORIENTED["versor"], **_ORIENTED["axis"]} for kind in ("free-rigid-body", "heavy-top", "suslov")},
+    "nonholonomic-particle": _PARTICLES[ParticleState],
+    "vakonomic-particle": _PARTICLES[VakonomicState],
 }
 
 

@@ -9,44 +9,45 @@ import tomli_w
 from ..body import Ball, Disk
 from ..classical import AbstractClassicalState, AbstractClassicalSystem
 from ..simulable import SimulableState, SimulableSystem
-from .actuation import apply_actuation, write_actuation
-from .body import kind_of, read_force, read_shell, write_body
+from . import classical
+from .actuation import FORMS, apply_actuation, write_actuation
+from .body import BALL, DISK, kind_of, read_force, read_shell, write_body
 from .classical import CLASSICAL, read_classical, write_classical
-from .initial import balanced, initial_state, read_initial, write_initial
+from .harmonics import FORCE
+from .initial import INITIAL, balanced, initial_state, read_initial, write_initial
 from .library import builtin_scenarios, builtin_text, nearest_builtin
-from .masses import read_masses, write_masses
+from .masses import CHOICES as MASSES, read_masses, write_masses
 from .scenario import Scenario
 from .shell import check_inside, check_start
 from .solve import SOLVE, check_dae
-from .table import Key, read_table, write_table
-from .times import read_times, write_times
-from .values import Choice, Integer, Nested, ScenarioError, Text
+from .table import Key, keys_of, read_table, write_table
+from .times import TIMES, read_times, write_times
+from .values import Choice, Integer, ScenarioError, Text, unread
 from .within import document_of, naming, text_of
 
 FORMAT = 1
 
 
-def _as_it_is(value: Any, path: str) -> Any:
-    return value
-
-
-_WHOLE = Nested(_as_it_is, _as_it_is)
-_KEYS = {
+_SHARED = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
     "kind": Key(Choice(("ball", "disk", *CLASSICAL))),
-    "body": Key(_WHOLE),
-    "force": Key(_WHOLE, None),
-    "masses": Key(_WHOLE, ()),
-    "actuation": Key(_WHOLE, None),
-    "initial": Key(_WHOLE, None),
-    "time": Key(_WHOLE),
-    "solve": Key(_WHOLE, None),
+    "time": Key(unread(tables=TIMES)),
+    "solve": Key(unread(tables={"": SOLVE}), None),
 }
-
-
-_CLASSICAL_KEYS = {name: _KEYS[name] for name in ("format", "title", "kind", "initial", "time", "solve")}
-_CLASSICAL_KEYS["body"] = Key(_WHOLE, None)
+KEYS = {
+    **_SHARED,
+    "body": Key(unread(tables={"ball": BALL, "disk": DISK})),
+    "force": Key(unread(tables={"": FORCE.keys}), None),
+    "masses": Key(unread(tables=MASSES), []),
+    "actuation": Key(unread(tables=keys_of(FORMS)), None),
+    "initial": Key(unread(tables=INITIAL), None),
+}
+CLASSICAL_KEYS = {
+    **_SHARED,
+    "body": Key(unread(tables=keys_of(CLASSICAL)), None),
+    "initial": Key(unread(tables=classical.INITIAL), None),
+}
 
 
 def load_scenario(source: str | Path) -> Scenario:
@@ -90,7 +91,7 @@ def read_document(document: dict[str, Any]) -> Scenario:
     """
     if document.get("kind") in tuple(CLASSICAL):
         return _classical(document)
-    found = read_table(document, "", _KEYS)
+    found = read_table(document, "", KEYS)
     kind = found["kind"]
     shell = read_shell(found["body"], "body", kind)
     if found["force"] is not None:
@@ -98,7 +99,7 @@ def read_document(document: dict[str, Any]) -> Scenario:
     times = read_times(found["time"], "time")
     start = float(times[0])
     solve = read_table({} if found["solve"] is None else found["solve"], "solve", SOLVE)
-    masses = read_masses(list(found["masses"]) if found["masses"] == () else found["masses"], "masses")
+    masses = read_masses(found["masses"], "masses")
     initial = read_initial({} if found["initial"] is None else found["initial"], "initial", kind)
     masses = balanced(masses, shell, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if found["actuation"] is None else found["actuation"]
@@ -112,7 +113,7 @@ def read_document(document: dict[str, Any]) -> Scenario:
 
 
 def _classical(document: dict[str, Any]) -> Scenario:
-    found = read_table(document, "", _CLASSICAL_KEYS)
+    found = read_table(document, "", CLASSICAL_KEYS)
     times = read_times(found["time"], "time")
     solve = read_table({} if found["solve"] is None else found["solve"], "solve", SOLVE)
     system, state = read_classical(found["kind"], found["body"], found["initial"], float(times[0]))

@@ -41,4 +41,4 @@ def write_frame(frame: AbstractFrame, path: str) -> dict[str, Any] | None:
     return None if repr(table) == repr({"matrix": np.eye(3).tolist()}) else table
 
 
-FRAME = Key(Nested(read_frame, write_frame), None)
+FRAME = Key(Nested(read_frame, write_frame, tables=_CHOICES), None)

@@ -15,6 +15,7 @@ from ..motion import OnRail
 from ..schedules import AbstractSchedule
 from ..state import BallState, DiskState, State
 from ..wording import counted
+from .lengths import length
 from .table import Key, join, read_one_of, read_table, write_table
 from .values import NOT_ALL_ZERO, Flag, Indices, Nested, Numbers, ScenarioError, key_error
 
@@ -22,6 +23,7 @@ _BALANCE_KEYS = {"masses": Key(Indices()), "above": Key(Flag(), None)}
 _BALANCE = Nested(
     lambda values, path: read_table(values, path, _BALANCE_KEYS),
     lambda found, path: write_table(found, path, _BALANCE_KEYS),
+    tables={"": _BALANCE_KEYS},
 )
 _ANGLES = Key(Numbers((None,)), None)
 _DRIVEN = {"theta": _ANGLES, "thetadot": _ANGLES, "balance": Key(_BALANCE, None)}
@@ -32,6 +34,7 @@ _CHOICES = {
     "axis": {"axis": Key(Numbers((3,), NOT_ALL_ZERO)), "angle": Key(Numbers()), **_MOVING},
 }
 _DISK = {"phi": Key(Numbers(), 0.0), "phidot": Key(Numbers(), 0.0), "z": Key(Numbers(), 0.0), **_DRIVEN}
+INITIAL = {"ball": {**_CHOICES["versor"], **_CHOICES["axis"]}, "disk": _DISK}
 UNIT = 1e-6
 
 
@@ -46,7 +49,7 @@ def read_orientation(choice: str, found: dict[str, Any], path: str) -> dict[str,
     """``found`` with the versor ``q`` in the place of an axis and an angle, or of the key ``versor``."""
     if choice == "axis":
         axis, half = found.pop("axis"), float(found.pop("angle")) / 2
-        found["q"] = np.array([np.cos(half), *(np.sin(half) * axis / np.linalg.norm(axis))])
+        found["q"] = np.array([np.cos(half), *(np.sin(half) * (axis / length(axis)))])
     elif choice == "versor":
         found["q"] = _unit(found.pop("versor"), join(path, "versor"))
     return found
@@ -54,7 +57,7 @@ def read_orientation(choice: str, found: dict[str, Any], path: str) -> dict[str,
 
 def _unit(q: np.ndarray, path: str) -> np.ndarray:
     """A versor, rescaled only where it is off by more than rounding, so that it is read as it was written."""
-    size = float(np.linalg.norm(q))
+    size = float(length(q))
     if abs(size - 1) > UNIT:
         raise key_error(path, "a versor, whose four numbers have squares that add up to 1", str(q.tolist()))
     return q if abs(size - 1) < 1e-15 else q / size

@@ -9,24 +9,14 @@ from .actuation import targets_of
 from .harmonics import OSCILLATING
 from .rails import RAILS
 from .schedules import SCHEDULES
-from .table import Key, join, read_family, read_one_of, write_family
-from .values import POSITIVE, Nested, Numbers, ScenarioError, key_error, shown
+from .table import Key, join, member_of, read_list, read_one_of
+from .values import POSITIVE, Numbers, ScenarioError
 
 MASS = Key(Numbers(rule=POSITIVE))
-RAIL = Key(
-    Nested(
-        lambda values, path: read_family(values, path, RAILS),
-        lambda rail, path: write_family(rail, path, RAILS),
-    )
-)
-SCHEDULE = Key(
-    Nested(
-        lambda values, path: read_family(values, path, SCHEDULES),
-        lambda schedule, path: write_family(schedule, path, SCHEDULES),
-    )
-)
+RAIL = Key(member_of(RAILS))
+SCHEDULE = Key(member_of(SCHEDULES))
 POSITION = Key(Numbers((3,)))
-FREE = Key(Nested(OSCILLATING.read, OSCILLATING.write))
+FREE = Key(OSCILLATING.nested)
 
 CHOICES = {
     "rail": {"mass": MASS, "rail": RAIL, "schedule": SCHEDULE},
@@ -37,9 +27,7 @@ CHOICES = {
 
 def read_masses(values: Any, path: str) -> list[PointMass]:
     """The masses, those on rails with the motion that their schedules prescribe."""
-    if not isinstance(values, list):
-        raise key_error(path, "a list of tables, each under the heading [[masses]]", shown(values))
-    return [_read_mass(item, f"{path}[{index}]") for index, item in enumerate(values)]
+    return read_list(values, path, _read_mass, empty=True)
 
 
 def _read_mass(values: Any, path: str) -> PointMass:

@@ -14,6 +14,7 @@ from ..rails import AbstractRail
 from ..schedules import Sinusoids
 from ..status import Status
 from ..trajectory import Trajectory
+from .lengths import length
 from .values import ScenarioError, key_error
 
 RAIL_SAMPLES = 4096
@@ -50,7 +51,7 @@ def check_start(system: System, theta: Float[np.ndarray, " driven"]) -> None:
         motion = masses[index].motion
         assert isinstance(motion, Driven)
         place = np.asarray(rail_points(motion.rail, jnp.asarray(theta[slot : slot + 1])))
-        distance = float(np.linalg.norm(place))
+        distance = float(length(place)[0])
         if distance >= radius:
             raise key_error(
                 "initial.theta",
@@ -66,7 +67,7 @@ def mark_escape(trajectory: Trajectory) -> Trajectory:
     """
     if not trajectory.ok or not trajectory.system.driven:
         return trajectory
-    distance = np.linalg.norm(np.asarray(trajectory.observables.mass_positions_body), axis=-1)
+    distance = length(np.asarray(trajectory.observables.mass_positions_body))
     outside = np.flatnonzero(np.max(distance, axis=1) > float(trajectory.system.radius))
     if not outside.size:
         return trajectory
@@ -94,7 +95,7 @@ def _on_the_host(system: System) -> System:
 
 def _check_position(motion: Fixed, path: str, system: System) -> None:
     place, radius = np.asarray(motion.position, dtype=float), float(system.radius)
-    if not np.linalg.norm(place) < radius:
+    if not length(place) < radius:
         raise key_error(path, f"a point inside the shell of radius {radius:g}", str(place.tolist()))
     _check_plane(place[None], path, system)
 
@@ -108,7 +109,7 @@ def reach(
     """
     theta = np.linspace(0.0, radius if rail.period is None else rail.period, RAIL_SAMPLES + 1)
     points = np.asarray(rail_points(rail, jnp.asarray(theta)))
-    return theta, points, _peaks(np.linalg.norm(points, axis=1))
+    return theta, points, _peaks(length(points))
 
 
 def _check_rail(rail: AbstractRail, path: str, system: System) -> None:
@@ -128,12 +129,12 @@ def _check_motion(motion: AbstractPrescribedMotion, path: str, system: System, t
     radius, t = float(system.radius), _sample_times(motion, times)
     places = np.asarray(_places(motion, jnp.asarray(t)))
     _check_plane(places, path, system)
-    outside = np.flatnonzero(~(_peaks(np.linalg.norm(places, axis=1)) < radius))
+    outside = np.flatnonzero(~(_peaks(length(places)) < radius))
     if not outside.size:
         return
     k = int(outside[0])
     fine = np.linspace(t[max(k - 1, 0)], t[k], t.size)
-    beyond = ~(np.linalg.norm(np.asarray(_places(motion, jnp.asarray(fine))), axis=1) < radius)
+    beyond = ~(length(np.asarray(_places(motion, jnp.asarray(fine)))) < radius)
     when = float(fine[int(np.argmax(beyond))]) if np.any(beyond) else float(t[k])
     raise ScenarioError(
         f"Key `{path}` must keep the mass inside the shell of radius {radius:g} from t = {times[0]:g} to "
@@ -149,16 +150,18 @@ def _sample_times(motion: AbstractPrescribedMotion, times: np.ndarray) -> np.nda
     fastest = float(np.max(np.abs(getattr(series, "frequency", np.zeros(1))), initial=0.0))
     wanted = max(RAIL_SAMPLES, SAMPLES_PER_WAVE * fastest * (end - start) / (2 * np.pi))
     even = np.linspace(start, end, int(min(2 ** np.ceil(np.log2(wanted)), MOST_SAMPLES)) + 1)
-    kinks = np.asarray(motion.kinks(), dtype=float)
+    kinks = np.asarray(jax.tree.map(jnp.asarray, motion).kinks(), dtype=float)
     return np.unique(np.concatenate([even, kinks[(kinks > start) & (kinks < end)]]))
 
 
 def _peaks(y: np.ndarray) -> np.ndarray:
-    """``y``, its local maxima raised to the top of the parabola through the neighbouring samples."""
-    before, after = y[1:-1] - y[:-2], y[1:-1] - y[2:]
-    bend = before + after
-    peak = (before >= 0) & (after >= 0) & (bend > 0)
-    rise = np.where(peak, (before - after) ** 2 / (8 * np.where(peak, bend, 1.0)), 0.0)
+    """``y``, which may be infinite, its local maxima raised to the top of the parabola through the nearest samples."""
+    with np.errstate(invalid="ignore"):
+        before, after = y[1:-1] - y[:-2], y[1:-1] - y[2:]
+        bend = before + after
+        peak = (before >= 0) & (after >= 0) & (bend > 0)
+        slope = np.where(peak, before - after, 0.0)
+        rise = slope * (slope / np.where(peak, bend, 1.0)) / 8
     return np.concatenate([y[:1], y[1:-1] + rise, y[-1:]])
 
 
@@ -166,5 +169,6 @@ def _check_plane(points: np.ndarray, path: str, system: System) -> None:
     if isinstance(system, Disk) and np.max(np.abs(points[:, 1])) > FLAT * float(system.radius):
         worst = points[int(np.argmax(np.abs(points[:, 1])))]
         raise ScenarioError(
-            f"Key `{path}` must lie in the plane of a disk, E1 and E3, but it passes {np.round(worst, 6).tolist()}."
+            f"Key `{path}` must lie in the plane of a disk, E1 and E3, but it passes "
+            f"{[round(x, 6) for x in worst.tolist()]}."
         )

@@ -6,7 +6,7 @@ from operator import attrgetter
 from typing import Any
 
 from ..wording import did_you_mean
-from .values import Choice, Kind, ScenarioError, key_error, shown
+from .values import Choice, Kind, Nested, ScenarioError, key_error, shown
 
 REQUIRED = object()
 
@@ -54,6 +54,11 @@ class Module:
         """The table that describes an object."""
         found = {name: attrgetter(self.attributes.get(name, name))(item) for name in self.keys}
         return write_table(found, path, self.keys)
+
+    @property
+    def nested(self) -> Nested:
+        """The kind of value that such a table is in another one."""
+        return Nested(self.read, self.write, tables={"": self.keys})
 
 
 Family = Mapping[str, Module]
@@ -138,6 +143,27 @@ def write_family(item: Any, path: str, family: Family) -> dict[str, Any]:
     """The table that describes an object of a family, its ``kind`` first."""
     kind, table = write_member(item, path, family)
     return {"kind": kind, **table}
+
+
+def member_of(family: Family) -> Nested:
+    """The kind of value that the table of an object of a family is in another table."""
+    return Nested(
+        lambda values, path: read_family(values, path, family),
+        lambda item, path: write_family(item, path, family),
+        tables=keys_of(family),
+    )
+
+
+def keys_of(family: Family) -> dict[str, Keys]:
+    """The keys of each kind of a family, but for the kind itself."""
+    return {name: member.keys for name, member in family.items()}
+
+
+def read_list(values: Any, path: str, read: Callable[[Any, str], Any], empty: bool = False) -> list[Any]:
+    """What ``read`` makes of each table of a list and its path; the list may be ``empty`` only if that is said."""
+    if not isinstance(values, list) or not (values or empty):
+        raise key_error(path, f"a list of tables, each under the heading [[{path}]]", shown(values))
+    return [read(item, f"{path}[{index}]") for index, item in enumerate(values)]
 
 
 def refuse_unknown(values: Any, path: str, known: Iterable[str]) -> None:

@@ -4,10 +4,11 @@ A kind of value reads what the TOML parser gave, or raises one sentence, and wri
 """
 
 import contextlib
+import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -33,7 +34,7 @@ def shown(value: Any) -> str:
         return "a table"
     if isinstance(value, bool):
         return "true" if value else "false"
-    text = f'"{value}"' if isinstance(value, str) else repr(value)
+    text = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
     return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
 
 
@@ -212,11 +213,21 @@ class Choice:
 
 @dataclass(frozen=True)
 class Nested:
-    """A table that has a reader and a writer of its own."""
+    """A table, or a list of tables, that has a reader and a writer of its own.
+
+    - ``tables``: the keys that a table may have, by what decides which: its kind, the one key of several that it has,
+      or the kind of body; under "" where it always has the same.
+    """
 
     read: Callable[[Any, str], Any]
     write: Callable[[Any, str], Any]
     words: str = "a table"
+    tables: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+
+def unread(words: str = "a table", tables: Mapping[str, Mapping[str, Any]] | None = None) -> Nested:
+    """A value that is taken as it is, because what it must be depends on other keys."""
+    return Nested(lambda value, path: value, lambda value, path: value, words, tables or {})
 
 
 def _is_integer(value: Any) -> bool:

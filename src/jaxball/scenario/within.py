@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from .library import builtin_scenarios, builtin_text, nearest_builtin
-from .values import Nested, ScenarioError, key_error, shown
+from .values import ScenarioError, key_error, shown, unread
 
 # A scenario in such a file: a table, the name of a built-in one, or the path of a file.
-SCENARIO = Nested(lambda value, path: value, lambda value, path: value, "a table, a name or a file")
+SCENARIO = unread("a table, a name or a file")
 
 
 @contextlib.contextmanager
@@ -54,8 +54,8 @@ def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, A
     """
     try:
         return _parsed(text)
-    except tomllib.TOMLDecodeError as cause:
-        raise error(f"A {what} must be a TOML document, but it is not: {cause}.") from None
+    except (ValueError, RecursionError) as cause:
+        raise error(f"A {what} must be a TOML document, but it is not: {_reason(cause)}.") from None
 
 
 def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> dict[str, Any]:
@@ -70,13 +70,24 @@ def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> d
     try:
         known = value in builtin_scenarios()
         return _parsed(builtin_text(value) if known else (folder / value).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as cause:
+    except (OSError, ValueError, RecursionError) as cause:
         raise error(
-            f'Key `scenario` must be a table, a scenario file, or the name of a built-in one, but it is "{value}" '
-            f"({getattr(cause, 'strerror', None) or cause}){nearest_builtin(value)}"
+            f"Key `scenario` must be a table, a scenario file, or the name of a built-in one, but it is {shown(value)} "
+            f"({_reason(cause)}){nearest_builtin(value)}"
         ) from None
 
 
 def _parsed(text: str) -> dict[str, Any]:
     """Some editors put a byte-order mark at the beginning, which TOML does not know."""
     return tomllib.loads(text.removeprefix("\ufeff"))
+
+
+def _reason(cause: Exception) -> str:
+    """Why a text is no document; not all that the parser raises is an error of its own."""
+    if isinstance(cause, OSError):
+        return cause.strerror or str(cause)
+    if isinstance(cause, UnicodeDecodeError):
+        return "it is not UTF-8 text"
+    if isinstance(cause, RecursionError):
+        return "it is nested too deeply"
+    return str(cause) if isinstance(cause, tomllib.TOMLDecodeError) else "it has a number of too many digits"

@@ -8,10 +8,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..scenario.table import Key, Keys, read_one_of, read_table, refuse_unknown
-from ..scenario.values import Choice, Integer, Nested, Numbers, Text, key_error, shown
+from ..scenario.table import Key, Keys, read_one_of, read_table
+from ..scenario.values import Choice, Integer, Numbers, Text, key_error, shown, unread
 from .designs import DESIGNS
-from .distributions import Distribution, read_distribution
+from .distributions import DISTRIBUTIONS, Distribution, read_distribution
 from .errors import StudyError
 from .points import points, read_points
 
@@ -122,15 +122,20 @@ class Zipped:
         return np.concatenate([member.values(indices) for member in self.members], axis=1)
 
 
-_AS_IT_IS = Nested(lambda value, path: value, lambda value, path: value)
-_TABLES = Nested(lambda value, path: value, lambda value, path: value, "a list of tables, one or more")
+_TABLES = unread("a list of tables, one or more")
 _PATH = Key(Text())
 _RANGE: Keys = {"from": Key(Numbers()), "to": Key(Numbers()), "count": _COUNT}
-_DESIGN: Keys = {"design": Key(Choice(tuple(DESIGNS))), "count": _COUNT, "seed": _SEED, "numbers": Key(_AS_IT_IS)}
-_CHOICES: Mapping[str, Keys] = {
+_DESIGN: Keys = {
+    "design": Key(Choice(tuple(DESIGNS))),
+    "count": _COUNT,
+    "seed": _SEED,
+    # A distribution for each path.
+    "numbers": Key(unread(tables=DISTRIBUTIONS)),
+}
+AXES: Mapping[str, Keys] = {
     "values": {"path": _PATH, "values": Key(Numbers((None,)))},
-    "linear": {"path": _PATH, "linear": Key(_AS_IT_IS)},
-    "log": {"path": _PATH, "log": Key(_AS_IT_IS)},
+    "linear": {"path": _PATH, "linear": Key(unread(tables={"": _RANGE}))},
+    "log": {"path": _PATH, "log": Key(unread(tables={"": _RANGE}))},
     "design": _DESIGN,
     "points": {"points": Key(Text())},
     "zip": {"zip": Key(_TABLES)},
@@ -142,8 +147,7 @@ def read_axis(values: Any, path: str, folder: Path) -> Axis:
 
     **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence that names the key.
     """
-    refuse_unknown(values, path, {name for keys in _CHOICES.values() for name in keys})
-    choice, found = read_one_of(values, path, _CHOICES)
+    choice, found = read_one_of(values, path, AXES)
     return _READERS[choice](found, path, folder)
 
 

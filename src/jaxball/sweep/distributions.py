@@ -28,6 +28,7 @@ _INVERSES: Mapping[str, Callable[[np.ndarray, float, float], np.ndarray]] = {
     "normal": lambda u, mean, deviation: mean + deviation * _normal(u),
     "lognormal": lambda u, median, deviation: median * np.exp(deviation * _normal(u)),
 }
+DISTRIBUTIONS = {name: {name: _PAIR} for name in _INVERSES}
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ def read_distribution(values: Any, path: str) -> Distribution:
 
     **Raises:** :class:`~jaxball.scenario.ScenarioError` for an unknown one, and for numbers that it cannot have.
     """
-    kind, found = read_one_of(values, path, {name: {name: _PAIR} for name in _INVERSES})
+    kind, found = read_one_of(values, path, DISTRIBUTIONS)
     first, second = map(float, found[kind])
     path, got = f"{path}.{kind}", shown(values[kind])
     if kind in ("uniform", "log-uniform") and not first < second:

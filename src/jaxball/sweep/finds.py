@@ -34,14 +34,19 @@ class Find:
         """
         if not self.kind:
             return REDUCTIONS[self.name]
-        module, _, function = self.function.partition(":")
+        module, _, name = self.function.partition(":")
         try:
-            return KINDS[self.kind](getattr(importlib.import_module(module), function))
-        except (ImportError, AttributeError, ValueError) as error:
-            raise StudyError(
-                f'Key `find` must name functions that can be imported as "module:function", but "{self.function}" '
-                f"cannot: {error}."
-            ) from None
+            function = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError, ValueError, TypeError) as error:
+            reason = str(error)
+        else:
+            if callable(function):
+                return KINDS[self.kind](function)
+            reason = "it is no function"
+        raise StudyError(
+            f'Key `find` must name functions that can be imported as "module:function", but {shown(self.function)} '
+            f"cannot: {reason}."
+        )
 
 
 def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:

@@ -13,12 +13,12 @@ from jaxtyping import Float, Int
 
 from ..body import Ball, Disk
 from ..scenario import Scenario, ScenarioError, read_document
-from ..scenario.table import Key, read_table
-from ..scenario.values import Choice, Flag, Integer, Nested, Text, key_error, shown
+from ..scenario.table import Key, read_list, read_table
+from ..scenario.values import Choice, Flag, Integer, Text, unread
 from ..scenario.within import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
-from .axes import Axis, read_axis
+from .axes import AXES, Axis, read_axis
 from .errors import StudyError
-from .finds import Find, read_finds
+from .finds import CHOICES as FINDS, Find, read_finds
 from .numbers import check_number, with_numbers
 
 FORMAT = 1
@@ -27,16 +27,15 @@ MOST_NUMBERS = 2**24  # in the states of a chunk
 NUMBERS_OF_A_STATE = 16  # about as many as a ball with a few driven masses has
 SMALLEST_CHUNK = 16
 ENOUGH_CHUNKS = 16  # of a small study
-_AS_IT_IS = Nested(lambda value, path: value, lambda value, path: value, "a table, a name or a file")
-_KEYS = {
+KEYS = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
     "scenario": Key(SCENARIO),
-    "axes": Key(_AS_IT_IS),
+    "axes": Key(unread("a list of tables", AXES)),
     "save": Key(Choice(("end", "times")), "end"),
     "contact": Key(Flag(), False),
     "detachment": Key(Flag(), False),
-    "find": Key(_AS_IT_IS, []),
+    "find": Key(unread("a list of names and tables", FINDS), []),
     "chunk": Key(Integer(1, 2**20), None),
 }
 
@@ -150,16 +149,14 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     **Raises:** as :func:`load_study`.
     """
     document = document_of(text, "study", StudyError)
-    found, folder = read_table(document, "", _KEYS), Path(folder)
+    found, folder = read_table(document, "", KEYS), Path(folder)
     scenario = scenario_document(found["scenario"], folder, StudyError)
     with naming_scenario(found["scenario"], "study", StudyError):
         template = read_document(scenario)
     for key in ("contact", "detachment"):
         if found[key] and not isinstance(template.system, Ball | Disk):
             raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which touches no plane.")
-    if not isinstance(found["axes"], list) or not found["axes"]:
-        raise key_error("axes", "a list of tables, each under the heading [[axes]]", shown(found["axes"]))
-    axes = tuple(read_axis(item, f"axes[{k}]", folder) for k, item in enumerate(found["axes"]))
+    axes = tuple(read_list(found["axes"], "axes", lambda item, path: read_axis(item, path, folder)))
     _check_paths(axes, scenario)
     rows = math.prod(axis.size for axis in axes)
     saves = template.times.size if found["save"] == "times" else 1

@@ -2,13 +2,13 @@
 
 import abc
 
-import equinox as eqx
 from jaxtyping import Array, Float
 
+from ..line import Wanted
 from ..run import Run
 
 
-class AbstractConstraint(eqx.Module):
+class AbstractConstraint(Wanted):
     """Signed violations, dimensionless: positive where violated, and at most 0 in a design that fulfils it.
 
     Lengths are in radii r, forces in weights M g, times in √(r/g).

@@ -2,9 +2,11 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..._arrays import numbers
+from ..line import beside, corner, places
 from ..norms import norm, room
 from ..objectives.obstacles import depths
 from ..run import Run
@@ -50,7 +52,7 @@ class ClearOfObstacles(AbstractRunningConstraint):
     - ``radii``: length, shape (k,).
     """
 
-    centres: Float[Array, "k 2"] = eqx.field(converter=numbers("centres", ("k", 2)))
+    centres: Float[Array, "k 2"] = eqx.field(converter=places("centres"))
     radii: Float[Array, " k"] = eqx.field(converter=numbers("radii", ("k",)))
 
     def __call__(self, run: Run):
@@ -59,12 +61,27 @@ class ClearOfObstacles(AbstractRunningConstraint):
     def margins(self, run: Run):
         return -room(run.z[:, None] - self.centres[None], self.radii[None]) / run.length
 
+    def beyond_a_disk(self):
+        return beside(self.centres)
+
 
 class Within(AbstractRunningConstraint):
-    """The geometric centre within a rectangle of the plane, from ``low`` to ``high``; shape (t, 4)."""
+    """The geometric centre within a rectangle of the plane, from ``low`` to ``high``; shape (t, 4).
 
-    low: Float[Array, "2"] = eqx.field(converter=numbers("low", (2,)))
-    high: Float[Array, "2"] = eqx.field(converter=numbers("high", (2,)))
+    Those of a disk are single numbers, and the shape is (t, 2).
+
+    **Arguments:**
+
+    - ``low``, ``high``: the corners, length, shape (2,); for a disk, single numbers.
+    """
+
+    low: Float[Array, " d"] = eqx.field(converter=corner("low"))
+    high: Float[Array, " d"] = eqx.field(converter=corner("high"))
 
     def __call__(self, run: Run):
-        return jnp.concatenate([self.low[None] - run.z, run.z - self.high[None]], axis=1) / run.length
+        z = run.z[:, : self.low.size]
+        return jnp.concatenate([self.low[None] - z, z - self.high[None]], axis=1) / run.length
+
+    def beyond_a_disk(self):
+        """A range of e2: even one with 0 in it leaves an interior-point method no room."""
+        return "a range of e2, in which it is always 0" if np.size(self.low) > 1 else ""

@@ -9,14 +9,14 @@ import numpy as np
 from ..._arrays import to_array
 from ...body import Ball, Disk
 from ...scenario import read_document
-from ...scenario.table import Family, Key, read_table
-from ...scenario.values import POSITIVE, Choice, Integer, Numbers, Text, key_error, shown
-from ...scenario.within import SCENARIO, naming_scenario, scenario_document
+from ...scenario.table import Family, Key, Keys, read_table
+from ...scenario.values import POSITIVE, Choice, Integer, Numbers, key_error, shown, unread
+from ...scenario.within import naming_scenario, scenario_document
 from ...state import BallState, DiskState
 from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
-from ..files import ANY, FORMAT, LIST, objects_of
-from ..kinds import CONSTRAINTS, OBJECTIVES
+from ..files import SHARED, objects_of
+from ..kinds import PLANE, Plane, constraints_of, objectives_of, plane_of
 from ..objectives import AbstractRunningObjective
 from .collocation import BARRIER
 from .guess import rolling_along
@@ -26,14 +26,6 @@ from .steps import Guess, at_rest
 
 TABLE = "control"
 GUESSES: dict[str, Guess] = {"rest": at_rest, "rolling-along": rolling_along}
-_KEYS = {
-    "format": Key(Integer(FORMAT, FORMAT)),
-    "title": Key(Text(), ""),
-    "scenario": Key(SCENARIO),
-    "objectives": Key(LIST),
-    "constraints": Key(LIST, ()),
-    TABLE: Key(ANY),
-}
 _CONTROL = {
     "depth": Key(Numbers(rule=POSITIVE), None),
     "intervals": Key(Integer(2, 10**5), 20),
@@ -41,8 +33,15 @@ _CONTROL = {
     "violation": Key(Numbers(rule=POSITIVE), VIOLATION),
     "barrier": Key(Numbers(rule=POSITIVE), BARRIER),
     "guess": Key(Choice(tuple(GUESSES)), "rest"),
-    "first_weights": Key(ANY, None),
+    "first_weights": Key(unread("a table of weights"), None),
 }
+
+
+def _control(plane: Plane) -> Keys:
+    return {"place": Key(plane.place, None), **_CONTROL}
+
+
+KEYS = {**SHARED, TABLE: Key(unread(tables={"": _control(PLANE)}))}
 
 
 class ControlFile(NamedTuple):
@@ -72,18 +71,20 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when a key of it or of its scenario is misspelt,
     missing or wrong.
     """
-    found = read_table(document, "", _KEYS)
+    found = read_table(document, "", KEYS)
     with naming_scenario(found["scenario"], "problem", DesignError):
         scenario = read_document(scenario_document(found["scenario"], Path(folder), DesignError))
     system = scenario.system
     if not isinstance(system, Ball | Disk):
         raise key_error("scenario.kind", "ball or disk", system.title.lower())
-    place = Key(Numbers() if isinstance(system, Disk) else Numbers((2,)), None)
-    given = read_table(found[TABLE], TABLE, {**_CONTROL, "place": place})
-    objectives = objects_of(found["objectives"], "objectives", OBJECTIVES)
-    _require(objectives, "objectives", AbstractRunningObjective, "means over the run", OBJECTIVES)
-    constraints = objects_of(list(found["constraints"]), "constraints", CONSTRAINTS)
-    _require(constraints, "constraints", AbstractRunningConstraint, "what holds at each time", CONSTRAINTS)
+    plane = plane_of(system)
+    given = read_table(found[TABLE], TABLE, _control(plane))
+    family = objectives_of(plane)
+    objectives = objects_of(found["objectives"], "objectives", family)
+    _require(objectives, "objectives", AbstractRunningObjective, "means over the run", family)
+    family = constraints_of(plane)
+    constraints = objects_of(found["constraints"], "constraints", family, empty=True)
+    _require(constraints, "constraints", AbstractRunningConstraint, "what holds at each time", family)
     times = (scenario.times[0], scenario.times[-1])
     state = scenario.state
     assert isinstance(state, BallState | DiskState)

@@ -15,6 +15,8 @@ from ...output import replacing
 from ...plot.report import write_figure
 from ...scenario import Scenario, write_scenario
 from ...wording import counted
+from ..cells import in_units, violation
+from ..source import Source, made
 from ..wanted import curve_and_discs, places_in_time
 from .inequalities import PLACES
 from .means import means
@@ -27,15 +29,21 @@ SCENARIO, REPORT = "design.toml", "report.md"
 DRAWN = 601
 
 
-def write_report(found: Controlled, title: str, saves: int, folder: Path) -> Path:
-    """Writes ``design.toml``, ``report.md`` and its figures into ``folder``; the path of the report."""
+def write_report(found: Controlled, title: str, saves: int, folder: Path, source: Source | None = None) -> Path:
+    """Writes ``design.toml``, ``report.md`` and its figures into ``folder``; the path of the report.
+
+    With a ``source`` the report names it, and a copy of the problem file is beside it.
+    """
     scenario = write_design(found.solution, title, saves, folder)
+    if source is not None:
+        source.copy(folder)
     contact = contact_extremes(scenario.simulate(dense=True, throw=True))
     lines = [f"# {title or 'An optimal control'}", "", _verdict(found), "", *_objectives(found), ""]
     lines += _constraints(found)
-    lines += [f"Along the run: {'; '.join(str(contact).splitlines())}.", "", *_figures(found, title, folder)]
+    lines += [f"Along the run: {'; '.join(str(contact).splitlines())}.", "", *_figures(found, title, folder), ""]
+    lines += made(source, found.elapsed)
     with replacing(folder / REPORT) as beside:
-        beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
+        beside.write_text("\n".join(lines), encoding="utf-8")
     return folder / REPORT
 
 
@@ -63,22 +71,31 @@ def _verdict(found: Controlled) -> str:
 def _objectives(found: Controlled) -> list[str]:
     first, last = means(found.first), means(found.solution)
     before, after = (rolling(one.problem).objectives for one in (found.first, found.solution))
-    rows = ["| objective | first weight | its mean | weight | its mean |", "|" + "---|" * 5]
+    rows = [
+        "| objective | first weight | its mean | weight | its mean | in units of the scenario |",
+        "|" + "---|" * 6,
+    ]
+    meant = objectives_in_units(found)
     for name in last:
         numbers = (float(before[name].weight), first[name], float(after[name].weight), last[name])
-        rows.append(f"| {name} | " + " | ".join(f"{x:.6g}" for x in numbers) + " |")
-    return rows
+        rows.append(f"| {name} | " + " | ".join(f"{x:.6g}" for x in numbers) + f" | {meant[name]} |")
+    return [*rows, "", "Objectives are dimensionless: lengths over r, times over √(r/g), forces over M g."]
+
+
+def objectives_in_units(found: Controlled) -> dict[str, str]:
+    """The lengths, angles and times that the means of objectives stand for, in units of the scenario."""
+    problem = rolling(found.solution.problem)
+    return in_units(problem.objectives, means(found.solution), problem.system)
 
 
 def _constraints(found: Controlled) -> list[str]:
     violations = found.seen.violations
     if not violations:
         return []
-    rows = ["| constraint | largest violation | |", "|" + "---|" * 3]
-    for name, by in violations.items():
-        rows.append(f"| {name} | {by:.3g} | {'violated' if name in found.broken else 'holds'} |")
+    rows = ["| constraint | |", "|" + "---|" * 2]
+    rows += [f"| {name} | {violation(by, found.violation)} |" for name, by in violations.items()]
     looked = f"Looked at {PLACES - 1} times on each of {counted(found.solution.errors.size, 'interval')}"
-    return [*rows, "", f"{looked}; {found.violation:g} is allowed.", ""]
+    return [*rows, "", f"{looked}; a violation of {found.violation:g} is allowed.", ""]
 
 
 def _figures(found: Controlled, title: str, folder: Path) -> list[str]:

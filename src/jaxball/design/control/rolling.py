@@ -7,6 +7,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..._arrays import Numbers, to_array
@@ -21,6 +22,7 @@ from ...status import Status
 from ...vectors import apply
 from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
+from ..line import require_reach
 from ..objectives import AbstractRunningObjective, FollowTrajectory
 from ..run import Run
 from .problem import AbstractControlProblem
@@ -78,8 +80,8 @@ class Rolling(AbstractControlProblem):
         - ``softness``: of the conditions at the end, see :class:`AbstractControlProblem`.
         - ``constraints``: what holds at all times.
 
-        **Raises:** :class:`DesignError` for a system without masses on rails, and ``ValueError`` for one with a
-        feedback law.
+        **Raises:** :class:`DesignError` for a system without masses on rails, for a disk that cannot meet an objective
+        or a constraint, and for a place of another size, and ``ValueError`` for a system with a feedback law.
         """
         start, end = (to_array(t) for t in to_array(times))
         driven, angles = with_integrated_angles(system, start)
@@ -96,6 +98,12 @@ class Rolling(AbstractControlProblem):
         self.depth = None if depth is None else to_array(depth)
         self.softness = to_array(softness)
         self.place = None if place is None else jnp.atleast_1d(to_array(place))
+        if self.place is not None and self.place.shape != (np.size(given.z),):
+            raise DesignError(
+                f"Argument `place` must be {'two numbers' if kind is BallState else 'one number'}, as that of a "
+                f"{'ball' if kind is BallState else 'disk'} is, but it is {np.asarray(place).tolist()}."
+            )
+        require_reach(system, {**self.objectives, **self.constraints})
 
     @property
     def controls(self) -> int:

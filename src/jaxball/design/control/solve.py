@@ -1,5 +1,6 @@
 """What ``jaxball design`` does with a problem of optimal control."""
 
+import time
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -37,6 +38,7 @@ class Controlled(NamedTuple):
     - ``curvature``: :func:`least_curvature`.
     - ``seen``: the schedules simulated by a solver of another kind.
     - ``tolerance``: of the mesh; ``violation``: of constraints.
+    - ``elapsed``: how long it took, in seconds.
     """
 
     first: Solution
@@ -46,6 +48,7 @@ class Controlled(NamedTuple):
     seen: Resimulated
     tolerance: float
     violation: float
+    elapsed: float
 
     @property
     def good(self) -> bool:
@@ -73,6 +76,7 @@ def controlled(
 
     **Raises:** :class:`~jaxball.design.DesignError` where there is no way to a solution.
     """
+    began = time.perf_counter()
     branch: list[Point] = []
 
     def visit(solution: Solution) -> None:
@@ -98,8 +102,9 @@ def controlled(
         solution = continued(first, problem, found.tolerance, visit)[1]
     if problem.constraints:
         solution = sharpened(solution, tolerance=found.tolerance, violation=found.violation, visit=sharper)
-    seen = resimulated(solution)
-    return Controlled(first, solution, tuple(branch), least_curvature(solution), seen, found.tolerance, found.violation)
+    seen, curvature = resimulated(solution), least_curvature(solution)
+    elapsed = time.perf_counter() - began
+    return Controlled(first, solution, tuple(branch), curvature, seen, found.tolerance, found.violation, elapsed)
 
 
 def _begun(found: ControlFile, problem: Rolling, mesh: np.ndarray) -> Solution:

@@ -7,10 +7,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._arrays import numbers
+from ..line import Wanted
 from ..run import Run
 
 
-class AbstractObjective(eqx.Module):
+class AbstractObjective(Wanted):
     """A number that a design makes small, dimensionless: lengths in radii r, forces in weights M g, times in √(r/g).
 
     ``weight`` multiplies it in the sum of objectives; it can change without compiling anew.
@@ -21,6 +22,13 @@ class AbstractObjective(eqx.Module):
     @abc.abstractmethod
     def __call__(self, run: Run) -> Float[Array, ""]:
         """Its value, without the weight."""
+
+    def in_units(self, value: float, length: float, time: float) -> str:
+        """A value of it in words, as the length, the angle or the time that it stands for; empty if it is none of them.
+
+        ``length`` and ``time`` are r and √(r/g) in units of the scenario.
+        """
+        return ""
 
 
 class AbstractRunningObjective(AbstractObjective):

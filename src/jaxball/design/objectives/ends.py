@@ -1,28 +1,38 @@
 """Where and how a run ends."""
 
+import math
+
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..._arrays import numbers
+from ..line import beside, place
 from ..norms import norm
 from ..run import Run
 from .base import AbstractObjective, unit_of_time
 
 
 class ReachPlace(AbstractObjective):
-    """|z − place|² / r² at the end.
+    """|z − place|² / r² at the end, the square of the distance.
 
     **Arguments:**
 
-    - ``place``: length, shape (2,); the second is 0 for a disk.
+    - ``place``: length, (z1, z2) of a ball, z of a disk.
     - ``weight``: by what it is multiplied in the sum of objectives.
     """
 
-    place: Float[Array, "2"] = eqx.field(converter=numbers("place", (2,)))
+    place: Float[Array, "2"] = eqx.field(converter=place("place"))
 
     def __call__(self, run: Run):
         return jnp.sum((run.z[-1] - self.place) ** 2) / run.length**2
+
+    def in_units(self, value, length, time):
+        return f"distance {length * math.sqrt(value):.4g}"
+
+    def beyond_a_disk(self):
+        return beside(self.place[None])
 
     def farthest(self, run: Run) -> Float[Array, ""]:
         """The distance from the place at the end, in radii."""
@@ -42,6 +52,12 @@ class ReachPose(AbstractObjective):
     def __call__(self, run: Run):
         q = run.state.in_space().q[-1]
         return 1 - jnp.sum(q * self.versor) ** 2 / (jnp.sum(q**2) * jnp.sum(self.versor**2))
+
+    def in_units(self, value, length, time):
+        return f"angle {2 * math.asin(math.sqrt(min(max(value, 0.0), 1.0))):.4g} rad"
+
+    def beyond_a_disk(self):
+        return "a turn about another axis" if np.any(np.asarray(self.versor)[[1, 3]] != 0) else ""
 
 
 class StopAtRest(AbstractObjective):
@@ -67,6 +83,9 @@ class Balanced(AbstractObjective):
     def __call__(self, run: Run):
         return jnp.sum(run.observables.centre_of_mass_space[-1, :2] ** 2) / run.length**2
 
+    def in_units(self, value, length, time):
+        return f"horizontal distance {length * math.sqrt(value):.4g}"
+
 
 class GoFar(AbstractObjective):
     """−|z(end) − z(start)| / r: as far as possible.
@@ -79,6 +98,9 @@ class GoFar(AbstractObjective):
     def __call__(self, run: Run):
         return -norm(run.z[-1] - run.z[0]) / run.length
 
+    def in_units(self, value, length, time):
+        return f"distance {-value * length:.4g}"
+
 
 class Duration(AbstractObjective):
     """How long the run takes, in units of √(r/g), where its end is a variable.
@@ -90,3 +112,6 @@ class Duration(AbstractObjective):
 
     def __call__(self, run: Run):
         return (run.times[-1] - run.times[0]) / unit_of_time(run)
+
+    def in_units(self, value, length, time):
+        return f"time {value * time:.4g}"

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..._arrays import numbers
+from ..line import beside, places
 from ..norms import norm
 from ..run import Run
 from .base import AbstractRunningObjective
@@ -29,10 +30,13 @@ class AvoidObstacles(AbstractRunningObjective):
     - ``weight``: by what it is multiplied in the sum of objectives.
     """
 
-    centres: Float[Array, "k 2"] = eqx.field(converter=numbers("centres", ("k", 2)))
+    centres: Float[Array, "k 2"] = eqx.field(converter=places("centres"))
     radii: Float[Array, " k"] = eqx.field(converter=numbers("radii", ("k",)))
     softness: Float[Array, ""] = eqx.field(converter=numbers("softness"), default=0.1)
 
     def integrand(self, run: Run):
         inside = jax.nn.softplus(depths(run, self.centres, self.radii) / self.softness)
         return jnp.sum(inside**2, axis=-1)
+
+    def beyond_a_disk(self):
+        return beside(self.centres)

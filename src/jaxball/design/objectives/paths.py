@@ -1,5 +1,6 @@
 """Paths in the plane to be followed."""
 
+import math
 from collections.abc import Callable
 
 import equinox as eqx
@@ -8,6 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..._arrays import Numbers, numbers
 from ..curves import AbstractCurve
+from ..line import beside
 from ..norms import ROUNDING, norm
 from ..run import Run
 from .base import AbstractObjective, AbstractRunningObjective
@@ -58,6 +60,12 @@ class FollowTrajectory(AbstractRunningObjective):
         """The largest distance from where the geometric centre is to be, in radii."""
         return jnp.max(self.errors(run))
 
+    def in_units(self, value, length, time):
+        return f"root mean square distance {length * math.sqrt(value):.4g}"
+
+    def beyond_a_disk(self):
+        return beside(self.curve.spanned_by())
+
 
 class FollowCurve(AbstractObjective):
     """The curve followed at any speed: mean squared distances, over r², of the path from the curve and back.
@@ -88,6 +96,13 @@ class FollowCurve(AbstractObjective):
         square = jnp.max(jnp.concatenate([nearest(path, curve), nearest(curve, path)]))
         return jnp.sqrt(jnp.maximum(square, ROUNDING)) / run.length
 
+    def in_units(self, value, length, time):
+        # Two mean squares: there and back.
+        return f"root mean square distance {length * math.sqrt(value / 2):.4g}"
+
+    def beyond_a_disk(self):
+        return beside(self.curve.spanned_by())
+
 
 class LargestDistance(FollowCurve):
     """The largest distance between path and curve, in radii: the curve followed nowhere worse than elsewhere.
@@ -103,6 +118,9 @@ class LargestDistance(FollowCurve):
 
     def __call__(self, run: Run):
         return self.farthest(run)
+
+    def in_units(self, value, length, time):
+        return f"largest distance {value * length:.4g}"
 
 
 def nearest(points: Float[Array, "p 2"], line: Float[Array, "q 2"]) -> Float[Array, " p"]:

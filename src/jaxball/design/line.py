@@ -1,0 +1,83 @@
+"""Places of a disk, which rolls along e1: one number each, where those of a ball have two."""
+
+from collections.abc import Callable, Mapping
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from .._arrays import Numbers, require_shape, to_array
+from ..body import Disk
+from ..simulable import SimulableSystem
+from .errors import DesignError
+
+# What is less beside e1 than this share of how far it goes is rounding.
+ROUNDING = 1e-9
+
+
+class Wanted(eqx.Module):
+    """What is asked of a motion: an objective or a constraint."""
+
+    def beyond_a_disk(self) -> str:
+        """What it asks for that no disk does, which rolls along e1 and turns about e2; empty if nothing."""
+        return ""
+
+
+Converter = Callable[[Numbers], Float[Array, "..."]]
+
+
+def place(name: str) -> Converter:
+    """The converter of a field ``name`` to a place in the plane; a single number z is (z, 0)."""
+
+    def convert(x: Numbers) -> Float[Array, "..."]:
+        z = to_array(x, name)
+        z = z if z.ndim else jnp.stack([z, jnp.zeros_like(z)])
+        require_shape(name, z, (2,))
+        return z
+
+    return convert
+
+
+def places(name: str) -> Converter:
+    """The converter of a field ``name`` to places in the plane, a row each; single numbers z are (z, 0)."""
+
+    def convert(x: Numbers) -> Float[Array, "..."]:
+        z = to_array(x, name)
+        z = jnp.stack([z, jnp.zeros_like(z)], axis=1) if z.ndim == 1 else z
+        require_shape(name, z, ("n", 2))
+        return z
+
+    return convert
+
+
+def corner(name: str) -> Converter:
+    """The converter of a field ``name`` to a bound of places: two numbers, or one for a disk."""
+
+    def convert(x: Numbers) -> Float[Array, "..."]:
+        z = jnp.atleast_1d(to_array(x, name))
+        require_shape(name, z, (1,) if z.size == 1 else (2,))
+        return z
+
+    return convert
+
+
+def beside(points: Float[ArrayLike, "n 2"]) -> str:
+    """That places are beside e1, for :meth:`Wanted.beyond_a_disk`."""
+    points = np.abs(np.asarray(points))
+    most = np.max(points[:, 1], initial=0.0)
+    return f"a place {most:.6g} beside e1" if most > ROUNDING * np.max(points, initial=0.0) else ""
+
+
+def require_reach(system: SimulableSystem, wanted: Mapping[str, Wanted]) -> None:
+    """Refuses objectives and constraints that no disk can meet.
+
+    **Raises:** :class:`DesignError`, with the name of the first one, where the system is a disk.
+    """
+    for name, one in wanted.items() if isinstance(system, Disk) else ():
+        found = one.beyond_a_disk()
+        if found:
+            raise DesignError(
+                f"`{name}` must be within reach of a disk, which rolls along e1 and turns about e2, but it asks for "
+                f"{found}; give a place by one number, or take a ball."
+            )

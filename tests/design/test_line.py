@@ -1,0 +1,186 @@
+"""A disk rolls along e1: its places are single numbers, and what it cannot reach is refused."""
+
+import functools
+import tomllib
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import design
+from jaxball.design import control
+from jaxball.design.control.files import read_control
+
+DISK = """
+format = 1
+
+[scenario]
+format = 1
+kind = "disk"
+body = { mass = 1.0, radius = 0.5, inertia = 1.0, gravity = 2.0 }
+initial = { phidot = -0.8 }
+time = { start = 0.0, end = 2.0, saves = 5 }
+
+[[variables]]
+path = "initial.phidot"
+
+[[objectives]]
+kind = "reach-place"
+place = 2.0
+"""
+PLACE = 'kind = "reach-place"\nplace = 2.0'
+
+
+def of_disk(objective):
+    """The problem with another objective, or a constraint."""
+    return design.read_problem(DISK.replace(PLACE, objective)).problem
+
+
+def constrained(constraint):
+    return f"{PLACE}\n\n[[constraints]]\n{constraint}"
+
+
+def test_a_place_of_a_disk_is_one_number():
+    np.testing.assert_array_equal(of_disk(PLACE).objectives["reach-place"].place, [2.0, 0.0])
+    np.testing.assert_array_equal(design.ReachPlace(2.0).place, [2.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("wanted", "key"),
+    [
+        ('kind = "reach-place"\nplace = [2.0, 0.5]', r"objectives\[0\]\.place"),
+        ('kind = "reach-place"\nplace = [2.0, 0.0]', r"objectives\[0\]\.place"),
+        ('kind = "reach-pose"\nversor = [1.0, 0.0, 0.2, 0.1]', r"objectives\[0\]\.versor"),
+        (
+            'kind = "follow-curve"\ncurve = { kind = "sigmoid", length = 2.0, height = 0.5 }',
+            r"objectives\[0\]\.curve\.height",
+        ),
+        (
+            'kind = "follow-trajectory"\ncurve = { kind = "figure-eight", length = 2.0, origin = [0.0, 1.0] }',
+            r"objectives\[0\]\.curve\.origin",
+        ),
+        (
+            'kind = "largest-distance"\ncurve = { kind = "through", points = [[0.0, 0.0], [1.0, 0.5]] }',
+            r"objectives\[0\]\.curve\.points",
+        ),
+        ('kind = "avoid-obstacles"\ncentres = [[1.0, 0.5]]\nradii = [0.2]', r"objectives\[0\]\.centres"),
+        (
+            constrained('kind = "clear-of-obstacles"\ncentres = [[1.0, 0.5]]\nradii = [0.2]'),
+            r"constraints\[0\]\.centres",
+        ),
+        (constrained('kind = "within"\nlow = [-1.0, -1.0]\nhigh = 1.0'), r"constraints\[0\]\.low"),
+    ],
+)
+def test_what_no_disk_can_reach_is_refused_by_its_key(wanted, key):
+    with pytest.raises(jaxball.ScenarioError, match=rf"^Key `{key}` must be .* because a disk"):
+        of_disk(wanted)
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        'kind = "reach-pose"\nversor = [1.0, 0.0, 0.2, 0.0]',
+        'kind = "follow-curve"\ncurve = { kind = "sigmoid", length = 2.0 }',
+        'kind = "follow-trajectory"\ncurve = { kind = "figure-eight", length = 2.0, height = 0.0, origin = 1.0 }',
+        'kind = "largest-distance"\ncurve = { kind = "through", points = [0.0, 1.0] }',
+        'kind = "avoid-obstacles"\ncentres = [1.0]\nradii = [0.2]',
+        constrained('kind = "clear-of-obstacles"\ncentres = [1.0]\nradii = [0.2]'),
+        constrained('kind = "within"\nlow = -1.0\nhigh = 1.0'),
+    ],
+)
+def test_what_a_disk_can_reach_is_not(wanted):
+    assert of_disk(wanted).objectives
+
+
+@functools.cache
+def space():
+    return of_disk(PLACE).space
+
+
+@pytest.mark.parametrize(
+    ("wanted", "words"),
+    [
+        (design.ReachPlace((1.0, 0.5)), "a place 0.5 beside e1"),
+        (design.ReachPose((1.0, 0.1, 0.0, 0.0)), "a turn about another axis"),
+        (design.FollowCurve(design.Sigmoid(2.0, 0.5)), "a place 0.5 beside e1"),
+        (design.FollowTrajectory(design.FigureEight(2.0, 0.0, (0.0, -1.0))), "a place 1 beside e1"),
+        (design.LargestDistance(design.Through([[0.0, 0.0], [1.0, 0.25]])), "a place 0.25 beside e1"),
+        (design.AvoidObstacles([[1.0, 0.5]], [0.2]), "a place 0.5 beside e1"),
+        (design.ClearOfObstacles([[1.0, 0.5]], [0.2]), "a place 0.5 beside e1"),
+        (design.Within((-1.0, -1.0), (1.0, 1.0)), "a range of e2"),
+    ],
+)
+def test_python_refuses_it_too(wanted, words):
+    given = {"objectives": {}, "constraints": {}}
+    given["objectives" if isinstance(wanted, design.AbstractObjective) else "constraints"] = {"mine": wanted}
+    with pytest.raises(design.DesignError, match=f"^`mine` must be within reach of a disk, .* it asks for {words}"):
+        design.Problem(space(), **given)
+
+
+class Circling(design.AbstractCurve):
+    """A curve of one's own."""
+
+    def __call__(self, s):
+        return jnp.stack([jnp.cos(s), jnp.sin(s)])
+
+
+def on_rail():
+    mass = jaxball.PointMass(1.0, jaxball.OnRail(jaxball.Circle(0.3), jaxball.ConstantRate(-1.5)))
+    return jaxball.Disk(mass=1.0, inertia=1.0, masses=[mass])
+
+
+def test_so_does_optimal_control():
+    with pytest.raises(design.DesignError, match=r"^`mine` must be within reach .* 0\.841471 beside e1"):
+        control.Rolling(on_rail(), (0.0, 1.0), {"mine": design.FollowTrajectory(Circling())})
+    with pytest.raises(design.DesignError, match=r"^Argument `place` must be one number, .* it is \[1\.0, 0\.0\]"):
+        control.Rolling(on_rail(), (0.0, 1.0), {}, place=(1.0, 0.0))
+    text = DISK.replace('[[variables]]\npath = "initial.phidot"', "[control]\nplace = [1.0, 0.0]")
+    with pytest.raises(jaxball.ScenarioError, match=r"^Key `control\.place` must be a finite number, because a disk"):
+        read_control(tomllib.loads(text))
+
+
+def test_a_ball_may_go_anywhere():
+    text = DISK.replace('"disk"', '"ball"').replace("inertia = 1.0", "inertia = [1.0, 1.0, 1.0]")
+    text = text.replace("phidot = -0.8", "Omega = [0.0, 0.8, 0.0]").replace("initial.phidot", "initial.Omega[1]")
+    found = design.read_problem(text.replace("place = 2.0", "place = [2.0, 0.5]")).problem
+    np.testing.assert_array_equal(found.objectives["reach-place"].place, [2.0, 0.5])
+
+
+def test_a_disk_within_a_range():
+    """z = 0.4 t, beyond −1 by nothing and beyond 0.6 by 0.2 at t = 2, in radii."""
+    found = of_disk(constrained('kind = "within"\nlow = -1.0\nhigh = 0.6'))
+    run = found.run(jnp.asarray(found.space.start))
+    seen = eqx.filter_jit(found.constraints["within"])(run)
+    t = np.linspace(0.0, 2.0, 5)
+    np.testing.assert_allclose(seen, np.stack([-1.0 - 0.4 * t, 0.4 * t - 0.6], axis=1) / 0.5, atol=1e-9)
+
+
+def test_the_path_of_a_disk_is_identified_from_single_numbers():
+    with pytest.raises(design.DesignError, match=r"5 save times, one number each, but its shape is \(5, 2\)"):
+        design.identify(space(), np.zeros((5, 2)))
+
+
+R, G = 0.5, 2.0
+SECOND = np.sqrt(R / G)
+
+
+@pytest.mark.parametrize(
+    ("objective", "value", "words"),
+    [
+        (design.ReachPlace((1.0, 2.0)), 0.3**2 / R**2, "distance 0.3"),
+        (design.ReachPose((1.0, 0.0, 0.0, 0.0)), np.sin(0.4 / 2) ** 2, "angle 0.4 rad"),
+        (design.Balanced(), 0.1**2 / R**2, "horizontal distance 0.1"),
+        (design.GoFar(), -3.0 / R, "distance 3"),
+        (design.Duration(), 7.0 / SECOND, "time 7"),
+        (design.FollowTrajectory(design.Sigmoid(1.0, 1.0)), 0.2**2 / R**2, "root mean square distance 0.2"),
+        (design.FollowCurve(design.Sigmoid(1.0, 1.0)), 2 * 0.2**2 / R**2, "root mean square distance 0.2"),
+        (design.LargestDistance(design.Sigmoid(1.0, 1.0)), 0.6 / R, "largest distance 0.6"),
+        (design.AccelerationEffort(), 1.0, ""),
+    ],
+    ids=lambda x: type(x).__name__ if isinstance(x, design.AbstractObjective) else "",
+)
+def test_values_in_units_of_the_scenario(objective, value, words):
+    """Those of test_objectives, whose closed forms say what they are."""
+    assert objective.in_units(value, R, SECOND) == words
