@@ -57,7 +57,7 @@ from .rails import (
     SplineRail as SplineRail,
     Tube as Tube,
 )
-from .results import save as save, to_dataset as to_dataset
+from .results import load_run as load_run, save as save, to_dataset as to_dataset
 from .scenario import (
     Scenario as Scenario,
     ScenarioError as ScenarioError,

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 import jax
 
 from . import cpu
-from .commands import bench, chaos, design, reproduce, scenarios, simulate, sweep, verify
+from .commands import bench, chaos, design, plot, reproduce, scenarios, simulate, stability, sweep, validate, verify
 from .commands.options import BAD_INPUT
 from .results import OutputError
 from .scenario import ScenarioError
 from .simulation import PrecisionError
 
-COMMANDS = (scenarios, simulate, chaos, verify, sweep, design, reproduce, bench)
+COMMANDS = (scenarios, validate, simulate, plot, chaos, stability, verify, sweep, design, reproduce, bench)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from ..scenario import ScenarioError
+from ..scenario.gathering import each_of
 from ..scenario.table import Key, read_family, read_table
 from ..scenario.values import NOT_NEGATIVE, POSITIVE, Choice, Integer, Nested, Numbers, Text, key_error, shown
 from ..scenario.within import SCENARIO, document_of, scenario_document, text_of
@@ -109,11 +110,13 @@ def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFil
         raise
     except ScenarioError as error:
         raise DesignError(f"The scenario of the problem is wrong: {error}") from None
-    objectives = objects_of(found["objectives"], "objectives", OBJECTIVES)
-    constraints = objects_of(list(found["constraints"]), "constraints", CONSTRAINTS)
-    given = read_table({} if found["search"] is None else found["search"], "search", _SETTINGS)
+    objectives, constraints, given, robust = each_of(
+        lambda: objects_of(found["objectives"], "objectives", OBJECTIVES),
+        lambda: objects_of(list(found["constraints"]), "constraints", CONSTRAINTS),
+        lambda: read_table({} if found["search"] is None else found["search"], "search", _SETTINGS),
+        lambda: None if found["robust"] is None else _perturbations(found["robust"]),
+    )
     settings = Settings(**{name: value for name, value in given.items() if value is not None})
-    robust = None if found["robust"] is None else _perturbations(found["robust"])
     identity = tomli_w.dumps({**document, "scenario": space.document}) + repr(settings)
     return ProblemFile(found["title"], Problem(space, objectives, constraints, robust), settings, identity)
 

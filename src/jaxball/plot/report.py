@@ -1,5 +1,6 @@
 """All figures of a trajectory at once."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,10 +32,11 @@ STANDARD = (
 )
 
 
-def figures(trajectory: Trajectory[Any, Any], folder: str | Path) -> list[Path]:
-    """Writes the standard figures of a trajectory into ``folder`` as PNG, and says where they are.
+def figures(trajectory: Trajectory[Any, Any], folder: str | Path, *, formats: Sequence[str] = ("png",)) -> list[Path]:
+    """Writes the standard figures of a trajectory into ``folder``, and says where they are.
 
-    Each file is named by the body and the function, as in ``ball_energies.png``. The acceleration is
+    Each file is named by the body and the function, as in ``ball_energies.png``, once in each of ``formats``: png, pdf
+    or svg. The acceleration is
     left out where no mass has an angle to draw. Of a classical system, the motion and its laws are drawn.
 
     **Raises:** ``ValueError`` for a reduced trajectory or a batch.
@@ -49,8 +51,10 @@ def figures(trajectory: Trajectory[Any, Any], folder: str | Path) -> list[Path]:
     for draw in CLASSICAL if classical else STANDARD:
         if draw is acceleration and not accelerations(trajectory):
             continue
-        paths.append(folder / f"{kind}_{draw.__name__}.png")
-        draw(trajectory).figure.savefig(paths[-1], dpi=200)  # pyright: ignore
+        drawn = draw(trajectory).figure
+        for suffix in formats:
+            paths.append(folder / f"{kind}_{draw.__name__}.{suffix}")
+            drawn.savefig(paths[-1], dpi=200)  # pyright: ignore
     return paths
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..classical import AbstractClassicalSystem
-from ..scenario import Scenario, write_scenario
+from ..scenario import Scenario
 from ..trajectory import Trajectory
 from .provenance import attributes
 from .variables import COORDINATES, values
@@ -19,7 +19,8 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
 
     Dimensions are ``time``, ``mass``, ``driven`` (the masses whose angles belong to the state) and
     those of vectors: ``axis`` 1 to 3, ``direction`` 1 and 2 in the plane, ``component`` 0 to 3 of a
-    versor. Attributes say how the solve ended, and hold the scenario's file if ``scenario`` is given.
+    versor. Attributes say how the solve ended, and hold the scenario's file; without ``scenario``, one of the system,
+    its initial state and the times, if a file can hold them.
 
     **Raises:** ``ValueError`` for a batch of trajectories.
     """
@@ -37,6 +38,4 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
         labels |= {"mass": np.arange(system.n_masses), "driven": np.asarray(system.driven)}
     coordinates = {name: np.asarray(label) for name, label in labels.items() if name in used}
     times = ("time", np.asarray(trajectory.times), {"units": "time", "long_name": "time"})
-    title = "" if scenario is None else scenario.title
-    text = "" if scenario is None else write_scenario(scenario)
-    return xarray.Dataset(variables, {"time": times, **coordinates}, attributes(trajectory, title, text))
+    return xarray.Dataset(variables, {"time": times, **coordinates}, attributes(trajectory, scenario))

@@ -13,6 +13,7 @@ from ..simulable import SimulableState, SimulableSystem
 from .actuation import apply_actuation, write_actuation
 from .body import kind_of, read_force, read_shell, write_body
 from .classical import CLASSICAL, read_classical, write_classical
+from .gathering import each_of
 from .initial import balanced, initial_state, read_initial, write_initial
 from .library import builtin_scenarios, builtin_text, nearest
 from .masses import read_masses, write_masses
@@ -24,6 +25,7 @@ from .times import read_times, write_times
 from .values import Choice, Integer, Nested, ScenarioError, Text
 
 FORMAT = 1
+BODIES = ("ball", "disk")
 
 
 def _as_it_is(value: Any, path: str) -> Any:
@@ -34,7 +36,7 @@ _WHOLE = Nested(_as_it_is, _as_it_is)
 _KEYS = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
-    "kind": Key(Choice(("ball", "disk", *CLASSICAL))),
+    "kind": Key(Choice((*BODIES, *CLASSICAL))),
     "body": Key(_WHOLE),
     "force": Key(_WHOLE, None),
     "masses": Key(_WHOLE, ()),
@@ -55,17 +57,24 @@ def load_scenario(source: str | Path) -> Scenario:
     **Raises:** :class:`ScenarioError`, with one sentence, when there is no such file or name, when it
     is not TOML, and when a key is misspelt, missing, of the wrong type or shape, or impossible.
     """
+    return read_scenario(scenario_text(source))
+
+
+def scenario_text(source: str | Path) -> str:
+    """The text of a scenario file, or of the built-in scenario of that name.
+
+    **Raises:** :class:`ScenarioError` when there is no such file or name.
+    """
     if isinstance(source, str) and source in builtin_scenarios():
-        return read_scenario(builtin_text(source))
+        return builtin_text(source)
     try:
-        text = Path(source).read_text(encoding="utf-8")
+        return Path(source).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
         raise ScenarioError(
             f"Argument `source` must be a scenario file or one of {', '.join(builtin_scenarios())}, but "
             f'it is "{source}" ({reason}){nearest(str(source))}.'
         ) from None
-    return read_scenario(text)
 
 
 def read_scenario(text: str) -> Scenario:
@@ -88,16 +97,21 @@ def read_document(document: dict[str, Any]) -> Scenario:
     """
     if document.get("kind") in tuple(CLASSICAL):
         return _classical(document)
-    found = read_table(document, "", _KEYS)
-    kind = found["kind"]
-    shell = read_shell(found["body"], "body", kind)
-    if found["force"] is not None:
-        shell["force"] = read_force(found["force"], "force", kind)
-    times = read_times(found["time"], "time")
+    kind = document.get("kind")
+    if kind not in BODIES:
+        read_table(document, "", _KEYS)
+    found, shell, force, times, solve, masses, initial = each_of(
+        lambda: read_table(document, "", _KEYS),
+        lambda: "body" in document and read_shell(document["body"], "body", kind),
+        lambda: read_force(document["force"], "force", kind) if "force" in document else None,
+        lambda: "time" in document and read_times(document["time"], "time"),
+        lambda: read_table(document.get("solve", {}), "solve", SOLVE),
+        lambda: read_masses(document.get("masses", []), "masses"),
+        lambda: read_initial(document.get("initial", {}), "initial", kind),
+    )
+    if force is not None:
+        shell["force"] = force
     start = float(times[0])
-    solve = read_table({} if found["solve"] is None else found["solve"], "solve", SOLVE)
-    masses = read_masses(list(found["masses"]) if found["masses"] == () else found["masses"], "masses")
-    initial = read_initial({} if found["initial"] is None else found["initial"], "initial", kind)
     masses = balanced(masses, shell, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if found["actuation"] is None else found["actuation"]
     masses, law, followed = apply_actuation(actuation, "actuation", masses)
@@ -110,9 +124,11 @@ def read_document(document: dict[str, Any]) -> Scenario:
 
 
 def _classical(document: dict[str, Any]) -> Scenario:
-    found = read_table(document, "", _CLASSICAL_KEYS)
-    times = read_times(found["time"], "time")
-    solve = read_table({} if found["solve"] is None else found["solve"], "solve", SOLVE)
+    found, times, solve = each_of(
+        lambda: read_table(document, "", _CLASSICAL_KEYS),
+        lambda: "time" in document and read_times(document["time"], "time"),
+        lambda: read_table(document.get("solve", {}), "solve", SOLVE),
+    )
     system, state = read_classical(found["kind"], found["body"], found["initial"], float(times[0]))
     check_dae(system, solve["solver"], solve["dae"])
     return Scenario(found["title"], system, state, times, **solve)

@@ -1,11 +1,13 @@
 """The point masses of a scenario file, and who moves them."""
 
+import functools
 from typing import Any
 
 from ..body import PointMass, System
 from ..motion import Driven, Fixed, OnRail, Oscillating
 from ..schedules import AbstractSchedule
 from .actuation import targets_of
+from .gathering import each_of
 from .harmonics import OSCILLATING
 from .rails import RAILS
 from .schedules import SCHEDULES
@@ -39,7 +41,7 @@ def read_masses(values: Any, path: str) -> list[PointMass]:
     """The masses, those on rails with the motion that their schedules prescribe."""
     if not isinstance(values, list):
         raise key_error(path, "a list of tables, each under the heading [[masses]]", shown(values))
-    return [_read_mass(item, f"{path}[{index}]") for index, item in enumerate(values)]
+    return each_of(*(functools.partial(_read_mass, item, f"{path}[{index}]") for index, item in enumerate(values)))
 
 
 def _read_mass(values: Any, path: str) -> PointMass:

@@ -1,11 +1,13 @@
 """Tables of a scenario file: which keys one has, read and written by the same description."""
 
 import difflib
+import functools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
 
+from .gathering import each_of
 from .values import Choice, Kind, ScenarioError, key_error, shown
 
 REQUIRED = object()
@@ -66,16 +68,19 @@ def join(path: str, name: str) -> str:
 
 def read_table(values: Any, path: str, keys: Keys) -> dict[str, Any]:
     """The values of a table, defaults filled in. An unknown, missing or wrong key raises."""
-    refuse_unknown(values, path, keys)
-    found = {}
-    for name, key in keys.items():
+    if not isinstance(values, dict):
+        raise key_error(path, "a table", shown(values))
+
+    def value(name: str, key: Key) -> Any:
         if name in values:
-            found[name] = key.kind.read(values[name], join(path, name))
-        elif key.default is REQUIRED:
+            return key.kind.read(values[name], join(path, name))
+        if key.default is REQUIRED:
             raise ScenarioError(f"Key `{join(path, name)}` must be {key.kind.words}, but it is missing.")
-        else:
-            found[name] = key.default
-    return found
+        return key.default
+
+    readers = [functools.partial(value, name, key) for name, key in keys.items()]
+    _, *found = each_of(lambda: refuse_unknown(values, path, keys), *readers)
+    return dict(zip(keys, found, strict=True))
 
 
 def write_table(found: Mapping[str, Any], path: str, keys: Keys) -> dict[str, Any]:
@@ -145,12 +150,15 @@ def refuse_unknown(values: Any, path: str, known: Iterable[str]) -> None:
     if not isinstance(values, dict):
         raise key_error(path, "a table", shown(values))
     known = sorted(known)
-    for name in values:
+
+    def refuse(name: str) -> None:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
             here = f"the keys here are {', '.join(known)}." if known else "there are no keys here."
             hint = f"did you mean `{near[0]}`?" if near else here
             raise ScenarioError(f"Key `{join(path, name)}` is not known; {hint}")
+
+    each_of(*(functools.partial(refuse, name) for name in values))
 
 
 def _is_default(value: Any, key: Key) -> bool:

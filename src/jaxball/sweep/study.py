@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 
 from ..body import Ball, Disk
 from ..scenario import Scenario, ScenarioError, read_document
+from ..scenario.gathering import each_of
 from ..scenario.table import Key, read_table
 from ..scenario.values import Choice, Flag, Integer, Nested, Text, key_error, shown
 from ..scenario.within import SCENARIO, document_of, scenario_document, text_of
@@ -142,16 +143,14 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     document = document_of(text, "study", StudyError)
     found, folder = read_table(document, "", _KEYS), Path(folder)
     scenario = scenario_document(found["scenario"], folder, StudyError)
-    try:
-        template = read_document(scenario)
-    except ScenarioError as error:
-        raise StudyError(f"The scenario of the study is wrong: {error}") from None
+    if not isinstance(found["axes"], list) or not found["axes"]:
+        raise key_error("axes", "a list of tables, each under the heading [[axes]]", shown(found["axes"]))
+    items = ((item, f"axes[{k}]", folder) for k, item in enumerate(found["axes"]))
+    template, *axes = each_of(lambda: _template(scenario), *(functools.partial(read_axis, *item) for item in items))
+    axes = tuple(axes)
     for key in ("contact", "detachment"):
         if found[key] and not isinstance(template.system, Ball | Disk):
             raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which touches no plane.")
-    if not isinstance(found["axes"], list) or not found["axes"]:
-        raise key_error("axes", "a list of tables, each under the heading [[axes]]", shown(found["axes"]))
-    axes = tuple(read_axis(item, f"axes[{k}]", folder) for k, item in enumerate(found["axes"]))
     _check_paths(axes, scenario)
     rows = math.prod(axis.size for axis in axes)
     saves = template.times.size if found["save"] == "times" else 1
@@ -165,10 +164,17 @@ def _read(document: str) -> Scenario:
     return read_document(tomllib.loads(document))
 
 
+def _template(scenario: dict[str, Any]) -> Scenario:
+    try:
+        return read_document(scenario)
+    except ScenarioError as error:
+        raise StudyError(f"The scenario of the study is wrong: {error}") from None
+
+
 def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any]) -> None:
-    seen = set()
-    for path in (path for axis in axes for path in axis.paths):
-        check_number(scenario, path)
+    seen, paths = set(), [path for axis in axes for path in axis.paths]
+    each_of(*(functools.partial(check_number, scenario, path) for path in paths))
+    for path in paths:
         if path in seen:
             raise StudyError(f"Key `{path}` must be in one axis, but it is in two.")
         seen.add(path)

@@ -1,0 +1,76 @@
+"""Paths of what stands in a document, counted from 0: ``masses[0].rail.radius``."""
+
+import copy
+import itertools
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from .values import ScenarioError
+
+_NAME = r"[A-Za-z_][\w-]*"
+_STEP = re.compile(rf"\.?({_NAME})|\[(\d+)\]")
+_PATH = re.compile(rf"{_NAME}(\.{_NAME}|\[\d+\])*")
+_WORD = re.compile(r"[A-Za-z][\w+-]*")
+
+
+def steps(path: str) -> list[str | int]:
+    """The names and numbers of which a path is made."""
+    return [name or int(index) for name, index in _STEP.findall(path)]
+
+
+def with_values(document: Mapping[str, Any], changes: Sequence[str]) -> dict[str, Any]:
+    """A copy of the document with each change, ``PATH=VALUE``, made.
+
+    The value is a number or any other of TOML; a single word needs no quotes. Keys and tables that the document leaves
+    out may be named too; whether there are such is found when it is read.
+
+    **Raises:** :class:`ScenarioError` for what is no change, and for an entry that a list does not have.
+    """
+    found = copy.deepcopy(dict(document))
+    for change in changes:
+        path, equals, text = change.partition("=")
+        path = path.strip()
+        if not equals or not _PATH.fullmatch(path):
+            raise ScenarioError(
+                f'A change must be PATH=VALUE, such as body.mass=2 or masses[0].mass=0.3, but it is "{change}".'
+            )
+        way = steps(path)
+        place: Any = found
+        for step, after in itertools.pairwise(way):
+            place = _entry(place, step, path, {} if isinstance(after, str) else None)
+        _entry(place, way[-1], path, 0)
+        place[way[-1]] = _value(text.strip(), path)
+    return found
+
+
+def _entry(place: Any, step: str | int, path: str, missing: Any) -> Any:
+    """What stands at a step, ``missing`` put there where nothing does."""
+    if isinstance(step, int):
+        if not isinstance(place, list) or step >= len(place):
+            count = f"has {len(place)} entries, counted from 0" if isinstance(place, list) else "is not in the document"
+            raise ScenarioError(f"Path `{path}` must be that of an entry, but a list before its [{step}] {count}.")
+        return place[step]
+    if not isinstance(place, dict):
+        raise ScenarioError(f"Path `{path}` must be that of a key, but `{step}` would stand in what is no table.")
+    if missing is None and step not in place:
+        raise ScenarioError(f"Path `{path}` must be that of an entry, but the list `{step}` is not in the document.")
+    return place.setdefault(step, missing)
+
+
+def _value(text: str, path: str) -> Any:
+    try:
+        number = float(text)
+        return int(text) if re.fullmatch(r"[+-]?\d+", text) else number
+    except ValueError:
+        pass
+    if _WORD.fullmatch(text) and text not in ("true", "false"):
+        return text
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        raise ScenarioError(
+            f"The value of `{path}` must be a number, a word, or another value of TOML, such as [1, 0, 0], but it is "
+            f'"{text}".'
+        ) from None
