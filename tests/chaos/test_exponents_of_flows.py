@@ -118,7 +118,7 @@ def test_integrable_tops_are_told_from_chaos(end):
         for k in range(6):
             one = jax.tree.map(lambda leaf, k=k: leaf[k], several)
             assert not np.any(one.told_from_zero)
-            assert "The run cannot tell λ1," in one.message
+            assert "The run cannot tell λ1 to λ" in one.message
 
 
 def test_exponents_fall_and_all_that_belongs_to_them_follows():

@@ -85,6 +85,8 @@ def sentences(found: Limits) -> list[str]:
 
 
 def _names(indices: Sequence[int] | np.ndarray) -> str:
-    """λ1, λ2 and λ4."""
+    """λ1 and λ2, or λ1 to λ3, or λ1, λ2 and λ4."""
     names = [f"λ{i + 1}" for i in indices]
+    if len(names) > 2 and indices[-1] - indices[0] == len(names) - 1:
+        return f"{names[0]} to {names[-1]}"
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))

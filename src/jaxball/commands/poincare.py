@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..chaos import PoincareMap, poincare_map
+from ..chaos import poincare_map
 from ..phase_space import phase_point
 from ..results import OutputError, check_destination, replacing
 from ..scenario import ScenarioError
@@ -40,8 +40,8 @@ def add_options(parser: argparse.ArgumentParser, kinds: Any) -> None:
 
 def check_options(options: argparse.Namespace) -> None:
     """Raises an :class:`~jaxball.results.OutputError` for options that are of no use together."""
-    for name, for_whom in (("direction", ("poincare",)), ("axes", ("poincare",))):
-        if getattr(options, name) is not None and all(getattr(options, other) is None for other in for_whom):
+    for name in ("direction", "axes"):
+        if getattr(options, name) is not None and options.poincare is None:
             raise OutputError(f"Argument `--{name}` is for a Poincaré map; give --poincare COMPONENT=VALUE with it.")
     for name in ("exponents", "interval"):
         if options.poincare is not None and getattr(options, name) is not None:
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> int:
     known = _components(state)
     path, value = _section(options.poincare, known)
     others = [name for name in known if name != path]
-    axes = tuple(_known(name, known) for name in options.axes or (others * 2)[:2])
+    across, up = (_known(name, known) for name in options.axes or (others * 2)[:2])
     name, index = _place(path)
 
     def section(system, t, x):
@@ -83,14 +83,12 @@ def run(options: argparse.Namespace) -> int:
         print(f"jaxball: {found.message}", file=sys.stderr)
         return FAILED_SOLVE
     lines = [*title.values(), f"{found.count} crossings of {path} = {value:g}", f"  {found.message}"]
-    lines += _written(options, found, columns, axes)
+    lines += _written(options, columns, (across, up))
     say(options, "\n".join(lines))
     return 0
 
 
-def _written(
-    options: argparse.Namespace, found: PoincareMap, columns: dict[str, np.ndarray], axes: tuple[str, str]
-) -> list[str]:
+def _written(options: argparse.Namespace, columns: dict[str, np.ndarray], axes: tuple[str, str]) -> list[str]:
     lines = []
     if options.out is not None:
         _write(columns, options.out)

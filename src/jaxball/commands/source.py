@@ -4,7 +4,7 @@ import argparse
 import sys
 from typing import Any
 
-from ..scenario import Scenario, ScenarioError, read_document, scenario_text
+from ..scenario import Scenario, ScenarioError, load_scenario, read_document, read_scenario, scenario_text
 from ..scenario.paths import with_values
 from ..scenario.within import document_of
 
@@ -36,6 +36,15 @@ def input_text(source: str) -> str | None:
         return sys.stdin.read()
     except UnicodeDecodeError:
         raise ScenarioError("What stands on standard input must be text in UTF-8, but it is not.") from None
+
+
+def named_scenario(source: str) -> Scenario:
+    """The scenario of a file, of a built-in name, or on standard input.
+
+    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read.
+    """
+    text = input_text(source)
+    return load_scenario(source) if text is None else read_scenario(text)
 
 
 def scenario_of(options: argparse.Namespace, end: float | None = None) -> Scenario:

@@ -2,7 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -110,7 +110,7 @@ def _control(document: dict[str, Any], folder: Path) -> str:
     return _titled("a problem of optimal control", f"{found.intervals} intervals to begin with", document)
 
 
-def _names(what: str, items: dict[str, Any]) -> str:
+def _names(what: str, items: Mapping[str, Any]) -> str:
     return f"{what} {', '.join(items)}" if items else f"no {what}"
 
 

@@ -5,9 +5,10 @@ import sys
 from collections.abc import Mapping
 from typing import Any
 
-from ..scenario import builtin_scenarios, load_scenario
+from ..scenario import builtin_scenarios
 from ..verify import LAWS, Report, verify
 from .options import BAD_INPUT, FAILED_SOLVE
+from .source import named_scenario
 from .speaking import STDOUT, add_json, check_json, say, write_json
 
 LAW_BROKEN = 1
@@ -22,7 +23,10 @@ def add(commands) -> None:
         epilog="Laws: " + "; ".join(f"{name}: {what}" for name, what in LAWS.items()) + ".",
     )
     parser.add_argument(
-        "scenarios", nargs="*", metavar="FILE|NAME", help="scenario files or built-in scenarios (default: all of those)"
+        "scenarios",
+        nargs="*",
+        metavar="FILE|NAME",
+        help="scenario files, built-in scenarios (default: all of those), or -",
     )
     parser.add_argument("--laws", nargs="+", metavar="LAW", help="only these (default: all)")
     parser.add_argument("--quick", action="store_true", help="leave out what needs another solver to be compiled")
@@ -34,7 +38,7 @@ def _run(options: argparse.Namespace) -> int:
     check_json(options)
     names = options.scenarios or builtin_scenarios()
     # All of them before the first run, so that a misspelt name is not found out after minutes.
-    scenarios = {name: load_scenario(name) for name in names}
+    scenarios = {name: named_scenario(name) for name in names}
     reports = {}
     for name, scenario in scenarios.items():
         try:

@@ -63,7 +63,14 @@ def eigenvalues(motions: Sequence[SteadyMotion], ax: Axes | None = None) -> Axes
         if values:
             places = np.concatenate(values)
             ax.plot(
-                places.real, places.imag, marker=marker, ms=5, linestyle="none", color=colour, label=label, mfc="none"
+                np.real(places),
+                np.imag(places),
+                marker=marker,
+                ms=5,
+                linestyle="none",
+                color=colour,
+                label=label,
+                mfc="none",
             )
     named(ax, r"$\mathrm{Re}\,\lambda$", r"$\mathrm{Im}\,\lambda$")
     legend_above(ax)

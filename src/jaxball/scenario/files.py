@@ -97,7 +97,7 @@ def read_document(document: dict[str, Any]) -> Scenario:
     """
     if document.get("kind") in tuple(CLASSICAL):
         return _classical(document)
-    kind = document.get("kind")
+    kind = str(document.get("kind"))
     if kind not in BODIES:
         read_table(document, "", _KEYS)
     found, shell, force, times, solve, masses, initial = each_of(

@@ -12,13 +12,13 @@ _MORE: ContextVar[list[ScenarioError] | None] = ContextVar("_MORE", default=None
 
 @contextlib.contextmanager
 def all_problems() -> Iterator[list[ScenarioError]]:
-    """The errors that a reader finds within, beside the one that it raises, which is the last of them here."""
+    """The errors that a reader finds within, in the order of the file."""
     more: list[ScenarioError] = []
     token = _MORE.set(more)
     try:
         yield more
     except ScenarioError as error:
-        more.append(error)
+        more.insert(0, error)
     finally:
         _MORE.reset(token)
 
@@ -26,19 +26,21 @@ def all_problems() -> Iterator[list[ScenarioError]]:
 def each_of(*readers: Callable[[], Any]) -> list[Any]:
     """What the readers return; they read parts that do not depend on each other.
 
-    **Raises:** the first :class:`ScenarioError`. Within :func:`all_problems` all of them run before, and it gets the
-    errors of the others.
+    **Raises:** the first :class:`ScenarioError`. Within :func:`all_problems` the other readers run too before that, and
+    their errors are found there.
     """
     more = _MORE.get()
     if more is None:
         return [reader() for reader in readers]
-    found, errors = [], []
+    found, errors, before = [], [], len(more)
     for reader in readers:
         try:
             found.append(reader())
         except ScenarioError as error:
-            errors.append(error)
+            # What parts of this part raised beside it comes after it.
+            errors += [error, *more[before:]]
+            del more[before:]
     if errors:
-        more.extend(errors[:-1])
-        raise errors[-1]
+        more += errors[1:]
+        raise errors[0]
     return found

@@ -1,7 +1,6 @@
 """Paths of what stands in a document, counted from 0: ``masses[0].rail.radius``."""
 
 import copy
-import itertools
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -38,25 +37,35 @@ def with_values(document: Mapping[str, Any], changes: Sequence[str]) -> dict[str
             )
         way = steps(path)
         place: Any = found
-        for step, after in itertools.pairwise(way):
-            place = _entry(place, step, path, {} if isinstance(after, str) else None)
-        _entry(place, way[-1], path, 0)
+        for depth, after in enumerate(way[1:], start=1):
+            place = _entry(place, way[:depth], path, {} if isinstance(after, str) else None)
+        _entry(place, way, path, 0)
         place[way[-1]] = _value(text.strip(), path)
     return found
 
 
-def _entry(place: Any, step: str | int, path: str, missing: Any) -> Any:
-    """What stands at a step, ``missing`` put there where nothing does."""
+def _entry(place: Any, way: Sequence[str | int], path: str, missing: Any) -> Any:
+    """What stands at the last step of ``way``, in ``place``; ``missing`` is put there where nothing does."""
+    *above, step = way
+    name = _path(above)
     if isinstance(step, int):
-        if not isinstance(place, list) or step >= len(place):
-            count = f"has {len(place)} entries, counted from 0" if isinstance(place, list) else "is not in the document"
-            raise ScenarioError(f"Path `{path}` must be that of an entry, but a list before its [{step}] {count}.")
+        if not isinstance(place, list):
+            raise ScenarioError(f"Path `{path}` cannot be, because `{name}` is no list.")
+        if step >= len(place):
+            entries = "1 entry" if len(place) == 1 else f"{len(place)} entries"
+            raise ScenarioError(f"Path `{path}` cannot be, because `{name}` has {entries}, counted from 0.")
         return place[step]
     if not isinstance(place, dict):
-        raise ScenarioError(f"Path `{path}` must be that of a key, but `{step}` would stand in what is no table.")
+        raise ScenarioError(f"Path `{path}` cannot be, because `{name}` is no table.")
     if missing is None and step not in place:
-        raise ScenarioError(f"Path `{path}` must be that of an entry, but the list `{step}` is not in the document.")
+        raise ScenarioError(
+            f"Path `{path}` cannot be, because the list `{_path(way)}` is not in the scenario; give all of it."
+        )
     return place.setdefault(step, missing)
+
+
+def _path(way: Sequence[str | int]) -> str:
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in way).removeprefix(".")
 
 
 def _value(text: str, path: str) -> Any:
