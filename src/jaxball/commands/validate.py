@@ -97,7 +97,7 @@ def _problem(document: dict[str, Any], folder: Path) -> str:
     problem = problem_of(document, folder).problem
     return _titled(
         "a design problem",
-        f"variables {', '.join(problem.space.names)}; {_names('objectives', problem.objectives)}; "
+        f"{problem.space.size} variable{'' if problem.space.size == 1 else 's'}; {_names('objectives', problem.objectives)}; "
         f"{_names('constraints', problem.constraints)}",
         document,
     )
