@@ -95,12 +95,10 @@ def _problem(document: dict[str, Any], folder: Path) -> str:
     from ..design.files import problem_of
 
     problem = problem_of(document, folder).problem
-    return _titled(
-        "a design problem",
-        f"{problem.space.size} variable{'' if problem.space.size == 1 else 's'}; {_names('objectives', problem.objectives)}; "
-        f"{_names('constraints', problem.constraints)}",
-        document,
-    )
+    size = problem.space.size
+    variables = "1 variable" if size == 1 else f"{size} variables"
+    content = (variables, _names("objectives", problem.objectives), _names("constraints", problem.constraints))
+    return _titled("a design problem", "; ".join(content), document)
 
 
 def _control(document: dict[str, Any], folder: Path) -> str:
