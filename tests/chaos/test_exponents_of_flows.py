@@ -144,15 +144,16 @@ def test_growth_as_a_power_of_time_is_no_exponent_wherever_it_begins(power, begi
         assert not limits_of(0.0, times[times > begin * 400], rates, np.zeros(1)).told[0]
 
 
-def test_a_drift_that_remains_is_said():
-    """λ + a/t, with a little noise: the mean of 320 units of time is not yet the limit."""
-    times, noise = np.arange(1, 321.0), 1e-3 * np.random.default_rng(0).normal(size=320)
-    rates = (0.05 + 4 / (times + 20) + noise)[:, None]
-    found = limits_of(-20.0, times, rates, np.full(1, 1e-4))
-    assert found.told[0]
-    assert found.drifting[0]
-    assert abs(found.limits[0] - 0.05) < 3 * found.errors[0]
-    assert "drift, as 1/t towards 0.05" in sentences(found)[0]
+def test_a_drift_that_remains_is_said_and_the_limit_has_the_error_it_claims():
+    """λ + a/t, with noise: the mean of 320 units of time is not yet the limit. Student's t of 14 has a spread of 1.08."""
+    times = np.arange(1, 321.0)
+    drift = 0.05 + 4 * np.log((times + 20) / (times + 19))
+    noise = 1e-3 * np.random.default_rng(0).normal(size=(300, 320))
+    found = limits_of(-20.0, times, (drift + noise).T, np.full(300, 1e-4))
+    assert np.all(found.told)
+    assert np.all(found.drifting)
+    assert np.std((found.limits - 0.05) / found.errors) == pytest.approx(1.08, abs=0.1)
+    assert "drift, as 1/t towards 0.0" in sentences(found)[0]
 
 
 def test_too_few_intervals_tell_nothing():
