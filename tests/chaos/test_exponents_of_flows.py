@@ -145,7 +145,7 @@ def test_growth_as_a_power_of_time_is_no_exponent_wherever_it_begins(power, begi
 
 
 def test_a_drift_that_remains_is_said_and_the_limit_has_the_error_it_claims():
-    """λ + a/t, with noise: the mean of 320 units of time is not yet the limit. Student's t of 14 has a spread of 1.08."""
+    """λ + a/t, with noise: the mean is not yet the limit. Student's t with 14 degrees has a spread of 1.08."""
     times = np.arange(1, 321.0)
     drift = 0.05 + 4 * np.log((times + 20) / (times + 19))
     noise = 1e-3 * np.random.default_rng(0).normal(size=(300, 320))
