@@ -97,7 +97,7 @@ def _contenders(ours: dict[str, str]) -> tuple[dict[tuple[str, float], Callable]
         try:
             importlib.import_module(package)
         except ModuleNotFoundError:
-            print(f"Left out: {name}, because {package} is not installed; pip install 'jaxball[bench]'.")
+            print(f"Left out: {name}, because {harness.not_installed(package)}.")
             continue
         makers[name] = importlib.import_module(f"peers.{package}_gradient").solvers
     calls, build = {}, {}

@@ -39,6 +39,12 @@ def description(*packages: str) -> dict[str, object]:
     }
 
 
+def not_installed(package: str) -> str:
+    """The end of a sentence: which package is missing, and what installs it."""
+    extra = "numbalsoda" if package == "numbalsoda" else "bench"
+    return f"{package} is not installed; pip install 'jaxball[{extra}]'"
+
+
 def cores() -> int:
     """How many cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

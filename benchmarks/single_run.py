@@ -109,7 +109,7 @@ def _peer(module: str) -> tuple[str, float, dict]:
         for package in PEERS[module]:
             importlib.import_module(package)
     except ModuleNotFoundError as missing:
-        print(f"Left out: {module}, because {missing.name} is not installed; pip install 'jaxball[bench]'.")
+        print(f"Left out: {module}, because {harness.not_installed(missing.name)}.")
         return module, 0.0, {}
 
     def build():

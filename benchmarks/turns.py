@@ -159,7 +159,7 @@ def _serve(contender: Contender, total: int, cores: int, pipe: Connection) -> No
     except EOFError:
         pass
     except ModuleNotFoundError as missing:
-        pipe.send((f"{missing.name} is not installed; pip install 'jaxball[bench]'.", None))
+        pipe.send((f"{harness.not_installed(str(missing.name))}.", None))
     except Exception as reason:
         traceback.print_exc()
         pipe.send((f"it raised {type(reason).__name__}: {reason}", None))

@@ -91,7 +91,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         SplineRail as SplineRail,
         Tube as Tube,
     )
-    from .results import save as save, to_dataset as to_dataset
+    from .results import load_run as load_run, save as save, to_dataset as to_dataset
     from .scenario import (
         Scenario as Scenario,
         ScenarioError as ScenarioError,
@@ -136,7 +136,7 @@ else:
         "observables": "Observables observe",
         "occurrences": "Occurrences",
         "rails": "AbstractRail BernoulliEight Circle Ellipse FourierRail FunctionRail GeronoEight SplineRail Tube",
-        "results": "save to_dataset",
+        "results": "load_run save to_dataset",
         "scenario": "Scenario ScenarioError load_scenario read_scenario write_scenario",
         "schedules": "AbstractSchedule ConstantRate FunctionSchedule PiecewiseAcceleration Pulse Sinusoids Waypoints",
         "simulation": "PrecisionError simulate",

@@ -1,6 +1,7 @@
 """The result of a simulation."""
 
-from typing import Any, Generic
+import os
+from typing import TYPE_CHECKING, Any, Generic
 
 import diffrax
 import equinox as eqx
@@ -20,6 +21,12 @@ from .simulable import AnySimulableState, AnySimulableSystem, SimulableSystem
 from .state import BallState, DiskState, ReducedState, RotationState
 from .status import SolveError, Status
 from .wording import counted
+
+if TYPE_CHECKING:
+    import pathlib
+
+    import matplotlib.figure
+    import xarray
 
 
 class Interpolant(eqx.Module, Generic[AnySimulableState]):
@@ -119,6 +126,35 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
     def friction_needed(self) -> Float[Array, ""]:
         """The largest |f| / N at the saved times; :func:`~jaxball.contact_extremes` finds μ_min of the whole run."""
         return jnp.max(self.observables.friction_ratio)
+
+    # A user has a trajectory in hand and looks there for what can be done with it. These three import, when called,
+    # modules that are built upon this one; the contracts in pyproject.toml name them as exceptions.
+
+    def to_dataset(self) -> "xarray.Dataset":
+        """The trajectory and all its observables, or laws; see :func:`jaxball.to_dataset`."""
+        from . import results
+
+        return results.to_dataset(self)
+
+    def save(self, path: str | os.PathLike[str]) -> "pathlib.Path":
+        """Saves the trajectory as ``.nc``, ``.npz`` or ``.csv``; see :func:`jaxball.save`.
+
+        :func:`jaxball.load_run` reads the first two back. With :func:`jaxball.save`, the file can say which scenario
+        it is of.
+        """
+        from . import results
+
+        return results.save(self, os.fspath(path))
+
+    def plot(self) -> "matplotlib.figure.Figure":
+        """One figure: of a ball or a disk :func:`jaxball.plot.overview`, else :func:`jaxball.plot.classical_motion`.
+
+        **Raises:** ``ValueError`` for a reduced trajectory or a batch.
+        """
+        from . import plot
+
+        classical = isinstance(self.system, AbstractClassicalSystem)
+        return plot.classical_motion(self).figure if classical else plot.overview(self)  # pyright: ignore
 
     def __repr__(self) -> str:
         if isinstance(self.status, Tracer):

@@ -3,13 +3,16 @@
 import dataclasses
 import itertools
 import json
+import re
 import sys
 import time
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from jaxball.bench import QUICK, Settings, bench
+from jaxball.bench import QUICK, Settings, bench, listing
 from jaxball.bench.contenders import ALL, FAMILIES, Contender, Family, Outcome, Program, Run, Work
 from jaxball.bench.measure import measure
 from jaxball.bench.problem import Piece, Problem
@@ -204,8 +207,24 @@ def test_peers_that_are_not_installed_are_left_out_with_a_line(out, monkeypatch)
         "Left out: SciPy RK45, SciPy DOP853, SciPy LSODA, SciPy Radau, SciPy BDF, because numba is not installed; "
         "pip install 'jaxball[bench]'."
     )
-    assert "because numba and numbalsoda are not installed" in missing[1]
+    assert missing[1] == (
+        "Left out: numbalsoda LSODA, numbalsoda DOP853, because numba and numbalsoda are not installed; "
+        "pip install 'jaxball[numbalsoda]'."
+    )
+    assert "numbalsoda, left out because numba and numbalsoda are not installed; pip install" in listing()
     assert len(missing) == 4
+
+
+def test_every_family_is_installed_by_its_own_extra():
+    """And numbalsoda, which has no wheels, by no other: pip installs all of an extra or nothing."""
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    extras = {
+        extra: {re.split(r"[<>=!\[; ]", item)[0] for item in items}
+        for extra, items in project["optional-dependencies"].items()
+    }
+    for family in FAMILIES:
+        assert set(family.packages) <= extras[family.extra]
+    assert [extra for extra, packages in extras.items() if "numbalsoda" in packages] == ["numbalsoda"]
 
 
 def test_every_contender_has_a_family_that_is_listed():

@@ -105,7 +105,17 @@ def test_the_figure_of_the_convergence():
     two, unit, zero = jnp.zeros(2), jnp.eye(2), jnp.asarray(0)
     running_means = jnp.asarray(running)
     spectrum = LyapunovSpectrum(
-        two, two, jnp.asarray(times), running_means, running_means, two, unit, zero, jnp.asarray(3.0), zero
+        two,
+        two,
+        jnp.asarray(times),
+        running_means,
+        running_means,
+        two,
+        unit,
+        zero,
+        jnp.asarray(3.0),
+        zero,
+        jnp.asarray(0.0),
     )
     lines = lyapunov_convergence(spectrum).get_lines()
     np.testing.assert_array_equal([line.get_ydata() for line in lines[:2]], running.T)

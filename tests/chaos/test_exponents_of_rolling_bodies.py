@@ -61,6 +61,9 @@ def test_a_chaplygin_sphere_has_no_exponent_but_zero():
     found = spectrum(CHAPLYGIN, 400.0, LEANING)
     assert float(jnp.max(jnp.abs(found.exponents))) < 2 * np.log(400.0) / 400.0
     assert float(jnp.max(jnp.abs(jnp.sum(found.vectors[:, 3:] * found.x[None, 3:], axis=1)))) < 1e-10
+    assert not np.any(found.told_from_zero)
+    assert "The run cannot tell λ1 to λ5 from zero" in found.message
+    assert np.all(np.diff(found.exponents) <= 0)
 
 
 @pytest.mark.slow

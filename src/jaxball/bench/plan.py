@@ -53,6 +53,6 @@ def listing() -> str:
     lines += ["Solvers"]
     for contender in ALL.values():
         reason = absent[contender.family]
-        note = "" if reason is None else f", left out because {reason}"
+        note = "" if reason is None else f", left out because {reason}; {contender.family.remedy}"
         lines.append(f"  {contender.name:{width}}  {contender.family.name}{note}")
     return "\n".join(lines)

@@ -81,7 +81,7 @@ def _present(contenders: Sequence[Contender]) -> tuple[list[Contender], list[str
         reason = family.missing() if names else None
         if reason is not None:
             absent.add(family)
-            sentences.append(f"Left out: {', '.join(names)}, because {reason}; pip install 'jaxball[bench]'.")
+            sentences.append(f"Left out: {', '.join(names)}, because {reason}; {family.remedy}.")
     return [contender for contender in contenders if contender.family not in absent], sentences
 
 

@@ -2,6 +2,7 @@
 
 from .._interface import interface as _interface
 from .chart import chart as chart
+from .convergence import Limits as Limits
 from .poincare import PoincareMap as PoincareMap, poincare_map as poincare_map
 from .result import LyapunovSpectrum as LyapunovSpectrum
 from .robots import chaplygin_top as chaplygin_top, rolling_robot as rolling_robot

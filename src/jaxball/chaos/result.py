@@ -1,19 +1,21 @@
 """A Lyapunov spectrum, and how it converged."""
 
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .._printing import Printed, is_single, shown
 from ..status import SolveError, Status
+from .convergence import Limits, limits_of, sentences
 
 
 class LyapunovSpectrum(Printed):
     """Lyapunov exponents and how they converged. NaN after the time to which the solve came.
 
-    - ``exponents``: the mean growth rates over the run without its transient, shape (k,), in 1/time, in the order of
-      the orthonormalisation, which is falling once they have converged.
+    - ``exponents``: the mean growth rates over the run without its transient, shape (k,), in 1/time, the largest first;
+      all other arrays follow this order.
     - ``standard_error``: of each exponent, from the scatter of its means over sixteen parts of the run. It says how
-      far a chaotic run is from its limit; for a regular one, whose means tend to it as log(t)/t, it says little.
+      far a chaotic run is from its limit; for a regular one, whose means tend to it as log(t)/t, it says little, and
+      ``told_from_zero`` and ``limits`` say more.
     - ``times``: the ends of the intervals, shape (n,).
     - ``rates``: the growth rates within each interval, shape (n, k).
     - ``running``: the means of the rates from the end of the transient to each of ``times``, shape (n, k).
@@ -22,6 +24,7 @@ class LyapunovSpectrum(Printed):
     - ``least_normal_force``: the least N of a rolling body over all of the run, transient included; where it is not
       positive, the ball would have left the plane. None for other flows.
     - ``status``, ``reached``, ``steps``: as in a :class:`~jaxball.Trajectory`; ``ok`` and ``message`` read them.
+    - ``start``: when the run began, transient included.
     """
 
     exponents: Float[Array, "*batch k"]
@@ -34,6 +37,7 @@ class LyapunovSpectrum(Printed):
     status: Int[Array, "*batch"]
     reached: Float[Array, "*batch"]
     steps: Int[Array, "*batch"]
+    start: Float[Array, "*batch"]
     least_normal_force: Float[Array, "*batch"] | None = None
 
     @property
@@ -43,8 +47,27 @@ class LyapunovSpectrum(Printed):
 
     @property
     def message(self) -> str:
-        """A sentence that says how the run ended."""
+        """A sentence that says how the run ended, and what it does not tell of the exponents."""
+        return " ".join([self._ending, *self._doubts])
+
+    @property
+    def limits(self) -> Limits:
+        """What the exponents tend to, by a fit of λ + a/t to the rates, and which of them are told from zero."""
+        rates, errors = np.asarray(self.rates, float), np.asarray(self.standard_error, float)
+        return limits_of(float(self.start), np.asarray(self.times, float), rates, errors)
+
+    @property
+    def told_from_zero(self) -> Bool[np.ndarray, " k"]:
+        """Which exponents the run tells from zero, as :class:`~jaxball.chaos.Limits` says. Not for a batch."""
+        return self.limits.told
+
+    @property
+    def _ending(self) -> str:
         return Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
+
+    @property
+    def _doubts(self) -> list[str]:
+        return sentences(self.limits) if self.ok else []
 
     @property
     def dimension(self) -> float:
@@ -74,4 +97,4 @@ class LyapunovSpectrum(Printed):
         lines = [f"  λ{i} = {value: .6f} ± {error:.6f}" for i, (value, error) in enumerate(pairs, start=1)]
         if self.least_normal_force is not None:
             lines.append(f"  least normal force {float(self.least_normal_force):.6g} (at the ends of the steps)")
-        return "\n".join(["Lyapunov exponents", *lines, f"  {self.message}"])
+        return "\n".join(["Lyapunov exponents", *lines, *(f"  {line}" for line in (self._ending, *self._doubts))])

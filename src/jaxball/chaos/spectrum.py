@@ -215,8 +215,13 @@ def spectrum(
 def _result(
     method: Method, edges: Float[Array, " edges"], end: "_Progress", growth: Float[Array, "intervals k"], watched: bool
 ) -> LyapunovSpectrum:
-    """The means of the growth rates after the transient."""
+    """The means of the growth rates after the transient, in falling order.
+
+    The orthonormalisation finds them in this order once they have converged, and equal ones, or a short run's, in any.
+    """
     times, growth = edges[1 + method.skipped :], growth[method.skipped :]
+    order = jnp.argsort(-jnp.mean(growth, axis=0))
+    growth = growth[:, order]
     running = jnp.cumsum(growth, axis=0) / jnp.arange(1, len(times) + 1, dtype=growth.dtype)[:, None]
     rows = jnp.where(end.status == Status.SUCCESS, end.rows, jnp.nan)
     return LyapunovSpectrum(
@@ -226,10 +231,11 @@ def _result(
         rates=growth,
         running=running,
         x=rows[0],
-        vectors=rows[1:],
+        vectors=rows[1:][order],
         status=end.status,
         reached=end.reached,
         steps=end.steps,
+        start=edges[0],
         least_normal_force=end.least if watched else None,
     )
 

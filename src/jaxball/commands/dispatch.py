@@ -14,8 +14,11 @@ from .options import BAD_INPUT, BROKEN_PIPE, BadInputError
 # A command is imported when it is the one to run.
 COMMANDS = {
     "scenarios": "list the built-in scenarios, or print one as a file",
+    "validate": "check scenario, study and problem files",
     "simulate": "simulate a scenario",
-    "chaos": "Lyapunov exponents of a scenario",
+    "plot": "draw a saved run",
+    "chaos": "Lyapunov exponents, charts of them and Poincaré maps of a scenario",
+    "stability": "steady motions of a scenario's ball, and their stability",
     "verify": "check the laws of mechanics on a run",
     "sweep": "run a study: a scenario with other numbers in each row",
     "design": "find a design by gradients through the simulation",

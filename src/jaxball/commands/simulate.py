@@ -2,8 +2,6 @@
 
 import argparse
 import dataclasses
-import math
-import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,25 +12,28 @@ import numpy as np
 from ..classical import AbstractClassicalSystem
 from ..events import AbstractEvent, Detachment, Slip
 from ..extremes import contact_extremes
-from ..output import OutputError, check_destination, check_folder, replacing
+from ..output import check_destination
 from ..results import SUFFIXES, save
-from ..scenario import Scenario, ScenarioError, load_scenario
+from ..results.provenance import attributes
+from ..scenario import Scenario, ScenarioError
 from ..scenario.solve import SOLVERS, check_dae
 from ..trajectory import Trajectory
-from ..wording import counted
-from .options import FAILED_SOLVE, positive
-
-ANIMATIONS = (".mp4", ".gif")
-FRAMES = 30
+from .film import add_film, check_film, film
+from .options import FAILED_SOLVE, number, positive
+from .pictures import add_formats, check_figures_folder, draw_figures
+from .source import add_source, scenario_of
+from .speaking import add_speaking, check_json, say, write_json
 
 
 def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser("simulate")
-    parser.add_argument("scenario", metavar="FILE|NAME", help="a scenario file, or a built-in scenario")
+    add_source(parser)
+    parser.add_argument("--end", type=number, metavar="T", help="end at this time, instead of the scenario's")
     parser.add_argument("--out", type=Path, metavar="FILE", help="save the trajectory: .nc, .npz or .csv")
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw the figures into this folder")
-    parser.add_argument("--animate", type=Path, metavar="FILE", help="make an animation: .mp4 or .gif")
+    add_formats(parser, "--plot-format")
+    add_film(parser)
     parser.add_argument(
         "--solver", choices=SOLVERS, metavar="SOLVER", help=f"instead of the scenario's: {', '.join(SOLVERS)}"
     )
@@ -40,6 +41,7 @@ def add(commands) -> None:
     parser.add_argument("--atol", type=positive, help="absolute tolerance, instead of the scenario's")
     parser.add_argument("--friction", type=positive, metavar="MU", help="end where more friction than this is needed")
     parser.add_argument("--detachment", action="store_true", help="end where the ball would leave the plane")
+    add_speaking(parser)
     parser.set_defaults(run=_run)
 
 
@@ -47,20 +49,22 @@ def _run(options: argparse.Namespace) -> int:
     _check_destinations(options)
     changes = {name: getattr(options, name) for name in ("solver", "rtol", "atol")}
     changes = {name: value for name, value in changes.items() if value is not None}
-    scenario = dataclasses.replace(load_scenario(options.scenario), **changes)
+    scenario = dataclasses.replace(scenario_of(options, options.end), **changes)
     if options.solver is not None:
         check_dae(scenario.system, options.solver, scenario.dae, "Argument `--solver`")
-    _check_animation(options, scenario)
+    check_film(options, scenario)
     touches = not isinstance(scenario.system, AbstractClassicalSystem)
     trajectory = scenario.simulate(dense=touches, events=_events(options, scenario))
     if options.out is not None:
         save(trajectory, options.out, scenario)
     if not trajectory.ok:
+        write_json(options, _content(scenario, trajectory))
         print(f"jaxball: {trajectory.message}{_kept(options.out)}", file=sys.stderr)
         return FAILED_SOLVE
     written = [] if options.out is None else [str(options.out)]
     written += _draw(options, scenario, trajectory)
-    print(_summary(scenario, trajectory, written))
+    write_json(options, _content(scenario, trajectory))
+    say(options, _summary(scenario, trajectory, written))
     return 0
 
 
@@ -69,47 +73,20 @@ def _kept(out: Path | None) -> str:
 
 
 def _check_destinations(options: argparse.Namespace) -> None:
+    check_json(options)
     if options.out is not None:
         check_destination(options.out, SUFFIXES, "--out")
-    if options.plot is not None:
-        check_folder(options.plot, "--plot")
-    if options.animate is not None:
-        check_destination(options.animate, ANIMATIONS, "--animate")
-        if options.animate.suffix == ".mp4" and shutil.which("ffmpeg") is None:
-            raise OutputError(
-                f'Argument `--animate` must end in .gif where ffmpeg is not installed, but it is "{options.animate}".'
-            )
-
-
-def _check_animation(options: argparse.Namespace, scenario: Scenario) -> None:
-    if options.animate is not None and isinstance(scenario.system, AbstractClassicalSystem):
-        raise OutputError(
-            f"Argument `--animate` must be left out for a {scenario.system.title}, which has no shell to draw, but it "
-            f'is "{options.animate}"; use --plot or --out.'
-        )
+    check_figures_folder(options, "plot", "plot_format")
 
 
 def _draw(options: argparse.Namespace, scenario: Scenario, trajectory: Trajectory) -> list[str]:
-    if options.plot is None and options.animate is None:
-        return []
-    from .. import plot
-
     written = []
     if options.plot is not None:
-        paths = plot.figures(trajectory, options.plot, scenario.title)
-        written.append(f"{counted(len(paths), 'figure')} in {options.plot}")
+        written.append(draw_figures(trajectory, options.plot, options.plot_format, scenario.title))
     if options.animate is not None:
-        with replacing(options.animate) as beside:
-            plot.animate(_for_film(scenario), beside, fps=FRAMES)
+        film(options, scenario)
         written.append(str(options.animate))
     return written
-
-
-def _for_film(scenario: Scenario) -> Trajectory:
-    """The run again, saved as often as a film has frames."""
-    start, end = float(scenario.times[0]), float(scenario.times[-1])
-    times = np.linspace(start, end, math.ceil(FRAMES * (end - start)) + 1)
-    return dataclasses.replace(scenario, times=times).simulate()
 
 
 def _summary(scenario: Scenario, trajectory: Trajectory, written: Sequence[str]) -> str:
@@ -120,6 +97,16 @@ def _summary(scenario: Scenario, trajectory: Trajectory, written: Sequence[str])
     if written:
         lines.append("  written: " + ", ".join(written))
     return "\n".join(lines)
+
+
+def _content(scenario: Scenario, trajectory: Trajectory[Any, Any]) -> dict[str, Any]:
+    """The summary for programs: what a result file says of its run, and the state at the end."""
+    about = {name: value for name, value in attributes(trajectory, scenario).items() if name != "format"}
+    end = {name: np.asarray(leaf)[-1] for name, leaf in vars(trajectory.state).items()}
+    content = {**about, "ok": trajectory.ok, "time": float(trajectory.times[-1]), "state": end}
+    if isinstance(scenario.system, AbstractClassicalSystem):
+        content["law_changes"] = _law_changes(trajectory)
+    return content
 
 
 def _events(options: argparse.Namespace, scenario: Scenario) -> dict[str, AbstractEvent]:
@@ -141,6 +128,11 @@ def _contact(trajectory: Trajectory) -> list[str]:
 
 
 def _laws(trajectory: Trajectory[Any, Any]) -> list[str]:
-    found = {name: np.asarray(values) for name, values in trajectory.laws._asdict().items()}
-    drifts = (f"{name} {np.max(np.abs(values - values[0])):.1e}" for name, values in found.items())
+    drifts = (f"{name} {change:.1e}" for name, change in _law_changes(trajectory).items())
     return ["  change of the laws: " + ", ".join(drifts)]
+
+
+def _law_changes(trajectory: Trajectory[Any, Any]) -> dict[str, float]:
+    """The largest change of each law since the start."""
+    found = {name: np.asarray(values) for name, values in trajectory.laws._asdict().items()}
+    return {name: float(np.max(np.abs(values - values[0]))) for name, values in found.items()}

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
+from ..scenario.gathering import each_of
 from ..scenario.table import Family, Key, keys_of, read_family, read_list, read_table
 from ..scenario.values import (
     NOT_NEGATIVE,
@@ -125,10 +126,13 @@ def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFil
     with naming_scenario(found["scenario"], "problem", DesignError):
         space = DesignSpace(scenario, variables)
     plane = plane_of(space.scenario.system)
-    objectives = objects_of(found["objectives"], "objectives", objectives_of(plane))
-    constraints = objects_of(found["constraints"], "constraints", constraints_of(plane), empty=True)
-    settings = Settings(**read_table({} if found["search"] is None else found["search"], "search", _SETTINGS))
-    robust = None if found["robust"] is None else _perturbations(found["robust"])
+    objectives, constraints, given, robust = each_of(
+        lambda: objects_of(found["objectives"], "objectives", objectives_of(plane)),
+        lambda: objects_of(found["constraints"], "constraints", constraints_of(plane), empty=True),
+        lambda: read_table({} if found["search"] is None else found["search"], "search", _SETTINGS),
+        lambda: None if found["robust"] is None else _perturbations(found["robust"]),
+    )
+    settings = Settings(**given)
     identity = tomli_w.dumps({**document, "scenario": space.document}) + repr(settings)
     return ProblemFile(found["title"], Problem(space, objectives, constraints, robust), settings, identity)
 

@@ -27,6 +27,7 @@ from .evolution import (
     power as power,
 )
 from .paths import body_paths as body_paths, centre_path as centre_path, space_paths as space_paths
+from .phase_space import eigenvalues as eigenvalues, poincare_section as poincare_section
 from .report import figures as figures, overview as overview
 from .style import caption as caption
 from .sweeps.errors import PictureError as PictureError

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.figure import Figure
 
 from ..trajectory import Trajectory
 from .record import record
@@ -17,7 +18,8 @@ def animate(
     fps: int = 30,
     *,
     speed: float = 1.0,
-    dpi: int = 120,
+    dpi: float = 120,
+    size: tuple[int, int] | None = None,
 ) -> Path:
     """Films the rolling body: shell, rails, masses, centre of mass and the trail of the contact point.
 
@@ -32,6 +34,8 @@ def animate(
     - ``fps``: frames a second.
     - ``speed``: units of the trajectory's time that pass in a second of the film.
     - ``dpi``: dots per inch; a frame is 8 inches wide.
+    - ``size``: the width and the height of a frame in pixels, instead of ``dpi``; the scene is as large in it as it
+      fits.
 
     **Returns:** the path of the file.
 
@@ -48,6 +52,8 @@ def animate(
             f"Argument `trajectory` must have a finite state to show, but it has none. {trajectory.message}"
         )
     figure, show = scene(trajectory, seen)
+    if size is not None:
+        dpi = _fitted(figure, size)
     path.parent.mkdir(parents=True, exist_ok=True)
     with writer.saving(figure, str(path), dpi):
         for k in frames(seen.times, speed / fps):
@@ -60,6 +66,19 @@ def frames(times: Float[np.ndarray, " T"], step: float) -> Int[np.ndarray, " fra
     """The indices of the saved times nearest to the first one, that one + ``step``, and so on."""
     count = int(np.floor((times[-1] - times[0]) / step + 1e-9)) + 1
     return np.searchsorted((times[1:] + times[:-1]) / 2, times[0] + step * np.arange(count))
+
+
+def _fitted(figure: Figure, size: tuple[int, int]) -> float:
+    """Widens a figure until it has the shape of ``size``, its Axes as large as before; returns its dots per inch."""
+    before = figure.get_size_inches()
+    dpi = float(np.min(np.asarray(size) / before))
+    after = np.asarray(size) / dpi
+    for ax in figure.axes:
+        box = ax.get_position(original=True)
+        corner = ((box.x0, box.y0) * before + (after - before) / 2) / after
+        ax.set_position((*corner, *((box.width, box.height) * before / after)))
+    figure.set_size_inches(*after)
+    return dpi
 
 
 def _writer(path: Path, fps: int) -> tuple[Path, AbstractMovieWriter]:

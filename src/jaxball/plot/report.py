@@ -1,5 +1,6 @@
 """All figures of a trajectory at once."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,16 +35,20 @@ STANDARD = (
 )
 
 
-def figures(trajectory: Trajectory[Any, Any], folder: str | Path, title: str = "") -> list[Path]:
-    """Writes the standard figures of a trajectory into ``folder`` as PNG, and says where they are.
+def figures(
+    trajectory: Trajectory[Any, Any], folder: str | Path, title: str = "", *, formats: Sequence[str] = ("png",)
+) -> list[Path]:
+    """Writes the standard figures of a trajectory into ``folder``, and says where they are.
 
-    Each file is named by the body and the function, as in ``ball_energies.png``. The acceleration is
-    left out where no mass has an angle to draw. Of a classical system, the motion and its laws are drawn. ``title`` is
-    a line that says which system it is, such as that of a scenario.
+    Each file is named by the body and the function, as in ``ball_energies.png``, once in each format. The acceleration
+    is left out where no mass has an angle to draw. Of a classical system, the motion and its laws are drawn.
 
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
+    - ``folder``: where to; it is made if it is not there.
+    - ``title``: a line that says which system it is, such as that of a scenario.
+    - ``formats``: png, pdf or svg.
 
     **Raises:** ``ValueError`` for a reduced trajectory or a batch.
     """
@@ -57,8 +62,10 @@ def figures(trajectory: Trajectory[Any, Any], folder: str | Path, title: str = "
     for draw in CLASSICAL if classical else STANDARD:
         if draw is acceleration and not accelerations(trajectory):
             continue
-        paths.append(folder / f"{kind}_{draw.__name__}.png")
-        write_figure(draw(trajectory), paths[-1], trajectory.system, title)
+        drawn = draw(trajectory)
+        for suffix in formats:
+            paths.append(folder / f"{kind}_{draw.__name__}.{suffix}")
+            write_figure(drawn, paths[-1], trajectory.system, title)
     return paths
 
 

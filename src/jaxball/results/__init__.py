@@ -1,4 +1,4 @@
-"""Result files: a trajectory as a labelled data set, and saved."""
+"""Result files: a trajectory as a labelled data set, saved, and read back."""
 
 from .._interface import interface as _interface
 from ..output import (
@@ -7,6 +7,7 @@ from ..output import (
     replacing as replacing,
 )
 from .dataset import to_dataset as to_dataset
+from .load import RunError as RunError, load_run as load_run, saved_scenario as saved_scenario
 from .save import SUFFIXES as SUFFIXES, save as save
 
 __all__, __dir__ = _interface(globals())

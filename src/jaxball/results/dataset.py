@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..scenario import Scenario, write_scenario
+from ..scenario import Scenario
 from ..trajectory import Trajectory
 from .provenance import attributes
 from .variables import labels, values
@@ -18,12 +18,13 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
 
     Dimensions are ``time``, ``mass``, ``driven`` (the masses whose angles belong to the state, by their
     numbers) and those of vectors: ``axis``, ``direction`` in the plane, ``component`` of a versor. All
-    are counted from 0. Attributes say how the solve ended, and hold the scenario's file if ``scenario``
-    is given.
+    are counted from 0. Attributes say how the solve ended, and hold the scenario's file.
 
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
+    - ``scenario``: what the run came from; without one, a file of the system, its initial state and the times is kept,
+      if a file can hold them.
 
     **Raises:** ``ValueError`` for a batch of trajectories.
     """
@@ -36,8 +37,5 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
         variables[name] = (("time", *variable.dimensions), array, notes)
         sizes |= zip(variable.dimensions, array.shape[1:], strict=True)
     times = ("time", np.asarray(trajectory.times), {"units": "time", "long_name": "time"})
-    title = "" if scenario is None else scenario.title
-    text = "" if scenario is None else write_scenario(scenario)
-    return xarray.Dataset(
-        variables, {"time": times, **labels(trajectory.system, sizes)}, attributes(trajectory, title, text)
-    )
+    coordinates = {"time": times, **labels(trajectory.system, sizes)}
+    return xarray.Dataset(variables, coordinates, attributes(trajectory, scenario))

@@ -4,30 +4,40 @@ import dataclasses
 import importlib.metadata
 from typing import Any
 
+import jax
+import numpy as np
+
 from ..body import Ball, Disk
 from ..extremes import contact_extremes
+from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
+from ..state import ReducedState, RotationState
 from ..status import Status
 from ..trajectory import Trajectory
 
+FORMAT = 1
 PACKAGES = ("jaxball", "jax", "diffrax")
+UNKNOWN_SOLVER = "# Written from a trajectory, which does not know how it was solved: there is no table [solve].\n"
 
 
-def attributes(trajectory: Trajectory[Any, Any], title: str, scenario: str) -> dict[str, str | int | float]:
+def attributes(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> dict[str, str | int | float]:
     """Title, how the solve ended, the scenario's text, and the versions of the packages.
 
+    Without a ``scenario``, its text is that of the trajectory's system, initial state and times, and empty where a file
+    cannot hold them. ``format`` is the number of this arrangement, which :func:`load_run` reads.
     ``ok`` is 1 for a solve that reached its end and 0 for one that failed. The extremes of the contact force,
     ``contact_friction_needed`` and the others of :class:`~jaxball.ContactExtremes`, are there for a run with dense
     output.
     """
     found: dict[str, str | int | float] = {
-        "title": title,
+        "format": FORMAT,
+        "title": "" if scenario is None else scenario.title,
         "ok": int(trajectory.ok),
         "status": Status(int(trajectory.status)).name,
         "message": trajectory.message,
         "reached": float(trajectory.reached),
         "steps": int(trajectory.steps),
         "rejected_steps": int(trajectory.rejected),
-        "scenario": scenario,
+        "scenario": _of_trajectory(trajectory) if scenario is None else write_scenario(scenario),
     }
     if trajectory.interpolant is not None and isinstance(trajectory.system, Ball | Disk):
         extremes = contact_extremes(trajectory)
@@ -35,3 +45,17 @@ def attributes(trajectory: Trajectory[Any, Any], title: str, scenario: str) -> d
             f"contact_{field.name}": float(getattr(extremes, field.name)) for field in dataclasses.fields(extremes)
         }
     return found | {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
+
+
+def _of_trajectory(trajectory: Trajectory[Any, Any]) -> str:
+    """The scenario of a trajectory whose own is not given; empty where a file cannot hold it."""
+    state = jax.tree.map(lambda leaf: leaf[0], trajectory.state)
+    state = state.in_space() if isinstance(state, RotationState) else state
+    if isinstance(state, ReducedState):
+        return ""
+    try:
+        text = write_scenario(Scenario("", trajectory.system, state, np.asarray(trajectory.times)))
+        read_scenario(text)
+    except ScenarioError:
+        return ""
+    return UNKNOWN_SOLVER + text

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..output import check_destination, replacing
-from ..scenario import Scenario, write_scenario
+from ..scenario import Scenario
 from ..scenario.paths import entries
 from ..trajectory import Trajectory
 from .dataset import to_dataset
@@ -48,10 +48,9 @@ def _write_netcdf(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenar
 
 
 def _write_npz(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None) -> None:
-    title, text = ("", "") if scenario is None else (scenario.title, write_scenario(scenario))
     arrays: dict[str, Any] = {"time": np.asarray(trajectory.times)}
     arrays |= {name: array for name, (_, array) in values(trajectory).items()}
-    arrays |= {name: np.asarray(value) for name, value in attributes(trajectory, title, text).items()}
+    arrays |= {name: np.asarray(value) for name, value in attributes(trajectory, scenario).items()}
     np.savez_compressed(path, **arrays)
 
 

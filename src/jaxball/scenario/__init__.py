@@ -5,6 +5,7 @@ from .files import (
     load_scenario as load_scenario,
     read_document as read_document,
     read_scenario as read_scenario,
+    scenario_text as scenario_text,
     write_scenario as write_scenario,
 )
 from .library import (

@@ -13,6 +13,7 @@ from . import classical
 from .actuation import FORMS, apply_actuation, write_actuation
 from .body import BALL, DISK, kind_of, read_force, read_shell, write_body
 from .classical import CLASSICAL, read_classical, write_classical
+from .gathering import each_of
 from .harmonics import FORCE
 from .initial import INITIAL, balanced, initial_state, read_initial, write_initial
 from .library import builtin_scenarios, builtin_text, nearest_builtin
@@ -26,12 +27,13 @@ from .values import Choice, Integer, ScenarioError, Text, unread
 from .within import document_of, naming, text_of
 
 FORMAT = 1
+BODIES = ("ball", "disk")
 
 
 _SHARED = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
-    "kind": Key(Choice(("ball", "disk", *CLASSICAL))),
+    "kind": Key(Choice((*BODIES, *CLASSICAL))),
     "time": Key(unread(tables=TIMES)),
     "solve": Key(unread(tables={"": SOLVE}), None),
 }
@@ -60,11 +62,19 @@ def load_scenario(source: str | Path) -> Scenario:
     **Raises:** :class:`ScenarioError`, with one sentence, when there is no such file or name, when it
     is not TOML, and when a key is misspelt, missing, of the wrong type or shape, or impossible.
     """
-    if isinstance(source, str) and source in builtin_scenarios():
-        return read_scenario(builtin_text(source))
-    text = text_of(source, "scenario file, or the name of a built-in one", ScenarioError, nearest_builtin(str(source)))
+    text = scenario_text(source)
     with naming(source):
         return read_scenario(text)
+
+
+def scenario_text(source: str | Path) -> str:
+    """The text of a scenario file, or of the built-in scenario of that name.
+
+    **Raises:** :class:`ScenarioError` when there is no such file or name.
+    """
+    if isinstance(source, str) and source in builtin_scenarios():
+        return builtin_text(source)
+    return text_of(source, "scenario file, or the name of a built-in one", ScenarioError, nearest_builtin(str(source)))
 
 
 def read_scenario(text: str) -> Scenario:
@@ -91,16 +101,21 @@ def read_document(document: dict[str, Any]) -> Scenario:
     """
     if document.get("kind") in tuple(CLASSICAL):
         return _classical(document)
-    found = read_table(document, "", KEYS)
-    kind = found["kind"]
-    shell = read_shell(found["body"], "body", kind)
-    if found["force"] is not None:
-        shell["force"] = read_force(found["force"], "force", kind)
-    times = read_times(found["time"], "time")
+    kind = str(document.get("kind"))
+    if kind not in BODIES:
+        read_table(document, "", KEYS)
+    found, shell, force, times, solve, masses, initial = each_of(
+        lambda: read_table(document, "", KEYS),
+        lambda: "body" in document and read_shell(document["body"], "body", kind),
+        lambda: read_force(document["force"], "force", kind) if "force" in document else None,
+        lambda: "time" in document and read_times(document["time"], "time"),
+        lambda: read_table(document.get("solve", {}), "solve", SOLVE),
+        lambda: read_masses(document.get("masses", []), "masses"),
+        lambda: read_initial(document.get("initial", {}), "initial", kind),
+    )
+    if force is not None:
+        shell["force"] = force
     start = float(times[0])
-    solve = read_table({} if found["solve"] is None else found["solve"], "solve", SOLVE)
-    masses = read_masses(found["masses"], "masses")
-    initial = read_initial({} if found["initial"] is None else found["initial"], "initial", kind)
     masses = balanced(masses, shell, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if found["actuation"] is None else found["actuation"]
     masses, law, followed = apply_actuation(actuation, "actuation", masses)
@@ -113,9 +128,11 @@ def read_document(document: dict[str, Any]) -> Scenario:
 
 
 def _classical(document: dict[str, Any]) -> Scenario:
-    found = read_table(document, "", CLASSICAL_KEYS)
-    times = read_times(found["time"], "time")
-    solve = read_table({} if found["solve"] is None else found["solve"], "solve", SOLVE)
+    found, times, solve = each_of(
+        lambda: read_table(document, "", CLASSICAL_KEYS),
+        lambda: "time" in document and read_times(document["time"], "time"),
+        lambda: read_table(document.get("solve", {}), "solve", SOLVE),
+    )
     system, state = read_classical(found["kind"], found["body"], found["initial"], float(times[0]))
     check_dae(system, solve["solver"], solve["dae"])
     return Scenario(found["title"], system, state, times, **solve)

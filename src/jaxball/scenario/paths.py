@@ -1,6 +1,20 @@
-"""How numbers are called, in scenarios and in what is written: by their paths, counted from 0."""
+"""Paths, by which numbers and whatever else stands in a document are called, counted from 0: ``masses[0].radius``."""
+
+import copy
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+
+from ..wording import counted
+from .values import ScenarioError
+
+_NAME = r"[A-Za-z_][\w-]*"
+_STEP = re.compile(rf"\.?({_NAME})|\[(\d+)\]")
+_PATH = re.compile(rf"{_NAME}(\.{_NAME}|\[\d+\])*")
+_WORD = re.compile(r"[A-Za-z][\w+-]*")
 
 
 def entries(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
@@ -9,3 +23,74 @@ def entries(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
     A single number, of shape (), is called as the array is.
     """
     return {name + "".join(f"[{k}]" for k in index): index for index in np.ndindex(shape)}
+
+
+def steps(path: str) -> list[str | int]:
+    """The names and numbers of which a path is made."""
+    return [name or int(index) for name, index in _STEP.findall(path)]
+
+
+def with_values(document: Mapping[str, Any], changes: Sequence[str]) -> dict[str, Any]:
+    """A copy of the document with each change, ``PATH=VALUE``, made.
+
+    The value is a number or any other of TOML; a single word needs no quotes. Keys and tables that the document leaves
+    out may be named too; whether there are such is found when it is read.
+
+    **Raises:** :class:`ScenarioError` for what is no change, and for an entry that a list does not have.
+    """
+    found = copy.deepcopy(dict(document))
+    for change in changes:
+        path, equals, text = change.partition("=")
+        path = path.strip()
+        if not equals or not _PATH.fullmatch(path):
+            raise ScenarioError(
+                f'A change must be PATH=VALUE, such as body.mass=2 or masses[0].mass=0.3, but it is "{change}".'
+            )
+        way = steps(path)
+        place: Any = found
+        for depth, after in enumerate(way[1:], start=1):
+            place = _entry(place, way[:depth], path, {} if isinstance(after, str) else None)
+        _entry(place, way, path, 0)
+        place[way[-1]] = _value(text.strip(), path)
+    return found
+
+
+def _entry(place: Any, way: Sequence[str | int], path: str, missing: Any) -> Any:
+    """What stands at the last step of ``way``, in ``place``; ``missing`` is put there where nothing does."""
+    *above, step = way
+    name = _path(above)
+    if isinstance(step, int):
+        if not isinstance(place, list):
+            raise ScenarioError(f"Path `{path}` cannot be, because `{name}` is no list.")
+        if step >= len(place):
+            has = counted(len(place), "entry", "entries")
+            raise ScenarioError(f"Path `{path}` cannot be, because `{name}` has {has}, counted from 0.")
+        return place[step]
+    if not isinstance(place, dict):
+        raise ScenarioError(f"Path `{path}` cannot be, because `{name}` is no table.")
+    if missing is None and step not in place:
+        raise ScenarioError(
+            f"Path `{path}` cannot be, because the list `{_path(way)}` is not in the scenario; give all of it."
+        )
+    return place.setdefault(step, missing)
+
+
+def _path(way: Sequence[str | int]) -> str:
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in way).removeprefix(".")
+
+
+def _value(text: str, path: str) -> Any:
+    try:
+        number = float(text)
+        return int(text) if re.fullmatch(r"[+-]?\d+", text) else number
+    except ValueError:
+        pass
+    if _WORD.fullmatch(text) and text not in ("true", "false"):
+        return text
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        raise ScenarioError(
+            f"The value of `{path}` must be a number, a word, or another value of TOML, such as [1, 0, 0], but it is "
+            f'"{text}".'
+        ) from None

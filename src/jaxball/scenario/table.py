@@ -1,11 +1,13 @@
 """Tables of a scenario file: which keys one has, read and written by the same description."""
 
+import functools
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
 
 from ..wording import did_you_mean
+from .gathering import each_of
 from .values import Choice, Kind, Nested, ScenarioError, key_error, shown
 
 REQUIRED = object()
@@ -71,16 +73,19 @@ def join(path: str, name: str) -> str:
 
 def read_table(values: Any, path: str, keys: Keys) -> dict[str, Any]:
     """The values of a table, defaults filled in. An unknown, missing or wrong key raises."""
-    refuse_unknown(values, path, keys)
-    found = {}
-    for name, key in keys.items():
+    if not isinstance(values, dict):
+        raise key_error(path, "a table", shown(values))
+
+    def value(name: str, key: Key) -> Any:
         if name in values:
-            found[name] = key.kind.read(values[name], join(path, name))
-        elif key.default is REQUIRED:
+            return key.kind.read(values[name], join(path, name))
+        if key.default is REQUIRED:
             raise ScenarioError(f"Key `{join(path, name)}` must be {key.kind.words}, but it is missing.")
-        else:
-            found[name] = key.default
-    return found
+        return key.default
+
+    readers = [functools.partial(value, name, key) for name, key in keys.items()]
+    _, *found = each_of(lambda: refuse_unknown(values, path, keys), *readers)
+    return dict(zip(keys, found, strict=True))
 
 
 def write_table(found: Mapping[str, Any], path: str, keys: Keys) -> dict[str, Any]:
@@ -163,7 +168,7 @@ def read_list(values: Any, path: str, read: Callable[[Any, str], Any], empty: bo
     """What ``read`` makes of each table of a list and its path; the list may be ``empty`` only if that is said."""
     if not isinstance(values, list) or not (values or empty):
         raise key_error(path, f"a list of tables, each under the heading [[{path}]]", shown(values))
-    return [read(item, f"{path}[{index}]") for index, item in enumerate(values)]
+    return each_of(*(functools.partial(read, item, f"{path}[{index}]") for index, item in enumerate(values)))
 
 
 def refuse_unknown(values: Any, path: str, known: Iterable[str]) -> None:
@@ -171,10 +176,13 @@ def refuse_unknown(values: Any, path: str, known: Iterable[str]) -> None:
     if not isinstance(values, dict):
         raise key_error(path, "a table", shown(values))
     known = sorted(known)
-    for name in values:
+
+    def refuse(name: str) -> None:
         if name not in known:
             here = f"the keys here are {', '.join(known)}" if known else "there are no keys here"
             raise ScenarioError(f"Key `{join(path, name)}` is not known{did_you_mean(name, known, here, '`')}")
+
+    each_of(*(functools.partial(refuse, name) for name in values))
 
 
 def _is_default(value: Any, key: Key) -> bool:

@@ -4,10 +4,10 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from ..scenario.paths import steps
 from ..wording import did_you_mean
 from .errors import StudyError
 
-_STEP = re.compile(r"\.?([A-Za-z_][\w-]*)|\[(\d+)\]")
 # These change what is compiled or how much is saved, and not the motion.
 _FIXED = re.compile(r"format|time\.saves|solve\.max_steps|.*\.balance\.masses\[\d+\]")
 
@@ -41,7 +41,7 @@ def with_numbers(document: Mapping[str, Any], values: Mapping[str, float]) -> di
     """A copy of the document with other numbers at the paths in ``values``, all of which it has."""
     copy = _copy(document)
     for path, value in values.items():
-        *above, last = _steps(path)
+        *above, last = steps(path)
         _at(copy, above)[last] = value
     return copy
 
@@ -49,7 +49,7 @@ def with_numbers(document: Mapping[str, Any], values: Mapping[str, float]) -> di
 def list_of(path: str) -> tuple[str, tuple[int, ...]]:
     """The path of the list in which a number stands, and its place there; of a number in no list, its own and ()."""
     name = re.sub(r"(\[\d+\])+$", "", path)
-    return name, tuple(int(index) for _, index in _STEP.findall(path[len(name) :]))
+    return name, tuple(int(step) for step in steps(path[len(name) :]))
 
 
 def value_at(document: Mapping[str, Any], path: str) -> Any:
@@ -57,15 +57,11 @@ def value_at(document: Mapping[str, Any], path: str) -> Any:
 
     **Raises:** ``LookupError`` when nothing does.
     """
-    return _at(document, _steps(path))
+    return _at(document, steps(path))
 
 
-def _steps(path: str) -> list[str | int]:
-    return [name or int(index) for name, index in _STEP.findall(path)]
-
-
-def _at(place: Any, steps: list[str | int]) -> Any:
-    for step in steps:
+def _at(place: Any, way: list[str | int]) -> Any:
+    for step in way:
         place = place[step]
     return place
 

@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 
 from ..body import Ball, Disk
 from ..scenario import Scenario, ScenarioError, read_document
+from ..scenario.gathering import each_of
 from ..scenario.table import Key, read_list, read_table
 from ..scenario.values import Choice, Flag, Integer, Text, unread
 from ..scenario.within import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
@@ -151,12 +152,13 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     document = document_of(text, "study", StudyError)
     found, folder = read_table(document, "", KEYS), Path(folder)
     scenario = scenario_document(found["scenario"], folder, StudyError)
-    with naming_scenario(found["scenario"], "study", StudyError):
-        template = read_document(scenario)
+    template, axes = each_of(
+        lambda: _template(found["scenario"], scenario),
+        lambda: tuple(read_list(found["axes"], "axes", lambda item, path: read_axis(item, path, folder))),
+    )
     for key in ("contact", "detachment"):
         if found[key] and not isinstance(template.system, Ball | Disk):
             raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which touches no plane.")
-    axes = tuple(read_list(found["axes"], "axes", lambda item, path: read_axis(item, path, folder)))
     _check_paths(axes, scenario)
     rows = math.prod(axis.size for axis in axes)
     saves = template.times.size if found["save"] == "times" else 1
@@ -170,10 +172,15 @@ def _read(document: str) -> Scenario:
     return read_document(tomllib.loads(document))
 
 
+def _template(given: Any, scenario: dict[str, Any]) -> Scenario:
+    with naming_scenario(given, "study", StudyError):
+        return read_document(scenario)
+
+
 def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any]) -> None:
-    seen = set()
-    for path in (path for axis in axes for path in axis.paths):
-        check_number(scenario, path)
+    seen, paths = set(), [path for axis in axes for path in axis.paths]
+    each_of(*(functools.partial(check_number, scenario, path) for path in paths))
+    for path in paths:
         if path in seen:
             raise StudyError(f"Key `{path}` must be in one axis, but it is in two.")
         seen.add(path)

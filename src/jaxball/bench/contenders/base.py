@@ -79,16 +79,23 @@ class Family:
 
     - ``module``: the file beside this one that holds ``program(method, problem) -> Program``.
     - ``packages``: what must be installed beside jaxball.
+    - ``extra``: the extra of jaxball that installs them.
     """
 
     name: str
     module: str
     packages: tuple[str, ...] = ()
+    extra: str = "bench"
 
     def missing(self) -> str | None:
         """Why the family cannot take part here, in a few words; None where it can."""
         absent = [package for package in self.packages if importlib.util.find_spec(package) is None]
         return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} not installed" if absent else None
+
+    @property
+    def remedy(self) -> str:
+        """The command that installs what is missing."""
+        return f"pip install 'jaxball[{self.extra}]'"
 
 
 @dataclass(frozen=True)

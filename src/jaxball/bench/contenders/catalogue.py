@@ -5,7 +5,7 @@ from .base import Contender, Family
 JAXBALL = Family("jaxball", "diffrax_")
 DIFFRAX = Family("diffrax", "diffrax_")
 SCIPY = Family("SciPy", "scipy_", ("scipy", "numba"))
-NUMBALSODA = Family("numbalsoda", "numbalsoda_", ("numba", "numbalsoda"))
+NUMBALSODA = Family("numbalsoda", "numbalsoda_", ("numba", "numbalsoda"), extra="numbalsoda")
 HEYOKA = Family("heyoka", "heyoka_", ("heyoka",))
 CASADI = Family("CasADi", "casadi_", ("casadi",))
 FAMILIES = (JAXBALL, DIFFRAX, SCIPY, NUMBALSODA, HEYOKA, CASADI)

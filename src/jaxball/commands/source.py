@@ -1,0 +1,79 @@
+"""The scenario of a command: a file, a built-in one or standard input, with some of its values changed."""
+
+import argparse
+import sys
+from typing import Any
+
+from ..scenario import Scenario, ScenarioError, load_scenario, read_document, read_scenario, scenario_text
+from ..scenario.paths import with_values
+from ..scenario.within import document_of, naming
+
+STDIN = "-"
+
+
+def add_source(parser: argparse.ArgumentParser) -> None:
+    """Adds FILE|NAME and what changes the scenario."""
+    parser.add_argument(
+        "scenario", metavar="FILE|NAME", help="a scenario file, a built-in scenario, or - for standard input"
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="PATH=VALUE",
+        help="change a value of the scenario, as in body.mass=2 or 'masses[0].mass=0.3'; may be given several times",
+    )
+
+
+def input_text(source: str) -> str | None:
+    """What stands on standard input where ``source`` is -, else None.
+
+    **Raises:** :class:`~jaxball.ScenarioError` where it is no text.
+    """
+    if source != STDIN:
+        return None
+    try:
+        return sys.stdin.read()
+    except UnicodeDecodeError:
+        raise ScenarioError("What stands on standard input must be text in UTF-8, but it is not.") from None
+
+
+def named_scenario(source: str) -> Scenario:
+    """The scenario of a file, of a built-in name, or on standard input.
+
+    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read.
+    """
+    text = input_text(source)
+    if text is None:
+        return load_scenario(source)
+    with naming(_shown(source)):
+        return read_scenario(text)
+
+
+def scenario_of(options: argparse.Namespace, end: float | None = None) -> Scenario:
+    """The scenario that the options name, changed by ``--set``, and with another ``time.end`` where one is given.
+
+    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read, before or after the changes.
+    """
+    with naming(_shown(options.scenario)):
+        return read_document(source_document(options, end))
+
+
+def source_document(options: argparse.Namespace, end: float | None = None) -> dict[str, Any]:
+    """The document of :func:`scenario_of`, not yet read."""
+    text = input_text(options.scenario)
+    text = scenario_text(options.scenario) if text is None else text
+    document = with_values(document_of(text, "scenario", ScenarioError), options.set)
+    if end is not None:
+        times = document.get("time")
+        if isinstance(times, dict) and "at" in times:
+            raise ScenarioError(
+                "Argument `--end` must be left out where the scenario lists its times one by one, as this one does "
+                "in `time.at`; give others with --set 'time.at=[0, 1, 2]'."
+            )
+        document = with_values(document, [f"time.end={end!r}"])
+    return document
+
+
+def _shown(source: str) -> str:
+    return "standard input" if source == STDIN else source

@@ -1,0 +1,142 @@
+"""A saved run read back."""
+
+import dataclasses
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from .._arrays import to_array
+from ..classical import AbstractClassicalSystem
+from ..scenario import Scenario, ScenarioError, read_scenario
+from ..simulable import SimulableState, SimulableSystem
+from ..state import BallState, DiskState, ReducedState, RotationState
+from ..status import Status
+from ..trajectory import Trajectory
+from .provenance import FORMAT
+
+STATES = (RotationState, BallState, DiskState, ReducedState)
+OF_DRIVEN_MASSES = ("theta", "thetadot")  # left out of a file where no mass is driven
+
+
+class RunError(ScenarioError):
+    """A file is no run that can be read back; the message is one sentence that names the file."""
+
+
+def load_run(path: str | Path, system: SimulableSystem | None = None) -> Trajectory[Any, Any]:
+    """The trajectory that :func:`save` wrote into a ``.nc`` or ``.npz`` file, with the bits of its states.
+
+    Its system is that of the scenario in the file, and its observables, or laws, are computed from the states. It ended
+    as the run did, so that one that failed is not ``ok``. Dense output and events are not in a file: ``at`` raises, and
+    ``events`` is empty.
+
+    **Arguments:**
+
+    - ``system``: the system, for a file without a scenario, such as one with a rail that is a Python function.
+
+    **Raises:** :class:`RunError`, with one sentence, when there is no such file, when it is no run or one of a later
+    version, and when it has no scenario and no ``system`` is given.
+    """
+    path = Path(path)
+    content = _read(path)
+    if system is None:
+        system = _scenario(content, path).system
+    arrays, about = content
+    state = _state(arrays, system, path)
+    try:
+        return Trajectory(
+            system=system,
+            times=arrays["time"],
+            state=state,
+            reached=to_array(float(about["reached"])),
+            status=jnp.asarray(int(Status[str(about["status"])])),
+            steps=jnp.asarray(int(about["steps"])),
+            rejected=jnp.asarray(int(about["rejected_steps"])),
+        )
+    except (KeyError, ValueError) as error:
+        raise _no_run(path, f"{error} is missing or wrong") from None
+
+
+def saved_scenario(path: str | Path) -> Scenario:
+    """The scenario of a saved run, to be simulated again: ``saved_scenario("run.nc").simulate(rtol=1e-12)``.
+
+    **Raises:** :class:`RunError` as :func:`load_run`.
+    """
+    path = Path(path)
+    return _scenario(_read(path), path)
+
+
+class _Content(NamedTuple):
+    arrays: Mapping[str, np.ndarray]
+    about: Mapping[str, Any]
+
+
+def _read(path: Path) -> _Content:
+    if path.suffix not in READERS:
+        hint = "; a .csv holds numbers alone, and not the system that they belong to" if path.suffix == ".csv" else ""
+        raise RunError(f'A run is read back from a {" or ".join(READERS)} file, but this is "{path}"{hint}.')
+    if not path.is_file():
+        what = "a folder" if path.is_dir() else "not there"
+        raise RunError(f'A run is read back from a file, but "{path}" is {what}.')
+    try:
+        content = READERS[path.suffix](path)
+        number = int(content.about["format"])
+    except KeyError:
+        raise _no_run(path, "it has no `format`") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise _no_run(path, str(error).splitlines()[0] if str(error) else type(error).__name__) from None
+    if number != FORMAT:
+        raise RunError(
+            f'The run "{path}" was saved by jaxball {content.about.get("jaxball_version", "?")} in format {number}, '
+            f"and this version reads format {FORMAT}; read it with that version, or a later one."
+        )
+    return content
+
+
+def _no_run(path: Path, reason: str) -> RunError:
+    return RunError(f'The file "{path}" must be a run that jaxball saved, but it is not: {reason}.')
+
+
+def _scenario(content: _Content, path: Path) -> Scenario:
+    text = str(content.about.get("scenario", ""))
+    if not text:
+        raise RunError(
+            f'The run "{path}" holds no scenario, because a file cannot say what it was made of, such as a Python '
+            "function; give its system: load_run(path, system)."
+        )
+    try:
+        return read_scenario(text)
+    except ScenarioError as error:
+        raise RunError(f'The scenario in the run "{path}" cannot be read by this version of jaxball: {error}') from None
+
+
+def _state(arrays: Mapping[str, np.ndarray], system: SimulableSystem, path: Path) -> SimulableState:
+    """The states, of the kind whose fields are there."""
+    kinds = (system.state_type,) if isinstance(system, AbstractClassicalSystem) else STATES
+    fields = {kind: [field.name for field in dataclasses.fields(kind)] for kind in kinds}
+    for kind, names in fields.items():
+        if all(name in arrays or name in OF_DRIVEN_MASSES for name in names):
+            nothing = np.zeros((len(arrays["time"]), 0))
+            return kind(**{name: to_array(arrays.get(name, nothing)) for name in names})
+    raise _no_run(path, f"it has no states of a {type(system).__name__}")
+
+
+def _read_netcdf(path: Path) -> _Content:
+    # Imported here, because it takes longer than all of jaxball's own modules.
+    import xarray
+
+    with xarray.load_dataset(path, engine="h5netcdf") as data:
+        return _Content({str(name): variable.values for name, variable in data.variables.items()}, data.attrs)
+
+
+def _read_npz(path: Path) -> _Content:
+    with np.load(path, allow_pickle=False) as data:
+        arrays = {name: data[name] for name in data.files}
+    about = {name: array.item() for name, array in arrays.items() if array.ndim == 0}
+    return _Content(arrays, about)
+
+
+READERS: dict[str, Callable[[Path], _Content]] = {".nc": _read_netcdf, ".npz": _read_npz}

@@ -1,0 +1,154 @@
+"""Scenarios changed on the command line, read from standard input, and what is said of their runs."""
+
+import io
+import json
+import os
+
+import numpy as np
+import pytest
+
+from jaxball import load_run
+from jaxball.cli import main
+from jaxball.scenario import ScenarioError
+from jaxball.scenario.paths import with_values
+from tests.scenario.documents import DISK
+
+
+@pytest.fixture(autouse=True)
+def folder(monkeypatch, tmp_path):
+    """The command line sets XLA_FLAGS; other tests must not see it."""
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "disk.toml").write_text(DISK)
+    return tmp_path
+
+
+def test_values_are_set_and_standard_input_is_read(folder, monkeypatch, capsys):
+    """In one run: the scenario from -, three changes, another end, and JSON alone on standard output."""
+    monkeypatch.setattr("sys.stdin", io.StringIO(DISK))
+    changes = ["--set", "body.mass=2", "--set", "masses[0].mass=.3", "--set", "title=heavier"]
+    assert main(["simulate", "-", *changes, "--end", "1", "--out", "run.nc", "--json", "-"]) == 0
+    captured = capsys.readouterr()
+    content = json.loads(captured.out)
+    assert "The solve reached t = 1." in captured.err
+    assert (content["ok"], content["reached"], content["title"]) == (True, 1.0, "heavier")
+    run = load_run(folder / "run.nc")
+    assert float(run.system.mass) == 2.0
+    assert float(run.system.point_masses[0].mass) == 0.3
+    assert run.times.tolist() == np.linspace(0.0, 1.0, 5).tolist()
+    assert content["state"]["phi"] == float(run.state.phi[-1])
+
+    assert main(["plot", "run.nc", "--out", "figures", "--format", "svg", "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+    drawn = sorted(path.name for path in (folder / "figures").iterdir())
+    assert "disk_energies.svg" in drawn
+    assert all(name.endswith(".svg") for name in drawn)
+
+
+def test_a_failed_run_is_failed_in_json_too(folder, capsys):
+    assert main(["simulate", "disk.toml", "--set", "solve.max_steps=3", "--quiet", "--json", "run.json"]) == 3
+    assert capsys.readouterr().out == ""
+    content = json.loads((folder / "run.json").read_text())
+    assert (content["ok"], content["status"]) == (False, "MAX_STEPS")
+    assert content["state"]["phi"] is None
+
+
+@pytest.mark.parametrize(
+    ("change", "path", "value"),
+    [
+        ("a.b=2", ("a", "b"), 2),
+        ("a.b=-.5", ("a", "b"), -0.5),
+        ("a.b=1e-3", ("a", "b"), 1e-3),
+        ("a.list[1]=7", ("a", "list"), [1, 7]),
+        ("items[0].x=true", ("items",), [{"x": True}]),
+        ("new.kind=gauss16", ("new", "kind"), "gauss16"),
+        ('a.b="two words"', ("a", "b"), "two words"),
+        ("a.list=[1, 0, 0]", ("a", "list"), [1, 0, 0]),
+    ],
+)
+def test_a_change_is_a_path_and_a_value(change, path, value):
+    document = {"a": {"b": 1, "list": [1, 2]}, "items": [{}]}
+    found = with_values(document, [change])
+    for step in path:
+        found = found[step]
+    assert found == value
+    assert type(found) is type(value)
+    assert document == {"a": {"b": 1, "list": [1, 2]}, "items": [{}]}
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ("body.mass", "must be PATH=VALUE, such as body.mass=2"),
+        ("=2", "must be PATH=VALUE"),
+        ("body..mass=2", "must be PATH=VALUE"),
+        ("masses[7].mass=2", "Path `masses[7].mass` cannot be, because `masses` has 1 entry, counted from 0."),
+        ("body[0]=2", "because `body` is no list"),
+        ("title.x=2", "because `title` is no table"),
+        ("initial.Omega[1]=2", "because the list `initial.Omega` is not in the scenario; give all of it."),
+        ("body.mass=two words", "must be a number, a word, or another value of TOML"),
+    ],
+)
+def test_a_change_that_cannot_be(change, sentence):
+    with pytest.raises(ScenarioError) as caught:
+        with_values({"title": "", "body": {"mass": 1}, "masses": [{}]}, [change])
+    assert sentence in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--set", "body.mas=2"], "Key `body.mas` is not known; did you mean `mass`?"),
+        (["--set", "time.at=[0, 1]", "--end", "5"], "`--end` must be left out where the scenario lists its times"),
+        (["--json", "run.txt"], "must end in one of .json"),
+        (["--plot", "page.pdf"], "give --plot page --plot-format pdf."),
+        (["--plot-format", "pdf"], "`--plot-format` is for figures; give --plot FOLDER with it."),
+        (["--fps", "20"], "`--fps` is for an animation; give --animate FILE with it."),
+        (["--animate", "film.gif", "--fps", "60"], "`--fps` must be at most 50 for a .gif, but it is 60."),
+        (["--animate", "film.gif", "--from", "1.5", "--to", "1"], "from 0 to 2, one after the other, but they are 1.5"),
+        (["--animate", "film.gif", "--to", "3"], "must be times of the run, from 0 to 2"),
+    ],
+)
+def test_options_that_are_refused_before_a_run(folder, capsys, arguments, sentence):
+    before = sorted(folder.iterdir())
+    assert main(["simulate", "disk.toml", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert sentence in captured.err
+    assert captured.out == ""
+    assert sorted(folder.iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--plot-format", "bmp"], ["--size", "big"], ["--size", "10x10"], ["--fps", "2.5"], ["--end", "soon"]],
+)
+def test_values_that_are_refused_by_the_options(capsys, arguments):
+    with pytest.raises(SystemExit) as caught:
+        main(["simulate", "disk.toml", *arguments])
+    assert caught.value.code == 2
+    assert "usage: jaxball simulate" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["none.nc", "--out", "figures"], '"none.nc" is not there.'),
+        (["disk.toml", "--out", "figures"], 'from a .nc or .npz file, but this is "disk.toml".'),
+        (["disk.toml", "--out", "disk.toml"], '`--out` must be a folder, but "disk.toml" is a file'),
+    ],
+)
+def test_a_run_that_cannot_be_drawn(capsys, arguments, sentence):
+    assert main(["plot", *arguments]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_part_of_a_run_is_filmed(folder):
+    from PIL import Image
+
+    arguments = ["--animate", "film.gif", "--from", "0.5", "--to", "1.5", "--fps", "4", "--size", "320x180"]
+    assert main(["simulate", "disk.toml", *arguments, "--speed", "0.5"]) == 0
+    with Image.open(folder / "film.gif") as film:
+        assert film.size == (320, 180)
+        assert film.n_frames == 9
+        assert film.info["duration"] == 250

@@ -1,0 +1,99 @@
+"""``jaxball validate``: what a file is, and all that is wrong with it."""
+
+import io
+import os
+from pathlib import Path
+
+import pytest
+
+from jaxball.cli import main
+from tests.scenario.documents import DISK
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+STUDY = """
+format = 1
+scenario = "disk.toml"
+[[axes]]
+path = "body.mass"
+values = [1.0, 2.0]
+[[axes]]
+path = "body.gravity"
+linear = { from = 1.0, to = 2.0, count = 3 }
+"""
+WRONG = """
+format = 1
+titel = "wrong in nine places"
+kind = "ball"
+[body]
+mass = -1
+inertia = [1, 1]
+gravity = 1
+[[masses]]
+mass = 1
+rail = { kind = "circle", radios = 0.5 }
+schedule = { kind = "pulse", theta = 0 }
+[[masses]]
+mas = 2
+position = [0, 0, 0]
+[time]
+start = 0
+end = -1
+saves = 3
+[solve]
+rtol = "a"
+"""
+
+
+@pytest.fixture(autouse=True)
+def folder(monkeypatch, tmp_path):
+    """The command line sets XLA_FLAGS; other tests must not see it."""
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "disk.toml").write_text(DISK)
+    return tmp_path
+
+
+def test_each_kind_of_file_is_known(folder, monkeypatch, capsys):
+    (folder / "study.toml").write_text(STUDY)
+    monkeypatch.setattr("sys.stdin", io.StringIO(DISK))
+    problem, control = (
+        str(EXAMPLES / name) for name in ("problem_rail_shape_circles.toml", "problem_disk_control.toml")
+    )
+    assert main(["validate", "-", "study.toml", problem, control]) == 0
+    captured = capsys.readouterr()
+    lines = captured.out.splitlines()
+    assert captured.err == ""
+    assert lines[0].startswith("standard input is valid: a scenario")
+    assert "disk with 1 point mass, 5 times from 0 to 2 by" in lines[0]
+    assert lines[1].startswith("study.toml is valid: a study: 6 rows (2 × 3) of body.mass, body.gravity")
+    assert ": a design problem" in lines[2]
+    assert ": a problem of optimal control" in lines[3]
+
+
+def test_all_problems_are_told_in_the_order_of_the_file(folder, capsys):
+    (folder / "wrong.toml").write_text(WRONG)
+    assert main(["validate", "disk.toml", "wrong.toml", "none.toml"]) == 2
+    captured = capsys.readouterr()
+    assert captured.out.startswith("disk.toml is valid")
+    *found, last = captured.err.splitlines()
+    named = ["titel", "body.mass", "body.radius", "body.inertia", "time.end", "solve.rtol", "masses[0].rail.radios"]
+    assert [line.split("`")[1] for line in found] == [*named, "masses[1].mas"]
+    assert all(line.startswith("wrong.toml: Key `") for line in found)
+    assert "No such file or directory" in last
+
+
+def test_problems_of_a_study(folder, capsys):
+    wrong = (
+        STUDY.replace("body.gravity", "body.gravty").replace("[1.0, 2.0]", '"many"').replace("count = 3", "count = 0")
+    )
+    (folder / "study.toml").write_text(wrong)
+    assert main(["validate", "study.toml", "--quiet"]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert [line.split("`")[1] for line in captured.err.splitlines()] == ["axes[0].values", "axes[1].linear.count"]
+
+
+def test_what_is_no_toml(folder, monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.StringIO("a = = 1"))
+    assert main(["validate", "-"]) == 2
+    assert "standard input: A scenario, study or problem must be a TOML document" in capsys.readouterr().err

@@ -1,0 +1,149 @@
+"""Saved runs are read back with the bits of their states, and what is no run is refused in a sentence."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+import jaxball
+from jaxball import load_run, plot, simulate
+from jaxball.results import OutputError, saved_scenario
+from jaxball.results.load import RunError
+from jaxball.scenario import load_scenario, read_scenario
+from tests.scenario.documents import BALL, DISK
+
+INTEGRATED = BALL + '[actuation]\nform = "integrated"\n'
+
+
+def assert_same(run, trajectory):
+    assert run.message == trajectory.message
+    assert (run.ok, int(run.steps), int(run.rejected)) == (
+        trajectory.ok,
+        int(trajectory.steps),
+        int(trajectory.rejected),
+    )
+    for name, one, other in (("state", run.state, trajectory.state), ("system", run.system, trajectory.system)):
+        assert jax.tree.structure(one) == jax.tree.structure(other), name
+        for mine, theirs in zip(jax.tree.leaves(one), jax.tree.leaves(other), strict=True):
+            np.testing.assert_array_equal(mine, theirs)
+    np.testing.assert_array_equal(run.times, trajectory.times)
+
+
+@pytest.fixture(scope="module")
+def ball():
+    scenario = read_scenario(INTEGRATED)
+    return scenario, scenario.simulate()
+
+
+@pytest.mark.parametrize("suffix", [".nc", ".npz"])
+def test_a_ball_with_a_driven_mass(ball, tmp_path, suffix):
+    scenario, trajectory = ball
+    run = load_run(jaxball.save(trajectory, tmp_path / f"run{suffix}", scenario))
+    assert_same(run, trajectory)
+    np.testing.assert_array_equal(run.observables.normal_force, trajectory.observables.normal_force)
+    assert str(run) == str(trajectory)
+
+
+@pytest.mark.parametrize("suffix", [".nc", ".npz"])
+def test_a_failed_run_comes_back_as_failed(ball, tmp_path, suffix):
+    scenario, _ = ball
+    trajectory = scenario.simulate(max_steps=4)
+    run = load_run(jaxball.save(trajectory, tmp_path / f"run{suffix}", scenario))
+    assert not run.ok
+    assert "max_steps" in run.message
+    assert_same(run, trajectory)
+    assert np.isnan(run.state.z[-1]).all()
+
+
+def test_a_classical_system_and_its_laws(tmp_path):
+    scenario = load_scenario("vakonomic-particle")
+    trajectory = scenario.simulate()
+    run = load_run(jaxball.save(trajectory, tmp_path / "run.nc", scenario))
+    assert_same(run, trajectory)
+    np.testing.assert_array_equal(run.laws.energy, trajectory.laws.energy)
+    assert isinstance(run.plot(), Figure)
+
+
+def test_the_scenario_of_a_run_can_be_simulated_again(ball, tmp_path):
+    scenario, trajectory = ball
+    path = jaxball.save(trajectory, tmp_path / "run.npz", scenario)
+    again = saved_scenario(path).simulate()
+    np.testing.assert_array_equal(again.state.z, trajectory.state.z)
+
+
+def test_a_trajectory_saves_itself_with_its_system(tmp_path):
+    """Its file says the system, the initial state and the times, and that nothing is known of the solver."""
+    scenario = read_scenario(DISK)
+    trajectory = simulate(scenario.system, scenario.times, scenario.state, rtol=1e-8, atol=1e-8)
+    path = trajectory.save(tmp_path / "run.nc")
+    assert_same(load_run(path), trajectory)
+    text = trajectory.to_dataset().attrs["scenario"]
+    assert "does not know how it was solved" in text
+    assert "[solve]" not in read_scenario(text).title + text.split("\n", 1)[1]
+    with pytest.raises(OutputError, match="must end in one of"):
+        trajectory.save(tmp_path / "run.xlsx")
+
+
+def test_a_file_without_a_scenario_needs_the_system(tmp_path):
+    def helix(theta, parameters):
+        return 0.5 * jnp.stack([jnp.cos(theta), jnp.sin(theta), 0.1 * theta])
+
+    motion = jaxball.OnRail(jaxball.FunctionRail(helix), jaxball.Pulse(0.0))
+    ball = jaxball.Ball(mass=1.0, inertia=(0.9, 1.0, 1.1), masses=[jaxball.PointMass(0.2, motion)])
+    trajectory = simulate(ball, np.linspace(0.0, 0.1, 3), jaxball.ReducedState(Omega=[0.1, 0.2, 0.3]))
+    path = trajectory.save(tmp_path / "run.nc")
+    with pytest.raises(RunError, match=r"holds no scenario.*give its system: load_run\(path, system\)\.$"):
+        load_run(path)
+    assert_same(load_run(path, ball), trajectory)
+
+
+def test_a_run_is_drawn_as_the_trajectory_was(disk_trajectory, tmp_path):
+    run = load_run(disk_trajectory.save(tmp_path / "run.nc"))
+    pictures = [plot.figures(one, tmp_path / name) for name, one in (("new", run), ("old", disk_trajectory))]
+    for again, before in zip(*pictures, strict=True):
+        assert again.read_bytes() == before.read_bytes()
+    assert len(run.plot().axes) == 6
+
+
+def test_figures_in_other_formats(disk_trajectory, tmp_path, monkeypatch):
+    monkeypatch.setattr(plot.report, "STANDARD", plot.report.STANDARD[:2])
+    paths = plot.figures(disk_trajectory, tmp_path, formats=("pdf", "svg"))
+    assert [path.suffix for path in paths] == [".pdf", ".svg"] * 2
+    assert paths[0].read_bytes().startswith(b"%PDF")
+    assert b"<svg" in paths[1].read_bytes()
+
+
+def test_sentences(ball, tmp_path):
+    scenario, trajectory = ball
+    good = jaxball.save(trajectory, tmp_path / "run.npz", scenario)
+    with np.load(good) as data:
+        content = dict(data)
+
+    def changed(name, **changes):
+        np.savez(tmp_path / name, **{key: value for key, value in (content | changes).items() if value is not None})
+
+    changed("newer.npz", format=2, jaxball_version="9.1")
+    changed("arrays.npz", format=None)
+    changed("stateless.npz", q=None)
+    changed("ended.npz", status="TIRED")
+    changed("garbled.npz", scenario=str(content["scenario"]).replace("radius", "radios"))
+    (tmp_path / "text.nc").write_text("not a data set")
+    (tmp_path / "text.npz").write_text("not an archive")
+    (tmp_path / "folder.nc").mkdir()
+    cases = {
+        "none.nc": r'"[^"]*none\.nc" is not there\.$',
+        "folder.nc": r'"[^"]*folder\.nc" is a folder\.$',
+        "run.csv": r"from a \.nc or \.npz file, but this is .*holds numbers alone",
+        "run.txt": r'from a \.nc or \.npz file, but this is "[^"]*run\.txt"\.$',
+        "text.nc": r"must be a run that jaxball saved, but it is not: ",
+        "text.npz": r"must be a run that jaxball saved, but it is not: ",
+        "arrays.npz": r"it has no `format`\.$",
+        "stateless.npz": r"it has no states of a Ball\.$",
+        "ended.npz": r"'TIRED' is missing or wrong\.$",
+        "newer.npz": r"was saved by jaxball 9\.1 in format 2, and this version reads format 1; read it with that",
+        "garbled.npz": r"cannot be read by this version of jaxball: Key `.*radios` is not known",
+    }
+    for name, sentence in cases.items():
+        with pytest.raises(RunError, match=sentence):
+            load_run(tmp_path / name)
