@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 Numbers = ArrayLike | Sequence[Any]  # a number, an array, or nested sequences of numbers
@@ -19,6 +20,11 @@ def default_dtype() -> np.dtype:
 def to_array(x: Numbers) -> Float[Array, "..."]:
     """``x`` as an array of the default floating type."""
     return jnp.asarray(x, dtype=default_dtype())
+
+
+def is_traced(x: Array) -> bool:
+    """Whether the value of ``x`` is not known, as within jit, vmap and grad."""
+    return isinstance(x, Tracer)
 
 
 def require_shape(name: str, value: Array, shape: tuple[int, ...]) -> None:

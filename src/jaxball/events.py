@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._arrays import Numbers, to_array
+from ._arrays import Numbers, is_traced, require_shape, to_array
 from .contact import reaction
 from .status import Status
 
@@ -30,6 +30,12 @@ class AbstractEvent(eqx.Module):
     from_start: ClassVar[bool]
     room: eqx.AbstractVar[int]
     status: ClassVar[Status]
+
+    def __check_init__(self):
+        if self.direction not in (UP, DOWN, EITHER):
+            raise ValueError(f"Argument `direction` must be 1, -1 or 0, but it is {self.direction}.")
+        if self.room < 1:
+            raise ValueError(f"Argument `room` must be 1 or more, but it is {self.room}.")
 
     @abc.abstractmethod
     def value(self, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
@@ -58,10 +64,6 @@ class Event(AbstractEvent):
     def __check_init__(self):
         if not callable(self.of):
             raise TypeError(f"Argument `of` must be a function of (system, t, state), but it is {self.of!r}.")
-        if self.direction not in (UP, DOWN, EITHER):
-            raise ValueError(f"Argument `direction` must be 1, -1 or 0, but it is {self.direction}.")
-        if self.room < 1:
-            raise ValueError(f"Argument `room` must be 1 or more, but it is {self.room}.")
 
     def value(self, system, t, state):
         found = jnp.asarray(self.of(system, t, state))
@@ -87,7 +89,12 @@ class Detachment(AbstractEvent):
 
 
 class Slip(AbstractEvent):
-    """The friction |f| rises to μN, all that a plane with the coefficient of friction μ can give. Ends the run."""
+    """The friction |f| rises to μN, all that a plane with the coefficient of friction μ can give. Ends the run.
+
+    **Arguments:** ``friction``: μ, a positive number; ``terminal`` and ``room`` as those of :class:`Event`.
+
+    **Raises:** ``ValueError`` for what is no coefficient of friction; values that are traced are not checked.
+    """
 
     friction: Float[Array, ""] = eqx.field(converter=to_array)
     terminal: bool = eqx.field(static=True)
@@ -98,6 +105,9 @@ class Slip(AbstractEvent):
 
     def __init__(self, friction: Numbers, terminal: bool = True, room: int = 8):
         self.friction, self.terminal, self.room, self.direction = to_array(friction), terminal, room, DOWN
+        require_shape("friction", self.friction, ())
+        if not is_traced(self.friction) and not 0 < self.friction < jnp.inf:
+            raise ValueError(f"Argument `friction` must be a positive number, but it is {float(self.friction):g}.")
 
     def value(self, system, t, state):
         """μ²N|N| − |f|², which is smooth where f is zero, as μN − |f| is not."""

@@ -16,6 +16,7 @@ from ..events import AbstractEvent, Detachment, Slip
 from ..extremes import contact_extremes
 from ..results import OutputError, check_destination, replacing, save
 from ..scenario import Scenario, ScenarioError, load_scenario
+from ..scenario.shell import message_in_keys
 from ..scenario.solve import SOLVERS
 from ..trajectory import Trajectory
 from .options import FAILED_SOLVE, positive
@@ -50,7 +51,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.out is not None:
         save(trajectory, options.out, scenario)
     if not trajectory.ok:
-        print(f"jaxball: {trajectory.message}{_kept(options.out)}", file=sys.stderr)
+        print(f"jaxball: {message_in_keys(trajectory)}{_kept(options.out)}", file=sys.stderr)
         return FAILED_SOLVE
     written = [] if options.out is None else [str(options.out)]
     written += _draw(options, scenario, trajectory)

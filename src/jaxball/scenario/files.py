@@ -4,7 +4,6 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tomli_w
 
 from ..body import Ball, Disk
@@ -17,7 +16,7 @@ from .initial import balanced, initial_state, read_initial, write_initial
 from .library import builtin_scenarios, builtin_text, nearest
 from .masses import read_masses, write_masses
 from .scenario import Scenario
-from .shell import check_inside, check_start
+from .shell import check_confined
 from .solve import SOLVE, check_dae
 from .table import Key, read_table, write_table
 from .times import read_times, write_times
@@ -104,8 +103,7 @@ def read_document(document: dict[str, Any]) -> Scenario:
     system = (Disk if kind == "disk" else Ball)(**shell, masses=masses, law=law)
     state = initial_state(initial, "initial", kind, followed, start)
     check_dae(system, solve["solver"], solve["dae"])
-    check_inside(system, times)
-    check_start(system, np.asarray(state.theta))
+    check_confined(system, times, state)
     return Scenario(found["title"], system, state, times, **solve)
 
 
