@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-ROUNDS, NEAR = 3, 8  # to 1/512 of the spacing, where a distance is right to a millionth of what it was off by
+ROUNDS, NEAR = 4, 8  # to a 4096th of the spacing
 Curve = Callable[[Float[Array, ""]], Float[Array, "..."]]
 
 

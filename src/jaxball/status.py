@@ -36,10 +36,7 @@ _SENTENCES = {
         "The solve stopped at t = {reached:.10g} before t = {end:.10g}, because the solver could not take "
         "a step, for instance because an implicit equation did not converge; try another solver."
     ),
-    Status.LEFT_SHELL: (
-        "The result is good to t = {reached:.10g} and means nothing from there to t = {end:.10g}, because a mass left "
-        "the shell."
-    ),
+    Status.LEFT_SHELL: ("The run to t = {end:.10g} means nothing after a mass left the shell at t = {reached:.10g}."),
     Status.DETACHED: (
         "The run ended at t = {reached:.10g} before t = {end:.10g}, because the normal force was zero there: the ball "
         "would leave the plane, and the equations of rolling do not hold after that."

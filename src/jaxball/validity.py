@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ._arrays import default_dtype, to_array
-from .body import Ball, System
+from .body import Ball, Disk, System
 from .breaches import Breach, breaches
 from .classical import AbstractClassicalState, AbstractClassicalSystem
 from .conditions import UNIT, Condition, positive, positive_inertia, real_inertia, versor
@@ -56,8 +56,9 @@ def shell_conditions(system: System) -> Iterator[Condition]:
         system.offset,
         "a point inside the shell, nearer to the centre than the radius",
     )
-    flat = ~beside(system, system.offset)
-    yield Condition(flat, "offset", system.offset, "in the plane of a disk, E1 and E3, with second entry 0")
+    if isinstance(system, Disk):
+        flat = ~beside(system, system.offset)
+        yield Condition(flat, "offset", system.offset, "in the plane of a disk, E1 and E3, with second entry 0")
 
 
 def possible(system: SimulableSystem) -> Bool[Array, ""]:
@@ -191,7 +192,7 @@ def _numbers(system: System, state: State) -> Iterator[tuple[str, float]]:
 
 def _force_in_plane(system: System, times: Float[Array, " T"]) -> Iterator[Condition]:
     """The condition on the force on a disk, as far as it is seen; traceable."""
-    if isinstance(system, Ball) or system.force is None:
+    if not isinstance(system, Disk) or system.force is None:
         return
     forces = jax.vmap(system.force)(time_samples(times))
     largest = jnp.max(jnp.abs(forces), axis=0)

@@ -164,7 +164,8 @@ def test_the_furthest_point_of_a_rail_is_that_of_its_formula():
         np.testing.assert_allclose(known_furthest(rail).distance, wanted, rtol=1e-9, err_msg=name)
     spline = jaxball.SplineRail(np.random.default_rng(0).uniform(-0.6, 0.6, (7, 3)))
     fine = np.linalg.norm(spline.points(jnp.linspace(0.0, 2 * np.pi, 100_001)), axis=1)
-    np.testing.assert_allclose(known_furthest(spline).distance, np.max(fine), rtol=1e-9)
+    # The nearest of these is half of a spacing δ = 6e-5 away, which makes δ²/8 of the curve's bend.
+    np.testing.assert_allclose(known_furthest(spline).distance, np.max(fine), rtol=1e-8)
 
 
 def test_rows_of_a_batch_have_the_statuses_of_single_runs():
