@@ -49,7 +49,7 @@ def _solve(settings: Settings, compact: Any, times: Array, rtol: Array, atol: Ar
     system, state = compact
     like, shared = first(compact, settings.shared), settings.shared[: len(jax.tree.leaves(system))]
 
-    def each(function: Callable[..., Any], *others: Array) -> Any:
+    def each(function: Callable[..., Any], *others: Any) -> Any:
         return jax.vmap(function, in_axes=(*along, *(0 for _ in others)))(system, state, *others)
 
     x = each(lambda system, state, t: Packing.of(system.prepare(), state).pack(t, state), t0)
