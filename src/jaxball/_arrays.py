@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 from typing_extensions import TypeAliasType
 
@@ -32,6 +33,11 @@ def to_array(x: Numbers, name: str = "x") -> Float[Array, "..."]:
         raise
     except (TypeError, ValueError):
         raise refusal(name, "numbers", x) from None
+
+
+def is_traced(x: Array) -> bool:
+    """Whether the value of ``x`` is not known, as within jit, vmap and grad."""
+    return isinstance(x, Tracer)
 
 
 def require_numbers(name: str, x: Any) -> None:

@@ -1,11 +1,14 @@
 """Derivatives along a curve, by forward mode."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+ROUNDS, NEAR = 4, 8  # to a 4096th of the spacing
 Curve = Callable[[Float[Array, ""]], Float[Array, "..."]]
 
 
@@ -21,3 +24,34 @@ def two_derivatives(
 
     (value, slope), (_, curvature) = jax.jvp(value_and_slope, (x,), (one,))
     return value, slope, curvature
+
+
+class Furthest(NamedTuple):
+    """Where a curve is furthest from the origin, and how far it is there."""
+
+    x: Float[Array, ""]
+    distance: Float[Array, ""]
+
+
+def furthest(curve: Curve, x: Float[Array, " n"], points: Float[Array, "n 3"]) -> Furthest:
+    """Where a curve is furthest from the origin: at the best of its ``points`` at evenly spaced ``x``, or near it.
+
+    The distance is that of a point of the curve, so it is never too large. Where the curve is not finite, it is not
+    looked at.
+    """
+    shares = jnp.asarray(np.arange(-NEAR, NEAR + 1) / NEAR, x.dtype)
+
+    def best(x, points):
+        squares = jnp.sum(points**2, axis=1)
+        squares = jnp.where(jnp.isfinite(squares), squares, -1.0)
+        largest = jnp.max(squares)
+        # Without the search for an index, which XLA's CPU compiler breaks off at in some programs.
+        return jnp.min(jnp.where(squares == largest, x, jnp.inf)), largest
+
+    def nearer(_, carry):
+        (at, _), spacing = carry
+        x = at + spacing * shares
+        return best(x, jax.vmap(curve)(x)), spacing / NEAR
+
+    (at, largest), _ = jax.lax.fori_loop(0, ROUNDS, nearer, (best(x, points), x[1] - x[0]))
+    return Furthest(at, jnp.sqrt(largest))

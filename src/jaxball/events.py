@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ._arguments import require_callable
-from ._arrays import Numbers, numbers
+from ._arrays import Numbers, is_traced, numbers
 from ._printing import Printed
 from .contact import reaction
 from .status import Status
@@ -32,6 +32,12 @@ class AbstractEvent(Printed):
     from_start: ClassVar[bool]
     room: eqx.AbstractVar[int]
     status: ClassVar[Status]
+
+    def __check_init__(self):
+        if self.direction not in (UP, DOWN, EITHER):
+            raise ValueError(f"Argument `direction` must be 1, -1 or 0, but it is {self.direction}.")
+        if self.room < 1:
+            raise ValueError(f"Argument `room` must be 1 or more, but it is {self.room}.")
 
     @abc.abstractmethod
     def value(self, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
@@ -59,10 +65,6 @@ class Event(AbstractEvent):
 
     def __check_init__(self):
         require_callable("of", self.of, "system", "t", "state")
-        if self.direction not in (UP, DOWN, EITHER):
-            raise ValueError(f"Argument `direction` must be 1, -1 or 0, but it is {self.direction}.")
-        if self.room < 1:
-            raise ValueError(f"Argument `room` must be 1 or more, but it is {self.room}.")
 
     def value(self, system, t, state):
         found = jnp.asarray(self.of(system, t, state))
@@ -112,6 +114,8 @@ class Slip(AbstractEvent):
 
     def __init__(self, friction: Numbers, terminal: bool = True, room: int = 8):
         self.friction, self.terminal, self.room, self.direction = numbers("friction")(friction), terminal, room, DOWN
+        if not is_traced(self.friction) and not 0 < self.friction < jnp.inf:
+            raise ValueError(f"Argument `friction` must be a positive number, but it is {float(self.friction):g}.")
 
     def value(self, system, t, state):
         """μ²N|N| − |f|², which is smooth where f is zero, as μN − |f| is not."""

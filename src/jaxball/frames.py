@@ -5,12 +5,14 @@ circle ζ(θ) = r B (cos θ, 0, sin θ) of section 5 does.
 """
 
 import abc
+import math
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from ._arrays import numbers
+from ._arrays import is_traced, numbers
 from ._printing import Printed
 from .versor import normalized, rotation_matrix
 
@@ -90,12 +92,37 @@ class SphericalFrame(AbstractFrame):
 
     - ``azimuth``: from E1 towards E2, rad.
     - ``elevation``: over the plane of E1 and E2, rad.
+
+    **Raises:** ``ValueError`` for an angle beyond a full turn, which must be in degrees. Between a quarter and a full
+    turn, where a search for an angle may come, an elevation means what its sine and cosine say.
     """
 
     azimuth: Float[Array, "*group"] = eqx.field(converter=numbers("azimuth"))
     elevation: Float[Array, "*group"] = eqx.field(converter=numbers("elevation"))
 
+    def __check_init__(self):
+        for name in ("azimuth", "elevation"):
+            angle = getattr(self, name)
+            if not is_traced(angle) and np.any(np.abs(angle) > 2 * math.pi):
+                raise ValueError(
+                    f"Argument `{name}` must be in radians, from -2π to 2π, but it is {angle}; from degrees, use "
+                    "numpy.deg2rad."
+                )
+
     def matrix(self) -> Float[Array, "3 3"]:
         n = spherical_direction(self.azimuth, self.elevation)
         b1, b2 = frisvad(n)
         return jnp.stack([n, b2, -b1], axis=1)
+
+
+def principal_angles(azimuth: float, elevation: float) -> tuple[float, float]:
+    """The angles of the same direction whose elevation is from −π/2 to π/2 and whose azimuth is from −π to π.
+
+    Those that are so already are left as they are.
+    """
+    if abs(elevation) <= math.pi / 2 and abs(azimuth) <= 2 * math.pi:
+        return azimuth, elevation
+    wrapped = math.remainder(elevation, 2 * math.pi)
+    if abs(wrapped) > math.pi / 2:
+        azimuth, wrapped = azimuth + math.pi, math.copysign(math.pi, wrapped) - wrapped
+    return math.remainder(azimuth, 2 * math.pi), wrapped

@@ -23,6 +23,7 @@ from .classical import (
     RigidBodyState,
     VakonomicState,
 )
+from .confinement import until_left
 from .dae import WITH_UNIT, has_unit
 from .dynamics import field_of
 from .events import AbstractEvent
@@ -65,6 +66,7 @@ def simulate(
     adjoint: diffrax.AbstractAdjoint | None = None,
     max_steps: int = 16384,
     progress: diffrax.AbstractProgressMeter | None = None,
+    inside: bool = True,
     throw: bool = False,
 ) -> Trajectory[Any, Any]:
     """Integrates the equations of motion from ``times[0]`` to ``times[-1]``, saving at each of ``times``.
@@ -94,6 +96,10 @@ def simulate(
       mode by checkpoints if not given.
     - ``max_steps``: the number of steps, accepted and rejected, after which the solve gives up.
     - ``progress``: a diffrax progress meter.
+    - ``inside``: whether rails and masses must be in the body (module ``confinement``): where a rail or a start is not,
+      the run is ``IMPOSSIBLE``, and one in which a mass leaves the shell has the status ``LEFT_SHELL`` and the time
+      ``reached`` at which it does. Motions that a law drives along an open rail are looked at at ``times`` alone. The
+      equations themselves do not know where the shell is; a search that passes through such bodies says False.
     - ``throw``: whether a failed solve raises; otherwise it is a status on the trajectory.
 
     Inside, the solver advances the locked angular velocity in the place of Ω, so that derivatives with
@@ -119,6 +125,7 @@ def simulate(
         step_to_times,
         dae,
         project,
+        inside,
     )
     trajectory = _run(method, system, times, state, rtol, atol, events)
     if events:
@@ -140,17 +147,25 @@ class _Method(NamedTuple):
     step_to_times: bool
     dae: bool
     project: bool
+    inside: bool
 
 
-def _run(method: _Method, system: SimulableSystem, times: Any, *others: Any) -> Trajectory[Any, Any]:
+def _run(
+    method: _Method, system: SimulableSystem, times: Any, state: SimulableState, *others: Any
+) -> Trajectory[Any, Any]:
     """A trajectory. Dense output has room for few steps at first, because room that is not used costs time as well."""
     staged = isinstance(jnp.zeros(()), Tracer)
+
+    def trajectory_by(method: _Method) -> Trajectory[Any, Any]:
+        found = _program(method)(system, times, state, *others)
+        return Trajectory(system, times, *found, start=state)
+
     rooms = [room for room in FEW_STEPS if room < method.max_steps and method.dense and not staged]
     for room in rooms:
-        trajectory = Trajectory(system, times, *_program(method._replace(max_steps=room))(system, times, *others))
+        trajectory = trajectory_by(method._replace(max_steps=room))
         if not isinstance(trajectory.status, Tracer) and int(jnp.max(trajectory.steps)) < room:
             return trajectory
-    return Trajectory(system, times, *_program(method)(system, times, *others))
+    return trajectory_by(method)
 
 
 def _program(method: _Method) -> Callable[..., tuple]:
@@ -179,7 +194,7 @@ def _solve(
     initial = packing.pack(times[0], state)
     # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
     parameters, unpack_parameters = ravel_pytree((packing, events))
-    startable = possible_start(system, times[0], state) & jnp.all(jnp.isfinite(initial))
+    startable = possible_start(system, times, state, method.inside) & jnp.all(jnp.isfinite(initial))
 
     # Compiled on their own, they are traced once; diffrax traces a step several times.
     @jax.jit
@@ -214,12 +229,16 @@ def _solve(
         throw=False,
     )
     (_, ended), (states, _) = cast(tuple, solution.ts), cast(tuple, solution.ys)
+    saved = jax.vmap(packing.unpack)(times, jnp.where(startable & jnp.isfinite(states), states, jnp.nan))
+    reached, status = jnp.where(startable, ended[0], times[0]), status_of(solution.result)
+    if method.inside:
+        reached, status = until_left(packing.system, times, saved, reached, status)
     return (
-        jax.vmap(packing.unpack)(times, jnp.where(startable & jnp.isfinite(states), states, jnp.nan)),
-        jnp.where(startable, ended[0], times[0]),
-        jnp.where(startable, status_of(solution.result), Status.IMPOSSIBLE),
-        solution.stats["num_steps"],
-        solution.stats["num_rejected_steps"],
+        saved,
+        reached,
+        jnp.where(startable, status, Status.IMPOSSIBLE),
+        jnp.where(startable, solution.stats["num_steps"], 0),
+        jnp.where(startable, solution.stats["num_rejected_steps"], 0),
         Interpolant(solution, packing) if method.dense else None,
     )
 

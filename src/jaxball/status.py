@@ -31,18 +31,12 @@ _SENTENCES = {
         "The solve stopped at t = {reached:.10g} before t = {end:.10g}, because the equations of motion "
         "give a number that is not finite there; look at the schedules, rails and forces at that time."
     ),
-    Status.IMPOSSIBLE: (
-        "The solve did not start, because no body can have these parameters or this initial state; "
-        "jaxball.problems(system, state) says which of them."
-    ),
+    Status.IMPOSSIBLE: "The solve did not start, because no body can have these parameters or this initial state.",
     Status.SOLVER_FAILED: (
         "The solve stopped at t = {reached:.10g} before t = {end:.10g}, because the solver could not take "
         "a step, for instance because an implicit equation did not converge; try another solver."
     ),
-    Status.LEFT_SHELL: (
-        "The solve reached t = {end:.10g}, but a mass left the shell at t = {reached:.10g}, and the result "
-        "means nothing after that."
-    ),
+    Status.LEFT_SHELL: ("The run to t = {end:.10g} means nothing after a mass left the shell at t = {reached:.10g}."),
     Status.DETACHED: (
         "The run ended at t = {reached:.10g} before t = {end:.10g}, because the normal force was zero there: the ball "
         "would leave the plane, and the equations of rolling do not hold after that."

@@ -1,6 +1,7 @@
 """The result of a simulation."""
 
 import os
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Generic
 
 import diffrax
@@ -20,6 +21,7 @@ from .packing import Packing
 from .simulable import AnySimulableState, AnySimulableSystem, SimulableSystem
 from .state import BallState, DiskState, ReducedState, RotationState
 from .status import SolveError, Status
+from .validity import Problem, find_problems
 from .wording import counted
 
 if TYPE_CHECKING:
@@ -51,6 +53,7 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
     - ``reached``: the time to which the solve came.
     - ``steps``, ``rejected``: how many steps were taken in all, and how many of them were rejected.
     - ``events``: the :class:`~jaxball.Occurrences` of each event, by name.
+    - ``start``: the initial state that was given, also where no solve can start from it.
     """
 
     system: AnySimulableSystem
@@ -62,6 +65,7 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
     rejected: Int[Array, "*batch"]
     interpolant: Interpolant[AnySimulableState] | None = None
     events: dict[str, Occurrences] = eqx.field(default_factory=dict)
+    start: AnySimulableState | None = None
 
     @property
     def ok(self) -> bool:
@@ -71,7 +75,22 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
     @property
     def message(self) -> str:
         """A sentence that says how the solve ended."""
-        return Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
+        return self.message_of([problem.sentence() for problem in self.problems])
+
+    @property
+    def problems(self) -> list[Problem]:
+        """What no body can have, or which mass left the shell, where that is how the solve ended; otherwise nothing."""
+        times, status = np.asarray(self.times), int(self.status)
+        if status == Status.IMPOSSIBLE:
+            return find_problems(self.system, self.start, times)
+        if status == Status.LEFT_SHELL:
+            return find_problems(self.system, self.start, times, np.asarray(getattr(self.state, "theta")))  # noqa: B009
+        return []
+
+    def message_of(self, problems: Sequence[str]) -> str:
+        """The same sentence with ``problems`` told in other words."""
+        sentence = Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
+        return " ".join([sentence, *problems])
 
     def raise_if_failed(self) -> "Trajectory[AnySimulableSystem, AnySimulableState]":
         """The trajectory itself, or a :class:`~jaxball.SolveError` with the message."""
@@ -164,9 +183,11 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
         lines = [
             f"Trajectory of a {_described(self.system)}",
             f"  {counted(self.times.size, 'time')} from {float(self.times[0]):g} to {float(self.times[-1]):g}",
-            f"  {counted(int(self.steps), 'step')}, {int(self.rejected)} of them rejected",
-            f"  {self.message}",
         ]
+        if self.status == Status.IMPOSSIBLE:
+            return "\n".join([*lines, f"  {self.message}"])
+        steps = f"  {counted(int(self.steps), 'step')}, {int(self.rejected)} of them rejected"
+        lines += [steps, f"  {self.message}"]
         if isinstance(self.state, BallState | DiskState):
             z = np.atleast_1d(np.asarray(self.state.z[-1]))
             lines.append("  z at the end: " + ", ".join(f"{value:.12g}" for value in z))

@@ -71,6 +71,17 @@ def test_failed_solve_is_kept_and_marked(folder, monkeypatch, capsys):
         assert np.isnan(data["phi"][-1])
 
 
+def test_what_no_body_can_have_is_told_by_its_key(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    (folder / "heavy.toml").write_text(DISK.replace("mass = 1.0", "mass = 1e300"))
+    assert main(["simulate", "heavy.toml"]) == 3
+    told = capsys.readouterr().err
+    assert told.startswith("jaxball: The solve did not start, because no body can have these parameters")
+    assert "Key `body.mass` must be closer to 1" in told
+    assert told.endswith("but it is 1e+300.\n")
+    assert "jaxball.problems" not in told
+
+
 def test_list_of_scenarios(capsys):
     assert main(["scenarios"]) == 0
     lines = capsys.readouterr().out.splitlines()

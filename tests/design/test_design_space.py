@@ -135,3 +135,17 @@ def test_angles_found_by_balance_cannot_be_varied():
     document["initial"]["balance"] = {"masses": [1, 2]}
     with pytest.raises(DesignError, match=r"instead of `initial\.balance`"):
         DesignSpace(document, [Variable(("masses[0].rail.radius",))])
+
+
+def test_an_elevation_over_the_pole_is_written_as_the_same_direction():
+    """A search may take an elevation past π/2, where a file's must not be."""
+    document = builtin("ball", start=0.0, end=5.0, saves=11)
+    space = DesignSpace(document, [Variable(("masses[2].rail.frame.elevation",))])
+    x = np.array([1.7])
+    written = space.document_of(x)["masses"][2]["rail"]["frame"]
+    assert written["elevation"] == pytest.approx(math.pi - 1.7)
+    systems = (space.candidate_of(jnp.asarray(x)).system, space.scenario_of(x).system)
+    found, read = (system.groups[0].motion.rail.frame for system in systems)
+    for k in range(3):
+        one, other = (jax.tree.map(lambda leaf, k=k: leaf[k], frame).matrix() for frame in (found, read))
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-14)

@@ -161,3 +161,19 @@ class TestArguments:
         top = jaxball.classical.FreeRigidBody(inertia=(1.0, 2.0, 3.0))
         with pytest.raises(TypeError, match='FreeRigidBody, which touches no plane, but "lift" is one'):
             simulate(top, [0.0, 1.0], events={"lift": Detachment()})
+
+
+@pytest.mark.parametrize("mu", [-0.3, 0.0, np.nan, np.inf])
+def test_what_is_no_coefficient_of_friction(mu):
+    with pytest.raises(ValueError, match="Argument `friction` must be a positive number, but it is"):
+        Slip(mu)
+
+
+def test_a_traced_coefficient_is_not_looked_at():
+    assert jax.eval_shape(Slip, jax.ShapeDtypeStruct((), jnp.float64)).room == 8
+
+
+@pytest.mark.parametrize("make", [lambda: Slip(0.3, room=0), lambda: Detachment(room=0)], ids=["slip", "detachment"])
+def test_events_without_room(make):
+    with pytest.raises(ValueError, match="Argument `room` must be 1 or more, but it is 0"):
+        make()

@@ -109,7 +109,7 @@ def known(monkeypatch):
         refuse(values, path, known)
 
     monkeypatch.setattr(table, "refuse_unknown", noted)
-    monkeypatch.setattr("jaxball.scenario.files.check_inside", lambda system, times: None)
+    monkeypatch.setattr("jaxball.scenario.files.check_confined", lambda system, times, state: None)
     return found
 
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 import jaxball
-from jaxball.frames import frisvad, spherical_direction
+from jaxball.frames import frisvad, principal_angles, spherical_direction
 
 basis = jax.jit(frisvad)
 spherical = jax.jit(lambda azimuth, elevation: jaxball.SphericalFrame(azimuth, elevation).matrix())
@@ -67,3 +67,22 @@ def test_the_first_rails_of_the_paper_are_drawn_in_known_planes():
     e1, e2, e3 = np.eye(3)
     np.testing.assert_allclose(spherical(0.0, 0.0), np.stack([e1, e2, e3], axis=1), atol=1e-15)
     np.testing.assert_allclose(spherical(np.pi / 2, 0.0), np.stack([e2, -e3, -e1], axis=1), atol=1e-15)
+
+
+@pytest.mark.parametrize("angles", [(0.3, 90.0), (-45.0, 0.2)])
+def test_angles_in_degrees_are_refused(angles):
+    with pytest.raises(ValueError, match=r"must be in radians, from -2π to 2π, but it is (90|-45)"):
+        jaxball.SphericalFrame(*angles)
+    traced = jax.eval_shape(jaxball.SphericalFrame, *[jax.ShapeDtypeStruct((), jnp.float64)] * 2)
+    assert isinstance(traced, jaxball.SphericalFrame)
+
+
+@pytest.mark.parametrize("elevation", [1.7, -1.7, 3.5, -4.0, 6.5, 1.5])
+def test_principal_angles_are_those_of_the_same_direction(elevation):
+    azimuth, principal = principal_angles(0.4, elevation)
+    assert abs(principal) <= np.pi / 2
+    wanted = spherical_direction(jnp.asarray(0.4), jnp.asarray(elevation))
+    found = spherical_direction(jnp.asarray(azimuth), jnp.asarray(principal))
+    np.testing.assert_allclose(found, wanted, atol=1e-14)
+    if elevation == 1.5:
+        assert (azimuth, principal) == (0.4, 1.5)

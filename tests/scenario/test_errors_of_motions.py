@@ -42,6 +42,16 @@ RAILS = {
         "and whose "
         "determinant is 1, but it is [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]].",
     ),
+    "elevation in degrees": (
+        with_rail('{ kind = "circle", radius = 0.9, frame = { azimuth = 0.3, elevation = 90 } }'),
+        "Key `masses[0].rail.frame.elevation` must be a finite number of radians from -π/2 to π/2, but it is 90; 90 "
+        "degrees are 1.5707963 radians.",
+    ),
+    "azimuth in degrees": (
+        with_rail('{ kind = "circle", radius = 0.9, frame = { azimuth = -45.0, elevation = 0 } }'),
+        "Key `masses[0].rail.frame.azimuth` must be a finite number of radians from -2π to 2π, but it is -45.0; -45.0 "
+        "degrees are -0.78539816 radians.",
+    ),
     "zero versor": (
         with_rail('{ kind = "circle", radius = 0.9, frame = { versor = [0, 0, 0, 0] } }'),
         "Key `masses[0].rail.frame.versor` must be a list of 4 finite numbers, not all zero, but it is [0, 0, 0, 0].",
@@ -71,20 +81,20 @@ MOTIONS = {
         with_schedule('{ kind = "constant-rate", theta = 0.5, rate = 0.4 }', IN_TUBE),
         "Key `masses[0].schedule` must keep the mass inside the shell of radius 1 from t = 0 to t = "
         "2, but the "
-        "mass leaves it at t = 1.25.",
+        "mass leaves it at t = 1.25, and is 1.3 from the centre at t = 2.",
     ),
     "out for an instant": (
         # |chi| = 0.3 + 0.70001 sin t exceeds 1 for a few thousandths about t = pi/2.
         with_schedule('{ kind = "sinusoids", theta = 0.3, amplitude = [0.70001], frequency = [1] }', IN_TUBE),
         "Key `masses[0].schedule` must keep the mass inside the shell of radius 1 from t = 0 to t = "
         "2, but the "
-        "mass leaves it at t = 1.56545.",
+        "mass leaves it at t = 1.56545, and is 1.00001 from the centre at t = 1.5708.",
     ),
     "free and out": (
         with_motion("free = { constant = [0.5, 0, 0], amplitude = [[1, 0, 0]], frequency = [1] }"),
         "Key `masses[0].free` must keep the mass inside the shell of radius 1 from t = 0 to t = 2, "
         "but the mass "
-        "leaves it at t = 0.523599.",
+        "leaves it at t = 0.523599, and is 1.5 from the centre at t = 1.5708.",
     ),
     "pulse backwards": (
         with_schedule('{ kind = "pulse", theta = 0, start = 0.3 }'),

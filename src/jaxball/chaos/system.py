@@ -97,6 +97,6 @@ def system_spectrum(
         rtol,
         atol,
         kinks,
-        possible_start(system, edges[0], state),
+        possible_start(system, edges, state),
         normal_force if isinstance(system, Ball | Disk) else None,
     )

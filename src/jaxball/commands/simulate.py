@@ -16,6 +16,7 @@ from ..output import check_destination
 from ..results import SUFFIXES, save
 from ..results.provenance import attributes
 from ..scenario import Scenario, ScenarioError
+from ..scenario.shell import message_in_keys
 from ..scenario.solve import SOLVERS, check_dae
 from ..trajectory import Trajectory
 from .film import add_film, check_film, film
@@ -59,7 +60,7 @@ def _run(options: argparse.Namespace) -> int:
         save(trajectory, options.out, scenario)
     if not trajectory.ok:
         write_json(options, _content(scenario, trajectory))
-        print(f"jaxball: {trajectory.message}{_kept(options.out)}", file=sys.stderr)
+        print(f"jaxball: {message_in_keys(trajectory)}{_kept(options.out)}", file=sys.stderr)
         return FAILED_SOLVE
     written = [] if options.out is None else [str(options.out)]
     written += _draw(options, scenario, trajectory)

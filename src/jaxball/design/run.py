@@ -138,6 +138,7 @@ def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES)
         atol=solve.atol,
         max_steps=solve.max_steps,
         adjoint=solve.adjoint,
+        inside=False,  # a search may pass through bodies that are not
     )
     return Run(candidate.system, candidate.times, trajectory.state, trajectory.status, rail_samples)
 

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from .._arrays import to_array
 from ..body import Ball, Disk, System
+from ..frames import principal_angles
 from ..scenario import Scenario, read_document
 from ..scenario.initial import starting_angles
 from ..state import BallState, DiskState
@@ -114,6 +115,10 @@ class DesignSpace:
         if self._moves("initial.versor"):
             q = np.asarray(found["initial"]["versor"])
             found["initial"] = {**found["initial"], "versor": (q / np.linalg.norm(q)).tolist()}
+        for item in found.get("masses", []):
+            frame = item.get("rail", {}).get("frame", {})
+            if "elevation" in frame:
+                frame["azimuth"], frame["elevation"] = principal_angles(frame["azimuth"], frame["elevation"])
         if self._moves("time") and "step" in found["time"]:
             found["time"] = {**found["time"], "saves": self.scenario.times.size}
             del found["time"]["step"]

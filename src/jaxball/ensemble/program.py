@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..confinement import until_left
 from ..lanes import LaneProgram
 from ..packing import Packing
 from ..status import Status
@@ -31,6 +32,7 @@ class Settings(NamedTuple):
     lanes: int
     shared: tuple[bool, ...]
     reductions: tuple[tuple[str, AbstractReduction], ...]
+    inside: bool = True
 
 
 @functools.cache
@@ -47,11 +49,12 @@ def _solve(settings: Settings, compact: Any, times: Array, rtol: Array, atol: Ar
     system, state = compact
     like, shared = first(compact, settings.shared), settings.shared[: len(jax.tree.leaves(system))]
 
-    def each(function: Callable[..., Any], *others: Array) -> Any:
+    def each(function: Callable[..., Any], *others: Any) -> Any:
         return jax.vmap(function, in_axes=(*along, *(0 for _ in others)))(system, state, *others)
 
     x = each(lambda system, state, t: Packing.of(system.prepare(), state).pack(t, state), t0)
-    startable = each(lambda system, state, t: possible_start(system, t, state), t0) & jnp.all(jnp.isfinite(x), axis=1)
+    possible = each(lambda system, state, times: possible_start(system, times, state, settings.inside), times)
+    startable = possible & jnp.all(jnp.isfinite(x), axis=1)
     kinks = each(lambda system, state, t: kinks_of(system), t0)
     field = _field(like, system, shared, x)
     watched = Watched.of(settings.solver, settings.reductions, like, system, shared, field, times, x)
@@ -75,6 +78,9 @@ def _solve(settings: Settings, compact: Any, times: Array, rtol: Array, atol: Ar
         states,
     )
     reached = jnp.where(startable, jnp.minimum(solved.t, t1), t0)
+    if settings.inside:
+        left = (times, unpacked, reached, status)
+        reached, status = each(lambda system, _, *found: until_left(system.prepare(), *found), *left)
     reported = watched.reduced(solved.observed, field.moving, t0, x.T, settings.lanes)
     reported = {name: jnp.where(startable, value, jnp.nan) for name, value in reported.items()}
     return unpacked, reached, status, solved.steps, solved.rejected, reported, solved.executed

@@ -42,6 +42,7 @@ def simulate_ensemble(
     lanes: int | None = None,
     block: int | None = None,
     threads: int | None = None,
+    inside: bool = True,
 ) -> Ensemble:
     """Many runs of systems of one structure; each is what :func:`jaxball.simulate` makes of it, to the tolerances.
 
@@ -62,6 +63,7 @@ def simulate_ensemble(
     - ``block``: how many runs a compiled program takes at a time; fewer are filled up, so that calls with other numbers
       of runs share it. If not given, as many for each thread, and no more than 4096; on GPUs, as many for each of them.
     - ``threads``: how many blocks are computed at a time: as many as this process has cores, or GPUs, if not given.
+    - ``inside``: whether rails and masses must be in the body, as for one run.
 
     A run that fails has its status and NaN, and harms no other. Within ``jax.jit`` and under ``jax.jvp``, all runs are
     one block. Derivatives are forward: ``jax.jvp``, ``jax.jacfwd``.
@@ -84,14 +86,13 @@ def simulate_ensemble(
     block = runs if traced else block or min(runs, balanced(runs, BLOCK if on_cpu else runs, threads))
     compact, which = split((system, state))
     reduced = tuple(reductions.items())
-    settings = Settings(
-        method, checked_steps(max_steps), min(block, lanes or (LANES if on_cpu else block)), which, reduced
-    )
+    size = min(block, lanes or (LANES if on_cpu else block))
+    settings = Settings(method, checked_steps(max_steps), size, which, reduced, inside)
     if traced:
         *found, reported, executed = compiled(settings)(compact, whole, *limits)
-        return Ensemble(Trajectory(system, whole, *found), reported, executed)
+        return Ensemble(Trajectory(system, whole, *found, start=state), reported, executed)
     blocks = _in_blocks(settings, compact, tuple(np.asarray(x) for x in (whole, *limits)), block, threads)
-    return _joined(blocks, system, whole, runs)
+    return _joined(blocks, system, whole, state, runs)
 
 
 def _checked_solver(solver: diffrax.AbstractSolver) -> diffrax.AbstractERK:
@@ -145,9 +146,9 @@ def _count(system: Any, state: Any, times: Any, *tolerances: Any) -> int:
     return runs
 
 
-def _joined(blocks: list[Any], system: SimulableSystem, times: Any, runs: int) -> Ensemble:
+def _joined(blocks: list[Any], system: SimulableSystem, times: Any, state: SimulableState, runs: int) -> Ensemble:
     executed = sum(int(block[-1]) for block in blocks)
     *found, reported = jax.tree.map(
         lambda *parts: jnp.asarray(np.concatenate(parts)[:runs]), *(block[:-1] for block in blocks)
     )
-    return Ensemble(Trajectory(system, times, *found), reported, jnp.asarray(executed))
+    return Ensemble(Trajectory(system, times, *found, start=state), reported, jnp.asarray(executed))

@@ -13,7 +13,8 @@ class AbstractRail(Printed):
     """A curve ζ(θ) fixed in the ball, drawn from the geometric centre (section 3.3, ``eq_1d_param``).
 
     A family implements ``__call__`` and ``period``. A rail whose shape costs something to find (a
-    spline's coefficients, a frame's matrix) overrides ``prepare``, which is called once a solve.
+    spline's coefficients, a frame's matrix) overrides ``prepare``, which is called once a solve; one whose bends are
+    known, ``samples``.
     """
 
     @abc.abstractmethod
@@ -24,6 +25,11 @@ class AbstractRail(Printed):
     @abc.abstractmethod
     def period(self) -> float | None:
         """The increase of θ after which a closed rail repeats itself; None for an open one."""
+
+    @property
+    def samples(self) -> int:
+        """How many evenly spaced θ show every bend of the curve."""
+        return 512
 
     def prepare(self) -> "AbstractRail":
         """The same rail, ready to be evaluated many times."""

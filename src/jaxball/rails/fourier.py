@@ -41,3 +41,7 @@ class FourierRail(AbstractRail):
     @property
     def period(self) -> float:
         return 2 * math.pi
+
+    @property
+    def samples(self) -> int:
+        return 32 * self.cosine.shape[-2]

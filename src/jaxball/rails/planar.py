@@ -37,6 +37,10 @@ class AbstractPlanarRail(AbstractRail):
     def period(self) -> float:
         return 2 * math.pi
 
+    @property
+    def samples(self) -> int:
+        return 64
+
     def prepare(self) -> "AbstractPlanarRail":
         return eqx.tree_at(lambda rail: rail.frame, self, MatrixFrame(self.frame.matrix()))
 

@@ -10,6 +10,8 @@ from .._arrays import numbers
 from ..piecewise import PiecewisePolynomial, periodic_cubic_spline
 from .base import AbstractRail
 
+SAMPLES_PER_PIECE = 16
+
 
 class SplineRail(AbstractRail):
     """The closed cubic spline that passes ``points`` at θ = 0, 2π/n, 4π/n, …
@@ -46,6 +48,10 @@ class SplineRail(AbstractRail):
     def period(self) -> float:
         return 2 * math.pi
 
+    @property
+    def samples(self) -> int:
+        return SAMPLES_PER_PIECE * self.points_on_rail.shape[-2]
+
 
 class PreparedSplineRail(AbstractRail):
     """A :class:`SplineRail` whose coefficients are known."""
@@ -58,3 +64,7 @@ class PreparedSplineRail(AbstractRail):
     @property
     def period(self) -> float:
         return 2 * math.pi
+
+    @property
+    def samples(self) -> int:
+        return SAMPLES_PER_PIECE * self.curve.coefficients.shape[-3]

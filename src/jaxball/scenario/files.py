@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import tomli_w
 
 from ..body import Ball, Disk
@@ -19,7 +18,7 @@ from .initial import INITIAL, balanced, initial_state, read_initial, write_initi
 from .library import builtin_scenarios, builtin_text, nearest_builtin
 from .masses import CHOICES as MASSES, read_masses, write_masses
 from .scenario import Scenario
-from .shell import check_inside, check_start
+from .shell import check_confined
 from .solve import SOLVE, check_dae
 from .table import Key, keys_of, read_table, write_table
 from .times import TIMES, read_times, write_times
@@ -122,8 +121,7 @@ def read_document(document: dict[str, Any]) -> Scenario:
     system = (Disk if kind == "disk" else Ball)(**shell, masses=masses, law=law)
     state = initial_state(initial, "initial", kind, followed, start)
     check_dae(system, solve["solver"], solve["dae"])
-    check_inside(system, times)
-    check_start(system, np.asarray(state.theta))
+    check_confined(system, times, state)
     return Scenario(found["title"], system, state, times, **solve)
 
 

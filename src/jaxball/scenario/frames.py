@@ -6,12 +6,13 @@ import numpy as np
 
 from ..frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
 from .table import Family, Key, Module, join, read_one_of, write_member
-from .values import NOT_ALL_ZERO, Nested, Numbers, key_error
+from .values import FULL_TURN, NOT_ALL_ZERO, QUARTER_TURN, Nested, Numbers, Radians, key_error
 
 ORTHONORMAL = 1e-9
 
+_ANGLES = {"azimuth": Key(Radians(rule=FULL_TURN)), "elevation": Key(Radians(rule=QUARTER_TURN))}
 _FRAMES: Family = {
-    "azimuth": Module(SphericalFrame, {"azimuth": Key(Numbers()), "elevation": Key(Numbers())}),
+    "azimuth": Module(SphericalFrame, _ANGLES),
     "versor": Module(VersorFrame, {"versor": Key(Numbers((4,), NOT_ALL_ZERO))}, attributes={"versor": "q"}),
     "matrix": Module(MatrixFrame, {"matrix": Key(Numbers((3, 3)))}, attributes={"matrix": "B"}),
 }

@@ -9,14 +9,13 @@ import numpy as np
 
 from .._arguments import refusal
 from .._printing import shown
-from ..classical import AbstractClassicalState, AbstractClassicalSystem
+from ..classical import AbstractClassicalState
 from ..events import AbstractEvent
 from ..simulable import SimulableSystem
 from ..simulation import DEFAULT_TOLERANCE, simulate
 from ..state import BallState, DiskState
 from ..trajectory import Trajectory
 from ..wording import one_of
-from .shell import mark_escape
 from .solve import SOLVERS, check_dae
 
 
@@ -64,9 +63,6 @@ class Scenario:
     ) -> Trajectory[Any, Any]:
         """The trajectory, with the scenario's own settings where no other is given.
 
-        A mass that a law carries out of the shell gives the status ``LEFT_SHELL``, at the first saved
-        time at which it is outside.
-
         **Raises:** as :func:`jaxball.simulate`, and :class:`ScenarioError` where the solver does not go with ``dae``.
         """
         named = "Key `solve.solver`" if solver is None else "Argument `solver`"
@@ -89,6 +85,4 @@ class Scenario:
             events=events,
             progress=progress,
         )
-        if not isinstance(self.system, AbstractClassicalSystem):
-            trajectory = mark_escape(trajectory)
         return trajectory.raise_if_failed() if throw else trajectory

@@ -68,6 +68,17 @@ FINITE = Rule("finite", lambda x: np.full(len(x), True))
 POSITIVE = Rule("positive", lambda x: np.all(x > 0, axis=1))
 NOT_NEGATIVE = Rule("non-negative", lambda x: np.all(x >= 0, axis=1))
 NOT_ALL_ZERO = Rule("finite", lambda x: np.any(x != 0, axis=1), ", not all zero")
+ROUNDED = 1e-3  # 1.5708 is a right angle
+
+
+def within(limit: float, words: str) -> Rule:
+    """The rule that an angle in radians is no further than ``limit``, in ``words``, from 0."""
+    return Rule(
+        "finite", lambda x: np.all(np.abs(x) <= limit + ROUNDED, axis=1), f" of radians from -{words} to {words}"
+    )
+
+
+QUARTER_TURN, FULL_TURN = within(math.pi / 2, "π/2"), within(2 * math.pi, "2π")
 INCREASING = Rule("increasing", lambda x: np.all(x[:, 1:] > x[:, :-1], axis=1))
 
 
@@ -108,6 +119,21 @@ class Numbers:
         return len(shape) == len(self.shape) and all(
             n > 0 if wanted is None else n == wanted for n, wanted in zip(shape, self.shape, strict=True)
         )
+
+
+@dataclass(frozen=True)
+class Radians(Numbers):
+    """An angle in radians, no further from 0 than its rule says."""
+
+    def read(self, value: Any, path: str) -> np.ndarray | float:
+        try:
+            return super().read(value, path)
+        except ScenarioError:
+            degrees = _as_floats(value)
+            if degrees is None or degrees.shape or not np.isfinite(degrees):
+                raise
+            in_radians = f"{shown(value)}; {shown(value)} degrees are {math.radians(float(degrees)):.8g} radians"
+            raise key_error(path, self.words, in_radians) from None
 
 
 _SEEN: ContextVar[dict[str, Numbers] | None] = ContextVar("_SEEN", default=None)

@@ -10,10 +10,8 @@ import numpy as np
 from ..body import Ball, Disk
 from ..events import Detachment
 from ..extremes import contact_extremes
-from ..scenario.shell import mark_escape
 from ..scenario.solve import SOLVERS
 from ..simulation import FEW_STEPS, simulate
-from ..trajectory import Trajectory
 from .batch import Batch, Wanted
 from .outputs import CONTACT
 
@@ -52,8 +50,6 @@ def _solve_part(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
     method = _Method(*as_single, wanted.contact, wanted.detachment)
     stacked = (padded.system, padded.times, padded.state, padded.rtol, padded.atol)
     state, reached, status, steps, rejected, extremes = jax.tree.map(np.asarray, _run(method, stacked))
-    if getattr(first.system, "driven", ()):
-        status, reached = _escaped(stacked, state, reached, status, steps, rejected)
     found = {"status": status, "steps": steps, "rejected": rejected, "reached": reached, **vars(state)}
     if extremes is not None:
         found |= {name: getattr(extremes, name) for name in CONTACT}
@@ -99,13 +95,3 @@ def _program(method: _Method) -> Callable[..., Any]:
         )
 
     return jax.jit(jax.vmap(one))
-
-
-def _escaped(stacked, state, reached, status, steps, rejected) -> tuple[np.ndarray, np.ndarray]:
-    """Statuses and the times reached, where driven masses that left the shell are seen."""
-    system, times = stacked[:2]
-    marked = []
-    for k in range(len(status)):
-        rows = jax.tree.map(lambda leaf, k=k: leaf[k], (system, times, state, reached, status, steps, rejected))
-        marked.append(mark_escape(Trajectory(*jax.tree.map(jax.numpy.asarray, rows))))
-    return np.stack([np.asarray(x.status) for x in marked]), np.stack([np.asarray(x.reached) for x in marked])

@@ -48,12 +48,13 @@ def _disk(shell: dict[str, Any]) -> Bool[Array, ""]:
 
 
 def _classical(parts: Any) -> Bool[Array, ""]:
-    return possible_start(*parts)
+    system, start, state = parts
+    return possible_start(system, start[None], state)
 
 
 def _flat(disk: Any) -> Verdicts:
-    """Whether offset and force lie in a disk's plane; for numbers this is exact."""
-    bad = disk.offset[:, 1] != 0
+    """Whether the force lies in a disk's plane; for numbers this is exact."""
+    bad = np.full(len(disk.mass), False)
     for leaf in () if disk.force is None else (disk.force.series.constant, disk.force.series.amplitude):
         bad |= np.any(leaf[..., 1].reshape(len(bad), -1) != 0, axis=1)
     return verdicts(~bad, bad)

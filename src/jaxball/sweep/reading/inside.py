@@ -7,16 +7,19 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ...breaches import known_furthest, known_points
+from ...confinement import rounding
 from ...motion import AbstractMotion, Driven, Fixed, OnRail, Oscillating
 from ...rails import AbstractPlanarRail, AbstractRail, Tube
-from ...scenario.shell import FLAT, reach
 from .furthest import furthest, reach_of_series
 from .reach import Stacked, bounds, distance, farthest_sample, matrices
 from .verdict import GOOD, UNSURE, Verdicts, verdicts, worst
 
-ROUNDING = 1e-8  # frames are orthonormal to 1e-9
-# Parabolas through samples of a distance rise above the samples by an eighth of the largest of them or less.
-RISE = 1.125
+# What is within the shell as computed here is within by the rule, and what is outside by twice what the rule allows for
+# rounding is outside, though frames are orthonormal to 1e-9, and tubes' angles, to this size, have fewer digits.
+ROUNDING = rounding(np.zeros(()))
+OUTSIDE = 1 + 2 * ROUNDING
+LARGEST_ANGLE = 1e6
 
 
 class Shell(NamedTuple):
@@ -46,8 +49,8 @@ def start_inside(system: Any, theta: Float[np.ndarray, "rows driven"]) -> Verdic
         for k, index in enumerate(indices if isinstance(group.motion, Driven) else ()):
             rail = jax.tree.map(lambda leaf, k=k: leaf[:, k], group.motion.rail)
             angle = theta[:, system.driven.index(index)]
-            far, rounding = distance(rail, angle), ROUNDING * (1 + np.abs(angle))
-            found.append(verdicts(far < system.radius * (1 - rounding), far > system.radius * (1 + rounding)))
+            far, near = distance(rail, angle), np.abs(angle) < LARGEST_ANGLE * system.radius
+            found.append(verdicts(near & (far <= system.radius), near & (far > system.radius * OUTSIDE)))
     return worst(*found)
 
 
@@ -66,11 +69,7 @@ def _(motion: Fixed, changes: Any, shell: Shell) -> np.ndarray:
     if not (_any(changes) or shell.radius_changes):
         return np.full((1, 1), GOOD)
     far = np.sqrt(np.sum(np.square(motion.position), axis=-1))
-    good, bad = far < shell.radius * (1 - ROUNDING), far > shell.radius * (1 + ROUNDING)
-    if shell.disk:
-        aside = np.abs(motion.position[..., 1])
-        good &= aside <= FLAT * shell.radius
-    return verdicts(good, bad)
+    return verdicts((far <= shell.radius) & _flat(np.abs(motion.position[..., 1]), shell), far > shell.radius * OUTSIDE)
 
 
 @_motion.register
@@ -78,7 +77,7 @@ def _(motion: Oscillating, changes: Any, shell: Shell) -> np.ndarray:
     if not (_any(changes) or shell.radius_changes or shell.span_changes):
         return np.full((1, 1), GOOD)
     far, aside = reach_of_series(motion.path, shell.start, shell.end)
-    return verdicts((far * RISE < shell.radius) & _flat(aside, shell))
+    return verdicts((far <= shell.radius) & _flat(aside, shell))
 
 
 @_motion.register
@@ -98,7 +97,7 @@ def _(motion: OnRail, changes: Any, shell: Shell) -> np.ndarray:
     unit = np.abs(direction) / np.sqrt(np.sum(np.square(direction), axis=-1, keepdims=True))
     far = np.sqrt(np.sum(np.square(np.abs(centre) + angle[..., None] * unit), axis=-1))
     aside = np.abs(centre[..., 1]) + angle * unit[..., 1]
-    return np.maximum(on_rail, verdicts((far * RISE < shell.radius) & _flat(aside, shell)))
+    return np.maximum(on_rail, verdicts((far <= shell.radius) & _flat(aside, shell)))
 
 
 def _rail(rail: AbstractRail, changes: Any, shell: Shell) -> np.ndarray:
@@ -109,11 +108,11 @@ def _rail(rail: AbstractRail, changes: Any, shell: Shell) -> np.ndarray:
     rows, masses = jax.tree.leaves(rail)[0].shape[:2]
     found, good = bounds(rail, _same_frames(rail, changes)), np.full((rows, masses), False)
     if found is not None:
-        good |= (found.far < shell.radius * (1 - ROUNDING)) & _flat(found.aside, shell)
+        good |= (found.far <= shell.radius) & _flat(found.aside, shell)
     bad, doubtful = np.zeros_like(good), np.flatnonzero(~np.all(good, axis=1))
     if doubtful.size:
         sampled = farthest_sample(jax.tree.map(lambda leaf: leaf[doubtful], rail))
-        bad[doubtful] = sampled > shell.radius[doubtful] * (1 + ROUNDING)
+        bad[doubtful] = sampled > shell.radius[doubtful] * OUTSIDE
     for row, mass in np.argwhere(~good & ~bad & ~np.any(bad, axis=1, keepdims=True)):
         one = jax.tree.map(lambda leaf, at=(row, mass): leaf[at], rail)
         bad[row, mass] = _out(one, shell.radius[row], shell.disk)[0]
@@ -146,11 +145,11 @@ def _same_rails(rail: AbstractRail, shell: Shell) -> np.ndarray:
 
 def _out(rail: AbstractRail, radius: Float[np.ndarray, " radii"], disk: bool) -> Bool[np.ndarray, " radii"]:
     """Whether a closed rail leaves shells of several radii, or the plane of a disk, by what the check itself finds."""
-    _, points, far = reach(rail, 0.0)
-    bad = ~(np.max(far) < radius)
-    return bad | (np.max(np.abs(points[:, 1])) > FLAT * radius) if disk else bad
+    far = np.asarray(known_furthest(rail).distance)
+    bad = far > radius * (1 + ROUNDING)
+    return bad | (np.max(np.abs(known_points(rail, radius[0])[:, 1])) > ROUNDING * radius) if disk else bad
 
 
 def _flat(aside: Stacked, shell: Shell) -> Bool[np.ndarray, "_ _"]:
     """Whether masses surely stay in the plane of a disk."""
-    return aside < FLAT / 2 * shell.radius if shell.disk else np.full_like(aside, True, dtype=bool)
+    return aside < ROUNDING / 2 * shell.radius if shell.disk else np.full_like(aside, True, dtype=bool)

@@ -1,9 +1,4 @@
-"""How far rails come from the centre of the body, and how far out of a disk's plane: bounds for many at once.
-
-The check of a scenario samples a rail and puts parabolas through the samples. Where y is the distance at a sample,
-parabolas rise above the samples by (a − b)² / 8 (a + b) ≤ max(a, b) / 8 with a and b the differences between
-neighbours, which are no more than the step times the fastest change of y. The bounds here cover that.
-"""
+"""How far rails come from the centre of the body, and how far out of a disk's plane: bounds for many at once."""
 
 import functools
 from typing import Any, NamedTuple
@@ -22,12 +17,10 @@ from ...rails import (
     FourierRail,
     GeronoEight,
 )
-from ...scenario.shell import RAIL_SAMPLES
 from .compiled import on_rows
 
 Stacked = Float[np.ndarray, "_ _"]  # rows and masses, or 1 in the place of either
-RISE = 2 * np.pi / RAIL_SAMPLES / 8
-COARSE = 128  # one in so many of the check's samples
+COARSE = 4  # one in so many of the check's samples
 
 
 class Bounds(NamedTuple):
@@ -51,11 +44,8 @@ def _(rail: AbstractPlanarRail, frames: Any = None) -> Bounds | None:
         return None
     off = np.hypot(along[..., 0], along[..., 2])
     far = np.hypot(along[..., 1], off + rho)
-    # The distance from the centre changes with θ by no more than that of a circle's own centre, and on the other curves
-    # than their speed.
-    fastest = off if isinstance(rail, Circle) else np.sqrt(5) * rho
     aside = np.abs(rail.centre[..., 1]) + rho * np.hypot(B[..., 1, 0], B[..., 1, 2])
-    return Bounds(far + RISE * fastest, aside)
+    return Bounds(far, aside)
 
 
 @bounds.register
@@ -63,7 +53,7 @@ def _(rail: FourierRail, frames: Any = None) -> Bounds:
     size = np.hypot(rail.cosine, rail.sine)  # of each harmonic of each coordinate
     far = _norm(np.asarray(rail.centre)) + np.sum(_norm(size), axis=-1)
     aside = np.abs(rail.centre[..., 1]) + np.sum(size[..., 1], axis=-1)
-    return Bounds(far * (1 + RISE * size.shape[-2]), aside)
+    return Bounds(far, aside)
 
 
 @functools.singledispatch
@@ -104,7 +94,7 @@ def farthest_sample(rail: AbstractRail) -> Stacked:
     """The largest distance from the centre among some of the samples that the check takes of a closed rail."""
     period = rail.period
     assert period is not None
-    theta = np.linspace(0.0, period, RAIL_SAMPLES + 1)[::COARSE]
+    theta = np.linspace(0.0, period, rail.samples, endpoint=False)[::COARSE]
     return np.max(_norm(on_rows(functools.partial(_points, theta), rail)), axis=-1)
 
 

@@ -1,0 +1,219 @@
+"""Masses stay in the body: inside the shell, and those of a disk in its plane; what does not is named."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import Ball, BallState, Disk, PointMass, Status, problems, simulate
+from jaxball.breaches import known_furthest
+from jaxball.ensemble import simulate_ensemble
+
+TIMES = np.linspace(0.0, 2.0, 5)
+SHELL = {"mass": 1.0, "inertia": (0.9, 1.0, 1.1)}
+FLAT = {"mass": 1.0, "inertia": 1.0}
+STILL = jaxball.ConstantRate(0.3)
+
+
+def helix(theta, pitch):
+    return jnp.stack([0.3 * jnp.cos(theta), 0.3 * jnp.sin(theta), pitch * theta])
+
+
+def outward(t, rate):
+    return jnp.stack([rate * t, jnp.zeros_like(t), jnp.zeros_like(t)])
+
+
+def sideways(t, start):
+    """In the plane of a disk until ``start``."""
+    return jnp.stack([jnp.full_like(t, 0.2), 0.1 * jnp.maximum(t - start, 0.0) ** 3, jnp.zeros_like(t)])
+
+
+def accelerate(t, state, rate):
+    return jnp.broadcast_to(rate, state.theta.shape)
+
+
+def ball(motion, **others):
+    return Ball(**SHELL, masses=[PointMass(0.5, motion)], **others)
+
+
+def disk(motion):
+    return Disk(**FLAT, masses=[PointMass(0.5, motion)])
+
+
+TURNED = jaxball.SphericalFrame(0.3, 0.4)
+NOT_AT_THE_START = {
+    "rail": (
+        ball(jaxball.OnRail(jaxball.Circle(0.5, centre=(0.0, 0.0, 0.75)), STILL)),
+        "`masses[0].motion.rail` must be a curve inside the shell of radius 1, but it is 1.25 from the centre at "
+        "theta = 1.5708.",
+    ),
+    "position": (
+        ball(jaxball.Fixed((0.0, 0.0, 1.1))),
+        "`masses[0].motion.position` must be a point inside the shell of radius 1, but it is [0.0, 0.0, 1.1].",
+    ),
+    "tube": (
+        ball(jaxball.OnRail(jaxball.Tube((1.0, 0.0, 0.0)), jaxball.ConstantRate(1.5))),
+        "`masses[0].motion.schedule` must keep the mass inside the shell of radius 1, but it is 1.5 from the centre at "
+        "t = 0.",
+    ),
+    "rail of a disk": (
+        disk(jaxball.OnRail(jaxball.Circle(0.5, frame=TURNED), STILL)),
+        "`masses[0].motion.rail` must lie in the plane of a disk, E1 and E3, but it passes",
+    ),
+    "tube of a disk": (
+        disk(jaxball.OnRail(jaxball.Tube((1.0, 0.1, 0.0)), jaxball.ConstantRate(0.0))),
+        "`masses[0].motion.rail` must lie in the plane of a disk, E1 and E3, but it passes",
+    ),
+    "free in a disk": (
+        disk(jaxball.Free(sideways, jnp.asarray(1.0))),
+        "`masses[0].motion` must lie in the plane of a disk, E1 and E3, but it passes [0.2, 0.1, 0.0].",
+    ),
+    "offset of a disk": (
+        Disk(**FLAT, offset=(0.0, 0.1, 0.0)),
+        "`offset` must be in the plane of a disk, E1 and E3, with second entry 0, but it is [0.0, 0.1, 0.0].",
+    ),
+    "force on a disk": (
+        Disk(**FLAT, force=jaxball.HarmonicForce((0.1, 0.2, 0.0))),
+        "`force` must be in the plane of a disk, E1 and E3, at all times, but it is [0.1, 0.2, 0.0].",
+    ),
+}
+
+
+@pytest.mark.parametrize(("body", "sentence"), NOT_AT_THE_START.values(), ids=NOT_AT_THE_START.keys())
+def test_what_no_body_can_have_is_named(body, sentence):
+    run = simulate(body, TIMES)
+    assert run.status == Status.IMPOSSIBLE
+    assert f"Argument {sentence}" in run.message
+    assert any(found.startswith(f"Argument {sentence}") for found in problems(body, t=TIMES))
+    assert "steps" not in str(run)
+    assert run.steps == 0
+
+
+@pytest.mark.parametrize(
+    ("motion", "when", "furthest"),
+    [
+        (
+            jaxball.OnRail(jaxball.FunctionRail(helix, jnp.asarray(0.9)), jaxball.ConstantRate(0.0, 1.0)),
+            np.sqrt(1 - 0.3**2) / 0.9,
+            np.hypot(0.3, 1.8),
+        ),
+        (jaxball.Free(outward, jnp.asarray(0.8)), 1.25, 1.6),
+    ],
+    ids=["helix", "free"],
+)
+def test_a_mass_that_leaves_the_shell_does_so_at_its_time(motion, when, furthest):
+    body = ball(motion)
+    run = simulate(body, TIMES)
+    assert run.status == Status.LEFT_SHELL
+    np.testing.assert_allclose(run.reached, when, rtol=1e-12)
+    wanted = f"but the mass leaves it at t = {when:.6g}, and is {furthest:.6g} from the centre at t = 2."
+    assert wanted in problems(body, BallState(), TIMES)[0]
+    assert wanted in run.message
+    assert problems(body, BallState()) == []
+    # The equations do not know where the shell is.
+    unbounded = simulate(body, TIMES, inside=False)
+    assert unbounded.ok
+    np.testing.assert_allclose(unbounded.state.z, run.state.z, rtol=0, atol=1e-14)
+    # It is the mass that counts on an open rail, and it is inside for as long as that.
+    assert simulate(body, TIMES[when > TIMES]).ok
+
+
+def test_a_driven_mass_is_looked_at_at_the_start_and_at_saved_times():
+    law = jaxball.FunctionLaw(accelerate, jnp.asarray(0.5))
+    body = ball(jaxball.Driven(jaxball.Tube((0.0, 0.0, 1.0))), law=law)
+    run = simulate(body, TIMES, BallState(theta=[0.5], thetadot=[0.0]))
+    # θ = 1/2 + t²/4 is 1 at t = √2; 1.5 is the first saved time after.
+    assert (int(run.status), float(run.reached)) == (Status.LEFT_SHELL, 1.5)
+    assert "`law` must keep mass 0 inside the shell of radius 1, but the mass is 1.0625 from" in run.message
+    run = simulate(body, TIMES, BallState(theta=[1.5], thetadot=[0.0]))
+    assert run.status == Status.IMPOSSIBLE
+    assert "`state.theta` must be angles at which each mass is inside" in run.message
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_rail_on_the_shell_is_inside(seed):
+    rng = np.random.default_rng(seed)
+    frame = jaxball.VersorFrame(rng.normal(size=4))
+    radius = rng.uniform(0.5, 2.0)
+    body = ball(jaxball.OnRail(jaxball.Circle(radius, frame=frame), STILL), radius=radius)
+    assert problems(body, BallState(), TIMES) == []
+    assert problems(eqx.tree_at(lambda b: b.radius, body, body.radius * (1 - 1e-7)))
+
+
+def test_the_furthest_point_of_a_rail_is_that_of_its_formula():
+    frame, centre = jaxball.VersorFrame((0.3, -0.2, 0.7, 0.5)), np.array([0.1, 0.25, -0.3])
+    axis = np.asarray(frame.matrix())[:, 1]
+    along = centre @ axis
+    rails = {
+        "circle": (
+            jaxball.Circle(0.4, centre, frame),
+            np.hypot(along, 0.4 + np.sqrt(centre @ centre - along**2)),
+        ),
+        "ellipse": (jaxball.Ellipse((0.3, 0.7), frame=frame), 0.7),
+        # The largest a²u + 4b²u(1 − u) with u = cos²θ, at u = (a² + 4b²)/8b².
+        "eight": (jaxball.GeronoEight((0.3, 0.8), frame=frame), (0.3**2 + 4 * 0.8**2) / (4 * 0.8)),
+        # |ζ| = |cos 40θ| + 1/2 at θ = 0.
+        "Fourier": (
+            jaxball.FourierRail([[0.0, 0.0, 0.0]] * 39 + [[0.5, 0.0, 0.0]], np.zeros((40, 3)), (0.5, 0, 0)),
+            1.0,
+        ),
+    }
+    for name, (rail, wanted) in rails.items():
+        np.testing.assert_allclose(known_furthest(rail).distance, wanted, rtol=1e-9, err_msg=name)
+    spline = jaxball.SplineRail(np.random.default_rng(0).uniform(-0.6, 0.6, (7, 3)))
+    fine = np.linalg.norm(spline.points(jnp.linspace(0.0, 2 * np.pi, 100_001)), axis=1)
+    # The nearest of these is half of a spacing δ = 6e-5 away, which makes δ²/8 of the curve's bend.
+    np.testing.assert_allclose(known_furthest(spline).distance, np.max(fine), rtol=1e-8)
+
+
+def test_rows_of_a_batch_have_the_statuses_of_single_runs():
+    radii = np.array([0.5, 1.0, 1.5])
+    rates = np.array([0.9, 0.4, 0.2])
+
+    def body(radius, rate):
+        rail, free = jaxball.Circle(radius), jaxball.Free(outward, rate)
+        return Ball(**SHELL, masses=[PointMass(0.5, jaxball.OnRail(rail, STILL)), PointMass(0.5, free)])
+
+    stacked = jax.vmap(body)(jnp.asarray(radii), jnp.asarray(rates))
+    states = jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), BallState())
+    wanted = [Status.LEFT_SHELL, Status.SUCCESS, Status.IMPOSSIBLE]
+    by_vmap = jax.vmap(lambda system: simulate(system, TIMES))(stacked)
+    by_lanes = simulate_ensemble(stacked, TIMES, states).trajectory
+    for found in (by_vmap, by_lanes):
+        np.testing.assert_array_equal(found.status, wanted)
+        np.testing.assert_allclose(found.reached, [1 / 0.9, 2.0, 0.0], rtol=1e-12)
+    row = jax.tree.map(lambda leaf: leaf[2], by_lanes)
+    assert "must be a curve inside the shell of radius 1, but it is 1.5 from the centre" in row.message
+
+
+def test_derivatives_are_those_of_the_equations():
+    def end(radius, inside):
+        rail = jaxball.Circle(radius, frame=TURNED)
+        masses = [
+            PointMass(0.5, jaxball.OnRail(rail, jaxball.Pulse(0.4))),
+            PointMass(0.5, jaxball.Free(outward, radius)),
+        ]
+        return jnp.sum(simulate(Ball(**SHELL, masses=masses), jnp.asarray([0.0, 1.0]), inside=inside).state.z[-1])
+
+    found, wanted = (
+        jax.jit(jax.grad(lambda radius, inside=inside: end(radius, inside)))(0.8) for inside in (True, False)
+    )
+    np.testing.assert_allclose(found, wanted, rtol=1e-13)
+    assert abs(wanted) > 1e-3
+
+
+def test_numbers_too_large_for_the_arithmetic_are_named():
+    body = Ball(mass=1e300, inertia=(0.9, 1.0, 1.1))
+    run = simulate(body, TIMES)
+    assert run.status == Status.IMPOSSIBLE
+    assert "Argument `mass` must be closer to 1" in run.message
+    assert "range of float64, but it is 1e+300." in run.message
+
+
+def test_a_motion_that_gives_no_place_is_named():
+    body = ball(jaxball.Free(outward, jnp.asarray(jnp.nan)))
+    run = simulate(body, TIMES)
+    assert run.status == Status.IMPOSSIBLE
+    assert "Argument `masses[0].motion` must give a finite place and a finite velocity at t = 0" in run.message
