@@ -19,6 +19,7 @@ from .classical import AbstractClassicalState, AbstractClassicalSystem
 from .dae import WITH_UNIT, has_unit
 from .dynamics import field_of
 from .events import AbstractEvent
+from .masks import differentiated_where
 from .packing import Packing
 from .simulable import SimulableState, SimulableSystem
 from .solvers import Projected, RadauIIA, SwitchingMassMatrixTerm
@@ -167,11 +168,12 @@ def _solve(
     events: dict[str, AbstractEvent],
 ) -> tuple:
     """The fields of a trajectory but ``system`` and ``times``, which a program could only copy."""
+    startable = _startable(system, times[0], state)
+    system, times, state, events = differentiated_where(startable, (system, times, state, events))
     packing = Packing.of(system.prepare(), state)
     initial = packing.pack(times[0], state)
     # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
     parameters, unpack_parameters = ravel_pytree((packing, events))
-    startable = possible_start(system, times[0], state) & jnp.all(jnp.isfinite(initial))
 
     # Compiled on their own, they are traced once; diffrax traces a step several times.
     @jax.jit
@@ -207,13 +209,18 @@ def _solve(
     )
     (_, ended), (states, _) = cast(tuple, solution.ts), cast(tuple, solution.ys)
     return (
-        jax.vmap(packing.unpack)(times, jnp.where(startable & jnp.isfinite(states), states, jnp.nan)),
+        jax.vmap(packing.unpack_where)(startable & jnp.all(jnp.isfinite(states), axis=1), times, states),
         jnp.where(startable, ended[0], times[0]),
         jnp.where(startable, status_of(solution.result), Status.IMPOSSIBLE),
         solution.stats["num_steps"],
         solution.stats["num_rejected_steps"],
         Interpolant(solution, packing) if method.dense else None,
     )
+
+
+def _startable(system: SimulableSystem, start: Array, state: SimulableState) -> Array:
+    initial = Packing.of(system.prepare(), state).pack(start, state)
+    return possible_start(system, start, state) & jnp.all(jnp.isfinite(initial))
 
 
 _solve_filtered = eqx.filter_jit(_solve)

@@ -44,10 +44,14 @@ class Steps(eqx.Module):
         """Which of them were taken."""
         return jnp.arange(self.start.size) < self.count
 
+    def step(self, index: Int[Array, ""]) -> diffrax.AbstractLocalInterpolation:
+        """The dense output of one step."""
+        info = jax.tree.map(lambda leaf: leaf[index], self.infos)
+        return self.interpolation(t0=self.times[index], t1=self.times[index + 1], **info)
+
     def state(self, index: Int[Array, ""], t: Float[Array, ""]) -> Float[Array, " size"]:
         """The vector of the state at a time within a step."""
-        info = jax.tree.map(lambda leaf: leaf[index], self.infos)
-        return self.interpolation(t0=self.times[index], t1=self.times[index + 1], **info).evaluate(t)
+        return self.step(index).evaluate(t)
 
     def samples(
         self,

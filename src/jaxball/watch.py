@@ -125,17 +125,12 @@ def _crossings(steps: Steps, packing: Packing, events: dict[str, AbstractEvent])
 def _occurrences(packing: Packing, found: Crossings, started: Array, reached: Float[Array, ""]) -> Occurrences:
     within = (found.times <= reached) & started
     late = jnp.sum(jnp.isfinite(found.times) & ~within)
-    states = jax.vmap(packing.unpack)(
-        jnp.where(within, found.times, 0.0), jnp.where(within[:, None], found.vectors, 1.0)
-    )
-
-    def masked(leaf):
-        return jnp.where(within.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, jnp.nan)
+    states = jax.vmap(packing.unpack_where)(within, found.times, found.vectors)
 
     return Occurrences(
         count=jnp.where(started, found.count - late, 0),
-        times=masked(found.times),
-        state=jax.tree.map(masked, states),
+        times=jnp.where(within, found.times, jnp.nan),
+        state=states,
         least=found.least,
         largest=found.largest,
     )
