@@ -41,9 +41,7 @@ class Packing(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
     def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnySimulableState:
         """The state of a vector."""
 
-    def unpack_where(
-        self, used: Bool[Array, ""], t: Float[Array, ""], x: Float[Array, " size"]
-    ) -> AnySimulableState:
+    def unpack_where(self, used: Bool[Array, ""], t: Float[Array, ""], x: Float[Array, " size"]) -> AnySimulableState:
         """The state of a vector; NaN, and nothing that has derivatives, where it is not ``used``."""
         packing, t, x = differentiated_where(used, (self, t, x))
         return jax.tree.map(lambda leaf: jnp.where(used, leaf, jnp.nan), packing.unpack(t, x))

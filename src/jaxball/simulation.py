@@ -20,6 +20,7 @@ from .dae import WITH_UNIT, has_unit
 from .dynamics import field_of
 from .events import AbstractEvent
 from .masks import differentiated_where
+from .modes import forward_only, reverse_only
 from .packing import Packing
 from .simulable import SimulableState, SimulableSystem
 from .solvers import Projected, RadauIIA, SwitchingMassMatrixTerm
@@ -83,8 +84,10 @@ def simulate(
     - ``events``: what to look for, :class:`~jaxball.Detachment`, :class:`~jaxball.Slip` or any
       :class:`~jaxball.Event`, by name; when each happened is ``trajectory.events[name]``. One that ends the run is
       its status, and the states saved after that are NaN.
-    - ``adjoint``: a diffrax adjoint: ``diffrax.ForwardMode()`` for jvp and few parameters; reverse
-      mode by checkpoints if not given.
+    - ``adjoint``: the mode of differentiation. ``diffrax.RecursiveCheckpointAdjoint()`` if not given: reverse mode,
+      ``jax.grad``, ``jax.jacrev``, ``jax.vjp``, once. ``diffrax.ForwardMode()`` for ``jax.jvp`` and ``jax.jacfwd``,
+      and for second derivatives, ``jax.jacfwd(jax.jacfwd(f))``, of all but events. ``diffrax.DirectAdjoint()`` is
+      refused, because its derivatives were wrong.
     - ``max_steps``: the number of steps, accepted and rejected, after which the solve gives up.
     - ``progress``: a diffrax progress meter.
     - ``throw``: whether a failed solve raises; otherwise it is a status on the trajectory.
@@ -93,7 +96,8 @@ def simulate(
     respect to the times of kinks are right; the module ``locked`` says why.
 
     **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or
-    ``TypeError`` for arguments of the wrong kind, and :class:`~jaxball.SolveError` where asked for.
+    ``TypeError`` for arguments of the wrong kind, ``TypeError`` where the default adjoint is differentiated in forward
+    mode or twice, and :class:`~jaxball.SolveError` where asked for.
     """
     times = _checked_times(times)
     if state is None:
@@ -102,6 +106,7 @@ def simulate(
     rtol, atol = checked_tolerances(rtol, atol)
     if dae:
         _check_dae(state, solver)
+    _check_adjoint(adjoint)
     events = checked(system, events)
     method = _Method(
         DEFAULT_SOLVER if solver is None else solver,
@@ -168,6 +173,8 @@ def _solve(
     events: dict[str, AbstractEvent],
 ) -> tuple:
     """The fields of a trajectory but ``system`` and ``times``, which a program could only copy."""
+    if isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint):
+        system, times, state, rtol, atol, events = reverse_only((system, times, state, rtol, atol, events))
     startable = _startable(system, times[0], state)
     system, times, state, events = differentiated_where(startable, (system, times, state, events))
     packing = Packing.of(system.prepare(), state)
@@ -207,6 +214,8 @@ def _solve(
         progress_meter=method.progress,
         throw=False,
     )
+    if isinstance(method.adjoint, diffrax.ForwardMode):
+        solution = forward_only(solution)
     (_, ended), (states, _) = cast(tuple, solution.ts), cast(tuple, solution.ys)
     return (
         jax.vmap(packing.unpack_where)(startable & jnp.all(jnp.isfinite(states), axis=1), times, states),
@@ -316,6 +325,16 @@ def _check_dae(state: SimulableState, solver: diffrax.AbstractSolver | None) -> 
         raise TypeError(
             "Argument `solver` must be a jaxball.solvers.RadauIIA where `dae` is True, because other solvers know no "
             f"mass matrix, but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
+        )
+
+
+def _check_adjoint(adjoint: diffrax.AbstractAdjoint | None) -> None:
+    """Steps that are computed again, in another program, differ by rounding, which a solve may have chosen steps by."""
+    if isinstance(adjoint, diffrax.DirectAdjoint):
+        raise TypeError(
+            "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint(), the default, for reverse mode or "
+            "diffrax.ForwardMode() for forward mode, but it is diffrax.DirectAdjoint(), which computes steps a second "
+            "time without meeting them: by it, derivatives of the paper's ball were wrong in the second digit."
         )
 
 

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 from .body import Ball, Disk
 from .crossings import Crossings, Kind, crossings
 from .events import DOWN, UP, AbstractEvent, Detachment, Slip
+from .modes import once
 from .occurrences import Occurrences
 from .packing import Packing
 from .status import Status
@@ -119,7 +120,8 @@ def _crossings(steps: Steps, packing: Packing, events: dict[str, AbstractEvent])
         return jnp.stack([event.value(packing.system, t, state) for event in events.values()])
 
     kinds = [Kind(event.direction, event.from_start, event.room) for event in events.values()]
-    return dict(zip(events, crossings(steps, values, packing.field, kinds), strict=True))
+    found = once("times and states of events", crossings(steps, values, packing.field, kinds))
+    return dict(zip(events, found, strict=True))
 
 
 def _occurrences(packing: Packing, found: Crossings, started: Array, reached: Float[Array, ""]) -> Occurrences:
