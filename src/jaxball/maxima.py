@@ -1,21 +1,30 @@
 """The largest values that functions of the state take within the steps of a solve."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from .masks import differentiated_where, without_derivatives
-from .sampling import NARROWER, place_of_largest, sampling
+from .sampling import NARROWER, sampling
 from .steps import Steps
 
-ROUNDS = 1
-ITERATIONS = 6
+# Evaluations: at the ends of a window, at those of one in the next step, and in the Illinois method.
+ENDS, BEYOND, ITERATIONS = 2, 2, 7
 
 Values = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
 Field = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " size"]]
+
+
+class _Point(NamedTuple):
+    """A time in each of the k steps that are looked at, and the function and its rate there."""
+
+    time: Float[Array, " k"]
+    value: Float[Array, " k"]
+    rate: Float[Array, " k"]
 
 
 def maxima(
@@ -23,10 +32,9 @@ def maxima(
 ) -> tuple[Float[Array, " k"], Float[Array, "k size"]]:
     """When each of k functions ``values(t, x)`` is largest, and the vector of the state then.
 
-    Each step is looked at in five places, and where the quartic through them is largest, a quartic in a narrower
-    window says where the maximum is, to a hundredth of the step. There the rate of the function along the motion,
-    with ẋ by ``field``, is solved for its zero: the place of a largest value is good to half the digits, that of a
-    zero to all.
+    Each step is looked at in five places. Around the place where the quartic through them is largest, or at the
+    beginning of the next step where the function still grows there, its rate along the motion, with ẋ by ``field``, is
+    solved for its zero: the place of a largest value is good to half the digits, that of a zero to all.
 
     ``values`` of times and vectors have the right first derivatives. Within a step times have none: there a maximum
     does not change to first order as its place does. At the end of a step, where a function may be largest because it
@@ -36,24 +44,18 @@ def maxima(
     fixed, fixed_values, fixed_field = without_derivatives((steps, values, field))
     samples = jnp.moveaxis(fixed.samples(fixed_values, (k,)), -1, 0)
     samples = jnp.where(fixed.taken[None, :, None], samples, -jnp.inf)
-    index, times = _best_place(fixed, samples)
 
-    def each(function: Values, times: Float[Array, " k"]) -> Float[Array, " k"]:
+    def at(index: Int[Array, " k"], times: Float[Array, " k"]) -> _Point:
         def one(j, found):
-            return found.at[j].set(function(times[j], fixed.state(index[j], times[j]))[j])
+            t = times[j]
+            x = fixed.state(index[j], t)
+            value, rate = jax.jvp(fixed_values, (t, x), (jnp.ones_like(t), fixed_field(t, x)))
+            return found.at[:, j].set(jnp.stack([value[j], rate[j]]))
 
-        return jax.lax.fori_loop(0, k, one, jnp.zeros_like(times))
+        return _Point(times, *jax.lax.fori_loop(0, k, one, jnp.zeros((2, k), times.dtype)))
 
-    def rates(t, x):
-        return jax.jvp(fixed_values, (t, x), (jnp.ones_like(t), fixed_field(t, x)))[1]
-
-    first, last = fixed.start[index], fixed.end[index]
-    length = last - first
-    times = place_of_largest(lambda t: each(fixed_values, t), times, length * NARROWER, first, last, ROUNDS)
-    half = length * NARROWER ** (ROUNDS + 1)
-    times = _stationary(lambda t: each(rates, t), times, half, first, last)
-    times = jax.lax.stop_gradient(times)
-    return jax.vmap(lambda i, t: _moved(steps, field, kinks, i, t))(index, times)
+    index, times = _stationary(fixed, at, *_best_place(fixed, samples))
+    return jax.vmap(lambda i, t: _moved(steps, kinks, i, t))(index, jax.lax.stop_gradient(times))
 
 
 def _best_place(steps: Steps, samples: Float[Array, "k steps nodes"]) -> tuple[Array, Array]:
@@ -70,40 +72,64 @@ def _best_place(steps: Steps, samples: Float[Array, "k steps nodes"]) -> tuple[A
 
 
 def _stationary(
-    rates: Callable[[Float[Array, " k"]], Float[Array, " k"]],
+    steps: Steps,
+    at: Callable[[Int[Array, " k"], Float[Array, " k"]], _Point],
+    index: Int[Array, " k"],
     times: Float[Array, " k"],
-    half: Float[Array, " k"],
-    first: Float[Array, " k"],
-    last: Float[Array, " k"],
-) -> Float[Array, " k"]:
-    """The zeros of ``rates`` within ``half`` of ``times``, by the Illinois method.
+) -> tuple[Int[Array, " k"], Float[Array, " k"]]:
+    """The steps and times near those given at which rates are zero, by the Illinois method.
 
-    Where a rate does not change from positive to negative, the function is largest at ``first`` or ``last`` if the
-    window ends there; otherwise that time is kept.
+    Where a rate does not change from positive to negative, the function is largest at an end of the step if the window
+    ends there; otherwise the time is kept. All evaluations are made by one loop, because each copy of a long formula
+    takes XLA as long to compile.
     """
-    low, high = jnp.maximum(times - half, first), jnp.minimum(times + half, last)
-    at_low, at_high = rates(low), rates(high)
-    smooth = (at_low > 0) & (at_high < 0)
 
-    def improve(_, carry):
-        (a, of_a), (b, of_b) = carry
-        t = b - of_b * (b - a) / jnp.where(of_b == of_a, 1.0, of_b - of_a)
-        t = jnp.where((t - a) * (t - b) < 0, t, b)
-        of_t = rates(t)
-        crossed, done = (of_t > 0) != (of_b > 0), (t == b) | (of_t == 0)
-        far, of_far = jnp.where(crossed, b, a), jnp.where(crossed, of_b, of_a / 2)
-        return (jnp.where(done, t, far), jnp.where(done, of_t, of_far)), (t, of_t)
+    def window(index, times):
+        half = (steps.end[index] - steps.start[index]) * NARROWER
+        return jnp.maximum(times - half, steps.start[index]), jnp.minimum(times + half, steps.end[index])
 
-    zero = jax.lax.fori_loop(0, ITERATIONS, improve, ((low, at_low), (high, at_high)))[1][0]
-    falls, rises = (low == first) & (at_low <= 0), (high == last) & (at_high >= 0)
-    return jnp.where(smooth, zero, jnp.where(falls, first, jnp.where(rises, last, times)))
+    def choose(pick, new, old):
+        return jax.tree.map(lambda new, old: jnp.where(pick, new, old), new, old)
+
+    def advance(n, carry):
+        index, moved, a, b, smooth = carry
+        first, last = steps.start[index], steps.end[index]
+        # The step into which the function goes on growing.
+        beyond = jnp.where((b.time == last) & (b.rate > 0), 1, jnp.where((a.time == first) & (a.rate < 0), -1, 0))
+        near = jnp.clip(index + beyond, 0, jnp.maximum(steps.count - 1, 0))
+        edge = jnp.where(beyond == 1, steps.start[near], steps.end[near])
+        secant = b.time - b.rate * (b.time - a.time) / jnp.where(b.rate == a.rate, 1.0, b.rate - a.rate)
+        secant = jnp.where((secant - a.time) * (secant - b.time) < 0, secant, b.time)
+        low, high = window(index, jnp.where(moved == 1, first, jnp.where(moved == -1, last, times)))
+        other = jnp.where(moved == -1, low, high)
+        time = jnp.select([n == 0, n == 1, n == 2, n == 3], [low, high, edge, other], secant)
+        new = at(jnp.where(n == 2, near, index), time)
+        # A function that jumps down at the end of a step is largest there.
+        old = jnp.where(beyond == 1, b.value, a.value)
+        goes_on = (n == 2) & (near != index) & (new.value >= old - 1e-9 * jnp.maximum(jnp.abs(old), 1.0))
+        moved = jnp.where(goes_on, beyond, moved)
+        index = jnp.where(goes_on, near, index)
+        crossed = (new.rate > 0) != (b.rate > 0)
+        kept = choose(crossed, b, a._replace(rate=a.rate / 2))
+        solving = (n > 3) & smooth & (new.time != b.time)
+        to_a = (n == 0) | goes_on & (moved == 1) | (n == 3) & (moved == -1)
+        to_b = (n == 1) | goes_on & (moved == -1) | (n == 3) & (moved != -1) | solving
+        a, b = choose(to_a, new, choose(solving, kept, a)), choose(to_b, new, b)
+        return index, moved, a, b, jnp.where(n == 3, (a.rate > 0) & (b.rate < 0), smooth)
+
+    nothing = _Point(times, jnp.zeros_like(times), jnp.zeros_like(times))
+    begin = (index, jnp.zeros_like(index), nothing, nothing, jnp.zeros(index.shape, bool))
+    index, moved, a, b, smooth = jax.lax.fori_loop(0, ENDS + BEYOND + ITERATIONS, advance, begin)
+    first, last = steps.start[index], steps.end[index]
+    kept = jnp.where(moved == 1, first, jnp.where(moved == -1, last, times))
+    falls, rises = (a.time == first) & (a.rate <= 0), (b.time == last) & (b.rate >= 0)
+    return index, jnp.where(smooth, b.time, jnp.where(falls, first, jnp.where(rises, last, kept)))
 
 
-def _moved(steps: Steps, field: Field, kinks: Float[Array, " kinks"], i, t) -> tuple[Array, Array]:
+def _moved(steps: Steps, kinks: Float[Array, " kinks"], i, t) -> tuple[Array, Array]:
     """A time in a step and the vector then, with the derivatives of the kink or the end of the step that it is at."""
     taken = steps.taken[i]
     step, (start, end), kinks = differentiated_where(taken, (steps.step(i), steps.ends(i), kinks))
-    x = step.evaluate(t)
     near = 16 * jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0)
 
     def change(of: Array) -> Array:
@@ -115,4 +141,4 @@ def _moved(steps: Steps, field: Field, kinks: Float[Array, " kinks"], i, t) -> t
     at_end = jnp.where(t == steps.end[i], change(end), jnp.where(t == steps.start[i], change(start), 0.0))
     edge = (t == steps.start[i]) | (t == steps.end[i])
     move = jnp.where(edge & jnp.any(at_kink), kink, jnp.where(edge, at_end, 0.0))
-    return t + move, x + move * jax.lax.stop_gradient(field(t, x))
+    return t + move, step.evaluate(t + move)
