@@ -27,9 +27,6 @@ class Interpolant(eqx.Module, Generic[AnySimulableState]):
     solution: diffrax.Solution
     packing: Packing[Any, AnySimulableState]
 
-    def __call__(self, t: Float[Array, ""]) -> AnySimulableState:
-        return self.packing.unpack(t, self.solution.evaluate(t))
-
 
 class Trajectory(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
     """States of a system at saved times, and how the solve ended.
