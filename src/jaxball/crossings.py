@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .masks import differentiated_where, without_derivatives
 from .sampling import sampling
 from .steps import Steps
 
@@ -34,7 +35,7 @@ class Crossings(eqx.Module):
 
     - ``count``: how often. ``times`` and ``vectors`` hold the first of them, as many as there is room for; NaN where
       there are fewer.
-    - ``least``, ``largest``: the extreme values of the function where it was looked at.
+    - ``least``, ``largest``: the extreme values of the function where it was looked at, without derivatives.
     """
 
     count: Int[Array, ""]
@@ -64,18 +65,19 @@ def crossings(steps: Steps, values: Values, field: Field, kinds: Sequence[Kind])
     The start is not a crossing, also where a function starts from zero, unless its kind says so. Times and vectors
     are differentiable, by the theorem of implicit functions, with ẋ by ``field``.
     """
-    fixed = jax.lax.stop_gradient(steps)
-    samples = jnp.moveaxis(fixed.samples(values, (len(kinds),)), -1, 0)
+    values = eqx.filter_closure_convert(values, steps.start[0], steps.state(jnp.asarray(0), steps.start[0]))
+    fixed, fixed_values = without_derivatives((steps, values))
+    samples = jnp.moveaxis(fixed.samples(fixed_values, (len(kinds),)), -1, 0)
     valid = fixed.taken[None, :, None] & jnp.isfinite(samples)
     scales = jnp.max(jnp.where(valid, jnp.abs(samples), 0.0), axis=(1, 2))
     fine = sampling().polynomials(samples)
     changes = [_changes(fine[k], scales[k], kind) & fixed.taken[:, None] for k, kind in enumerate(kinds)]
     found = _candidates(changes, kinds)
-    times, sizes = _zeros(values, fixed, fine, found)
+    times, sizes = _zeros(fixed_values, fixed, fine, found)
     at_start = found.place == 0
     times = jax.lax.stop_gradient(jnp.where(at_start, fixed.start[found.step], times))
     real = found.there & (at_start | (sizes <= 1e-6 * scales[found.which]))
-    times, vectors = jax.lax.map(lambda at: _moved(steps, values, field, *at), (*found[:3], times))
+    times, vectors = jax.lax.map(lambda at: _moved(steps, values, field, *at), (*found[:3], times, real))
     return [
         Crossings(
             count=jnp.sum(changes[k]) - jnp.sum(found.there[part] & ~real[part]),
@@ -105,9 +107,10 @@ def _candidates(changes: Sequence[Bool[Array, "steps fractions"]], kinds: Sequen
     return _Candidates(jnp.asarray(which), flat // columns, flat % columns, flat >= 0)
 
 
-def _moved(steps: Steps, values: Values, field: Field, which, i, j, t) -> tuple[Array, Array]:
+def _moved(steps: Steps, values: Values, field: Field, which, i, j, t, real) -> tuple[Array, Array]:
     """A time and the vector then, moved to the zero by a step of Newton's, which has the derivatives of the zero."""
-    x = steps.state(i, t)
+    step, values = differentiated_where(real, (steps.step(i), values))
+    x = step.evaluate(t)
     rate = jax.lax.stop_gradient(field(t, x))
     _, slopes = jax.jvp(values, jax.lax.stop_gradient((t, x)), (jnp.ones_like(t), rate))
     slope = jax.lax.stop_gradient(slopes[which])

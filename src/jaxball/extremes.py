@@ -11,7 +11,9 @@ from ._arguments import require
 from ._printing import Printed, is_single, shown
 from .body import Ball, Disk
 from .contact import reaction
+from .masks import differentiated_where
 from .maxima import maxima
+from .modes import once
 from .status import Status
 from .steps import Steps
 from .trajectory import Interpolant, Trajectory
@@ -21,8 +23,8 @@ from .watch import room_for
 class ContactExtremes(Printed):
     """How near a ball or disk came to leaving the plane or slipping, at the times where it was nearest.
 
-    The times are refined between the saved ones, to the accuracy of the solver's dense output. The values are
-    differentiable, the times are not.
+    The times are refined between the saved ones, to the accuracy of the solver's dense output. The values have the
+    right first derivatives; the times have none, but where a kink of the motion or the end of the run is the time.
 
     - ``least_normal_force``: the smallest N.
     - ``friction_needed``: μ_min, the largest |f| / N; with less friction the ball would slip. Infinite where
@@ -91,7 +93,10 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
 
 @eqx.filter_jit
 def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array, room: int) -> ContactExtremes:
+    started = status != Status.IMPOSSIBLE
+    interpolant, reached = differentiated_where(started, (interpolant, reached))
     packing = interpolant.packing
+    kinks = jnp.concatenate([packing.system.motion_kinks(), packing.system.driving_kinks()])
 
     def at(t, x):
         return reaction(packing.system, t, packing.unpack(t, x))
@@ -101,9 +106,10 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
         # The angle is largest where |f| / N is, and has no spike where N is small.
         return jnp.stack([-found.normal, found.angle, found.friction])
 
-    times, vectors = maxima(Steps.of(interpolant.solution, room, reached), forces, 3)
+    steps = Steps.of(interpolant.solution, room, reached)
+    times, vectors = maxima(steps, forces, packing.field, kinks, 3)
     values = jax.lax.map(lambda found: at(*found), (times, vectors))
     found = (values.normal[0], times[0], values.ratio[1], times[1], values.friction[2], times[2])
+    found = once("extremes of the contact force", found)
     weight = packing.system.total_mass * packing.system.gravity
-    started = status != Status.IMPOSSIBLE
     return ContactExtremes(*(jnp.where(started, value, jnp.nan) for value in (*found, weight)))

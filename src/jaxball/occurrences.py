@@ -12,9 +12,11 @@ class Occurrences(Printed):
     """The occurrences of one event in a run, in the order of time.
 
     - ``count``: how many there were.
-    - ``times``: when, shape (room,); NaN where there are fewer. All differentiable.
+    - ``times``: when, shape (room,); NaN where there are fewer.
     - ``state``: the states then; each of its arrays has room as leading axis.
     - ``least``, ``largest``: the extreme values of the event's function, where the solve looked.
+
+    Times and states are differentiable, ``least`` and ``largest`` are not.
     """
 
     count: Int[Array, "*batch"]

@@ -5,13 +5,16 @@ from collections.abc import Callable
 from typing import Any, Generic
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .body import System
 from .classical import AbstractClassicalState, AbstractClassicalSystem
 from .dae import algebraic_component, constrained, mass_diagonal, projected
 from .locked import from_locked, locked_field, to_locked
+from .masks import differentiated_where
 from .simulable import AnySimulableState, AnySimulableSystem, SimulableState, SimulableSystem
 from .state import State
 
@@ -37,6 +40,11 @@ class Packing(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
     @abc.abstractmethod
     def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnySimulableState:
         """The state of a vector."""
+
+    def unpack_where(self, used: Bool[Array, ""], t: Float[Array, ""], x: Float[Array, " size"]) -> AnySimulableState:
+        """The state of a vector; NaN, and nothing that has derivatives, where it is not ``used``."""
+        packing, t, x = differentiated_where(used, (self, t, x))
+        return jax.tree.map(lambda leaf: jnp.where(used, leaf, jnp.nan), packing.unpack(t, x))
 
     @abc.abstractmethod
     def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnySimulableState:

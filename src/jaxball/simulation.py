@@ -27,6 +27,8 @@ from .confinement import until_left
 from .dae import WITH_UNIT, has_unit
 from .dynamics import field_of
 from .events import AbstractEvent
+from .masks import differentiated_where
+from .modes import forward_only, reverse_only
 from .packing import Packing
 from .simulable import SimulableState, SimulableSystem, require_system
 from .solvers import Projected, RadauIIA, SwitchingMassMatrixTerm
@@ -92,8 +94,10 @@ def simulate(
     - ``events``: what to look for, :class:`~jaxball.Detachment`, :class:`~jaxball.Slip` or any
       :class:`~jaxball.Event`, by name; when each happened is ``trajectory.events[name]``. One that ends the run is
       its status, and the states saved after that are NaN.
-    - ``adjoint``: a diffrax adjoint: ``diffrax.ForwardMode()`` for jvp and few parameters; reverse
-      mode by checkpoints if not given.
+    - ``adjoint``: the mode of differentiation. ``diffrax.RecursiveCheckpointAdjoint()`` if not given: reverse mode,
+      ``jax.grad``, ``jax.jacrev``, ``jax.vjp``, once. ``diffrax.ForwardMode()`` for ``jax.jvp`` and ``jax.jacfwd``,
+      and for second derivatives, ``jax.jacfwd(jax.jacfwd(f))``, of all but events. ``diffrax.DirectAdjoint()`` is
+      refused, because its reverse-mode derivatives were wrong.
     - ``max_steps``: the number of steps, accepted and rejected, after which the solve gives up.
     - ``progress``: a diffrax progress meter.
     - ``inside``: whether rails and masses must be in the body (module ``confinement``): where a rail or a start is not,
@@ -106,7 +110,8 @@ def simulate(
     respect to the times of kinks are right; the module ``locked`` says why.
 
     **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or
-    ``TypeError`` for arguments of the wrong kind, and :class:`~jaxball.SolveError` where asked for.
+    ``TypeError`` for arguments of the wrong kind, ``TypeError`` where the default adjoint is differentiated in forward
+    mode or twice, and :class:`~jaxball.SolveError` where asked for.
     """
     times = _checked_times(times)
     if state is None:
@@ -190,11 +195,14 @@ def _solve(
     events: dict[str, AbstractEvent],
 ) -> tuple:
     """The fields of a trajectory but ``system`` and ``times``, which a program could only copy."""
+    if isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint):
+        system, times, state, rtol, atol, events = reverse_only((system, times, state, rtol, atol, events))
+    startable = _startable(system, times, state, method.inside)
+    system, times, state, events = differentiated_where(startable, (system, times, state, events))
     packing = Packing.of(system.prepare(), state)
     initial = packing.pack(times[0], state)
     # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
     parameters, unpack_parameters = ravel_pytree((packing, events))
-    startable = possible_start(system, times, state, method.inside) & jnp.all(jnp.isfinite(initial))
 
     # Compiled on their own, they are traced once; diffrax traces a step several times.
     @jax.jit
@@ -228,8 +236,10 @@ def _solve(
         progress_meter=method.progress,
         throw=False,
     )
+    if isinstance(method.adjoint, diffrax.ForwardMode):
+        solution = forward_only(solution)
     (_, ended), (states, _) = cast(tuple, solution.ts), cast(tuple, solution.ys)
-    saved = jax.vmap(packing.unpack)(times, jnp.where(startable & jnp.isfinite(states), states, jnp.nan))
+    saved = jax.vmap(packing.unpack_where)(startable & jnp.all(jnp.isfinite(states), axis=1), times, states)
     reached, status = jnp.where(startable, ended[0], times[0]), status_of(solution.result)
     if method.inside:
         reached, status = until_left(packing.system, times, saved, reached, status)
@@ -241,6 +251,11 @@ def _solve(
         jnp.where(startable, solution.stats["num_rejected_steps"], 0),
         Interpolant(solution, packing) if method.dense else None,
     )
+
+
+def _startable(system: SimulableSystem, times: Array, state: SimulableState, inside: bool) -> Array:
+    initial = Packing.of(system.prepare(), state).pack(times[0], state)
+    return possible_start(system, times, state, inside) & jnp.all(jnp.isfinite(initial))
 
 
 _solve_filtered = eqx.filter_jit(_solve)
@@ -353,6 +368,12 @@ def _checked_adjoint(adjoint: diffrax.AbstractAdjoint | None) -> diffrax.Abstrac
     if adjoint is None:
         return DEFAULT_ADJOINT
     require("adjoint", adjoint, diffrax.AbstractAdjoint, "an adjoint, such as diffrax.ForwardMode()")
+    if isinstance(adjoint, diffrax.DirectAdjoint):
+        raise TypeError(
+            "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint(), the default, for reverse mode or "
+            "diffrax.ForwardMode() for forward mode, but it is diffrax.DirectAdjoint(), by which reverse-mode "
+            "derivatives of the paper's ball at t = 8 were off by 0.04."
+        )
     return adjoint
 
 

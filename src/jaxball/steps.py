@@ -16,11 +16,12 @@ class Steps(eqx.Module):
     """Steps, of which the first ``count`` were taken, and what their dense output is made of.
 
     ``start`` and ``end`` are their times without derivatives; ``end`` lies a little before the end of a step, so
-    that a kink there is seen from before.
+    that a kink there is seen from before. ``times`` and ``until``, where the last one is cut off, have derivatives.
     """
 
     start: Float[Array, " steps"]
     end: Float[Array, " steps"]
+    until: Float[Array, ""]
     count: Int[Array, ""]
     times: Float[Array, " steps_and_one"]
     infos: PyTree[Float[Array, "steps ..."]]
@@ -31,12 +32,18 @@ class Steps(eqx.Module):
         """The first ``room`` steps of a solution with dense output, cut off at ``until``."""
         dense = solution.interpolation
         times = dense.ts[: room + 1]
-        fixed, until = jax.lax.stop_gradient((times, until))
-        start, end = fixed[:-1], jnp.minimum(fixed[1:], until)
+        fixed, last = jax.lax.stop_gradient((times, until))
+        start, end = fixed[:-1], jnp.minimum(fixed[1:], last)
         end = last_within(start, end)
-        count = jnp.sum((start < until) & (jnp.arange(start.size) < dense.ts_size - 1))
+        count = jnp.sum((start < last) & (jnp.arange(start.size) < dense.ts_size - 1))
         return cls(
-            start, end, count, times, jax.tree.map(lambda leaf: leaf[:room], dense.infos), dense.interpolation_cls
+            start,
+            end,
+            until,
+            count,
+            times,
+            jax.tree.map(lambda leaf: leaf[:room], dense.infos),
+            dense.interpolation_cls,
         )
 
     @property
@@ -44,10 +51,19 @@ class Steps(eqx.Module):
         """Which of them were taken."""
         return jnp.arange(self.start.size) < self.count
 
+    def ends(self, index: Int[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """The start and the end of a step, with derivatives."""
+        start, end = self.times[index], self.times[index + 1]
+        return start, jnp.where(end < self.until, end, self.until)
+
+    def step(self, index: Int[Array, ""]) -> diffrax.AbstractLocalInterpolation:
+        """The dense output of one step."""
+        info = jax.tree.map(lambda leaf: leaf[index], self.infos)
+        return self.interpolation(t0=self.times[index], t1=self.times[index + 1], **info)
+
     def state(self, index: Int[Array, ""], t: Float[Array, ""]) -> Float[Array, " size"]:
         """The vector of the state at a time within a step."""
-        info = jax.tree.map(lambda leaf: leaf[index], self.infos)
-        return self.interpolation(t0=self.times[index], t1=self.times[index + 1], **info).evaluate(t)
+        return self.step(index).evaluate(t)
 
     def samples(
         self,

@@ -1,7 +1,7 @@
 """The result of a simulation."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Generic
 
 import diffrax
@@ -15,6 +15,7 @@ from jaxtyping import Array, Float, Int
 from ._arrays import Numbers, to_array
 from ._printing import Printed
 from .classical import AbstractClassicalSystem
+from .masks import differentiated_where
 from .observables import Observables, observe
 from .occurrences import Occurrences
 from .packing import Packing
@@ -36,9 +37,6 @@ class Interpolant(eqx.Module, Generic[AnySimulableState]):
 
     solution: diffrax.Solution
     packing: Packing[Any, AnySimulableState]
-
-    def __call__(self, t: Float[Array, ""]) -> AnySimulableState:
-        return self.packing.unpack(t, self.solution.evaluate(t))
 
 
 class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
@@ -107,7 +105,7 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
         """
         if self.interpolant is None:
             raise ValueError("Method `at` needs dense output; call simulate(..., dense=True).")
-        return _evaluate(self.interpolant, to_array(t, "t"), self.times[0], self.reached)
+        return _evaluate(self.interpolant, to_array(t, "t"), self.times[0], self.reached, self.status)
 
     @property
     def observables(self) -> Observables:
@@ -208,15 +206,25 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
 
 @eqx.filter_jit
 def _observe_all(system, times, state) -> Observables:
-    prepared = system.prepare()
-    upright = jax.vmap(RotationState.in_space)(state) if isinstance(state, RotationState) else state
-    return jax.vmap(lambda t, x: observe(prepared, t, x))(times, upright)
+    def observed(system, t, x):
+        return observe(system, t, x.in_space() if isinstance(x, RotationState) else x)
+
+    return _at_each(observed, system.prepare(), times, state)
 
 
 @eqx.filter_jit
 def _laws_of_all(system, times, state) -> Any:
-    prepared = system.prepare()
-    return jax.vmap(prepared.laws)(times, state)
+    return _at_each(lambda system, t, x: system.laws(t, x), system.prepare(), times, state)
+
+
+def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any) -> Any:
+    """``function(system, t, state)`` at each time, without derivatives where the solve did not come."""
+
+    def one(t, x):
+        known = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(x)]))
+        return function(*differentiated_where(known, (system, t, x)))
+
+    return jax.vmap(one)(times, state)
 
 
 def _described(system: SimulableSystem) -> str:
@@ -227,10 +235,11 @@ def _described(system: SimulableSystem) -> str:
 
 
 @eqx.filter_jit
-def _evaluate(interpolant, t, start, reached) -> Any:
+def _evaluate(interpolant, t, start, reached, status) -> Any:
     def one(t):
-        within = (start <= t) & (t <= reached)
-        state = interpolant(jnp.clip(t, start, reached))
-        return jax.tree.map(lambda leaf: jnp.where(within, leaf, jnp.nan), state)
+        inside = jnp.clip(t, start, reached)
+        x = interpolant.solution.evaluate(inside)
+        known = (t == inside) & jnp.all(jnp.isfinite(x)) & (status != Status.IMPOSSIBLE)
+        return interpolant.packing.unpack_where(known, inside, x)
 
     return jax.vmap(one)(t) if t.ndim else one(t)

@@ -16,6 +16,7 @@ from ._arguments import require
 from .body import Ball, Disk
 from .crossings import Crossings, Kind, crossings
 from .events import DOWN, UP, AbstractEvent, Detachment, Slip
+from .modes import once
 from .occurrences import Occurrences
 from .packing import Packing
 from .status import Status
@@ -120,23 +121,19 @@ def _crossings(steps: Steps, packing: Packing, events: dict[str, AbstractEvent])
         return jnp.stack([event.value(packing.system, t, state) for event in events.values()])
 
     kinds = [Kind(event.direction, event.from_start, event.room) for event in events.values()]
-    return dict(zip(events, crossings(steps, values, packing.field, kinds), strict=True))
+    found = once("times and states of events", crossings(steps, values, packing.field, kinds))
+    return dict(zip(events, found, strict=True))
 
 
 def _occurrences(packing: Packing, found: Crossings, started: Array, reached: Float[Array, ""]) -> Occurrences:
     within = (found.times <= reached) & started
     late = jnp.sum(jnp.isfinite(found.times) & ~within)
-    states = jax.vmap(packing.unpack)(
-        jnp.where(within, found.times, 0.0), jnp.where(within[:, None], found.vectors, 1.0)
-    )
-
-    def masked(leaf):
-        return jnp.where(within.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, jnp.nan)
+    states = jax.vmap(packing.unpack_where)(within, found.times, found.vectors)
 
     return Occurrences(
         count=jnp.where(started, found.count - late, 0),
-        times=masked(found.times),
-        state=jax.tree.map(masked, states),
+        times=jnp.where(within, found.times, jnp.nan),
+        state=states,
         least=found.least,
         largest=found.largest,
     )

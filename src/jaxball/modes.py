@@ -1,0 +1,111 @@
+"""A sentence where a solve is differentiated in a mode that its loop does not have.
+
+A loop with checkpoints has reverse mode alone, and once; a plain loop has forward mode alone. JAX finds out after the
+solve is traced, and says so in words of its internals. Numbers that go into a loop with checkpoints are marked: their
+tangents cannot be evaluated, only transposed, and what comes back from that cannot be transposed again. Numbers that
+come out of a plain loop are marked: their tangents cannot be transposed. What is found where something happens is
+marked: its tangents cannot be differentiated again.
+"""
+
+from typing import Any, NoReturn
+
+import equinox as eqx
+import jax
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
+from jaxtyping import PyTree
+
+WAY_OUT = (
+    "pass adjoint=diffrax.ForwardMode() to simulate, with jax.jvp or jax.jacfwd, and for second derivatives "
+    "jax.jacfwd(jax.jacfwd(f))."
+)
+NO_FORWARD = (
+    "Argument `adjoint` must be diffrax.ForwardMode() where a solve is differentiated in forward mode (jax.jvp, "
+    "jax.jacfwd, jax.linearize, jax.hessian), but it is diffrax.RecursiveCheckpointAdjoint(), the default, which has "
+    f"reverse mode only (jax.grad, jax.jacrev, jax.vjp); {WAY_OUT}"
+)
+NO_SECOND = (
+    "Argument `adjoint` must be diffrax.ForwardMode() for second derivatives, but it is "
+    "diffrax.RecursiveCheckpointAdjoint(), the default, and reverse mode through reverse mode does not go through its "
+    f"loop; {WAY_OUT}"
+)
+NO_REVERSE = (
+    "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint(), the default, where a solve is differentiated in "
+    "reverse mode (jax.grad, jax.jacrev, jax.vjp), but it is diffrax.ForwardMode(), which has forward mode only "
+    "(jax.jvp, jax.jacfwd)."
+)
+NO_SECOND_OF = (
+    "Second derivatives are those of states at fixed times, but they were asked for of {what}, which have first "
+    "derivatives alone; take differences of these."
+)
+
+
+def reverse_only(tree: PyTree) -> PyTree:
+    """``tree`` as it is, with derivatives in reverse mode, once; ``TypeError`` with a sentence for others."""
+    numbers, others = eqx.partition(tree, eqx.is_inexact_array)
+    return eqx.combine(jax.tree.map(_number.bind, numbers), others)
+
+
+def forward_only(tree: PyTree) -> PyTree:
+    """``tree`` as it is, with derivatives in forward mode; ``TypeError`` with a sentence for reverse mode."""
+    numbers, others = eqx.partition(tree, eqx.is_inexact_array)
+    return eqx.combine(jax.tree.map(_result.bind, numbers), others)
+
+
+def once(what: str, tree: PyTree) -> PyTree:
+    """``tree`` as it is, with first derivatives; ``TypeError`` with a sentence for second ones of ``what`` it is."""
+    numbers, others = eqx.partition(tree, eqx.is_inexact_array)
+    return eqx.combine(jax.tree.map(lambda leaf: _found.bind(leaf, what=what), numbers), others)
+
+
+def _same(x: Any, **_) -> Any:
+    return x
+
+
+def _primitive(name: str) -> Primitive:
+    """An identity."""
+    primitive = Primitive(name)
+    primitive.def_impl(_same)
+    primitive.def_abstract_eval(_same)
+    batching.defvectorized(primitive)
+    mlir.register_lowering(primitive, mlir.lower_fun(_same, multiple_results=False))
+    return primitive
+
+
+def _no_forward(*_, **__) -> NoReturn:
+    raise TypeError(NO_FORWARD)
+
+
+def _no_reverse(*_, **__) -> NoReturn:
+    raise TypeError(NO_REVERSE)
+
+
+def _no_second_of(*_, what: str) -> NoReturn:
+    raise TypeError(NO_SECOND_OF.format(what=what))
+
+
+def _no_second(*_, **__) -> NoReturn:
+    raise TypeError(NO_SECOND)
+
+
+_number = _primitive("number_of_solve")
+_tangent = _primitive("tangent_of_solve")
+_cotangent = _primitive("cotangent_of_solve")
+_result = _primitive("result_of_solve")
+_found = _primitive("found_in_solve")
+_tangent_of_found = _primitive("tangent_of_found_in_solve")
+
+ad.primitive_jvps[_number] = lambda primals, tangents: (_number.bind(*primals), _tangent.bind(*tangents))
+_tangent.def_impl(_no_forward)
+mlir.register_lowering(_tangent, _no_forward)
+batching.primitive_batchers[_tangent] = _no_forward
+ad.deflinear2(_tangent, lambda cotangent, _: [_cotangent.bind(cotangent)])
+ad.deflinear2(_cotangent, _no_second)
+ad.deflinear2(_result, _no_reverse)
+
+ad.primitive_jvps[_found] = lambda primals, tangents, what: (
+    _found.bind(*primals, what=what),
+    _tangent_of_found.bind(*tangents, what=what),
+)
+ad.deflinear2(_tangent_of_found, lambda cotangent, _, what: [cotangent])
+ad.primitive_jvps[_tangent_of_found] = _no_second_of
