@@ -37,9 +37,9 @@ def test_the_table_of_a_disk_and_its_figure(tmp_path, capsys):
         (["ball", "--plot", "means.txt"], "must end in one of .png, .pdf, .svg"),
         (
             ["ball", "--transient", "50"],
-            "`transient` must be from 0 to less than the length of the run, 20, but it is 50",
+            "`--transient` must be from 0 to less than the length of the run, 20, but it is 50",
         ),
-        (["ball", "--exponents", "6"], "`exponents` must be from 1 to 5"),
+        (["ball", "--exponents", "6"], "`--exponents` must be from 1 to 5"),
     ],
 )
 def test_bad_arguments(capsys, arguments, sentence):

@@ -100,7 +100,7 @@ def test_a_change_that_cannot_be(change, sentence):
     [
         (["--set", "body.mas=2"], "Key `body.mas` is not known; did you mean `mass`?"),
         (["--set", "time.at=[0, 1]", "--end", "5"], "`--end` must be left out where the scenario lists its times"),
-        (["--json", "run.txt"], "must end in one of .json"),
+        (["--json", "run.txt"], "must end in .json"),
         (["--plot", "page.pdf"], "give --plot page --plot-format pdf."),
         (["--plot-format", "pdf"], "`--plot-format` is for figures; give --plot FOLDER with it."),
         (["--fps", "20"], "`--fps` is for an animation; give --animate FILE with it."),

@@ -1,13 +1,10 @@
 """The house: style, types, layers, and nothing global on import."""
 
-import ast
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-
-import jaxball
 
 ROOT = Path(__file__).parents[2]
 
@@ -67,20 +64,6 @@ except RuntimeError:
 """
     done = run(sys.executable, "-c", program)
     assert done.stdout.strip().endswith("no backend was started"), done.stdout + done.stderr
-
-
-def test_the_interface_is_the_same_for_those_who_run_it_and_those_who_check_types():
-    """The imports under TYPE_CHECKING, and the table by which names are found."""
-    tree = ast.parse((ROOT / "src" / "jaxball" / "__init__.py").read_text())
-    (checked,) = (node for node in tree.body if isinstance(node, ast.If))
-    imports = {node.module: [name.name for name in node.names] for node in checked.body}
-    assert imports == {module: names.split() for module, names in jaxball._HOMES.items()}
-    names = [name for names in imports.values() for name in names]
-    assert jaxball.__all__ == names
-    for name in names:
-        assert getattr(jaxball, name) is vars(jaxball)[name]
-    with pytest.raises(AttributeError, match=r"^module 'jaxball' has no attribute 'bal'$"):
-        jaxball.bal  # noqa: B018
 
 
 def test_help_and_wrong_options_need_no_numbers():

@@ -23,20 +23,6 @@ def test_documented_files_run(text):
     assert read_scenario(write_scenario(scenario)).title == scenario.title
 
 
-def test_every_key_is_documented():
-    from jaxball.scenario.rails import RAILS
-    from jaxball.scenario.schedules import SCHEDULES
-    from jaxball.scenario.solve import SOLVE, SOLVERS
-
-    page = DOCUMENTATION.read_text()
-    for family in (RAILS, SCHEDULES):
-        for name, member in family.items():
-            line = next(line for line in page.splitlines() if line.startswith(f'| `"{name}"`'))
-            assert all(f"`{key}`" in line for key in member.keys), name
-    assert all(f"`{key}`" in page for key in SOLVE)
-    assert all(f'`"{solver}"`' in page for solver in SOLVERS)
-
-
 def test_balance_finds_the_papers_angles():
     """θ_a before the paper rounded it, as the root in 18 digits."""
     (text,) = (text for text in DOCUMENTED if "balance" in text)

@@ -26,7 +26,14 @@ COMMANDS = {
     "bench": "compare solvers at equal achieved error",
 }
 # What the command line calls an argument of Python that is not an option of the same name.
-TYPED = {"source": "FILE", "name": "NAME", "problems": "PROBLEM", "data": "STORE"}
+TYPED = {
+    "source": "FILE",
+    "name": "NAME",
+    "problems": "PROBLEM",
+    "data": "STORE",
+    "inclination": "INCLINATION",
+    "precession": "PRECESSION",
+}
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -27,8 +27,11 @@ def poincare_section(
 ) -> Axes:
     """The crossings of a section, by two components of the states there.
 
-    **Arguments:** ``names`` are the paths of both components in a state, counted from 0, as ``Omega[0]``; their labels
-    have the paper's symbols, which count from 1.
+    **Arguments:**
+
+    - ``across``, ``up``: the components, one entry for each crossing, shape (n,).
+    - ``names``: their paths in a state, counted from 0, as ``Omega[0]``; the labels have the paper's symbols, which
+      count from 1.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
@@ -49,6 +52,10 @@ def symbol(path: str) -> str:
 
 def eigenvalues(motions: Sequence[SteadyMotion], ax: Axes | None = None) -> Axes:
     """The eigenvalues of steady motions in the complex plane: stable ones in one colour, unstable ones in another.
+
+    **Arguments:**
+
+    - ``motions``: what :mod:`jaxball.stability` finds.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """

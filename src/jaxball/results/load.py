@@ -35,6 +35,7 @@ def load_run(path: str | Path, system: SimulableSystem | None = None) -> Traject
 
     **Arguments:**
 
+    - ``path``: the file.
     - ``system``: the system, for a file without a scenario, such as one with a rail that is a Python function.
 
     **Raises:** :class:`RunError`, with one sentence, when there is no such file, when it is no run or one of a later
@@ -62,6 +63,10 @@ def load_run(path: str | Path, system: SimulableSystem | None = None) -> Traject
 
 def saved_scenario(path: str | Path) -> Scenario:
     """The scenario of a saved run, to be simulated again: ``saved_scenario("run.nc").simulate(rtol=1e-12)``.
+
+    **Arguments:**
+
+    - ``path``: the file, as :func:`load_run` reads it.
 
     **Raises:** :class:`RunError` as :func:`load_run`.
     """

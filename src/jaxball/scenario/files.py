@@ -69,6 +69,10 @@ def load_scenario(source: str | Path) -> Scenario:
 def scenario_text(source: str | Path) -> str:
     """The text of a scenario file, or of the built-in scenario of that name.
 
+    **Arguments:**
+
+    - ``source``: the path of a file, or the name of a built-in scenario.
+
     **Raises:** :class:`ScenarioError` when there is no such file or name.
     """
     if isinstance(source, str) and source in builtin_scenarios():

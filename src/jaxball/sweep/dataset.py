@@ -30,6 +30,10 @@ def open_grid(folder: str | Path) -> "xarray.Dataset":
     as coordinate. One of several numbers, such as a design, is called ``axes[k]`` and counted from 0, and its numbers
     are coordinates along it. Where a row is not done there is NaN, and -1 in place of a whole number.
 
+    **Arguments:**
+
+    - ``folder``: the store.
+
     **Raises:** :class:`StoreError` as :func:`open_dataset`, and for a store that holds no points of its axes.
     """
     import xarray
