@@ -371,8 +371,8 @@ def _checked_adjoint(adjoint: diffrax.AbstractAdjoint | None) -> diffrax.Abstrac
     if isinstance(adjoint, diffrax.DirectAdjoint):
         raise TypeError(
             "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint(), the default, for reverse mode or "
-            "diffrax.ForwardMode() for forward mode, but it is diffrax.DirectAdjoint(), by which reverse-mode "
-            "derivatives of the paper's ball at t = 8 were off by 0.04."
+            "diffrax.ForwardMode() for forward mode, but it is diffrax.DirectAdjoint(), which takes steps of other "
+            "lengths on the way back where rounding decides them, and is then wrong in reverse mode."
         )
     return adjoint
 

@@ -79,7 +79,8 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
     def problems(self) -> list[Problem]:
         """What no body can have, or which mass left the shell, where that is how the solve ended; otherwise nothing."""
         times, status = np.asarray(self.times), int(self.status)
-        if status == Status.IMPOSSIBLE:
+        at_the_start = status == Status.NOT_FINITE and float(self.reached) == times[0]
+        if status == Status.IMPOSSIBLE or at_the_start:
             return find_problems(self.system, self.start, times)
         if status == Status.LEFT_SHELL:
             return find_problems(self.system, self.start, times, np.asarray(getattr(self.state, "theta")))  # noqa: B009

@@ -154,11 +154,11 @@ def find_problems(
 
 
 def _beyond_arithmetic(system: SimulableSystem, state: SimulableState, t: float) -> Iterator[Problem]:
-    """What keeps the vector of the initial state from being finite, though each number is."""
+    """What keeps the vector of the initial state, or its rate of change, from being finite, though each number is."""
     if isinstance(system, AbstractClassicalSystem) or isinstance(state, AbstractClassicalState):
         return
-    packed, places, rates = jax.tree.map(np.asarray, _at_start(system, state, t))
-    if np.all(np.isfinite(packed)):
+    packed, slope, places, rates = jax.tree.map(np.asarray, _at_start(system, state, t))
+    if np.all(np.isfinite(packed) & np.isfinite(slope)):
         return
     wild = np.flatnonzero(~np.all(np.isfinite(places) & np.isfinite(rates), axis=1))
     for index in wild:
@@ -167,16 +167,20 @@ def _beyond_arithmetic(system: SimulableSystem, state: SimulableState, t: float)
     if wild.size:
         return
     name, value = max(_numbers(system, state), key=lambda item: abs(np.log(abs(item[1]))))
+    if np.all(np.isfinite(packed)) and abs(np.log(abs(value))) < np.log(np.finfo(packed.dtype).max) / 4:
+        return  # then it is something else, such as a force, that is not finite
     must = f"be closer to 1, as in other units, because products of such numbers are beyond the range of {packed.dtype}"
     yield Problem(name, must, f"it is {value:g}")
 
 
 @eqx.filter_jit
 def _at_start(system: System, state: State, start: Float[ArrayLike, ""]):
-    """The vector that a solve would start from, and places and velocities of the masses."""
+    """The vector that a solve would start from, its rate of change, and places and velocities of the masses."""
     prepared, t = system.prepare(), to_array(start)
     at = kinematics(prepared, t, (state.theta, state.thetadot, jnp.zeros_like(state.theta)))
-    return Packing.of(prepared, state).pack(t, state), at.chi, at.chidot
+    packing = Packing.of(prepared, state)
+    packed = packing.pack(t, state)
+    return packed, packing.field(t, packed), at.chi, at.chidot
 
 
 def _numbers(system: System, state: State) -> Iterator[tuple[str, float]]:

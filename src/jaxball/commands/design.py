@@ -35,7 +35,7 @@ def _run(options: argparse.Namespace) -> int:
 
     check_folder(options.out, "--out")
     file = Path(options.problem)
-    text, folder = text_of(file, "problem", DesignError), file.parent
+    text, folder = text_of(file, "problem file", DesignError), file.parent
     with naming(options.problem):
         document = document_of(text, "problem", DesignError)
         found = (read_control if TABLE in document else problem_of)(document, folder)

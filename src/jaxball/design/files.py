@@ -97,7 +97,7 @@ def load_problem(source: str | Path) -> ProblemFile:
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when there is no such file, when it is not TOML, and
     when a key of it or of its scenario is misspelt, missing or wrong.
     """
-    text = text_of(source, "problem", DesignError)
+    text = text_of(source, "problem file", DesignError)
     with naming(source):
         return read_problem(text, Path(source).parent)
 
