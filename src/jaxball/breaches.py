@@ -25,6 +25,7 @@ from .confinement import (
 from .motion import AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating
 from .rails import AbstractRail
 from .schedules import Sinusoids
+from .vectors import length
 
 MOST_SAMPLES = 2**18
 SAMPLES_PER_WAVE = 64
@@ -76,7 +77,7 @@ def _breaches(
 
 
 def _of_position(system: System, index: int, motion: Fixed, inside: str) -> Iterator[Breach]:
-    if beyond(system, np.asarray(np.linalg.norm(motion.position))):
+    if beyond(system, length(np.asarray(motion.position))):
         yield Breach(index, "position", f"be a point {inside}", f"it is {motion.position.tolist()}")
     if beside(system, motion.position):
         yield Breach(index, "position", IN_PLANE, f"it passes {motion.position.tolist()}")
@@ -89,7 +90,8 @@ def _of_rail(system: System, index: int, rail: AbstractRail, inside: str) -> Ite
         return
     theta, distance = map(np.asarray, known_furthest(rail))
     if beyond(system, distance):
-        where = f"{distance:.6g} from the centre at theta = {theta % rail.period:.6g}"
+        (exactly,) = length(np.asarray(_points(rail, theta[None])))
+        where = f"{exactly:.6g} from the centre at theta = {theta % rail.period:.6g}"
         yield Breach(index, "rail", f"be a curve {inside}", f"it is {where}")
 
 
@@ -101,7 +103,7 @@ def _of_motion(
     (chi, top, *_), leaving = jax.tree.map(np.asarray, _course(system, motion, t))
     yield from _out_of_plane(system, index, part, chi)
     if leaving == t[0]:
-        at, distance = t[0], np.linalg.norm(chi[0])
+        at, distance = t[0], length(chi[0])
         yield Breach(index, part, f"keep the mass {inside}", f"it is {distance:.6g} from the centre at t = {at:.6g}")
     elif np.isfinite(leaving):
         yield Breach(
@@ -120,7 +122,7 @@ def _of_driven(
     times: Float[np.ndarray, " T"],
     theta: Float[np.ndarray, "t driven"],
 ) -> Iterator[Breach]:
-    distances = np.linalg.norm(_points(rail, theta[:, system.driven.index(index)]), axis=1)
+    distances = length(np.asarray(_points(rail, theta[:, system.driven.index(index)])))
     outside = np.flatnonzero(beyond(system, distances))
     if not outside.size:
         return
@@ -137,7 +139,7 @@ def _of_driven(
 def _out_of_plane(system: System, index: int, part: str, chi: Float[np.ndarray, "n 3"]) -> Iterator[Breach]:
     if np.any(beside(system, chi)):
         worst = chi[int(np.nanargmax(np.abs(chi[:, 1])))]
-        yield Breach(index, part, IN_PLANE, f"it passes {np.round(worst, 6).tolist()}")
+        yield Breach(index, part, IN_PLANE, f"it passes {[round(x, 6) for x in worst.tolist()]}")
 
 
 def _fine_times(motion: AbstractPrescribedMotion, times: Float[np.ndarray, " T"]) -> Float[np.ndarray, " n"]:

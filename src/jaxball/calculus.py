@@ -43,7 +43,7 @@ def furthest(curve: Curve, x: Float[Array, " n"], points: Float[Array, "n 3"]) -
 
     def best(x, points):
         squares = jnp.sum(points**2, axis=1)
-        squares = jnp.where(jnp.isfinite(squares), squares, -1.0)
+        squares = jnp.where(jnp.all(jnp.isfinite(points), axis=1), squares, -1.0)
         largest = jnp.max(squares)
         # Without the search for an index, which XLA's CPU compiler breaks off at in some programs.
         return jnp.min(jnp.where(squares == largest, x, jnp.inf)), largest

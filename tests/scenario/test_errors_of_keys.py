@@ -183,8 +183,9 @@ NUMBERS = {
     ),
     "rail too large to be squared": (
         with_rail('{ kind = "ellipse", semi_axes = [1e200, 1e199] }'),
-        "Key `masses[0].rail` must be a curve inside the shell of radius 1, but it is 1e+200 from the centre at "
-        "theta = 0.",
+        # All squares overflow alike, so that any place will do: |(1e200 cos θ, 1e199 sin θ)| at this one.
+        "Key `masses[0].rail` must be a curve inside the shell of radius 1, but it is 9.93778e+199 from the centre at "
+        "theta = 6.17101.",
     ),
     "beside a disk's plane, too far to be rounded": (
         with_motion("free = { constant = [0.0, 1e305, 0.0] }", DISK),

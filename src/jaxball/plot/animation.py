@@ -18,7 +18,7 @@ def animate(
     fps: int = 30,
     *,
     speed: float = 1.0,
-    dpi: float = 120,
+    dpi: float | int = 120,
     size: tuple[int, int] | None = None,
 ) -> Path:
     """Films the rolling body: shell, rails, masses, centre of mass and the trail of the contact point.

@@ -14,8 +14,8 @@ from ..equilibrium import balance, with_angles
 from ..motion import OnRail
 from ..schedules import AbstractSchedule
 from ..state import BallState, DiskState, State
+from ..vectors import length
 from ..wording import counted
-from .lengths import length
 from .table import Key, join, read_one_of, read_table, write_table
 from .values import NOT_ALL_ZERO, Flag, Indices, Nested, Numbers, ScenarioError, key_error
 
