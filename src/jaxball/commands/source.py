@@ -55,15 +55,18 @@ def scenario_of(options: argparse.Namespace, end: float | None = None) -> Scenar
 
     **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read, before or after the changes.
     """
+    document = source_document(options, end)
     with naming(_shown(options.scenario)):
-        return read_document(source_document(options, end))
+        return read_document(document)
 
 
 def source_document(options: argparse.Namespace, end: float | None = None) -> dict[str, Any]:
     """The document of :func:`scenario_of`, not yet read."""
     text = input_text(options.scenario)
     text = scenario_text(options.scenario) if text is None else text
-    document = with_values(document_of(text, "scenario", ScenarioError), options.set)
+    with naming(_shown(options.scenario)):
+        document = document_of(text, "scenario", ScenarioError)
+    document = with_values(document, options.set)
     if end is not None:
         times = document.get("time")
         if isinstance(times, dict) and "at" in times:
