@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 from pathlib import Path
 
 import hypothesis
@@ -35,6 +36,9 @@ def pytest_configure(config):
     unoptimised = config.option.markexpr == "not slow"
     jax.config.update("jax_disable_most_optimizations", unoptimised)
     os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(unoptimised))  # of examples and commands
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        # A shell lets what it runs in the background ignore Ctrl-C, and all that this starts; tests press it.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -16,11 +16,16 @@ class Status(enum.IntEnum):
     SLIPPED = 7
     EVENT = 8
 
-    def sentence(self, reached: float, end: float) -> str:
-        """What happened, where ``reached`` is the time to which the result is good."""
-        return _SENTENCES[self].format(reached=reached, end=end)
+    def sentence(self, reached: float, end: float, *, alone: bool = False) -> str:
+        """What happened, where ``reached`` is the time to which the result is good.
+
+        ``alone`` is where nothing beside the sentence says what of a body cannot be.
+        """
+        found = _SENTENCES[self].format(reached=reached, end=end)
+        return f"{found} {ADVICE}" if alone and self == Status.IMPOSSIBLE else found
 
 
+ADVICE = "jaxball.problems(system, state) says what they cannot be."
 _SENTENCES = {
     Status.SUCCESS: "The solve reached t = {end:.10g}.",
     Status.MAX_STEPS: (

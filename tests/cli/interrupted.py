@@ -34,6 +34,8 @@ COMMANDS = {
     ("simulate", "disk", "--animate", "film.gif", "--out", "run.csv"): 25,
     ("chaos", "ball", "--plot", "means.png"): 20,
     ("verify", "disk", "--json", "report.json"): 20,
+    ("stability", "ball.toml", "--rate", "1", "--plot", "eigenvalues.png"): 15,
+    ("validate", "ball.toml", "study.toml"): 8,
     ("reproduce", "--out", "out"): 25,
     ("bench", "--quick", "--out", "bench"): 25,
     ("sweep", "study.toml", "--out", "s.zarr"): 25,

@@ -39,7 +39,7 @@ def test_the_command_stops_at_ctrl_c(tmp_path):
         run.send_signal(signal.SIGINT)
         text = run.communicate(timeout=120)[1]
     assert run.returncode == 130
-    assert text.startswith("jaxball: Stopping when what is being computed is in the store; press Ctrl-C again to stop")
+    assert "\njaxball: Stopping when what is being computed is in the store; press Ctrl-C again to stop" in text
     assert "of 600 rows done; run the same command to resume." in text
 
 
@@ -49,6 +49,7 @@ def test_the_second_ctrl_c_stops_at_once_and_its_workers_too(tmp_path):
     with start(tmp_path, "a.zarr", "--workers", "2") as run:
         while processes(run.pid) < 4:  # the command, its two workers, and Python's tracker of what they share
             assert run.poll() is None
+        assert run.stderr.readline().endswith("compiling\n")
         for words in ("Stopping", "Stopped"):
             os.killpg(run.pid, signal.SIGINT)
             assert run.stderr.readline().startswith(f"jaxball: {words}")

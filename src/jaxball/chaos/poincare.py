@@ -49,7 +49,7 @@ class PoincareMap(Printed):
         """A sentence that says how the run ended, and one that says how many crossings are kept."""
         kept = f"Of {self.count} crossings {len(self.times)} are kept"
         more = "; raise `room` to keep them all." if self.count > len(self.times) else "."
-        return f"{Status(self.status).sentence(self.reached, self.end)} {kept}{more}"
+        return f"{Status(self.status).sentence(self.reached, self.end, alone=True)} {kept}{more}"
 
 
 def poincare_map(

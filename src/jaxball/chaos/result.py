@@ -63,7 +63,7 @@ class LyapunovSpectrum(Printed):
 
     @property
     def _ending(self) -> str:
-        return Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
+        return Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]), alone=True)
 
     @property
     def _doubts(self) -> list[str]:

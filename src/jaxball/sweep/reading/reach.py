@@ -20,7 +20,7 @@ from ...rails import (
 from .compiled import on_rows
 
 Stacked = Float[np.ndarray, "_ _"]  # rows and masses, or 1 in the place of either
-COARSE = 4  # one in so many of the check's samples
+COARSE = 2  # one in so many of the check's samples
 
 
 class Bounds(NamedTuple):
