@@ -16,7 +16,6 @@ from .confinement import (
     beside,
     beyond,
     course,
-    furthest_of_rail,
     is_bounded,
     rail_of,
     rail_points,
@@ -155,7 +154,7 @@ def _fine_times(motion: AbstractPrescribedMotion, times: Float[np.ndarray, " T"]
 @eqx.filter_jit
 def known_furthest(rail: AbstractRail) -> Furthest:
     """Where a closed rail is furthest from the centre, compiled once for a family."""
-    return furthest_of_rail(rail.prepare())
+    return rail.prepare().furthest()
 
 
 @eqx.filter_jit

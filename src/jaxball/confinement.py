@@ -56,13 +56,6 @@ def is_bounded(motion: AbstractMotion) -> bool:
     return isinstance(motion, Fixed) or (rail is not None and rail.period is not None)
 
 
-def furthest_of_rail(rail: AbstractRail) -> Furthest:
-    """Where a closed rail is furthest from the centre; ``x`` is θ."""
-    assert rail.period is not None
-    theta = jnp.linspace(0.0, rail.period, rail.samples, endpoint=False)
-    return furthest(rail, theta, jax.vmap(rail)(theta))
-
-
 def rail_points(rail: AbstractRail, radius: Float[Array, ""]) -> Float[Array, "n 3"]:
     """Where a disk's rail must be in its plane: all round a closed one, and along an open one from 0 to ``radius``."""
     end = radius if rail.period is None else jnp.asarray(rail.period, radius.dtype)
@@ -84,7 +77,7 @@ def confined(system: System, times: Float[Array, " T"], state: State) -> Bool[Ar
     for group, places in _groups(system):
         rail = rail_of(group.motion)
         if rail is not None and rail.period is not None:
-            distances = eqx.filter_vmap(furthest_of_rail)(rail).distance
+            distances = eqx.filter_vmap(lambda rail: rail.furthest())(rail).distance
             astray |= jnp.any(beyond(system, distances))
         if rail is not None and isinstance(system, Disk):
             points = eqx.filter_vmap(rail_points, in_axes=(eqx.if_array(0), None))(rail, system.radius)

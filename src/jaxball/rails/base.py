@@ -3,10 +3,11 @@
 import abc
 
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._printing import Printed
-from ..calculus import two_derivatives
+from ..calculus import Furthest, furthest, two_derivatives
 
 
 class AbstractRail(Printed):
@@ -14,7 +15,7 @@ class AbstractRail(Printed):
 
     A family implements ``__call__`` and ``period``. A rail whose shape costs something to find (a
     spline's coefficients, a frame's matrix) overrides ``prepare``, which is called once a solve; one whose bends are
-    known, ``samples``.
+    known, ``samples``, and one that knows its furthest point, ``furthest``.
     """
 
     @abc.abstractmethod
@@ -38,6 +39,12 @@ class AbstractRail(Printed):
     def derivatives(self, theta: Float[Array, ""]) -> tuple[Float[Array, "3"], Float[Array, "3"], Float[Array, "3"]]:
         """ζ(θ), ζ′(θ) and ζ″(θ), the derivatives by forward mode."""
         return two_derivatives(self, theta)
+
+    def furthest(self) -> Furthest:
+        """Where a closed rail is furthest from the geometric centre, and how far it is there; ``x`` is θ."""
+        assert self.period is not None
+        theta = jnp.linspace(0.0, self.period, self.samples, endpoint=False)
+        return furthest(self, theta, jax.vmap(self)(theta))
 
     def points(self, theta: Float[Array, " n"]) -> Float[Array, "n 3"]:
         """ζ at many θ, for drawing."""

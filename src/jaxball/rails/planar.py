@@ -4,12 +4,15 @@ import abc
 import math
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._arguments import require
 from .._arrays import numbers
+from ..calculus import Furthest
 from ..frames import AbstractFrame, MatrixFrame
 from ..trigonometry import sine_cosine
+from ..vectors import dot
 from .base import AbstractRail
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -65,6 +68,12 @@ class Circle(AbstractPlanarRail):
     def planar(self, theta):
         sine, cosine = sine_cosine(theta)
         return self.radius * cosine, self.radius * sine
+
+    def furthest(self):
+        """Straight beyond the centre of the circle, as seen from the geometric centre."""
+        B = self.frame.matrix()
+        theta = jnp.arctan2(self.radius * dot(self.centre, B[:, 2]), self.radius * dot(self.centre, B[:, 0]))
+        return Furthest(theta, jnp.sqrt(jnp.sum(self(theta) ** 2)))
 
 
 class Ellipse(AbstractPlanarRail):
