@@ -27,7 +27,6 @@ from jaxball import (
 )
 
 TIMES = np.array([0.0, 0.05, 0.1, 0.4])
-NAMES = ("rate", "mass", "push", "growth", "tolerance")
 CASES = {
     Status.DETACHED: (2.4, 0.9, 0.1, 0.0, 1e-9),
     Status.SUCCESS: (1.2, 0.9, 0.1, 0.0, 1e-9),

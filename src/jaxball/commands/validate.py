@@ -9,6 +9,7 @@ from typing import Any
 from ..scenario import Scenario, ScenarioError, builtin_scenarios, read_document, scenario_text
 from ..scenario.gathering import all_problems
 from ..scenario.within import document_of, text_of
+from ..wording import counted
 from .options import BAD_INPUT
 from .source import input_text
 
@@ -72,7 +73,7 @@ def _of_scenario(scenario: Scenario) -> str:
     system, times = scenario.system, scenario.times
     masses = getattr(system, "n_masses", None)
     kind = type(system).__name__.lower() if masses is not None else system.title  # pyright: ignore
-    count = "" if masses is None else f" with {masses} point mass{'' if masses == 1 else 'es'}"
+    count = "" if masses is None else f" with {counted(masses, 'point mass', 'point masses')}"
     return f"{kind}{count}, {len(times)} times from {times[0]:g} to {times[-1]:g} by {scenario.solver}"
 
 
@@ -84,7 +85,7 @@ def _study(document: dict[str, Any], folder: Path) -> str:
 
     study = read_study(tomli_w.dumps(document), folder)
     shape = " × ".join(f"{size:,}" for size in study.shape)
-    rows = f"{study.rows:,} row{'' if study.rows == 1 else 's'}"
+    rows = counted(study.rows, "row")
     return _titled(
         "a study", f"{rows}{f' ({shape})' if len(study.shape) > 1 else ''} of {', '.join(study.paths)}", document
     )
@@ -95,7 +96,7 @@ def _problem(document: dict[str, Any], folder: Path) -> str:
 
     problem = problem_of(document, folder).problem
     size = problem.space.size
-    variables = "1 variable" if size == 1 else f"{size} variables"
+    variables = counted(size, "variable")
     content = (variables, _names("objectives", problem.objectives), _names("constraints", problem.constraints))
     return _titled("a design problem", "; ".join(content), document)
 

@@ -18,6 +18,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from mpl_toolkits.mplot3d import Axes3D
 
 from ..classical import AbstractClassicalSystem
+from ..wording import counted
 
 if TYPE_CHECKING:
     from ..simulable import SimulableSystem
@@ -66,7 +67,7 @@ def subject(system: "SimulableSystem | None", title: str = "") -> str:
 def _described(system: "SimulableSystem") -> str:
     if isinstance(system, AbstractClassicalSystem):
         return system.title.capitalize() if system.title[0].islower() else system.title
-    masses = f"{system.n_masses} point mass{'' if system.n_masses == 1 else 'es'}"
+    masses = counted(system.n_masses, "point mass", "point masses")
     return f"{type(system).__name__} with {masses if system.n_masses else 'no point masses'}"
 
 
