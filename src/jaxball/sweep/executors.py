@@ -14,6 +14,7 @@ from .chunk import Done, Task, solve_chunk, solve_chunk_elsewhere
 from .errors import WorkerError
 
 SECONDS_BETWEEN_LOOKS = 0.02
+_starting = threading.Lock()
 
 
 class _Here(concurrent.futures.Executor):
@@ -32,7 +33,7 @@ class _Worker(multiprocessing.context.SpawnProcess):
     """Importing JAX takes seconds, in which a Ctrl-C at the terminal would reach it too."""
 
     def start(self) -> None:
-        with interruption.heard_by_the_parent():
+        with _starting, interruption.heard_by_the_parent():
             super().start()
 
 
@@ -50,7 +51,12 @@ def executor_of(workers: int) -> concurrent.futures.Executor:
 
 
 def kill_workers() -> None:
-    """Ends the processes of :func:`executor_of` at once; what they have not finished has no mark in the store."""
+    """Ends the processes of :func:`executor_of` at once; what they have not finished has no mark in the store.
+
+    For a process that ends: no worker can be started any more.
+    """
+    # A worker that is just being started is not yet among the children, and would complain of its parent's end.
+    _starting.acquire()
     for process in multiprocessing.active_children():
         process.kill()
     # As Python does where a process ends by itself; else its tracker of resources complains of those that they shared.
