@@ -9,11 +9,11 @@ from jaxball_batch import TIMES, at, copies
 
 from jaxball import BallState
 from jaxball.ensemble import simulate_ensemble
+from jaxball.ensemble.lanes import LaneProgram
 from jaxball.ensemble.runge_kutta import step
-from jaxball.lanes import LaneProgram
-from jaxball.moments import velocity_moments
-from jaxball.packing import Packing
-from jaxball.simulation import DEFAULT_SOLVER
+from jaxball.physics.moments import velocity_moments
+from jaxball.physics.packing import Packing
+from jaxball.simulation.simulate import DEFAULT_SOLVER
 
 LANES = 64  # as simulate_ensemble
 STEPS, LENGTH = 1000, 0.01

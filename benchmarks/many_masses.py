@@ -86,7 +86,7 @@ def moments_loop(ball):
     import jax.numpy as jnp
     from jax.flatten_util import ravel_pytree
 
-    from jaxball.moments import velocity_moments
+    from jaxball.physics.moments import velocity_moments
 
     @jax.jit
     def loop(ball):
@@ -104,8 +104,8 @@ def moments_loop(ball):
 def evaluations(ball) -> int:
     """How often a run by the default settings evaluates the right-hand side."""
     from jaxball import paper, simulate
-    from jaxball.reproduce.evaluations import Counter, CountingSolver
-    from jaxball.simulation import DEFAULT_SOLVER
+    from jaxball.paper.reproduce.evaluations import Counter, CountingSolver
+    from jaxball.simulation.simulate import DEFAULT_SOLVER
 
     counter = Counter()
     simulate(ball, (paper.START, paper.END), solver=CountingSolver(DEFAULT_SOLVER, counter), throw=True)

@@ -50,7 +50,7 @@ def measure(peers: list[str]) -> list[dict]:
     """One row for each contender and tolerance: time and build time in seconds, error at t = 20."""
     import jaxball_ball
 
-    from jaxball import reference
+    from jaxball.paper import reference
 
     exact = reference.ball().values[-1, -9:]  # q, Omega, z
     contenders: dict[tuple[str, float], Callable] = {(TYPED, DEFAULT_TOLERANCE): jaxball_ball.typed()}

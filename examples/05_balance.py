@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxball import balance, simulate, with_angles
-from jaxball.paper import ball as paper_ball
+from jaxball.paper.systems import ball as paper_ball
 
 jax.config.update("jax_enable_x64", True)
 

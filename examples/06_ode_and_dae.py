@@ -9,7 +9,8 @@ import jaxball.cpu
 jaxball.cpu.prepare()  # before the first array is made: shorter solves, and shorter waits for the compiler
 jax.config.update("jax_enable_x64", True)
 
-from jaxball import paper, reference, simulate  # noqa: E402
+from jaxball import paper, simulate  # noqa: E402
+from jaxball.paper import reference  # noqa: E402
 from jaxball.solvers import Gauss, RadauIIA, Trapezoidal  # noqa: E402
 
 RUNS = [

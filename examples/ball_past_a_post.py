@@ -24,8 +24,8 @@ from jaxball import (
     with_angles,
     write_scenario,
 )
-from jaxball.body import with_masses
 from jaxball.design import control
+from jaxball.physics.body import with_masses
 
 cpu.prepare(gradients=True)
 jax.config.update("jax_enable_x64", True)

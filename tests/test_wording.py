@@ -3,9 +3,9 @@
 import pytest
 
 from jaxball.cli import main
+from jaxball.interface.wording import both, counted, did_you_mean, one_of
 from jaxball.scenario import ScenarioError
 from jaxball.scenario.values import Choice, Integer, Numbers
-from jaxball.wording import both, counted, did_you_mean, one_of
 
 
 def test_numbers_of_things():

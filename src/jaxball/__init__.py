@@ -28,7 +28,6 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         ensemble as ensemble,
         paper as paper,
         plot as plot,
-        reproduce as reproduce,
         results as results,
         scenario as scenario,
         solvers as solvers,
@@ -36,7 +35,10 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         sweep as sweep,
         verify as verify,
     )
-    from .body import (
+    from .interface.status import SolveError as SolveError, Status as Status
+    from .numerics.harmonics import HarmonicSeries as HarmonicSeries
+    from .paper import reference as reference, reproduce as reproduce
+    from .physics.body import (
         Ball as Ball,
         Disk as Disk,
         PointMass as PointMass,
@@ -44,43 +46,33 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         with_integrated_angles as with_integrated_angles,
         with_masses as with_masses,
     )
-    from .dynamics import vector_field as vector_field
-    from .equilibrium import Balance as Balance, balance as balance, with_angles as with_angles
-    from .events import (
-        AbstractEvent as AbstractEvent,
-        Detachment as Detachment,
-        Event as Event,
-        Slip as Slip,
-    )
-    from .extremes import ContactExtremes as ContactExtremes, contact_extremes as contact_extremes
-    from .feedback import (
+    from .physics.dynamics import vector_field as vector_field
+    from .physics.feedback import (
         AbstractLaw as AbstractLaw,
         FollowSchedules as FollowSchedules,
         FunctionLaw as FunctionLaw,
         Servo as Servo,
     )
-    from .force import (
+    from .physics.force import (
         AbstractForce as AbstractForce,
         FunctionForce as FunctionForce,
         HarmonicForce as HarmonicForce,
     )
-    from .frames import (
+    from .physics.frames import (
         AbstractFrame as AbstractFrame,
         MatrixFrame as MatrixFrame,
         SphericalFrame as SphericalFrame,
         VersorFrame as VersorFrame,
     )
-    from .harmonics import HarmonicSeries as HarmonicSeries
-    from .motion import (
+    from .physics.motion import (
         Driven as Driven,
         Fixed as Fixed,
         Free as Free,
         OnRail as OnRail,
         Oscillating as Oscillating,
     )
-    from .observables import Observables as Observables, observe as observe
-    from .occurrences import Occurrences as Occurrences
-    from .rails import (
+    from .physics.observables import Observables as Observables, observe as observe
+    from .physics.rails import (
         AbstractRail as AbstractRail,
         BernoulliEight as BernoulliEight,
         Circle as Circle,
@@ -91,15 +83,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         SplineRail as SplineRail,
         Tube as Tube,
     )
-    from .results import load_run as load_run, save as save, to_dataset as to_dataset
-    from .scenario import (
-        Scenario as Scenario,
-        ScenarioError as ScenarioError,
-        load_scenario as load_scenario,
-        read_scenario as read_scenario,
-        write_scenario as write_scenario,
-    )
-    from .schedules import (
+    from .physics.schedules import (
         AbstractSchedule as AbstractSchedule,
         ConstantRate as ConstantRate,
         FunctionSchedule as FunctionSchedule,
@@ -108,46 +92,84 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         Sinusoids as Sinusoids,
         Waypoints as Waypoints,
     )
-    from .simulation import PrecisionError as PrecisionError, simulate as simulate
-    from .state import (
+    from .physics.state import (
         BallState as BallState,
         DiskState as DiskState,
         ReducedState as ReducedState,
         RotationState as RotationState,
         State as State,
     )
-    from .status import SolveError as SolveError, Status as Status
-    from .trajectory import Trajectory as Trajectory
-    from .validity import problems as problems
+    from .physics.validity import problems as problems
+    from .results import load_run as load_run, save as save, to_dataset as to_dataset
+    from .scenario import (
+        Scenario as Scenario,
+        ScenarioError as ScenarioError,
+        load_scenario as load_scenario,
+        read_scenario as read_scenario,
+        write_scenario as write_scenario,
+    )
+    from .simulation.equilibrium import Balance as Balance, balance as balance, with_angles as with_angles
+    from .simulation.events import (
+        AbstractEvent as AbstractEvent,
+        Detachment as Detachment,
+        Event as Event,
+        Slip as Slip,
+    )
+    from .simulation.extremes import ContactExtremes as ContactExtremes, contact_extremes as contact_extremes
+    from .simulation.occurrences import Occurrences as Occurrences
+    from .simulation.simulate import PrecisionError as PrecisionError, simulate as simulate
+    from .simulation.trajectory import Trajectory as Trajectory
 
     __version__: str
 else:
     _NAMES = {
-        "body": "Ball Disk PointMass System with_integrated_angles with_masses",
-        "dynamics": "vector_field",
-        "equilibrium": "Balance balance with_angles",
-        "events": "AbstractEvent Detachment Event Slip",
-        "extremes": "ContactExtremes contact_extremes",
-        "feedback": "AbstractLaw FollowSchedules FunctionLaw Servo",
-        "force": "AbstractForce FunctionForce HarmonicForce",
-        "frames": "AbstractFrame MatrixFrame SphericalFrame VersorFrame",
-        "harmonics": "HarmonicSeries",
-        "motion": "Driven Fixed Free OnRail Oscillating",
-        "observables": "Observables observe",
-        "occurrences": "Occurrences",
-        "rails": "AbstractRail BernoulliEight Circle Ellipse FourierRail FunctionRail GeronoEight SplineRail Tube",
+        "physics.body": "Ball Disk PointMass System with_integrated_angles with_masses",
+        "physics.dynamics": "vector_field",
+        "simulation.equilibrium": "Balance balance with_angles",
+        "simulation.events": "AbstractEvent Detachment Event Slip",
+        "simulation.extremes": "ContactExtremes contact_extremes",
+        "physics.feedback": "AbstractLaw FollowSchedules FunctionLaw Servo",
+        "physics.force": "AbstractForce FunctionForce HarmonicForce",
+        "physics.frames": "AbstractFrame MatrixFrame SphericalFrame VersorFrame",
+        "numerics.harmonics": "HarmonicSeries",
+        "physics.motion": "Driven Fixed Free OnRail Oscillating",
+        "physics.observables": "Observables observe",
+        "simulation.occurrences": "Occurrences",
+        "physics.rails": (
+            "AbstractRail BernoulliEight Circle Ellipse FourierRail FunctionRail GeronoEight SplineRail Tube"
+        ),
         "results": "load_run save to_dataset",
         "scenario": "Scenario ScenarioError load_scenario read_scenario write_scenario",
-        "schedules": "AbstractSchedule ConstantRate FunctionSchedule PiecewiseAcceleration Pulse Sinusoids Waypoints",
-        "simulation": "PrecisionError simulate",
-        "state": "BallState DiskState ReducedState RotationState State",
-        "status": "SolveError Status",
-        "trajectory": "Trajectory",
-        "validity": "problems",
+        "physics.schedules": (
+            "AbstractSchedule ConstantRate FunctionSchedule PiecewiseAcceleration Pulse Sinusoids Waypoints"
+        ),
+        "simulation.simulate": "PrecisionError simulate",
+        "physics.state": "BallState DiskState ReducedState RotationState State",
+        "interface.status": "SolveError Status",
+        "simulation.trajectory": "Trajectory",
+        "physics.validity": "problems",
     }
     _MODULE_OF = {name: module for module, names in _NAMES.items() for name in names.split()}
-    _PACKAGES = ["bench", "chaos", "classical", "cpu", "design", "ensemble", "paper", "plot"]
-    _PACKAGES += ["reproduce", "results", "scenario", "solvers", "stability", "sweep", "verify"]
+    _PACKAGES = {
+        name: name
+        for name in [
+            "bench",
+            "chaos",
+            "classical",
+            "cpu",
+            "design",
+            "ensemble",
+            "paper",
+            "plot",
+            "results",
+            "scenario",
+            "solvers",
+            "stability",
+            "sweep",
+            "verify",
+        ]
+    }
+    _PACKAGES |= {"reference": "paper.reference", "reproduce": "paper.reproduce"}
     __all__ = sorted(_MODULE_OF)
 
     def __getattr__(name: str) -> Any:
@@ -156,15 +178,15 @@ else:
         elif name in _MODULE_OF:
             value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
         else:
-            value = _module(name)
+            value = _module(_PACKAGES.get(name, name), name)
         return globals().setdefault(name, value)
 
-    def _module(name: str) -> Any:
-        """A package of the interface, or any other module of jaxball, which ``dir`` does not show."""
+    def _module(module: str, name: str) -> Any:
+        """A package of the interface, or any other room of jaxball, which ``dir`` does not show."""
         try:
-            return importlib.import_module(f".{name}", __name__)
+            return importlib.import_module(f".{module}", __name__)
         except ModuleNotFoundError as error:
-            if error.name != f"{__name__}.{name}":
+            if error.name != f"{__name__}.{module}":
                 raise
         message = f"module {__name__!r} has no attribute {name!r}"
         raise AttributeError(message, name=name, obj=sys.modules[__name__])

@@ -12,9 +12,9 @@ from datetime import datetime
 import numpy as np
 import pytest
 
-from jaxball import reference
 from jaxball.bench.contenders import ALL
 from jaxball.bench.plan import QUICK_SOLVERS
+from jaxball.paper import reference
 
 COLUMNS = {
     "problem", "solver", "family", "tolerance", "failure", "error", "time", "quartiles", "repeats", "build_time",

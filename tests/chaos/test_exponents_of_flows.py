@@ -7,7 +7,7 @@ import pytest
 
 from jaxball.chaos import lyapunov_spectrum_of
 from jaxball.chaos.convergence import limits_of, sentences
-from jaxball.vectors import cross
+from jaxball.numerics.vectors import cross
 
 SIGMA, RHO, BETA = 10.0, 28.0, 8 / 3
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import classical, versor
+from jaxball import classical
+from jaxball.numerics import versor
 from tests.classical.mechanics import (
     body_rates,
     constrained_accelerations,

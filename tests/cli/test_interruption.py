@@ -14,7 +14,7 @@ PRELUDE = """
 import os, signal, sys, time
 from pathlib import Path
 from jaxball import interruption
-from jaxball.output import replacing
+from jaxball.interface.output import replacing
 
 interruption.end_at_ctrl_c()
 press = lambda: (os.kill(os.getpid(), signal.SIGINT), time.sleep(60))

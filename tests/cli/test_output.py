@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from jaxball.cli import main
-from jaxball.output import OutputError, check_destination, check_folder, replacing
+from jaxball.interface.output import OutputError, check_destination, check_folder, replacing
 from jaxball.sweep import sweep
 from tests.sweep.studies import pretend, study, study_text
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import design, dynamics
+from jaxball import design
 from jaxball.design import control
+from jaxball.physics import dynamics
 
 
 def on(rail, theta, mass=1.0):

@@ -6,7 +6,7 @@ import pytest
 
 import jaxball
 from jaxball import Ball, BallState, Circle, ConstantRate, Driven, Fixed, FunctionLaw, OnRail, PointMass, Tube, balance
-from jaxball.paper import ball as paper_ball
+from jaxball.paper.systems import ball as paper_ball
 
 
 @pytest.fixture(scope="module")

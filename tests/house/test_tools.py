@@ -38,7 +38,7 @@ def test_a_breach_of_the_layers_would_be_seen(tmp_path):
     source = tmp_path / "src"
     subprocess.run(["cp", "-r", str(ROOT / "src"), str(source)], check=True)
     (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text())
-    dynamics = source / "jaxball" / "dynamics.py"
+    dynamics = source / "jaxball" / "physics" / "dynamics.py"
     dynamics.write_text(dynamics.read_text().replace("import jax.numpy", "import diffrax\nimport jax.numpy", 1))
     program = (
         f"import sys; sys.path.insert(0, {str(source)!r}); "
@@ -46,7 +46,7 @@ def test_a_breach_of_the_layers_would_be_seen(tmp_path):
     )
     done = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, timeout=600)
     assert done.returncode == 1, done.stdout + done.stderr
-    assert "jaxball.dynamics -> diffrax" in done.stdout
+    assert "jaxball.physics.dynamics -> diffrax" in done.stdout
 
 
 def test_import_changes_nothing_global():
@@ -54,7 +54,7 @@ def test_import_changes_nothing_global():
 import os, logging, matplotlib, jax
 import diffrax, optimistix
 before = dict(os.environ), dict(matplotlib.rcParams), list(logging.root.handlers), dict(jax.config.values)
-import jaxball, jaxball.paper, jaxball.plot, jaxball.reproduce
+import jaxball, jaxball.paper, jaxball.plot, jaxball.paper.reproduce
 assert (dict(os.environ), dict(matplotlib.rcParams), list(logging.root.handlers), dict(jax.config.values)) == before
 jax.config.update("jax_platforms", "nonexistent")  # too late only if a backend had been started
 try:
@@ -69,7 +69,7 @@ except RuntimeError:
 def test_help_and_wrong_options_need_no_numbers():
     program = """
 import contextlib, sys
-from jaxball.commands.dispatch import run
+from jaxball.cli.dispatch import run
 for arguments in (["--help"], ["--version"], ["rol"], ["reproduce", "--to"], ["sweep", "s.toml", "--shard", "3/2"]):
     with contextlib.suppress(SystemExit):
         run(arguments)

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.lanes import LaneProgram, elements_of
+from jaxball.ensemble.lanes import LaneProgram, elements_of
 
 LANES = 8
 

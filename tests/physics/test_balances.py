@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import laws, momentum
-from jaxball.dynamics import driven_angles
-from jaxball.moments import moments
+from jaxball.physics import laws, momentum
+from jaxball.physics.dynamics import driven_angles
+from jaxball.physics.moments import moments
 from tests.support.flow import along_flow
 from tests.support.systems import KINDS, all_masses, random_cases, random_disks
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.dynamics import driven_angles
+from jaxball.physics.dynamics import driven_angles
 from tests.support import direct_sum
 from tests.support.systems import (
     COUNT,
@@ -132,7 +132,7 @@ def test_a_ball_without_masses_is_its_shell():
 
 def test_versor_matrix_and_reduced_forms_agree():
     system, t, state = random_cases("driven")
-    matrices = jax.vmap(jaxball.versor.rotation_matrix)(state.q)
+    matrices = jax.vmap(jaxball.numerics.versor.rotation_matrix)(state.q)
     versor = rates_of(system, t, state)
     angles = (state.theta, state.thetadot)
     matrix = rates_of(system, t, jaxball.RotationState(matrices, state.Omega, state.z, *angles))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import laws, momentum
-from jaxball.dynamics import driven_angles
-from jaxball.moments import moments
+from jaxball.physics import laws, momentum
+from jaxball.physics.dynamics import driven_angles
+from jaxball.physics.moments import moments
 
 TIMES = np.linspace(0.0, 10.0, 41)
 TOLERANCES = {"rtol": 1e-12, "atol": 1e-12}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import versor
+from jaxball.numerics import versor
 from tests.support.systems import ball_state, random_cases, scheduled_ball, shell
 
 rate_of = jax.jit(jaxball.vector_field)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, strategies as st
 
 import jaxball
-from jaxball.frames import frisvad, principal_angles, spherical_direction
+from jaxball.physics.frames import frisvad, principal_angles, spherical_direction
 
 basis = jax.jit(frisvad)
 spherical = jax.jit(lambda azimuth, elevation: jaxball.SphericalFrame(azimuth, elevation).matrix())

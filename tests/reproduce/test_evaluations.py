@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.reproduce.evaluations import Counter, CountingSolver
+from jaxball.paper.reproduce.evaluations import Counter, CountingSolver
 
 STEPS = 10
 

@@ -7,7 +7,7 @@ import pytest
 
 import jaxball
 from jaxball import paper
-from jaxball.observables import observe
+from jaxball.physics.observables import observe
 from jaxball.scenario import load_scenario
 
 START = jnp.asarray(0.0)

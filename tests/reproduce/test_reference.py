@@ -5,7 +5,7 @@ import decimal
 import numpy as np
 import pytest
 
-from jaxball import reference
+from jaxball.paper import reference
 
 BOTH = pytest.mark.parametrize("load", [reference.ball, reference.disk])
 

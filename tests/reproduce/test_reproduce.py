@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from jaxball.reproduce import reproduce
+from jaxball.paper.reproduce import reproduce
 
 HEADINGS = "System | Solver | Tolerance | Accepted | Rejected | Evaluations | Error | Error at 20 | Run | Compile"
 

@@ -8,8 +8,8 @@ import pytest
 
 import jaxball
 from jaxball import Ball, BallState, Disk, PointMass, Status, problems, simulate
-from jaxball.breaches import known_furthest
 from jaxball.ensemble import simulate_ensemble
+from jaxball.physics.breaches import known_furthest
 
 TIMES = np.linspace(0.0, 2.0, 5)
 SHELL = {"mass": 1.0, "inertia": (0.9, 1.0, 1.1)}

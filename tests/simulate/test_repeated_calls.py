@@ -135,7 +135,7 @@ def test_versor_matrix_and_reduced_runs_are_one_motion():
     versor = jaxball.simulate(base, TIMES, start, **tolerances)
     matrix = jaxball.simulate(base, TIMES, jaxball.RotationState(Omega=start.Omega), **tolerances)
     reduced = jaxball.simulate(base, TIMES, jaxball.ReducedState(Omega=start.Omega), **tolerances)
-    Lambda = np.asarray(jax.vmap(jaxball.versor.rotation_matrix)(versor.state.q))
+    Lambda = np.asarray(jax.vmap(jaxball.numerics.versor.rotation_matrix)(versor.state.q))
     np.testing.assert_allclose(matrix.state.Lambda, Lambda, atol=1e-9)
     np.testing.assert_allclose(matrix.state.z, versor.state.z, atol=1e-9)
     np.testing.assert_allclose(reduced.state.Omega, versor.state.Omega, atol=1e-9)

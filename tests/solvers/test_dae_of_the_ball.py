@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import paper, reference
-from jaxball.dae import algebraic_component, dae_field, mass_diagonal
+from jaxball import paper
+from jaxball.paper import reference
+from jaxball.physics.dae import algebraic_component, dae_field, mass_diagonal
 from jaxball.solvers import Gauss, MassMatrixTerm, RadauIIA, StepToKinks, SwitchingMassMatrixTerm, explain
 
 SYSTEM, ANGLES = jaxball.with_integrated_angles(paper.ball())

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import paper, reference
+from jaxball import paper
+from jaxball.paper import reference
 from jaxball.solvers import TRBDF2, Gauss, RadauIIA, Trapezoidal
 
 SECONDS = np.linspace(0.0, 20.0, 21)

@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.frames import SphericalFrame
-from jaxball.harmonics import HarmonicSeries
-from jaxball.rails import BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight
-from jaxball.schedules import ConstantRate, Pulse, Sinusoids
+from jaxball.numerics.harmonics import HarmonicSeries
+from jaxball.physics.frames import SphericalFrame
+from jaxball.physics.rails import BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight
+from jaxball.physics.schedules import ConstantRate, Pulse, Sinusoids
 from jaxball.sweep.reading.furthest import furthest, reach_of_series
 from jaxball.sweep.reading.reach import bounds, farthest_sample
 

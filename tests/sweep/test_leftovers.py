@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from jaxball.cli import main
-from jaxball.output import part_prefix
+from jaxball.interface.output import part_prefix
 from jaxball.sweep import StoreError, sweep
 from jaxball.sweep.disk import SECONDS_OF_A_PART
 from tests.sweep.studies import files, pretend, study, study_text

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import assume, given, strategies as st
 from scipy.spatial.transform import Rotation
 
-from jaxball import versor
+from jaxball.numerics import versor
 
 product, conjugate = jax.jit(versor.product), jax.jit(versor.conjugate)
 rotation_matrix, from_rotation_matrix = jax.jit(versor.rotation_matrix), jax.jit(versor.from_rotation_matrix)

@@ -1,6 +1,6 @@
 """Solvers compared at equal achieved error: ``jaxball bench``."""
 
-from .._interface import interface as _interface
+from ..interface.names import interface as _interface
 from .measure import Measured as Measured, Row as Row, Settings as Settings
 from .plan import FULL as FULL, QUICK as QUICK, Plan as Plan, listing as listing, plan as plan
 from .problem import Problem as Problem

@@ -12,7 +12,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullLocator
 
-from ..output import replacing
+from ..interface.output import replacing
 from ..plot import style
 from .contenders import ALL
 from .measure import Row

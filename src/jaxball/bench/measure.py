@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..wording import counted
+from ..interface.wording import counted
 from .contenders import Contender, Program, Run
 from .problem import Problem
 from .texts import power, seconds

@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._arrays import Numbers
+from ..numerics.arrays import Numbers
 
 Scalar = Any  # a float, a JAX scalar, a CasADi SX, a heyoka expression, a SymPy symbol
 

@@ -7,8 +7,8 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from ..output import replacing
-from ..wording import counted
+from ..interface.output import replacing
+from ..interface.wording import counted
 from . import report
 from .contenders import FAMILIES, Contender
 from .machine import description

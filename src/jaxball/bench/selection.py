@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeVar
 
-from ..wording import nearest
+from ..interface.wording import nearest
 from .contenders import ALL, Contender
 from .problem import Problem
 

@@ -1,6 +1,6 @@
 """Measures of chaos: Lyapunov exponents of any system or flow, charts of them, and Poincaré maps."""
 
-from .._interface import interface as _interface
+from ..interface.names import interface as _interface
 from .chart import chart as chart
 from .convergence import Limits as Limits
 from .poincare import PoincareMap as PoincareMap, poincare_map as poincare_map

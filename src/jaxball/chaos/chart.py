@@ -12,12 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._arguments import require, require_callable
-from .._arrays import Numbers, to_array, to_numpy
-from ..phase_space import normal_of, phase_point
-from ..simulable import SimulableState, SimulableSystem
-from ..simulation import checked_solver, checked_tolerances
-from ..status import Status
+from ..interface.arguments import require, require_callable
+from ..interface.status import Status
+from ..numerics.arrays import Numbers, to_array, to_numpy
+from ..physics.phase_space import normal_of, phase_point
+from ..physics.simulable import SimulableState, SimulableSystem
+from ..simulation.simulate import checked_solver, checked_tolerances
 from .spectrum import Method, interval_edges
 from .system import system_spectrum
 

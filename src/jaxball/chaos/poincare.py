@@ -8,12 +8,12 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._arrays import Numbers
-from .._printing import Printed
-from ..events import Event
-from ..simulable import SimulableState, SimulableSystem
-from ..simulation import DEFAULT_TOLERANCE, simulate
-from ..status import Status
+from ..interface.printing import Printed
+from ..interface.status import Status
+from ..numerics.arrays import Numbers
+from ..physics.simulable import SimulableState, SimulableSystem
+from ..simulation.events import Event
+from ..simulation.simulate import DEFAULT_TOLERANCE, simulate
 
 
 class PoincareMap(Printed):

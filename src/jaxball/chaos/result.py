@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._printing import Printed, is_single, shown
-from ..status import SolveError, Status
+from ..interface.printing import Printed, is_single, shown
+from ..interface.status import SolveError, Status
 from .convergence import Limits, limits_of, sentences
 
 

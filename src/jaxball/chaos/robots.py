@@ -4,11 +4,11 @@ import math
 
 import jax.numpy as jnp
 
-from .._arrays import Numbers, to_array
-from ..body import Ball, PointMass
-from ..motion import OnRail
-from ..rails import Circle
-from ..schedules import ConstantRate
+from ..numerics.arrays import Numbers, to_array
+from ..physics.body import Ball, PointMass
+from ..physics.motion import OnRail
+from ..physics.rails import Circle
+from ..physics.schedules import ConstantRate
 
 
 def rolling_robot(

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._arguments import refusal, require_callable
-from .._arrays import Numbers, numbers, to_array, to_numpy
-from ..simulation import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances, status_of
+from ..interface.arguments import refusal, require_callable
+from ..interface.status import Status
+from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
+from ..simulation.simulate import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances, status_of
 from ..solvers import StepToKinks
-from ..status import Status
 from .least import Watch, Watching
 from .result import LyapunovSpectrum
 from .tangent import Field, Normal, generic_vectors, orthonormalised, tangent_field, without_normal

@@ -6,14 +6,14 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from .._arrays import Numbers, to_array
-from ..body import Ball, Disk
-from ..contact import reaction
-from ..packing import Packing
-from ..phase_space import dimension, normal_of, phase_point
-from ..simulable import SimulableState, SimulableSystem
-from ..simulation import DEFAULT_TOLERANCE, at_rest, checked_solver, checked_steps, checked_tolerances
-from ..validity import possible_start
+from ..numerics.arrays import Numbers, to_array
+from ..physics.body import Ball, Disk
+from ..physics.contact import reaction
+from ..physics.packing import Packing
+from ..physics.phase_space import dimension, normal_of, phase_point
+from ..physics.simulable import SimulableState, SimulableSystem
+from ..physics.validity import possible_start
+from ..simulation.simulate import DEFAULT_TOLERANCE, at_rest, checked_solver, checked_steps, checked_tolerances
 from .result import LyapunovSpectrum
 from .spectrum import Method, checked_count, interval_edges, spectrum
 

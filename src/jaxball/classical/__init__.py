@@ -4,7 +4,7 @@
 :class:`AbstractClassicalSystem` with an :class:`AbstractClassicalState`.
 """
 
-from .._interface import interface as _interface
+from ..interface.names import interface as _interface
 from .axis import AbstractAxis as AbstractAxis, FunctionAxis as FunctionAxis, HarmonicAxis as HarmonicAxis
 from .base import (
     AbstractClassicalState as AbstractClassicalState,

@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from .._arguments import require_function
-from .._arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
-from .._printing import Printed
-from ..harmonics import HarmonicSeries
+from ..interface.arguments import require_function
+from ..interface.printing import Printed
+from ..numerics.arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
+from ..numerics.harmonics import HarmonicSeries
 
 
 class AbstractAxis(Printed):

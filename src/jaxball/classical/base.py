@@ -9,9 +9,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import default_dtype
-from .._printing import Printed
-from ..conditions import Condition
+from ..interface.printing import Printed
+from ..numerics.arrays import default_dtype
+from ..physics.conditions import Condition
 
 
 class AbstractClassicalState(Printed):

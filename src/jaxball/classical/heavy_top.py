@@ -6,9 +6,9 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import Numbers, numbers
-from ..conditions import Condition, positive, positive_inertia, real_inertia
-from ..vectors import cross, dot
+from ..numerics.arrays import Numbers, numbers
+from ..numerics.vectors import cross, dot
+from ..physics.conditions import Condition, positive, positive_inertia, real_inertia
 from .base import AbstractClassicalSystem
 from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, turned, versor_squared
 from .state import RigidBodyState

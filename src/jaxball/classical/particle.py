@@ -11,8 +11,8 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import Numbers, numbers
-from ..conditions import Condition, positive
+from ..numerics.arrays import Numbers, numbers
+from ..physics.conditions import Condition, positive
 from .base import AbstractClassicalSystem
 from .state import ParticleState, VakonomicState
 

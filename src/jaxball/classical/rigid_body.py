@@ -5,10 +5,10 @@ from typing import ClassVar, NamedTuple
 
 from jaxtyping import Array, Float
 
-from .._arrays import Numbers, numbers
-from ..conditions import Condition, positive_inertia, real_inertia
-from ..vectors import apply, cross, dot
-from ..versor import derivative
+from ..numerics.arrays import Numbers, numbers
+from ..numerics.vectors import apply, cross, dot
+from ..numerics.versor import derivative
+from ..physics.conditions import Condition, positive_inertia, real_inertia
 from .base import AbstractClassicalSystem
 from .state import RigidBodyState
 

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from .._arrays import Numbers, numbers, to_array
-from ..conditions import Condition, versor
-from ..versor import rotation_matrix, vertical_in_body
+from ..numerics.arrays import Numbers, numbers, to_array
+from ..numerics.versor import rotation_matrix, vertical_in_body
+from ..physics.conditions import Condition, versor
 from .base import AbstractClassicalState
 
 

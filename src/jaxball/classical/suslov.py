@@ -6,9 +6,9 @@ from typing import ClassVar, NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._arrays import Numbers
-from ..conditions import Condition, positive_inertia, real_inertia
-from ..vectors import apply, dot
+from ..numerics.arrays import Numbers
+from ..numerics.vectors import apply, dot
+from ..physics.conditions import Condition, positive_inertia, real_inertia
 from .axis import AbstractAxis, HarmonicAxis
 from .base import AbstractClassicalSystem
 from .rigid_body import gyroscopic_torque, kinetic_energy, principal_moments, turned, versor_squared

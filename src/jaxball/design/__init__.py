@@ -1,6 +1,6 @@
 """Rails, motions and parameters that make a ball do what is wanted, found by gradients through the simulation."""
 
-from .._interface import interface as _interface
+from ..interface.names import interface as _interface
 from .bounds import Bounds as Bounds
 from .check import GradientCheck as GradientCheck, check_gradient as check_gradient, require_good as require_good
 from .constraints import (

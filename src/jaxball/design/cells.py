@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from ..body import System
+from ..physics.body import System
 from .objectives import AbstractObjective
 
 

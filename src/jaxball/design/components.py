@@ -8,9 +8,9 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from ..body import System
-from ..dae import projected
-from ..state import BallState, DiskState
+from ..physics.body import System
+from ..physics.dae import projected
+from ..physics.state import BallState, DiskState
 from .scales import default_scale
 
 

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._arrays import numbers, to_array
-from ..piecewise import PiecewisePolynomial, clamped_cubic_spline
+from ..numerics.arrays import numbers, to_array
+from ..numerics.piecewise import PiecewisePolynomial, clamped_cubic_spline
 from .errors import DesignError
 from .line import place, places
 

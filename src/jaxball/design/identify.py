@@ -11,9 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._arguments import require
-from .._arrays import to_numpy
-from ..body import Disk
+from ..interface.arguments import require
+from ..numerics.arrays import to_numpy
+from ..physics.body import Disk
 from ..scenario.solve import SOLVERS
 from .errors import DesignError
 from .line import places

@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..body import Disk
+from ..physics.body import Disk
+from ..physics.simulable import SimulableSystem
 from ..scenario.table import Family, Key, Module, join, member_of
 from ..scenario.values import NOT_ALL_ZERO, POSITIVE, Flag, Numbers, Rule, key_error
-from ..simulable import SimulableSystem
 from . import constraints, objectives
 from .curves import FigureEight, Sigmoid, Through
 

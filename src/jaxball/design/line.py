@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._arrays import Numbers, require_shape, to_array
-from ..body import Disk
-from ..simulable import SimulableSystem
+from ..numerics.arrays import Numbers, require_shape, to_array
+from ..physics.body import Disk
+from ..physics.simulable import SimulableSystem
 from .errors import DesignError
 
 # What is less beside e1 than this share of how far it goes is rounding.

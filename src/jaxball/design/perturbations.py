@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..body import Disk, System
+from ..physics.body import Disk, System
 from .errors import DesignError
 
 

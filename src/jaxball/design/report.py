@@ -11,12 +11,12 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from .. import plot
-from ..body import Disk
-from ..extremes import contact_extremes
-from ..output import replacing
+from ..interface.output import replacing
+from ..physics.body import Disk
 from ..plot.report import write_figure
 from ..scenario import ScenarioError
-from ..trajectory import Trajectory
+from ..simulation.extremes import contact_extremes
+from ..simulation.trajectory import Trajectory
 from .cells import bounds, in_units, violation
 from .objectives import FollowCurve, FollowTrajectory, LargestDistance
 from .problem import worst

@@ -9,15 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..body import System
-from ..dynamics import driven_angles
-from ..energy import accelerations
-from ..moments import kinematics, point_mass_values
-from ..motion import Driven, Kinematics, OnRail
-from ..observables import Observables, observe
-from ..rails import AbstractRail
-from ..simulation import simulate
-from ..state import BallState, DiskState
+from ..physics.body import System
+from ..physics.dynamics import driven_angles
+from ..physics.energy import accelerations
+from ..physics.moments import kinematics, point_mass_values
+from ..physics.motion import Driven, Kinematics, OnRail
+from ..physics.observables import Observables, observe
+from ..physics.rails import AbstractRail
+from ..physics.state import BallState, DiskState
+from ..simulation.simulate import simulate
 from .space import Candidate
 
 RAIL_SAMPLES = 48

@@ -6,7 +6,7 @@ Lengths are counted in radii r of the shell, times in √(r/g), and angles in ra
 import math
 import re
 
-from ..body import System
+from ..physics.body import System
 
 _LENGTHS = r"radius|semi_axes|half_extents|half_width|centre|cosine|sine|points|position|offset|z"
 _ANGLES = r"theta|angles|phase|phi|angle|azimuth|elevation"

@@ -10,7 +10,7 @@ import numpy as np
 import tomli_w
 from jaxtyping import Float
 
-from ..output import replacing
+from ..interface.output import replacing
 from .check import GradientCheck, check_gradient, require_good
 from .optimise import Optimiser
 from .problem import Evaluation, Problem

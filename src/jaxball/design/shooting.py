@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..body import Ball, Disk
-from ..state import BallState, DiskState
+from ..physics.body import Ball, Disk
+from ..physics.state import BallState, DiskState
 from .components import Components
 from .errors import DesignError
 from .places import Places

@@ -9,15 +9,15 @@ import numpy as np
 import tomli_w
 from jaxtyping import Array, Float
 
-from .._arrays import to_array
-from ..body import Ball, Disk, System
-from ..frames import principal_angles
+from ..numerics.arrays import to_array
+from ..numerics.versor import from_axis_angle, normalized
+from ..physics.body import Ball, Disk, System
+from ..physics.frames import principal_angles
+from ..physics.state import BallState, DiskState
 from ..scenario import Scenario, read_document
 from ..scenario.initial import starting_angles
-from ..state import BallState, DiskState
 from ..sweep.numbers import value_at, with_numbers
 from ..sweep.reading.plan import Plan, plan_of
-from ..versor import from_axis_angle, normalized
 from .bounds import Bounds
 from .errors import DesignError
 from .scales import default_scale

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..output import replacing
+from ..interface.output import replacing
 from .errors import DesignError
 
 

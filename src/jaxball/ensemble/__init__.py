@@ -1,6 +1,6 @@
 """Many runs side by side: the way in which sweeps are solved."""
 
-from .._interface import interface as _interface
+from ..interface.names import interface as _interface
 from .ensemble import Ensemble as Ensemble
 from .quantities import REDUCTIONS as REDUCTIONS
 from .reductions import (

@@ -7,8 +7,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
-from .._printing import Printed, shown
-from ..trajectory import Trajectory
+from ..interface.printing import Printed, shown
+from ..simulation.trajectory import Trajectory
 
 
 class Ensemble(Printed):

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..sampling import last_within, place_of_largest, sampling
+from ..solvers.dense.sampling import last_within, place_of_largest, sampling
 from .interpolation import Between
 from .observers import AbstractObserver
 from .runge_kutta import Step

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..sampling import sampling
+from ..solvers.dense.sampling import sampling
 from .extremes import Quantities
 from .interpolation import Between
 from .observers import AbstractObserver

@@ -6,7 +6,7 @@ import diffrax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..lanes import LaneProgram, elements_of
+from .lanes import LaneProgram, elements_of
 from .runge_kutta import Step, tableau_of
 
 Between = Callable[[Step, Float[Array, " lanes"]], Float[Array, "size lanes"]]

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..lanes import LaneProgram
+from .lanes import LaneProgram
 
 
 def shared(leaf: Any) -> bool:

@@ -10,13 +10,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..confinement import until_left
-from ..lanes import LaneProgram
-from ..packing import Packing
-from ..status import Status
-from ..step_size import by_tolerances, kinks_of, to_kinks
-from ..validity import possible_start
+from ..interface.status import Status
+from ..physics.confinement import until_left
+from ..physics.packing import Packing
+from ..physics.validity import possible_start
+from ..simulation.step_size import by_tolerances, kinks_of, to_kinks
 from .control import Limits
+from .lanes import LaneProgram
 from .numbers import Prepared, axes, first
 from .reductions import AbstractReduction
 from .rows import Method, Rows, Solved, solve_rows

@@ -3,11 +3,11 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..body import System
-from ..contact import reaction
-from ..observables import observe
-from ..state import BallState, DiskState, State
-from ..vectors import cross
+from ..numerics.vectors import cross
+from ..physics.body import System
+from ..physics.contact import reaction
+from ..physics.observables import observe
+from ..physics.state import BallState, DiskState, State
 from .reductions import AbstractReduction, Drift, Integral, Maximum, Minimum
 
 

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._printing import Printed
+from ..interface.printing import Printed
 
 # From a system, a time and a state to a number.
 Quantity = Callable[[Any, Float[Array, ""], Any], Float[Array, ""]]

@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
-from .._arguments import described, require
-from .._arrays import Numbers, to_numpy
-from ..dynamics import field_of
-from ..simulable import SimulableState, SimulableSystem
-from ..simulation import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_steps, checked_tolerances
-from ..trajectory import Trajectory
+from ..interface.arguments import described, require
+from ..numerics.arrays import Numbers, to_numpy
+from ..physics.dynamics import field_of
+from ..physics.simulable import SimulableState, SimulableSystem
+from ..simulation.simulate import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_steps, checked_tolerances
+from ..simulation.trajectory import Trajectory
 from .ensemble import Ensemble
 from .numbers import split
 from .program import Settings, compiled

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..lanes import LaneProgram
-from ..packing import Packing
+from ..physics.packing import Packing
 from .extremes import Extremes
 from .integrals import Integrals
 from .interpolation import interpolation
+from .lanes import LaneProgram
 from .numbers import Prepared
 from .observers import AbstractObserver
 from .parts import in_parts

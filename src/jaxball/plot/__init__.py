@@ -6,7 +6,7 @@ it which system it shows, and in what units; :func:`caption` says it in other wo
 registered with pyplot, and no setting of matplotlib is changed.
 """
 
-from .._interface import interface as _interface
+from ..interface.names import interface as _interface
 from .actuation import acceleration as acceleration
 from .animation import animate as animate
 from .branches import branch as branch, place_in_time as place_in_time

@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from .._arrays import Numbers, to_array
-from ..body import System
-from ..dynamics import driven_angles
-from ..motion import OnRail
-from ..trajectory import Trajectory
+from ..numerics.arrays import Numbers, to_array
+from ..physics.body import System
+from ..physics.dynamics import driven_angles
+from ..physics.motion import OnRail
+from ..simulation.trajectory import Trajectory
 from .record import finite_rows, require_one
 from .style import INK, legend_above, mass_line, named, plane_axes, up_to_ticks
 

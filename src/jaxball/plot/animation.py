@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.figure import Figure
 
-from ..trajectory import Trajectory
+from ..simulation.trajectory import Trajectory
 from .record import record
 from .scene import scene
 

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from ..classical import AbstractClassicalSystem, RigidBodyState
-from ..trajectory import Trajectory
+from ..simulation.trajectory import Trajectory
 from .evolution import Series, over_time
 from .record import finite_rows, require_one
 from .style import COMPONENTS, DASHED, INK, MASSES, SMALL, WIDE, caption, named, plane_axes, up_to_ticks

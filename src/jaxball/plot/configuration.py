@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle as Ring
 from matplotlib.patheffects import withStroke
 
-from .._arrays import Numbers, to_array
-from ..body import Disk, System
-from ..moments import kinematics, moments
-from ..trajectory import Trajectory
-from ..wording import counted
+from ..interface.wording import counted
+from ..numerics.arrays import Numbers, to_array
+from ..physics.body import Disk, System
+from ..physics.moments import kinematics, moments
+from ..simulation.trajectory import Trajectory
 from .labels import name_points
 from .record import require_one
 from .shapes import outline, rails_of, split, view, wireframe

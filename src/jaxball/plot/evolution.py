@@ -8,10 +8,10 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from ..body import Disk
-from ..extremes import contact_extremes
-from ..simulable import SimulableSystem
-from ..trajectory import Trajectory
+from ..physics.body import Disk
+from ..physics.simulable import SimulableSystem
+from ..simulation.extremes import contact_extremes
+from ..simulation.trajectory import Trajectory
 from .record import record
 from .style import COMPONENTS, DASHED, INK, legend_above, named, plane_axes, up_to_ticks, write
 

@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
-from ..body import Disk
-from ..trajectory import Trajectory
+from ..physics.body import Disk
+from ..simulation.trajectory import Trajectory
 from .record import record
 from .shapes import outline, parallel, rails_of, view
 from .style import (

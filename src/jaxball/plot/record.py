@@ -6,9 +6,9 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..state import DiskState, ReducedState, RotationState, State
-from ..trajectory import Trajectory
-from ..versor import rotation_matrix
+from ..numerics.versor import rotation_matrix
+from ..physics.state import DiskState, ReducedState, RotationState, State
+from ..simulation.trajectory import Trajectory
 
 
 class Record(NamedTuple):

@@ -7,11 +7,11 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..body import Disk
 from ..classical import AbstractClassicalSystem
-from ..output import replacing
-from ..simulable import SimulableSystem
-from ..trajectory import Trajectory
+from ..interface.output import replacing
+from ..physics.body import Disk
+from ..physics.simulable import SimulableSystem
+from ..simulation.trajectory import Trajectory
 from .actuation import acceleration, accelerations
 from .classical import classical_motion, law_errors
 from .configuration import configuration

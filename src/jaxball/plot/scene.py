@@ -12,8 +12,8 @@ from matplotlib.patches import Circle as Ring
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from ..body import Disk, System
-from ..trajectory import Trajectory
+from ..physics.body import Disk, System
+from ..simulation.trajectory import Trajectory
 from .record import Record
 from .shapes import outline, rail_points, split, towards, wireframe
 from .style import CAPTION, FAINT, INK, SHELL, SMALL, TRAIL, mass_colour, mass_line, subject

@@ -4,10 +4,10 @@ import numpy as np
 from jaxtyping import Float
 from mpl_toolkits.mplot3d import Axes3D
 
-from .._arrays import to_array
-from ..body import System
-from ..motion import AbstractMotion, Driven, OnRail
-from ..rails import Tube
+from ..numerics.arrays import to_array
+from ..physics.body import System
+from ..physics.motion import AbstractMotion, Driven, OnRail
+from ..physics.rails import Tube
 
 BREAK = np.full((1, 3), np.nan)
 

@@ -18,10 +18,10 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from mpl_toolkits.mplot3d import Axes3D
 
 from ..classical import AbstractClassicalSystem
-from ..wording import counted
+from ..interface.wording import counted
 
 if TYPE_CHECKING:
-    from ..simulable import SimulableSystem
+    from ..physics.simulable import SimulableSystem
 
 INK = "black"
 SHELL = "0.45"

@@ -1,7 +1,7 @@
 """Result files: a trajectory as a labelled data set, saved, and read back."""
 
-from .._interface import interface as _interface
-from ..output import (
+from ..interface.names import interface as _interface
+from ..interface.output import (
     OutputError as OutputError,
     check_destination as check_destination,
     replacing as replacing,

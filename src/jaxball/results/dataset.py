@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..scenario import Scenario
-from ..trajectory import Trajectory
+from ..simulation.trajectory import Trajectory
 from .provenance import attributes
 from .variables import labels, values
 

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from .._arrays import to_array
 from ..classical import AbstractClassicalSystem
+from ..interface.status import Status
+from ..numerics.arrays import to_array
+from ..physics.simulable import SimulableState, SimulableSystem
+from ..physics.state import BallState, DiskState, ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario
-from ..simulable import SimulableState, SimulableSystem
-from ..state import BallState, DiskState, ReducedState, RotationState
-from ..status import Status
-from ..trajectory import Trajectory
+from ..simulation.trajectory import Trajectory
 from .provenance import FORMAT
 
 STATES = (RotationState, BallState, DiskState, ReducedState)

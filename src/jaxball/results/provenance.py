@@ -7,12 +7,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from ..body import Ball, Disk
-from ..extremes import contact_extremes
+from ..interface.status import Status
+from ..physics.body import Ball, Disk
+from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
-from ..state import ReducedState, RotationState
-from ..status import Status
-from ..trajectory import Trajectory
+from ..simulation.extremes import contact_extremes
+from ..simulation.trajectory import Trajectory
 
 FORMAT = 1
 PACKAGES = ("jaxball", "jax", "diffrax")

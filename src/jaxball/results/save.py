@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..output import check_destination, replacing
+from ..interface.output import check_destination, replacing
 from ..scenario import Scenario
 from ..scenario.paths import entries
-from ..trajectory import Trajectory
+from ..simulation.trajectory import Trajectory
 from .dataset import to_dataset
 from .provenance import attributes
 from .variables import values

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..classical import AbstractClassicalSystem
-from ..state import DiskState, ReducedState
-from ..trajectory import Trajectory
+from ..physics.state import DiskState, ReducedState
+from ..simulation.trajectory import Trajectory
 
 
 class Variable(NamedTuple):

@@ -1,6 +1,6 @@
 """Scenario files: a run as a text that people can read, checked before anything is computed."""
 
-from .._interface import interface as _interface
+from ..interface.names import interface as _interface
 from .files import (
     load_scenario as load_scenario,
     read_document as read_document,

@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from ..body import PointMass, System
-from ..feedback import AbstractLaw, FollowSchedules, Servo
-from ..motion import Driven, OnRail
-from ..schedules import AbstractSchedule
-from ..wording import counted
+from ..interface.wording import counted
+from ..physics.body import PointMass, System
+from ..physics.feedback import AbstractLaw, FollowSchedules, Servo
+from ..physics.motion import Driven, OnRail
+from ..physics.schedules import AbstractSchedule
 from .table import Family, Key, Module, join, read_family
 from .values import NOT_NEGATIVE, Indices, Numbers, ScenarioError, key_error
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from ..body import Ball, Disk, System
-from ..validity import shell_conditions
+from ..physics.body import Ball, Disk, System
+from ..physics.validity import shell_conditions
 from .harmonics import FORCE
 from .table import Key, join, read_table, write_member, write_table
 from .values import POSITIVE, Numbers, key_error

@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from .._arrays import to_array
 from ..classical import (
     AbstractClassicalState,
     AbstractClassicalSystem,
@@ -19,7 +18,8 @@ from ..classical import (
     VakonomicParticle,
     VakonomicState,
 )
-from ..conditions import Condition
+from ..numerics.arrays import to_array
+from ..physics.conditions import Condition
 from .harmonics import SERIES, WAVES_IN_SPACE, check_lengths, series_of
 from .initial import read_orientation
 from .table import Key, Module, join, read_one_of, read_table, write_member, write_table

@@ -5,9 +5,9 @@ from typing import Any
 
 import tomli_w
 
-from ..body import Ball, Disk
 from ..classical import AbstractClassicalState, AbstractClassicalSystem
-from ..simulable import SimulableState, SimulableSystem
+from ..physics.body import Ball, Disk
+from ..physics.simulable import SimulableState, SimulableSystem
 from . import classical
 from .actuation import FORMS, apply_actuation, write_actuation
 from .body import BALL, DISK, kind_of, read_force, read_shell, write_body

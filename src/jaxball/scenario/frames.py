@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from ..frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
+from ..physics.frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
 from .table import Family, Key, Module, join, read_one_of, write_member
 from .values import FULL_TURN, NOT_ALL_ZERO, QUARTER_TURN, Nested, Numbers, Radians, key_error
 

@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from ..force import HarmonicForce
-from ..harmonics import HarmonicSeries
-from ..motion import Oscillating
-from ..schedules import Sinusoids
-from ..wording import counted
+from ..interface.wording import counted
+from ..numerics.harmonics import HarmonicSeries
+from ..physics.force import HarmonicForce
+from ..physics.motion import Oscillating
+from ..physics.schedules import Sinusoids
 from .table import Key, Module, join
 from .values import Numbers, key_error
 

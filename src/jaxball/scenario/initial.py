@@ -8,14 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
-from .._arrays import to_array
-from ..body import Ball, Disk, PointMass, System
-from ..equilibrium import balance, with_angles
-from ..motion import OnRail
-from ..schedules import AbstractSchedule
-from ..state import BallState, DiskState, State
-from ..vectors import length
-from ..wording import counted
+from ..interface.wording import counted
+from ..numerics.arrays import to_array
+from ..numerics.vectors import length
+from ..physics.body import Ball, Disk, PointMass, System
+from ..physics.motion import OnRail
+from ..physics.schedules import AbstractSchedule
+from ..physics.state import BallState, DiskState, State
+from ..simulation.equilibrium import balance, with_angles
 from .table import Key, join, read_one_of, read_table, write_table
 from .values import NOT_ALL_ZERO, Flag, Indices, Nested, Numbers, ScenarioError, key_error
 

@@ -3,12 +3,12 @@
 import importlib.resources
 import tomllib
 
-from ..wording import did_you_mean
+from ..interface.wording import did_you_mean
 from .values import ScenarioError
 
 
 def _folder():
-    return importlib.resources.files("jaxball") / "scenarios"
+    return importlib.resources.files("jaxball.scenario") / "builtin"
 
 
 def builtin_scenarios() -> tuple[str, ...]:

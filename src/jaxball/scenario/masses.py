@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from ..body import PointMass, System
-from ..motion import Driven, Fixed, OnRail, Oscillating
-from ..schedules import AbstractSchedule
+from ..physics.body import PointMass, System
+from ..physics.motion import Driven, Fixed, OnRail, Oscillating
+from ..physics.schedules import AbstractSchedule
 from .actuation import targets_of
 from .harmonics import OSCILLATING
 from .rails import RAILS

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..wording import counted
+from ..interface.wording import counted
 from .values import ScenarioError
 
 _NAME = r"[A-Za-z_][\w-]*"

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from ..rails import BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
-from ..wording import counted
+from ..interface.wording import counted
+from ..physics.rails import BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
 from .frames import FRAME
 from .table import Family, Key, Module, join
 from .values import NOT_ALL_ZERO, POSITIVE, Numbers, key_error

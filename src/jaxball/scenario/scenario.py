@@ -7,15 +7,15 @@ from typing import Any
 import diffrax
 import numpy as np
 
-from .._arguments import refusal
-from .._printing import shown
 from ..classical import AbstractClassicalState
-from ..events import AbstractEvent
-from ..simulable import SimulableSystem
-from ..simulation import DEFAULT_TOLERANCE, simulate
-from ..state import BallState, DiskState
-from ..trajectory import Trajectory
-from ..wording import one_of
+from ..interface.arguments import refusal
+from ..interface.printing import shown
+from ..interface.wording import one_of
+from ..physics.simulable import SimulableSystem
+from ..physics.state import BallState, DiskState
+from ..simulation.events import AbstractEvent
+from ..simulation.simulate import DEFAULT_TOLERANCE, simulate
+from ..simulation.trajectory import Trajectory
 from .solve import SOLVERS, check_dae
 
 

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from ..schedules import ConstantRate, PiecewiseAcceleration, Pulse, Waypoints
-from ..wording import counted
+from ..interface.wording import counted
+from ..physics.schedules import ConstantRate, PiecewiseAcceleration, Pulse, Waypoints
 from .harmonics import SINUSOIDS
 from .table import Family, Key, Module, join
 from .values import INCREASING, Numbers, key_error

@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from ..body import System
-from ..breaches import breaches
-from ..state import BallState, DiskState
-from ..trajectory import Trajectory
-from ..validity import Problem
+from ..physics.body import System
+from ..physics.breaches import breaches
+from ..physics.state import BallState, DiskState
+from ..physics.validity import Problem
+from ..simulation.trajectory import Trajectory
 from .table import join
 from .values import ScenarioError
 

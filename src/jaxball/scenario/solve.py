@@ -5,10 +5,10 @@ from collections.abc import Callable, Mapping
 
 import diffrax
 
-from ..body import Disk
 from ..classical import NonholonomicParticle, VakonomicParticle
-from ..simulable import SimulableSystem
-from ..simulation import DEFAULT_TOLERANCE
+from ..physics.body import Disk
+from ..physics.simulable import SimulableSystem
+from ..simulation.simulate import DEFAULT_TOLERANCE
 from ..solvers import TRBDF2, Gauss, RadauIIA, Trapezoidal
 from .table import Key
 from .values import POSITIVE, Choice, Flag, Integer, Numbers, ScenarioError

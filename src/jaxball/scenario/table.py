@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
 
-from ..wording import did_you_mean
+from ..interface.wording import did_you_mean
 from .gathering import each_of
 from .values import Choice, Kind, Nested, ScenarioError, key_error, shown
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..wording import did_you_mean, nearest, one_of
+from ..interface.wording import did_you_mean, nearest, one_of
 
 LONGEST_SHOWN = 60
 

@@ -1,6 +1,6 @@
 """Implicit solvers for diffrax: collocation of Radau and Gauss, mass matrices, trapezoidal rule and TR-BDF2."""
 
-from .._interface import interface as _interface
+from ..interface.names import interface as _interface
 from .consistency import InitialValues as InitialValues, consistent_initial_values as consistent_initial_values
 from .errors import (
     AbstractErrorEstimate as AbstractErrorEstimate,

@@ -1,6 +1,6 @@
 """Steady motions of a rolling ball and their linear stability."""
 
-from .._interface import interface as _interface
+from ..interface.names import interface as _interface
 from .rolling import steady_rolling as steady_rolling
 from .rotations import permanent_rotations as permanent_rotations
 from .steady import SteadyMotion as SteadyMotion, stability as stability

@@ -3,11 +3,11 @@
 import jax.numpy as jnp
 import numpy as np
 
-from .._arguments import require
-from .._arrays import Numbers, to_array
-from ..body import Ball
-from ..moments import moments
-from ..state import ReducedState
+from ..interface.arguments import require
+from ..numerics.arrays import Numbers, to_array
+from ..physics.body import Ball
+from ..physics.moments import moments
+from ..physics.state import ReducedState
 from .steady import SteadyMotion, stability
 
 ROUND = 1e-9

@@ -9,11 +9,11 @@ import numpy as np
 import optimistix
 from jaxtyping import Array, Float
 
-from .._arguments import require
-from .._arrays import Numbers, to_array, to_numpy
-from ..body import Ball
-from ..dynamics import vector_field
-from ..state import ReducedState
+from ..interface.arguments import require
+from ..numerics.arrays import Numbers, to_array, to_numpy
+from ..physics.body import Ball
+from ..physics.dynamics import vector_field
+from ..physics.state import ReducedState
 from .steady import SteadyMotion, stability
 
 STARTS = 128

@@ -7,13 +7,13 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Complex
 
-from .._arrays import Numbers, to_array
-from .._printing import Printed, shown
-from ..body import System
-from ..dynamics import vector_field
-from ..phase_space import normal_of, phase_point
-from ..state import ReducedState, State
-from ..vectors import cross
+from ..interface.printing import Printed, shown
+from ..numerics.arrays import Numbers, to_array
+from ..numerics.vectors import cross
+from ..physics.body import System
+from ..physics.dynamics import vector_field
+from ..physics.phase_space import normal_of, phase_point
+from ..physics.state import ReducedState, State
 
 STEADY = 1e-8  # the rate, in units of the largest eigenvalue, up to which a state counts as steady
 NEUTRAL = 1e-7  # the real part, in the same units, that counts as none

@@ -1,6 +1,6 @@
 """Studies: a scenario run over and over, with other numbers in each row."""
 
-from .._interface import interface as _interface
+from ..interface.names import interface as _interface
 from .batch import Batch as Batch, Engine as Engine, Wanted as Wanted
 from .dataset import open_dataset as open_dataset, open_grid as open_grid
 from .engine import solve_in_lanes as solve_in_lanes

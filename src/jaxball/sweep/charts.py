@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..chaos import chart
+from ..interface.status import Status
 from ..scenario import read_document
 from ..scenario.solve import SOLVERS
-from ..status import Status
 from .axes import Ranged
 from .numbers import check_number
 from .reading import read_rows

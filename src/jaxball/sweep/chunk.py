@@ -9,8 +9,8 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
+from ..interface.status import Status
 from ..scenario import Scenario
-from ..status import Status
 from .batch import Engine, Wanted
 from .outputs import Output, outputs_of
 from .reading import read_rows

@@ -7,7 +7,7 @@ import shutil
 import time
 from pathlib import Path
 
-from ..output import machine, whole
+from ..interface.output import machine, whole
 
 SECONDS_OF_A_PART = 24 * 3600.0
 _PART = re.compile(r"\.part-(?P<machine>.+)-(?P<process>\d+)-[^-]+")

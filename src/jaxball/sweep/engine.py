@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import jax
 import numpy as np
 
-from ..body import Ball, Disk
 from ..ensemble import AbstractReduction, simulate_ensemble
 from ..ensemble.quantities import CONTACT
+from ..physics.body import Ball, Disk
 from ..scenario.solve import SOLVERS
 from .batch import Batch, Wanted
 from .finds import solved_in_lanes

@@ -1,6 +1,6 @@
 """What can be wrong with a sweep."""
 
-from ..output import OutputError
+from ..interface.output import OutputError
 from ..scenario import ScenarioError
 
 

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from .. import interruption
+from ..interface import interruption
 from .chunk import Done, Task, solve_chunk, solve_chunk_elsewhere
 from .errors import WorkerError
 

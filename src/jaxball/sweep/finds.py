@@ -5,14 +5,14 @@ import importlib
 from collections.abc import Mapping
 from typing import Any
 
-from ..body import Ball, Disk
 from ..ensemble import REDUCTIONS, AbstractReduction, Drift, Integral, Maximum, Minimum
 from ..ensemble.runge_kutta import fits
+from ..interface.wording import did_you_mean
+from ..physics.body import Ball, Disk
 from ..scenario import Scenario
 from ..scenario.solve import SOLVERS
 from ..scenario.table import Key, read_one_of
 from ..scenario.values import Text, key_error, shown
-from ..wording import did_you_mean
 from .errors import StudyError
 
 KINDS: Mapping[str, type[Any]] = {"maximum": Maximum, "minimum": Minimum, "integral": Integral, "drift": Drift}

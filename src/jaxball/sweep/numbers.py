@@ -4,8 +4,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from ..interface.wording import did_you_mean
 from ..scenario.paths import steps
-from ..wording import did_you_mean
 from .errors import StudyError
 
 # These change what is compiled or how much is saved, and not the motion.

@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..extremes import ContactExtremes
+from ..physics.state import BallState, DiskState
 from ..results.variables import CLASSICAL_STATE, STATE, Variable, labels, of_ones_own
 from ..scenario import Scenario
-from ..state import BallState, DiskState
+from ..simulation.extremes import ContactExtremes
 from .errors import StudyError
 from .layout import AXES
 from .study import Study

@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from ..body import Ball, Disk
-from ..events import Detachment
-from ..extremes import contact_extremes
+from ..physics.body import Ball, Disk
 from ..scenario.solve import SOLVERS
-from ..simulation import FEW_STEPS, simulate
+from ..simulation.events import Detachment
+from ..simulation.extremes import contact_extremes
+from ..simulation.simulate import FEW_STEPS, simulate
 from .batch import Batch, Wanted
 from .outputs import CONTACT
 

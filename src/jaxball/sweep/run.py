@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 
 from ..ensemble.threads import cores
-from ..interruption import asked_to_stop, before_the_end
+from ..interface.interruption import asked_to_stop, before_the_end
 from .batch import Engine
 from .chunk import Task
 from .engine import solve_in_lanes

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from ..interface.status import Status
 from ..scenario import ScenarioError, read_document
-from ..status import Status
 from .attributes import read_attributes
 from .numbers import with_numbers
 from .tally import STATUS, column, tally

@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from .. import interruption
-from ..output import flush_to_disk, part_prefix
+from ..interface import interruption
+from ..interface.output import flush_to_disk, part_prefix
+from ..interface.status import Status
+from ..interface.wording import counted
 from ..scenario import Scenario
-from ..status import Status
-from ..wording import counted
 from .attributes import differences, identity_of, read_attributes
 from .disk import remove_dead_parts, remove_parts, write_whole
 from .errors import StoreError

@@ -11,7 +11,7 @@ import numpy as np
 import tomli_w
 from jaxtyping import Float, Int
 
-from ..body import Ball, Disk
+from ..physics.body import Ball, Disk
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.gathering import each_of
 from ..scenario.table import Key, read_list, read_table

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..output import flush_to_disk, whole
+from ..interface.output import flush_to_disk, whole
 from ..scenario.paths import entries
 from .errors import StoreError
 from .outputs import Output

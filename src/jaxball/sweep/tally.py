@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from ..status import Status
+from ..interface.status import Status
 from .attributes import read_attributes
 from .errors import StoreError
 

@@ -1,6 +1,6 @@
 """The laws of mechanics that a run must keep, checked, and how far ahead its result can be trusted."""
 
-from .._interface import interface as _interface
+from ..interface.names import interface as _interface
 from .report import Report as Report, Row as Row, Trust as Trust
 from .run import LAWS as LAWS, verify as verify
 

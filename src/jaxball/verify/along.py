@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from ..classical import AbstractClassicalSystem, HeavyTop
-from ..extremes import contact_extremes
+from ..physics.state import DiskState
 from ..scenario import Scenario
-from ..state import DiskState
+from ..simulation.extremes import contact_extremes
 from .case import SAFETY, Case
 from .report import Row
 from .symmetry import MASSES_MOVE, PLANAR, why_no_revolution, why_not_chaplygin, why_not_routh

@@ -12,11 +12,11 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
 from ..chaos.tangent import generic_vectors
-from ..dae import projected
+from ..physics.dae import projected
+from ..physics.simulable import SimulableState, SimulableSystem
 from ..scenario import Scenario
-from ..simulable import SimulableState, SimulableSystem
-from ..simulation import FINEST, simulate
-from ..trajectory import Trajectory
+from ..simulation.simulate import FINEST, simulate
+from ..simulation.trajectory import Trajectory
 from .samples import Samples, sample
 
 REFERENCE = 1e-13

@@ -9,13 +9,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..body import Disk
 from ..classical import NonholonomicParticle
-from ..dae import WITH_UNIT, has_unit
+from ..physics.body import Disk
+from ..physics.dae import WITH_UNIT, has_unit
+from ..physics.state import DiskState
 from ..scenario.solve import SOLVERS
+from ..simulation.trajectory import Trajectory
 from ..solvers import Gauss, RadauIIA
-from ..state import DiskState
-from ..trajectory import Trajectory
 from .case import Case
 from .report import Row
 

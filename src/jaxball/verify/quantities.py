@@ -10,17 +10,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .. import laws
-from ..body import System
 from ..classical import AbstractClassicalState, AbstractClassicalSystem
-from ..dynamics import driven_angles
-from ..energy import velocities
-from ..frames import frisvad
-from ..moments import Moments, kinematics, moments, point_mass_values, principal_inertia
-from ..motion import Kinematics
-from ..observables import observe
-from ..state import BallState, DiskState
-from ..vectors import apply, cross
+from ..numerics.vectors import apply, cross
+from ..physics import laws
+from ..physics.body import System
+from ..physics.dynamics import driven_angles
+from ..physics.energy import velocities
+from ..physics.frames import frisvad
+from ..physics.moments import Moments, kinematics, moments, point_mass_values, principal_inertia
+from ..physics.motion import Kinematics
+from ..physics.observables import observe
+from ..physics.state import BallState, DiskState
 
 CENTRED = 1e-12  # of the radius of gyration: how near to the geometric centre counts as there
 

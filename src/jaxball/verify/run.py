@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from .._arrays import Numbers
 from ..classical import AbstractClassicalState
+from ..interface.wording import did_you_mean
+from ..numerics.arrays import Numbers
+from ..physics.simulable import SimulableState, SimulableSystem
+from ..physics.state import BallState, DiskState
 from ..scenario import Scenario
-from ..simulable import SimulableState, SimulableSystem
-from ..simulation import at_rest
-from ..state import BallState, DiskState
-from ..wording import did_you_mean
+from ..simulation.simulate import at_rest
 from .along import BALANCES, laws_along
 from .case import Case
 from .comparisons import CHECKS, COMPARISONS, SLOW

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..moments import Moments
-from ..packing import Packing
-from ..steps import Steps
-from ..trajectory import Interpolant, Trajectory
-from ..watch import room_for
+from ..physics.moments import Moments
+from ..physics.packing import Packing
+from ..simulation.trajectory import Interpolant, Trajectory
+from ..simulation.watch import room_for
+from ..solvers.dense.steps import Steps
 from .quantities import quantities
 
 # Enough for the polynomials that dense output is made of, times factors that vary as they do.

@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
-from ..body import Disk, System
-from ..moments import Moments
+from ..physics.body import Disk, System
+from ..physics.moments import Moments
 
 NONE = 1e-9  # of the scale: what counts as zero
 MASSES_MOVE = "masses move"

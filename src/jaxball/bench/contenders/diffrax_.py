@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ... import solvers
-from ...reproduce.evaluations import Counter
+from ...paper.reproduce.evaluations import Counter
 from ..problem import Form, Problem
 from ..translate import jax_field, jax_parameters
 from .base import MAX_STEPS, Outcome, Program, Run, Work

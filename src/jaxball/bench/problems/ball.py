@@ -6,8 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from ... import paper, reference
-from ...state import BallState
+from ... import paper
+from ...paper import reference
+from ...physics.state import BallState
 from ..problem import Form, Functions, Problem, Scalar
 from ._triples import Triple, add, cross, dot, scale, solve_symmetric
 from .own_form import own_form
@@ -104,7 +105,7 @@ def whole(end: BallState) -> Float[np.ndarray, "15"]:
 BALL = Problem(
     name="ball",
     title="The paper's ball",
-    source="Putkaradze & Rogers (2018), section 5; the 30-digit reference of jaxball.reference",
+    source="Putkaradze & Rogers (2018), section 5; the 30-digit reference of jaxball.paper.reference",
     pieces=PIECES,
     initial=(*paper.BALL_THETA, *[0.0] * N, 1.0, 0.0, 0.0, 0.0, *[0.0] * 5),
     rates=rates,

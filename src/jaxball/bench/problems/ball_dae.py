@@ -9,7 +9,7 @@ import dataclasses
 from collections.abc import Sequence
 
 from ... import paper
-from ...state import BallState
+from ...physics.state import BallState
 from ..problem import Form, Piece, Scalar
 from .ball import BALL, Q, whole
 from .own_form import own_dae_form

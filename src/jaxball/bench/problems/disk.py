@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ... import paper, reference
-from ...state import DiskState
+from ... import paper
+from ...paper import reference
+from ...physics.state import DiskState
 from ..problem import Form, Functions, Problem, Scalar
 from .own_form import own_form
 from .pulse import PIECES, push
@@ -47,7 +48,7 @@ def form() -> Form:
 DISK = Problem(
     name="disk",
     title="The paper's disk",
-    source="Putkaradze & Rogers (2018), section 4; the 30-digit reference of jaxball.reference",
+    source="Putkaradze & Rogers (2018), section 4; the 30-digit reference of jaxball.paper.reference",
     pieces=PIECES,
     initial=(*[paper.DISK_THETA] * N, *[0.0] * N, 0.0, 0.0),
     rates=rates,

@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._arrays import to_array
-from ...body import System
-from ...packing import Packing
-from ...paper import END, START
-from ...state import BallState, DiskState
+from ...numerics.arrays import to_array
+from ...paper.systems import END, START
+from ...physics.body import System
+from ...physics.packing import Packing
+from ...physics.state import BallState, DiskState
 from ..problem import Form
 
 AnyState = TypeVar("AnyState", BallState, DiskState)

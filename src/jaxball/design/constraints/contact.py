@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._arrays import numbers
+from ...numerics.arrays import numbers
 from ..line import beside, corner, places
 from ..norms import norm, room
 from ..objectives.obstacles import depths

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._arrays import numbers
+from ...numerics.arrays import numbers
 from ..norms import norm, room
 from ..run import Run
 from .base import AbstractConstraint, AbstractRunningConstraint

@@ -1,6 +1,6 @@
 """Optimal control: how the masses must move, found by direct collocation, in schedules of any shape."""
 
-from ..._interface import interface as _interface
+from ...interface.names import interface as _interface
 from .collocation import Collocation as Collocation, Unknowns as Unknowns
 from .curvature import least_curvature as least_curvature
 from .guess import rolling_along as rolling_along

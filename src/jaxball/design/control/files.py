@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from ..._arrays import to_array
-from ...body import Ball, Disk
+from ...numerics.arrays import to_array
+from ...physics.body import Ball, Disk
+from ...physics.state import BallState, DiskState
 from ...scenario import read_document
 from ...scenario.table import Family, Key, Keys, read_table
 from ...scenario.values import POSITIVE, Choice, Integer, Numbers, key_error, shown, unread
 from ...scenario.within import naming_scenario, scenario_document
-from ...state import BallState, DiskState
 from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
 from ..files import SHARED, objects_of

@@ -10,13 +10,13 @@ from jaxtyping import Array, Float
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from ... import versor
-from ...dynamics import force_in_body
-from ...moments import velocity_moments
-from ...momentum import contact_momentum, contact_momentum_rate
+from ...numerics import versor
+from ...numerics.vectors import apply, cross
+from ...physics.dynamics import force_in_body
+from ...physics.moments import velocity_moments
+from ...physics.momentum import contact_momentum, contact_momentum_rate
+from ...physics.state import BallState, DiskState
 from ...solvers.tableau import gauss
-from ...state import BallState, DiskState
-from ...vectors import apply, cross
 from ..errors import DesignError
 from ..objectives import FollowTrajectory
 from .path import Path

@@ -9,12 +9,12 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from ... import plot
-from ...body import Disk
-from ...extremes import contact_extremes
-from ...output import replacing
+from ...interface.output import replacing
+from ...interface.wording import counted
+from ...physics.body import Disk
 from ...plot.report import write_figure
 from ...scenario import Scenario, write_scenario
-from ...wording import counted
+from ...simulation.extremes import contact_extremes
 from ..cells import in_units, violation
 from ..source import Source, made
 from ..wanted import curve_and_discs, places_in_time

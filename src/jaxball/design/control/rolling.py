@@ -10,16 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._arrays import Numbers, to_array
-from ...body import Ball, PointMass, System, with_integrated_angles, with_masses
-from ...feedback import AbstractLaw
-from ...moments import velocity_moments
-from ...motion import Driven, OnRail
-from ...packing import Packing
-from ...schedules import AbstractSchedule
-from ...state import BallState, DiskState
-from ...status import Status
-from ...vectors import apply
+from ...interface.status import Status
+from ...numerics.arrays import Numbers, to_array
+from ...numerics.vectors import apply
+from ...physics.body import Ball, PointMass, System, with_integrated_angles, with_masses
+from ...physics.feedback import AbstractLaw
+from ...physics.moments import velocity_moments
+from ...physics.motion import Driven, OnRail
+from ...physics.packing import Packing
+from ...physics.schedules import AbstractSchedule
+from ...physics.state import BallState, DiskState
 from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
 from ..line import require_reach
@@ -40,10 +40,10 @@ class Given(AbstractLaw):
 class Rolling(AbstractControlProblem):
     """A ball or a disk that rolls from its initial state to rest, in equilibrium.
 
-    The running cost is the sum of the ``objectives``, and the state the vector of :class:`~jaxball.packing.Packing`,
-    with θ and θ̇ of the masses on rails. The conditions at the end are θ̇ = 0, Ω = 0, that the centre of mass
-    is straight above or below the geometric centre, and what ``place`` and ``depth`` ask for, if they are given. The
-    inequalities are the ``constraints``.
+    The running cost is the sum of the ``objectives``, and the state the vector of
+    :class:`~jaxball.physics.packing.Packing`, with θ and θ̇ of the masses on rails. The conditions at the end are
+    θ̇ = 0, Ω = 0, that the centre of mass is straight above or below the geometric centre, and what ``place`` and
+    ``depth`` ask for, if they are given. The inequalities are the ``constraints``.
     """
 
     system: System

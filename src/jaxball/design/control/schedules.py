@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ...physics.schedules import PiecewiseAcceleration
 from ...scenario import Scenario
 from ...scenario.initial import starting_angles
-from ...schedules import PiecewiseAcceleration
 from ..constraints import AbstractRunningConstraint
 from ..run import Run
 from .inequalities import PLACES

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..._arrays import numbers
+from ...numerics.arrays import numbers
 from ..line import Wanted
 from ..run import Run
 

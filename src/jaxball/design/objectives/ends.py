@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..._arrays import numbers
+from ...numerics.arrays import numbers
 from ..line import beside, place
 from ..norms import norm
 from ..run import Run

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..._arrays import numbers
+from ...numerics.arrays import numbers
 from ..line import beside, places
 from ..norms import norm
 from ..run import Run

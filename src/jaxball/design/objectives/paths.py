@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..._arrays import Numbers, numbers
+from ...numerics.arrays import Numbers, numbers
 from ..curves import AbstractCurve
 from ..line import beside
 from ..norms import ROUNDING, norm

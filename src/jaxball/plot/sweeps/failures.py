@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ...status import Status
+from ...interface.status import Status
 
 MANY = 1000
 KEY = 5.0

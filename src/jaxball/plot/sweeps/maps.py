@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from ...status import Status
+from ...interface.status import Status
 from ..style import named
 from .errors import PictureError
 from .failures import LOOKS, MANY, marks, names_of, outcomes, patch

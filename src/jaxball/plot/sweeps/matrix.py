@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ...status import Status
-from ...wording import counted
+from ...interface.status import Status
+from ...interface.wording import counted
 from ..style import COMPONENTS, SMALL, caption, named, plane_axes
 from .errors import PictureError
 from .failures import LOOKS, MANY, make_room, marks, names_of, outcomes, present

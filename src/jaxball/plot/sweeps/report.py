@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ...output import replacing
+from ...interface.output import replacing
 from .fans import sweep_fan
 from .maps import sweep_map
 from .matrix import MOST_VARIABLES, sweep_matrix

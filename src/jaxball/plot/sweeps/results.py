@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from ...interface.wording import did_you_mean
 from ...scenario.paths import entries
-from ...wording import did_you_mean
 from .errors import PictureError
 from .rows import Rows, listed
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...status import Status
-from ...wording import did_you_mean
+from ...interface.status import Status
+from ...interface.wording import did_you_mean
 from .errors import PictureError
 
 if TYPE_CHECKING:

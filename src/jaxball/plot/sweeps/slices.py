@@ -8,7 +8,7 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
-from ...status import Status
+from ...interface.status import Status
 from ..style import COMPONENTS, named
 from .errors import PictureError
 from .failures import make_room, marks, names_of, outcomes

@@ -10,9 +10,9 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
-from ...body import Ball, Disk
 from ...classical import AbstractClassicalSystem, SuslovProblem
-from ...validity import possible_start, shell_conditions
+from ...physics.body import Ball, Disk
+from ...physics.validity import possible_start, shell_conditions
 from .compiled import on_rows
 from .furthest import LARGEST_PHASE, largest_phase
 from .verdict import Verdicts, verdicts, worst

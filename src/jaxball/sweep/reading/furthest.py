@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ...schedules import AbstractSchedule, ConstantRate, Pulse, Sinusoids
+from ...physics.schedules import AbstractSchedule, ConstantRate, Pulse, Sinusoids
 
 LARGEST_PHASE = 1e6  # to which ``sine_cosine`` is good
 Stacked = Float[np.ndarray, "_ _"]  # rows and masses, or 1 in the place of either

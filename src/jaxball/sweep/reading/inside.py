@@ -7,10 +7,10 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...breaches import known_furthest, known_points
-from ...confinement import rounding
-from ...motion import AbstractMotion, Driven, Fixed, OnRail, Oscillating
-from ...rails import AbstractPlanarRail, AbstractRail, Tube
+from ...physics.breaches import known_furthest, known_points
+from ...physics.confinement import rounding
+from ...physics.motion import AbstractMotion, Driven, Fixed, OnRail, Oscillating
+from ...physics.rails import AbstractPlanarRail, AbstractRail, Tube
 from .furthest import furthest, reach_of_series
 from .reach import Stacked, bounds, distance, farthest_sample, matrices
 from .verdict import GOOD, UNSURE, Verdicts, verdicts, worst

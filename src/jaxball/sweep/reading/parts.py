@@ -6,9 +6,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from ...frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
+from ...physics.frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
+from ...physics.schedules import AbstractSchedule, ConstantRate, PiecewiseAcceleration, Pulse, Sinusoids, Waypoints
 from ...scenario.frames import ORTHONORMAL
-from ...schedules import AbstractSchedule, ConstantRate, PiecewiseAcceleration, Pulse, Sinusoids, Waypoints
 from .verdict import GOOD, UNSURE, Verdicts, verdicts, worst
 
 # Kinds whose numbers need not fit each other, but for how many there are.

@@ -7,8 +7,8 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ...frames import AbstractFrame, MatrixFrame
-from ...rails import (
+from ...physics.frames import AbstractFrame, MatrixFrame
+from ...physics.rails import (
     AbstractPlanarRail,
     AbstractRail,
     BernoulliEight,

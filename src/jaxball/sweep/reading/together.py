@@ -6,8 +6,8 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ...body import Disk
 from ...classical import AbstractClassicalSystem
+from ...physics.body import Disk
 from ..batch import Batch
 from .columns import Columns
 from .conditions import conditions_hold

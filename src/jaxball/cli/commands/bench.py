@@ -1,0 +1,51 @@
+"""``jaxball bench``: solvers compared at equal achieved error."""
+
+import argparse
+import dataclasses
+from pathlib import Path
+
+from ...interface.interruption import INTERRUPTED, STOPPED, last_words
+from ...interface.output import check_folder
+from ..options import BadInputError, positive
+
+
+def add(commands) -> None:
+    """Adds the command to the subparsers of argparse."""
+    parser = commands.add_parser("bench")
+    parser.add_argument("problems", nargs="*", metavar="PROBLEM", help="which problems (default: all)")
+    parser.add_argument("--solvers", nargs="+", default=[], metavar="NAME", help="a solver, a package, or words of one")
+    parser.add_argument("--tolerances", nargs="+", type=positive, metavar="RTOL", help="default: 1e-4 to 1e-13")
+    parser.add_argument("--budget", type=positive, metavar="SECONDS", help="of timed calls for each setting")
+    parser.add_argument("--limit", type=positive, metavar="SECONDS", help="leave out what solves more slowly")
+    parser.add_argument("--out", type=Path, default=Path("out/bench"), metavar="FOLDER", help="default: out/bench")
+    parser.add_argument("--quick", action="store_true", help="two problems, a few solvers, two tolerances")
+    parser.add_argument("--list", action="store_true", help="list problems and solvers")
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    # Imported here, because the problems hold arrays, and the other commands have no use for them.
+    from ... import bench
+
+    if options.list:
+        print(bench.listing())
+        return 0
+    check_folder(options.out, "--out")
+    try:
+        plan = bench.plan(options.problems, options.solvers, quick=options.quick)
+    except bench.SelectionError as error:
+        raise BadInputError(str(error)) from None
+    changes = {
+        "tolerances": options.tolerances and tuple(options.tolerances),
+        "budget": options.budget,
+        "limit": options.limit,
+    }
+    settings = dataclasses.replace(plan.settings, **{key: value for key, value in changes.items() if value is not None})
+    with last_words(lambda: _stopped(options.out)):
+        done = bench.bench(plan.problems, plan.contenders, settings, options.out)
+    return INTERRUPTED if done.interrupted else 0
+
+
+def _stopped(out: Path) -> str:
+    kept = (out / "results.json").exists()
+    return f'Stopped; "{out}" has the problems that were finished.' if kept else STOPPED

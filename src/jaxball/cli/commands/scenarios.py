@@ -1,0 +1,23 @@
+"""``jaxball scenarios``: the built-in scenarios listed, or one printed as a file."""
+
+import argparse
+
+from ...scenario import builtin_scenarios, builtin_text, builtin_title
+
+
+def add(commands) -> None:
+    """Adds the command to the subparsers of argparse."""
+    parser = commands.add_parser("scenarios")
+    parser.add_argument("name", nargs="?", help="the scenario to print")
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.name is not None:
+        print(builtin_text(options.name), end="")
+        return 0
+    names = builtin_scenarios()
+    width = max(len(name) for name in names)
+    for name in names:
+        print(f"{name:{width}}  {builtin_title(name)}")
+    return 0

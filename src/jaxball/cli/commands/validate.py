@@ -1,0 +1,117 @@
+"""``jaxball validate``: whether files are good, and all that is wrong with them, without a run."""
+
+import argparse
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from ...interface.wording import counted
+from ...scenario import Scenario, ScenarioError, builtin_scenarios, read_document, scenario_text
+from ...scenario.gathering import all_problems
+from ...scenario.within import document_of, text_of
+from ..options import BAD_INPUT
+from ..source import input_text
+
+
+def add(commands) -> None:
+    """Adds the command to the subparsers of argparse."""
+    parser = commands.add_parser(
+        "validate",
+        description=(
+            "Reads scenarios, studies and problems, each known by its keys, and lists what is wrong with them. Nothing "
+            "is simulated. Exit code 2 where a file is not valid."
+        ),
+    )
+    parser.add_argument("files", nargs="+", metavar="FILE", help="a file, a built-in scenario, or - for standard input")
+    parser.add_argument("--quiet", action="store_true", help="say nothing of files that are valid")
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    good = True
+    for source in options.files:
+        found = ""
+        with all_problems() as problems:
+            found = _described(source)
+        name = "standard input" if source == "-" else source
+        for problem in problems:
+            print(f"{name}: {problem}", file=sys.stderr)
+        if not problems and not options.quiet:
+            print(f"{name} is valid: {found}", flush=True)
+        good &= not problems
+    return 0 if good else BAD_INPUT
+
+
+def _described(source: str) -> str:
+    """What a file holds, in a line.
+
+    **Raises:** :class:`~jaxball.ScenarioError` for a file that is not valid.
+    """
+    if source in builtin_scenarios():
+        return _scenario(document_of(scenario_text(source), "scenario", ScenarioError), Path())
+    text = input_text(source)
+    text = text_of(source, "scenario, study or problem", ScenarioError) if text is None else text
+    document = document_of(text, "scenario, study or problem", ScenarioError)
+    return _reader(document)(document, Path() if source == "-" else Path(source).parent)
+
+
+def _reader(document: dict[str, Any]) -> Callable[[dict[str, Any], Path], str]:
+    """What reads a document, by the keys that it alone has; a file with none of them is taken for a scenario."""
+    if "axes" in document:
+        return _study
+    if "control" in document:
+        return _control
+    return _problem if document.keys() & {"objectives", "variables"} else _scenario
+
+
+def _scenario(document: dict[str, Any], folder: Path) -> str:
+    return _titled("a scenario", _of_scenario(read_document(document)), document)
+
+
+def _of_scenario(scenario: Scenario) -> str:
+    system, times = scenario.system, scenario.times
+    masses = getattr(system, "n_masses", None)
+    kind = type(system).__name__.lower() if masses is not None else system.title  # pyright: ignore
+    count = "" if masses is None else f" with {counted(masses, 'point mass', 'point masses')}"
+    return f"{kind}{count}, {len(times)} times from {times[0]:g} to {times[-1]:g} by {scenario.solver}"
+
+
+def _study(document: dict[str, Any], folder: Path) -> str:
+    # Imported here, as below, because the other commands have no use for it.
+    import tomli_w
+
+    from ...sweep import read_study
+
+    study = read_study(tomli_w.dumps(document), folder)
+    shape = " × ".join(f"{size:,}" for size in study.shape)
+    rows = counted(study.rows, "row")
+    return _titled(
+        "a study", f"{rows}{f' ({shape})' if len(study.shape) > 1 else ''} of {', '.join(study.paths)}", document
+    )
+
+
+def _problem(document: dict[str, Any], folder: Path) -> str:
+    from ...design.files import problem_of
+
+    problem = problem_of(document, folder).problem
+    size = problem.space.size
+    variables = counted(size, "variable")
+    content = (variables, _names("objectives", problem.objectives), _names("constraints", problem.constraints))
+    return _titled("a design problem", "; ".join(content), document)
+
+
+def _control(document: dict[str, Any], folder: Path) -> str:
+    from ...design.control.files import read_control
+
+    found = read_control(document, folder)
+    return _titled("a problem of optimal control", f"{found.intervals} intervals to begin with", document)
+
+
+def _names(what: str, items: Mapping[str, Any]) -> str:
+    return f"{what} {', '.join(items)}" if items else f"no {what}"
+
+
+def _titled(kind: str, content: str, document: dict[str, Any]) -> str:
+    title = document.get("title", "")
+    return f'{kind}, "{title}": {content}.' if title else f"{kind}: {content}."

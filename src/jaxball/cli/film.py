@@ -1,0 +1,106 @@
+"""The animation of a run: what it shows, how fast, and how large it is."""
+
+import argparse
+import dataclasses
+import math
+import re
+import shutil
+from pathlib import Path
+
+import jax
+import numpy as np
+
+from ..classical import AbstractClassicalSystem
+from ..interface.output import OutputError, check_destination, replacing
+from ..scenario import Scenario, ScenarioError
+from ..simulation.trajectory import Trajectory
+from .options import number, positive
+
+ANIMATIONS = (".mp4", ".gif")
+FRAMES = 30
+MOST_FRAMES_A_SECOND = {".mp4": 240, ".gif": 50}  # a GIF counts in hundredths of a second, and players skip single ones
+SMALLEST, LARGEST = 64, 7680
+OPTIONS = ("fps", "speed", "size", "from", "to")
+
+
+def add_film(parser: argparse.ArgumentParser) -> None:
+    """Adds --animate and its options."""
+    parser.add_argument("--animate", type=Path, metavar="FILE", help="make an animation: .mp4 or .gif")
+    parser.add_argument("--fps", type=_whole, help=f"frames a second of the animation (default: {FRAMES})")
+    parser.add_argument("--speed", type=positive, help="units of time that pass in a second of it (default: 1)")
+    parser.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="its pixels, as in 1280x720")
+    parser.add_argument("--from", type=number, metavar="T", help="the time at which it begins (default: the start)")
+    parser.add_argument("--to", type=number, metavar="T", help="the time at which it ends (default: the end)")
+
+
+def check_film(options: argparse.Namespace, scenario: Scenario) -> None:
+    """**Raises:** an error with one sentence for an animation that cannot be made."""
+    if options.animate is None:
+        for name in OPTIONS:
+            if getattr(options, name) is not None:
+                raise OutputError(f"Argument `--{name}` is for an animation; give --animate FILE with it.")
+        return
+    check_destination(options.animate, ANIMATIONS, "--animate")
+    suffix = options.animate.suffix
+    if suffix == ".mp4" and shutil.which("ffmpeg") is None:
+        raise OutputError(
+            f'Argument `--animate` must end in .gif where ffmpeg is not installed, but it is "{options.animate}".'
+        )
+    if options.fps is not None and options.fps > MOST_FRAMES_A_SECOND[suffix]:
+        raise OutputError(
+            f"Argument `--fps` must be at most {MOST_FRAMES_A_SECOND[suffix]} for a {suffix}, but it is {options.fps}."
+        )
+    if isinstance(scenario.system, AbstractClassicalSystem):
+        raise OutputError(
+            f"Argument `--animate` must be left out for a {scenario.system.title}, which has no shell to draw, but it "
+            f'is "{options.animate}"; use --plot or --out.'
+        )
+    start, end = float(scenario.times[0]), float(scenario.times[-1])
+    first, last = _span(options, scenario)
+    if not start <= first < last <= end:
+        raise ScenarioError(
+            f"Arguments `--from` and `--to` must be times of the run, from {start:g} to {end:g}, one after the other, "
+            f"but they are {first:g} and {last:g}."
+        )
+
+
+def film(options: argparse.Namespace, scenario: Scenario) -> None:
+    """Writes the animation."""
+    from .. import plot
+
+    speed, fps = options.speed or 1.0, options.fps or FRAMES
+    run = _run_for_film(scenario, *_span(options, scenario), speed / fps)
+    with replacing(options.animate) as beside:
+        plot.animate(run, beside, fps=fps, speed=speed, size=options.size)
+
+
+def _span(options: argparse.Namespace, scenario: Scenario) -> tuple[float, float]:
+    ends = float(scenario.times[0]), float(scenario.times[-1])
+    first, last = getattr(options, "from"), options.to
+    return ends[0] if first is None else first, ends[1] if last is None else last
+
+
+def _run_for_film(scenario: Scenario, first: float, last: float, step: float) -> Trajectory:
+    """The run again, saved as often as a film has frames, and shown from ``first`` on."""
+    times = np.linspace(first, last, math.ceil((last - first) / step - 1e-9) + 1)
+    if first == float(scenario.times[0]):
+        return dataclasses.replace(scenario, times=times).simulate()
+    times = np.concatenate([scenario.times[:1], times])
+    run = dataclasses.replace(scenario, times=times).simulate()
+    return dataclasses.replace(run, times=run.times[1:], state=jax.tree.map(lambda leaf: leaf[1:], run.state))
+
+
+def _whole(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"it must be a whole number, 1 or more, but it is {text}")
+    return int(text)
+
+
+def _size(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)x(\d+)", text)
+    size = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not all(SMALLEST <= side <= LARGEST for side in size):
+        raise argparse.ArgumentTypeError(
+            f"it must be WIDTHxHEIGHT in pixels, each from {SMALLEST} to {LARGEST}, as in 1280x720, but it is {text}"
+        )
+    return size

@@ -1,0 +1,114 @@
+"""How parameters become array leaves."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, ArrayLike, Float
+from typing_extensions import TypeAliasType
+
+from ..interface.arguments import refusal
+
+# A number, an array, or nested sequences of numbers; an alias with a name, which help() shows.
+Numbers = TypeAliasType("Numbers", ArrayLike | Sequence[Any])
+
+
+def default_dtype() -> np.dtype:
+    """float64 where x64 is enabled, else float32."""
+    return jax.dtypes.canonicalize_dtype(np.float64)
+
+
+def to_array(x: Numbers, name: str = "x") -> Float[Array, "..."]:
+    """``x`` as an array of the default floating type.
+
+    **Raises:** a ``TypeError`` that names the argument where it is not real numbers.
+    """
+    require_numbers(name, x)
+    try:
+        return jnp.asarray(x, dtype=default_dtype())
+    except jax.errors.JAXTypeError:
+        raise
+    except (TypeError, ValueError):
+        raise refusal(name, "numbers", x) from None
+
+
+def is_traced(x: Array) -> bool:
+    """Whether the value of ``x`` is not known, as within jit, vmap and grad."""
+    return isinstance(x, Tracer)
+
+
+def require_numbers(name: str, x: Any) -> None:
+    """Raises a ``TypeError`` for text, complex numbers, and whatever else would become wrong numbers silently."""
+    if not _is_real(x):
+        raise refusal(name, "numbers", x)
+
+
+def to_numpy(x: Numbers, name: str = "x") -> Float[np.ndarray, "..."]:
+    """``x``, which must not be traced, as an array of NumPy in float64.
+
+    **Raises:** as :func:`to_array`.
+    """
+    require_numbers(name, x)
+    try:
+        return np.asarray(x, dtype=float)
+    except jax.errors.JAXTypeError:
+        raise
+    except (TypeError, ValueError):
+        raise refusal(name, "numbers", x) from None
+
+
+def a_number() -> jax.ShapeDtypeStruct:
+    """A number of the default floating type, of which no more is known: to try what a function makes of one."""
+    return jax.ShapeDtypeStruct((), default_dtype())
+
+
+def _is_real(x: Any) -> bool:
+    if isinstance(x, list | tuple):
+        return all(map(_is_real, x))
+    dtype = getattr(x, "dtype", None)
+    if dtype is None:
+        return x is not None and not isinstance(x, str | bytes | complex)
+    return getattr(dtype, "kind", None) in {"b", "i", "u", "f"} or jnp.issubdtype(dtype, jnp.floating)
+
+
+def numbers(
+    name: str, shape: tuple[int | str, ...] = (), *, batch: bool = False
+) -> Callable[[Numbers], Float[Array, "..."]]:
+    """The converter of a field ``name`` to an array.
+
+    ``shape`` has a letter for each length that may be any; with ``batch`` there may be more axes before it. It holds
+    for what a constructor is given: transformations of JAX, which add axes, do not call it.
+    """
+
+    def convert(x: Numbers) -> Float[Array, "..."]:
+        array = to_array(x, name)
+        require_shape(name, array, shape, batch=batch)
+        return array
+
+    return convert
+
+
+def require_shape(name: str, value: Array, shape: tuple[int | str, ...], *, batch: bool = False) -> None:
+    """Raises a ``ValueError`` unless the argument ``name`` has the ``shape`` that it must have; see ``numbers``."""
+    given = value.shape
+    own = given[len(given) - len(shape) :] if batch and len(given) >= len(shape) else given
+    if own == shape:
+        return
+    if len(own) == len(shape) and all(
+        isinstance(wanted, str) or wanted == n for wanted, n in zip(shape, own, strict=True)
+    ):
+        return
+    raise ValueError(f"Argument `{name}` must be {_shape_in_words(shape)}, but its shape is {given}.")
+
+
+def _shape_in_words(shape: tuple[int | str, ...]) -> str:
+    if shape == ():
+        return "a single number"
+    if shape == (1,):
+        return "a list of one number"
+    if len(shape) == 1:
+        return f"{shape[0]} numbers" if isinstance(shape[0], int) else "a list of numbers"
+    return f"an array of shape ({', '.join(map(str, shape))})"

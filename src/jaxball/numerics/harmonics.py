@@ -1,0 +1,53 @@
+"""A constant plus sinusoids: the form shared by forces, schedules and free motions."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..interface.printing import Printed
+from .arrays import Numbers, to_array
+from .trigonometry import sine_cosine
+
+
+class HarmonicSeries(Printed):
+    """f(t) = constant + Σ amplitude_k sin(frequency_k t + phase_k).
+
+    **Arguments:** ``constant`` of any shape; ``amplitude`` with one leading axis more (one entry a
+    sinusoid); ``frequency`` in radians per unit time and ``phase`` in radians, one number each a
+    sinusoid.
+
+    **Raises:** ``ValueError`` when the shapes do not fit each other.
+    """
+
+    constant: Float[Array, "..."]
+    amplitude: Float[Array, "..."]
+    frequency: Float[Array, "*group terms"]
+    phase: Float[Array, "*group terms"]
+
+    def __init__(
+        self,
+        constant: Numbers,
+        amplitude: Numbers | None = None,
+        frequency: Numbers = (),
+        phase: Numbers | None = None,
+    ):
+        self.constant = to_array(constant, "constant")
+        self.frequency = to_array(frequency, "frequency")
+        terms = self.frequency.shape[0] if self.frequency.ndim == 1 else None
+        shape = (terms, *self.constant.shape)
+        self.amplitude = (
+            jnp.zeros_like(self.constant, shape=(0, *shape[1:]))
+            if amplitude is None
+            else to_array(amplitude, "amplitude")
+        )
+        self.phase = jnp.zeros_like(self.frequency) if phase is None else to_array(phase, "phase")
+        if self.amplitude.shape != shape or self.phase.shape != self.frequency.shape:
+            raise ValueError(
+                "Arguments `amplitude`, `frequency` and `phase` must have one entry for each "
+                f"sinusoid, but their shapes are {self.amplitude.shape}, {self.frequency.shape} and "
+                f"{self.phase.shape}, beside a constant of shape {self.constant.shape}."
+            )
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "*shape"]:
+        waves, _ = sine_cosine(self.frequency * t + self.phase)
+        waves = waves.reshape(waves.shape + (1,) * self.constant.ndim)
+        return self.constant + jnp.sum(self.amplitude * waves, axis=0)

@@ -1,0 +1,13 @@
+"""The paper's two runs again: the figures of sections 4 and 5, and solvers against a 30-digit reference."""
+
+from ...interface.names import interface as _interface
+from .experiments import (
+    SOLVERS as SOLVERS,
+    Experiment as Experiment,
+    Measurement as Measurement,
+    ball_experiment as ball_experiment,
+    disk_experiment as disk_experiment,
+)
+from .run import reproduce as reproduce
+
+__all__, __dir__ = _interface(globals())

@@ -1,0 +1,176 @@
+"""What of a body breaks the rule of ``confinement``: which mass, where and when, and how far it is from the centre."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, ArrayLike, Float
+
+from ..numerics.calculus import Furthest
+from ..numerics.vectors import length
+from .body import Disk, System
+from .confinement import (
+    TIME_SAMPLES,
+    beside,
+    beyond,
+    course,
+    is_bounded,
+    rail_of,
+    rail_points,
+    time_of_crossing,
+)
+from .motion import AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating
+from .rails import AbstractRail
+from .schedules import Sinusoids
+
+MOST_SAMPLES = 2**18
+SAMPLES_PER_WAVE = 64
+
+
+class Breach(NamedTuple):
+    """What of a mass is not in the body.
+
+    - ``mass``: its index.
+    - ``part``: what of it, "position", "rail", "schedule", "" for its motion as a whole; "theta" for the state at the
+      start, and "law" for what drives it.
+    - ``must``, ``but``: what it must do, and what it does, each a clause.
+    """
+
+    mass: int
+    part: str
+    must: str
+    but: str
+
+
+IN_PLANE = "lie in the plane of a disk, E1 and E3"
+
+
+def breaches(
+    system: System, times: Float[np.ndarray, " T"], theta: Float[np.ndarray, "t driven"] | None
+) -> Iterator[Breach]:
+    """What is not in the body, from the first of ``times`` to the last; for numbers that are known.
+
+    ``theta`` is that of driven masses at the first of ``times``, or at all; without it, they are not looked at.
+    """
+    with np.errstate(all="ignore"):
+        yield from _breaches(jax.tree.map(np.asarray, system), times, theta)  # NumPy's are taken apart much faster
+
+
+def _breaches(
+    system: System, times: Float[np.ndarray, " T"], theta: Float[np.ndarray, "t driven"] | None
+) -> Iterator[Breach]:
+    inside = f"inside the shell of radius {float(system.radius):g}"
+    for index, item in enumerate(system.point_masses):
+        motion, rail = item.motion, rail_of(item.motion)
+        if rail is not None:
+            yield from _of_rail(system, index, rail, inside)
+        if isinstance(motion, Fixed):
+            yield from _of_position(system, index, motion, inside)
+        elif isinstance(motion, AbstractPrescribedMotion) and not is_bounded(motion):
+            yield from _of_motion(system, index, motion, inside, times)
+        elif isinstance(motion, Driven) and rail is not None and rail.period is None and theta is not None:
+            yield from _of_driven(system, index, rail, inside, times, np.asarray(theta))
+
+
+def _of_position(system: System, index: int, motion: Fixed, inside: str) -> Iterator[Breach]:
+    if beyond(system, length(np.asarray(motion.position))):
+        yield Breach(index, "position", f"be a point {inside}", f"it is {motion.position.tolist()}")
+    if beside(system, motion.position):
+        yield Breach(index, "position", IN_PLANE, f"it passes {motion.position.tolist()}")
+
+
+def _of_rail(system: System, index: int, rail: AbstractRail, inside: str) -> Iterator[Breach]:
+    if isinstance(system, Disk):
+        yield from _out_of_plane(system, index, "rail", np.asarray(known_points(rail, system.radius)))
+    if rail.period is None:
+        return
+    theta, distance = map(np.asarray, known_furthest(rail))
+    if beyond(system, distance):
+        (exactly,) = length(np.asarray(_points(rail, theta[None])))
+        where = f"{exactly:.6g} from the centre at theta = {theta % rail.period:.6g}"
+        yield Breach(index, "rail", f"be a curve {inside}", f"it is {where}")
+
+
+def _of_motion(
+    system: System, index: int, motion: AbstractPrescribedMotion, inside: str, times: Float[np.ndarray, " T"]
+) -> Iterator[Breach]:
+    part = "schedule" if isinstance(motion, OnRail) else ""
+    t = _fine_times(motion, times)
+    (chi, top, *_), leaving = jax.tree.map(np.asarray, _course(system, motion, t))
+    yield from _out_of_plane(system, index, part, chi)
+    if leaving == t[0]:
+        at, distance = t[0], length(chi[0])
+        yield Breach(index, part, f"keep the mass {inside}", f"it is {distance:.6g} from the centre at t = {at:.6g}")
+    elif np.isfinite(leaving):
+        yield Breach(
+            index,
+            part,
+            f"keep the mass {inside} from t = {times[0]:g} to t = {times[-1]:g}",
+            f"the mass leaves it at t = {leaving:.6g}, and is {top.distance:.6g} from the centre at t = {top.x:.6g}",
+        )
+
+
+def _of_driven(
+    system: System,
+    index: int,
+    rail: AbstractRail,
+    inside: str,
+    times: Float[np.ndarray, " T"],
+    theta: Float[np.ndarray, "t driven"],
+) -> Iterator[Breach]:
+    distances = length(np.asarray(_points(rail, theta[:, system.driven.index(index)])))
+    outside = np.flatnonzero(beyond(system, distances))
+    if not outside.size:
+        return
+    k = int(outside[0])
+    if k == 0:
+        which = f"puts mass {index} at the distance {distances[0]:.6g} from the centre"
+        but = f"it is {theta[0].tolist()}, which {which}"
+        yield Breach(index, "theta", f"be angles at which each mass is {inside}", but)
+    else:
+        but = f"the mass is {distances[k]:.6g} from the centre at t = {times[k]:.6g}"
+        yield Breach(index, "law", f"keep mass {index} {inside}", but)
+
+
+def _out_of_plane(system: System, index: int, part: str, chi: Float[np.ndarray, "n 3"]) -> Iterator[Breach]:
+    if np.any(beside(system, chi)):
+        worst = chi[int(np.nanargmax(np.abs(chi[:, 1])))]
+        yield Breach(index, part, IN_PLANE, f"it passes {[round(x, 6) for x in worst.tolist()]}")
+
+
+def _fine_times(motion: AbstractPrescribedMotion, times: Float[np.ndarray, " T"]) -> Float[np.ndarray, " n"]:
+    """Times fine enough for the fastest sinusoid; their number is one of few, for which programs are compiled."""
+    start, end = float(times[0]), float(times[-1])
+    waves = motion.path if isinstance(motion, Oscillating) else getattr(motion, "schedule", None)
+    series = waves.series if isinstance(waves, Sinusoids) else waves
+    fastest = float(np.max(np.abs(getattr(series, "frequency", np.zeros(1))), initial=0.0))
+    wanted = max(16 * TIME_SAMPLES, SAMPLES_PER_WAVE * fastest * (end - start) / (2 * np.pi))
+    return np.linspace(start, end, int(2 ** np.ceil(np.log2(min(wanted, MOST_SAMPLES)))) + 1)
+
+
+@eqx.filter_jit
+def known_furthest(rail: AbstractRail) -> Furthest:
+    """Where a closed rail is furthest from the centre, compiled once for a family."""
+    return rail.prepare().furthest()
+
+
+@eqx.filter_jit
+def known_points(rail: AbstractRail, radius: Float[ArrayLike, ""]) -> Float[Array, "n 3"]:
+    """Where a disk's rail must be in its plane, compiled once for a family."""
+    return rail_points(rail.prepare(), jnp.asarray(radius))
+
+
+@eqx.filter_jit
+def _points(rail: AbstractRail, theta):
+    return rail.points(theta)
+
+
+@eqx.filter_jit
+def _course(system: System, motion: Any, t):
+    """The course of a mass, and when it leaves the shell."""
+    prepared = motion.prepare()
+    seen = course(system, prepared, t)
+    return seen, time_of_crossing(system, prepared, seen)

@@ -1,0 +1,196 @@
+"""Whether the masses stay in the body: inside the shell, and those of a disk in its plane.
+
+The rule. A closed rail must lie in the body as a whole, wherever on it the mass goes. On an open rail, and in free
+motion, it is the mass that must stay, as long as a run lasts. On the shell is inside it. What is not finite is nowhere,
+and so not outside.
+
+All of it can be traced; derivatives stop here, because nothing here has any.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..classical import AbstractClassicalSystem
+from ..interface.status import Status
+from ..numerics.calculus import Furthest, furthest
+from .body import Disk, System
+from .motion import AbstractMotion, AbstractPrescribedMotion, Driven, Fixed, OnRail
+from .rails import AbstractRail
+from .simulable import SimulableSystem
+from .state import State
+
+AnyArray = Array | np.ndarray
+TIME_SAMPLES = 256
+HALVINGS = 52
+
+
+def rounding(x: Array | np.ndarray) -> float:
+    """How far beyond the shell, or beside a disk's plane, rounding may put a mass that is on it, over the radius."""
+    return float(np.sqrt(np.finfo(x.dtype).eps))
+
+
+def beyond(system: System, distance: Float[AnyArray, "*batch"]) -> Bool[Array, "*batch"]:
+    """Whether something at this distance from the centre is outside the shell."""
+    return jnp.asarray(distance) > system.radius * (1 + rounding(system.radius))
+
+
+def beside(system: System, chi: Float[AnyArray, "*batch 3"]) -> Bool[Array, "*batch"]:
+    """Whether a point is outside the plane of a disk, E1 and E3; never for a ball."""
+    aside = jnp.abs(chi[..., 1]) > system.radius * rounding(system.radius)
+    return aside if isinstance(system, Disk) else jnp.zeros_like(aside)
+
+
+def rail_of(motion: AbstractMotion) -> AbstractRail | None:
+    """The rail of a motion; None for one without."""
+    return motion.rail if isinstance(motion, OnRail | Driven) else None
+
+
+def is_bounded(motion: AbstractMotion) -> bool:
+    """Whether a mass that moves like this stays on a closed rail, or in its place."""
+    rail = rail_of(motion)
+    return isinstance(motion, Fixed) or (rail is not None and rail.period is not None)
+
+
+def rail_points(rail: AbstractRail, radius: Float[Array, ""]) -> Float[Array, "n 3"]:
+    """Where a disk's rail must be in its plane: all round a closed one, and along an open one from 0 to ``radius``."""
+    end = radius if rail.period is None else jnp.asarray(rail.period, radius.dtype)
+    return jax.vmap(rail)(jnp.linspace(0.0, end, rail.samples))
+
+
+def time_samples(times: Float[Array, " T"], count: int = TIME_SAMPLES) -> Float[Array, " n"]:
+    """The times at which a motion is looked at between the first and the last of ``times``."""
+    return jnp.linspace(times[0], times[-1], count + 1)
+
+
+def confined(system: System, times: Float[Array, " T"], state: State) -> Bool[Array, ""]:
+    """Whether rails are in the body, and masses at the first of ``times``; a disk's prescribed motions at all times.
+
+    ``system`` is prepared.
+    """
+    system, times, state = jax.lax.stop_gradient((system, times, state))
+    astray = jnp.asarray(False)
+    for group, places in _groups(system):
+        rail = rail_of(group.motion)
+        if rail is not None and rail.period is not None:
+            distances = eqx.filter_vmap(lambda rail: rail.furthest())(rail).distance
+            astray |= jnp.any(beyond(system, distances))
+        if rail is not None and isinstance(system, Disk):
+            points = eqx.filter_vmap(rail_points, in_axes=(eqx.if_array(0), None))(rail, system.radius)
+            astray |= jnp.any(beside(system, points))
+        if rail is None or rail.period is None:
+            chi = _positions(group.motion, times[:1], state.theta[None, places])
+            astray |= jnp.any(beyond(system, norm(chi)) | beside(system, chi))
+        if isinstance(system, Disk) and not (isinstance(group.motion, Driven) or is_bounded(group.motion)):
+            chi = _positions(group.motion, time_samples(times), state.theta[None, places])
+            astray |= jnp.any(beside(system, chi))
+    return ~astray
+
+
+def time_of_leaving(system: System, times: Float[Array, " T"], theta: Float[Array, "T driven"]) -> Float[Array, ""]:
+    """The first time at which a mass is seen outside the shell; infinite where none is.
+
+    A prescribed motion is looked at between all of ``times``, and the time found to rounding; what a law drives is
+    known at ``times`` alone. ``system`` is prepared.
+    """
+    system, times, theta = jax.lax.stop_gradient((system, times, theta))
+    first = jnp.asarray(jnp.inf, system.radius.dtype)
+    for group, places in _groups(system):
+        motion = group.motion
+        if is_bounded(motion):
+            continue
+        if isinstance(motion, AbstractPrescribedMotion):
+            leaving = _leaving(system, motion, time_samples(times))
+        else:
+            outside = jnp.any(beyond(system, norm(_positions(motion, times, theta[:, places]))), axis=1)
+            leaving = jnp.where(outside, times, jnp.inf)
+        first = jnp.minimum(first, jnp.min(leaving))
+    return first
+
+
+def until_left(
+    system: SimulableSystem, times: Float[Array, " T"], states: Any, reached: Float[Array, ""], status: Int[Array, ""]
+) -> tuple[Float[Array, ""], Int[Array, ""]]:
+    """To which time a run is good, and its status, where masses leave the shell.
+
+    ``reached`` and ``status`` are those of its solve, ``states`` those at ``times``; ``system`` is prepared.
+    """
+    if isinstance(system, AbstractClassicalSystem):
+        return reached, status
+    left = time_of_leaving(system, times, states.theta)
+    return jnp.minimum(reached, left), jnp.where(left < reached, int(Status.LEFT_SHELL), status)
+
+
+class Course(NamedTuple):
+    """A mass in prescribed motion: χ at some times, where it is furthest from the centre, and when it leaves the shell.
+
+    ``last``, ``first``: two times between which it leaves; ``first`` is infinite where it does not.
+    """
+
+    chi: Float[Array, "n 3"]
+    top: Furthest
+    last: Float[Array, ""]
+    first: Float[Array, ""]
+
+
+def course(system: System, motion: AbstractPrescribedMotion, t: Float[Array, " n"]) -> Course:
+    """The course of a mass as it is seen at evenly spaced times ``t`` and beside them; ``motion`` is prepared."""
+
+    def within(x: Float[Array, ""]) -> Float[Array, ""]:
+        return jnp.clip(x, t[0], t[-1])
+
+    chi = jax.vmap(motion)(t)
+    top = furthest(lambda x: motion(within(x)), t, chi)
+    top = top._replace(x=within(top.x))
+    first = jnp.min(jnp.where(beyond(system, norm(chi)), t, jnp.inf))
+    first = jnp.minimum(first, jnp.where(beyond(system, top.distance), top.x, jnp.inf))
+    return Course(chi, top, jnp.max(jnp.where(t < first, t, t[0])), first)
+
+
+def time_of_crossing(system: System, motion: AbstractPrescribedMotion, seen: Course) -> Float[Array, ""]:
+    """When a mass that leaves the shell crosses it, by bisection; infinite where it does not."""
+
+    def halve(_, bracket):
+        low, high = bracket
+        middle = (low + high) / 2
+        out = norm(motion(middle)) > system.radius
+        return jnp.where(out, low, middle), jnp.where(out, middle, high)
+
+    leaves = jnp.isfinite(seen.first)
+    found = jax.lax.fori_loop(0, HALVINGS, halve, (seen.last, jnp.where(leaves, seen.first, seen.last)))[1]
+    return jnp.where(leaves, found, jnp.inf)
+
+
+def _groups(system: System) -> list[tuple[Any, np.ndarray]]:
+    """The groups of masses, each with the places of its masses among the driven ones, if they are."""
+    slots = {index: slot for slot, index in enumerate(system.driven)}
+    return [
+        (group, np.asarray([slots[index] for index in indices if index in slots], dtype=int))
+        for group, indices in zip(system.groups, system.order, strict=True)
+    ]
+
+
+def _leaving(system: System, motion: Any, t: Float[Array, " n"]) -> Float[Array, " masses"]:
+    """When each mass of a group leaves the shell; infinite where it does not."""
+    seen = eqx.filter_vmap(lambda motion: course(system, motion, t))(motion)
+
+    def crossings(_):
+        return eqx.filter_vmap(lambda motion, seen: time_of_crossing(system, motion, seen))(motion, seen)
+
+    return jax.lax.cond(jnp.any(jnp.isfinite(seen.first)), crossings, lambda first: first, seen.first)
+
+
+def _positions(motion: Any, t: Float[Array, " n"], theta: Float[Array, "_ driven"]) -> Float[Array, "n masses 3"]:
+    """χ of a group of masses at n times; driven ones have the angles ``theta`` at these."""
+    if isinstance(motion, Driven):
+        return jax.vmap(lambda theta: eqx.filter_vmap(lambda rail, at: rail(at))(motion.rail, theta))(theta)
+    return jax.vmap(lambda t: eqx.filter_vmap(lambda motion: motion(t))(motion))(t)
+
+
+def norm(chi: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
+    """|χ|."""
+    return jnp.sqrt(jnp.sum(chi**2, axis=-1))

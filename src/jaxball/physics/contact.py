@@ -1,0 +1,96 @@
+"""The force of the plane on the ball at the contact point."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..numerics.vectors import apply, cross, dot
+from .body import System
+from .dynamics import driven_angles, force_in_body, vector_field
+from .moments import Moments, moments
+from .state import State
+
+
+class ContactForce(NamedTuple):
+    """The reaction of the plane: ``normal`` N (> 0 while the ball is held down) and ``friction`` f."""
+
+    normal: Float[Array, ""]
+    friction: Float[Array, "2"]
+
+    @property
+    def ratio(self) -> Float[Array, ""]:
+        """|f| / N, the coefficient of friction that this instant needs; infinite where N ≤ 0."""
+        return _ratio(jnp.sqrt(jnp.sum(self.friction**2, axis=-1)), self.normal)
+
+
+def contact_force(
+    at: Moments,
+    r: Float[Array, ""],
+    g: Float[Array, ""],
+    Lambda: Float[Array, "3 3"],
+    Omega: Float[Array, "3"],
+    Omegadot: Float[Array, "3"],
+    Fe: Float[Array, "3"],
+) -> ContactForce:
+    """R = Λ Σ m a − Fe + M g e3 by Newton's second law for the whole system, in space axes.
+
+    With a_i = Ω̇ × s_i + Ω × (Ω × χ_i + 2χ̇_i) + χ̈_i, Σ m a depends on the moments alone. The paper's
+    disk (section 3.3) writes the friction as −f_s e1.
+    """
+    R = apply(Lambda, total_inertial_force(at, r, Lambda[2], Omega, Omegadot)) - Fe
+    return ContactForce(normal=R[2] + at.M * g, friction=R[:2])
+
+
+class Reaction(NamedTuple):
+    """The size of the reaction: the normal force N and the square of the friction |f|."""
+
+    normal: Float[Array, "*batch"]
+    friction_squared: Float[Array, "*batch"]
+
+    @property
+    def friction(self) -> Float[Array, "*batch"]:
+        """|f|; its derivative is 0 where it is 0."""
+        positive = self.friction_squared > 0
+        return jnp.where(positive, jnp.sqrt(jnp.where(positive, self.friction_squared, 1.0)), 0.0)
+
+    @property
+    def ratio(self) -> Float[Array, "*batch"]:
+        """|f| / N; infinite where N ≤ 0."""
+        return _ratio(self.friction, self.normal)
+
+    @property
+    def angle(self) -> Float[Array, "*batch"]:
+        """The angle of the reaction from the vertical, atan2(|f|, N), which grows with |f| / N, smoothly past N = 0."""
+        return jnp.arctan2(self.friction, self.normal)
+
+
+def reaction(system: System, t: Float[Array, ""], state: State) -> Reaction:
+    """N and |f|² from any kind of state, in body axes, so that the heading need not be known.
+
+    R̃ = Σ m a − F̃ + M g Γ is the reaction in body axes, N = R̃·Γ, and f̃ = R̃ − NΓ.
+    """
+    at = moments(system, t, driven_angles(system, t, state))
+    Gamma, Omegadot = state.Gamma, vector_field(system, t, state).Omega
+    R = total_inertial_force(at, system.radius, Gamma, state.Omega, Omegadot) + at.M * system.gravity * Gamma
+    Ftilde = force_in_body(system, t, state)
+    R = R if Ftilde is None else R - Ftilde
+    normal = dot(R, Gamma)
+    friction = R - normal * Gamma
+    return Reaction(normal, dot(friction, friction))
+
+
+def total_inertial_force(
+    at: Moments,
+    r: Float[Array, ""],
+    Gamma: Float[Array, "3"],
+    Omega: Float[Array, "3"],
+    Omegadot: Float[Array, "3"],
+) -> Float[Array, "3"]:
+    """Σ m a in body axes, with a the accelerations in space."""
+    return cross(Omegadot, at.M * r * Gamma + at.p) + cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot
+
+
+def _ratio(friction: Float[Array, "*batch"], normal: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
+    held = ~(normal <= 0)  # NaN counts as held, so that it stays NaN
+    return jnp.where(held, friction / jnp.where(held, normal, 1.0), jnp.inf)

@@ -1,0 +1,195 @@
+"""How a point mass moves in the ball: on a rail, freely, or not at all.
+
+Every motion supplies χ, χ̇ and χ̈, body vectors from the geometric centre, and nothing else: the
+equations of motion do not know rails.
+"""
+
+import abc
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+
+from ..interface.arguments import require, require_function
+from ..interface.printing import Printed
+from ..numerics.arrays import a_number, default_dtype, numbers, require_shape
+from ..numerics.calculus import two_derivatives
+from ..numerics.harmonics import HarmonicSeries
+from .rails import AbstractRail
+from .schedules import AbstractSchedule
+
+
+class Kinematics(NamedTuple):
+    """Position, velocity and acceleration of a mass (or of many, along a leading axis) in the body."""
+
+    chi: Float[Array, "*n 3"]
+    chidot: Float[Array, "*n 3"]
+    chiddot: Float[Array, "*n 3"]
+
+
+class AbstractMotion(Printed):
+    """The motion of one mass."""
+
+    def prepare(self) -> "AbstractMotion":
+        """The same motion, ready to be evaluated many times."""
+        return self
+
+
+class AbstractPrescribedMotion(AbstractMotion):
+    """A motion known as a function of time."""
+
+    @abc.abstractmethod
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        """χ(t)."""
+
+    def kinematics(self, t: Float[Array, ""]) -> Kinematics:
+        """χ(t), χ̇(t) and χ̈(t), the rates by forward mode."""
+        return Kinematics(*two_derivatives(self, t))
+
+    def velocity(self, t: Float[Array, ""]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """χ(t) and χ̇(t)."""
+        return jax.jvp(self, (t,), (jnp.ones_like(t),))
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which χ̈ or one of its derivatives jumps; χ̇ must not."""
+        return jnp.zeros((0,), dtype=default_dtype())
+
+
+def along_rail(
+    rail: AbstractRail,
+    theta: Float[Array, ""],
+    thetadot: Float[Array, ""],
+    thetaddot: Float[Array, ""],
+) -> Kinematics:
+    """The chain rule for χ(t) = ζ(θ(t)), ``eq_1d_param``."""
+    zeta, dzeta, ddzeta = rail.derivatives(theta)
+    return Kinematics(zeta, thetadot * dzeta, thetadot**2 * ddzeta + thetaddot * dzeta)
+
+
+def _require_rail(rail: Any) -> None:
+    swapped = isinstance(rail, AbstractSchedule)
+    remedy = "the rail comes first, OnRail(rail, schedule)" if swapped else ""
+    require("rail", rail, AbstractRail, "a rail, such as Circle(...)", remedy)
+
+
+class OnRail(AbstractPrescribedMotion):
+    """χ(t) = ζ(θ(t)) on ``rail``, with θ(t) given by ``schedule``.
+
+    **Arguments:**
+
+    - ``rail``: where the mass can be, such as a :class:`~jaxball.Circle`.
+    - ``schedule``: where on it the mass is when, such as a :class:`~jaxball.Pulse`.
+    """
+
+    rail: AbstractRail
+    schedule: AbstractSchedule
+
+    def __check_init__(self):
+        _require_rail(self.rail)
+        held = isinstance(self.schedule, int | float | jax.Array | np.ndarray)
+        remedy = "to hold the mass at one angle, give ConstantRate(angle)" if held else ""
+        require("schedule", self.schedule, AbstractSchedule, "a schedule, such as Pulse(...)", remedy)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.rail(self.schedule(t))
+
+    def kinematics(self, t: Float[Array, ""]) -> Kinematics:
+        return along_rail(self.rail, *self.schedule.derivatives(t))
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.schedule.kinks()
+
+    def prepare(self) -> "OnRail":
+        return OnRail(self.rail.prepare(), self.schedule.prepare())
+
+
+class Driven(AbstractMotion):
+    """On ``rail``, with θ̈ = u(t, state) by the ball's feedback law; θ and θ̇ belong to the state.
+
+    **Arguments:**
+
+    - ``rail``: on which the mass is.
+    """
+
+    rail: AbstractRail
+
+    def __check_init__(self):
+        _require_rail(self.rail)
+
+    def kinematics(
+        self, theta: Float[Array, ""], thetadot: Float[Array, ""], thetaddot: Float[Array, ""]
+    ) -> Kinematics:
+        """χ, χ̇ and χ̈ for given θ, θ̇ and θ̈."""
+        return along_rail(self.rail, theta, thetadot, thetaddot)
+
+    def velocity(
+        self, theta: Float[Array, ""], thetadot: Float[Array, ""]
+    ) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """χ and χ̇ for given θ and θ̇."""
+        return jax.jvp(self.rail, (theta,), (thetadot,))
+
+    def prepare(self) -> "Driven":
+        return Driven(self.rail.prepare())
+
+
+class Fixed(AbstractPrescribedMotion):
+    """A mass held at ``position``: with only such masses the ball has static internal structure.
+
+    **Arguments:**
+
+    - ``position``: χ, from the geometric centre, body axes, length, shape (3,).
+    """
+
+    position: Float[Array, "*group 3"] = eqx.field(converter=numbers("position", (3,)))
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.position
+
+
+class Oscillating(AbstractPrescribedMotion):
+    """A free motion in space whose coordinates are constants plus sinusoids.
+
+    **Arguments:**
+
+    - ``path``: χ(t), body axes: a :class:`~jaxball.HarmonicSeries` with a constant of shape (3,), length.
+    """
+
+    path: HarmonicSeries
+
+    def __check_init__(self):
+        require("path", self.path, HarmonicSeries, "a HarmonicSeries with a constant of three numbers")
+        require_shape("path.constant", self.path.constant, (3,))
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.path(t)
+
+
+class Free(AbstractPrescribedMotion):
+    """Any free motion χ(t) = function(t, parameters), on a surface or in the volume.
+
+    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew. Say
+    in ``kink_times`` when its second derivative jumps.
+
+    **Arguments:**
+
+    - ``function``: of (t, parameters), to χ, body axes, length, shape (3,).
+    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
+    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+    """
+
+    function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)
+    parameters: PyTree = None
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
+
+    def __check_init__(self):
+        require_function("function", self.function, (3,), t=a_number(), parameters=self.parameters)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
+        return self.function(t, self.parameters)
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.kink_times

@@ -1,0 +1,42 @@
+"""Schedules given by a function of one's own."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+from jaxtyping import Array, Float, PyTree
+
+from ...interface.arguments import require_function
+from ...numerics.arrays import a_number, numbers
+from .base import AbstractSchedule
+
+
+class FunctionSchedule(AbstractSchedule):
+    """θ(t) = theta + function(t, parameters), for any function that JAX can trace twice.
+
+    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew. Say
+    in ``kink_times`` when its second derivative jumps.
+
+    **Arguments:**
+
+    - ``function``: of (t, parameters), to an angle in rad, or a length in a tube.
+    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
+    - ``theta``: what is added to it.
+    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+    """
+
+    function: Callable[[Float[Array, ""], PyTree], Float[Array, ""]] = eqx.field(static=True)
+    parameters: PyTree = None
+    theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"), default=0.0)
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
+
+    def __check_init__(self):
+        require_function("function", self.function, (), t=a_number(), parameters=self.parameters)
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.theta + self.function(t, self.parameters)
+
+    def advanced(self, by: Float[Array, ""]) -> "FunctionSchedule":
+        return eqx.tree_at(lambda s: s.theta, self, self.theta + by)
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.kink_times

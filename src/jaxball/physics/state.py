@@ -1,0 +1,171 @@
+"""The states that the equations of motion advance.
+
+Times, lengths and masses carry whatever consistent units the parameters have.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..interface.printing import Printed
+from ..numerics.arrays import Numbers, numbers, to_array
+from ..numerics.trigonometry import sine_cosine
+from ..numerics.versor import from_rotation_matrix, rotation_matrix, vertical_in_body
+
+EMPTY = ()
+
+
+class BallState(Printed):
+    """x = (θ, θ̇, q, Ω, z) of ``rolling_ball_ode_f``; at rest and upright at the origin by default.
+
+    **Arguments:**
+
+    - ``q``: the orientation, a versor with its real part first, shape (4,).
+    - ``Omega``: Ω, body axes, rad/time, shape (3,).
+    - ``z``: the path of the geometric centre, length, shape (2,).
+    - ``theta``: θ of each :class:`~jaxball.Driven` mass, rad on a closed rail and length in a tube, shape (driven,);
+      empty where every motion is prescribed.
+    - ``thetadot``: θ̇ of each of them, shape (driven,).
+    """
+
+    q: Float[Array, "*batch 4"] = eqx.field(converter=numbers("q", (4,), batch=True), default=(1.0, 0.0, 0.0, 0.0))
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
+    z: Float[Array, "*batch 2"] = eqx.field(converter=numbers("z", (2,), batch=True), default=(0.0, 0.0))
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=numbers("theta", ("driven",), batch=True), default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(
+        converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
+    )
+
+    @property
+    def Lambda(self) -> Float[Array, "3 3"]:
+        """The rotation matrix Λ from body to space."""
+        return rotation_matrix(self.q)
+
+    def in_space(self) -> "BallState":
+        """The state itself; see :meth:`DiskState.in_space`."""
+        return self
+
+    @property
+    def Gamma(self) -> Float[Array, "3"]:
+        """Γ = Λ⁻¹ e3."""
+        return vertical_in_body(self.q)
+
+
+class RotationState(Printed):
+    """The state with the rotation matrix Λ in place of the versor, ``uncon_ball_eqns_explicit_full``.
+
+    **Arguments:**
+
+    - ``Lambda``: Λ, from body to space, shape (3, 3).
+    - ``Omega``: Ω, body axes, rad/time, shape (3,).
+    - ``z``: the path of the geometric centre, length, shape (2,).
+    - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
+      none.
+    - ``thetadot``: θ̇ of each of them, shape (driven,).
+    """
+
+    Lambda: Float[Array, "*batch 3 3"] = eqx.field(
+        converter=numbers("Lambda", (3, 3), batch=True), default=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    )
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
+    z: Float[Array, "*batch 2"] = eqx.field(converter=numbers("z", (2,), batch=True), default=(0.0, 0.0))
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=numbers("theta", ("driven",), batch=True), default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(
+        converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
+    )
+
+    @property
+    def Gamma(self) -> Float[Array, "3"]:
+        """Γ = Λ⁻¹ e3."""
+        return self.Lambda[2]
+
+    def in_space(self) -> BallState:
+        """The same state with a versor."""
+        return BallState(from_rotation_matrix(self.Lambda), self.Omega, self.z, self.theta, self.thetadot)
+
+
+class ReducedState(Printed):
+    """The state (Ω, Γ) reduced by the symmetry of the plane, ``uncon_ball_eqns_explicit``.
+
+    **Arguments:**
+
+    - ``Omega``: Ω, body axes, rad/time, shape (3,).
+    - ``Gamma``: Γ = Λ⁻¹ e3, a unit vector, shape (3,).
+    - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
+      none.
+    - ``thetadot``: θ̇ of each of them, shape (driven,).
+    """
+
+    Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
+    Gamma: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Gamma", (3,), batch=True), default=(0.0, 0.0, 1.0))
+    theta: Float[Array, "*batch driven"] = eqx.field(converter=numbers("theta", ("driven",), batch=True), default=EMPTY)
+    thetadot: Float[Array, "*batch driven"] = eqx.field(
+        converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
+    )
+
+
+class DiskState(Printed):
+    """x = (θ, θ̇, φ, φ̇) of ``eq_rdisk_dynamics``, and z, which follows from φ by ``eq_disk_GC``.
+
+    φ is counted anticlockwise from e1 to E1, so a disk with φ̇ > 0 rolls towards −e1.
+
+    **Arguments:**
+
+    - ``phi``: φ, rad.
+    - ``phidot``: φ̇, rad/time.
+    - ``z``: the place of the centre on the line, length.
+    - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
+      none.
+    - ``thetadot``: θ̇ of each of them, shape (driven,).
+    """
+
+    phi: Float[Array, "*batch"]
+    phidot: Float[Array, "*batch"]
+    z: Float[Array, "*batch"]
+    theta: Float[Array, "*batch driven"]
+    thetadot: Float[Array, "*batch driven"]
+
+    def __init__(
+        self,
+        phi: Numbers = 0.0,
+        phidot: Numbers = 0.0,
+        z: Numbers = 0.0,
+        theta: Numbers = EMPTY,
+        thetadot: Numbers = EMPTY,
+    ):
+        self.phi, self.phidot, self.z = to_array(phi, "phi"), to_array(phidot, "phidot"), to_array(z, "z")
+        self.theta, self.thetadot = to_array(theta, "theta"), to_array(thetadot, "thetadot")
+
+    @property
+    def Lambda(self) -> Float[Array, "3 3"]:
+        """The rotation matrix Λ from body to space."""
+        s, c = sine_cosine(self.phi)
+        zero, one = jnp.zeros_like(c), jnp.ones_like(c)
+        return jnp.stack([jnp.stack([c, zero, -s]), jnp.stack([zero, one, zero]), jnp.stack([s, zero, c])])
+
+    @property
+    def Gamma(self) -> Float[Array, "3"]:
+        """Γ = Λ⁻¹ e3."""
+        s, c = sine_cosine(self.phi)
+        return jnp.stack([s, jnp.zeros_like(c), c])
+
+    @property
+    def Omega(self) -> Float[Array, "3"]:
+        """Ω = −φ̇ E2."""
+        zero = jnp.zeros_like(self.phidot)
+        return jnp.stack([zero, -self.phidot, zero])
+
+    def in_space(self) -> BallState:
+        """The same motion as that of a ball: rotation by −φ about E2, Ω = −φ̇ E2, z = (z, 0)."""
+        zero = jnp.zeros_like(self.phi)
+        half = self.phi / 2
+        return BallState(
+            q=jnp.stack([jnp.cos(half), zero, -jnp.sin(half), zero], axis=-1),
+            Omega=jnp.stack([zero, -self.phidot, zero], axis=-1),
+            z=jnp.stack([self.z, zero], axis=-1),
+            theta=self.theta,
+            thetadot=self.thetadot,
+        )
+
+
+State = BallState | RotationState | ReducedState | DiskState

@@ -1,0 +1,4 @@
+"""From a system and times to its motion: the solve, its trajectory, events, extremes and equilibria.
+
+Single runs; many at once are in :mod:`jaxball.ensemble`.
+"""

@@ -1,0 +1,234 @@
+"""Where the masses must be for the system's centre of mass to be exactly above or below the geometric centre."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix
+from jaxtyping import Array, Bool, Float
+
+from ..interface.arguments import refusal, require
+from ..interface.printing import Printed
+from ..numerics.arrays import Numbers, to_array, to_numpy
+from ..numerics.vectors import apply
+from ..physics.body import Ball, Disk, PointMass, System, with_masses
+from ..physics.dynamics import driven_angles
+from ..physics.moments import kinematics, point_mass_values
+from ..physics.motion import Driven, OnRail
+from ..physics.state import BallState, DiskState, State
+
+STARTS = 256
+SAME = 1e-6
+
+
+class Balance(Printed):
+    """The outcome of :func:`balance`.
+
+    - ``found``: whether there is a solution.
+    - ``theta``: the angles of the free masses, shape (k,); without a solution, those that come nearest.
+    - ``above``: whether the centre of mass is then above the geometric centre.
+    - ``residual``: the distance of the centre of mass from the vertical through the geometric centre.
+    - ``solutions``, ``solutions_above``: every solution found, the chosen one first.
+    - ``message``: a sentence that says all this.
+    """
+
+    found: bool
+    theta: Float[Array, " k"]
+    above: bool
+    residual: float
+    solutions: Float[Array, "n k"]
+    solutions_above: Bool[Array, " n"]
+    message: str
+
+    def __repr__(self) -> str:
+        others = len(self.solutions) - 1
+        number = "one other solution" if others == 1 else f"{others} other solutions"
+        more = f"\n  and {number}, in `solutions`" if others > 0 else ""
+        return f"Balance: {self.message}{more}"
+
+
+def balance(
+    system: System,
+    free: Sequence[int],
+    *,
+    guess: Numbers | None = None,
+    above: bool | None = None,
+    state: State | None = None,
+    t: Numbers = 0.0,
+) -> Balance:
+    """Solves for angles that put the system's centre of mass above or below the geometric centre.
+
+    This is how section 5 finds its θ_a: the paper fixes θ1 = 0 and solves for θ2 and θ3. The search
+    starts from many points at once and reports all solutions that it comes to: those of the paper's ball
+    are two. Where more than two angles are free, solutions are not isolated, and there are as many as starts.
+
+    **Arguments:**
+
+    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+    - ``free``: the indices (from 0) of the masses whose θ is free; each must be on a rail.
+    - ``guess``: the solution nearest to it is chosen; otherwise the one nearest to the angles that
+      the masses have at ``t``.
+    - ``above``: True or False to accept only a centre of mass above, or below, the geometric centre.
+    - ``state``: gives the orientation, and θ of the driven masses; upright if not given.
+    - ``t``: the time at which the schedules and free motions are read.
+
+    **Raises:** ``ValueError`` when ``free`` names a mass that is not on a rail, or none, and when
+    ``guess`` has another length.
+    """
+    require("system", system, (Ball, Disk), "a Ball or a Disk")
+    if isinstance(free, str) or not isinstance(free, Sequence | np.ndarray):
+        raise refusal("free", "a list of indices of masses", free)
+    rails, now = _free_rails(system, free, state, t)
+    guess = now if guess is None else to_numpy(guess, "guess")
+    if guess.shape != now.shape:
+        raise ValueError(
+            f"Argument `guess` must have {len(now)} entries, one for each mass in `free`, but its shape is "
+            f"{guess.shape}."
+        )
+    offset, masses, total, Lambda = _others(system, free, state, t)
+    starts = _starts(rails, np.asarray(system.radius), guess)
+    prepared = tuple(rail.prepare() for rail in rails)
+    found = _search(prepared, masses, offset, total, Lambda, to_array(starts))
+    return _choose(_Candidates(*(np.array(x) for x in found)), rails, guess, above, float(system.radius))
+
+
+def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers = 0.0) -> System:
+    """The same system with the schedules of the masses ``free`` moved so that they have ``theta`` at ``t``.
+
+    **Arguments:**
+
+    - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
+    - ``free``: indices of masses, from 0.
+    - ``theta``: their angles, rad on a closed rail and length in a tube, shape (k,).
+    - ``t``: the time at which they have them.
+    """
+    masses = list(system.point_masses)
+    for index, angle in zip(free, to_array(theta), strict=True):
+        motion = masses[index].motion
+        if not isinstance(motion, OnRail):
+            raise ValueError(
+                f"Argument `free` must name masses with a schedule, but mass {index} is {type(motion).__name__}; "
+                "give the angle of a driven mass in the initial state."
+            )
+        schedule = motion.schedule.starting_at(angle, to_array(t))
+        masses[index] = PointMass(masses[index].mass, OnRail(motion.rail, schedule))
+    return with_masses(system, masses, system.law)
+
+
+def _free_rails(system, free, state, t):
+    rails, angles = [], []
+    masses = system.point_masses
+    for index in free:
+        if not 0 <= index < len(masses) or not isinstance(masses[index].motion, OnRail | Driven):
+            raise ValueError(
+                f"Argument `free` must name masses on a rail, from 0 to {len(masses) - 1}, but it names {index}."
+            )
+        motion = masses[index].motion
+        rails.append(motion.rail)
+        if isinstance(motion, OnRail):
+            angles.append(float(motion.schedule.prepare()(to_array(t))))
+        else:
+            angles.append(0.0 if state is None else float(state.theta[system.driven.index(index)]))
+    if not rails:
+        raise ValueError("Argument `free` must name at least one mass, but it is empty.")
+    return rails, np.asarray(angles)
+
+
+def _others(system, free, state, t):
+    """Σ m χ of all but the free masses, the free masses' m, M, and Λ."""
+    t = to_array(t)
+    if state is None:
+        nothing = jnp.zeros(len(system.driven))
+        kind = DiskState if isinstance(system, Disk) else BallState
+        state = kind(theta=nothing, thetadot=nothing)
+    chi = kinematics(system, t, driven_angles(system, t, state)).chi
+    m = point_mass_values(system)
+    held = np.setdiff1d(np.arange(system.n_masses), np.asarray(free))
+    offset = system.mass * system.offset + jnp.sum(m[held, None] * chi[held], axis=0)
+    space = state.in_space() if isinstance(state, DiskState) else state
+    return offset, m[np.asarray(free)], system.total_mass, space.Lambda
+
+
+def _starts(rails, radius, guess):
+    """The guess and an even cover of the box of all angles (the R-sequence of Roberts)."""
+    k = len(rails)
+    ratio = 2.0
+    for _ in range(60):
+        ratio = (1 + ratio) ** (1 / (k + 1))
+    steps = (1 / ratio) ** np.arange(1, k + 1)
+    unit = (0.5 + np.arange(1, STARTS)[:, None] * steps) % 1
+    low = np.array([-radius if rail.period is None else 0.0 for rail in rails])
+    width = np.array([2 * radius if rail.period is None else rail.period for rail in rails])
+    return np.concatenate([guess[None], low + unit * width])
+
+
+@eqx.filter_jit
+def _search(rails, masses, offset, total, Lambda, starts):
+    def places(theta):
+        return jnp.stack([rail(angle) for rail, angle in zip(rails, theta, strict=True)])
+
+    def centre(theta):
+        return apply(Lambda, offset + jnp.sum(masses[:, None] * places(theta), axis=0)) / total
+
+    def one(start):
+        solution = optimistix.least_squares(
+            lambda theta, _: centre(theta)[:2],
+            optimistix.LevenbergMarquardt(rtol=1e-14, atol=1e-14),
+            start,
+            max_steps=200,
+            throw=False,
+        )
+        theta = solution.value
+        middle = centre(theta)
+        farthest = jnp.max(jnp.sum(places(theta) ** 2, axis=1))
+        return theta, jnp.sqrt(jnp.sum(middle[:2] ** 2)), middle[2], jnp.sqrt(farthest)
+
+    return jax.vmap(one)(starts)
+
+
+class _Candidates(NamedTuple):
+    """Where the search ended from each start."""
+
+    theta: np.ndarray
+    miss: np.ndarray  # distance of the centre of mass from the vertical
+    height: np.ndarray  # of the centre of mass over the geometric centre
+    farthest: np.ndarray  # distance of the outermost free mass from the geometric centre
+
+
+def _choose(end: _Candidates, rails, guess, above, radius) -> Balance:
+    theta, miss = end.theta, np.where(end.farthest < radius, end.miss, np.inf)
+    for j, rail in enumerate(rails):
+        if rail.period is not None:
+            theta[:, j] = guess[j] + (theta[:, j] - guess[j] + rail.period / 2) % rail.period - rail.period / 2
+    good = miss < 1e-10 * radius
+    if above is not None:
+        good &= (end.height > 0) == above
+    kept: list[int] = []
+    for i in np.argsort(np.sum((theta - guess) ** 2, axis=1), kind="stable"):
+        if good[i] and all(np.max(np.abs(theta[i] - theta[j])) > SAME for j in kept):
+            kept.append(int(i))
+    best = kept[0] if kept else int(np.argmin(np.where(np.isfinite(miss), miss, np.inf)))
+    return Balance(
+        found=bool(kept),
+        theta=to_array(theta[best]),
+        above=bool(end.height[best] > 0),
+        residual=float(miss[best]),
+        solutions=to_array(theta[kept]),
+        solutions_above=jnp.asarray(end.height[kept] > 0),
+        message=_message(bool(kept), theta[best], miss[best], end.height[best], above),
+    )
+
+
+def _message(found, theta, miss, height, above) -> str:
+    side = "above" if height > 0 else "below"
+    angles = ", ".join(f"{angle:.10g}" for angle in theta)
+    if found:
+        return f"With the angles ({angles}) the centre of mass is exactly {side} the geometric centre."
+    wanted = {None: "above or below", True: "above", False: "below"}[above]
+    return (
+        f"No angles of these masses put the centre of mass exactly {wanted} the geometric centre; the angles "
+        f"({angles}) leave it {miss:.3g} from the vertical, {side} the centre."
+    )

@@ -1,0 +1,123 @@
+"""What may happen along a motion: the ball leaves the plane or slips, or whatever a function says."""
+
+import abc
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..interface.arguments import require_callable
+from ..interface.printing import Printed
+from ..interface.status import Status
+from ..numerics.arrays import Numbers, is_traced, numbers
+from ..physics.contact import reaction
+
+UP, DOWN, EITHER = 1, -1, 0
+
+
+class AbstractEvent(Printed):
+    """Something that happens where a function of time and state crosses zero.
+
+    - ``direction``: 1 if it happens only where the function rises, −1 if only where it falls, 0 for both.
+    - ``terminal``: whether it ends the run.
+    - ``from_start``: whether it has happened already in a run that starts beyond zero.
+    - ``room``: how many of its times and states are kept; all are counted.
+    - ``status``: how the run that it ended is said to have ended.
+    """
+
+    direction: eqx.AbstractVar[int]
+    terminal: eqx.AbstractVar[bool]
+    from_start: ClassVar[bool]
+    room: eqx.AbstractVar[int]
+    status: ClassVar[Status]
+
+    def __check_init__(self):
+        if self.direction not in (UP, DOWN, EITHER):
+            raise ValueError(f"Argument `direction` must be 1, -1 or 0, but it is {self.direction}.")
+        if self.room < 1:
+            raise ValueError(f"Argument `room` must be 1 or more, but it is {self.room}.")
+
+    @abc.abstractmethod
+    def value(self, system: Any, t: Float[Array, ""], state: Any) -> Float[Array, ""]:
+        """The function that crosses zero."""
+
+
+class Event(AbstractEvent):
+    """A place reached, an angle at a bound, a Poincaré section: wherever ``of(system, t, state)`` crosses zero.
+
+    **Arguments:**
+
+    - ``of``: a scalar function, written with ``jax.numpy``. A named function rather than a new ``lambda`` at each
+      call saves compiling anew.
+    - ``direction``: 1 for upward crossings alone, −1 for downward ones, 0 for both.
+    - ``terminal``: whether the first crossing ends the run.
+    - ``room``: how many crossings are kept; all are counted.
+    """
+
+    of: Callable[[Any, Float[Array, ""], Any], Float[Array, ""]] = eqx.field(static=True)
+    direction: int = eqx.field(static=True, default=EITHER)
+    terminal: bool = eqx.field(static=True, default=False)
+    room: int = eqx.field(static=True, default=64)
+    from_start: ClassVar[bool] = False
+    status: ClassVar[Status] = Status.EVENT
+
+    def __check_init__(self):
+        require_callable("of", self.of, "system", "t", "state")
+
+    def value(self, system, t, state):
+        found = jnp.asarray(self.of(system, t, state))
+        if found.shape != () or not jnp.issubdtype(found.dtype, jnp.floating):
+            raise TypeError(
+                "Argument `of` must be a function whose value is one real number that crosses zero, but it gives "
+                f"{found.dtype} of shape {found.shape}."
+            )
+        return found
+
+
+class Detachment(AbstractEvent):
+    """The normal force N falls to zero, and the ball would leave the plane. Ends the run.
+
+    **Arguments:**
+
+    - ``terminal``: whether it ends the run.
+    - ``room``: how many of its times and states are kept; all are counted.
+    """
+
+    terminal: bool = eqx.field(static=True, default=True)
+    room: int = eqx.field(static=True, default=8)
+    direction: int = eqx.field(static=True, default=DOWN, init=False)
+    from_start: ClassVar[bool] = True
+    status: ClassVar[Status] = Status.DETACHED
+
+    def value(self, system, t, state):
+        return reaction(system, t, state).normal
+
+
+class Slip(AbstractEvent):
+    """The friction |f| rises to μN, all that a plane with the coefficient of friction μ can give. Ends the run.
+
+    **Arguments:**
+
+    - ``friction``: μ, a number without unit.
+    - ``terminal``: whether it ends the run.
+    - ``room``: how many of its times and states are kept; all are counted.
+    """
+
+    friction: Float[Array, ""] = eqx.field(converter=numbers("friction"))
+    terminal: bool = eqx.field(static=True)
+    room: int = eqx.field(static=True)
+    direction: int = eqx.field(static=True)
+    from_start: ClassVar[bool] = True
+    status: ClassVar[Status] = Status.SLIPPED
+
+    def __init__(self, friction: Numbers, terminal: bool = True, room: int = 8):
+        self.friction, self.terminal, self.room, self.direction = numbers("friction")(friction), terminal, room, DOWN
+        if not is_traced(self.friction) and not 0 < self.friction < jnp.inf:
+            raise ValueError(f"Argument `friction` must be a positive number, but it is {float(self.friction):g}.")
+
+    def value(self, system, t, state):
+        """μ²N|N| − |f|², which is smooth where f is zero, as μN − |f| is not."""
+        found = reaction(system, t, state)
+        return self.friction**2 * found.normal * jnp.abs(found.normal) - found.friction_squared

@@ -1,0 +1,115 @@
+"""The extreme values of the contact force over a whole run, with the times at which they occur."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..interface.arguments import require
+from ..interface.printing import Printed, is_single, shown
+from ..interface.status import Status
+from ..numerics.masks import differentiated_where
+from ..numerics.modes import once
+from ..physics.body import Ball, Disk
+from ..physics.contact import reaction
+from ..solvers.dense.maxima import maxima
+from ..solvers.dense.steps import Steps
+from .trajectory import Interpolant, Trajectory
+from .watch import room_for
+
+
+class ContactExtremes(Printed):
+    """How near a ball or disk came to leaving the plane or slipping, at the times where it was nearest.
+
+    The times are refined between the saved ones, to the accuracy of the solver's dense output. The values have the
+    right first derivatives; the times have none, but where a kink of the motion or the end of the run is the time.
+
+    - ``least_normal_force``: the smallest N.
+    - ``friction_needed``: μ_min, the largest |f| / N; with less friction the ball would slip. Infinite where
+      N ≤ 0 somewhere.
+    - ``largest_friction``: the largest |f|.
+    - ``weight``: M g.
+    - ``least_normal_force_time``, ``friction_needed_time``, ``largest_friction_time``: when.
+    """
+
+    least_normal_force: Float[Array, "*batch"]
+    least_normal_force_time: Float[Array, "*batch"]
+    friction_needed: Float[Array, "*batch"]
+    friction_needed_time: Float[Array, "*batch"]
+    largest_friction: Float[Array, "*batch"]
+    largest_friction_time: Float[Array, "*batch"]
+    weight: Float[Array, "*batch"]
+
+    @property
+    def margin(self) -> Float[Array, "*batch"]:
+        """The smallest N / (M g): 1 at rest on the plane, 0 where the ball would leave it."""
+        return self.least_normal_force / self.weight
+
+    @property
+    def holds(self) -> Bool[Array, "*batch"]:
+        """Whether the ball stayed on the plane, N > 0 throughout."""
+        return self.least_normal_force > 0
+
+    def __repr__(self) -> str:
+        if not is_single(self.least_normal_force):
+            return shown(self)
+        least, at = float(self.least_normal_force), float(self.least_normal_force_time)
+        lines = [f"least normal force {least:.10g} at t = {at:.6g}, {float(self.margin):.4g} of the weight"]
+        if bool(jnp.isfinite(self.friction_needed)):
+            mu, at = float(self.friction_needed), float(self.friction_needed_time)
+            lines.append(f"friction needed, max |f|/N, {mu:.10g} at t = {at:.6g}")
+        else:
+            lines.append("the ball would leave the plane, so that no friction is enough")
+        return "\n".join(lines)
+
+
+def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
+    """N, |f| / N and |f| where they are extreme, within the steps of a run and not just at its saved times.
+
+    NaN for a run that could not start.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns with ``dense=True``.
+
+    **Raises:** ``ValueError`` when the trajectory was made without ``dense=True``, and ``TypeError`` for a system that
+    touches no plane.
+    """
+    require("trajectory", trajectory, Trajectory, "what jaxball.simulate returns")
+    if not isinstance(trajectory.system, Ball | Disk):
+        raise TypeError(
+            "Argument `trajectory` must be of a Ball or a Disk, which a plane holds, but it is of a "
+            f"{type(trajectory.system).__name__}."
+        )
+    if trajectory.interpolant is None:
+        raise ValueError(
+            "Argument `trajectory` must have dense output; call simulate(..., dense=True). The forces at the saved "
+            "times are in `observables`."
+        )
+    return _extremes(trajectory.interpolant, trajectory.reached, trajectory.status, room_for(trajectory))
+
+
+@eqx.filter_jit
+def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array, room: int) -> ContactExtremes:
+    started = status != Status.IMPOSSIBLE
+    interpolant, reached = differentiated_where(started, (interpolant, reached))
+    packing = interpolant.packing
+    kinks = jnp.concatenate([packing.system.motion_kinks(), packing.system.driving_kinks()])
+
+    def at(t, x):
+        return reaction(packing.system, t, packing.unpack(t, x))
+
+    def forces(t, x):
+        found = at(t, x)
+        # The angle is largest where |f| / N is, and has no spike where N is small.
+        return jnp.stack([-found.normal, found.angle, found.friction])
+
+    steps = Steps.of(interpolant.solution, room, reached)
+    times, vectors = maxima(steps, forces, packing.field, kinks, 3)
+    values = jax.lax.map(lambda found: at(*found), (times, vectors))
+    found = (values.normal[0], times[0], values.ratio[1], times[1], values.friction[2], times[2])
+    found = once("extremes of the contact force", found)
+    weight = packing.system.total_mass * packing.system.gravity
+    return ContactExtremes(*(jnp.where(started, value, jnp.nan) for value in (*found, weight)))

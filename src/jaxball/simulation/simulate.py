@@ -1,0 +1,453 @@
+"""The one entry function: a system, times and a state in, a trajectory out."""
+
+import functools
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, cast, get_args, overload
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array
+
+from ..classical import (
+    AbstractClassicalState,
+    AbstractClassicalSystem,
+    ParticleState,
+    RigidBodyState,
+    VakonomicState,
+)
+from ..interface.arguments import refusal, require
+from ..interface.status import Status
+from ..numerics.arrays import Numbers, default_dtype, require_numbers, to_array
+from ..numerics.masks import differentiated_where
+from ..numerics.modes import forward_only, reverse_only
+from ..physics.body import Ball, System
+from ..physics.confinement import until_left
+from ..physics.dae import WITH_UNIT, has_unit
+from ..physics.dynamics import field_of
+from ..physics.packing import Packing
+from ..physics.simulable import SimulableState, SimulableSystem, require_system
+from ..physics.state import BallState, DiskState, State
+from ..physics.validity import possible_start
+from ..solvers import Projected, RadauIIA, SwitchingMassMatrixTerm
+from .events import AbstractEvent
+from .step_size import by_tolerances, kinks_of, to_kinks
+from .trajectory import Interpolant, Trajectory
+from .watch import checked, locate, stop
+
+DEFAULT_TOLERANCE = 1e-10
+DEFAULT_SOLVER = diffrax.Dopri8()
+DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
+NO_PROGRESS = diffrax.NoProgressMeter()
+SHAPED = {*get_args(State), RigidBodyState, ParticleState, VakonomicState}
+FEW_STEPS = (256, 2048)
+FINEST = {name: 8 * float(np.finfo(name).eps) for name in ("float32", "float64")}
+
+
+class PrecisionError(ValueError):
+    """A tolerance was asked for that the floating-point type in use cannot reach."""
+
+
+def simulate(
+    system: SimulableSystem,
+    times: Numbers,
+    state: SimulableState | None = None,
+    *,
+    solver: diffrax.AbstractAdaptiveSolver | None = None,
+    rtol: Numbers = DEFAULT_TOLERANCE,
+    atol: Numbers = DEFAULT_TOLERANCE,
+    dense: bool = False,
+    step_to_times: bool = False,
+    dae: bool = False,
+    project: bool = False,
+    events: Mapping[str, AbstractEvent] | None = None,
+    adjoint: diffrax.AbstractAdjoint | None = None,
+    max_steps: int = 16384,
+    progress: diffrax.AbstractProgressMeter | None = None,
+    inside: bool = True,
+    throw: bool = False,
+) -> Trajectory[Any, Any]:
+    """Integrates the equations of motion from ``times[0]`` to ``times[-1]``, saving at each of ``times``.
+
+    **Arguments:**
+
+    - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, or one of :mod:`jaxball.classical`.
+    - ``times``: increasing, two or more. The solver steps as it likes, and exactly to the kinks of
+      actuation and force.
+    - ``state``: the state at ``times[0]``; at rest at the origin if not given. Its kind chooses the
+      equations: :class:`~jaxball.BallState` (versor), :class:`~jaxball.RotationState` (matrix),
+      :class:`~jaxball.ReducedState` (Ω, Γ), or :class:`~jaxball.DiskState`; a classical system has one.
+    - ``solver``: any adaptive diffrax solver; ``diffrax.Dopri8()`` if not given.
+    - ``rtol``, ``atol``: tolerances of the step-size control. Changing them compiles nothing anew.
+    - ``dense``: whether the trajectory can be evaluated at any time, ``trajectory.at(t)``.
+    - ``step_to_times``: whether the solver steps exactly to each of ``times``. Otherwise the states
+      there come from the solver's interpolation, whose error was up to eighty times the tolerance in
+      the paper's runs.
+    - ``dae``: whether to solve the differential-algebraic form of the paper, in which |q|² = 1 determines a
+      component of q, the largest at the start of each step (module ``dae``), with a solver that knows mass
+      matrices: :class:`jaxball.solvers.RadauIIA`.
+    - ``project``: whether each step ends with q normalised (Γ, or Λ, in states that have these instead).
+    - ``events``: what to look for, :class:`~jaxball.Detachment`, :class:`~jaxball.Slip` or any
+      :class:`~jaxball.Event`, by name; when each happened is ``trajectory.events[name]``. One that ends the run is
+      its status, and the states saved after that are NaN.
+    - ``adjoint``: the mode of differentiation. ``diffrax.RecursiveCheckpointAdjoint()`` if not given: reverse mode,
+      ``jax.grad``, ``jax.jacrev``, ``jax.vjp``, once. ``diffrax.ForwardMode()`` for ``jax.jvp`` and ``jax.jacfwd``,
+      and for second derivatives, ``jax.jacfwd(jax.jacfwd(f))``, of all but events. ``diffrax.DirectAdjoint()`` is
+      refused, because its reverse-mode derivatives were wrong.
+    - ``max_steps``: the number of steps, accepted and rejected, after which the solve gives up.
+    - ``progress``: a diffrax progress meter.
+    - ``inside``: whether rails and masses must be in the body (module ``confinement``): where a rail or a start is not,
+      the run is ``IMPOSSIBLE``, and one in which a mass leaves the shell has the status ``LEFT_SHELL`` and the time
+      ``reached`` at which it does. Motions that a law drives along an open rail are looked at at ``times`` alone. The
+      equations themselves do not know where the shell is; a search that passes through such bodies says False.
+    - ``throw``: whether a failed solve raises; otherwise it is a status on the trajectory.
+
+    Inside, the solver advances the locked angular velocity in the place of Ω, so that derivatives with
+    respect to the times of kinks are right; the module ``locked`` says why.
+
+    **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or
+    ``TypeError`` for arguments of the wrong kind, ``TypeError`` where the default adjoint is differentiated in forward
+    mode or twice, and :class:`~jaxball.SolveError` where asked for.
+    """
+    times = _checked_times(times)
+    if state is None:
+        state = at_rest(system)
+    _check_state(system, state)
+    rtol, atol = checked_tolerances(rtol, atol)
+    if dae:
+        _check_dae(state, solver)
+    events = checked(system, events)
+    method = _Method(
+        checked_solver(solver),
+        _checked_adjoint(adjoint),
+        _checked_progress(progress),
+        checked_steps(max_steps),
+        dense or bool(events),
+        step_to_times,
+        dae,
+        project,
+        inside,
+    )
+    trajectory = _run(method, system, times, state, rtol, atol, events)
+    if events:
+        trajectory = locate(trajectory, events)
+    if throw:
+        _check_untraced(trajectory)
+        trajectory.raise_if_failed()
+    return trajectory
+
+
+class _Method(NamedTuple):
+    """What a program is compiled for; everything else may change from call to call."""
+
+    solver: diffrax.AbstractAdaptiveSolver
+    adjoint: diffrax.AbstractAdjoint
+    progress: diffrax.AbstractProgressMeter
+    max_steps: int
+    dense: bool
+    step_to_times: bool
+    dae: bool
+    project: bool
+    inside: bool
+
+
+def _run(
+    method: _Method, system: SimulableSystem, times: Any, state: SimulableState, *others: Any
+) -> Trajectory[Any, Any]:
+    """A trajectory. Dense output has room for few steps at first, because room that is not used costs time as well."""
+    staged = isinstance(jnp.zeros(()), Tracer)
+
+    def trajectory_by(method: _Method) -> Trajectory[Any, Any]:
+        found = _program(method)(system, times, state, *others)
+        return Trajectory(system, times, *found, start=state)
+
+    rooms = [room for room in FEW_STEPS if room < method.max_steps and method.dense and not staged]
+    for room in rooms:
+        trajectory = trajectory_by(method._replace(max_steps=room))
+        if not isinstance(trajectory.status, Tracer) and int(jnp.max(trajectory.steps)) < room:
+            return trajectory
+    return trajectory_by(method)
+
+
+def _program(method: _Method) -> Callable[..., tuple]:
+    try:
+        return _compiled(method)
+    except TypeError:  # a solver that carries arrays has no hash
+        return functools.partial(_solve_filtered, method)
+
+
+@functools.cache
+def _compiled(method: _Method) -> Callable[..., tuple]:
+    return jax.jit(functools.partial(_solve, method))
+
+
+def _solve(
+    method: _Method,
+    system: SimulableSystem,
+    times: Array,
+    state: SimulableState,
+    rtol: Array,
+    atol: Array,
+    events: dict[str, AbstractEvent],
+) -> tuple:
+    """The fields of a trajectory but ``system`` and ``times``, which a program could only copy."""
+    if isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint):
+        system, times, state, rtol, atol, events = reverse_only((system, times, state, rtol, atol, events))
+    startable = _startable(system, times, state, method.inside)
+    system, times, state, events = differentiated_where(startable, (system, times, state, events))
+    packing = Packing.of(system.prepare(), state)
+    initial = packing.pack(times[0], state)
+    # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
+    parameters, unpack_parameters = ravel_pytree((packing, events))
+
+    # Compiled on their own, they are traced once; diffrax traces a step several times.
+    @jax.jit
+    def field(t, x, parameters):
+        return jnp.where(startable, unpack_parameters(parameters)[0].field(t, x), 0.0)
+
+    @jax.jit
+    def dae_field(t, x, parameters, component):
+        return jnp.where(startable, unpack_parameters(parameters)[0].dae_field(t, x, component), 0.0)
+
+    term = diffrax.ODETerm(field)
+    if method.dae:
+        term = SwitchingMassMatrixTerm(
+            dae_field,
+            mass=lambda component: packing.mass_diagonal(initial, component),
+            choose=lambda t, x, _: packing.algebraic_component(x),
+        )
+    solution = diffrax.diffeqsolve(
+        term,
+        Projected(method.solver, packing.projected) if method.project else method.solver,
+        times[0],
+        times[-1],
+        None,
+        jnp.where(startable, initial, 0.0),
+        args=parameters,
+        saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(ts=times), diffrax.SubSaveAt(t1=True)], dense=method.dense),
+        stepsize_controller=_controller(method, system, times, rtol, atol),
+        adjoint=method.adjoint,
+        event=stop(events, unpack_parameters),
+        max_steps=method.max_steps,
+        progress_meter=method.progress,
+        throw=False,
+    )
+    if isinstance(method.adjoint, diffrax.ForwardMode):
+        solution = forward_only(solution)
+    (_, ended), (states, _) = cast(tuple, solution.ts), cast(tuple, solution.ys)
+    saved = jax.vmap(packing.unpack_where)(startable & jnp.all(jnp.isfinite(states), axis=1), times, states)
+    reached, status = jnp.where(startable, ended[0], times[0]), status_of(solution.result)
+    if method.inside:
+        reached, status = until_left(packing.system, times, saved, reached, status)
+    return (
+        saved,
+        reached,
+        jnp.where(startable, status, Status.IMPOSSIBLE),
+        jnp.where(startable, solution.stats["num_steps"], 0),
+        jnp.where(startable, solution.stats["num_rejected_steps"], 0),
+        Interpolant(solution, packing) if method.dense else None,
+    )
+
+
+def _startable(system: SimulableSystem, times: Array, state: SimulableState, inside: bool) -> Array:
+    initial = Packing.of(system.prepare(), state).pack(times[0], state)
+    return possible_start(system, times, state, inside) & jnp.all(jnp.isfinite(initial))
+
+
+_solve_filtered = eqx.filter_jit(_solve)
+
+
+def _controller(
+    method: _Method, system: SimulableSystem, times: Array, rtol: Array, atol: Array
+) -> diffrax.AbstractAdaptiveStepSizeController:
+    """Steps by the tolerances, to the kinks and, where asked for, to ``times``."""
+    controller = by_tolerances(rtol, atol)
+    if method.step_to_times:
+        controller = diffrax.ClipStepSizeController(controller, step_ts=times)
+    return to_kinks(controller, kinks_of(system))
+
+
+def status_of(result: diffrax.RESULTS) -> Array:
+    """The status of a result: a step below 1e-30 means that none was accepted, because the field is not finite."""
+    R = diffrax.RESULTS
+    status = jnp.where((result == R.successful) | (result == R.event_occurred), Status.SUCCESS, Status.SOLVER_FAILED)
+    status = jnp.where(result == R.nonfinite, Status.NOT_FINITE, status)
+    status = jnp.where(result == R.max_steps_reached, Status.MAX_STEPS, status)
+    return jnp.where(result == R.dt_min_reached, Status.NOT_FINITE, status)
+
+
+@overload
+def at_rest(system: System) -> State: ...
+
+
+@overload
+def at_rest(system: AbstractClassicalSystem) -> AbstractClassicalState: ...
+
+
+def at_rest(system: SimulableSystem) -> SimulableState:
+    """The default initial state: at rest at the origin, upright.
+
+    **Raises:** ``ValueError`` where angles belong to the state.
+    """
+    require_system(system)
+    if isinstance(system, AbstractClassicalSystem):
+        return _default_state(system.state_type, default_dtype())
+    if system.driven:
+        raise ValueError(
+            f"Argument `state` must be given, because the masses {list(system.driven)} are driven by a feedback "
+            "law and their angles belong to the state; pass BallState(theta=..., thetadot=...)."
+        )
+    return _default_state(BallState if isinstance(system, Ball) else DiskState, default_dtype())
+
+
+@functools.cache
+def _default_state(kind: type[SimulableState], dtype: Any) -> Any:
+    with jax.ensure_compile_time_eval():
+        return kind()
+
+
+def _as_array(name: str, x: Numbers) -> Array | np.ndarray:
+    """``x`` as an array; kept in NumPy where it is known, because that costs microseconds less a call."""
+    if isinstance(x, Tracer):
+        return to_array(x, name)
+    require_numbers(name, x)
+    try:
+        return np.asarray(x, dtype=default_dtype())
+    except (TypeError, ValueError):
+        raise refusal(name, "numbers", x) from None
+
+
+def _checked_times(times: Numbers) -> Array | np.ndarray:
+    array = _as_array("times", times)
+    if array.ndim != 1 or array.size < 2:
+        raise ValueError(
+            "Argument `times` must be two or more increasing numbers, from the start to the end of the run, "
+            f"but its shape is {array.shape}."
+        )
+    if isinstance(array, np.ndarray) and not ((array[1:] > array[:-1]).all() and np.isfinite(array[-1])):
+        raise ValueError(
+            "Argument `times` must be increasing and finite, but it starts with "
+            f"{array[:3].tolist()} and ends with {array[-3:].tolist()}."
+        )
+    return array
+
+
+def checked_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.AbstractAdaptiveSolver:
+    """The solver, or the default.
+
+    **Raises:** ``TypeError`` for what is not a solver that estimates its error.
+    """
+    if solver is None or isinstance(solver, diffrax.AbstractAdaptiveSolver):
+        return DEFAULT_SOLVER if solver is None else solver
+    if isinstance(solver, str):
+        remedy = "names are for scenario files"
+    elif isinstance(solver, diffrax.AbstractSolver):
+        remedy = "it has no error estimate to choose its steps by, and diffrax.HalfSolver(...) gives it one"
+    else:
+        remedy = ""
+    raise refusal("solver", "an adaptive solver, such as diffrax.Dopri8()", solver, remedy)
+
+
+def checked_steps(max_steps: int) -> int:
+    """The number of steps.
+
+    **Raises:** ``TypeError`` or ``ValueError`` for what is not a positive whole number.
+    """
+    if isinstance(max_steps, bool) or not isinstance(max_steps, int | np.integer):
+        raise refusal("max_steps", "a whole number of steps", max_steps)
+    if max_steps < 1:
+        raise ValueError(f"Argument `max_steps` must be 1 or more, but it is {max_steps}.")
+    return int(max_steps)
+
+
+def _checked_adjoint(adjoint: diffrax.AbstractAdjoint | None) -> diffrax.AbstractAdjoint:
+    if adjoint is None:
+        return DEFAULT_ADJOINT
+    require("adjoint", adjoint, diffrax.AbstractAdjoint, "an adjoint, such as diffrax.ForwardMode()")
+    if isinstance(adjoint, diffrax.DirectAdjoint):
+        raise TypeError(
+            "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint(), the default, for reverse mode or "
+            "diffrax.ForwardMode() for forward mode, but it is diffrax.DirectAdjoint(), which takes steps of other "
+            "lengths on the way back where rounding decides them, and is then wrong in reverse mode."
+        )
+    return adjoint
+
+
+def _checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax.AbstractProgressMeter:
+    if progress is None:
+        return NO_PROGRESS
+    must = "a progress meter, such as diffrax.TextProgressMeter()"
+    require("progress", progress, diffrax.AbstractProgressMeter, must)
+    return progress
+
+
+def _check_state(system: SimulableSystem, state: SimulableState) -> None:
+    field_of(system, state)
+    if type(state) in SHAPED:
+        for name, shape in _shapes_of(type(state)).items():
+            if (given := getattr(state, name).shape) != shape:
+                raise ValueError(
+                    f"Argument `state` must be one state, with `{name}` of shape {shape}, but its shape is {given}; "
+                    "for many runs use jax.vmap or jaxball.ensemble.simulate_ensemble."
+                )
+    if isinstance(system, AbstractClassicalSystem) or isinstance(state, AbstractClassicalState):
+        return
+    wanted = (len(system.driven),)
+    if state.theta.shape != wanted or state.thetadot.shape != wanted:
+        raise ValueError(
+            f"Argument `state` must have {wanted[0]} entries in theta and in thetadot, one for each driven mass, "
+            f"but it has {state.theta.shape[-1]} and {state.thetadot.shape[-1]}."
+        )
+
+
+@functools.cache
+def _shapes_of(kind: type[SimulableState]) -> dict[str, tuple[int, ...]]:
+    """The shapes that a state always has, which its default has too."""
+    default = vars(_default_state(kind, default_dtype()))
+    return {name: value.shape for name, value in default.items() if name not in ("theta", "thetadot")}
+
+
+def _check_dae(state: SimulableState, solver: diffrax.AbstractSolver | None) -> None:
+    if not has_unit(state):
+        raise TypeError(
+            f"Argument `state` must be {WITH_UNIT} where `dae` is True, because it is a component of their unit "
+            f"vector that becomes algebraic, but it is a {type(state).__name__}."
+        )
+    if not isinstance(solver, RadauIIA):
+        raise TypeError(
+            "Argument `solver` must be a jaxball.solvers.RadauIIA where `dae` is True, because other solvers know no "
+            f"mass matrix, but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
+        )
+
+
+def _check_untraced(trajectory: Trajectory[Any, Any]) -> None:
+    if isinstance(trajectory.status, Tracer):
+        raise ValueError(
+            "Argument `throw` must be False where the solve is traced, as within jit or vmap, but it is True; "
+            "return the trajectory's status and look at it outside."
+        )
+
+
+def checked_tolerances(rtol: Numbers, atol: Numbers) -> tuple[Array | np.ndarray, Array | np.ndarray]:
+    """The tolerances as arrays.
+
+    **Raises:** :class:`PrecisionError` when the floating-point type cannot reach them.
+    """
+    rtol, atol = _as_array("rtol", rtol), _as_array("atol", atol)
+    known = [x.max() for x in (rtol, atol) if isinstance(x, np.ndarray)]
+    dtype, finest = rtol.dtype, FINEST[rtol.dtype.name]
+    if not known or max(known) >= finest:
+        return rtol, atol
+    remedy = (
+        'enable float64 before the first array is made, with `jax.config.update("jax_enable_x64", True)`, or '
+        if dtype == jnp.float32
+        else ""
+    )
+    raise PrecisionError(
+        f"Arguments `rtol` and `atol` must reach {finest:.1e} in {dtype}, but they are {rtol} and {atol}; "
+        f"{remedy}ask for looser ones."
+    )

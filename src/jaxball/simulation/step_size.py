@@ -1,0 +1,30 @@
+"""How long the steps of a solve are."""
+
+import diffrax
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..physics.simulable import SimulableSystem
+from ..solvers import StepToKinks
+
+
+def by_tolerances(rtol: Float[Array, ""], atol: Float[Array, ""]) -> diffrax.PIDController:
+    """Steps by the tolerances alone. A step below 1e-30 ends the solve."""
+    return diffrax.PIDController(rtol=rtol, atol=atol, dtmin=1e-30, force_dtmin=False)
+
+
+def to_kinks(
+    controller: diffrax.AbstractAdaptiveStepSizeController, kinks: Float[Array, " kinks"]
+) -> diffrax.AbstractAdaptiveStepSizeController:
+    """The same, with steps that end at kinks."""
+    return StepToKinks(controller, kinks) if kinks.size else controller
+
+
+def kinks_of(system: SimulableSystem) -> Float[Array, " kinks"]:
+    """The kinks of motions and of what drives.
+
+    At the kinks of motions the field is continuous, so that moving the end of a step there moves nothing, and they
+    have no derivatives.
+    """
+    return jnp.concatenate([jax.lax.stop_gradient(system.motion_kinks()), system.driving_kinks()])

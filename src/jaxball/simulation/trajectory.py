@@ -1,0 +1,247 @@
+"""The result of a simulation."""
+
+import os
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Generic
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float, Int
+
+from ..classical import AbstractClassicalSystem
+from ..interface.printing import Printed
+from ..interface.status import SolveError, Status
+from ..interface.wording import counted
+from ..numerics.arrays import Numbers, to_array
+from ..numerics.masks import differentiated_where
+from ..physics.observables import Observables, observe
+from ..physics.packing import Packing
+from ..physics.simulable import AnySimulableState, AnySimulableSystem, SimulableSystem
+from ..physics.state import BallState, DiskState, ReducedState, RotationState
+from ..physics.validity import Problem, find_problems
+from .occurrences import Occurrences
+
+if TYPE_CHECKING:
+    import pathlib
+
+    import matplotlib.figure
+    import xarray
+
+
+class Interpolant(eqx.Module, Generic[AnySimulableState]):
+    """The states between the saved times, by the solver's own interpolation."""
+
+    solution: diffrax.Solution
+    packing: Packing[Any, AnySimulableState]
+
+
+class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
+    """States of a system at saved times, and how the solve ended.
+
+    - ``system``: what was simulated.
+    - ``interpolant``: what ``at`` evaluates; None without dense output.
+    - ``times``: the saved times, shape (T,).
+    - ``state``: the states there; each of its arrays has T as leading axis. NaN where the solve did
+      not come, or all of it where the solve could not start.
+    - ``status``: a :class:`~jaxball.Status`; ``ok`` and ``message`` read it.
+    - ``reached``: the time to which the solve came.
+    - ``steps``, ``rejected``: how many steps were taken in all, and how many of them were rejected.
+    - ``events``: the :class:`~jaxball.Occurrences` of each event, by name.
+    - ``start``: the initial state that was given, also where no solve can start from it.
+    """
+
+    system: AnySimulableSystem
+    times: Float[Array | np.ndarray, "*batch T"]
+    state: AnySimulableState
+    reached: Float[Array, "*batch"]
+    status: Int[Array, "*batch"]
+    steps: Int[Array, "*batch"]
+    rejected: Int[Array, "*batch"]
+    interpolant: Interpolant[AnySimulableState] | None = None
+    events: dict[str, Occurrences] = eqx.field(default_factory=dict)
+    start: AnySimulableState | None = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether the solve reached its end, or an event that it was to end at. For one trajectory, not for a batch."""
+        return int(self.status) in (Status.SUCCESS, Status.EVENT)
+
+    @property
+    def message(self) -> str:
+        """A sentence that says how the solve ended."""
+        return self.message_of([problem.sentence() for problem in self.problems])
+
+    @property
+    def problems(self) -> list[Problem]:
+        """What no body can have, or which mass left the shell, where that is how the solve ended; otherwise nothing."""
+        times, status = np.asarray(self.times), int(self.status)
+        at_the_start = status == Status.NOT_FINITE and float(self.reached) == times[0]
+        if status == Status.IMPOSSIBLE or at_the_start:
+            return find_problems(self.system, self.start, times)
+        if status == Status.LEFT_SHELL:
+            return find_problems(self.system, self.start, times, np.asarray(getattr(self.state, "theta")))  # noqa: B009
+        return []
+
+    def message_of(self, problems: Sequence[str]) -> str:
+        """The same sentence with ``problems`` told in other words."""
+        sentence = Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
+        return " ".join([sentence, *problems])
+
+    def raise_if_failed(self) -> "Trajectory[AnySimulableSystem, AnySimulableState]":
+        """The trajectory itself, or a :class:`~jaxball.SolveError` with the message."""
+        if not self.ok:
+            raise SolveError(self.message)
+        return self
+
+    def at(self, t: Numbers) -> AnySimulableState:
+        """The state at any time ``t`` of the run, a number or an array, from dense output.
+
+        NaN before the start and after the time to which the solve came.
+
+        **Raises:** ``ValueError`` when the trajectory was made without ``dense=True``.
+        """
+        if self.interpolant is None:
+            raise ValueError("Method `at` needs dense output; call simulate(..., dense=True).")
+        return _evaluate(self.interpolant, to_array(t, "t"), self.times[0], self.reached, self.status)
+
+    @property
+    def observables(self) -> Observables:
+        """Positions, energies and forces at every saved time.
+
+        **Raises:** ``ValueError`` for a reduced trajectory, which does not know where the ball is, and for
+        one of a classical system, which has ``laws``.
+        """
+        if isinstance(self.system, AbstractClassicalSystem):
+            raise ValueError(
+                "The observables are those of a ball or a disk, but this trajectory is of a "
+                f"{type(self.system).__name__}; its `laws` say what is constant in it."
+            )
+        if isinstance(self.state, ReducedState):
+            raise ValueError(
+                "The observables need the full state, but this trajectory is of a ReducedState; simulate "
+                "with a BallState."
+            )
+        return _observe_all(self.system, self.times, self.state)
+
+    @property
+    def laws(self) -> Any:
+        """The laws of a classical system at every saved time: a named tuple, each entry with T as leading axis.
+
+        **Raises:** ``ValueError`` for a ball or a disk, for which they are functions of a state.
+        """
+        if not isinstance(self.system, AbstractClassicalSystem):
+            raise ValueError(
+                "The laws are those of a classical system, but this trajectory is of a "
+                f"{type(self.system).__name__}; "
+                "the modules jaxball.physics.laws and jaxball.physics.momentum have its integrals."
+            )
+        return _laws_of_all(self.system, self.times, self.state)
+
+    @property
+    def friction_needed(self) -> Float[Array, ""]:
+        """The largest |f| / N at the saved times; :func:`~jaxball.contact_extremes` finds μ_min of the whole run."""
+        return jnp.max(self.observables.friction_ratio)
+
+    # A user has a trajectory in hand and looks there for what can be done with it. These three import, when called,
+    # modules that are built upon this one; the contracts in pyproject.toml name them as exceptions.
+
+    def to_dataset(self) -> "xarray.Dataset":
+        """The trajectory and all its observables, or laws; see :func:`jaxball.to_dataset`."""
+        from .. import results
+
+        return results.to_dataset(self)
+
+    def save(self, path: str | os.PathLike[str]) -> "pathlib.Path":
+        """Saves the trajectory as ``.nc``, ``.npz`` or ``.csv``; see :func:`jaxball.save`.
+
+        :func:`jaxball.load_run` reads the first two back. With :func:`jaxball.save`, the file can say which scenario
+        it is of.
+        """
+        from .. import results
+
+        return results.save(self, os.fspath(path))
+
+    def plot(self) -> "matplotlib.figure.Figure":
+        """One figure: of a ball or a disk :func:`jaxball.plot.overview`, else :func:`jaxball.plot.classical_motion`.
+
+        **Raises:** ``ValueError`` for a reduced trajectory or a batch.
+        """
+        from .. import plot
+
+        classical = isinstance(self.system, AbstractClassicalSystem)
+        return plot.classical_motion(self).figure if classical else plot.overview(self)  # pyright: ignore
+
+    def __repr__(self) -> str:
+        if isinstance(self.status, Tracer):
+            return f"Trajectory of a {_described(self.system)}, traced, with {self.times.shape[-1]} times"
+        if np.ndim(self.status):
+            return self._of_many()
+        lines = [
+            f"Trajectory of a {_described(self.system)}",
+            f"  {counted(self.times.size, 'time')} from {float(self.times[0]):g} to {float(self.times[-1]):g}",
+        ]
+        if self.status == Status.IMPOSSIBLE:
+            return "\n".join([*lines, f"  {self.message}"])
+        steps = f"  {counted(int(self.steps), 'step')}, {int(self.rejected)} of them rejected"
+        lines += [steps, f"  {self.message}"]
+        if isinstance(self.state, BallState | DiskState):
+            z = np.atleast_1d(np.asarray(self.state.z[-1]))
+            lines.append("  z at the end: " + ", ".join(f"{value:.12g}" for value in z))
+        return "\n".join(lines)
+
+    def _of_many(self) -> str:
+        """A batch in a few lines: how many runs, how they ended, and how many steps they took."""
+        statuses, counts = np.unique(np.asarray(self.status), return_counts=True)
+        ends = ", ".join(f"{count} {Status(int(s)).name}" for s, count in zip(statuses, counts, strict=True))
+        steps = np.asarray(self.steps)
+        return (
+            f"Trajectories of a {_described(self.system)}, a batch of shape {np.shape(self.status)}\n"
+            f"  {self.times.shape[-1]} times from {np.min(self.times):g} to {np.max(self.times):g}\n"
+            f"  {np.min(steps)} to {np.max(steps)} steps\n"
+            f"  how they ended: {ends}"
+        )
+
+
+@eqx.filter_jit
+def _observe_all(system, times, state) -> Observables:
+    def observed(system, t, x):
+        return observe(system, t, x.in_space() if isinstance(x, RotationState) else x)
+
+    return _at_each(observed, system.prepare(), times, state)
+
+
+@eqx.filter_jit
+def _laws_of_all(system, times, state) -> Any:
+    return _at_each(lambda system, t, x: system.laws(t, x), system.prepare(), times, state)
+
+
+def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any) -> Any:
+    """``function(system, t, state)`` at each time, without derivatives where the solve did not come."""
+
+    def one(t, x):
+        known = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(x)]))
+        return function(*differentiated_where(known, (system, t, x)))
+
+    return jax.vmap(one)(times, state)
+
+
+def _described(system: SimulableSystem) -> str:
+    if isinstance(system, AbstractClassicalSystem):
+        return system.title
+    masses = counted(system.n_masses, "point mass", "point masses") if system.n_masses else "no point masses"
+    return f"{type(system).__name__.lower()} with {masses}"
+
+
+@eqx.filter_jit
+def _evaluate(interpolant, t, start, reached, status) -> Any:
+    def one(t):
+        inside = jnp.clip(t, start, reached)
+        x = interpolant.solution.evaluate(inside)
+        known = (t == inside) & jnp.all(jnp.isfinite(x)) & (status != Status.IMPOSSIBLE)
+        return interpolant.packing.unpack_where(known, inside, x)
+
+    return jax.vmap(one)(t) if t.ndim else one(t)

@@ -1,0 +1,139 @@
+"""Events in a solve: where it may stop, and when exactly each of them happened."""
+
+import inspect
+from collections.abc import Callable, Mapping
+from typing import Any, cast
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from ..interface.arguments import require
+from ..interface.status import Status
+from ..numerics.modes import once
+from ..physics.body import Ball, Disk
+from ..physics.packing import Packing
+from ..solvers.dense.crossings import Crossings, Kind, crossings
+from ..solvers.dense.steps import Steps
+from .events import DOWN, UP, AbstractEvent, Detachment, Slip
+from .occurrences import Occurrences
+from .trajectory import Trajectory
+
+# Programs are made for so many steps and multiples of it, so that there are few of them.
+STEPS_AT_A_TIME = 64
+
+
+def checked(system: Any, events: Mapping[str, AbstractEvent] | None) -> dict[str, AbstractEvent]:
+    """The events to look for.
+
+    **Raises:** ``TypeError`` for what is not an event, or cannot happen to such a system.
+    """
+    events = {} if events is None else events
+    require("events", events, Mapping, 'a dictionary of events by name, such as {"lift": Detachment()}')
+    for name, event in events.items():
+        remedy = "Event(function) is one" if inspect.isfunction(event) else ""
+        require(f"events[{name!r}]", event, AbstractEvent, "an event, such as Detachment()", remedy)
+    touching = [name for name, event in events.items() if isinstance(event, Detachment | Slip)]
+    if touching and not isinstance(system, Ball | Disk):
+        raise TypeError(
+            f"Argument `events` must not hold a Detachment or a Slip for a {type(system).__name__}, which touches no "
+            f'plane, but "{touching[0]}" is one.'
+        )
+    return dict(events)
+
+
+def stop(events: Mapping[str, AbstractEvent], unpack: Callable[[Array], tuple[Packing, Any]]) -> diffrax.Event | None:
+    """Ends a solve soon after the first terminal event, at the end of a step.
+
+    ``unpack`` takes a solve's parameters to its packing and its events.
+    """
+
+    def condition(name: str) -> Callable:
+        def value(t, x, parameters, *, t0, **_):
+            packing, events = unpack(parameters)
+            found = events[name].value(packing.system, t, packing.unpack(t, x))
+            # The start is not a crossing, whatever rounding makes of a zero; what is not a number has no sign.
+            return jnp.where(t == t0, jnp.nan, found)
+
+        return value
+
+    found, directions = {}, {}
+    for name, event in events.items():
+        for direction in (UP, DOWN):
+            if event.terminal and event.direction != -direction:
+                found[f"{name} {direction}"], directions[f"{name} {direction}"] = condition(name), direction == UP
+    return diffrax.Event(found, direction=directions) if found else None
+
+
+def locate(trajectory: Trajectory[Any, Any], events: Mapping[str, AbstractEvent]) -> Trajectory[Any, Any]:
+    """The trajectory with the occurrences of its events, ended at the first terminal one."""
+    return _locate(trajectory, dict(events), room_for(trajectory))
+
+
+def room_for(trajectory: Trajectory[Any, Any]) -> int:
+    """How many steps to look at: those that were taken and a few more, or all there is room for where traced."""
+    assert trajectory.interpolant is not None
+    largest = cast(Any, trajectory.interpolant.solution.interpolation).ts.shape[-1] - 1
+    if isinstance(trajectory.steps, Tracer):
+        return largest
+    accepted = int(np.max(np.asarray(trajectory.steps) - np.asarray(trajectory.rejected)))
+    return min(largest, STEPS_AT_A_TIME * -(-max(accepted, 1) // STEPS_AT_A_TIME))
+
+
+@eqx.filter_jit
+def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], room: int) -> Trajectory[Any, Any]:
+    interpolant = trajectory.interpolant
+    assert interpolant is not None
+    packing, started = interpolant.packing, trajectory.status != Status.IMPOSSIBLE
+    steps = Steps.of(interpolant.solution, room, trajectory.reached)
+    found = _crossings(steps, packing, events)
+    end, status = jnp.full_like(trajectory.reached, jnp.inf), trajectory.status
+    for name, event in events.items():
+        if event.terminal:
+            first = jnp.where(started & (found[name].count > 0), found[name].times[0], jnp.inf)
+            status = jnp.where(first < end, int(event.status), status)
+            end = jnp.minimum(first, end)
+    reached, times = jnp.minimum(trajectory.reached, end), jnp.asarray(trajectory.times)
+    # A function that touched zero at the end of a step has stopped the solve without a crossing.
+    touched = (status == Status.SUCCESS) & (reached < times[-1])
+    status = jnp.where(touched, int(Status.EVENT), status)
+
+    def cut(leaf):
+        return jnp.where((times <= reached).reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, jnp.nan)
+
+    occurrences = {name: _occurrences(packing, found[name], started, reached) for name in events}
+    return eqx.tree_at(
+        lambda t: (t.state, t.reached, t.status, t.events),
+        trajectory,
+        (jax.tree.map(cut, trajectory.state), reached, status, occurrences),
+    )
+
+
+def _crossings(steps: Steps, packing: Packing, events: dict[str, AbstractEvent]) -> dict[str, Crossings]:
+    """Those of all events, by name; together, so that what their functions have in common is computed once."""
+
+    def values(t, x):
+        state = packing.unpack(t, x)
+        return jnp.stack([event.value(packing.system, t, state) for event in events.values()])
+
+    kinds = [Kind(event.direction, event.from_start, event.room) for event in events.values()]
+    found = once("times and states of events", crossings(steps, values, packing.field, kinds))
+    return dict(zip(events, found, strict=True))
+
+
+def _occurrences(packing: Packing, found: Crossings, started: Array, reached: Float[Array, ""]) -> Occurrences:
+    within = (found.times <= reached) & started
+    late = jnp.sum(jnp.isfinite(found.times) & ~within)
+    states = jax.vmap(packing.unpack_where)(within, found.times, found.vectors)
+
+    return Occurrences(
+        count=jnp.where(started, found.count - late, 0),
+        times=jnp.where(within, found.times, jnp.nan),
+        state=states,
+        least=found.least,
+        largest=found.largest,
+    )
