@@ -81,7 +81,8 @@ def test_a_misspelt_name_is_an_attribute_error_with_a_suggestion():
 
 def public():
     """Every class and function of the interface, by the name under which a user finds it."""
-    for package in ["jaxball", *(f"jaxball.{name}" for name in PACKAGES), "jaxball.design.control"]:
+    packages = [f"jaxball.{module}" for module in jaxball._PACKAGES.values()]
+    for package in ["jaxball", *packages, "jaxball.design.control"]:
         module = importlib.import_module(package)
         for name in module.__all__:
             found = getattr(module, name)
