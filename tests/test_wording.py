@@ -3,7 +3,7 @@
 import pytest
 
 from jaxball.cli import main
-from jaxball.interface.wording import both, counted, did_you_mean, one_of
+from jaxball.interface.wording import all_of, counted, did_you_mean, one_of
 from jaxball.scenario import ScenarioError
 from jaxball.scenario.values import Choice, Integer, Numbers
 
@@ -19,7 +19,7 @@ def test_numbers_of_things():
 
 def test_enumerations():
     assert (one_of(["a"]), one_of(["a", "b", "c"])) == ("a", "one of a, b, c")
-    assert (both(["a"]), both(["a", "b"]), both(["a", "b", "c"])) == ("a", "a and b", "a, b and c")
+    assert (all_of(["a"]), all_of(["a", "b"]), all_of(["a", "b", "c"])) == ("a", "a and b", "a, b and c")
 
 
 def test_what_a_value_must_be():

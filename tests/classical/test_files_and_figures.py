@@ -74,7 +74,7 @@ def test_the_command_line(capsys, tmp_path, monkeypatch):
     assert main(["simulate", "vakonomic-particle", "--out", str(tmp_path / "run.npz")]) == 0
     out = capsys.readouterr().out
     assert "Trajectory of a vakonomic particle\n  101 times from 0 to 1" in out
-    assert "change of the laws: energy " in out
+    assert "change of conserved quantities: energy " in out
     with np.load(tmp_path / "run.npz") as data:
         np.testing.assert_allclose(data["p_x"], 2.0, rtol=1e-8)
     assert main(["simulate", "heavy-top", "--animate", str(tmp_path / "top.gif")]) == 2

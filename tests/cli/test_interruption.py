@@ -42,11 +42,11 @@ with replacing(Path("run.csv")) as beside:
         "Stopped.",
     ),
     "where there is something to be said": (
-        'with interruption.last_words(lambda: "Stopped; all is well."):\n    press()',
+        'with interruption.interrupt_message(lambda: "Stopped; all is well."):\n    press()',
         "Stopped; all is well.",
     ),
     "after it was pressed already": (
-        'with interruption.asked_to_stop("Stopping.") as stop:\n'
+        'with interruption.stop_requested("Stopping.") as stop:\n'
         "    os.kill(os.getpid(), signal.SIGINT)\n    assert stop.wait(60)\n    press()",
         "Stopping.\njaxball: Stopped.",
     ),

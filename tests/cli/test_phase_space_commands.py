@@ -100,7 +100,7 @@ def test_permanent_rotations_of_a_top(folder, capsys):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["stability", "body.toml"], "of what rolls, but the scenario is of a"),
+        (["stability", "body.toml"], "are those of a ball or a disk, but the scenario is of a"),
         (
             ["stability", "top.toml", "--turning", "1"],
             "`--turning` is for a state that is given; give --initial with it",
@@ -110,8 +110,8 @@ def test_permanent_rotations_of_a_top(folder, capsys):
         (["stability", "top.toml", "--out", "rest.nc"], "must end in .csv"),
         (["chaos", "body.toml", "--direction", "both"], "`--direction` is for a Poincaré map; give --poincare"),
         (["chaos", "body.toml", "--poincare", "Omega[0]"], "must be COMPONENT=VALUE, such as 'Omega[0]=0'"),
-        (["chaos", "body.toml", "--poincare", "Omega[3]=0"], 'and "Omega[3]" is none of them'),
-        (["chaos", "body.toml", "--poincare", "Omega[0]=0", "--exponents", "2"], "leave it out beside --poincare"),
+        (["chaos", "body.toml", "--poincare", "Omega[3]=0"], 'but not "Omega[3]"'),
+        (["chaos", "body.toml", "--poincare", "Omega[0]=0", "--exponents", "2"], "leave it out with --poincare"),
         ([*CHART, "a=1:2", "b=1:2:3"], "must be PATH=FROM:TO:COUNT, with two different numbers"),
         ([*CHART, "body.inertia[0]=1:2:2", "body.inertia[0]=1:2:3"], "names `body.inertia[0]` twice"),
         ([*CHART, "body.inerta[0]=1:2:2", "body.inertia[0]=1:2:3"], "did you mean `body.inertia[0]`?"),

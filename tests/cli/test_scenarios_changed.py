@@ -104,7 +104,7 @@ def test_a_change_that_cannot_be(change, sentence):
         (["--plot", "page.pdf"], "give --plot page --plot-format pdf."),
         (["--plot-format", "pdf"], "`--plot-format` is for figures; give --plot FOLDER with it."),
         (["--fps", "20"], "`--fps` is for an animation; give --animate FILE with it."),
-        (["--animate", "film.gif", "--fps", "60"], "`--fps` must be at most 50 for a .gif, but it is 60."),
+        (["--animate", "film.gif", "--fps", "60"], "`--fps` must be at most 50 for .gif, but it is 60."),
         (["--animate", "film.gif", "--from", "1.5", "--to", "1"], "from 0 to 2, one after the other, but they are 1.5"),
         (["--animate", "film.gif", "--to", "3"], "must be times of the run, from 0 to 2"),
     ],
@@ -132,7 +132,7 @@ def test_values_that_are_refused_by_the_options(capsys, arguments):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["none.nc", "--out", "figures"], '"none.nc" is not there.'),
+        (["none.nc", "--out", "figures"], '"none.nc" does not exist.'),
         (["disk.toml", "--out", "figures"], 'from a .nc or .npz file, but this is "disk.toml".'),
         (["disk.toml", "--out", "disk.toml"], '`--out` must be a folder, but "disk.toml" is a file'),
     ],

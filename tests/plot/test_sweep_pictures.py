@@ -14,9 +14,8 @@ from matplotlib.patches import PathPatch, StepPatch
 from jaxball import plot
 from jaxball.cli import main
 from jaxball.plot.sweeps import fans, maps, slices
-from jaxball.plot.sweeps.fixed import sample
 from jaxball.plot.sweeps.results import standard_results
-from jaxball.plot.sweeps.rows import rows_of
+from jaxball.plot.sweeps.rows import rows_of, sample
 from jaxball.sweep.layout import layout_of
 from tests.plot.geometry import overlaps
 from tests.plot.lines import drawn

@@ -79,7 +79,7 @@ def test_a_trajectory_saves_itself_with_its_system(tmp_path):
     path = trajectory.save(tmp_path / "run.nc")
     assert_same(load_run(path), trajectory)
     text = trajectory.to_dataset().attrs["scenario"]
-    assert "does not know how it was solved" in text
+    assert "does not hold its solver settings" in text
     assert "[solve]" not in read_scenario(text).title + text.split("\n", 1)[1]
     with pytest.raises(OutputError, match="must end in one of"):
         trajectory.save(tmp_path / "run.xlsx")
@@ -132,9 +132,9 @@ def test_sentences(ball, tmp_path):
     (tmp_path / "text.npz").write_text("not an archive")
     (tmp_path / "folder.nc").mkdir()
     cases = {
-        "none.nc": r'"[^"]*none\.nc" is not there\.$',
+        "none.nc": r'"[^"]*none\.nc" does not exist\.$',
         "folder.nc": r'"[^"]*folder\.nc" is a folder\.$',
-        "run.csv": r"from a \.nc or \.npz file, but this is .*holds numbers alone",
+        "run.csv": r"from a \.nc or \.npz file, but this is .*holds only numbers",
         "run.txt": r'from a \.nc or \.npz file, but this is "[^"]*run\.txt"\.$',
         "text.nc": r"must be a run that jaxball saved, but it is not: ",
         "text.npz": r"must be a run that jaxball saved, but it is not: ",

@@ -91,7 +91,7 @@ def test_a_dry_run_solves_nothing(folder, capsys):
     assert found.sentence(2) == "1,000,000 rows in 123 chunks, a store of 65.4 MB"
     assert main(["sweep", "study.toml", "--dry-run"]) == 0
     assert capsys.readouterr().out == (
-        "15 rows in 1 chunk, a store of 1.04 kB; --measure solves a few rows to say how long it takes\n"
+        "15 rows in 1 chunk, a store of 1.04 kB; --measure solves a few rows to estimate the time\n"
     )
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import simulation
 from jaxball.numerics.vectors import cross
 from jaxball.paper import reference
 from jaxball.physics import locked, momentum
 from jaxball.scenario import Scenario, builtin_scenarios
+from jaxball.simulation import simulate as simulation
 from jaxball.verify import LAWS, verify
 from jaxball.verify.case import Case
 from tests.support.paper import paper_ball, paper_disk

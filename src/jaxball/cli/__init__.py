@@ -10,21 +10,21 @@ from ..interface import interruption
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command, and returns its exit code.
 
-    0, 1 for a run that is not to be believed, 2 for bad input, 3 for a solve that failed, 130 for Ctrl-C, 141 where
-    nobody reads the output any more.
+    0 for success, 1 for a run that cannot be believed or a design that violates a constraint, 2 for bad input, 3 for
+    a solve that failed, 130 for Ctrl-C, 141 where nothing reads the output any more.
 
-    Without ``arguments`` the command is that of the process, which Ctrl-C then ends at once. Called from Python with
+    Without ``arguments`` the command is that of the process, and Ctrl-C ends it at once. Called from Python with
     ``arguments`` it leaves signals as they are.
     """
-    own = arguments is None
-    if own:
+    of_process = arguments is None
+    if of_process:
         interruption.end_at_ctrl_c()
         if isinstance(sys.stdout, io.TextIOWrapper):
             sys.stdout.reconfigure(line_buffering=True)  # so that no line is lost
-    # Imported here, because Ctrl-C is to be heard before anything that takes time.
+    # Imported here, so that Ctrl-C is handled before anything that takes time.
     from .dispatch import run
 
     code = run(sys.argv[1:] if arguments is None else arguments)
-    if own:
-        interruption.end_as_it_is()
+    if of_process:
+        interruption.stop_listening()
     return code

@@ -1,4 +1,4 @@
-"""The command that was typed: found, run, and its errors told as sentences."""
+"""Runs the command that was typed, and prints errors as sentences."""
 
 import argparse
 import importlib
@@ -11,7 +11,7 @@ from ..interface.interruption import INTERRUPTED, STOPPED
 from ..interface.wording import did_you_mean
 from .options import BAD_INPUT, BROKEN_PIPE, BadInputError
 
-# A command is imported when it is the one to run.
+# Only the command that runs is imported.
 COMMANDS = {
     "scenarios": "list the built-in scenarios, or print one as a file",
     "validate": "check scenario, study and problem files",
@@ -25,8 +25,8 @@ COMMANDS = {
     "reproduce": "reproduce both runs of Putkaradze & Rogers (2018)",
     "bench": "compare solvers at equal achieved error",
 }
-# What the command line calls an argument of Python that is not an option of the same name.
-TYPED = {
+# Arguments of Python functions that are not options of the same name, as the command line calls them.
+POSITIONAL = {
     "source": "FILE",
     "name": "NAME",
     "problems": "PROBLEM",
@@ -46,10 +46,10 @@ def run(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt as error:
         print(f"jaxball: {error.args[0] if error.args else STOPPED}", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:  # as of `| head`, which has seen enough
+    except BrokenPipeError:  # as from `| head`, which stops reading
         return BROKEN_PIPE
     except Exception as error:
-        if not isinstance(error, _refusals()):
+        if not isinstance(error, _user_errors()):
             raise
         print(f"jaxball: {_sentence(error)}", file=sys.stderr)
         return BAD_INPUT
@@ -57,7 +57,7 @@ def run(arguments: Sequence[str]) -> int:
 
 def _run(arguments: Sequence[str]) -> int:
     options = _parser(arguments).parse_args(arguments)
-    # Imported here, because help and wrong options need no numbers.
+    # Imported here, because help and messages about wrong options need no JAX.
     import jax
 
     from .. import cpu
@@ -67,8 +67,8 @@ def _run(arguments: Sequence[str]) -> int:
     return options.run(options)
 
 
-def _refusals() -> tuple[type[Exception], ...]:
-    """The errors whose messages are sentences for the user; asked for when there is an error."""
+def _user_errors() -> tuple[type[Exception], ...]:
+    """The errors whose messages are sentences for the user; imported only when there is an error."""
     from ..interface.output import OutputError
     from ..scenario import ScenarioError
     from ..simulation.simulate import PrecisionError
@@ -77,7 +77,7 @@ def _refusals() -> tuple[type[Exception], ...]:
 
 
 def _flush() -> None:
-    """Writes out what was printed; what cannot be is not tried again when the interpreter ends."""
+    """Writes out what was printed; if that fails, the interpreter does not try again when it ends."""
     if sys.stdout is None:
         return
     try:
@@ -88,20 +88,19 @@ def _flush() -> None:
 
 
 def _sentence(error: Exception) -> str:
-    """The message of an error, with the names of arguments as they are on the command line."""
+    """The message of an error, with arguments named as on the command line."""
     if isinstance(error, OSError) and error.strerror:
         place = "The output" if error.filename is None else f'"{error.filename}"'
         return f"{place} cannot be {'written' if error.filename is None else 'used'}: {error.strerror}."
 
-    def typed(match: re.Match[str]) -> str:
-        name = match[1]
-        return TYPED[name] if name in TYPED else f"Argument `--{name.replace('_', '-')}`"
+    def on_command_line(match: re.Match[str]) -> str:
+        return POSITIONAL.get(match[1]) or f"Argument `--{match[1].replace('_', '-')}`"
 
-    return re.sub(r"Argument `(\w+)`", typed, str(error))
+    return re.sub(r"Argument `(\w+)`", on_command_line, str(error))
 
 
 class _Parser(argparse.ArgumentParser):
-    """Says which word was perhaps meant, where argparse would list all there are."""
+    """Suggests the word that was perhaps meant, where argparse would list all choices."""
 
     def _check_value(self, action: argparse.Action, value: object) -> None:
         if action.choices is not None and value not in action.choices:
@@ -110,7 +109,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Version(argparse.Action):
-    """Says the version, which is looked up only then, because that takes longer than all else here."""
+    """Prints the version, which is looked up only on request, because that takes longer than all else here."""
 
     def __call__(self, parser, namespace, values, option_string=None):
         import importlib.metadata
@@ -120,7 +119,7 @@ class _Version(argparse.Action):
 
 
 def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser, with the options of the command that ``arguments`` name, and the names of the others."""
+    """The parser, with the options of the command in ``arguments``, and only the names of the others."""
     parser = _Parser(
         prog="jaxball",
         description="Simulates a rolling ball or disk driven by point masses moving inside it.",

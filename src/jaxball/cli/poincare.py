@@ -1,9 +1,7 @@
 """``jaxball chaos --poincare``: where a motion crosses a section of its phase space."""
 
 import argparse
-import csv
 import math
-import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,19 +9,18 @@ from typing import Any
 import numpy as np
 
 from ..chaos import poincare_map
-from ..interface.output import OutputError, check_destination, replacing
+from ..interface.output import OutputError
 from ..interface.status import Status
 from ..physics.phase_space import phase_point
-from ..scenario import Scenario, ScenarioError
+from ..scenario import ScenarioError
 from ..scenario.paths import entries
 from ..scenario.solve import SOLVERS
+from .input import scenario_of
 from .options import FAILED_SOLVE
-from .pictures import write_figure
-from .source import scenario_of
-from .speaking import say, write_json
+from .output import check_outputs, say, write_csv, write_json, write_outputs
 
 DIRECTIONS = {"rising": 1, "falling": -1, "both": 0}
-ROOM = 100_000
+MOST_CROSSINGS = 100_000
 
 
 def add_options(parser: argparse.ArgumentParser, kinds: Any) -> None:
@@ -31,88 +28,74 @@ def add_options(parser: argparse.ArgumentParser, kinds: Any) -> None:
     kinds.add_argument(
         "--poincare",
         metavar="COMPONENT=VALUE",
-        help="a Poincaré map instead: the states at which a component has a value, as in 'Omega[0]=0'",
+        help="a Poincaré map instead: the states in which a component has a value, as in 'Omega[0]=0'",
     )
     parser.add_argument("--direction", choices=DIRECTIONS, help="of the crossings of --poincare (default: rising)")
     parser.add_argument(
-        "--axes", nargs=2, metavar="COMPONENT", help="what the figure of --poincare shows, as in 'Omega[1]' 'Gamma[2]'"
+        "--axes", nargs=2, metavar="COMPONENT", help="the axes of --poincare's figure, as in 'Omega[1]' 'Gamma[2]'"
     )
 
 
 def check_options(options: argparse.Namespace) -> None:
-    """Raises an :class:`~jaxball.results.OutputError` for options that are of no use together."""
+    """Raises an :class:`~jaxball.results.OutputError` for options that do not go together."""
     for name in ("direction", "axes"):
         if getattr(options, name) is not None and options.poincare is None:
             raise OutputError(f"Argument `--{name}` is for a Poincaré map; give --poincare COMPONENT=VALUE with it.")
     for name in ("exponents", "interval"):
         if options.poincare is not None and getattr(options, name) is not None:
-            raise OutputError(f"Argument `--{name}` is for Lyapunov exponents; leave it out beside --poincare.")
+            raise OutputError(f"Argument `--{name}` is for Lyapunov exponents; leave it out with --poincare.")
     if options.poincare is not None and options.transient:
-        raise OutputError("Argument `--transient` is for Lyapunov exponents; leave it out beside --poincare.")
+        raise OutputError("Argument `--transient` is for Lyapunov exponents; leave it out with --poincare.")
 
 
 def run(options: argparse.Namespace) -> int:
-    """Makes the map, saves it and draws it."""
-    if options.out is not None:
-        check_destination(options.out, (".csv", ".npz"), "--out")
+    """Computes the map, saves it and draws it."""
+    check_outputs(options, (".csv", ".npz"))
     scenario = scenario_of(options)
     state = phase_point(scenario.system, scenario.state)
     known = _components(state)
     path, value = _section(options.poincare, known)
     others = [name for name in known if name != path]
-    across, up = (_known(name, known) for name in options.axes or (others * 2)[:2])
-    name, index = _place(path)
+    across, up = (_checked(name, known) for name in options.axes or (others * 2)[:2])
+    name, index = known[path]
 
     def section(system, t, x):
         return getattr(x, name)[index] - value
 
-    found = poincare_map(
+    crossings = poincare_map(
         scenario.system,
         section,
         (scenario.times[0], scenario.times[-1] if options.end is None else options.end),
         state,
         direction=DIRECTIONS[options.direction or "rising"],
-        room=ROOM,
+        room=MOST_CROSSINGS,
         solver=SOLVERS[scenario.solver](),
         rtol=scenario.rtol,
         atol=scenario.atol,
     )
-    columns = {"time": found.times} | {name: getattr(found.state, place)[:, *at] for name, (place, at) in known.items()}
+    state = crossings.state
+    columns = {"time": crossings.times} | {name: getattr(state, leaf)[:, *at] for name, (leaf, at) in known.items()}
     title = {"title": scenario.title} if scenario.title else {}
-    write_json(options, {**title, "ok": found.ok, "message": found.message, "count": found.count})
-    if found.status != Status.SUCCESS:
-        print(f"jaxball: {found.message}", file=sys.stderr)
+    write_json(options, {**title, "ok": crossings.ok, "message": crossings.message, "count": crossings.count})
+    if crossings.status != Status.SUCCESS:
+        print(f"jaxball: {crossings.message}", file=sys.stderr)
         return FAILED_SOLVE
-    lines = [*title.values(), f"{found.count} crossings of {path} = {value:g}", f"  {found.message}"]
-    lines += _written(options, scenario, columns, (across, up))
-    say(options, "\n".join(lines))
+    written = write_outputs(
+        options,
+        scenario,
+        lambda path: _save(columns, path),
+        lambda plot: plot.poincare_section(columns[across], columns[up], (across, up)),
+    )
+    heading = f"{crossings.count} crossings of {path} = {value:g}"
+    say(options, scenario.title, heading, f"  {crossings.message}", written)
     return 0
 
 
-def _written(
-    options: argparse.Namespace, scenario: Scenario, columns: dict[str, np.ndarray], axes: tuple[str, str]
-) -> list[str]:
-    lines = []
-    if options.out is not None:
-        _write(columns, options.out)
-        lines.append(f"  written: {options.out}")
-    if options.plot is not None:
-        from .. import plot
-
-        write_figure(plot.poincare_section(columns[axes[0]], columns[axes[1]], axes), options.plot, scenario)
-        lines.append(f"  written: {options.plot}")
-    return lines
-
-
-def _write(columns: dict[str, np.ndarray], path: Path) -> None:
-    with replacing(path) as beside:
-        if path.suffix == ".npz":
-            np.savez_compressed(beside, **columns)  # pyright: ignore[reportArgumentType]
-            return
-        with beside.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(columns)
-            writer.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+def _save(columns: dict[str, np.ndarray], path: Path) -> None:
+    if path.suffix == ".npz":
+        np.savez_compressed(path, **columns)  # pyright: ignore[reportArgumentType]
+    else:
+        write_csv(path, columns, zip(*(values.tolist() for values in columns.values()), strict=True))
 
 
 def _components(state: Any) -> dict[str, tuple[str, tuple[int, ...]]]:
@@ -122,10 +105,6 @@ def _components(state: Any) -> dict[str, tuple[str, tuple[int, ...]]]:
         for name, leaf in vars(state).items()
         for entry, index in entries(name, np.shape(leaf)).items()
     }
-
-
-def _place(path: str) -> tuple[str, tuple[int, ...]]:
-    return path.split("[")[0], tuple(int(index) for index in re.findall(r"\[(\d+)\]", path))
 
 
 def _section(text: str, known: dict[str, Any]) -> tuple[str, float]:
@@ -138,10 +117,10 @@ def _section(text: str, known: dict[str, Any]) -> tuple[str, float]:
         raise ScenarioError(
             f"Argument `--poincare` must be COMPONENT=VALUE, such as 'Omega[0]=0', but it is \"{text}\"."
         )
-    return _known(path.strip(), known), number
+    return _checked(path.strip(), known), number
 
 
-def _known(name: str, known: dict[str, Any]) -> str:
+def _checked(name: str, known: dict[str, Any]) -> str:
     if name not in known:
-        raise ScenarioError(f'The components of this state are {", ".join(known)}, and "{name}" is none of them.')
+        raise ScenarioError(f'The components of this state are {", ".join(known)}, but not "{name}".')
     return name

@@ -1,4 +1,4 @@
-"""How jaxball speaks: arguments checked, refusals and results in words, files written atomically, Ctrl-C.
+"""Messages, checks of arguments, how objects print, atomic writes and Ctrl-C.
 
-It knows nothing of mechanics and imports no other room.
+Nothing here knows any mechanics or imports another package of jaxball.
 """

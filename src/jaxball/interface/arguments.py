@@ -1,6 +1,6 @@
-"""Arguments of the wrong kind, refused in a sentence: what was given, what it must be, the way out.
+"""Checks of arguments: an error is a sentence that says what was given, what it must be, and the way out.
 
-The checks look at types and shapes only, so that arguments may be traced.
+Only types and shapes are checked, so arguments may be traced.
 """
 
 import inspect
@@ -16,21 +16,21 @@ import numpy as np
 
 Kind = TypeVar("Kind")
 
-# Of each function that has been tried, the shapes of the arguments that it was tried with.
-_seen: weakref.WeakKeyDictionary[Any, set[Any]] = weakref.WeakKeyDictionary()
+# For each function that has been checked, the shapes of the arguments that it was checked with.
+_checked: weakref.WeakKeyDictionary[Any, set[Any]] = weakref.WeakKeyDictionary()
 
 
 def require(
     name: str, value: Any, kind: type[Kind] | tuple[type[Kind], ...], must: str, remedy: str = ""
 ) -> TypeGuard[Kind]:
-    """Raises a ``TypeError`` unless the argument ``name`` is a ``kind``, in words: what it ``must`` be."""
+    """Raises a ``TypeError`` unless the argument ``name`` is a ``kind``; ``must`` says that in words."""
     if isinstance(value, kind):
         return True
     raise refusal(name, must, value, remedy)
 
 
 def require_each(name: str, values: Any, kind: type[Kind], must: str, remedy: str = "") -> None:
-    """Raises a ``TypeError`` unless the argument ``name`` is a list or a tuple with nothing but ``kind`` in it."""
+    """Raises a ``TypeError`` unless the argument ``name`` is a list or a tuple whose items are all a ``kind``."""
     if not isinstance(values, list | tuple):
         raise refusal(name, f"a list, each of it {must}", values, remedy)
     for index, value in enumerate(values):
@@ -38,7 +38,7 @@ def require_each(name: str, values: Any, kind: type[Kind], must: str, remedy: st
 
 
 def refusal(name: str, must: str, value: Any, remedy: str = "") -> TypeError:
-    """The error for the argument ``name``, which ``must`` be something else than ``value``."""
+    """The error for the argument ``name``, which is ``value`` and ``must`` be something else."""
     if isinstance(value, type) and not remedy:
         remedy = f"make one with {value.__name__}(...)"
     end = f"; {remedy}." if remedy else "."
@@ -66,13 +66,13 @@ def a(noun: str) -> str:
 
 
 def require_callable(name: str, function: Any, *takes: str) -> None:
-    """Raises a ``TypeError`` unless the argument ``name`` is a function of as many arguments as it ``takes``."""
+    """Raises a ``TypeError`` unless the argument ``name`` is a function of the arguments named in ``takes``."""
     signature = f"({', '.join(takes)})"
     if isinstance(function, type) or not callable(function):
         raise refusal(name, f"a function of {signature}", function)
     try:
         parameters = inspect.signature(function)
-    except ValueError:  # some functions written in C do not say what they take
+    except ValueError:  # some functions written in C have no signature
         return
     try:
         parameters.bind(*takes)
@@ -85,14 +85,14 @@ def require_callable(name: str, function: Any, *takes: str) -> None:
 def require_function(name: str, function: Any, shape: tuple[int, ...], **arguments: Any) -> None:
     """Raises a ``TypeError`` unless the argument ``name`` is a function whose value is an array of ``shape``.
 
-    It is traced at ``arguments``, whose names are for the sentence only, and once for all arguments of these shapes. An
-    error of its own goes through, with a note.
+    It is traced with ``arguments``, whose names appear in the message only, once for each combination of shapes. An
+    error that it raises itself is passed on with a note.
     """
     require_callable(name, function, *arguments)
-    seen = _seen.setdefault(function, set()) if _can_be_kept(function) else set()
+    checked = _checked.setdefault(function, set()) if _is_weakly_hashable(function) else set()
     leaves, structure = jax.tree.flatten(arguments)
     key = shape, structure, tuple((getattr(leaf, "shape", type(leaf)), getattr(leaf, "dtype", None)) for leaf in leaves)
-    if key in seen:
+    if key in checked:
         return
     try:
         value = eqx.filter_eval_shape(function, *arguments.values())
@@ -102,29 +102,27 @@ def require_function(name: str, function: Any, shape: tuple[int, ...], **argumen
             f"the numbers that it is given, but {_named(function)} is not."
         ) from error
     except Exception as error:
-        error.add_note(f"This came from argument `{name}`, when it was tried to see what shape its value has.")
+        error.add_note(f"This came from argument `{name}`, when it was traced to find the shape of its value.")
         raise
     require_value(name, value, shape)
-    seen.add(key)
+    checked.add(key)
 
 
 def require_value(name: str, value: Any, shape: tuple[int, ...]) -> None:
-    """Raises a ``TypeError`` unless ``value``, which a function gave, is an array of real numbers of ``shape``."""
-    wanted = "a single number" if shape == () else f"an array of shape {shape}"
+    """Raises a ``TypeError`` unless ``value``, returned by a function, is an array of real numbers of ``shape``."""
+    expected = "a single number" if shape == () else f"an array of shape {shape}"
+    given, remedy = described(value), ""
     if isinstance(value, jax.Array | np.ndarray | np.generic | jax.ShapeDtypeStruct):
         if value.shape == shape and jnp.issubdtype(value.dtype, jnp.floating):
             return
-        found, remedy = described(value), ""
     elif isinstance(value, int | float) and shape == ():
         return
     elif isinstance(value, list | tuple):
-        found, remedy = f"a {type(value).__name__} of length {len(value)}", "; join its parts with jnp.stack"
-    else:
-        found, remedy = described(value), ""
-    raise TypeError(f"Argument `{name}` must give {wanted}, but it gives {found}{remedy}.")
+        given, remedy = f"a {type(value).__name__} of length {len(value)}", "; join its parts with jnp.stack"
+    raise TypeError(f"Argument `{name}` must give {expected}, but it gives {given}{remedy}.")
 
 
-def _can_be_kept(function: Any) -> bool:
+def _is_weakly_hashable(function: Any) -> bool:
     try:
         hash(function)
         weakref.ref(function)

@@ -1,8 +1,8 @@
 """What Ctrl-C does.
 
-Python raises ``KeyboardInterrupt`` wherever the main thread happens to be: inside a callback of XLA it ends the process
-or is lost, while a module is imported it leaves that half imported, and during a compilation it is not raised at all.
-So a command has nothing raised. The signal writes a byte into a pipe, and a thread that reads it acts at once, whatever
+Python raises ``KeyboardInterrupt`` wherever the main thread happens to be: in a callback of XLA it kills the process or
+is lost, during an import it leaves a module half imported, and during a compilation it is not raised at all. So in a
+command nothing is raised: the signal writes a byte into a pipe, and a thread that reads the pipe acts at once, whatever
 the main thread is doing.
 """
 
@@ -17,14 +17,14 @@ STOPPED = "Stopped."
 
 _listening = False
 _actions: list[Callable[[], object]] = []
-_last_words: list[Callable[[], str]] = [lambda: STOPPED]
+_messages: list[Callable[[], str]] = [lambda: STOPPED]
 _stops: list[tuple[threading.Event, str]] = []
 
 
 def end_at_ctrl_c() -> None:
-    """Lets Ctrl-C end this process with a sentence and exit code 130; for the process of a command, and no other.
+    """Makes Ctrl-C end this process with a sentence and exit code 130; only for the process of a command.
 
-    Where Ctrl-C is ignored, as in a background job of a shell, or has another meaning, that stays.
+    A process that ignores Ctrl-C, as a shell's background job does, or that handles it itself stays as it is.
     """
     global _listening
     if _listening or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
@@ -37,17 +37,17 @@ def end_at_ctrl_c() -> None:
     _listening = True
 
 
-def end_as_it_is() -> None:
-    """Lets Ctrl-C change nothing any more, because the command has done all that it does."""
+def stop_listening() -> None:
+    """Makes Ctrl-C change nothing any more, because the command has finished."""
     if _listening:
         ignore_ctrl_c()
 
 
 @contextlib.contextmanager
-def before_the_end(action: Callable[[], object]) -> Iterator[None]:
-    """Calls ``action`` if Ctrl-C ends the process within, as for the removal of a half-written file.
+def on_interrupt(action: Callable[[], object]) -> Iterator[None]:
+    """Calls ``action``, such as the removal of a half-written file, if Ctrl-C ends the process in this block.
 
-    It runs in another thread than the rest, and must import nothing.
+    It runs in a thread of its own and must import nothing.
     """
     _actions.append(action)
     try:
@@ -57,27 +57,27 @@ def before_the_end(action: Callable[[], object]) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def last_words(words: Callable[[], str]) -> Iterator[None]:
-    """What is said if Ctrl-C ends the process within: a sentence, which is made then, and must import nothing."""
-    _last_words.append(words)
+def interrupt_message(message: Callable[[], str]) -> Iterator[None]:
+    """Prints ``message()`` if Ctrl-C ends the process in this block; it is called then and must import nothing."""
+    _messages.append(message)
     try:
         yield
     except KeyboardInterrupt as error:  # where a command is called from Python
-        error.args = (words(),)
+        error.args = (message(),)
         raise
     finally:
-        _last_words.pop()
+        _messages.pop()
 
 
 @contextlib.contextmanager
-def asked_to_stop(words: str = "") -> Iterator[threading.Event]:
-    """An event that the first Ctrl-C sets, saying ``words`` at once; the second one ends or interrupts at once.
+def stop_requested(message: str = "") -> Iterator[threading.Event]:
+    """An event that the first Ctrl-C sets, printing ``message``; the second one ends or interrupts at once.
 
-    Outside the main thread, where Python delivers no signals, nothing sets it but a command's Ctrl-C.
+    Outside the main thread, where Python delivers no signals, only a command's Ctrl-C sets it.
     """
     event = threading.Event()
     if _listening:
-        _stops.append((event, words))
+        _stops.append((event, message))
         try:
             yield event
         finally:
@@ -91,8 +91,8 @@ def asked_to_stop(words: str = "") -> Iterator[threading.Event]:
     def stop(*_) -> None:
         event.set()
         signal.signal(signal.SIGINT, before)
-        if words:
-            _say(words)
+        if message:
+            _say(message)
 
     signal.signal(signal.SIGINT, stop)
     try:
@@ -102,8 +102,8 @@ def asked_to_stop(words: str = "") -> Iterator[threading.Event]:
 
 
 @contextlib.contextmanager
-def heard_by_the_parent() -> Iterator[None]:
-    """Processes that begin within do not hear Ctrl-C, not even while they start; this one does."""
+def blocked_in_children() -> Iterator[None]:
+    """Processes that start in this block do not receive Ctrl-C, not even while they start; this one does."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -115,41 +115,41 @@ def heard_by_the_parent() -> Iterator[None]:
 
 
 def ignore_ctrl_c() -> None:
-    """Lets Ctrl-C do nothing, in a worker whose parent hears it too."""
+    """Makes Ctrl-C do nothing, in a worker whose parent receives it too."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _raise_nothing(*_) -> None:
-    """The handler that Python calls in the main thread, some time after the other thread has acted."""
+    """The handler that Python calls in the main thread, some time after the listening thread has acted."""
 
 
 def _listen(reading: int) -> None:
     while True:
         if signal.SIGINT not in os.read(reading, 64):
             continue
-        open_stops = [(event, words) for event, words in tuple(_stops) if not event.is_set()]
-        if not open_stops:
+        pending = [(event, message) for event, message in tuple(_stops) if not event.is_set()]
+        if not pending:
             _end()
-        for event, words in open_stops:
+        for event, message in pending:
             event.set()
-            _say(words)
+            _say(message)
 
 
 def _end() -> None:
     for action in reversed(tuple(_actions)):
         with contextlib.suppress(Exception):
             action()
-    words = STOPPED
+    message = STOPPED
     with contextlib.suppress(Exception):
-        words = _last_words[-1]()
-    _say(words)
-    # Not sys.exit, which ends this thread alone; nor would the interpreter's own way out survive what XLA is doing.
+        message = _messages[-1]()
+    _say(message)
+    # Not sys.exit, which ends only this thread; and the interpreter's orderly exit does not survive a busy XLA.
     os._exit(INTERRUPTED)
 
 
-def _say(words: str) -> None:
-    """Past ``sys.stderr``, of which the main thread may hold the lock."""
+def _say(message: str) -> None:
+    """Writes to the descriptor, because the main thread may hold the lock of ``sys.stderr``."""
     with contextlib.suppress(OSError):
-        # On a terminal "^C" stands on the line, perhaps behind a line of progress.
+        # On a terminal "^C" is on the current line, perhaps behind a line of progress.
         line = "\n" if os.isatty(2) else ""
-        os.write(2, f"{line}jaxball: {words}\n".encode())
+        os.write(2, f"{line}jaxball: {message}\n".encode())

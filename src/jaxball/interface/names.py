@@ -1,4 +1,4 @@
-"""What a package offers: the names that ``dir`` shows and that ``from ... import *`` takes."""
+"""The public names of a package: what ``dir`` shows and ``from ... import *`` imports."""
 
 from collections.abc import Callable, Mapping
 from types import ModuleType
@@ -6,11 +6,11 @@ from typing import Any
 
 
 def interface(names: Mapping[str, Any], *packages: str) -> tuple[list[str], Callable[[], list[str]]]:
-    """``__all__`` and ``__dir__`` of a package, from its ``globals()`` at its end: what it has but modules.
+    """``__all__`` and ``__dir__`` of a package, from its ``globals()`` at the end of its ``__init__``.
 
-    ``dir`` shows ``packages`` too, which are those within it that belong to the interface.
+    Modules are left out, but for ``packages``, the public ones within it, which ``dir`` shows too.
     """
-    offered = sorted(
+    public = sorted(
         name for name, value in names.items() if not (name.startswith("_") or isinstance(value, ModuleType))
     )
-    return offered, lambda: sorted([*offered, *packages])
+    return public, lambda: sorted([*public, *packages])

@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and places where none can be."""
+"""Atomic writes, and checks of the paths that files are to be written to."""
 
 import contextlib
 import os
@@ -16,49 +16,49 @@ class OutputError(ValueError):
 
 
 @contextlib.contextmanager
-def whole(path: Path, *, flush: bool = False) -> Iterator[Path]:
-    """A path to write to, beside ``path``; what is there at the end is moved to ``path``, unless something was raised.
+def atomic_write(path: Path, *, flush: bool = False) -> Iterator[Path]:
+    """A temporary path beside ``path``: what is written there replaces ``path`` at the end, unless an error is raised.
 
-    A symbolic link is followed: what it leads to is written, and it stays a link. A process that is killed on the way
-    leaves ``path`` as it was, and a file whose name begins with ``.part-``. With ``flush`` the content is on the disk
-    before it is moved.
+    A symbolic link is followed: its target is written, and it stays a link. If the process is killed meanwhile,
+    ``path`` stays as it was, and a file whose name begins with ``.part-`` is left. With ``flush``, the content is on
+    the storage device before it replaces ``path``.
 
     **Raises:** ``OSError`` when the file cannot be written.
     """
     target = _followed(path)
-    beside = target.with_name(f"{part_prefix()}{secrets.token_hex(4)}{target.suffix}")
-    with interruption.before_the_end(lambda: beside.unlink(missing_ok=True)):
+    temporary = target.with_name(f"{part_prefix()}{secrets.token_hex(4)}{target.suffix}")
+    with interruption.on_interrupt(lambda: temporary.unlink(missing_ok=True)):
         try:
-            yield beside
+            yield temporary
             if flush:
-                flush_to_disk(beside)
-            beside.replace(target)
+                flush_to_disk(temporary)
+            temporary.replace(target)
         except BaseException:
-            beside.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
             raise
 
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A path to write to, beside ``path``, as :func:`whole` has it.
+    """:func:`atomic_write` with errors as sentences.
 
     **Raises:** :class:`OutputError` when the file cannot be written; ``path`` is then as it was.
     """
-    beside = None
+    temporary = None
     try:
-        with whole(path) as beside:
-            yield beside
+        with atomic_write(path) as temporary:
+            yield temporary
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else str(error)
-        if beside is not None:
-            reason = reason.replace(str(beside), str(path))
+        if temporary is not None:
+            reason = reason.replace(str(temporary), str(path))
         raise OutputError(f'The file "{path}" cannot be written: {reason}.') from error
 
 
 def check_destination(path: Path, suffixes: Sequence[str], argument: str = "path") -> None:
     """Raises an :class:`OutputError` unless a file with one of ``suffixes`` can be written at ``path``.
 
-    The message calls it ``argument``.
+    The message calls the path ``argument``.
     """
     if path.suffix not in suffixes:
         raise OutputError(f'Argument `{argument}` must end in {one_of(suffixes)}, but it is "{path}".')
@@ -82,37 +82,37 @@ def check_destination(path: Path, suffixes: Sequence[str], argument: str = "path
 
 
 def check_folder(path: Path, argument: str = "folder") -> None:
-    """Raises an :class:`OutputError` unless files can be written into the folder ``path``, which may have to be made.
+    """Raises an :class:`OutputError` unless files can be written into the folder ``path``, which need not exist yet.
 
-    The message calls it ``argument``.
+    The message calls the path ``argument``.
     """
-    there = path
-    while not there.exists():
-        if there.is_symlink():
+    existing = path
+    while not existing.exists():
+        if existing.is_symlink():
             raise OutputError(
-                f'Argument `{argument}` must be a folder, but "{there}" is a symbolic link that leads to none.'
+                f'Argument `{argument}` must be a folder, but "{existing}" is a symbolic link that leads to none.'
             )
-        there = there.parent
-    if not there.is_dir():
-        what = f'"{path}" is a file' if there == path else f'"{path}" would lie in "{there}", which is a file'
+        existing = existing.parent
+    if not existing.is_dir():
+        what = f'"{path}" is a file' if existing == path else f'"{path}" would lie in "{existing}", which is a file'
         raise OutputError(f"Argument `{argument}` must be a folder, but {what}.")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise OutputError(f'Argument `{argument}` must be a folder that can be written, but "{there}" cannot.')
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise OutputError(f'Argument `{argument}` must be a folder that can be written, but "{existing}" cannot.')
 
 
 def part_prefix() -> str:
-    """How the names begin of files and folders that this process has not finished: they say whose they are."""
+    """The beginning of the names of this process's unfinished files and folders, which says whose they are."""
     return f".part-{machine()}-{os.getpid()}-"
 
 
 def machine() -> str:
-    """Where the number of a process says which it is: the machine and, on Linux, the namespace of the numbers."""
+    """Within what a process number is unique: the machine and, on Linux, the process namespace."""
     namespace = Path("/proc/self/ns/pid")
     return f"{socket.gethostname()}-{namespace.stat().st_ino if namespace.exists() else 0}"
 
 
 def flush_to_disk(path: Path) -> None:
-    """Waits until the content of a file, or the names in a folder, are on the disk."""
+    """Waits until the content of a file, or the entries of a folder, are on the storage device."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -121,7 +121,7 @@ def flush_to_disk(path: Path) -> None:
 
 
 def _followed(path: Path) -> Path:
-    """Where the symbolic links of a path lead, be there something or not.
+    """Where the symbolic links of a path lead, whether or not anything is there.
 
     **Raises:** ``OSError`` where they lead in a circle.
     """

@@ -1,6 +1,7 @@
-"""How objects print: numbers where there are few of them, shapes where there are many, or where they are traced."""
+"""How objects print: arrays of a few known numbers by their values, all others by their shapes."""
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -20,7 +21,7 @@ class Printed(eqx.Module):
 
 
 def shown(value: Any) -> str:
-    """A value in one line; a module with all of its fields, and those within it without what they have by default."""
+    """A value in one line: a module with all its fields, and the modules within it without their default values."""
     if isinstance(value, eqx.Module):
         return shown_fields(value, dataclasses.fields(value))
     return _within(value)
@@ -28,17 +29,17 @@ def shown(value: Any) -> str:
 
 def shown_fields(module: eqx.Module, fields: Iterable[dataclasses.Field], *, brief: bool = False) -> str:
     """``Name(field=value, ...)`` with some fields of a module; ``brief`` leaves out those that have their default."""
-    values = vars(module)  # which are not all there while the module is being made
-    found = [
+    values = vars(module)  # some are missing while the module is being made
+    entries = [
         f"{field.name}={_within(value)}"
         for field in fields
         if (value := values.get(field.name)) is not None and not (brief and _is_default(field, value))
     ]
-    return f"{type(module).__name__}({', '.join(found)})"
+    return f"{type(module).__name__}({', '.join(entries)})"
 
 
 def in_short(value: Any) -> str:
-    """An array by its numbers where they are few, else by its shape and from where to where they go."""
+    """An array by its numbers where there are up to three, else by its shape and range."""
     if not is_array(value) or not _is_known(value) or value.size <= 3:
         return _within(value)
     finite = np.asarray(value)[np.isfinite(value)]
@@ -66,6 +67,19 @@ def _is_default(field: dataclasses.Field, value: Any) -> bool:
     if is_array(value):
         return _is_known(value) and np.array_equal(np.asarray(value), np.asarray(field.default, value.dtype))
     return not is_array(field.default) and bool(field.default == value)
+
+
+def json_types(value: Any) -> Any:
+    """A value in the types of JSON: arrays as lists, and numbers that are not finite, which JSON lacks, as None."""
+    if isinstance(value, Mapping):
+        return {str(name): json_types(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_types(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return json_types(value.tolist())
+    if isinstance(value, complex):
+        return {"real": value.real, "imaginary": value.imag}
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def is_array(value: Any) -> bool:

@@ -17,12 +17,12 @@ class Status(enum.IntEnum):
     EVENT = 8
 
     def sentence(self, reached: float, end: float, *, alone: bool = False) -> str:
-        """What happened, where ``reached`` is the time to which the result is good.
+        """What happened; the result is valid up to the time ``reached``.
 
-        ``alone`` is where nothing beside the sentence says what of a body cannot be.
+        With ``alone``, the sentence of an impossible body says how to find out what is impossible about it.
         """
-        found = _SENTENCES[self].format(reached=reached, end=end)
-        return f"{found} {ADVICE}" if alone and self == Status.IMPOSSIBLE else found
+        sentence = _SENTENCES[self].format(reached=reached, end=end)
+        return f"{sentence} {ADVICE}" if alone and self == Status.IMPOSSIBLE else sentence
 
 
 ADVICE = "jaxball.problems(system, state) says what they cannot be."

@@ -1,4 +1,4 @@
-"""Putkaradze & Rogers (2018): their disk and their ball, the 30-digit solutions, and their figures again.
+"""Putkaradze & Rogers (2018): their disk and ball, solutions to 30 digits, and their figures reproduced.
 
 ``reference`` holds the solutions; ``reproduce`` draws the figures and measures the solvers.
 """

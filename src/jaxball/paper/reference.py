@@ -1,4 +1,4 @@
-"""The paper's two runs to thirty digits, at t = 0, 1, …, 20."""
+"""The solutions of the paper's two runs to thirty digits, at t = 0, 1, …, 20."""
 
 import functools
 import importlib.resources
@@ -13,13 +13,13 @@ __all__ = ["Reference", "ball", "disk"]
 
 @dataclass(frozen=True)
 class Reference:
-    """A solution computed in 113-bit arithmetic, far more exactly than float64 can hold.
+    """A solution computed in 113-bit arithmetic, far more accurately than float64 can represent.
 
     - ``about``: how it was computed and checked.
     - ``times``: the T saved times.
     - ``names``: the names of the state's components, counted from 0 as in result files: ``Omega[1]``.
     - ``values``: the states, one row for each time.
-    - ``decimals``: the same numbers as decimal strings of thirty digits or more.
+    - ``decimals``: the same numbers as decimal strings of thirty or more digits.
     """
 
     about: str
@@ -42,10 +42,10 @@ class Reference:
 
         **Raises:** ``KeyError`` when there is none.
         """
-        found = [name for name in self.names if name.partition("[")[0] == symbol]
-        if not found:
+        components = [name for name in self.names if name.partition("[")[0] == symbol]
+        if not components:
             raise KeyError(f"Argument `symbol` must name a part of {', '.join(self.names)}, but it is {symbol!r}.")
-        return np.stack([self.column(name) for name in found], axis=1)
+        return np.stack([self.column(name) for name in components], axis=1)
 
 
 def ball() -> Reference:

@@ -1,4 +1,4 @@
-"""What drives the masses."""
+"""The figure of the masses' accelerations along their rails."""
 
 import equinox as eqx
 import jax
@@ -12,6 +12,7 @@ from ..physics.dynamics import driven_angles
 from ..physics.motion import OnRail
 from ..simulation.trajectory import Trajectory
 from .record import finite_rows, require_one
+from .shapes import grouped
 from .style import INK, legend_above, mass_line, named, plane_axes, up_to_ticks
 
 Curve = tuple[np.ndarray, np.ndarray]
@@ -25,15 +26,15 @@ def acceleration(
 ) -> Axes:
     """The magnitudes |θ̈_i| over time, ``fig_abs_ui``; masses with the same curve share a line.
 
-    A line that all of several masses share is black. Where every curve ends at zero, the axis of time ends soon after
-    the last one does.
+    A line that several masses share is black if it is the only one. Where all curves end at zero, the time axis ends
+    soon after the last of them becomes zero.
 
     **Arguments:**
 
     - ``source``: a trajectory, or a system.
     - ``ax``: where to draw; a new figure's if not given.
     - ``times``: the times, to which kinks are added; those of the run if not given. Driven masses
-      are drawn from a trajectory alone, at its saved times.
+      are drawn only from a trajectory, at its saved times.
 
     **Raises:** ``ValueError`` when no mass has an angle to draw, or a system comes without times.
     """
@@ -44,7 +45,7 @@ def acceleration(
             "but it has neither; there is no acceleration to draw."
         )
     ax = plane_axes(ax, system=source.system if isinstance(source, Trajectory) else source)
-    groups = _shared(curves)
+    groups = grouped(curves.items(), _are_equal)
     for members, (t, size) in groups:
         shared = {"color": INK, "linestyle": "-"} if len(groups) == 1 < len(members) else {}
         ax.plot(t, size, **mass_line(members[0], **shared), label=_names(members))
@@ -52,14 +53,14 @@ def acceleration(
     _show_the_active_part(ax, list(curves.values()))
     up_to_ticks(ax, low=0.0)
     top = ax.get_ylim()[1]
-    ax.set_ylim(-0.03 * top, top)  # a mass that is not pushed is seen above the axis
+    ax.set_ylim(-0.03 * top, top)  # so that the line at zero of a mass that is not pushed is visible
     named(ax, "$t$", r"$|\ddot{\theta}_i|$")
     legend_above(ax)
     return ax
 
 
 def accelerations(source: Trajectory | System, times: Numbers | None = None) -> dict[int, Curve]:
-    """Times and |θ̈_i| there for each mass i = 1 … n on a rail, where they are known."""
+    """Times and |θ̈_i| for each mass i = 1 … n on a rail whose acceleration is known."""
     curves: dict[int, Curve] = {}
     system = source.system if isinstance(source, Trajectory) else source
     if isinstance(source, Trajectory):
@@ -81,7 +82,7 @@ def _scheduled(motion: OnRail, times: Float[jax.Array, " T"]) -> Curve:
     t = np.asarray(times)
     kinks = np.asarray(schedule.kinks(), dtype=t.dtype)
     kinks = kinks[(kinks > t[0]) & (kinks < t[-1])]
-    # A value just before each kink shows a jump as a jump.
+    # With a value just before each kink, a jump is drawn as a jump.
     t = np.unique(np.concatenate([t, kinks, np.nextafter(kinks, t.dtype.type(-np.inf))]))
     return t, np.abs(np.asarray(_second_derivative(schedule, to_array(t))))
 
@@ -95,27 +96,19 @@ def _driven(trajectory: Trajectory) -> dict[int, Curve]:
     rows = finite_rows(trajectory)
     if rows.size == 0:
         return {}
-    size = np.abs(np.asarray(_law(trajectory.system, to_array(trajectory.times), trajectory.state)))[rows]
+    size = np.abs(np.asarray(_feedback(trajectory.system, to_array(trajectory.times), trajectory.state)))[rows]
     t = np.asarray(trajectory.times)[rows]
     return {index + 1: (t, size[:, slot]) for slot, index in enumerate(trajectory.system.driven)}
 
 
 @eqx.filter_jit
-def _law(system, times, states):
+def _feedback(system, times, states):
     prepared = system.prepare()
     return jax.vmap(lambda t, state: driven_angles(prepared, t, state)[2])(times, states)
 
 
-def _shared(curves: dict[int, Curve]) -> list[tuple[list[int], Curve]]:
-    groups: list[tuple[list[int], Curve]] = []
-    for i, curve in curves.items():
-        for members, other in groups:
-            if all(len(a) == len(b) and np.allclose(a, b, atol=1e-12) for a, b in zip(curve, other, strict=True)):
-                members.append(i)
-                break
-        else:
-            groups.append(([i], curve))
-    return groups
+def _are_equal(curve: Curve, other: Curve) -> bool:
+    return all(len(a) == len(b) and np.allclose(a, b, atol=1e-12) for a, b in zip(curve, other, strict=True))
 
 
 def _names(members: list[int]) -> str:

@@ -21,21 +21,20 @@ def animate(
     dpi: float | int = 120,
     size: tuple[int, int] | None = None,
 ) -> Path:
-    """Films the rolling body: shell, rails, masses, centre of mass and the trail of the contact point.
+    """Animates the rolling body: shell, rails, masses, centre of mass and the trail of the contact point.
 
-    Each frame shows the saved time nearest to its own, so save ``fps / speed`` times in a unit of
-    time, or more, for a smooth film.
+    Each frame shows the nearest saved time, so save at least ``fps / speed`` times per unit of time for a smooth
+    animation.
 
     **Arguments:**
 
-    - ``trajectory``: the rows whose states are finite are shown.
+    - ``trajectory``: what :func:`jaxball.simulate` returns; only its finite states are shown.
     - ``path``: a file that ends in ``.mp4``, which needs ffmpeg, or in ``.gif``. Without a suffix,
-      ``.mp4`` is added where ffmpeg is there, and ``.gif`` otherwise.
-    - ``fps``: frames a second.
-    - ``speed``: units of the trajectory's time that pass in a second of the film.
+      ``.mp4`` is added where ffmpeg is installed, and ``.gif`` otherwise.
+    - ``fps``: frames per second.
+    - ``speed``: units of the trajectory's time per second of the animation.
     - ``dpi``: dots per inch; a frame is 8 inches wide.
-    - ``size``: the width and the height of a frame in pixels, instead of ``dpi``; the scene is as large in it as it
-      fits.
+    - ``size``: width and height of a frame in pixels, instead of ``dpi``; the scene is scaled to fit.
 
     **Returns:** the path of the file.
 
@@ -46,17 +45,17 @@ def animate(
         if not value > 0:
             raise ValueError(f"Argument `{name}` must be a positive number, but it is {value}.")
     path, writer = _writer(Path(path), fps)
-    seen = record(trajectory)
-    if not len(seen.times):
+    run = record(trajectory)
+    if not len(run.times):
         raise ValueError(
             f"Argument `trajectory` must have a finite state to show, but it has none. {trajectory.message}"
         )
-    figure, show = scene(trajectory, seen)
+    figure, show = scene(trajectory, run)
     if size is not None:
         dpi = _fitted(figure, size)
     path.parent.mkdir(parents=True, exist_ok=True)
     with writer.saving(figure, str(path), dpi):
-        for k in frames(seen.times, speed / fps):
+        for k in frames(run.times, speed / fps):
             show(int(k))
             writer.grab_frame()
     return path
@@ -69,7 +68,7 @@ def frames(times: Float[np.ndarray, " T"], step: float) -> Int[np.ndarray, " fra
 
 
 def _fitted(figure: Figure, size: tuple[int, int]) -> float:
-    """Widens a figure until it has the shape of ``size``, its Axes as large as before; returns its dots per inch."""
+    """Widens a figure to the proportions of ``size`` without changing its Axes, and returns the dots per inch."""
     before = figure.get_size_inches()
     dpi = float(np.min(np.asarray(size) / before))
     after = np.asarray(size) / dpi

@@ -1,14 +1,18 @@
-"""Charts of the largest Lyapunov exponent."""
+"""Figures of chaos and stability: Lyapunov exponents, Poincaré maps and eigenvalues."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
 from ..chaos import LyapunovSpectrum
-from .style import SMALL, colour_bar, legend_above, mass_line, named, plane_axes
+from ..stability import SteadyMotion
+from .style import COMPONENTS, INK, SMALL, SQUARE, colour_bar, legend_above, mass_line, named, plane_axes, zero_line
+from .symbols import symbol
 
 if TYPE_CHECKING:
     import xarray
@@ -18,7 +22,7 @@ LIFTED, FAILED = "0.82", "#BB5566"
 
 
 def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: float | None = None) -> Axes:
-    """The data set of :func:`jaxball.chaos.chart` in colours, the first parameter upwards.
+    """The data set of :func:`jaxball.chaos.chart` in colours, its first parameter on the vertical axis.
 
     Grey marks where the ball would leave the plane, red where the solve failed.
 
@@ -26,7 +30,7 @@ def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: f
 
     - ``dataset``: what :func:`jaxball.chaos.chart` returns.
     - ``largest``: the exponent at the end of the colours; if not given, the largest on the chart. The colours begin
-      at zero, and smaller exponents have the colour of zero.
+      at zero, and negative exponents have the colour of zero.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
@@ -64,10 +68,53 @@ def lyapunov_convergence(spectrum: LyapunovSpectrum, ax: Axes | None = None) -> 
     ax = plane_axes(ax)
     times, running = np.asarray(spectrum.times), np.asarray(spectrum.running)
     for i in range(running.shape[1]):
-        line = mass_line(i + 1)
-        ax.plot(times, running[:, i], label=rf"$\lambda_{i + 1}$", **line)
-    ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
+        ax.plot(times, running[:, i], label=rf"$\lambda_{i + 1}$", **mass_line(i + 1))
+    zero_line(ax)
     ax.margins(x=0)
     named(ax, "$t$", r"$\lambda_i$")
+    legend_above(ax)
+    return ax
+
+
+def poincare_section(
+    across: Float[np.ndarray, " n"], up: Float[np.ndarray, " n"], names: tuple[str, str], ax: Axes | None = None
+) -> Axes:
+    """The crossings of a section, by two components of the states there.
+
+    **Arguments:**
+
+    - ``across``, ``up``: the components, one entry for each crossing, shape (n,).
+    - ``names``: their paths in a state, counted from 0, as ``Omega[0]``; the labels have the paper's symbols, which
+      count from 1.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax, SQUARE)
+    ax.plot(across, up, color=INK, marker=".", linestyle="none", ms=2.5, mew=0)
+    named(ax, *map(symbol, names))
+    return ax
+
+
+def eigenvalues(motions: Sequence[SteadyMotion], ax: Axes | None = None) -> Axes:
+    """The eigenvalues of steady motions in the complex plane: stable ones in one colour, unstable ones in another.
+
+    **Arguments:**
+
+    - ``motions``: what :mod:`jaxball.stability` finds.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax, SQUARE)
+    ax.axvline(0.0, color="0.75", linewidth=0.6, zorder=0)
+    zero_line(ax)
+    looks = ((True, "stable", "o", COMPONENTS[0]), (False, "unstable", "x", COMPONENTS[1]))
+    for stable, label, marker, colour in looks:
+        chosen = [motion.eigenvalues for motion in motions if motion.stable == stable]
+        if chosen:
+            values = np.concatenate(chosen)
+            ax.plot(
+                np.real(values), np.imag(values), marker, ms=5, linestyle="none", color=colour, label=label, mfc="none"
+            )
+    named(ax, r"$\mathrm{Re}\,\lambda$", r"$\mathrm{Im}\,\lambda$")
     legend_above(ax)
     return ax

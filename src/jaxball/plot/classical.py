@@ -1,4 +1,4 @@
-"""The motion of a classical system over time, and how well its laws hold."""
+"""Figures of a classical system: its motion over time, and how well its conserved quantities stay constant."""
 
 import math
 from typing import Any
@@ -11,23 +11,12 @@ from matplotlib.ticker import MaxNLocator
 
 from ..classical import AbstractClassicalSystem, RigidBodyState
 from ..simulation.trajectory import Trajectory
-from .evolution import Series, over_time
 from .record import finite_rows, require_one
-from .style import COMPONENTS, DASHED, INK, MASSES, SMALL, WIDE, caption, named, plane_axes, up_to_ticks
+from .style import COMPONENTS, DASHED, INK, MASSES, SMALL, WIDE, caption, named, plane_axes, up_to_ticks, zero_line
+from .symbols import SYMBOLS, symbol
+from .time_series import Series, over_time
 
-PANEL = 1.05  # the height of a law's panel, in inches
-_WORDS = {
-    "x": "$x$",
-    "y": "$y$",
-    "z": "$z$",
-    "xdot": r"$\dot{x}$",
-    "ydot": r"$\dot{y}$",
-    "multiplier": r"$\lambda$",
-    "p_x": "$p_x$",
-    "p_y": "$p_y$",
-    "p_z": "$p_z$",
-    "p_xz": "$p_{xz}$",
-}
+PANEL = 1.05  # the height of a panel, in inches
 # A coordinate and its rate have one colour.
 _LOOKS = {
     letter + dot: (COMPONENTS[k], DASHED if dot else "-") for dot in ("", "dot") for k, letter in enumerate("xyz")
@@ -53,15 +42,15 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
     series = []
     for name, leaf in vars(state).items():
         for k, values in enumerate(np.asarray(leaf).reshape(len(trajectory.times), -1).T):
-            label = _WORDS.get(name, name if leaf.ndim == 1 else f"{name} {k + 1}")
-            others = sum(one.colour in COLOURS for one in series)
+            label = symbol(name) if name in SYMBOLS else name if leaf.ndim == 1 else f"{name} {k + 1}"
+            others = sum(earlier.colour in COLOURS for earlier in series)
             look = _LOOKS.get(name) or (COLOURS[others % len(COLOURS)], "-")
             series.append(Series(values[rows], label, *look))
     return over_time(trajectory.system, times, series, "state", ax, most=6)
 
 
 def law_errors(trajectory: Trajectory[Any, Any]) -> Figure:
-    """How far each of the laws is from its value at the start, in a panel of its own; of a vector, each component.
+    """The change of each conserved quantity since the start, in a panel of its own; for a vector, each component.
 
     **Arguments:**
 
@@ -76,17 +65,17 @@ def law_errors(trajectory: Trajectory[Any, Any]) -> Figure:
     panels = figure.subplots(len(laws), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, leaf) in zip(panels, laws.items(), strict=True):
         values = np.asarray(leaf)[rows].reshape(len(rows), -1)
-        _law(ax, times, values - values[:1], _WORDS.get(name) or name.replace("_", " "))
+        _panel(ax, times, values - values[:1], symbol(name) if name in SYMBOLS else name.replace("_", " "))
     named(panels[-1], "$t$")
     return figure
 
 
-def _law(ax: Axes, times: Float[np.ndarray, " T"], changes: Float[np.ndarray, "T k"], name: str) -> None:
-    """The changes of a law, in units of a power of ten."""
+def _panel(ax: Axes, times: Float[np.ndarray, " T"], changes: Float[np.ndarray, "T k"], name: str) -> None:
+    """The changes of a quantity, in units of a power of ten."""
     plane_axes(ax)
     largest = float(np.max(np.abs(changes), initial=0.0))
     power = math.floor(math.log10(largest)) if largest > 0 else 0
-    ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
+    zero_line(ax)
     for k, values in enumerate(changes.T):
         colour = (*COMPONENTS, *COLOURS)[k % (len(COMPONENTS) + len(COLOURS))]
         ax.plot(times, values * 10.0**-power, color=colour, linewidth=0.9, label=str(k + 1))

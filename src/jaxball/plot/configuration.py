@@ -1,4 +1,4 @@
-"""Where everything is in the body: shell, rails, masses and centres of mass."""
+"""The figure of the configuration in the body: shell, rails, masses and centres of mass."""
 
 from typing import NamedTuple
 
@@ -37,7 +37,7 @@ HALO = [withStroke(linewidth=2.2, foreground="white")]
 DOT = 8.0  # the diameter of a mass, in points
 
 
-class Places(NamedTuple):
+class Positions(NamedTuple):
     """Body vectors from the geometric centre."""
 
     masses: Float[np.ndarray, "n 3"]
@@ -56,7 +56,7 @@ def configuration(
 
     The ball is drawn in space, ``fig_ball_masses_rail_bf_gc``, the disk in its plane,
     ``fig_disk_masses_rails_bf_gc``. A rail that several masses share has dashes in the colour of each.
-    Of a tube, the part inside the shell is drawn; of other open rails and of free motions, the mass alone.
+    Only the part of a tube inside the shell is drawn, and only the mass for other open rails and free motions.
 
     **Arguments:**
 
@@ -71,10 +71,10 @@ def configuration(
         system, t, theta = source.system, source.times[0], source.state.theta[0]
     else:
         system = source
-    places = _places(system, t, theta)
+    positions = _positions(system, t, theta)
     r = float(system.radius)
     if isinstance(system, Disk):
-        return _in_plane(system, places, r, plane_axes(ax, SQUARE, system))
+        return _in_plane(system, positions, r, plane_axes(ax, SQUARE, system))
     ax = space_axes(ax, system=system)
     cube(ax, r, "E")
     viewer = view(ax)
@@ -82,20 +82,20 @@ def configuration(
     ax.plot(*back.T, color=FAINT, linewidth=0.4, zorder=1)
     ax.plot(*front.T, color="0.7", linewidth=0.4, zorder=1.5)
     ax.plot(*outline(r, viewer).T, color=SHELL, linewidth=0.9, zorder=1.5)
-    _draw(ax, system, places, columns=[0, 1, 2])
+    _draw(ax, system, positions, columns=[0, 1, 2])
     return ax
 
 
-def _in_plane(disk: Disk, places: Places, r: float, ax: Axes) -> Axes:
+def _in_plane(disk: Disk, positions: Positions, r: float, ax: Axes) -> Axes:
     ax.add_patch(Ring((0.0, 0.0), r, facecolor="none", edgecolor=SHELL, linewidth=1.2))
-    _draw(ax, disk, places, columns=[0, 2])
+    _draw(ax, disk, positions, columns=[0, 2])
     limits, ticks = (-1.08 * r, 1.08 * r), (-r, 0.0, r)
     ax.set(xlim=limits, ylim=limits, xticks=ticks, yticks=ticks, aspect="equal")
     named(ax, r"$\mathbf{E}_1$", r"$\mathbf{E}_3$")
     return ax
 
 
-def _draw(ax: Axes, system: System, places: Places, columns: list[int]) -> None:
+def _draw(ax: Axes, system: System, positions: Positions, columns: list[int]) -> None:
     def mark(point, marker, size, color, **options):
         ax.plot(*point[columns, None], marker, ms=size, color=color, linestyle="none", **options)
 
@@ -103,28 +103,28 @@ def _draw(ax: Axes, system: System, places: Places, columns: list[int]) -> None:
         for k, i in enumerate(sharers):
             ax.plot(*rail[:, columns].T, **mass_line(i, linewidth=1.0, zorder=2, **sharing(k, len(sharers))))
     mark(np.zeros(3), "+", 11, INK, mew=0.8, zorder=3, label="GC")
-    mark(places.shell, "s", 6, SHELL, mew=1.2, markerfacecolor="none", zorder=3.5, label="$m_0$")
-    seen = [i for i, point in enumerate(places.masses) if np.all(np.isfinite(point))]
-    for i in seen:
-        mark(places.masses[i], "o", DOT, mass_colour(i + 1), mew=0.8, markeredgecolor="white", zorder=4)
-    mark(places.system, "*", 8, INK, mew=0.6, markeredgecolor="white", zorder=5, label="CM")
-    names, colours = [f"$m_{{{i + 1}}}$" for i in seen], [mass_colour(i + 1) for i in seen]
-    name_points(ax, places.masses[seen][:, columns], names, colours, DOT / 2, path_effects=HALO, zorder=6)
+    mark(positions.shell, "s", 6, SHELL, mew=1.2, markerfacecolor="none", zorder=3.5, label="$m_0$")
+    finite = [i for i, point in enumerate(positions.masses) if np.all(np.isfinite(point))]
+    for i in finite:
+        mark(positions.masses[i], "o", DOT, mass_colour(i + 1), mew=0.8, markeredgecolor="white", zorder=4)
+    mark(positions.system, "*", 8, INK, mew=0.6, markeredgecolor="white", zorder=5, label="CM")
+    names, colours = [f"$m_{{{i + 1}}}$" for i in finite], [mass_colour(i + 1) for i in finite]
+    name_points(ax, positions.masses[finite][:, columns], names, colours, DOT / 2, path_effects=HALO, zorder=6)
     legend_above(ax)
 
 
-def _places(system: System, t: Numbers, theta: Numbers) -> Places:
+def _positions(system: System, t: Numbers, theta: Numbers) -> Positions:
     angles = to_array(theta)
     if angles.shape != (len(system.driven),):
         raise ValueError(
             f"Argument `theta` must have {counted(len(system.driven), 'entry', 'entries')}, one for each driven mass, "
             f"but its shape is {angles.shape}."
         )
-    return Places(*(np.asarray(place) for place in _positions(system, to_array(t), angles)))
+    return Positions(*map(np.asarray, _evaluate(system, to_array(t), angles)))
 
 
 @eqx.filter_jit
-def _positions(system, t, theta):
+def _evaluate(system, t, theta):
     prepared, still = system.prepare(), jnp.zeros_like(theta)
     angles = (theta, still, still)
     at = moments(prepared, t, angles)

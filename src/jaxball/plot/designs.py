@@ -1,6 +1,8 @@
-"""Figures of designs: the path that was wanted, the rails' motion, and how the search went."""
+"""Figures of designs and optimal control: paths, the motion along the rails, the search, and branches of solutions."""
 
-from collections.abc import Sequence
+import itertools
+import textwrap
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +14,7 @@ from .style import (
     COMPONENTS,
     DASHED,
     INK,
+    MASSES,
     SHELL,
     TRAIL,
     WIDE,
@@ -24,6 +27,10 @@ from .style import (
     up_to_ticks,
 )
 
+COLOURS = (*COMPONENTS, INK, *MASSES)
+PATH_COLOURS = ("0.6", TRAIL, *COLOURS)  # grey before and red after, as in the plane
+LABEL_LETTERS = 36  # to a line of the label of the vertical axis
+
 
 def designed_path(
     before: Float[np.ndarray, "t 2"],
@@ -32,14 +39,14 @@ def designed_path(
     discs: Sequence[tuple[Float[np.ndarray, "2"], float]] = (),
     ax: Axes | None = None,
 ) -> Axes:
-    """The path of the geometric centre before and after, the wanted one dashed, and the discs to stay out of.
+    """The path of the geometric centre before and after, the target path dashed, and the discs to avoid.
 
-    A ring is the start of the path after, a square its end.
+    A ring marks the start of the path after, a square its end.
 
     **Arguments:**
 
-    - ``before``, ``after``: places at times, length, shape (t, 2).
-    - ``wanted``: points of the wanted path, shape (k, 2), or None.
+    - ``before``, ``after``: positions over time, length, shape (t, 2).
+    - ``wanted``: points of the target path, shape (k, 2), or None.
     - ``discs``: centre and radius of each.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
@@ -59,13 +66,35 @@ def designed_path(
     return ax
 
 
+def place_in_time(
+    paths: Mapping[str, tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]]],
+    wanted: tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]] | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """z of a disk over time in several cases, and its target, dashed.
+
+    **Arguments:**
+
+    - ``paths``: times and positions of each case, by its name.
+    - ``wanted``: times and positions of the target, or None.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax)
+    for (label, path), colour in zip(paths.items(), itertools.cycle(PATH_COLOURS), strict=False):
+        ax.plot(*path, color=colour, linewidth=1.4, label=label)
+    if wanted is not None:
+        ax.plot(*wanted, color=INK, linewidth=0.8, linestyle=DASHED, label="wanted")
+    return _over_time(ax, "$z$")
+
+
 def rail_angles(times: Float[np.ndarray, " t"], theta: Float[np.ndarray, "t n"], ax: Axes | None = None) -> Axes:
     """θ_i over time.
 
     **Arguments:**
 
     - ``times``: shape (t,).
-    - ``theta``: θ of each mass then, shape (t, n).
+    - ``theta``: θ of each mass at each time, shape (t, n).
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
@@ -78,7 +107,7 @@ def rail_accelerations(times: Float[np.ndarray, " t"], u: Float[np.ndarray, "t n
     **Arguments:**
 
     - ``times``: shape (t,).
-    - ``u``: θ̈ of each mass then, shape (t, n).
+    - ``u``: θ̈ of each mass at each time, shape (t, n).
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
@@ -89,9 +118,13 @@ def _of_masses(times: np.ndarray, values: np.ndarray, symbol: str, ax: Axes | No
     ax = plane_axes(ax)
     for i in range(values.shape[1]):
         ax.plot(times, values[:, i], label=f"${symbol}_{{{i + 1}}}$", **mass_line(i + 1))
+    return _over_time(ax, f"${symbol}_i$")
+
+
+def _over_time(ax: Axes, name: str) -> Axes:
     ax.margins(x=0)
     up_to_ticks(ax)
-    named(ax, "$t$", f"${symbol}_i$")
+    named(ax, "$t$", name)
     legend_above(ax)
     return ax
 
@@ -106,8 +139,8 @@ def convergence(
 ) -> Axes:
     """Objective, violation and gradient norm of the best start at each report, on a logarithmic scale.
 
-    Triangles on the lower edge are reports at which no constraint was violated; other numbers that are not positive are
-    left out. ``polish`` is the report with which the polish begins, where a line is drawn.
+    Triangles on the lower edge mark reports at which no constraint was violated; other numbers that are not positive
+    are left out. A line is drawn at ``polish``, the report with which the polish begins.
 
     **Arguments:**
 
@@ -122,14 +155,44 @@ def convergence(
     ax.set_yscale("log")
     low, high = ax.get_ylim()
     number_decades(ax.yaxis, high / low)
-    held = np.flatnonzero(violation <= 0)
-    if held.size:
+    feasible = np.flatnonzero(violation <= 0)
+    if feasible.size:
         edge = {"transform": ax.get_xaxis_transform(), "clip_on": False, "linestyle": "none"}
         mark = {"marker": "v", "ms": 5, "mew": 1.0, "color": COMPONENTS[1], "markerfacecolor": "white"}
-        ax.plot(held, np.zeros(held.size), label="none violated", **edge, **mark)
+        ax.plot(feasible, np.zeros(feasible.size), label="none violated", **edge, **mark)
     if polish is not None:
         ax.axvline(polish - 0.5, color=SHELL, linewidth=0.8, label="polish begins")
     ax.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10], integer=True))
     named(ax, "report of the search", "objective, violation,\nnorm of the gradient")
     legend_above(ax, most=3)
+    return ax
+
+
+def branch(
+    weights: Float[np.ndarray, " points"],
+    values: Mapping[str, Float[np.ndarray, " points"]],
+    name: str = "weight",
+    ax: Axes | None = None,
+    *,
+    of: str = "",
+) -> Axes:
+    """Positive ``values`` of the solutions of a branch over a positive weight called ``name``, both logarithmic.
+
+    **Arguments:**
+
+    - ``weights``: the weight of each solution, shape (points,).
+    - ``of``: the label of the vertical axis; if not given, the names of the values.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax)
+    for (label, numbers), colour in zip(values.items(), itertools.cycle(COLOURS), strict=False):
+        ax.plot(weights, numbers, color=colour, linewidth=1.2, marker=".", ms=4, label=label)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    for axis in (ax.xaxis, ax.yaxis):
+        low, high = axis.get_view_interval()
+        number_decades(axis, high / low)
+    named(ax, name, "\n".join(textwrap.wrap(of or ", ".join(values), LABEL_LETTERS)))
+    legend_above(ax)
     return ax

@@ -1,4 +1,4 @@
-"""Names beside marks, placed where they hide nothing."""
+"""Labels of points, placed where they hide as little as possible."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,7 +15,7 @@ from mpl_toolkits.mplot3d import Axes3D, proj3d
 from .style import SMALL
 
 DIRECTIONS, DISTANCES = 24, (2.0, 5.0, 9.0, 14.0, 20.0, 28.0, 38.0, 50.0)  # in points, from the edge of the mark
-LEADER = 15.0  # a name that is farther than this from its mark is joined with it by a line
+LEADER = 15.0  # a name farther than this from its mark is joined to it by a line
 FIRST = np.pi / 4  # upwards to the right, where a reader looks first
 PADDING = 1.5  # points around a name
 SPACING = 1.0  # points between the samples of a curve
@@ -26,7 +26,7 @@ OUTSIDE, ON_A_NAME, ON_A_MARK, ON_A_CURVE, ON_A_BACKGROUND, FAR, TURNED = 1e4, 3
 class Names(Artist):
     """Names of points in an Axes, each placed beside its point whenever the figure is drawn.
 
-    Nothing is drawn by this artist: it comes before the texts and moves them, when sizes and projections are known.
+    This artist draws nothing: it comes before the texts and moves them once sizes and projections are known.
     """
 
     def __init__(self, ax: Axes, points: Float[np.ndarray, "n d"], texts: Sequence[Annotation], room: float):
@@ -91,10 +91,10 @@ def places(
     page: tuple[float, float],
     room: float,
 ) -> Float[np.ndarray, "n 2"]:
-    """The centres of names beside their anchors, with the least of what they hide.
+    """The centres of names beside their anchors, chosen so that they hide as little as possible.
 
     All lengths are in points of the page. Each name has candidates around its anchor; names choose in turn, the most
-    crowded one first, and again until none of them would move. The same input has the same answer.
+    crowded one first, and again until none would move. The result is deterministic.
 
     **Arguments:**
 
@@ -107,7 +107,7 @@ def places(
     halves = sizes[:, None, :] / 2 + PADDING
     low, high = options - halves, options + halves
     out = np.maximum(0.0, -low) + np.maximum(0.0, high - np.asarray(page))
-    costs = OUTSIDE * out.sum(axis=2) + _reluctance()
+    costs = OUTSIDE * out.sum(axis=2) + _distance_costs()
     for points, weight in ((curves, ON_A_CURVE), (marks, ON_A_MARK), (background, ON_A_BACKGROUND)):
         costs += weight * _counts(low, high, points)
     chosen = np.argmin(costs, axis=1)
@@ -134,8 +134,8 @@ def _candidates(
     return np.concatenate([anchor + (room + distance) * towards + beside for distance in DISTANCES])
 
 
-def _reluctance() -> Float[np.ndarray, " candidates"]:
-    """What is lost by standing far away, or in another direction than the first."""
+def _distance_costs() -> Float[np.ndarray, " candidates"]:
+    """The costs of being far away, or in another direction than the first."""
     turned = np.minimum(np.arange(DIRECTIONS), DIRECTIONS - np.arange(DIRECTIONS))
     return np.add.outer(FAR * np.asarray(DISTANCES), TURNED * turned).ravel()
 

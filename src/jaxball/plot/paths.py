@@ -1,4 +1,4 @@
-"""Trajectories of masses, centre of mass and geometric centre."""
+"""Figures of paths: those of the masses, the centre of mass and the geometric centre."""
 
 from typing import Any
 
@@ -28,8 +28,8 @@ from .style import (
     up_to_ticks,
 )
 
-# Three-dimensional Axes cut off what is outside of their square, and would take these lines'
-# coordinates in space for places on the page when they are laid out.
+# Three-dimensional Axes clip what is outside of their square, and would take these lines'
+# coordinates in space for coordinates on the page when they are laid out.
 LONG = (5.6, 3.6)
 UNCUT: dict[str, Any] = {"clip_on": False, "in_layout": False}
 
@@ -37,8 +37,8 @@ UNCUT: dict[str, Any] = {"clip_on": False, "in_layout": False}
 def body_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Trajectories of the masses and of the system's CM in the body frame translated to the GC.
 
-    In space for the ball, ``fig_ball_cm_bf_gc``. For the disk over time, ``fig_disk_cm_time_bf_gc``,
-    unless ``ax`` is a plane one: then in the plane of E1 and E3. A ring is the start of a trajectory, a square its end.
+    The ball's are drawn in space, ``fig_ball_cm_bf_gc``, the disk's over time, ``fig_disk_cm_time_bf_gc``, or, if
+    ``ax`` is a plane one, in the plane of E1 and E3. A ring marks the start of a trajectory, a square its end.
 
     **Arguments:**
 
@@ -46,8 +46,8 @@ def body_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or an ``ax`` of the wrong kind.
     """
-    times, _, seen = record(trajectory)
-    return _paths(trajectory, times, seen.mass_positions_body, seen.centre_of_mass_body, "E", ax)
+    times, _, observables = record(trajectory)
+    return _paths(trajectory, times, observables.mass_positions_body, observables.centre_of_mass_body, "E", ax)
 
 
 def space_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -61,15 +61,15 @@ def space_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or an ``ax`` of the wrong kind.
     """
-    times, _, seen = record(trajectory)
-    return _paths(trajectory, times, seen.mass_positions_space, seen.centre_of_mass_space, "e", ax)
+    times, _, observables = record(trajectory)
+    return _paths(trajectory, times, observables.mass_positions_space, observables.centre_of_mass_space, "e", ax)
 
 
 def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """The path of the GC, and of the contact point below it.
 
-    In the plane of e1 and e2 for the ball, ``fig_ball_gc_path``, with a ring at its start and a
-    square at its end; z over time for the disk, ``fig_disk_gc``.
+    The ball's is drawn in the plane of e1 and e2, ``fig_ball_gc_path``, with a ring at its start and a
+    square at its end; for the disk, z is drawn over time, ``fig_disk_gc``.
 
     **Arguments:**
 
@@ -77,8 +77,8 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
-    times, _, seen = record(trajectory)
-    z = seen.geometric_centre
+    times, _, observables = record(trajectory)
+    z = observables.geometric_centre
     if isinstance(trajectory.system, Disk):
         ax = plane_axes(ax, system=trajectory.system)
         ax.plot(times, z[:, 0], color=TRAIL, linewidth=1.2)

@@ -1,4 +1,4 @@
-"""What the figures read off a trajectory, as NumPy arrays."""
+"""The parts of a trajectory that figures draw, as NumPy arrays."""
 
 from typing import Any, NamedTuple
 
@@ -12,22 +12,22 @@ from ..simulation.trajectory import Trajectory
 
 
 class Record(NamedTuple):
-    """The saved times that the solve reached, with the orientation Λ and the observables there."""
+    """The saved times that the solve reached, with the orientation Λ and the observables at each."""
 
     times: Float[np.ndarray, " T"]
     Lambda: Float[np.ndarray, "T 3 3"]
-    seen: Any  # Observables whose arrays are NumPy's
+    observables: Any  # Observables whose arrays are NumPy's
 
 
 def record(trajectory: Trajectory) -> Record:
-    """The rows of ``trajectory`` whose states are finite: the others are not drawn.
+    """The rows of ``trajectory`` whose states are finite; the others are not drawn.
 
     **Raises:** ``ValueError`` for a batch of trajectories and for a reduced one.
     """
     require_one(trajectory)
     rows = finite_rows(trajectory)
-    seen = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], trajectory.observables)
-    return Record(np.asarray(trajectory.times)[rows], _orientation(trajectory.state)[rows], seen)
+    observables = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], trajectory.observables)
+    return Record(np.asarray(trajectory.times)[rows], _orientation(trajectory.state)[rows], observables)
 
 
 def require_one(trajectory: Trajectory) -> None:

@@ -1,4 +1,4 @@
-"""All figures of a trajectory at once."""
+"""The standard figures of a trajectory: written into a folder, or together on one page."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,10 +15,10 @@ from ..simulation.trajectory import Trajectory
 from .actuation import acceleration, accelerations
 from .classical import classical_motion, law_errors
 from .configuration import configuration
-from .evolution import angular_velocity, contact_force, energies, friction_ratio, power
 from .paths import body_paths, centre_path, space_paths
 from .record import record
 from .style import LABEL, caption
+from .time_series import angular_velocity, contact_force, energies, friction_ratio, power
 
 CLASSICAL = (classical_motion, law_errors)
 STANDARD = (
@@ -38,15 +38,16 @@ STANDARD = (
 def figures(
     trajectory: Trajectory[Any, Any], folder: str | Path, title: str = "", *, formats: Sequence[str] = ("png",)
 ) -> list[Path]:
-    """Writes the standard figures of a trajectory into ``folder``, and says where they are.
+    """Writes the standard figures of a trajectory into ``folder``, and returns their paths.
 
-    Each file is named by the body and the function, as in ``ball_energies.png``, once in each format. The acceleration
-    is left out where no mass has an angle to draw. Of a classical system, the motion and its laws are drawn.
+    Each file is named after the body and the function, as in ``ball_energies.png``, and written in each format. The
+    acceleration is left out where no mass has an angle to draw. For a classical system, the motion and its conserved
+    quantities are drawn.
 
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
-    - ``folder``: where to; it is made if it is not there.
+    - ``folder``: where to write; it is created if it does not exist.
     - ``title``: a line that says which system it is, such as that of a scenario.
     - ``formats``: png, pdf or svg.
 
@@ -70,15 +71,20 @@ def figures(
 
 
 def write_figure(drawn: Axes | Figure, path: Path, system: SimulableSystem, title: str = "") -> None:
-    """Writes a figure, which says above it which system it shows."""
+    """Writes a figure, with a caption that says which system it shows."""
+    caption(drawn if isinstance(drawn, Figure) else drawn.figure, system, title)
+    save_figure(drawn, path)
+
+
+def save_figure(drawn: Axes | Figure, path: Path) -> None:
+    """Writes a figure, or that of some Axes."""
     figure = drawn if isinstance(drawn, Figure) else drawn.figure
-    caption(figure, system, title)
-    with replacing(path) as beside:
-        figure.savefig(beside, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
+    with replacing(path) as temporary:
+        figure.savefig(temporary, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def overview(trajectory: Trajectory, title: str = "") -> Figure:
-    """One page: configuration, trajectories, path, angular velocity, energies and friction; ``title`` says of what.
+    """One page: configuration, trajectories, path, angular velocity, energies and friction, under a ``title``.
 
     **Arguments:**
 

@@ -1,4 +1,4 @@
-"""The moving pictures of a ball and of a disk on their plane, one frame at a time."""
+"""The scene of an animation, a ball or a disk on its plane, one frame at a time."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -23,23 +23,23 @@ WIDTH, MARGIN, HEADER = 8.0, 0.15, 0.5  # inches
 
 
 class Scene(NamedTuple):
-    """A figure, and what makes it show the k-th saved time."""
+    """A figure, and the function that makes it show the k-th saved time."""
 
     figure: Figure
     show: Callable[[int], None]
 
 
-def scene(trajectory: Trajectory, seen: Record) -> Scene:
-    """The scene of a ball, in space, or of a disk, in its plane."""
+def scene(trajectory: Trajectory, run: Record) -> Scene:
+    """The scene of a ball in space, or of a disk in its plane."""
     make = _disk_scene if isinstance(trajectory.system, Disk) else _ball_scene
-    return make(trajectory.system, seen)
+    return make(trajectory.system, run)
 
 
-def _ball_scene(system: System, seen: Record) -> Scene:
+def _ball_scene(system: System, run: Record) -> Scene:
     r = float(system.radius)
     viewer = towards(ELEVATION, AZIMUTH)
     wire, silhouette = wireframe(r), outline(r, viewer)
-    centres, path = seen.seen.geometric_centre, seen.seen.contact_point
+    centres, path = run.observables.geometric_centre, run.observables.contact_point
     low = np.subtract(path.min(axis=0), [1.3 * r, 1.3 * r, 0.0])
     high = np.add(path.max(axis=0), [1.3 * r, 1.3 * r, 2 * r])
     figure, ax = _stage(low, high, (centres[:, None] + silhouette[::8]).reshape(-1, 3))
@@ -51,15 +51,15 @@ def _ball_scene(system: System, seen: Record) -> Scene:
     back = _line(ax, color=FAINT, linewidth=0.6, zorder=4)
     front = _line(ax, color="0.6", linewidth=0.6, zorder=7)
     edge = _line(ax, color=SHELL, linewidth=1.2, zorder=7)
-    show_inside = _inside(figure, ax, system, seen)
+    show_contents = _contents(figure, ax, system, run)
 
     def show(k: int) -> None:
-        near, far = split(wire @ seen.Lambda[k].T, viewer)
+        near, far = split(wire @ run.Lambda[k].T, viewer)
         for line, points in ((front, near), (back, far), (edge, silhouette)):
             _move(line, centres[k] + points)
         shade.set_verts([centres[k] + silhouette])
         _move(trail, path[: k + 1])
-        show_inside(k)
+        show_contents(k)
 
     return Scene(figure, show)
 
@@ -82,7 +82,7 @@ def _stage(
     (left, bottom), (width, height) = inches.min(axis=0), np.ptp(inches, axis=0)
     scale = min((WIDTH - 2 * MARGIN) / width, (WIDTH - MARGIN - HEADER) / height)
     tall = round(10 * (scale * height + MARGIN + HEADER)) / 10
-    # The Axes stay square, and reach beyond the figure, because they cut off what is outside of them.
+    # The Axes stay square and extend beyond the figure, because they clip what is outside of them.
     corner = (WIDTH - scale * width) / 2 - scale * left, MARGIN - scale * bottom
     side = scale * WIDTH
     figure.set_size_inches(WIDTH, tall)
@@ -112,9 +112,9 @@ def _multiples(r: float, low: float, high: float) -> Float[np.ndarray, " n"]:
     return r * np.arange(int(np.ceil(low / r)), int(np.floor(high / r)) + 1)
 
 
-def _disk_scene(system: System, seen: Record) -> Scene:
+def _disk_scene(system: System, run: Record) -> Scene:
     r = float(system.radius)
-    centres, path = seen.seen.geometric_centre, seen.seen.contact_point
+    centres, path = run.observables.geometric_centre, run.observables.contact_point
     z = centres[:, 0]
     left, right, bottom, top = z.min() - 1.3 * r, z.max() + 1.3 * r, -1.25 * r, 1.55 * r
     height = np.clip(WIDTH * (top - bottom) / (right - left), 2.0, 6.0)
@@ -129,29 +129,29 @@ def _disk_scene(system: System, seen: Record) -> Scene:
     shell = Ring((0.0, 0.0), r, facecolor="0.985", edgecolor=SHELL, linewidth=1.4, zorder=3)
     ax.add_patch(shell)
     spokes = _line(ax, color="0.75", linewidth=0.8, zorder=3)
-    show_inside = _inside(figure, ax, system, seen)
+    show_contents = _contents(figure, ax, system, run)
 
     def show(k: int) -> None:
         shell.set_center((centres[k, 0], centres[k, 2]))
-        _move(spokes, centres[k] + _spokes(r) @ seen.Lambda[k].T)
+        _move(spokes, centres[k] + _spokes(r) @ run.Lambda[k].T)
         _move(trail, path[: k + 1])
-        show_inside(k)
+        show_contents(k)
 
     return Scene(figure, show)
 
 
 def _spokes(r: float) -> Float[np.ndarray, "points 3"]:
-    """One spoke along E1 and marks all round the rim, as one curve with breaks."""
-    nothing = np.full(3, np.nan)
-    points = [np.zeros(3), np.array([r, 0.0, 0.0]), nothing]
+    """A spoke along E1 and marks around the rim, as one curve with breaks."""
+    gap = np.full(3, np.nan)
+    points = [np.zeros(3), np.array([r, 0.0, 0.0]), gap]
     for angle in np.arange(1, 12) * np.pi / 6:
         n = np.array([np.cos(angle), 0.0, np.sin(angle)])
-        points += [0.94 * r * n, r * n, nothing]
+        points += [0.94 * r * n, r * n, gap]
     return np.stack(points)
 
 
-def _inside(figure: Figure, ax: Axes, system: System, seen: Record) -> Callable[[int], None]:
-    """Rails, masses, centre of mass and a clock, and what moves them to the k-th saved time."""
+def _contents(figure: Figure, ax: Axes, system: System, run: Record) -> Callable[[int], None]:
+    """Draws rails, masses, centre of mass and a clock, and returns what moves them to the k-th saved time."""
     masses = list(enumerate(system.point_masses, start=1))
     curves = ((i, rail_points(mass.motion, float(system.radius))) for i, mass in masses)
     rails = [(points, _line(ax, **mass_line(i, linewidth=0.9, zorder=5))) for i, points in curves if points is not None]
@@ -170,13 +170,13 @@ def _inside(figure: Figure, ax: Axes, system: System, seen: Record) -> Callable[
     clock = figure.text(0.02, 0.98, "", fontproperties=SMALL, ha="left", va="top")
 
     def show(k: int) -> None:
-        centre = seen.seen.geometric_centre[k]
+        centre = run.observables.geometric_centre[k]
         for points, artist in rails:
-            _move(artist, centre + points @ seen.Lambda[k].T)
-        for artist, point in zip(dots, seen.seen.mass_positions_space[k], strict=True):
+            _move(artist, centre + points @ run.Lambda[k].T)
+        for artist, point in zip(dots, run.observables.mass_positions_space[k], strict=True):
             _move(artist, centre + point[None])
-        _move(star, centre + seen.seen.centre_of_mass_space[k][None])
-        clock.set_text(f"$t = {seen.times[k]:.2f}$")
+        _move(star, centre + run.observables.centre_of_mass_space[k][None])
+        clock.set_text(f"$t = {run.times[k]:.2f}$")
 
     return show
 

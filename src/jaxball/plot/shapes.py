@@ -1,4 +1,7 @@
-"""The curves that stand for shell and rails, as points in body axes."""
+"""Shell and rails as curves, given by points in body axes."""
+
+from collections.abc import Callable, Iterable
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -11,11 +14,13 @@ from ..physics.rails import Tube
 
 BREAK = np.full((1, 3), np.nan)
 
+Curve = TypeVar("Curve")
+
 
 def rail_points(motion: AbstractMotion, radius: float) -> Float[np.ndarray, "points 3"] | None:
-    """The rail of ``motion``, whole if it is closed, and from shell to shell if it is a tube.
+    """The rail of ``motion``: all of it if it is closed, the part inside the shell if it is a tube.
 
-    None for a motion without a rail, and for an open rail of any other family.
+    None for a motion without a rail, and for an open rail of another family.
     """
     if not isinstance(motion, OnRail | Driven):
         return None
@@ -36,18 +41,24 @@ def rail_points(motion: AbstractMotion, radius: float) -> Float[np.ndarray, "poi
 
 def rails_of(system: System) -> list[tuple[list[int], Float[np.ndarray, "points 3"]]]:
     """The rails that can be drawn, each with the masses i = 1 … n that are on it."""
-    found: list[tuple[list[int], np.ndarray]] = []
-    for i, mass in enumerate(system.point_masses, start=1):
-        rail = rail_points(mass.motion, float(system.radius))
-        if rail is None:
-            continue
-        for sharers, other in found:
-            if np.shape(other) == np.shape(rail) and np.allclose(other, rail):
-                sharers.append(i)
+    rails = ((i, rail_points(mass.motion, float(system.radius))) for i, mass in enumerate(system.point_masses, start=1))
+    drawable = ((i, rail) for i, rail in rails if rail is not None)
+    return grouped(drawable, lambda rail, other: np.shape(other) == np.shape(rail) and np.allclose(other, rail))
+
+
+def grouped(
+    curves: Iterable[tuple[int, Curve]], equal: Callable[[Curve, Curve], bool]
+) -> list[tuple[list[int], Curve]]:
+    """The different curves, each with the masses i = 1 … n that have it."""
+    groups: list[tuple[list[int], Curve]] = []
+    for i, curve in curves:
+        for members, other in groups:
+            if equal(curve, other):
+                members.append(i)
                 break
         else:
-            found.append(([i], rail))
-    return found
+            groups.append(([i], curve))
+    return groups
 
 
 def wireframe(radius: float, meridians: int = 12, parallels: int = 5) -> Float[np.ndarray, "points 3"]:
@@ -81,7 +92,7 @@ def towards(elevation: float, azimuth: float) -> Float[np.ndarray, "3"]:
 
 
 def outline(radius: float, viewer: Float[np.ndarray, "3"]) -> Float[np.ndarray, "97 3"]:
-    """The circle as which a sphere appears to a far viewer in the direction ``viewer``."""
+    """The circle that is a sphere's silhouette for a distant viewer in the direction ``viewer``."""
     across = np.cross([0.0, 0.0, 1.0] if abs(viewer[2]) < 0.9 else [1.0, 0.0, 0.0], viewer)
     across /= np.linalg.norm(across)
     around = np.linspace(0.0, 2 * np.pi, 97)

@@ -1,4 +1,4 @@
-"""The look of the figures, passed to each artist: matplotlib's own settings are not touched."""
+"""The style of the figures, passed to each artist, because matplotlib's own settings are not touched."""
 
 import math
 import textwrap
@@ -41,18 +41,18 @@ SMALL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=10)
 TINY = FontProperties(family=["STIXGeneral", "DejaVu Sans"], math_fontfamily="stix", size=8)
 CAPTION: dict[str, Any] = {"fontproperties": TINY, "color": "0.35"}
 WIDE, SQUARE = (4.6, 3.1), (4.6, 4.7)
-WIDE_RANGE = 1e3  # of a logarithmic axis, the powers of ten along which are numbers enough
-LETTERS = 20  # of a caption to an inch
+WIDE_RANGE = 1e3  # of a logarithmic axis on which powers of ten alone are enough ticks
+LETTERS = 20  # of a caption in an inch
 
 
 def caption(figure: Any, system: "SimulableSystem | None" = None, title: str = "") -> None:
-    """Says above a figure which system it shows, and in what units.
+    """Writes above a figure which system it shows, and in what units.
 
     **Arguments:**
 
-    - ``figure``: a figure; what its caption was before is replaced.
-    - ``system``: the system, from whose numbers the units are known to be none where m_0 = r = g = 1.
-    - ``title``: a line that says which system it is, such as that of a scenario, in the words that are shown.
+    - ``figure``: a figure; its caption is replaced if it has one.
+    - ``system``: the system; its numbers are dimensionless where m_0 = r = g = 1.
+    - ``title``: the name of the system, such as a scenario's title, shown instead of a description.
     """
     lines = textwrap.wrap(subject(system, title), int(LETTERS * figure.get_figwidth()), break_on_hyphens=False)
     figure.suptitle("\n".join(lines), linespacing=1.15, **CAPTION)
@@ -85,7 +85,7 @@ def mass_colour(i: int) -> str:
 
 
 def mass_line(i: int, **changes: Any) -> dict[str, Any]:
-    """The line of mass i = 1 … n: its colour, and dashes where the colours start anew; with ``changes``."""
+    """The line of mass i = 1 … n: its colour, and other dashes each time the colours repeat; with ``changes``."""
     dashes = DASHES[(i - 1) // len(MASSES) % len(DASHES)]
     return {"color": mass_colour(i), "linestyle": dashes, "linewidth": 1.2} | changes
 
@@ -108,7 +108,7 @@ def plane_axes(ax: Axes | None, size: tuple[float, float] = WIDE, system: "Simul
 
 
 def space_axes(ax: Axes | None, size: tuple[float, float] = SQUARE, system: "SimulableSystem | None" = None) -> Axes3D:
-    """``ax``, or the three-dimensional Axes of a new figure as in :func:`plane_axes`, seen from afar, its panes white.
+    """``ax``, or three-dimensional Axes of a new figure as in :func:`plane_axes`, in parallel projection.
 
     **Raises:** ``ValueError`` when ``ax`` is not three-dimensional.
     """
@@ -136,16 +136,16 @@ def _new(size: tuple[float, float], system: "SimulableSystem | None") -> Figure:
 
 
 def up_to_ticks(ax: Axes, low: float = math.inf, high: float = -math.inf) -> None:
-    """Ends the axis upwards at ticks, so that all that is drawn, and ``low`` and ``high``, lies between two numbers."""
+    """Ends the vertical axis at ticks that enclose everything drawn, and ``low`` and ``high``."""
     drawn = ax.dataLim.intervaly
     low, high = min(low, float(drawn[0])), max(high, float(drawn[1]))
     if not np.isfinite([low, high]).all():
         return
-    if high - low <= 1e-9 * max(abs(low), abs(high)):  # a constant is seen against 0, and 0 against ±1
+    if high - low <= 1e-9 * max(abs(low), abs(high)):  # a constant is shown against 0, and 0 against ±1
         low, high = (min(low, 0.0), max(high, 0.0)) if low or high else (-1.0, 1.0)
-    hair = 0.005 * (high - low)  # by which a curve may pass a tick: less than the width of its line
-    bottom, top = low + hair, high - hair
-    for _ in range(5):  # other limits may have other ticks
+    slack = 0.005 * (high - low)  # by which a curve may pass a tick: less than the width of its line
+    bottom, top = low + slack, high - slack
+    for _ in range(5):  # new limits may have new ticks
         ticks = ax.yaxis.get_major_locator().tick_values(bottom, top)
         if (ticks[0], ticks[-1]) == (bottom, top):
             break
@@ -154,7 +154,7 @@ def up_to_ticks(ax: Axes, low: float = math.inf, high: float = -math.inf) -> Non
 
 
 def number_decades(axis: Axis, ratio: float) -> None:
-    """Numbers along a logarithmic axis whose ends have this ratio: on a short one, those between powers of ten too."""
+    """Labels a logarithmic axis whose ends have this ratio: a short one also between powers of ten."""
     if ratio < WIDE_RANGE:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _: _upright(number(value))))
@@ -167,7 +167,7 @@ def _upright(tex: str) -> str:
 
 
 def number(x: float) -> str:
-    """A number in TeX, with a power of ten where that is shorter."""
+    """A number in TeX, with a power of ten if that is shorter."""
     text = f"{x:.7g}"
     mantissa, _, exponent = text.partition("e")
     if not exponent:
@@ -196,7 +196,7 @@ def named(ax: Axes, *labels: str) -> None:
 def ends(
     ax: Axes, points: Float[np.ndarray, "T d"], colour: str, *, labelled: bool = False, size: float = 5.0, **look: Any
 ) -> None:
-    """A ring at the start of a path and a square at its end, both seen where they meet; ``labelled``, in the legend."""
+    """A ring at the start of a path and a square at its end, so that both can be seen where they coincide."""
     start, end = ("start", "end") if labelled else (None, None)
     look = {"color": colour, "linestyle": "none"} | look
     ax.plot(*points[:1].T, "o", ms=size, mew=1.0, markerfacecolor="white", label=start, **look)
@@ -204,12 +204,12 @@ def ends(
 
 
 def sharing(k: int, n: int) -> dict[str, Any]:
-    """The dashes of the k-th of ``n`` lines that lie on one another, of which the first, below the others, is whole."""
+    """The dashes of the k-th of ``n`` coinciding lines, of which the first is solid and beneath the others."""
     return {"linestyle": (k * DASH, (DASH, (n - 1) * DASH)), "dash_capstyle": "butt"} if k else {}
 
 
 def legend_above(ax: Axes, most: int = 5) -> None:
-    """A legend above the axes, where it hides nothing; none where nothing is labelled. ``most`` labels to a row."""
+    """A legend above the axes, where it hides nothing, with up to ``most`` entries in a row; none without labels."""
     handles, labels = ax.get_legend_handles_labels()
     if labels:
         rows = math.ceil(len(labels) / max(most, math.ceil(len(labels) / 4)))
@@ -228,6 +228,11 @@ def legend_above(ax: Axes, most: int = 5) -> None:
             columnspacing=1.0,
             handletextpad=0.4,
         )
+
+
+def zero_line(ax: Axes) -> None:
+    """A thin horizontal line at zero."""
+    ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
 
 
 def colour_bar(ax: Axes, shown: ScalarMappable, label: str, **options: Any) -> Colorbar:

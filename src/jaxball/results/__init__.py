@@ -1,4 +1,4 @@
-"""Result files: a trajectory as a labelled data set, saved, and read back."""
+"""Result files: a trajectory as a labelled data set, saved to a file, and read back."""
 
 from ..interface.names import interface as _interface
 from ..interface.output import (
@@ -6,8 +6,7 @@ from ..interface.output import (
     check_destination as check_destination,
     replacing as replacing,
 )
-from .dataset import to_dataset as to_dataset
 from .load import RunError as RunError, load_run as load_run, saved_scenario as saved_scenario
-from .save import SUFFIXES as SUFFIXES, save as save
+from .save import SUFFIXES as SUFFIXES, save as save, to_dataset as to_dataset
 
 __all__, __dir__ = _interface(globals())

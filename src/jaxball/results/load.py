@@ -1,4 +1,4 @@
-"""A saved run read back."""
+"""Reads a saved run back."""
 
 import dataclasses
 import zipfile
@@ -19,26 +19,26 @@ from ..simulation.trajectory import Trajectory
 from .provenance import FORMAT
 
 STATES = (RotationState, BallState, DiskState, ReducedState)
-OF_DRIVEN_MASSES = ("theta", "thetadot")  # left out of a file where no mass is driven
+DRIVEN_FIELDS = ("theta", "thetadot")  # left out of a file where no mass is driven
 
 
 class RunError(ScenarioError):
-    """A file is no run that can be read back; the message is one sentence that names the file."""
+    """A file is not a run that can be read back; the message is one sentence that names the file."""
 
 
 def load_run(path: str | Path, system: SimulableSystem | None = None) -> Trajectory[Any, Any]:
-    """The trajectory that :func:`save` wrote into a ``.nc`` or ``.npz`` file, with the bits of its states.
+    """The trajectory that :func:`save` wrote into a ``.nc`` or ``.npz`` file, its states the same bit for bit.
 
-    Its system is that of the scenario in the file, and its observables, or laws, are computed from the states. It ended
-    as the run did, so that one that failed is not ``ok``. Dense output and events are not in a file: ``at`` raises, and
-    ``events`` is empty.
+    Its system is that of the scenario in the file, and its observables, or laws, are computed from the states. Its
+    status is that of the run, so a failed run is not ``ok``. Dense output and events are not in a file: ``at`` raises,
+    and ``events`` is empty.
 
     **Arguments:**
 
     - ``path``: the file.
     - ``system``: the system, for a file without a scenario, such as one with a rail that is a Python function.
 
-    **Raises:** :class:`RunError`, with one sentence, when there is no such file, when it is no run or one of a later
+    **Raises:** :class:`RunError`, with one sentence, when there is no such file, when it is not a run or one of a later
     version, and when it has no scenario and no ``system`` is given.
     """
     path = Path(path)
@@ -62,7 +62,7 @@ def load_run(path: str | Path, system: SimulableSystem | None = None) -> Traject
 
 
 def saved_scenario(path: str | Path) -> Scenario:
-    """The scenario of a saved run, to be simulated again: ``saved_scenario("run.nc").simulate(rtol=1e-12)``.
+    """The scenario of a saved run, for simulating it again: ``saved_scenario("run.nc").simulate(rtol=1e-12)``.
 
     **Arguments:**
 
@@ -81,11 +81,11 @@ class _Content(NamedTuple):
 
 def _read(path: Path) -> _Content:
     if path.suffix not in READERS:
-        hint = "; a .csv holds numbers alone, and not the system that they belong to" if path.suffix == ".csv" else ""
+        hint = "; a .csv holds only numbers, not the system that they belong to" if path.suffix == ".csv" else ""
         raise RunError(f'A run is read back from a {" or ".join(READERS)} file, but this is "{path}"{hint}.')
     if not path.is_file():
-        what = "a folder" if path.is_dir() else "not there"
-        raise RunError(f'A run is read back from a file, but "{path}" is {what}.')
+        what = "is a folder" if path.is_dir() else "does not exist"
+        raise RunError(f'A run is read back from a file, but "{path}" {what}.')
     try:
         content = READERS[path.suffix](path)
         number = int(content.about["format"])
@@ -109,7 +109,7 @@ def _scenario(content: _Content, path: Path) -> Scenario:
     text = str(content.about.get("scenario", ""))
     if not text:
         raise RunError(
-            f'The run "{path}" holds no scenario, because a file cannot say what it was made of, such as a Python '
+            f'The run "{path}" holds no scenario, because a file cannot hold what it was made of, such as a Python '
             "function; give its system: load_run(path, system)."
         )
     try:
@@ -119,13 +119,13 @@ def _scenario(content: _Content, path: Path) -> Scenario:
 
 
 def _state(arrays: Mapping[str, np.ndarray], system: SimulableSystem, path: Path) -> SimulableState:
-    """The states, of the kind whose fields are there."""
-    kinds = (system.state_type,) if isinstance(system, AbstractClassicalSystem) else STATES
-    fields = {kind: [field.name for field in dataclasses.fields(kind)] for kind in kinds}
-    for kind, names in fields.items():
-        if all(name in arrays or name in OF_DRIVEN_MASSES for name in names):
-            nothing = np.zeros((len(arrays["time"]), 0))
-            return kind(**{name: to_array(arrays.get(name, nothing)) for name in names})
+    """The states, of the type whose fields are in the file."""
+    types = (system.state_type,) if isinstance(system, AbstractClassicalSystem) else STATES
+    fields = {type_: [field.name for field in dataclasses.fields(type_)] for type_ in types}
+    for type_, names in fields.items():
+        if all(name in arrays or name in DRIVEN_FIELDS for name in names):
+            empty = np.zeros((len(arrays["time"]), 0))
+            return type_(**{name: to_array(arrays.get(name, empty)) for name in names})
     raise _no_run(path, f"it has no states of a {type(system).__name__}")
 
 

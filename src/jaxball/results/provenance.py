@@ -1,4 +1,4 @@
-"""What a result file says about the run it came from."""
+"""The attributes of a result file: how its run ended, its scenario, and the versions of the packages."""
 
 import dataclasses
 import importlib.metadata
@@ -16,19 +16,18 @@ from ..simulation.trajectory import Trajectory
 
 FORMAT = 1
 PACKAGES = ("jaxball", "jax", "diffrax")
-UNKNOWN_SOLVER = "# Written from a trajectory, which does not know how it was solved: there is no table [solve].\n"
+UNKNOWN_SOLVER = "# Made from a trajectory, which does not hold its solver settings: there is no table [solve].\n"
 
 
 def attributes(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> dict[str, str | int | float]:
     """Title, how the solve ended, the scenario's text, and the versions of the packages.
 
     Without a ``scenario``, its text is that of the trajectory's system, initial state and times, and empty where a file
-    cannot hold them. ``format`` is the number of this arrangement, which :func:`load_run` reads.
-    ``ok`` is 1 for a solve that reached its end and 0 for one that failed. The extremes of the contact force,
-    ``contact_friction_needed`` and the others of :class:`~jaxball.ContactExtremes`, are there for a run with dense
-    output.
+    cannot hold them. ``format`` is the version of the file format, which :func:`load_run` checks.
+    ``ok`` is 1 for a solve that reached its end and 0 for one that failed. A run with dense output also has the
+    extremes of the contact force, ``contact_friction_needed`` and the others of :class:`~jaxball.ContactExtremes`.
     """
-    found: dict[str, str | int | float] = {
+    run: dict[str, str | int | float] = {
         "format": FORMAT,
         "title": "" if scenario is None else scenario.title,
         "ok": int(trajectory.ok),
@@ -41,14 +40,12 @@ def attributes(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> d
     }
     if trajectory.interpolant is not None and isinstance(trajectory.system, Ball | Disk):
         extremes = contact_extremes(trajectory)
-        found |= {
-            f"contact_{field.name}": float(getattr(extremes, field.name)) for field in dataclasses.fields(extremes)
-        }
-    return found | {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
+        run |= {f"contact_{field.name}": float(getattr(extremes, field.name)) for field in dataclasses.fields(extremes)}
+    return run | {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
 
 
 def _of_trajectory(trajectory: Trajectory[Any, Any]) -> str:
-    """The scenario of a trajectory whose own is not given; empty where a file cannot hold it."""
+    """The text of a scenario made of the trajectory; empty where a file cannot hold it."""
     state = jax.tree.map(lambda leaf: leaf[0], trajectory.state)
     state = state.in_space() if isinstance(state, RotationState) else state
     if isinstance(state, ReducedState):

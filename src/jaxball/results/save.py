@@ -1,8 +1,8 @@
-"""Saving a trajectory to a file."""
+"""A trajectory as a labelled data set, and saved to a file."""
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,26 +10,56 @@ from ..interface.output import check_destination, replacing
 from ..scenario import Scenario
 from ..scenario.paths import entries
 from ..simulation.trajectory import Trajectory
-from .dataset import to_dataset
 from .provenance import attributes
-from .variables import values
+from .variables import labels, values
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = None) -> "xarray.Dataset":
+    """The trajectory and all its observables, or the laws of a classical system, as an ``xarray.Dataset``.
+
+    Dimensions are ``time``, ``mass``, ``driven`` (the masses whose angles belong to the state, by their
+    numbers) and those of vectors: ``axis``, ``direction`` in the plane, ``component`` of a versor. All
+    are counted from 0. Attributes say how the solve ended, and hold the scenario's file.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
+    - ``scenario``: the scenario of the run; without one, a file of the system, its initial state and the times is kept,
+      if a file can hold them.
+
+    **Raises:** ``ValueError`` for a batch of trajectories.
+    """
+    # Imported here, because it takes longer than all of jaxball's own modules.
+    import xarray
+
+    variables, sizes = {}, {}
+    for name, (variable, array) in values(trajectory).items():
+        notes = {"units": variable.units, "long_name": variable.meaning}
+        variables[name] = (("time", *variable.dimensions), array, notes)
+        sizes |= zip(variable.dimensions, array.shape[1:], strict=True)
+    times = ("time", np.asarray(trajectory.times), {"units": "time", "long_name": "time"})
+    coordinates = {"time": times, **labels(trajectory.system, sizes)}
+    return xarray.Dataset(variables, coordinates, attributes(trajectory, scenario))
 
 
 def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario | None = None) -> Path:
     """Saves a trajectory with all its observables, or laws, in the format that the suffix of ``path`` names.
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
-    - ``path``: where to, with its suffix.
-    - ``scenario``: what the run came from, whose text is kept with it; None if there is none.
-    - ``.nc``: netCDF, see :func:`to_dataset`; ``xarray.open_dataset(path)`` reads it.
-    - ``.npz``: the same arrays, and the attributes as texts and numbers.
-    - ``.csv``: a row for each time and a column for each number, named as ``Omega[1]`` or
-      ``mass_positions_body[0][2]`` (mass 0, the third axis); the column ``status`` is 0 for a solve
-      that reached its end, and the number of its :class:`~jaxball.Status` for one that failed.
+    - ``path``: where to save it. The suffix is one of:
 
-    A failed solve is saved too, with its status, and NaN after the time that it reached. The file is
-    written beside ``path`` and then moved there, so a failure never harms a file that exists. A symbolic
-    link is followed.
+      - ``.nc``: netCDF, see :func:`to_dataset`; ``xarray.open_dataset(path)`` reads it.
+      - ``.npz``: the same arrays, and the attributes as texts and numbers.
+      - ``.csv``: one row for each time and one column for each number, named like ``Omega[1]`` or
+        ``mass_positions_body[0][2]`` (mass 0, the third axis); the column ``status`` is 0 for a solve
+        that reached its end, and the number of its :class:`~jaxball.Status` for one that failed.
+    - ``scenario``: the scenario of the run, whose text is saved with it; None if there is none.
+
+    A failed solve is saved too, with its status, and NaN after the time that it reached. The write is atomic, so a
+    failure never harms an existing file. A symbolic link is followed.
 
     **Returns:** ``path``.
 
@@ -38,8 +68,8 @@ def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario 
     """
     path = Path(path)
     check_destination(path, SUFFIXES)
-    with replacing(path) as beside:
-        WRITERS[path.suffix](trajectory, beside, scenario)
+    with replacing(path) as temporary:
+        WRITERS[path.suffix](trajectory, temporary, scenario)
     return path
 
 

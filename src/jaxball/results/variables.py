@@ -1,4 +1,4 @@
-"""The variables of a saved trajectory: their dimensions, units and meaning, and their coordinates."""
+"""The variables of a saved trajectory: their dimensions, units, meaning and coordinates."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -11,7 +11,7 @@ from ..simulation.trajectory import Trajectory
 
 
 class Variable(NamedTuple):
-    """Dimensions after ``time``, units in terms of those of the parameters, and what the variable is."""
+    """Dimensions after ``time``, units in terms of those of the parameters, and the meaning of the variable."""
 
     dimensions: tuple[str, ...]
     units: str
@@ -78,10 +78,10 @@ OBSERVABLES = {
 
 
 def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.ndarray]]:
-    """Every variable of a trajectory with its array, ``time`` first; NaN where the solve did not come.
+    """Every variable of a trajectory with its array, ``time`` first; NaN at times that the solve did not reach.
 
-    A reduced trajectory has its state only, and one of a classical system its state and its laws. ``z`` of
-    a disk is one number.
+    A reduced trajectory has its state only, and one of a classical system its state and its laws. For a disk, ``z`` is
+    one number.
 
     **Raises:** ``ValueError`` for a batch of trajectories.
     """
@@ -92,39 +92,39 @@ def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.nda
         )
     if isinstance(trajectory.system, AbstractClassicalSystem):
         return _classical_values(trajectory)
-    found = {}
+    variables = {}
     for name, leaf in vars(trajectory.state).items():
         array, variable = np.asarray(leaf), STATE[name]
         if isinstance(trajectory.state, DiskState) and name == "z":
             variable = variable._replace(dimensions=())
         if array.size:
-            found[name] = (variable, array)
+            variables[name] = (variable, array)
     if isinstance(trajectory.state, ReducedState):
-        return found
+        return variables
     observables = trajectory.observables
     missing = np.isnan(np.asarray(observables.normal_force))
     for name, variable in OBSERVABLES.items():
         array = np.array(getattr(observables, name))
         array[missing] = np.nan
-        found[name] = (variable, array)
-    return found
+        variables[name] = (variable, array)
+    return variables
 
 
 def _classical_values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.ndarray]]:
-    found = {}
-    for known, entries in ((CLASSICAL_STATE, vars(trajectory.state)), (LAWS, trajectory.laws._asdict())):
-        for name, leaf in entries.items():
+    variables = {}
+    for described, leaves in ((CLASSICAL_STATE, vars(trajectory.state)), (LAWS, trajectory.laws._asdict())):
+        for name, leaf in leaves.items():
             array = np.asarray(leaf)
-            found[name] = known.get(name) or of_ones_own(name, array.ndim - 1), array
-    return found
+            variables[name] = described.get(name) or undescribed(name, array.ndim - 1), array
+    return variables
 
 
-def of_ones_own(name: str, dimensions: int) -> Variable:
-    """A variable of a system that is not of this package: its dimensions are named after it."""
+def undescribed(name: str, dimensions: int) -> Variable:
+    """A variable of a system that is not one of jaxball's: its dimensions are named after it."""
     return Variable(tuple(f"{name}_{k}" for k in range(dimensions)), "", name)
 
 
 def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """The coordinate along each dimension of these sizes: 0, 1, …, and along ``driven`` the numbers of these masses."""
-    found = {name: np.arange(size) for name, size in sizes.items()}
-    return found | ({"driven": np.asarray(system.driven)} if "driven" in sizes else {})
+    """The coordinate along each dimension: 0, 1, …, and along ``driven`` the numbers of the driven masses."""
+    indices = {name: np.arange(size) for name, size in sizes.items()}
+    return indices | ({"driven": np.asarray(system.driven)} if "driven" in sizes else {})

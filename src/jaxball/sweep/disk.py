@@ -7,7 +7,7 @@ import shutil
 import time
 from pathlib import Path
 
-from ..interface.output import machine, whole
+from ..interface.output import atomic_write, machine
 
 SECONDS_OF_A_PART = 24 * 3600.0
 _PART = re.compile(r"\.part-(?P<machine>.+)-(?P<process>\d+)-[^-]+")
@@ -16,7 +16,7 @@ _PART = re.compile(r"\.part-(?P<machine>.+)-(?P<process>\d+)-[^-]+")
 def write_whole(path: Path, content: bytes) -> None:
     """Writes a file, whole or not at all. Its folder is made where it does not exist."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with whole(path, flush=True) as beside:
+    with atomic_write(path, flush=True) as beside:
         beside.write_bytes(content)
 
 

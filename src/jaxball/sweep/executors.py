@@ -33,7 +33,7 @@ class _Worker(multiprocessing.context.SpawnProcess):
     """Importing JAX takes seconds, in which a Ctrl-C at the terminal would reach it too."""
 
     def start(self) -> None:
-        with _starting, interruption.heard_by_the_parent():
+        with _starting, interruption.blocked_in_children():
             super().start()
 
 

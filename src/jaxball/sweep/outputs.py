@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..physics.state import BallState, DiskState
-from ..results.variables import CLASSICAL_STATE, STATE, Variable, labels, of_ones_own
+from ..results.variables import CLASSICAL_STATE, STATE, Variable, labels, undescribed
 from ..scenario import Scenario
 from ..simulation.extremes import ContactExtremes
 from .errors import StudyError
@@ -86,4 +86,4 @@ def _variable(template: Scenario, name: str, shape: tuple[int, ...]) -> Variable
     if isinstance(template.state, BallState | DiskState):
         known = STATE[name]
         return known if len(shape) == len(known.dimensions) else known._replace(dimensions=())
-    return CLASSICAL_STATE.get(name) or of_ones_own(name, len(shape))
+    return CLASSICAL_STATE.get(name) or undescribed(name, len(shape))

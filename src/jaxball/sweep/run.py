@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 
 from ..ensemble.threads import cores
-from ..interface.interruption import asked_to_stop, before_the_end
+from ..interface.interruption import on_interrupt, stop_requested
 from .batch import Engine
 from .chunk import Task
 from .engine import solve_in_lanes
@@ -91,7 +91,7 @@ def sweep(
     words = STOPPING if stream is not None else ""
     threads = max(1, cores() // workers) if executor is None else 1
     tasks = (Task(study, store.folder, k, engine, threads) for k in mine)
-    with asked_to_stop(words) as stop, _running(executor, min(workers, max(len(mine), 1))) as pool:
+    with stop_requested(words) as stop, _running(executor, min(workers, max(len(mine), 1))) as pool:
         try:
             for done in solve_all(pool, tasks, TASKS_PER_WORKER * parallel, stop):
                 progress.add(done)
@@ -122,7 +122,7 @@ def _running(executor: Any, workers: int) -> Iterator[Any]:
         return
     own: concurrent.futures.Executor = executor_of(workers)
     try:
-        with before_the_end(kill_workers):
+        with on_interrupt(kill_workers):
             yield own
     finally:
         own.shutdown(wait=True, cancel_futures=True)

@@ -130,7 +130,7 @@ def _create(
     try:
         with (
             tempfile.TemporaryDirectory(prefix=part_prefix(), dir=folder.parent) as beside,
-            interruption.before_the_end(lambda: shutil.rmtree(beside)),
+            interruption.on_interrupt(lambda: shutil.rmtree(beside)),
         ):
             made = Path(beside) / "store"
             _write_metadata(made, study, template, outputs, attributes)

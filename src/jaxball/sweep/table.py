@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from ..interface.output import flush_to_disk, whole
+from ..interface.output import atomic_write, flush_to_disk
 from ..scenario.paths import entries
 from .errors import StoreError
 from .outputs import Output
@@ -34,7 +34,7 @@ def write_table(store: Store) -> None:
     )
     together = max(1, ROWS_OF_A_GROUP // store.study.chunk)
     try:
-        with whole(store.table, flush=True) as beside, pyarrow.parquet.ParquetWriter(beside, schema) as writer:
+        with atomic_write(store.table, flush=True) as beside, pyarrow.parquet.ParquetWriter(beside, schema) as writer:
             for start in range(0, store.study.chunks, together):
                 chunks = range(start, min(start + together, store.study.chunks))
                 writer.write_table(pyarrow.table(_group(store, columns, chunks), schema=schema))

@@ -1,7 +1,8 @@
-"""The laws of mechanics that a run must keep, checked, and how far ahead its result can be trusted."""
+"""Checks of the laws of mechanics on a run, and how far ahead its result can be trusted."""
 
 from ..interface.names import interface as _interface
-from .report import Report as Report, Row as Row, Trust as Trust
+from .report import Report as Report, Row as Row
 from .run import LAWS as LAWS, verify as verify
+from .trust import Trust as Trust
 
 __all__, __dir__ = _interface(globals())

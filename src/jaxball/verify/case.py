@@ -1,4 +1,4 @@
-"""The runs that a verification compares, each made when it is first needed and then kept."""
+"""The runs that a verification compares, each computed when it is first needed and then kept."""
 
 import dataclasses
 from functools import cached_property
@@ -23,8 +23,8 @@ REFERENCE = 1e-13
 MOST_STEPS = 2**18
 DEVIATION = 1e-7
 DIRECTIONS = 4
-SAFETY = 10  # for the control of the step, which keeps an estimate of the error to the tolerance, and its mean square
-INTERPOLATION = 10  # steps: what the interpolation errs by at the saved times
+SAFETY = 10  # because step-size control keeps an estimate of the error, in the mean square, to the tolerance
+INTERPOLATION = 10  # the interpolation error at the saved times, in steps
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class Case:
 
     @property
     def finest(self) -> float:
-        """The tolerance of the reference."""
+        """The tolerance of the reference run."""
         return max(FINEST["float64"], min(REFERENCE, self.tolerance / 10))
 
     @cached_property
@@ -50,7 +50,7 @@ class Case:
 
     @property
     def steps(self) -> int:
-        """How many steps' errors the run may hold; see :meth:`Case.expected`."""
+        """The number of steps whose errors add up in the run; see :meth:`Case.expected`."""
         return int(self.run.steps) + INTERPOLATION
 
     @cached_property
@@ -60,11 +60,11 @@ class Case:
 
     @cached_property
     def reference(self) -> Trajectory[Any, Any]:
-        """The same motion by Dopri8 at a tolerance of 1e-13, or a tenth of the run's where that is finer."""
+        """The same motion by Dopri8 at a tolerance of 1e-13, or a tenth of the run's if that is finer."""
         return self.precise(self.scenario.state)
 
     def precise(self, state: SimulableState) -> Trajectory[Any, Any]:
-        """The motion from an initial state as precise as it can be had."""
+        """The motion from an initial state, as precise as possible."""
         return self.other(diffrax.Dopri8(), state=state, tolerance=self.finest)
 
     def other(
@@ -76,27 +76,27 @@ class Case:
         tolerance: float | None = None,
         dae: bool = False,
     ) -> Trajectory[Any, Any]:
-        """The run in another way; ``tolerance`` takes the place of the larger of both, the other in proportion."""
-        finer = 1.0 if tolerance is None else tolerance / self.tolerance
+        """The run with other settings; ``tolerance`` replaces the larger of rtol and atol, the other in proportion."""
+        factor = 1.0 if tolerance is None else tolerance / self.tolerance
         return simulate(
             self.scenario.system if system is None else system,
             self.scenario.times,
             self.scenario.state if state is None else state,
             solver=solver,
-            rtol=finer * self.scenario.rtol,
-            atol=finer * self.scenario.atol,
+            rtol=factor * self.scenario.rtol,
+            atol=factor * self.scenario.atol,
             max_steps=MOST_STEPS,
             dae=dae,
         )
 
     @cached_property
     def weights(self) -> Float[np.ndarray, " size"]:
-        """What the tolerances are relative to: 1 + max |x| of each component where both are equal."""
+        """The scale of each component of the state: 1 + max |x| where both tolerances are equal."""
         largest = np.max(np.abs(flat(self.reference.state)), axis=0)
         return (self.scenario.atol + self.scenario.rtol * largest) / self.tolerance
 
     def distance(self, a: SimulableState, b: SimulableState) -> Float[np.ndarray, " T"]:
-        """How far apart two motions are at each saved time: their largest component over its weight."""
+        """The distance of two motions at each saved time: the largest difference of a component over its weight."""
         return np.max(np.abs(flat(a) - flat(b)) / self.weights[None], axis=1)
 
     @cached_property
@@ -106,27 +106,28 @@ class Case:
 
     @cached_property
     def growth(self) -> Float[np.ndarray, " T"]:
-        """By how much small deviations of the initial state have grown at each saved time, at least 1; NaN if unknown.
+        """The factor by which small deviations of the initial state have grown, at least 1; NaN if unknown.
 
-        The largest over four generic directions, which differ from the fastest by the square root of the dimension or
-        so. Runs from nearby states, rather than tangents, because these need no program of their own.
+        It is the largest over four generic directions, which grow less than the fastest one by about the square root
+        of the dimension. It is measured with runs from nearby states, because tangents would need a program of their
+        own.
         """
         start, unravel = ravel_pytree(self.scenario.state)
-        found = []
+        factors = []
         for direction in generic_vectors(DIRECTIONS, start.size):
             change = DEVIATION * direction / np.linalg.norm(direction) * self.weights
             nearby = self.precise(projected(unravel(start + jnp.asarray(change, start.dtype))))
-            # A body held to a constraint may not start from every nearby state.
+            # A constrained body cannot start from every nearby state.
             if nearby.ok:
-                apart = self.distance(nearby.state, self.reference.state)
-                found.append(apart / apart[0])
-        return np.maximum(1.0, np.max(found, axis=0)) if found else np.full(len(self.scenario.times), np.nan)
+                deviation = self.distance(nearby.state, self.reference.state)
+                factors.append(deviation / deviation[0])
+        return np.maximum(1.0, np.max(factors, axis=0)) if factors else np.full(len(self.scenario.times), np.nan)
 
     @property
     def expected(self) -> float:
-        """The error that the tolerances explain: steps × tolerance × growth, times a safety of 10.
+        """The error that the tolerances explain: steps × tolerance × growth, times a safety factor of 10.
 
-        Each step adds an error of about the tolerance, and what it added grows as any deviation does.
+        Each step adds an error of about the tolerance, which then grows as any deviation does.
         """
         return SAFETY * self.steps * self.tolerance * float(np.max(self.growth))
 

@@ -19,10 +19,10 @@ from ..solvers import Gauss, RadauIIA
 from .case import Case
 from .report import Row
 
-COARSER = (1e4, 1e2, 1.0)  # tolerances of the ladder, times the run's
-LADDER_FALLS = 0.3  # at least, from rung to rung, where the tolerance falls to 0.01; an error follows it as h^p does
+TOLERANCE_FACTORS = (1e4, 1e2, 1.0)  # of the run's tolerance
+LARGEST_RATIO = 0.3  # of errors, when the tolerance is divided by 100; the error falls as h^p
 SATURATED = 1e-1
-INTERPOLATED = 100  # what the interpolation of the reference may err by, over its tolerance
+INTERPOLATION_FACTOR = 100  # the reference's interpolation error over its tolerance
 LOOSEST = 1e-2
 
 COMPARISONS: dict[str, str] = {
@@ -30,31 +30,31 @@ COMPARISONS: dict[str, str] = {
     "convergence": "the error falls with the tolerance",
     "solvers": "the run agrees with one by a solver of another family",
     "dae": "the run agrees with that of the differential-algebraic equations",
-    "embedding": "a disk rolls as the ball does in which it is embedded",
+    "embedding": "a disk rolls like the ball in which it is embedded",
     "closed-form": "the run agrees with the solution in closed form",
 }
 SLOW = ("solvers", "dae", "embedding")  # each compiles a program of its own
 
 
 def error(case: Case) -> Row:
-    """Of the run at the saved times."""
+    """The error of the run at the saved times."""
     if not case.reference.ok:
         return Row("error", note=f"the run at a tolerance of 1e-13 failed: {case.reference.message}")
     return Row("error", float(np.max(case.errors)), case.expected)
 
 
 def convergence(case: Case) -> Row:
-    """The largest ratio of errors at one tolerance to those at a tolerance a hundred times as large."""
-    tolerances = [case.tolerance * factor for factor in COARSER]
+    """The largest ratio of the errors at one tolerance and at a hundred times that tolerance."""
+    tolerances = [case.tolerance * factor for factor in TOLERANCE_FACTORS]
     tolerances = [tolerance for tolerance in tolerances if tolerance <= LOOSEST]
     errors = [_error_at(case, tolerance) for tolerance in tolerances]
-    floor = INTERPOLATED * case.finest * float(np.max(case.growth))
+    floor = INTERPOLATION_FACTOR * case.finest * float(np.max(case.growth))
     ratios = [
         fine / coarse for coarse, fine in itertools.pairwise(errors) if not coarse >= SATURATED and not fine <= floor
     ]
-    rungs = zip(errors, tolerances, strict=True)
-    note = "errors " + ", ".join(f"{value:.0e} at {tolerance:.0e}" for value, tolerance in rungs)
-    return Row("convergence", float(np.max([0.0, *ratios])), LADDER_FALLS, note=note)
+    pairs = zip(errors, tolerances, strict=True)
+    note = "errors " + ", ".join(f"{value:.0e} at {tolerance:.0e}" for value, tolerance in pairs)
+    return Row("convergence", float(np.max([0.0, *ratios])), LARGEST_RATIO, note=note)
 
 
 def solvers(case: Case) -> Row:
@@ -65,7 +65,7 @@ def solvers(case: Case) -> Row:
 
 
 def dae(case: Case) -> Row:
-    """The form of the paper in which |q|² = 1 determines a component of q, by Radau IIA of order 13."""
+    """The paper's form in which |q|² = 1 determines one component of q, by Radau IIA of order 13."""
     if not has_unit(case.scenario.state):
         return Row("dae", reason=f"it is for {WITH_UNIT}, in which a component of a unit vector is algebraic")
     return _agreement("dae", case, case.other(RadauIIA(stages=7), dae=True), "RadauIIA")
@@ -79,7 +79,7 @@ def embedding(case: Case) -> Row:
     embedded = case.other(diffrax.Dopri8(), system=system.embedded(), state=state.in_space())
     if not embedded.ok:
         return Row("embedding", note=f"the run of the ball failed: {embedded.message}")
-    return Row("embedding", _apart(case.run.state.in_space(), embedded.state), 2 * case.expected)
+    return Row("embedding", _difference(case.run.state.in_space(), embedded.state), 2 * case.expected)
 
 
 def closed_form(case: Case) -> Row:
@@ -103,7 +103,7 @@ CHECKS: dict[str, Callable[[Case], Row]] = {
 
 
 def _agreement(law: str, case: Case, other: Trajectory[Any, Any], name: str) -> Row:
-    """Two runs at the same tolerance, each with its own error."""
+    """The row of two runs at the same tolerance, each with its own error."""
     if not other.ok:
         return Row(law, note=f"the run by {name} failed: {other.message}")
     return Row(law, float(np.max(case.distance(case.run.state, other.state))), 2 * case.expected, note=f"with {name}")
@@ -112,14 +112,14 @@ def _agreement(law: str, case: Case, other: Trajectory[Any, Any], name: str) -> 
 def _error_at(case: Case, tolerance: float) -> float:
     if tolerance == case.tolerance:
         return float(np.max(case.errors))
-    finer = tolerance / case.tolerance
+    factor = tolerance / case.tolerance
     scenario = case.scenario
-    run = scenario.simulate(rtol=finer * scenario.rtol, atol=finer * scenario.atol, dense=True)
+    run = scenario.simulate(rtol=factor * scenario.rtol, atol=factor * scenario.atol, dense=True)
     return float(np.max(case.distance(run.state, case.reference.state)))
 
 
-def _apart(a: Any, b: Any) -> float:
-    """The largest difference of two kinds of motion, relative to 1 + |x|."""
+def _difference(a: Any, b: Any) -> float:
+    """The largest difference of the states of two motions, relative to 1 + |x|."""
     pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
     differences = [np.abs(np.asarray(x) - np.asarray(y)) / (1 + np.max(np.abs(y), initial=0.0)) for x, y in pairs]
     return max(float(np.max(d, initial=0.0)) for d in differences)

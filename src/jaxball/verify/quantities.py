@@ -1,7 +1,7 @@
-"""What the laws of mechanics say of a rolling body, from sums over its masses.
+"""The quantities that the laws of mechanics balance or conserve, as sums over the masses.
 
-Each formula is another than the one that a solve advances, which knows moments alone, so that a wrong term in the
-equations of motion breaks a law.
+A solve advances other formulas, those with the moments of the masses, so a wrong term in the equations of motion breaks
+a law here.
 """
 
 from typing import Any, NamedTuple
@@ -22,18 +22,18 @@ from ..physics.motion import Kinematics
 from ..physics.observables import observe
 from ..physics.state import BallState, DiskState
 
-CENTRED = 1e-12  # of the radius of gyration: how near to the geometric centre counts as there
+CENTRED = 1e-12  # of the radius of gyration: a distance from the geometric centre that counts as zero
 
 
 class Balance(NamedTuple):
-    """A quantity and the rate at which the law says that it changes."""
+    """A quantity and its rate of change according to the law."""
 
     value: Float[Array, "*shape"]
     rate: Float[Array, "*shape"]
 
 
 class Quantities(NamedTuple):
-    """Balances by the name of their law, and the moments of the masses, on which it depends which laws hold."""
+    """Balances by the name of their law, and the moments of the masses, which decide which laws hold."""
 
     balances: dict[str, Balance]
     moments: Moments | None
@@ -41,38 +41,37 @@ class Quantities(NamedTuple):
 
 
 def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
-    """What is balanced along a motion of any system."""
+    """The balances of any system in one state."""
     if isinstance(system, AbstractClassicalSystem):
         return _of_classical(system, t, state)
     return _of_rolling(system, t, state)
 
 
 def _of_classical(system: AbstractClassicalSystem, t: Float[Array, ""], state: AbstractClassicalState) -> Quantities:
-    found = system.laws(t, state)._asdict()
-    return Quantities({name: _constant(value) for name, value in found.items()}, None, None)
+    return Quantities({name: _constant(value) for name, value in system.laws(t, state)._asdict().items()}, None, None)
 
 
 def _of_rolling(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Quantities:
-    seen, upright = observe(system, t, state), state.in_space()
-    Lambda, Omega, r = upright.Lambda, upright.Omega, system.radius
+    observables, in_space = observe(system, t, state), state.in_space()
+    Lambda, Omega, r = in_space.Lambda, in_space.Omega, system.radius
     Gamma, omega = Lambda[2], apply(Lambda, Omega)
     at = moments(system, t, driven_angles(system, t, state))
     Fe = jnp.zeros_like(Omega) if system.force is None else system.force(t)
-    place = at, r, Omega, Gamma
+    arguments = at, r, Omega, Gamma
     axis = axis_of(at)
-    axial = laws.routh_integrals(*_about(axis, *place))
+    axial = laws.routh_integrals(*_about(axis, *arguments))
     vertical = jnp.zeros_like(Omega).at[2].set(1.0)
     rolling = cross(omega, r * vertical)
     momentum = contact_momentum_balance(system, t, state)
     balances = {
-        "energy": Balance(seen.energy, seen.power),
+        "energy": Balance(observables.energy, observables.power),
         "momentum": momentum,
         "chaplygin": _constant(momentum.value),
-        "jellett-rate": Balance(laws.jellett(*place), laws.jellett_rate(*place, apply(Lambda.T, Fe))),
+        "jellett-rate": Balance(laws.jellett(*arguments), laws.jellett_rate(*arguments, apply(Lambda.T, Fe))),
         "jellett": _constant(axial.jellett),
         "routh": _constant(axial.routh),
-        "norm": _constant(jnp.sqrt(jnp.sum(upright.q**2))),
-        "rolling": Balance(upright.z, rolling[:2]),
+        "norm": _constant(jnp.sqrt(jnp.sum(in_space.q**2))),
+        "rolling": Balance(in_space.z, rolling[:2]),
     }
     return Quantities(balances, at, axis)
 
@@ -84,29 +83,29 @@ def contact_momentum_balance(system: System, t: Float[Array, ""], state: BallSta
     point to a mass, and here ċ = ω × r e3: Goldstein, Poole & Safko, Classical Mechanics, 3rd edition, section 1.2,
     with a moving point of reference.
     """
-    upright, angles, r = state.in_space(), driven_angles(system, t, state), system.radius
-    Lambda, Omega = upright.Lambda, upright.Omega
+    in_space, angles, r = state.in_space(), driven_angles(system, t, state), system.radius
+    Lambda, Omega = in_space.Lambda, in_space.Omega
     Gamma = Lambda[2]
     vertical = jnp.zeros_like(Omega).at[2].set(1.0)
     points = kinematics(system, t, angles)
-    still = jnp.zeros((1, 3), dtype=Omega.dtype)
     chi = jnp.concatenate([system.offset[None], points.chi])
-    chidot = jnp.concatenate([still, points.chidot])
+    chidot = jnp.concatenate([jnp.zeros((1, 3), dtype=Omega.dtype), points.chidot])
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])[:, None]
     s = r * Gamma[None] + chi
     Y = velocities(r, Kinematics(chi, chidot, jnp.zeros_like(chi)), Omega, Gamma)
     Pi = apply(principal_inertia(system), Omega) + jnp.sum(m * jax.vmap(cross)(s, Y), axis=0)
     P = jnp.sum(m * Y, axis=0)
     weight = cross(apply(Lambda, jnp.sum(m * s, axis=0)), -system.gravity * vertical)
-    push = jnp.zeros_like(weight) if system.force is None else cross(r * vertical, system.force(t))
+    force = jnp.zeros_like(weight) if system.force is None else cross(r * vertical, system.force(t))
     cdot = cross(apply(Lambda, Omega), r * vertical)
-    return Balance(apply(Lambda, Pi), weight + push - cross(cdot, apply(Lambda, P)))
+    return Balance(apply(Lambda, Pi), weight + force - cross(cdot, apply(Lambda, P)))
 
 
 def axis_of(at: Moments) -> Float[Array, "3"]:
-    """The one axis about which the ball may be a body of revolution.
+    """The only axis about which the ball can be a body of revolution.
 
-    That of its centre of mass; where this is the geometric centre, the body axis whose moment is the odd one out.
+    It leads through the centre of mass; where that is the geometric centre, it is the body axis whose moment differs
+    most from the others.
     """
     J = jnp.diagonal(at.J)
     height = jnp.sqrt(jnp.sum(at.p**2))

@@ -1,4 +1,4 @@
-"""The one entry function: a scenario, or a system with times and a state, in; a report out."""
+"""The entry function: it takes a scenario, or a system with times and a state, and returns a report."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,7 +12,7 @@ from ..physics.simulable import SimulableState, SimulableSystem
 from ..physics.state import BallState, DiskState
 from ..scenario import Scenario
 from ..simulation.simulate import at_rest
-from .along import BALANCES, laws_along
+from .balances import BALANCES, laws_along
 from .case import Case
 from .comparisons import CHECKS, COMPARISONS, SLOW
 from .report import Report, Row
@@ -23,7 +23,7 @@ LAWS: Mapping[str, str] = {
     "contact": "N > 0: the plane holds the ball",
     **COMPARISONS,
 }
-"""Every law by its name. A classical system has those of its ``laws`` in the place of the balances."""
+"""Every law by its name. A classical system has its own ``laws`` instead of the balances."""
 
 ROLLING_ONLY = "it is for a ball or a disk"
 
@@ -43,11 +43,11 @@ def verify(
 
     - ``system``: a :class:`~jaxball.Scenario`; or a system, and then ``times`` and ``state`` are those of
       :func:`jaxball.simulate`, and ``settings`` are fields of a scenario, such as ``solver``, ``rtol`` and ``atol``.
-    - ``laws``: the names of those to check, of :data:`LAWS` or of a classical system's laws; all of them if not given.
-      Where one does not apply, its row says why.
+    - ``laws``: the names of the laws to check, from :data:`LAWS` or a classical system's laws; all if not given. Where
+      a law does not apply, its row says why.
     - ``quick``: whether to leave out the laws for which another solver or another system must be compiled.
 
-    A solve that fails is the report's ``failure``.
+    If the solve fails, the report's ``failure`` says why.
 
     **Raises:** ``ValueError`` for a name that is no law, ``TypeError`` for states without a place, and what
     :func:`jaxball.simulate` raises.
@@ -58,11 +58,11 @@ def verify(
     if not case.run.ok:
         return Report(case.scenario.title, (), failure=case.run.message)
     rows = tuple(known[name](case) if name in known else Row(name, reason=ROLLING_ONLY) for name in chosen)
-    # Of all laws, a motion that is not known in closed form is worth no line.
+    # By default, no row says only that there is no closed form.
     if laws is None:
         rows = tuple(row for row in rows if row.applies or row.law != "closed-form")
-    wanted = laws is None or any(name in CHECKS for name in chosen)
-    return Report(case.scenario.title, rows, trust(case) if wanted else None)
+    needs_trust = laws is None or any(name in CHECKS for name in chosen)
+    return Report(case.scenario.title, rows, trust(case) if needs_trust else None)
 
 
 def _scenario(system: Scenario | SimulableSystem, times: Any, state: Any, settings: dict[str, Any]) -> Scenario:

@@ -1,4 +1,4 @@
-"""For which balls the integrals of Chaplygin, Jellett and Routh hold, found from the moments along a run."""
+"""Whether the integrals of Chaplygin, Jellett and Routh hold for a ball, judged by its moments along a run."""
 
 import numpy as np
 from jaxtyping import Float
@@ -6,7 +6,7 @@ from jaxtyping import Float
 from ..physics.body import Disk, System
 from ..physics.moments import Moments
 
-NONE = 1e-9  # of the scale: what counts as zero
+ZERO = 1e-9  # relative to the scale
 MASSES_MOVE = "masses move"
 PLANAR = "a disk rolls in a plane, where it is zero"
 
@@ -16,7 +16,7 @@ def why_not_chaplygin(system: System, at: Moments) -> str:
     if system.force is not None:
         return "a force acts"
     distance = float(np.max(np.linalg.norm(at.p, axis=-1) / np.asarray(at.M)))
-    if distance > NONE * float(system.radius):
+    if distance > ZERO * float(system.radius):
         return f"the centre of mass is up to {distance:.3g} from the geometric centre"
     return ""
 
@@ -24,8 +24,8 @@ def why_not_chaplygin(system: System, at: Moments) -> str:
 def why_not_routh(system: System, at: Moments, axis: Float[np.ndarray, "steps nodes 3"]) -> str:
     """Why the integrals of Jellett and Routh are not constant; empty where they are.
 
-    They are where no force acts, no mass moves, and the ball with its masses is a body of revolution, about the axis
-    through the geometric centre and the centre of mass: for d1 = d2 and every mass on E3, and in any other axes.
+    They are constant where no force acts, no mass moves, and the ball with its masses is a body of revolution about the
+    axis through the geometric centre and the centre of mass: with d1 = d2 and every mass on E3, or so in other axes.
     """
     if isinstance(system, Disk):
         return PLANAR
@@ -33,8 +33,8 @@ def why_not_routh(system: System, at: Moments, axis: Float[np.ndarray, "steps no
         return "a force acts"
     J, p = np.asarray(at.J), np.asarray(at.p)
     moved = max(np.ptp(J, axis=(0, 1)).max(), np.ptp(p, axis=(0, 1)).max() * float(system.radius))
-    # A mass that goes round the axis with an equal one opposite changes neither J nor p.
-    if moved > NONE * np.max(np.abs(J)) or np.max(np.abs(at.l)) > 0:
+    # Two equal masses that circle the axis opposite each other change neither J nor p.
+    if moved > ZERO * np.max(np.abs(J)) or np.max(np.abs(at.l)) > 0:
         return MASSES_MOVE
     J, p = J[0, 0], p[0, 0]
     about_centre_of_mass = J - (p @ p * np.eye(3) - np.outer(p, p)) / float(at.M[0, 0])
@@ -42,13 +42,13 @@ def why_not_routh(system: System, at: Moments, axis: Float[np.ndarray, "steps no
 
 
 def why_no_revolution(J: Float[np.ndarray, "3 3"], axis: Float[np.ndarray, "3"]) -> str:
-    """Why a body with the moments ``J`` is not one of revolution about ``axis``; empty where it is."""
+    """Why a body with the moments of inertia ``J`` is not a body of revolution about ``axis``; empty where it is."""
     scale = float(np.max(np.abs(J)))
     along = J @ axis
-    if np.max(np.abs(along - (axis @ along) * axis)) > NONE * scale:
+    if np.max(np.abs(along - (axis @ along) * axis)) > ZERO * scale:
         return f"the axis {_text(axis)} is not a principal one"
     across = np.sort(np.linalg.eigvalsh(J + 10 * scale * np.outer(axis, axis)))[:2]
-    if across[1] - across[0] > NONE * scale:
+    if across[1] - across[0] > ZERO * scale:
         return f"the moments across the axis {_text(axis)} differ, {across[0]:.4g} and {across[1]:.4g}"
     return ""
 

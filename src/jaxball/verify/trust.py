@@ -1,21 +1,48 @@
 """How far ahead the result of a run can be trusted."""
 
+import dataclasses
 import math
 
 import numpy as np
 
 from .case import Case
-from .report import ERROR_ALLOWED, Trust
 
+ERROR_ALLOWED = 1e-3
 LEAST_ERROR = 1e-16
 
 
-def trust(case: Case) -> Trust | None:
-    """What the growth of small deviations means for the error; None where there is no precise run to tell.
+@dataclasses.dataclass(frozen=True)
+class Trust:
+    """How far ahead a result can be trusted.
 
-    With G their growth over the run of length T, log(G) / T is the finite-time Lyapunov exponent, and an error is
-    taken to go on growing at that rate. In a regular motion deviations grow as time does and the exponent falls as
-    log(T) / T, so that the error stays small for longer than this says.
+    Errors are relative to 1 + |x|, component by component, as the tolerances are where both are equal.
+
+    - ``error``: the largest error of the run, measured against a run at a tolerance of 1e-13.
+    - ``growth``: the largest factor by which a small deviation of the initial state grows in the run.
+    - ``lyapunov_time``: the time in which it grows e-fold on average, the inverse of the finite-time Lyapunov exponent.
+    - ``horizon``: the time at which the error reaches 1e-3. Beyond the end of the run it is extrapolated with the mean
+      growth rate, and too early where the motion is regular.
+    - ``end``: when the run ended.
+    """
+
+    error: float
+    growth: float
+    lyapunov_time: float
+    horizon: float
+    end: float
+
+    def __repr__(self) -> str:
+        growth = f"{self.growth:.3g}-fold, e-fold in {self.lyapunov_time:.3g}"
+        when = f"at t = {self.horizon:.3g}" if self.horizon <= self.end else f"not before t = {self.horizon:.3g}"
+        return f"error {self.error:.1e}; small deviations grow {growth}; the error reaches {ERROR_ALLOWED:g} {when}"
+
+
+def trust(case: Case) -> Trust | None:
+    """How far ahead the run can be trusted, from its error and the growth of small deviations.
+
+    With their growth G over a run of length T, log(G) / T is the finite-time Lyapunov exponent, and the error is
+    extrapolated at that rate. In a regular motion deviations grow linearly in time and the exponent falls as
+    log(T) / T, so the error stays small for longer than this says. None where the reference run failed.
     """
     if not case.reference.ok:
         return None

@@ -4,7 +4,7 @@ import argparse
 import dataclasses
 from pathlib import Path
 
-from ...interface.interruption import INTERRUPTED, STOPPED, last_words
+from ...interface.interruption import INTERRUPTED, STOPPED, interrupt_message
 from ...interface.output import check_folder
 from ..options import BadInputError, positive
 
@@ -13,10 +13,10 @@ def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser("bench")
     parser.add_argument("problems", nargs="*", metavar="PROBLEM", help="which problems (default: all)")
-    parser.add_argument("--solvers", nargs="+", default=[], metavar="NAME", help="a solver, a package, or words of one")
+    parser.add_argument("--solvers", nargs="+", default=[], metavar="NAME", help="solvers, packages, or parts of names")
     parser.add_argument("--tolerances", nargs="+", type=positive, metavar="RTOL", help="default: 1e-4 to 1e-13")
-    parser.add_argument("--budget", type=positive, metavar="SECONDS", help="of timed calls for each setting")
-    parser.add_argument("--limit", type=positive, metavar="SECONDS", help="leave out what solves more slowly")
+    parser.add_argument("--budget", type=positive, metavar="SECONDS", help="time for the timed calls of each setting")
+    parser.add_argument("--limit", type=positive, metavar="SECONDS", help="leave out what takes longer for a solve")
     parser.add_argument("--out", type=Path, default=Path("out/bench"), metavar="FOLDER", help="default: out/bench")
     parser.add_argument("--quick", action="store_true", help="two problems, a few solvers, two tolerances")
     parser.add_argument("--list", action="store_true", help="list problems and solvers")
@@ -24,7 +24,7 @@ def add(commands) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    # Imported here, because the problems hold arrays, and the other commands have no use for them.
+    # Imported here, because its problems hold arrays that the other commands have no use for.
     from ... import bench
 
     if options.list:
@@ -41,11 +41,11 @@ def _run(options: argparse.Namespace) -> int:
         "limit": options.limit,
     }
     settings = dataclasses.replace(plan.settings, **{key: value for key, value in changes.items() if value is not None})
-    with last_words(lambda: _stopped(options.out)):
-        done = bench.bench(plan.problems, plan.contenders, settings, options.out)
-    return INTERRUPTED if done.interrupted else 0
+    with interrupt_message(lambda: _stopped(options.out)):
+        results = bench.bench(plan.problems, plan.contenders, settings, options.out)
+    return INTERRUPTED if results.interrupted else 0
 
 
 def _stopped(out: Path) -> str:
-    kept = (out / "results.json").exists()
-    return f'Stopped; "{out}" has the problems that were finished.' if kept else STOPPED
+    written = (out / "results.json").exists()
+    return f'Stopped; "{out}" has the problems that were finished.' if written else STOPPED

@@ -4,19 +4,20 @@ import argparse
 from pathlib import Path
 
 from ...results import load_run, saved_scenario
-from ..pictures import add_formats, check_figures_folder, draw_figures
+from ..figures import add_formats, check_figures_folder, draw_figures
+from ..output import add_quiet
 
 
 def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "plot",
-        description="Draws the figures that `jaxball simulate --plot` draws, of a run that was saved.",
+        description="Draws the figures of a saved run, the same as `jaxball simulate --plot` draws.",
     )
     parser.add_argument("saved", metavar="RUN", help="a run that jaxball saved: .nc or .npz")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where the figures go")
     add_formats(parser, "--format")
-    parser.add_argument("--quiet", action="store_true", help="print no summary, but for errors")
+    add_quiet(parser)
     parser.set_defaults(run=_run)
 
 

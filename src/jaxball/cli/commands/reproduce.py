@@ -9,7 +9,7 @@ from ...interface.output import check_folder
 def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser("reproduce")
-    parser.add_argument("--out", type=Path, default=Path("out"), metavar="FOLDER", help="where to (default: out)")
+    parser.add_argument("--out", type=Path, default=Path("out"), metavar="FOLDER", help="where to write (default: out)")
     parser.set_defaults(run=_run)
 
 

@@ -3,7 +3,6 @@
 import argparse
 import dataclasses
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,22 +18,22 @@ from ...scenario.solve import SOLVERS, check_dae
 from ...simulation.events import AbstractEvent, Detachment, Slip
 from ...simulation.extremes import contact_extremes
 from ...simulation.trajectory import Trajectory
-from ..film import add_film, check_film, film
+from ..animation import add_animation, check_animation, write_animation
+from ..figures import add_formats, check_figures_folder, draw_figures
+from ..input import add_scenario, scenario_of
 from ..options import FAILED_SOLVE, number, positive
-from ..pictures import add_formats, check_figures_folder, draw_figures
-from ..source import add_source, scenario_of
-from ..speaking import add_speaking, check_json, say, write_json
+from ..output import add_output, check_json, say, write_json, written_line
 
 
 def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser("simulate")
-    add_source(parser)
+    add_scenario(parser)
     parser.add_argument("--end", type=number, metavar="T", help="end at this time, instead of the scenario's")
     parser.add_argument("--out", type=Path, metavar="FILE", help="save the trajectory: .nc, .npz or .csv")
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw the figures into this folder")
     add_formats(parser, "--plot-format")
-    add_film(parser)
+    add_animation(parser)
     parser.add_argument(
         "--solver", choices=SOLVERS, metavar="SOLVER", help=f"instead of the scenario's: {', '.join(SOLVERS)}"
     )
@@ -42,7 +41,7 @@ def add(commands) -> None:
     parser.add_argument("--atol", type=positive, help="absolute tolerance, instead of the scenario's")
     parser.add_argument("--friction", type=positive, metavar="MU", help="end where more friction than this is needed")
     parser.add_argument("--detachment", action="store_true", help="end where the ball would leave the plane")
-    add_speaking(parser)
+    add_output(parser)
     parser.set_defaults(run=_run)
 
 
@@ -53,24 +52,22 @@ def _run(options: argparse.Namespace) -> int:
     scenario = dataclasses.replace(scenario_of(options, options.end), **changes)
     if options.solver is not None:
         check_dae(scenario.system, options.solver, scenario.dae, "Argument `--solver`")
-    check_film(options, scenario)
-    touches = not isinstance(scenario.system, AbstractClassicalSystem)
-    trajectory = scenario.simulate(dense=touches, events=_events(options, scenario))
+    check_animation(options, scenario)
+    rolling = not isinstance(scenario.system, AbstractClassicalSystem)
+    trajectory = scenario.simulate(dense=rolling, events=_events(options, scenario))
     if options.out is not None:
         save(trajectory, options.out, scenario)
     if not trajectory.ok:
         write_json(options, _content(scenario, trajectory))
-        print(f"jaxball: {message_in_keys(trajectory)}{_kept(options.out)}", file=sys.stderr)
+        saved = "" if options.out is None else f' What was computed is in "{options.out}", marked as failed.'
+        print(f"jaxball: {message_in_keys(trajectory)}{saved}", file=sys.stderr)
         return FAILED_SOLVE
     written = [] if options.out is None else [str(options.out)]
     written += _draw(options, scenario, trajectory)
     write_json(options, _content(scenario, trajectory))
-    say(options, _summary(scenario, trajectory, written))
+    checks = _conservation(trajectory) if isinstance(scenario.system, AbstractClassicalSystem) else _contact(trajectory)
+    say(options, scenario.title, trajectory, *checks, written_line(written))
     return 0
-
-
-def _kept(out: Path | None) -> str:
-    return "" if out is None else f' What was computed is in "{out}", marked as failed.'
 
 
 def _check_destinations(options: argparse.Namespace) -> None:
@@ -85,23 +82,13 @@ def _draw(options: argparse.Namespace, scenario: Scenario, trajectory: Trajector
     if options.plot is not None:
         written.append(draw_figures(trajectory, options.plot, options.plot_format, scenario.title))
     if options.animate is not None:
-        film(options, scenario)
+        write_animation(options, scenario)
         written.append(str(options.animate))
     return written
 
 
-def _summary(scenario: Scenario, trajectory: Trajectory, written: Sequence[str]) -> str:
-    lines = [str(trajectory)]
-    if scenario.title:
-        lines.insert(0, scenario.title)
-    lines += _laws(trajectory) if isinstance(scenario.system, AbstractClassicalSystem) else _contact(trajectory)
-    if written:
-        lines.append("  written: " + ", ".join(written))
-    return "\n".join(lines)
-
-
 def _content(scenario: Scenario, trajectory: Trajectory[Any, Any]) -> dict[str, Any]:
-    """The summary for programs: what a result file says of its run, and the state at the end."""
+    """The summary as JSON: the attributes of a result file, and the state at the end."""
     about = {name: value for name, value in attributes(trajectory, scenario).items() if name != "format"}
     end = {name: np.asarray(leaf)[-1] for name, leaf in vars(trajectory.state).items()}
     content = {**about, "ok": trajectory.ok, "time": float(trajectory.times[-1]), "state": end}
@@ -111,29 +98,29 @@ def _content(scenario: Scenario, trajectory: Trajectory[Any, Any]) -> dict[str, 
 
 
 def _events(options: argparse.Namespace, scenario: Scenario) -> dict[str, AbstractEvent]:
-    found: dict[str, AbstractEvent] = {}
+    events: dict[str, AbstractEvent] = {}
     if options.friction is not None:
-        found["slip"] = Slip(options.friction)
+        events["slip"] = Slip(options.friction)
     if options.detachment:
-        found["detachment"] = Detachment()
-    if found and isinstance(scenario.system, AbstractClassicalSystem):
+        events["detachment"] = Detachment()
+    if events and isinstance(scenario.system, AbstractClassicalSystem):
         raise ScenarioError(
-            "Arguments `--friction` and `--detachment` must be left out for what touches no plane, such as the "
-            f"{scenario.system.title} of this scenario."
+            "Arguments `--friction` and `--detachment` must be left out for a system that touches no plane, such as "
+            f"the {scenario.system.title} of this scenario."
         )
-    return found
+    return events
 
 
 def _contact(trajectory: Trajectory) -> list[str]:
     return [f"  {line}" for line in str(contact_extremes(trajectory)).splitlines()]
 
 
-def _laws(trajectory: Trajectory[Any, Any]) -> list[str]:
-    drifts = (f"{name} {change:.1e}" for name, change in _law_changes(trajectory).items())
-    return ["  change of the laws: " + ", ".join(drifts)]
+def _conservation(trajectory: Trajectory[Any, Any]) -> list[str]:
+    changes = (f"{name} {change:.1e}" for name, change in _law_changes(trajectory).items())
+    return ["  change of conserved quantities: " + ", ".join(changes)]
 
 
 def _law_changes(trajectory: Trajectory[Any, Any]) -> dict[str, float]:
-    """The largest change of each law since the start."""
-    found = {name: np.asarray(values) for name, values in trajectory.laws._asdict().items()}
-    return {name: float(np.max(np.abs(values - values[0]))) for name, values in found.items()}
+    """The largest change of each conserved quantity since the start."""
+    laws = {name: np.asarray(values) for name, values in trajectory.laws._asdict().items()}
+    return {name: float(np.max(np.abs(values - values[0]))) for name, values in laws.items()}

@@ -1,7 +1,6 @@
 """``jaxball stability``: the steady motions of a ball, and their linear stability."""
 
 import argparse
-import csv
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,17 +8,15 @@ from typing import Any
 import numpy as np
 
 from ...classical import AbstractClassicalSystem
-from ...interface.output import check_destination, replacing
 from ...physics.body import Ball
 from ...scenario import Scenario, ScenarioError
 from ...scenario.paths import entries
 from ...stability import SteadyMotion, permanent_rotations, stability, steady_rolling
+from ..input import add_scenario, scenario_of
 from ..options import number
-from ..pictures import check_figure, write_figure
-from ..source import add_source, scenario_of
-from ..speaking import add_speaking, check_json, say, write_json
+from ..output import add_output, check_outputs, say, write_csv, write_json, write_outputs
 
-SHOWN = 20  # motions in a summary; files have all
+MOST_SHOWN = 20  # motions in a summary; files have all
 
 
 def add(commands) -> None:
@@ -27,31 +24,28 @@ def add(commands) -> None:
     parser = commands.add_parser(
         "stability",
         description=(
-            "Finds the directions about which a ball can rest or spin in place (--rate), its rolling in circles "
-            "(--rolling), or takes the scenario's initial state (--initial), and says by eigenvalues which are stable. "
-            "Masses must be at rest in the body."
+            "Finds the directions about which a ball can rest or spin in place (--rate) or its rolling in circles "
+            "(--rolling), or takes the scenario's initial state (--initial), and computes eigenvalues, which say what "
+            "is stable. Masses must be at rest in the body."
         ),
     )
-    add_source(parser)
+    add_scenario(parser)
     motions = parser.add_mutually_exclusive_group()
     motions.add_argument("--rate", type=number, metavar="OMEGA", help="spin at this rate (default: 0, rest)")
     motions.add_argument(
-        "--rolling", type=number, nargs=2, metavar=("INCLINATION", "PRECESSION"), help="roll in circles like this"
+        "--rolling", type=number, nargs=2, metavar=("INCLINATION", "PRECESSION"), help="roll in circles"
     )
     motions.add_argument("--initial", action="store_true", help="the scenario's initial state")
-    parser.add_argument("--turning", type=number, metavar="RATE", help="at which the state of --initial turns about E3")
-    parser.add_argument("--time", type=number, metavar="T", help="when schedules are read (default: the start)")
+    parser.add_argument("--turning", type=number, metavar="RATE", help="rate at which the state of --initial turns")
+    parser.add_argument("--time", type=number, metavar="T", help="the time of the schedules (default: the start)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="save the states and eigenvalues: .csv")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw the eigenvalues: .png, .pdf or .svg")
-    add_speaking(parser)
+    add_output(parser)
     parser.set_defaults(run=_run)
 
 
 def _run(options: argparse.Namespace) -> int:
-    check_json(options)
-    check_figure(options)
-    if options.out is not None:
-        check_destination(options.out, (".csv",), "--out")
+    check_outputs(options, (".csv",))
     if options.turning is not None and not options.initial:
         raise ScenarioError("Argument `--turning` is for a state that is given; give --initial with it.")
     scenario = scenario_of(options)
@@ -59,17 +53,11 @@ def _run(options: argparse.Namespace) -> int:
         motions = _motions(options, scenario)
     except (ValueError, TypeError) as error:
         raise ScenarioError(str(error)) from None
-    written = []
-    if options.out is not None:
-        _write_table(motions, options.out)
-        written.append(str(options.out))
-    if options.plot is not None:
-        from ... import plot
-
-        write_figure(plot.eigenvalues(motions), options.plot, scenario)
-        written.append(str(options.plot))
+    written = write_outputs(
+        options, scenario, lambda path: _save(motions, path), lambda plot: plot.eigenvalues(motions)
+    )
     write_json(options, {"title": scenario.title, "motions": [_content(motion) for motion in motions]})
-    say(options, "\n".join(_summary(scenario, motions, written)))
+    say(options, scenario.title, *_summary(motions), written)
     return 0
 
 
@@ -77,27 +65,26 @@ def _motions(options: argparse.Namespace, scenario: Scenario) -> Sequence[Steady
     system = scenario.system
     t = float(scenario.times[0]) if options.time is None else options.time
     if isinstance(system, AbstractClassicalSystem):
-        raise ValueError(f"The steady motions are those of what rolls, but the scenario is of a {system.title}.")
+        raise ValueError(f"Steady motions are those of a ball or a disk, but the scenario is of a {system.title}.")
     if options.initial:
         return (stability(system, scenario.state, turning=options.turning or 0.0, t=t),)  # pyright: ignore
     if not isinstance(system, Ball):
-        raise ValueError("The steady motions of a disk are not searched for; give --initial for that of its state.")
+        raise ValueError("Steady motions of a disk are not searched for; give --initial to analyse its initial state.")
     if system.force is not None:
-        raise ValueError("The steady motions are those without a force, but the scenario has one.")
+        raise ValueError("Steady motions are found without a force only, but the scenario has one.")
     if options.rolling is not None:
         return (steady_rolling(system, *options.rolling, t=t),)
     return permanent_rotations(system, options.rate or 0.0, t=t)
 
 
-def _summary(scenario: Scenario, motions: Sequence[SteadyMotion], written: list[str]) -> list[str]:
-    lines = [scenario.title] if scenario.title else []
-    lines += ["No steady motion was found."] if not motions else []
-    for motion in motions[:SHOWN]:
+def _summary(motions: Sequence[SteadyMotion]) -> list[str]:
+    lines = [] if motions else ["No steady motion was found."]
+    for motion in motions[:MOST_SHOWN]:
         lines.append(", ".join(f"{name} = {_numbers(leaf)}" for name, leaf in _state(motion).items()))
         lines += [f"  {motion.message}", f"  eigenvalues {', '.join(map(_complex, motion.eigenvalues))}"]
-    if len(motions) > SHOWN:
-        lines.append(f"and {len(motions) - SHOWN} more: the directions are not isolated, or --out has them all")
-    return [*lines, *(["  written: " + ", ".join(written)] if written else [])]
+    if len(motions) > MOST_SHOWN:
+        lines.append(f"and {len(motions) - MOST_SHOWN} more, because the directions are not isolated; --out saves all")
+    return lines
 
 
 def _state(motion: SteadyMotion) -> dict[str, np.ndarray]:
@@ -125,13 +112,10 @@ def _content(motion: SteadyMotion) -> dict[str, Any]:
     }
 
 
-def _write_table(motions: Sequence[SteadyMotion], path: Path) -> None:
-    """A row for each motion, its columns named by paths."""
-    with replacing(path) as beside, beside.open("w", newline="", encoding="utf-8") as file:
-        rows = [_row(motion) for motion in motions]
-        writer = csv.DictWriter(file, list(rows[0]) if rows else ["kind"], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+def _save(motions: Sequence[SteadyMotion], path: Path) -> None:
+    """One row for each motion, its columns named by paths."""
+    rows = [_row(motion) for motion in motions]
+    write_csv(path, rows[0] if rows else ["kind"], (row.values() for row in rows))
 
 
 def _row(motion: SteadyMotion) -> dict[str, Any]:

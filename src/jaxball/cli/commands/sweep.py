@@ -1,14 +1,14 @@
-"""``jaxball sweep``: a study run over all its rows, how far one has come, and pictures of it."""
+"""``jaxball sweep``: a study run over all its rows, its progress, and its figures."""
 
 import argparse
 import importlib.util
 import sys
 from pathlib import Path
 
-from ...interface.interruption import INTERRUPTED, STOPPED, last_words
+from ...interface.interruption import INTERRUPTED, STOPPED, interrupt_message
 from ...interface.output import check_folder
-from ...interface.wording import both, counted
-from ..options import FAILED_SOLVE, BadInputError
+from ...interface.wording import all_of, counted
+from ..options import FAILED_SOLVE, BadInputError, count
 
 NEEDED = ("zarr", "pandas", "pyarrow", "scipy")
 
@@ -22,17 +22,17 @@ def add(commands) -> None:
             "       jaxball sweep status STORE\n"
             "       jaxball sweep plot STORE --out FOLDER [--result NAME ...] [--against PATH ...]"
         ),
-        description="Runs a study, or goes on with one that was stopped, whatever stopped it.",
+        description="Runs a study, or resumes one that was stopped, whatever stopped it.",
     )
     parser.add_argument("study", metavar="STUDY", help="a study file, or the word status or plot")
-    parser.add_argument("store", nargs="?", type=Path, metavar="STORE", help="the store to tell of or to draw")
-    parser.add_argument("--out", type=Path, metavar="STORE", help="the store, .zarr; of figures, their folder")
-    parser.add_argument("--workers", type=_count, default=1, metavar="N", help="how many processes (default: 1)")
-    parser.add_argument("--shard", type=_shard, default=(1, 1), metavar="K/N", help="the K-th of N parts alone")
-    parser.add_argument("--dry-run", action="store_true", help="say how many rows and how large a store")
-    parser.add_argument("--measure", action="store_true", help="with --dry-run: solve a few rows, to say how long")
+    parser.add_argument("store", nargs="?", type=Path, metavar="STORE", help="the store whose status or figures")
+    parser.add_argument("--out", type=Path, metavar="STORE", help="the store, .zarr; for figures, their folder")
+    parser.add_argument("--workers", type=count, default=1, metavar="N", help="number of processes (default: 1)")
+    parser.add_argument("--shard", type=_shard, default=(1, 1), metavar="K/N", help="only the K-th of N parts")
+    parser.add_argument("--dry-run", action="store_true", help="print the number of rows and the size of the store")
+    parser.add_argument("--measure", action="store_true", help="with --dry-run: solve a few rows to estimate the time")
     parser.add_argument("--result", nargs="+", default=[], metavar="NAME", help="what to draw, such as z[0]")
-    parser.add_argument("--against", nargs="+", default=[], metavar="PATH", help="over which numbers to draw it")
+    parser.add_argument("--against", nargs="+", default=[], metavar="PATH", help="the numbers to draw it against")
     parser.set_defaults(run=lambda options: _run(parser, options))
 
 
@@ -58,9 +58,9 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     study = sweep.load_study(options.study)
     if options.dry_run:
         if options.measure:
-            print("jaxball: compiles, and solves a few rows", file=sys.stderr)
-        found = sweep.estimate(study, measure=options.measure).sentence(options.workers)
-        print(found if options.measure else f"{found}; --measure solves a few rows to say how long it takes")
+            print("jaxball: compiling, then solving a few rows", file=sys.stderr)
+        estimate = sweep.estimate(study, measure=options.measure).sentence(options.workers)
+        print(estimate if options.measure else f"{estimate}; --measure solves a few rows to estimate the time")
         return 0
     if options.out is None:
         parser.error("the following argument is required: --out")
@@ -71,7 +71,7 @@ def _sweep(study, options: argparse.Namespace) -> int:
     from ... import sweep
 
     try:
-        with last_words(lambda: _stopped(options.out)):
+        with interrupt_message(lambda: _stopped(options.out)):
             outcome = sweep.sweep(study, options.out, workers=options.workers, shard=options.shard, stream=sys.stderr)
     except sweep.WorkerError as error:
         print(f"jaxball: {error}", file=sys.stderr)
@@ -107,7 +107,7 @@ def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
 
 
 def _stopped(out: Path) -> str:
-    return f'Stopped; what "{out}" holds is whole; run the same command to resume.' if out.exists() else STOPPED
+    return f'Stopped; the rows in "{out}" are complete; run the same command to resume.' if out.exists() else STOPPED
 
 
 def _require(packages: tuple[str, ...]) -> None:
@@ -115,13 +115,9 @@ def _require(packages: tuple[str, ...]) -> None:
     missing = [name for name in packages if importlib.util.find_spec(name) is None]
     if missing:
         are = "is" if len(missing) == 1 else "are"
-        raise BadInputError(f"A sweep needs {both(missing)}, which {are} not installed; pip install 'jaxball[sweep]'.")
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"it must be a whole number, 1 or more, but it is {text}")
-    return int(text)
+        raise BadInputError(
+            f"A sweep needs {all_of(missing)}, which {are} not installed; pip install 'jaxball[sweep]'."
+        )
 
 
 def _shard(text: str) -> tuple[int, int]:

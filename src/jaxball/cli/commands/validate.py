@@ -1,4 +1,4 @@
-"""``jaxball validate``: whether files are good, and all that is wrong with them, without a run."""
+"""``jaxball validate``: everything that is wrong with files, without a run."""
 
 import argparse
 import sys
@@ -10,8 +10,8 @@ from ...interface.wording import counted
 from ...scenario import Scenario, ScenarioError, builtin_scenarios, read_document, scenario_text
 from ...scenario.gathering import all_problems
 from ...scenario.within import document_of, text_of
+from ..input import STDIN, input_text, source_name
 from ..options import BAD_INPUT
-from ..source import input_text
 
 
 def add(commands) -> None:
@@ -19,32 +19,32 @@ def add(commands) -> None:
     parser = commands.add_parser(
         "validate",
         description=(
-            "Reads scenarios, studies and problems, each known by its keys, and lists what is wrong with them. Nothing "
-            "is simulated. Exit code 2 where a file is not valid."
+            "Reads scenarios, studies and problems, recognised by their keys, and lists all that is wrong with them. "
+            "Nothing is simulated. The exit code is 2 if a file is not valid."
         ),
     )
     parser.add_argument("files", nargs="+", metavar="FILE", help="a file, a built-in scenario, or - for standard input")
-    parser.add_argument("--quiet", action="store_true", help="say nothing of files that are valid")
+    parser.add_argument("--quiet", action="store_true", help="print nothing about valid files")
     parser.set_defaults(run=_run)
 
 
 def _run(options: argparse.Namespace) -> int:
-    good = True
+    all_valid = True
     for source in options.files:
-        found = ""
+        description = ""
         with all_problems() as problems:
-            found = _described(source)
-        name = "standard input" if source == "-" else source
+            description = _described(source)
+        name = source_name(source)
         for problem in problems:
             print(f"{name}: {problem}", file=sys.stderr)
         if not problems and not options.quiet:
-            print(f"{name} is valid: {found}", flush=True)
-        good &= not problems
-    return 0 if good else BAD_INPUT
+            print(f"{name} is valid: {description}", flush=True)
+        all_valid &= not problems
+    return 0 if all_valid else BAD_INPUT
 
 
 def _described(source: str) -> str:
-    """What a file holds, in a line.
+    """The contents of a file, in one line.
 
     **Raises:** :class:`~jaxball.ScenarioError` for a file that is not valid.
     """
@@ -53,11 +53,11 @@ def _described(source: str) -> str:
     text = input_text(source)
     text = text_of(source, "scenario, study or problem", ScenarioError) if text is None else text
     document = document_of(text, "scenario, study or problem", ScenarioError)
-    return _reader(document)(document, Path() if source == "-" else Path(source).parent)
+    return _reader(document)(document, Path() if source == STDIN else Path(source).parent)
 
 
 def _reader(document: dict[str, Any]) -> Callable[[dict[str, Any], Path], str]:
-    """What reads a document, by the keys that it alone has; a file with none of them is taken for a scenario."""
+    """The function that reads a document, chosen by its keys; a document is taken for a scenario by default."""
     if "axes" in document:
         return _study
     if "control" in document:
@@ -104,8 +104,8 @@ def _problem(document: dict[str, Any], folder: Path) -> str:
 def _control(document: dict[str, Any], folder: Path) -> str:
     from ...design.control.files import read_control
 
-    found = read_control(document, folder)
-    return _titled("a problem of optimal control", f"{found.intervals} intervals to begin with", document)
+    problem = read_control(document, folder)
+    return _titled("a problem of optimal control", f"{problem.intervals} intervals to start with", document)
 
 
 def _names(what: str, items: Mapping[str, Any]) -> str:

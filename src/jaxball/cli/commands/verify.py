@@ -6,9 +6,9 @@ from typing import Any
 
 from ...scenario import builtin_scenarios
 from ...verify import LAWS, Report, verify
+from ..input import named_scenario
 from ..options import FAILED_SOLVE, BadInputError
-from ..source import named_scenario
-from ..speaking import STDOUT, add_json, check_json, say, write_json
+from ..output import STDOUT, add_json, check_json, say, write_json
 
 LAW_BROKEN = 1
 
@@ -17,7 +17,7 @@ def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "verify",
-        description="Runs scenarios and checks every law that applies. Exit code 1 where a run is not to be believed.",
+        description="Runs scenarios and checks every law that applies. The exit code is 1 if a run cannot be believed.",
         epilog="Laws: " + "; ".join(f"{name}: {what}" for name, what in LAWS.items()) + ".",
     )
     parser.add_argument(
@@ -27,7 +27,7 @@ def add(commands) -> None:
         help="scenario files, built-in scenarios (default: all of those), or -",
     )
     parser.add_argument("--laws", nargs="+", metavar="LAW", help="only these (default: all)")
-    parser.add_argument("--quick", action="store_true", help="leave out what needs another solver to be compiled")
+    parser.add_argument("--quick", action="store_true", help="leave out checks for which another solver is compiled")
     add_json(parser, "the reports")
     parser.set_defaults(run=_run)
 
@@ -35,7 +35,7 @@ def add(commands) -> None:
 def _run(options: argparse.Namespace) -> int:
     check_json(options)
     names = options.scenarios or builtin_scenarios()
-    # All of them before the first run, so that a misspelt name is not found out after minutes.
+    # All are read before the first run, so that a misspelt name is not discovered after minutes.
     scenarios = {name: named_scenario(name) for name in names}
     reports = {}
     for name, scenario in scenarios.items():

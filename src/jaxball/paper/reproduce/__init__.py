@@ -1,4 +1,4 @@
-"""The paper's two runs again: the figures of sections 4 and 5, and solvers against a 30-digit reference."""
+"""The paper's two runs reproduced: the figures of sections 4 and 5, and solvers against a 30-digit reference."""
 
 from ...interface.names import interface as _interface
 from .experiments import (

@@ -1,4 +1,4 @@
-"""Counting how often a solver evaluates the right-hand side, by asking it and not by a formula."""
+"""Counts how often a solver evaluates the right-hand side, by observing it and not by a formula."""
 
 from collections.abc import Callable
 from typing import ClassVar
@@ -11,7 +11,7 @@ from ...solvers import AbstractWrappingSolver
 
 
 class Counter:
-    """A number on the host that a compiled solve adds to."""
+    """A count on the host that a compiled solve increments."""
 
     def __init__(self):
         self.count = 0
@@ -20,7 +20,7 @@ class Counter:
         self.count += 1
 
     def read(self) -> int:
-        """The count, once every solve that was started has ended."""
+        """The count, once every solve that was started has finished."""
         jax.effects_barrier()
         return self.count
 
@@ -50,8 +50,7 @@ class CountingTerm(diffrax.AbstractTerm):
 class CountingSolver(AbstractWrappingSolver):
     """``solver`` itself, for an ordinary differential equation, which counts its evaluations with ``tick``.
 
-    An implicit solver's Jacobian counts as one evaluation, because it is one pass through the
-    right-hand side with all its tangents.
+    A Jacobian counts as one evaluation, because it is one pass through the right-hand side with all its tangents.
     """
 
     solver: diffrax.AbstractSolver  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -1,4 +1,4 @@
-"""One run of the paper with one solver: what it costs and how exact it is."""
+"""One run of the paper with one solver: its cost and its error."""
 
 import statistics
 import time
@@ -28,15 +28,14 @@ WARM_CALLS = 5
 
 @dataclass(frozen=True)
 class Experiment:
-    """A run of the paper: a system that starts at rest, the tolerance, and the exact states.
-
-    ``symbols`` are the parts of the state that are compared with the reference; angles that are
-    prescribed in closed form are not among them.
+    """A run of the paper, which starts at rest.
 
     **Arguments:**
 
-    - ``name``, ``system``, ``tolerance``, ``reference``: what it is called, the body, the tolerance of its solves,
-      and the exact states.
+    - ``name``, ``system``, ``tolerance``, ``reference``: its name, the body, the tolerance of its solves, and the exact
+      states.
+    - ``symbols``: the parts of the state that are compared with the reference; angles that are prescribed in closed
+      form are not among them.
     """
 
     name: str
@@ -61,22 +60,21 @@ class Experiment:
         )
 
     def errors(self, trajectory: Trajectory) -> Float[np.ndarray, " T"]:
-        """The error of the largest component of the state at each of the reference's times."""
-        found = [np.asarray(getattr(trajectory.state, symbol)) for symbol in self.symbols]
-        found = np.column_stack(found)
+        """The largest error of a component of the state at each of the reference's times."""
+        computed = np.column_stack([np.asarray(getattr(trajectory.state, symbol)) for symbol in self.symbols])
         exact = np.column_stack([self.reference.columns(symbol) for symbol in self.symbols])
-        return np.max(np.abs(found - exact), axis=1)
+        return np.max(np.abs(computed - exact), axis=1)
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """What one solver did in one experiment. Times are in seconds.
+    """The cost and the error of one solver in one experiment. Times are in seconds.
 
-    - ``system``, ``solver``, ``tolerance``: what was solved, by what, and how exactly.
-    - ``accepted``, ``rejected``, ``evaluations``: steps, and evaluations of the right-hand side, all
-      counted in a run of its own, which rounds differently and may differ by a step or two.
-    - ``error``: the largest at the saved times; ``error_at_end``: at the last of them.
-    - ``run_time``: the median of calls after the first; ``compile_time``: what the first took longer.
+    - ``system``, ``solver``, ``tolerance``: the names of the system and the solver, and the tolerance.
+    - ``accepted``, ``rejected``, ``evaluations``: steps and evaluations of the right-hand side. They are counted in a
+      separate run, which rounds differently and may differ by a step or two.
+    - ``error``, ``error_at_end``: the largest error at the saved times, and the error at the last of them.
+    - ``run_time``: the median of the calls after the first; ``compile_time``: how much longer the first one took.
     """
 
     system: str
@@ -102,7 +100,7 @@ def ball_experiment() -> Experiment:
 
 
 def measure(experiment: Experiment, solver_name: str) -> Measurement:
-    """Solves ``experiment`` with the solver of that name in :data:`SOLVERS`, several times.
+    """Measures ``experiment`` with the solver of that name in :data:`SOLVERS`.
 
     **Raises:** :class:`~jaxball.SolveError` when the solve fails.
     """

@@ -1,4 +1,4 @@
-"""Both runs of the paper from equations to figures."""
+"""Reproduces both runs of the paper, from the equations to the figures."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -17,17 +17,17 @@ def reproduce(
     figures: bool = True,
     echo: Callable[[str], None] = print,
 ) -> list[Measurement]:
-    """Runs sections 4 and 5 again: a table of solvers against the reference, and every figure.
+    """Reproduces sections 4 and 5: a table of solvers against the reference, and every figure.
 
-    Writes ``table.md``, ``table.json`` and the figures, named by the paper's labels, into ``out``,
-    which is made if need be. It takes about a minute on two cores, most of it compiling.
+    Writes ``table.md``, ``table.json`` and the figures, named by the paper's labels, into the folder ``out``,
+    which is created if necessary. It takes about a minute on two cores, most of it compiling.
 
     **Arguments:**
 
     - ``solvers``: which of Dopri5, Tsit5, Dopri8 and Kvaerno5 to measure, all at the paper's tolerance.
     - ``systems``: the disk, the ball, or both.
     - ``figures``: whether to draw.
-    - ``echo``: what to do with each line of the report.
+    - ``echo``: called with each part of the report.
 
     **Raises:** ``ValueError`` for a name that is none of those, :class:`~jaxball.PrecisionError` without
     float64, and :class:`~jaxball.SolveError` when a solve fails.
@@ -50,7 +50,7 @@ def reproduce(
             beside.write_text(content, encoding="utf-8")
     drawn = []
     if figures:
-        from .pictures import draw  # only here, so that a table without figures does not load matplotlib
+        from .figures import draw  # here, so that a table without figures does not load matplotlib
 
         for experiment in chosen:
             drawn += draw(experiment, out)

@@ -13,7 +13,7 @@ PACKAGES = ("jaxball", "diffrax", "equinox", "jax", "jaxlib", "numpy")
 
 
 class Column(NamedTuple):
-    """A column's heading and how it shows a measurement; words stand left, numbers right."""
+    """A column's heading and how it shows a measurement; words are aligned left, numbers right."""
 
     heading: str
     cell: Callable[[Measurement], str]
@@ -21,7 +21,7 @@ class Column(NamedTuple):
     left: bool = False
 
     def aligned(self, text: str) -> str:
-        """``text`` filled with blanks to the column's width."""
+        """``text`` padded with blanks to the column's width."""
         return text.ljust(self.width) if self.left else text.rjust(self.width)
 
 
@@ -41,7 +41,7 @@ COLUMNS = (
 LEGEND = (
     "Accepted, rejected: steps. Evaluations: of the right-hand side, counted; one for a Jacobian.",
     "Error: largest component at t = 0, 1, ..., 20, which are stepped to, and at t = 20 alone,",
-    "against a reference of 30 digits. Run: median of warm calls. Compile: what the first call took longer.",
+    "against a reference of 30 digits. Run: median of warm calls. Compile: how much longer the first call took.",
 )
 
 

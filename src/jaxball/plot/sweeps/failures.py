@@ -1,4 +1,4 @@
-"""How rows that failed are shown: each status with a colour, a mark and hatching of its own."""
+"""How rows that failed are drawn: each status has its own colour, mark and hatching."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -13,8 +13,8 @@ from ...interface.status import Status
 
 MANY = 1000
 KEY = 5.0
-ROW_OF_MARKS = 0.045  # of the height of the axes
-NOT_FINITE = -2  # a row that succeeded, whose result is not a finite number
+ROW_OF_MARKS = 0.045  # its height, of that of the axes
+NOT_FINITE = -2  # a row that succeeded, but whose result is not finite
 
 
 class Look(NamedTuple):
@@ -25,7 +25,7 @@ class Look(NamedTuple):
     hatch: str
 
 
-# Apart from one another, and from the colours of viridis, also in grey and for colour-blind readers.
+# Distinguishable from one another and from the colours of viridis, also in grey and for colour-blind readers.
 LOOKS = {
     NOT_FINITE: Look("#882255", "1", "..."),
     Status.MAX_STEPS: Look("#BB5566", "x", "////"),
@@ -46,12 +46,12 @@ def outcomes(status: Int[np.ndarray, " rows"], values: Float[np.ndarray, " rows"
 
 
 def present(outcome: Int[np.ndarray, " rows"]) -> list[int]:
-    """The codes of failures among outcomes."""
+    """The codes of the failures among the outcomes."""
     return [code for code in np.unique(outcome).tolist() if code != Status.SUCCESS]
 
 
 def names_of(outcome: Int[np.ndarray, " rows"]) -> dict[int, str]:
-    """What a legend calls each failure among outcomes: its name, and how many rows have it."""
+    """The legend entry of each failure among the outcomes: its name, and how many rows have it."""
     return {code: f"{_NAMES.get(code) or Status(code).name} ({np.sum(outcome == code):,})" for code in present(outcome)}
 
 
@@ -63,8 +63,9 @@ def marks(
     names: Mapping[int, str],
     size: float = KEY,
 ) -> list[Line2D]:
-    """Draws a mark for each row that failed, and returns a key for each of the failures in ``names``; without ``up``,
-    a row of marks for each above the lower edge.
+    """Draws a mark for each row that failed, and returns a legend key for each of the failures in ``names``.
+
+    Without ``up``, each failure has a row of marks above the lower edge.
     """
     keys, size = [], size if len(outcome) <= MANY else min(size, 2.0)
     for k, (code, name) in enumerate(names.items()):
@@ -88,7 +89,7 @@ def marks(
 
 
 def make_room(ax: Axes, names: Mapping[int, str]) -> None:
-    """Moves the lower edge away from what is drawn, so that rows of marks fit there."""
+    """Extends the axes downwards, so that rows of marks fit there."""
     share = ROW_OF_MARKS * len(names)
     low, high = ax.get_ylim()
     if share and ax.get_yscale() == "linear":
@@ -96,6 +97,6 @@ def make_room(ax: Axes, names: Mapping[int, str]) -> None:
 
 
 def patch(code: int, name: str) -> Patch:
-    """The key of a failure that cells show."""
+    """The legend key of a failure that is shown by cells."""
     look = LOOKS[code]
     return Patch(facecolor=look.colour, edgecolor="white", hatch=look.hatch, linewidth=0.0, label=name)

@@ -1,4 +1,4 @@
-"""Trajectories of a study, fanned out over one of its numbers."""
+"""The trajectories of a study, coloured by one of its numbers."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -11,11 +11,10 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 
 from ..style import INK, named
+from .axes import COLOURS, coloured, heading, norm_of, study_axes
 from .failures import LOOKS, marks, names_of
-from .fixed import fixed, sample
-from .heading import COLOURS, coloured, heading, norm_of, study_axes
 from .results import histories_of, label_of, parsed, result_names
-from .rows import Rows, rows_of
+from .rows import Rows, at_fixed, rows_of, sample
 
 if TYPE_CHECKING:
     import xarray
@@ -34,21 +33,20 @@ def sweep_fan(
 ) -> Axes:
     """The trajectories of a study with ``save = "times"``, coloured by one of its numbers.
 
-    Drawn is the path of a ball's centre in the plane, z of a disk over time, or ``result`` over time. A row that failed
-    is drawn as far as it came, in the colour of its status, with a mark at its end; those that did not start are
-    counted in the legend. A ring is where paths in the plane start.
+    The figure shows the path of a ball's centre in the plane, z of a disk over time, or ``result`` over time. A row
+    that failed is drawn up to the time that it reached, in the colour of its status, with a mark at its end; rows that
+    did not start are counted in the legend. A ring marks the start of paths in the plane.
 
     **Arguments:**
 
-    - ``ax``: where to draw; a new figure if not given.
-    - ``data``, ``at``: as in :func:`sweep_slice`.
+    - ``data``, ``ax``, ``at``: as in :func:`sweep_slice`.
     - ``by``: the path of the number that gives the colours.
     - ``result``: such as ``"Omega[1]"``.
 
     **Raises:** as :func:`sweep_slice`, and :class:`PictureError` where states were not saved at all times.
     """
     rows = rows_of(data)
-    rows, notes = fixed(rows, {rows.axis_of(by)}, at)
+    rows, notes = at_fixed(rows, {rows.axis_of(by)}, at)
     names, (drawn, left_out) = names_of(rows.status), sample(rows, MOST_CURVES)
     rows, ax = rows.chosen(drawn), study_axes(rows.data, ax, SIZE)
     curves, numbers = _curves(rows, result), rows.number(by)
@@ -73,7 +71,7 @@ def sweep_fan(
 
 
 def _curves(rows: Rows, result: str | None) -> Float[np.ndarray, "rows saves 2"]:
-    """The points of each row's curve, NaN after the time to which its result is good."""
+    """The points of each row's curve, NaN after the time that it reached."""
     if result is None and _in_the_plane(rows.data):
         columns = [histories_of(rows, "z[0]"), histories_of(rows, "z[1]")]
     else:

@@ -11,12 +11,10 @@ from matplotlib.path import Path
 
 from ...interface.status import Status
 from ..style import named
-from .errors import PictureError
+from .axes import COLOURS, coloured, edges_of, heading, norm_of, scale, study_axes
 from .failures import LOOKS, MANY, marks, names_of, outcomes, patch
-from .fixed import fixed, sample
-from .heading import COLOURS, coloured, edges_of, heading, norm_of, scale, study_axes
 from .results import label_of, values_of
-from .rows import Rows, rows_of
+from .rows import PictureError, Rows, at_fixed, rows_of, sample
 
 if TYPE_CHECKING:
     import xarray
@@ -37,8 +35,8 @@ def sweep_map(
 ) -> Axes:
     """A result of a study in colours over two of its numbers; rows that failed are hatched by their status.
 
-    Crossed axes give cells, white where nothing was computed; two numbers of a scattered axis give dots, and rows that
-    failed marks. The title says at what the other axes are fixed.
+    Crossed axes are drawn as cells, white where nothing was computed; two numbers of a scattered axis as dots, with
+    marks for rows that failed. The title says where the other axes are fixed.
 
     **Arguments:**
 
@@ -50,7 +48,7 @@ def sweep_map(
     if right == up:
         raise PictureError(f"Argument `up` must be another number than `right`, but both are `{up}`.")
     rows = rows_of(data)
-    rows, notes = fixed(rows, {rows.axis_of(right), rows.axis_of(up)}, at)
+    rows, notes = at_fixed(rows, {rows.axis_of(right), rows.axis_of(up)}, at)
     crossed = rows.axis_of(right) != rows.axis_of(up) and not (rows.is_scattered(right) or rows.is_scattered(up))
     ax = study_axes(rows.data, ax, SIZE)
     shown, keys, more = (_cells if crossed else _dots)(ax, rows, result, right, up)
@@ -82,16 +80,16 @@ def _cells(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any,
 
 
 def _with_fewer_points(rows: Rows, path: str) -> Rows:
-    """Each k-th point of the axis of ``path``, so that there are no more than ``MOST_CELLS``."""
+    """The rows at every k-th point of the axis of ``path``, so that there are at most ``MOST_CELLS`` points."""
     along = rows.indices[:, rows.axis_of(path)]
     step = -(-(np.max(along) + 1) // MOST_CELLS)
     return rows.chosen(along % step == 0)
 
 
 def _ordered(rows: Rows, path: str) -> tuple[np.ndarray, Float[np.ndarray, " points"]]:
-    """For each row its place among the values at ``path``, and these values in their order.
+    """The index of each row among the sorted values at ``path``, and these values.
 
-    Points of which no row was computed have values between those of their neighbours, and so an empty place.
+    Points without a computed row have values between those of their neighbours, so that their cells stay empty.
     """
     along, numbers = rows.indices[:, rows.axis_of(path)], rows.number(path)
     known, first = np.unique(along, return_index=True)
@@ -109,7 +107,7 @@ def _ordered(rows: Rows, path: str) -> tuple[np.ndarray, Float[np.ndarray, " poi
 
 
 def _hatched(code: int, columns: np.ndarray, lines: np.ndarray, x: np.ndarray, y: np.ndarray) -> PathPatch:
-    """The cells with a status, as one patch."""
+    """All cells with one status, as one patch."""
     corners = [(columns, lines), (columns + 1, lines), (columns + 1, lines + 1), (columns, lines + 1), (columns, lines)]
     points = np.stack([np.stack([x[column], y[line]], axis=-1) for column, line in corners], axis=1)
     codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(points))

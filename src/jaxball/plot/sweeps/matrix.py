@@ -1,4 +1,4 @@
-"""Numbers and results of a study against one another."""
+"""The numbers and results of a study against one another."""
 
 import math
 from collections.abc import Sequence
@@ -13,12 +13,10 @@ from matplotlib.ticker import MaxNLocator
 from ...interface.status import Status
 from ...interface.wording import counted
 from ..style import COMPONENTS, SMALL, caption, named, plane_axes
-from .errors import PictureError
+from .axes import edges_of, scale, title_of
 from .failures import LOOKS, MANY, make_room, marks, names_of, outcomes, present
-from .fixed import sample
-from .heading import edges_of, scale, title_of
 from .results import label_of, standard_results, values_of
-from .rows import Rows, rows_of
+from .rows import PictureError, Rows, rows_of, sample
 
 if TYPE_CHECKING:
     import xarray
@@ -42,16 +40,16 @@ class _Variable(NamedTuple):
 def sweep_matrix(
     data: "xarray.Dataset", results: Sequence[str] | None = None, numbers: Sequence[str] | None = None
 ) -> Figure:
-    """Each number that a study changes, and each of some results, against all others.
+    """A panel for each pair of the numbers that a study changes and of some results.
 
-    Rows that failed have a mark by their status: at their place among numbers, on the lower edge under a result. The
-    diagonal counts the rows that succeeded, and above them those that failed.
+    Rows that failed are marked by their status: at their position among numbers, on the lower edge under a result. The
+    histograms on the diagonal count the rows that succeeded, and stacked on them those that failed.
 
     **Arguments:**
 
     - ``data``: from ``xarray.open_zarr`` of a store.
-    - ``results``: as in :func:`sweep_slice`; a few that say most if not given.
-    - ``numbers``: paths; all that vary if not given.
+    - ``results``: as in :func:`sweep_slice`; a few important ones if not given.
+    - ``numbers``: paths; those of all numbers that vary if not given.
 
     **Raises:** as :func:`sweep_slice`, and :class:`PictureError` for more than eight numbers and results together.
     """
@@ -64,7 +62,7 @@ def sweep_matrix(
             f"{len(results)} and {len(numbers)}; choose some of {', '.join([*results, *numbers])}."
         )
     variables = [
-        _Variable(_broken(path), rows.number(path), True, rows.is_logarithmic(path), not rows.is_scattered(path))
+        _Variable(_wrapped(path), rows.number(path), True, rows.is_logarithmic(path), not rows.is_scattered(path))
         for path in numbers
     ]
     variables += [_Variable(label_of(data, name), values_of(rows, name), False, False, False) for name in results]
@@ -78,8 +76,8 @@ def _drawn(rows: Rows, variables: Sequence[_Variable]) -> Figure:
     caption(figure, title=title_of(rows.data))
     for i, up in enumerate(variables):
         for j, right in enumerate(variables[: i + 1]):
-            beside = panels.get((i, 0)) if i != j else None
-            ax = plane_axes(figure.add_subplot(n, n, i * n + j + 1, sharex=panels.get((j, j)), sharey=beside))
+            left = panels.get((i, 0)) if i != j else None
+            ax = plane_axes(figure.add_subplot(n, n, i * n + j + 1, sharex=panels.get((j, j)), sharey=left))
             panels[i, j] = ax
             for axis in (ax.xaxis, ax.yaxis):
                 axis.set_major_locator(MaxNLocator(nbins=4, steps=[1, 2, 5, 10]))
@@ -89,9 +87,8 @@ def _drawn(rows: Rows, variables: Sequence[_Variable]) -> Figure:
                 keys |= _panel(ax, rows, drawn, right, up, first=j == 0)
             named(ax, right.label if i == n - 1 else "", up.label if j == 0 and i else "")
             ax.tick_params(labelbottom=i == n - 1, labelleft=j == 0 and i > 0)
-    entries = list(keys.values())
     figure.legend(
-        handles=entries,
+        handles=list(keys.values()),
         title=left_out[0] if left_out else counted(len(rows), "row"),
         loc="upper right",
         frameon=False,
@@ -102,7 +99,7 @@ def _drawn(rows: Rows, variables: Sequence[_Variable]) -> Figure:
 
 
 def _panel(ax: Axes, rows: Rows, drawn: np.ndarray, right: _Variable, up: _Variable, first: bool) -> dict[str, Any]:
-    """Draws one against another, and returns the keys of the rows that failed by their labels."""
+    """Draws one variable against another, and returns the legend keys of the failures by their labels."""
     outcome = rows.status if up.is_number else outcomes(rows.status, up.values)
     names, outcome = names_of(outcome), outcome[drawn]
     good = drawn[outcome == Status.SUCCESS]
@@ -128,7 +125,7 @@ def _panel(ax: Axes, rows: Rows, drawn: np.ndarray, right: _Variable, up: _Varia
 
 
 def _counts(ax: Axes, rows: Rows, variable: _Variable) -> None:
-    """A histogram; of a number, with the rows that failed above the others."""
+    """A histogram; that of a number has the rows that failed stacked on the others."""
     values = variable.values[np.isfinite(variable.values)]
     if not values.size:
         return
@@ -146,8 +143,10 @@ def _counts(ax: Axes, rows: Rows, variable: _Variable) -> None:
 
 
 def _edges(different: Float[np.ndarray, " values"], variable: _Variable) -> Float[np.ndarray, " edges"]:
-    """The edges of the bars: one for each point of a crossed axis; as many points in each where values are those of
-    another grid, such as whole numbers; and else equal ones.
+    """The edges of the bars.
+
+    There is one bar for each point of a crossed axis. Where the values lie on another grid, such as the whole numbers,
+    all bars hold equally many of its points; otherwise the bars are equally wide.
     """
     if variable.crossed:
         return edges_of(different, variable.logarithmic)
@@ -166,7 +165,7 @@ def _edges(different: Float[np.ndarray, " values"], variable: _Variable) -> Floa
     return np.exp(edges) if logarithmic else edges
 
 
-def _broken(path: str) -> str:
+def _wrapped(path: str) -> str:
     """A long path on two lines."""
     head, _, tail = path.rpartition(".")
     return path if len(path) <= MOST_LETTERS or not head else f"{head}\n.{tail}"

@@ -1,4 +1,4 @@
-"""The figures of a study that fit it."""
+"""The figures that suit a study, written into a folder."""
 
 import itertools
 import re
@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from ...interface.output import replacing
+from ..report import save_figure
 from .fans import sweep_fan
 from .maps import sweep_map
 from .matrix import MOST_VARIABLES, sweep_matrix
@@ -21,28 +20,27 @@ if TYPE_CHECKING:
     import xarray
 
 MOST_NUMBERS = 4
-DPI = 200
 
 
 def sweep_figures(
     data: "xarray.Dataset", folder: str | Path, results: Sequence[str] = (), against: Sequence[str] = ()
 ) -> list[Path]:
-    """Writes figures of a study into ``folder`` as PNG, and says where they are.
+    """Writes figures of a study into ``folder`` as PNG, and returns their paths.
 
-    Slices along each number of crossed axes, maps over two numbers, fans of trajectories where states were saved
-    at all times, and all numbers and results against one another. A file is named by the figure, the result and the
+    They are slices along each number of crossed axes, maps over two numbers, trajectories where states were saved at
+    all times, and all numbers and results against one another. A file is named after the figure, the result and the
     paths, as in ``slice_z[0]_body.mass.png``.
 
     **Arguments:**
 
     - ``data``: from ``xarray.open_zarr`` of a store.
-    - ``results``: which; if not given, what the study was to find, or else the friction needed and the place at the
-      end where there are, and the steps.
+    - ``results``: their names; if not given, those that the study's key ``find`` lists, or else the friction needed and
+      the final position where they exist, and the steps.
     - ``against``: the paths of the numbers; if not given, the first four that vary, with
-      maps over the first two alone.
+      maps only over the first two.
 
-    **Raises:** :class:`PictureError` when nothing can be drawn, and for an unknown result or path, naming those there
-    are; nothing is written then. ``OutputError`` when a file cannot be written.
+    **Raises:** :class:`PictureError` when nothing can be drawn, and for an unknown result or path, listing the known
+    ones; nothing is written then. ``OutputError`` when a file cannot be written.
     """
     rows = rows_of(data)
     for name in results:
@@ -58,17 +56,14 @@ def sweep_figures(
     paths = []
     for words, draw in drawings:
         paths.append(folder / f"{_file_name(words)}.png")
-        drawn = draw()
-        figure = drawn if isinstance(drawn, Figure) else drawn.figure
-        with replacing(paths[-1]) as beside:
-            figure.savefig(beside, dpi=DPI)
+        save_figure(draw(), paths[-1])
     return paths
 
 
 def _drawings(
     rows: Rows, results: list[str], numbers: list[str], pairs: list[tuple[str, str]]
 ) -> Iterator[tuple[list[str], Callable[[], Any]]]:
-    """The words of each file's name, and what draws it."""
+    """The parts of each file's name, and the function that draws the figure."""
     data = rows.data
     for result, number in itertools.product(results, numbers):
         if not rows.is_scattered(number) or len(numbers) == 1:
@@ -80,13 +75,13 @@ def _drawings(
     if any("save" in data[parsed(data, name)[0]].dims for name in result_names(data)):
         for number in numbers:
             yield ["fan", number], lambda n=number: sweep_fan(data, n)
-    some = results[: MOST_VARIABLES - len(numbers)]
-    if len(numbers) >= 2 and some:
-        yield ["matrix"], lambda: sweep_matrix(data, some, numbers)
+    fitting = results[: MOST_VARIABLES - len(numbers)]
+    if len(numbers) >= 2 and fitting:
+        yield ["matrix"], lambda: sweep_matrix(data, fitting, numbers)
 
 
 def _few_curves(rows: Rows, number: str, numbers: Sequence[str]) -> str | None:
-    """The path of another axis with few points, for a curve each, if there is one."""
+    """The path of another axis that has few enough points for a curve each, if there is one."""
     for path in numbers:
         axis = rows.axis_of(path)
         if axis != rows.axis_of(number) and len(np.unique(rows.indices[:, axis])) <= MOST_CURVES:

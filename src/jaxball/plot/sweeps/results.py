@@ -1,4 +1,4 @@
-"""Results of the rows by their names, such as ``z[0]``, and how they are called in a figure."""
+"""The results of a study's rows by name, such as ``z[0]``, and their labels in figures."""
 
 import re
 from typing import TYPE_CHECKING
@@ -8,28 +8,12 @@ from jaxtyping import Float
 
 from ...interface.wording import did_you_mean
 from ...scenario.paths import entries
-from .errors import PictureError
-from .rows import Rows, listed
+from ..symbols import SYMBOLS
+from .rows import PictureError, Rows, listed
 
 if TYPE_CHECKING:
     import xarray
 
-_SYMBOLS = {
-    "q": "q",
-    "Lambda": r"\Lambda",
-    "Omega": r"\Omega",
-    "Gamma": r"\Gamma",
-    "x": "x",
-    "y": "y",
-    "z": "z",
-    "xdot": r"\dot{x}",
-    "ydot": r"\dot{y}",
-    "phi": r"\phi",
-    "phidot": r"\dot{\phi}",
-    "theta": r"\theta",
-    "thetadot": r"\dot{\theta}",
-    "multiplier": r"\lambda",
-}
 _WORDS = {"friction_needed": r"$\mu_{\min}$", "reached": "time reached", "least_normal_force": "least $N$"}
 _FIRST = ("friction_needed", "z", "phi", "x", "y")
 _NOT_RESULTS = ("row", "status")
@@ -37,9 +21,7 @@ MOST_STANDARD = 3
 
 
 def result_names(data: "xarray.Dataset") -> list[str]:
-    """The names of all results of a study, what it was to find first: entries of vectors are counted from 0, as in
-    ``z[0]``.
-    """
+    """The names of all results of a study, those that its key ``find`` lists first; vectors by entries, as ``z[0]``."""
     names = [str(name) for name in data.data_vars if name not in _NOT_RESULTS and "row" in data[name].dims]
     first = [*_finds(data), *_FIRST]
     names.sort(key=lambda name: (first.index(name) if name in first else len(first), name))
@@ -47,20 +29,20 @@ def result_names(data: "xarray.Dataset") -> list[str]:
 
 
 def standard_results(data: "xarray.Dataset") -> list[str]:
-    """A few results that say most: what the study was to find, or else the friction needed and the place at the end
-    where there are, and the steps.
+    """A few important results: those that the key ``find`` lists, or else the friction needed and the final position
+    where they exist, and the steps.
     """
     names = [name for name in result_names(data) if name not in ("steps", "rejected", "reached")]
     return [*names[: max(MOST_STANDARD, len(_finds(data)))], "steps"]
 
 
 def _finds(data: "xarray.Dataset") -> list[str]:
-    """The names of what the study was to find."""
+    """The results that the study's key ``find`` lists."""
     return [name for name in listed(data, "finds") if name in data.data_vars] if "finds" in data.attrs else []
 
 
 def values_of(rows: Rows, result: str) -> Float[np.ndarray, " rows"]:
-    """A result of each row; where there are many save times, at the last one.
+    """A result of each row, at the last save time if there are several.
 
     **Raises:** :class:`PictureError` when there is no such result.
     """
@@ -74,7 +56,7 @@ def values_of(rows: Rows, result: str) -> Float[np.ndarray, " rows"]:
 def histories_of(rows: Rows, result: str) -> Float[np.ndarray, "rows saves"]:
     """A result of each row at all save times; only these rows are read.
 
-    **Raises:** :class:`PictureError` when there is no such result, and where it was not saved at all times.
+    **Raises:** :class:`PictureError` when there is no such result, or when it was not saved at all times.
     """
     name, index = parsed(rows.data, result)
     array = rows.data[name]
@@ -86,7 +68,7 @@ def histories_of(rows: Rows, result: str) -> Float[np.ndarray, "rows saves"]:
 
 
 def parsed(data: "xarray.Dataset", result: str) -> tuple[str, tuple[int, ...]]:
-    """The variable and the index in it that a name such as ``z[0]`` stands for.
+    """The variable that a name such as ``z[0]`` stands for, and the index in it.
 
     **Raises:** :class:`PictureError` when there is no such result.
     """
@@ -98,20 +80,20 @@ def parsed(data: "xarray.Dataset", result: str) -> tuple[str, tuple[int, ...]]:
 
 
 def label_of(data: "xarray.Dataset", result: str, *, at_the_end: bool = True) -> str:
-    """What a result is called in a figure, with its units."""
+    """The label of a result in a figure, with its units."""
     name, index = parsed(data, result)
     words = _WORDS.get(name, name.replace("_", " "))
-    if name in _SYMBOLS:
+    if name in SYMBOLS:
         dimensions = [dimension for dimension in data[name].dims if dimension not in ("row", "save")]
         indices = [_index(data, str(dimension), k) for dimension, k in zip(dimensions, index, strict=True)]
-        words = f"${_SYMBOLS[name]}{'_{' + ','.join(indices) + '}' if indices else ''}$"
+        words = f"${SYMBOLS[name]}{'_{' + ','.join(indices) + '}' if indices else ''}$"
         words += " at the end" if at_the_end else ""
     units = data[name].attrs.get("units", "")
     return words if units in ("", "1") else f"{words} ({units})"
 
 
 def _index(data: "xarray.Dataset", dimension: str, k: int) -> str:
-    """The index of the paper's symbol: from 1 on, but for those of a versor, and for driven masses the mass's."""
+    """The index of the paper's symbol: it counts from 1, for a versor from 0; for driven masses it is the mass's."""
     if dimension == "component":
         return str(k)
     return str(1 + (int(data[dimension][k]) if dimension == "driven" and dimension in data.variables else k))

@@ -1,6 +1,7 @@
-"""The rows of a study that were computed, and where they lie along its axes."""
+"""The computed rows of a study, where they lie along its axes, and which of them a figure shows."""
 
 import dataclasses
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -8,12 +9,17 @@ from jaxtyping import Bool, Float, Int
 
 from ...interface.status import Status
 from ...interface.wording import did_you_mean
-from .errors import PictureError
 
 if TYPE_CHECKING:
     import xarray
 
+SEED = 0
+FEW_PATHS = 2
 _NEEDED = ("shape", "paths", "path_axis", "path_logarithmic", "axis_scattered")
+
+
+class PictureError(ValueError):
+    """A study cannot be drawn as requested; the message is one sentence."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,8 +27,8 @@ class Rows:
     """Some of the computed rows of a study.
 
     - ``data``: the data set of all rows.
-    - ``places``: where these rows are in it.
-    - ``indices``: the index of each along each axis.
+    - ``places``: the indices of these rows in it.
+    - ``indices``: the index of each row along each axis.
     - ``status``: how each ended.
     """
 
@@ -63,7 +69,7 @@ class Rows:
         return bool(listed(self.data, "axis_scattered")[self.axis_of(path)])
 
     def is_logarithmic(self, path: str) -> bool:
-        """Whether the values at ``path`` are spread by their logarithm."""
+        """Whether the values at ``path`` are spaced logarithmically."""
         return bool(listed(self.data, "path_logarithmic")[self.paths.index(path)])
 
     def number(self, path: str) -> Float[np.ndarray, " rows"]:
@@ -76,7 +82,7 @@ class Rows:
         return [path for path in self.paths if np.ptp(self.number(path)) > 0]
 
     def chosen(self, which: Bool[np.ndarray, " rows"] | Int[np.ndarray, " some"]) -> "Rows":
-        """Those of the rows that a mask or indices choose."""
+        """The rows that a mask or indices choose."""
         return dataclasses.replace(
             self, places=self.places[which], indices=self.indices[which], status=self.status[which]
         )
@@ -85,8 +91,8 @@ class Rows:
 def rows_of(data: "xarray.Dataset") -> Rows:
     """The rows that were computed.
 
-    **Raises:** :class:`PictureError` when ``data`` is not of a study, when nothing in it was computed, and when all
-    rows failed.
+    **Raises:** :class:`PictureError` when ``data`` is not of a study, when none of its rows was computed, and when all
+    of them failed.
     """
     missing = [name for name in _NEEDED if name not in data.attrs] + [
         name for name in ("row", "status") if name not in data.variables
@@ -111,7 +117,55 @@ def rows_of(data: "xarray.Dataset") -> Rows:
     return Rows(data, computed, indices, status)
 
 
+def at_fixed(rows: Rows, free: set[int], at: Mapping[str, float] | None) -> tuple[Rows, list[str]]:
+    """The rows at one point of each axis that is not in ``free``, and sentences that say at which.
+
+    The point is the one whose number is nearest to that in ``at``; without one it is, among the points at which a row
+    succeeded, the middle one of an axis, or the first of a scattered axis.
+
+    **Raises:** :class:`PictureError` when ``at`` has a number that the study does not change, or one of a free axis.
+    """
+    at = at or {}
+    for path in at:
+        if rows.axis_of(path) in free:
+            raise PictureError(f"Argument `at` must have no number of an axis that is drawn, but it has `{path}`.")
+    sentences = []
+    for axis in sorted(set(range(rows.indices.shape[1])) - free):
+        present = np.unique(rows.indices[:, axis])
+        if len(present) == 1:
+            continue
+        paths = rows.paths_of(axis)
+        given = [path for path in paths if path in at]
+        if given:
+            distances = sum(np.abs(rows.number(path) - at[path]) for path in given)
+            point = rows.indices[np.argmin(distances), axis]
+        else:
+            succeeded = np.unique(rows.indices[~rows.failed, axis])
+            candidates = succeeded if succeeded.size else present
+            point = candidates[0 if rows.is_scattered(paths[0]) else len(candidates) // 2]
+        rows = rows.chosen(rows.indices[:, axis] == point)
+        if given or len(paths) <= FEW_PATHS:
+            sentences += [f"{path} = {rows.number(path)[0]:.4g}" for path in given or paths]
+        else:
+            sentences.append(f"point {point} of {paths[0]}, …")
+    return rows, sentences
+
+
+def sample(rows: Rows, most: int) -> tuple[Int[np.ndarray, " some"], list[str]]:
+    """The indices of up to ``most`` rows, chosen by a generator with a fixed seed, and a sentence that says so.
+
+    There is no sentence where all rows are chosen. Some of the rows that failed are always chosen.
+    """
+    if len(rows) <= most:
+        return np.arange(len(rows)), []
+    generator, failed = np.random.default_rng(SEED), np.flatnonzero(rows.failed)
+    some = generator.choice(failed, min(len(failed), max(1, most // 20)), replace=False)
+    others = generator.choice(np.setdiff1d(np.arange(len(rows)), some), most - len(some), replace=False)
+    drawn = np.sort(np.concatenate([some, others]))
+    return drawn, [f"{len(drawn):,} of {len(rows):,} rows drawn"]
+
+
 def listed(data: Any, name: str) -> list[Any]:
-    """An attribute that is a list; files of some formats hold a list of one as a number or a text."""
+    """An attribute that is a list; some file formats store a list of one as a number or a text."""
     value = data.attrs[name]
     return [value] if isinstance(value, str) else np.atleast_1d(value).tolist()

@@ -10,12 +10,10 @@ from matplotlib.colors import to_hex
 
 from ...interface.status import Status
 from ..style import COMPONENTS, named
-from .errors import PictureError
+from .axes import COLOURS, heading, scale, study_axes
 from .failures import make_room, marks, names_of, outcomes
-from .fixed import fixed, sample
-from .heading import COLOURS, heading, scale, study_axes
 from .results import label_of, values_of
-from .rows import Rows, rows_of
+from .rows import PictureError, Rows, at_fixed, rows_of, sample
 
 if TYPE_CHECKING:
     import xarray
@@ -37,22 +35,22 @@ def sweep_slice(
 ) -> Axes:
     """A result of a study against one of its numbers; rows that failed are marked by their status on the lower edge.
 
-    The points of a scattered axis are not joined. The title says at what the other axes are fixed.
+    The points of a scattered axis are not joined. The title says where the other axes are fixed.
 
     **Arguments:**
 
     - ``data``: from ``xarray.open_zarr`` of a store.
-    - ``result``: such as ``"z[0]"``, ``"friction_needed"`` or ``"steps"``; of a state, that at the end.
-    - ``against``: the path of the number to the right.
+    - ``result``: such as ``"z[0]"``, ``"friction_needed"`` or ``"steps"``; components of a state are final values.
+    - ``against``: the path of the number on the horizontal axis.
     - ``by``: the path of a number of another axis, with a curve for each of at most six of its points.
-    - ``at``: numbers at which the other axes are fixed, by path; the next to them that were computed are taken. An axis
+    - ``at``: the numbers at which the other axes are fixed, by path; the nearest computed ones are taken. An axis
       without one is fixed at the middle one of its points at which a row succeeded, a scattered one at the first.
 
-    **Raises:** :class:`PictureError` when nothing can be drawn, and for an unknown result or path, naming those there
-    are; ``ValueError`` when ``ax`` is three-dimensional.
+    **Raises:** :class:`PictureError` when nothing can be drawn, and for an unknown result or path, listing the known
+    ones; ``ValueError`` when ``ax`` is three-dimensional.
     """
     rows = rows_of(data)
-    rows, notes = fixed(rows, _free(rows, against, by), at)
+    rows, notes = at_fixed(rows, _free(rows, against, by), at)
     rows = rows if by is None else _few(rows, by)
     outcome = outcomes(rows.status, values_of(rows, result))
     names, (drawn, left_out) = names_of(outcome), sample(rows, MOST_DRAWN)
@@ -92,7 +90,7 @@ def _few(rows: Rows, by: str) -> Rows:
 
 
 def _curves(rows: Rows, by: str | None) -> Iterator[tuple[str, np.ndarray, str]]:
-    """The label of each curve, which rows it has, and its colour."""
+    """The label of each curve, the indices of its rows, and its colour."""
     if by is None:
         yield "", np.arange(len(rows)), COMPONENTS[0]
         return
@@ -103,7 +101,7 @@ def _curves(rows: Rows, by: str | None) -> Iterator[tuple[str, np.ndarray, str]]
 
 
 def _markers(rows: Rows, against: str) -> dict[str, Any]:
-    """Dots where there are few points to a curve, or where no line joins them."""
+    """Dots where a curve has few points, or where no line joins them."""
     few = len(np.unique(rows.number(against))) <= MOST_DOTTED
     dotted = few or rows.is_scattered(against)
     return {"marker": "o" if dotted else "", "markersize": 3.5 if few else 1.5, "rasterized": not few}

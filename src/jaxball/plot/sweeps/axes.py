@@ -1,4 +1,4 @@
-"""Titles and legends above the axes, scales of their numbers, and colours for a number."""
+"""The Axes of a study's figure: their title and legend, the scales of their numbers, and the colours of a number."""
 
 import textwrap
 import tomllib
@@ -22,7 +22,7 @@ _LETTERS = 62
 
 
 def title_of(data: "xarray.Dataset") -> str:
-    """Which study a data set is of: its own title, or that of its scenario, or the scenario's kind."""
+    """The title of a study, or that of its scenario, or else the scenario's kind."""
     document = tomllib.loads(data.attrs.get("scenario", ""))
     return data.attrs.get("title") or document.get("title") or f"A study of a {document.get('kind', 'system')}"
 
@@ -39,7 +39,7 @@ def study_axes(data: "xarray.Dataset", ax: Axes | None, size: tuple[float, float
 
 
 def heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), most: int = 3) -> None:
-    """What is fixed and left out, and below it the keys, ``most`` to a row, above the axes, where they hide nothing."""
+    """Writes above the axes what is fixed and left out, and below it the legend of ``keys``, ``most`` in a row."""
     title = "\n".join(textwrap.wrap("; ".join(sentences), _LETTERS))
     if not keys:
         ax.set_title(title, fontproperties=SMALL)
@@ -60,7 +60,7 @@ def heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), most: 
 
 
 def scale(axis: Axis, logarithmic: bool, values: np.ndarray) -> None:
-    """A logarithmic scale where ``values`` are spread so; a short one with round numbers written out."""
+    """Gives ``axis`` a logarithmic scale where its positive ``values`` are spaced so."""
     values = values[np.isfinite(values)]
     if not logarithmic or not values.size or values.min() <= 0:
         return
@@ -69,7 +69,7 @@ def scale(axis: Axis, logarithmic: bool, values: np.ndarray) -> None:
 
 
 def coloured(ax: Axes, shown: ScalarMappable, label: str) -> None:
-    """A colour bar, its scale that of the colours."""
+    """Adds a colour bar with the scale of the colours."""
     bar = colour_bar(ax, shown, label)
     if isinstance(shown.norm, LogNorm):
         low, high = bar.ax.get_ylim()
@@ -77,7 +77,7 @@ def coloured(ax: Axes, shown: ScalarMappable, label: str) -> None:
 
 
 def norm_of(values: np.ndarray, logarithmic: bool = False) -> Normalize:
-    """From ``values``, where they are finite, to the colours."""
+    """The map to colours that covers the finite ones of ``values``."""
     values = values[np.isfinite(values)]
     least, most = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
     return LogNorm(least, most) if logarithmic and 0 < least < most else Normalize(least, most)

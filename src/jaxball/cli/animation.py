@@ -1,4 +1,4 @@
-"""The animation of a run: what it shows, how fast, and how large it is."""
+"""The animation that ``jaxball simulate --animate`` makes: its options, and the run that it shows."""
 
 import argparse
 import dataclasses
@@ -14,33 +14,33 @@ from ..classical import AbstractClassicalSystem
 from ..interface.output import OutputError, check_destination, replacing
 from ..scenario import Scenario, ScenarioError
 from ..simulation.trajectory import Trajectory
-from .options import number, positive
+from .options import count, number, positive
 
-ANIMATIONS = (".mp4", ".gif")
+SUFFIXES = (".mp4", ".gif")
 FRAMES = 30
-MOST_FRAMES_A_SECOND = {".mp4": 240, ".gif": 50}  # a GIF counts in hundredths of a second, and players skip single ones
+MOST_FRAMES_A_SECOND = {".mp4": 240, ".gif": 50}  # a GIF counts in hundredths of a second; players skip single ones
 SMALLEST, LARGEST = 64, 7680
 OPTIONS = ("fps", "speed", "size", "from", "to")
 
 
-def add_film(parser: argparse.ArgumentParser) -> None:
+def add_animation(parser: argparse.ArgumentParser) -> None:
     """Adds --animate and its options."""
     parser.add_argument("--animate", type=Path, metavar="FILE", help="make an animation: .mp4 or .gif")
-    parser.add_argument("--fps", type=_whole, help=f"frames a second of the animation (default: {FRAMES})")
-    parser.add_argument("--speed", type=positive, help="units of time that pass in a second of it (default: 1)")
-    parser.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="its pixels, as in 1280x720")
-    parser.add_argument("--from", type=number, metavar="T", help="the time at which it begins (default: the start)")
-    parser.add_argument("--to", type=number, metavar="T", help="the time at which it ends (default: the end)")
+    parser.add_argument("--fps", type=count, help=f"frames per second of the animation (default: {FRAMES})")
+    parser.add_argument("--speed", type=positive, help="units of time per second of the animation (default: 1)")
+    parser.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="its size in pixels, as in 1280x720")
+    parser.add_argument("--from", type=number, metavar="T", help="when the animation begins (default: the start)")
+    parser.add_argument("--to", type=number, metavar="T", help="when the animation ends (default: the end)")
 
 
-def check_film(options: argparse.Namespace, scenario: Scenario) -> None:
-    """**Raises:** an error with one sentence for an animation that cannot be made."""
+def check_animation(options: argparse.Namespace, scenario: Scenario) -> None:
+    """Raises an error with one sentence for an animation that cannot be made."""
     if options.animate is None:
         for name in OPTIONS:
             if getattr(options, name) is not None:
                 raise OutputError(f"Argument `--{name}` is for an animation; give --animate FILE with it.")
         return
-    check_destination(options.animate, ANIMATIONS, "--animate")
+    check_destination(options.animate, SUFFIXES, "--animate")
     suffix = options.animate.suffix
     if suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise OutputError(
@@ -48,7 +48,7 @@ def check_film(options: argparse.Namespace, scenario: Scenario) -> None:
         )
     if options.fps is not None and options.fps > MOST_FRAMES_A_SECOND[suffix]:
         raise OutputError(
-            f"Argument `--fps` must be at most {MOST_FRAMES_A_SECOND[suffix]} for a {suffix}, but it is {options.fps}."
+            f"Argument `--fps` must be at most {MOST_FRAMES_A_SECOND[suffix]} for {suffix}, but it is {options.fps}."
         )
     if isinstance(scenario.system, AbstractClassicalSystem):
         raise OutputError(
@@ -64,14 +64,14 @@ def check_film(options: argparse.Namespace, scenario: Scenario) -> None:
         )
 
 
-def film(options: argparse.Namespace, scenario: Scenario) -> None:
+def write_animation(options: argparse.Namespace, scenario: Scenario) -> None:
     """Writes the animation."""
     from .. import plot
 
     speed, fps = options.speed or 1.0, options.fps or FRAMES
-    run = _run_for_film(scenario, *_span(options, scenario), speed / fps)
-    with replacing(options.animate) as beside:
-        plot.animate(run, beside, fps=fps, speed=speed, size=options.size)
+    run = _run_with_frames(scenario, *_span(options, scenario), speed / fps)
+    with replacing(options.animate) as temporary:
+        plot.animate(run, temporary, fps=fps, speed=speed, size=options.size)
 
 
 def _span(options: argparse.Namespace, scenario: Scenario) -> tuple[float, float]:
@@ -80,20 +80,14 @@ def _span(options: argparse.Namespace, scenario: Scenario) -> tuple[float, float
     return ends[0] if first is None else first, ends[1] if last is None else last
 
 
-def _run_for_film(scenario: Scenario, first: float, last: float, step: float) -> Trajectory:
-    """The run again, saved as often as a film has frames, and shown from ``first`` on."""
+def _run_with_frames(scenario: Scenario, first: float, last: float, step: float) -> Trajectory:
+    """The run again, saved once for each frame, from ``first`` to ``last``."""
     times = np.linspace(first, last, math.ceil((last - first) / step - 1e-9) + 1)
     if first == float(scenario.times[0]):
         return dataclasses.replace(scenario, times=times).simulate()
     times = np.concatenate([scenario.times[:1], times])
     run = dataclasses.replace(scenario, times=times).simulate()
     return dataclasses.replace(run, times=run.times[1:], state=jax.tree.map(lambda leaf: leaf[1:], run.state))
-
-
-def _whole(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"it must be a whole number, 1 or more, but it is {text}")
-    return int(text)
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Quantities over time: rates, energies and forces."""
+"""Figures of quantities over time: rates, energies and forces."""
 
 import math
 from collections.abc import Sequence
@@ -13,13 +13,13 @@ from ..physics.simulable import SimulableSystem
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
 from .record import record
-from .style import COMPONENTS, DASHED, INK, legend_above, named, plane_axes, up_to_ticks, write
+from .style import COMPONENTS, DASHED, INK, legend_above, named, plane_axes, up_to_ticks, write, zero_line
 
-CONSTANT = 1e-6  # a force that changes by less, relative to itself, is the same throughout
+CONSTANT = 1e-6  # a force whose relative change is less counts as constant
 
 
 class Series(NamedTuple):
-    """What is drawn over time as one line."""
+    """The values over time that one line shows, and its look."""
 
     values: Float[np.ndarray, " T"]
     label: str
@@ -36,8 +36,8 @@ def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
-    times, _, seen = record(trajectory)
-    Omega = seen.angular_velocity_body
+    times, _, observables = record(trajectory)
+    Omega = observables.angular_velocity_body
     if isinstance(trajectory.system, Disk):
         series = [Series(-Omega[:, 1], "", COMPONENTS[0])]
         return over_time(trajectory.system, times, series, r"$\dot{\phi}$", ax)
@@ -46,7 +46,7 @@ def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Kinetic energy T, potential energy V and their sum E, dashed, so that a T that it covers is seen.
+    """Kinetic energy T, potential energy V and their sum E, which is dashed to let a T beneath it be observables.
 
     **Arguments:**
 
@@ -54,17 +54,17 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
-    times, _, seen = record(trajectory)
+    times, _, observables = record(trajectory)
     series = [
-        Series(seen.kinetic_energy, "$T$", COMPONENTS[0]),
-        Series(seen.potential_energy, "$V$", COMPONENTS[1]),
-        Series(seen.kinetic_energy + seen.potential_energy, "$E = T + V$", INK, DASHED),
+        Series(observables.kinetic_energy, "$T$", COMPONENTS[0]),
+        Series(observables.potential_energy, "$V$", COMPONENTS[1]),
+        Series(observables.kinetic_energy + observables.potential_energy, "$E = T + V$", INK, DASHED),
     ]
     return over_time(trajectory.system, times, series, "energy", ax)
 
 
 def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Ė, the power of the actuation and of the external force together.
+    """Ė, the power of the actuation and the external force.
 
     **Arguments:**
 
@@ -72,8 +72,8 @@ def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
-    times, _, seen = record(trajectory)
-    return over_time(trajectory.system, times, [Series(seen.power, "", COMPONENTS[0])], r"$\dot{E}$", ax)
+    times, _, observables = record(trajectory)
+    return over_time(trajectory.system, times, [Series(observables.power, "", COMPONENTS[0])], r"$\dot{E}$", ax)
 
 
 def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -87,30 +87,29 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
-    times, _, seen = record(trajectory)
+    times, _, observables = record(trajectory)
     series = [
-        Series(seen.normal_force, "$N$", COMPONENTS[0]),
-        Series(np.linalg.norm(seen.friction, axis=1), r"$|\,\mathbf{f}\,|$", COMPONENTS[1]),
+        Series(observables.normal_force, "$N$", COMPONENTS[0]),
+        Series(np.linalg.norm(observables.friction, axis=1), r"$|\,\mathbf{f}\,|$", COMPONENTS[1]),
     ]
     ax = over_time(trajectory.system, times, series, "contact force", ax)
     up_to_ticks(ax, low=0.0)
     if trajectory.interpolant is not None:
         extremes = contact_extremes(trajectory)
-        at, least = float(extremes.least_normal_force_time), float(extremes.least_normal_force)
-        if len(times) and np.max(seen.normal_force) - least <= CONSTANT * abs(least):
-            at, when = float(times[0]), "throughout"
+        time, least = float(extremes.least_normal_force_time), float(extremes.least_normal_force)
+        if len(times) and np.max(observables.normal_force) - least <= CONSTANT * abs(least):
+            time, when = float(times[0]), "throughout"
         else:
-            when = _when(at, times)
-        _mark(ax, at, least, rf"least $N = {least:.4g}$ {when}", COMPONENTS[0])
+            when = _when(time, times)
+        _mark(ax, time, least, rf"least $N = {least:.4g}$ {when}", COMPONENTS[0])
     return ax
 
 
 def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """|f| / N, with its largest value μ_min marked: with less friction the ball would slip.
 
-    That of the whole run is marked where there is dense output, and otherwise the largest at the saved times.
-    Where N ≤ 0 the ball would leave the plane: nothing is drawn there, and a note takes the place of
-    the mark.
+    With dense output the largest value of the whole run is marked, otherwise the largest at the saved times.
+    Where N ≤ 0 the ball would leave the plane: nothing is drawn there, and a note replaces the mark.
 
     **Arguments:**
 
@@ -118,18 +117,18 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
-    times, _, seen = record(trajectory)
-    ratio = seen.friction_ratio
-    held = np.isfinite(ratio)
-    drawn = np.where(held, ratio, np.nan)
+    times, _, observables = record(trajectory)
+    ratio = observables.friction_ratio
+    on_plane = np.isfinite(ratio)
+    drawn = np.where(on_plane, ratio, np.nan)
     ax = over_time(trajectory.system, times, [Series(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
     up_to_ticks(ax, low=0.0)
-    if not np.all(held):
-        sentence = rf"not drawn where $N \leq 0$, first {_when(float(times[~held][0]), times)}"
+    if not np.all(on_plane):
+        sentence = rf"not drawn where $N \leq 0$, first {_when(float(times[~on_plane][0]), times)}"
         write(ax, (0.5, 1.02), sentence, transform=ax.transAxes, ha="center", va="bottom")
     elif len(ratio):
-        at, mu = _largest_ratio(trajectory, times, ratio)
-        _mark(ax, at, mu, rf"$\mu_{{\min}} = {mu:.4g}$ {_when(at, times)}", COMPONENTS[1])
+        time, mu = _largest_ratio(trajectory, times, ratio)
+        _mark(ax, time, mu, rf"$\mu_{{\min}} = {mu:.4g}$ {_when(time, times)}", COMPONENTS[1])
         up_to_ticks(ax, low=0.0)
     return ax
 
@@ -141,7 +140,7 @@ def _mark(ax: Axes, t: float, value: float, label: str, color: str) -> None:
 
 
 def _largest_ratio(trajectory: Trajectory, times: np.ndarray, ratio: np.ndarray) -> tuple[float, float]:
-    """When |f| / N is largest, and how large: of the whole run where it has dense output."""
+    """The time and the value of the largest |f| / N, of the whole run where it has dense output."""
     if trajectory.interpolant is not None:
         extremes = contact_extremes(trajectory)
         return float(extremes.friction_needed_time), float(extremes.friction_needed)
@@ -150,7 +149,7 @@ def _largest_ratio(trajectory: Trajectory, times: np.ndarray, ratio: np.ndarray)
 
 
 def _when(t: float, times: Float[np.ndarray, " T"]) -> str:
-    """A time in words, to five digits of the time of the whole run."""
+    """A time as text, to five digits of the duration of the run."""
     span = float(times[-1] - times[0])
     return rf"at $t = {round(t, 4 - math.floor(math.log10(span))) if span > 0 else t:g}$"
 
@@ -163,14 +162,14 @@ def over_time(
     ax: Axes | None,
     most: int = 5,
 ) -> Axes:
-    """Several series of a system over time, ``name`` on the axis upwards, and ``most`` of their labels to a row."""
+    """Several series of a system over time; ``name`` labels the vertical axis, ``most`` legend entries are in a row."""
     ax = plane_axes(ax, system=system)
     for values, label, colour, dashes in series:
         ax.plot(times, values, color=colour, linestyle=dashes, linewidth=1.2, label=label or None)
-    drawn = np.concatenate([one.values for one in series])
+    drawn = np.concatenate([line.values for line in series])
     drawn = drawn[np.isfinite(drawn)]
     if drawn.size and drawn.min() < 0 < drawn.max():
-        ax.axhline(0.0, color="0.75", linewidth=0.6, zorder=0)
+        zero_line(ax)
     ax.margins(x=0)
     up_to_ticks(ax)
     named(ax, "$t$", name)

@@ -1,4 +1,4 @@
-"""The figures of sections 4 and 5, each in a file named by the paper's label."""
+"""The figures of sections 4 and 5, each in a file named by the paper's label of the figure."""
 
 from pathlib import Path
 
@@ -30,8 +30,8 @@ FIGURES = {
     },
 }
 
-# What the paper does not draw.
-MORE = {
+# Quantities that the paper does not draw.
+ADDITIONAL = {
     "energies": plot.energies,
     "power": plot.power,
     "contact_force": plot.contact_force,
@@ -40,16 +40,16 @@ MORE = {
 
 
 def draw(experiment: Experiment, folder: Path) -> list[Path]:
-    """Writes the figures of ``experiment`` as PNG into ``folder``, and says where they are.
+    """Writes the figures of ``experiment`` as PNG into ``folder``, and returns their paths.
 
     **Raises:** :class:`~jaxball.SolveError` when the solve fails.
     """
     times = np.linspace(paper.START, paper.END, TIMES)
     tolerance = experiment.tolerance
     trajectory = simulate(experiment.system, times, rtol=tolerance, atol=tolerance, throw=True)
-    wanted = FIGURES[experiment.name] | {f"{experiment.name}_{name}": f for name, f in MORE.items()}
+    functions = FIGURES[experiment.name] | {f"{experiment.name}_{name}": f for name, f in ADDITIONAL.items()}
     paths = []
-    for name, function in wanted.items():
+    for name, function in functions.items():
         paths.append(folder / f"{name}.png")
         write_figure(function(trajectory), paths[-1], trajectory.system, TITLES[experiment.name])
     return paths

@@ -1,4 +1,4 @@
-"""The scenario of a command: a file, a built-in one or standard input, with some of its values changed."""
+"""The scenario that a command reads: a file, a built-in one or standard input, with some of its values changed."""
 
 import argparse
 import sys
@@ -11,8 +11,8 @@ from ..scenario.within import document_of, naming
 STDIN = "-"
 
 
-def add_source(parser: argparse.ArgumentParser) -> None:
-    """Adds FILE|NAME and what changes the scenario."""
+def add_scenario(parser: argparse.ArgumentParser) -> None:
+    """Adds FILE|NAME and --set."""
     parser.add_argument(
         "scenario", metavar="FILE|NAME", help="a scenario file, a built-in scenario, or - for standard input"
     )
@@ -26,16 +26,16 @@ def add_source(parser: argparse.ArgumentParser) -> None:
 
 
 def input_text(source: str) -> str | None:
-    """What stands on standard input where ``source`` is -, else None.
+    """The text of standard input where ``source`` is -, else None.
 
-    **Raises:** :class:`~jaxball.ScenarioError` where it is no text.
+    **Raises:** :class:`~jaxball.ScenarioError` where it is not text.
     """
     if source != STDIN:
         return None
     try:
         return sys.stdin.read()
     except UnicodeDecodeError:
-        raise ScenarioError("What stands on standard input must be text in UTF-8, but it is not.") from None
+        raise ScenarioError("Standard input must be text in UTF-8, but it is not.") from None
 
 
 def named_scenario(source: str) -> Scenario:
@@ -46,25 +46,25 @@ def named_scenario(source: str) -> Scenario:
     text = input_text(source)
     if text is None:
         return load_scenario(source)
-    with naming(_shown(source)):
+    with naming(source_name(source)):
         return read_scenario(text)
 
 
 def scenario_of(options: argparse.Namespace, end: float | None = None) -> Scenario:
-    """The scenario that the options name, changed by ``--set``, and with another ``time.end`` where one is given.
+    """The scenario that the options name, changed by ``--set`` and, where it is given, with another ``time.end``.
 
     **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read, before or after the changes.
     """
-    document = source_document(options, end)
-    with naming(_shown(options.scenario)):
+    document = scenario_document(options, end)
+    with naming(source_name(options.scenario)):
         return read_document(document)
 
 
-def source_document(options: argparse.Namespace, end: float | None = None) -> dict[str, Any]:
-    """The document of :func:`scenario_of`, not yet read."""
+def scenario_document(options: argparse.Namespace, end: float | None = None) -> dict[str, Any]:
+    """The document that :func:`scenario_of` reads."""
     text = input_text(options.scenario)
     text = scenario_text(options.scenario) if text is None else text
-    with naming(_shown(options.scenario)):
+    with naming(source_name(options.scenario)):
         document = document_of(text, "scenario", ScenarioError)
     document = with_values(document, options.set)
     if end is not None:
@@ -78,5 +78,6 @@ def source_document(options: argparse.Namespace, end: float | None = None) -> di
     return document
 
 
-def _shown(source: str) -> str:
+def source_name(source: str) -> str:
+    """What messages call a source."""
     return "standard input" if source == STDIN else source

@@ -1,16 +1,15 @@
-"""Figures that commands draw: a folder of them in one format or several, or one file."""
+"""The figures of a run, written into a folder in one format or several."""
 
 import argparse
 from pathlib import Path
 from typing import Any
 
-from ..interface.output import OutputError, check_destination, check_folder
+from ..interface.output import OutputError, check_folder
 from ..interface.wording import counted
-from ..scenario import Scenario
 from ..simulation.trajectory import Trajectory
 
 FORMATS = ("png", "pdf", "svg")
-FIGURES = tuple(f".{name}" for name in FORMATS)
+SUFFIXES = tuple(f".{name}" for name in FORMATS)
 
 
 def add_formats(parser: argparse.ArgumentParser, option: str) -> None:
@@ -21,37 +20,24 @@ def add_formats(parser: argparse.ArgumentParser, option: str) -> None:
 
 
 def check_figures_folder(options: argparse.Namespace, folder: str, formats: str) -> None:
-    """Raises an :class:`~jaxball.results.OutputError` where figures cannot go into the folder of an option."""
+    """Raises an :class:`~jaxball.results.OutputError` where figures cannot be written into the folder of an option."""
     path, option = getattr(options, folder), formats.replace("_", "-")
     if path is None:
         if getattr(options, formats) is not None:
             raise OutputError(f"Argument `--{option}` is for figures; give --{folder} FOLDER with it.")
         return
-    if path.suffix in FIGURES and not path.exists():
+    if path.suffix in SUFFIXES and not path.exists():
         raise OutputError(
-            f'Argument `--{folder}` must be a folder, for there are several figures, but it is "{path}"; '
+            f'Argument `--{folder}` must be a folder, because there are several figures, but it is "{path}"; '
             f"give --{folder} {path.with_suffix('')} --{option} {path.suffix[1:]}."
         )
     check_folder(path, f"--{folder}")
 
 
 def draw_figures(trajectory: Trajectory[Any, Any], folder: Path, formats: list[str] | None, title: str) -> str:
-    """Draws the standard figures, and says where."""
+    """Draws the standard figures, and returns how many there are and where."""
     # Imported here, because matplotlib takes longer to import than many a run.
     from .. import plot
 
     paths = plot.figures(trajectory, folder, title, formats=tuple(dict.fromkeys(formats or ("png",))))
     return f"{counted(len(paths), 'figure')} in {folder}"
-
-
-def check_figure(options: argparse.Namespace) -> None:
-    """Raises an :class:`~jaxball.results.OutputError` where the file of --plot cannot be."""
-    if options.plot is not None:
-        check_destination(options.plot, FIGURES, "--plot")
-
-
-def write_figure(drawn: Any, path: Path, scenario: Scenario) -> None:
-    """Writes the figure of some Axes, which says of which scenario it is."""
-    from ..plot.report import write_figure as write
-
-    write(drawn, path, scenario.system, scenario.title)

@@ -1,4 +1,4 @@
-"""The laws that hold along a run: balances, integrals and the contact."""
+"""The laws that are checked along one run: balances, integrals and the contact."""
 
 from collections.abc import Callable
 from functools import partial
@@ -32,9 +32,10 @@ MEANINGLESS = (MASSES_MOVE, PLANAR, NO_VERSOR)  # reasons for which there is no 
 def balance(name: str, case: Case) -> Row:
     """The row of a balance or an integral.
 
-    A quantity whose law holds exactly departs from it by errors of the solver alone. Each step adds one of about the
-    tolerance, and because the law holds on the exact motion from there on as well, it does not grow. So what is
-    expected is steps × the change of the quantity for a change of the state by its tolerance, times a safety of 10.
+    Where the law holds exactly, its residual consists of the solver's errors alone. Each step adds an error of about
+    the tolerance, which does not grow, because the law holds along the exact motion through the perturbed state as
+    well. So the expected residual is the number of steps × the change of the quantity for a change of the state by its
+    tolerance, times a safety factor of 10.
     """
     drift, reason = case.samples.drifts[name], _why_not(name, case)
     if reason in MEANINGLESS:
@@ -43,18 +44,18 @@ def balance(name: str, case: Case) -> Row:
 
 
 def contact(case: Case) -> Row:
-    """The row of the normal force, found as a fraction of the weight, with the friction that rolling needs."""
-    found = contact_extremes(case.run)
-    least, when = float(found.margin), float(found.least_normal_force_time)
+    """The row of the normal force, as a fraction of the weight, with the friction that rolling needs."""
+    extremes = contact_extremes(case.run)
+    least, when = float(extremes.margin), float(extremes.least_normal_force_time)
     note = f"the least N is {least:.4g} of the weight, at t = {when:.4g}"
-    if np.isfinite(found.friction_needed):
-        friction, when = float(found.friction_needed), float(found.friction_needed_time)
+    if np.isfinite(extremes.friction_needed):
+        friction, when = float(extremes.friction_needed), float(extremes.friction_needed_time)
         note += f"; rolling needs the friction |f|/N = {friction:.4g}, at t = {when:.4g}"
     return Row("contact", least, 0.0, note=note, at_least=True)
 
 
 def laws_along(scenario: Scenario) -> dict[str, Callable[[Case], Row]]:
-    """The laws that are looked at along a run of this system, by name."""
+    """The laws that are checked along a run of this system, by name."""
     if isinstance(scenario.system, AbstractClassicalSystem):
         start = jnp.asarray(scenario.times[0]), scenario.state
         names = eqx.filter_eval_shape(type(scenario.system).laws, scenario.system, *start)._fields
