@@ -1,4 +1,4 @@
-"""Expressions of numbers as a graph of single operations, in which the same operation on the same operands stands once."""
+"""Expressions of numbers as a graph of operations, in which the same operation on the same operands stands once."""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
