@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from turns import Compiled
 
-from jaxball import Ball, BallState, paper, simulate
+from jaxball import BallState, paper, simulate
 from jaxball.ensemble import simulate_ensemble
 
 TIMES = (paper.START, paper.END)
@@ -15,11 +15,13 @@ class Ensemble(Compiled):
     """``simulate_ensemble`` with every default."""
 
     def __init__(self, q: np.ndarray, Omega: np.ndarray, cores: int):
-        self.given = copies(paper.ball(), len(q)), TIMES, at(q, Omega)
+        self.given = paper.ball(), TIMES, at(q, Omega)
         self.threads = cores
 
     def final(self, tolerance: float) -> np.ndarray:
-        ensemble = simulate_ensemble(*self.given, rtol=tolerance, atol=tolerance, threads=self.threads)
+        ensemble = simulate_ensemble(
+            *self.given, rtol=tolerance, atol=tolerance, threads=self.threads, in_axes=(None, 0)
+        )
         state = ensemble.trajectory.state
         return np.concatenate([state.q[:, -1], state.Omega[:, -1], state.z[:, -1]], axis=1)
 
@@ -39,11 +41,6 @@ class Vmapped(Compiled):
 
     def final(self, tolerance: float) -> np.ndarray:
         return np.asarray(self.program(*self.given, jnp.asarray(tolerance)))
-
-
-def copies(ball: Ball, rows: int) -> Ball:
-    """A ball that all rows share."""
-    return jax.tree.map(lambda leaf: np.broadcast_to(np.asarray(leaf), (rows, *np.shape(leaf))), ball)
 
 
 def at(q: np.ndarray, Omega: np.ndarray) -> BallState:

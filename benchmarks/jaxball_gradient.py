@@ -68,11 +68,20 @@ def value_and_derivatives(p: jax.Array, tolerance: jax.Array | float, lanes: int
 
 
 def places(p: jax.Array, tolerance: jax.Array | float, lanes: int | None = None) -> jax.Array:
-    """z1(20) of balls with the parameters in each row of ``p``; what they have in common is said to be."""
-    with jax.ensure_compile_time_eval():
-        common = jax.tree.map(lambda x: np.broadcast_to(x, (len(p), *np.shape(x))), (paper.ball(), BallState()))
-    ball, state = common
-    run = simulate_ensemble(_changed(ball, p), TIMES, state, rtol=tolerance, atol=tolerance, max_steps=512, lanes=lanes)
+    """z1(20) of balls with the parameters in each row of ``p``."""
+    ball = paper.ball()
+    shared = jax.tree.map(lambda _: None, ball)
+    axes = eqx.tree_at(_parameters, shared, (0, 0, 0, 0), is_leaf=lambda axis: axis is None)
+    run = simulate_ensemble(
+        _changed(ball, p),
+        TIMES,
+        BallState(),
+        rtol=tolerance,
+        atol=tolerance,
+        max_steps=512,
+        lanes=lanes,
+        in_axes=(axes, None),
+    )
     return run.trajectory.state.z[:, -1, 0]
 
 
@@ -87,15 +96,16 @@ def with_parameters(p: jax.Array) -> Ball:
     return _changed(paper.ball(), p)
 
 
+def _parameters(ball: Ball) -> tuple:
+    """What is varied: the masses of the shell and of the moving masses, the inertia and the centre of mass."""
+    return ball.mass, ball.groups[0].mass, ball.inertia, ball.offset
+
+
 def _changed(ball: Ball, p: jax.Array) -> Ball:
     """A ball, or the balls of an ensemble, with the parameters in the last axis of ``p``."""
-    (group,) = ball.groups
-    n = group.mass.shape[-1]
-    return eqx.tree_at(
-        lambda b: (b.mass, b.groups[0].mass, b.inertia, b.offset),
-        ball,
-        (p[..., 0], p[..., 1 : n + 1], p[..., n + 1 : n + 4], p[..., n + 4 :]),
-    )
+    n = ball.groups[0].mass.size
+    values = p[..., 0], p[..., 1 : n + 1], p[..., n + 1 : n + 4], p[..., n + 4 :]
+    return eqx.tree_at(_parameters, ball, values)
 
 
 def _calls(solve: Callable[..., jax.Array], tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarray]]:

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import perturbed
 from jax.flatten_util import ravel_pytree
-from jaxball_batch import TIMES, at, copies
+from jaxball_batch import TIMES, at
 
 from jaxball import BallState
 from jaxball.ensemble import simulate_ensemble
@@ -24,14 +24,14 @@ class Runs:
     """All rows by ``simulate_ensemble`` on one core."""
 
     def __init__(self, ball, rows: int, tolerance: float):
-        self.given = copies(ball, rows), TIMES, at(*perturbed.initial(rows))
+        self.given = ball, TIMES, at(*perturbed.initial(rows))
         self.tolerance = tolerance
         ensemble = self()
         self.steps = int(np.sum(np.asarray(ensemble.trajectory.steps)))
         self.evaluations = int(ensemble.executed) * EVALUATIONS
 
     def __call__(self):
-        return simulate_ensemble(*self.given, rtol=self.tolerance, atol=self.tolerance, threads=1)
+        return simulate_ensemble(*self.given, rtol=self.tolerance, atol=self.tolerance, threads=1, in_axes=(None, 0))
 
 
 class Stages:

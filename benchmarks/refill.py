@@ -53,7 +53,7 @@ def main() -> None:
 def spread(rows: int, tolerances: bool) -> dict:
     """Efficiency where the runs' numbers of steps are spread; the fewest and most are without 1 % at either end."""
     import jax
-    from jaxball_batch import at, copies
+    from jaxball_batch import at
 
     from jaxball import paper
     from jaxball.ensemble import simulate_ensemble
@@ -62,7 +62,7 @@ def spread(rows: int, tolerances: bool) -> dict:
     times = np.stack([np.zeros(rows), _log_uniform(random, SHORTEST, LONGEST, rows)], axis=1)
     tolerance = _log_uniform(random, FINEST, COARSEST, rows) if tolerances else np.full(rows, TOLERANCE)
     ensemble = simulate_ensemble(
-        copies(paper.ball(), rows), times, at(*perturbed.initial(rows)), rtol=tolerance, atol=tolerance
+        paper.ball(), times, at(*perturbed.initial(rows)), rtol=tolerance, atol=tolerance, in_axes=(None, 0)
     )
     steps = np.asarray(jax.device_get(ensemble.trajectory.steps))
     fewest, most = np.percentile(steps, (1, 99)).round().astype(int).tolist()

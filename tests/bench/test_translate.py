@@ -11,7 +11,6 @@ import pytest
 
 from jaxball.bench import translate
 from jaxball.bench.problems import ALL
-from jaxball.bench.recorder import jacobian, record, source
 
 MATH = {"sin": math.sin, "cos": math.cos}
 CASES = [
@@ -160,7 +159,7 @@ def solve(problem, field, initial):
     ).ys[-1]
 
 
-class TestRecorder:
+class TestGeneratedPython:
     def test_what_occurs_twice_is_computed_once(self):
         def g(t, x, p, functions):
             return [functions.sin(x[0] * x[1]) + x[1] * x[0], functions.sin(x[1] * x[0]) / 3]
@@ -170,8 +169,11 @@ class TestRecorder:
         assert text.count(" * ") == 1
 
     def test_what_no_result_needs_is_left_out(self):
-        recorder, _ = record(lambda t, x, p, functions: [functions.cos(x[0]), x[0] * 2], 1, 0)
-        assert "cos" not in source("f(x, y)", recorder, {"y[0]": recorder.variable("x[0]") * 2})
+        def g(t, x, p, functions):
+            functions.cos(x[0])
+            return [x[0] * 2]
+
+        assert "cos" not in translate.python_source(g, 1, 0)
 
     @pytest.mark.parametrize(
         "expression",
@@ -184,19 +186,22 @@ class TestRecorder:
         ],
     )
     def test_arithmetic_and_its_derivative(self, expression):
-        recorder, (value,) = record(lambda t, x, p, functions: [expression(*x)], 2, 0)
-        (slopes,) = jacobian(recorder, [value], ["x[0]", "x[1]"])
-        f = compiled(source("f(x, y)", recorder, {f"y[{i}]": v for i, v in enumerate([value, *slopes])}), "f")
-        found = np.empty(3)
-        f((1.7, 0.6), found)
+        def g(t, x, p, functions):
+            return [expression(*x)]
+
+        value, slopes = np.empty(1), np.empty((1, 2))
+        compiled(translate.python_source(g, 2, 0), "rates")(0.0, (1.7, 0.6), (), value)
+        compiled(translate.jacobian_source(g, 2, 0), "jacobian")(0.0, (1.7, 0.6), (), slopes)
         a, b = jnp.asarray(1.7), jnp.asarray(0.6)
         expected = [expression(a, b), *jax.grad(expression, argnums=(0, 1))(a, b)]
-        np.testing.assert_allclose(found, expected, rtol=1e-14, atol=1e-15)
+        np.testing.assert_allclose([*value, *slopes[0]], expected, rtol=1e-14, atol=1e-15)
 
     def test_constant_result(self):
-        recorder, results = record(lambda t, x, p, functions: [1.5, x[0]], 1, 0)
-        f = compiled(source("f(x, y)", recorder, {f"y[{i}]": v for i, v in enumerate(results)}), "f")
-        found = np.empty(2)
-        f((0.25,), found)
-        assert found.tolist() == [1.5, 0.25]
-        assert jacobian(recorder, results, ["x[0]"]) == [[0.0], [1.0]]
+        def g(t, x, p, functions):
+            return [1.5, x[0]]
+
+        value, slopes = np.empty(2), np.empty((2, 1))
+        compiled(translate.python_source(g, 1, 0), "rates")(0.0, (0.25,), (), value)
+        compiled(translate.jacobian_source(g, 1, 0), "jacobian")(0.0, (0.25,), (), slopes)
+        assert value.tolist() == [1.5, 0.25]
+        assert slopes.tolist() == [[0.0], [1.0]]

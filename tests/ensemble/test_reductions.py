@@ -90,7 +90,7 @@ def test_a_run_that_cannot_start_finds_nothing():
 
 
 def test_the_weights_of_the_rule():
-    from jaxball.ensemble.integrals import lobatto_weights
+    from jaxball.ensemble.observers import lobatto_weights
 
     nodes = sampling().nodes
     for power in range(8):

@@ -47,21 +47,34 @@ def assert_same(found, k, wanted, bound):
 
 @pytest.fixture(scope="module")
 def balls():
-    """The paper's ball, from other attitudes and with other masses."""
+    """The paper's ball, which all runs share, from other attitudes."""
     rng = np.random.default_rng(1)
-    ball = paper.ball()
-    system = jax.tree.map(lambda leaf: np.broadcast_to(np.asarray(leaf), (RUNS, *np.shape(leaf))), ball)
     q = np.array([1.0, 0, 0, 0]) + 0.01 * rng.normal(size=(RUNS, 4))
     states = [BallState(q=x / np.linalg.norm(x)) for x in q]
-    return system, stacked(states)
+    return paper.ball(), stacked(states)
 
 
 @pytest.mark.slow
 def test_the_papers_ball(balls):
-    found = simulate_ensemble(balls[0], TIMES, balls[1], lanes=16)
+    ball, state = balls
+    found = simulate_ensemble(ball, TIMES, state, lanes=16, in_axes=(None, 0))
     assert found.trajectory.state.q.shape == (RUNS, TIMES.size, 4)
     for k in (0, 17, RUNS - 1):
-        assert_same(found, k, single(*balls, k), 1e-11)
+        assert_same(found, k, simulate(ball, TIMES, jax.tree.map(lambda leaf, k=k: jnp.asarray(leaf[k]), state)), 1e-11)
+
+
+def test_what_runs_share_may_be_given_once():
+    masses = np.linspace(0.5, 2.0, 12)
+    system, state = disks(masses)
+    whole = simulate_ensemble(system, TIMES, state, **SMALL)
+    axes = eqx.tree_at(lambda disk: disk.mass, jax.tree.map(lambda _: None, system), 0, is_leaf=lambda x: x is None)
+    shared = _with_mass(jax.tree.map(lambda leaf: leaf[0], system), masses)
+    found = simulate_ensemble(shared, TIMES, DiskState(phi=1.0), in_axes=(axes, None), **SMALL)
+    np.testing.assert_allclose(found.trajectory.state.phi, whole.trajectory.state.phi, rtol=0, atol=1e-13)
+    for a, b in zip(jax.tree.leaves(found.trajectory), jax.tree.leaves(whole.trajectory), strict=True):
+        assert a.shape == b.shape
+    # A view of the one number, not a copy for each run.
+    assert found.trajectory.system.radius.strides == (0,)
 
 
 @pytest.mark.parametrize(
@@ -173,6 +186,9 @@ def _with_mass(system, m):
     [
         ({"solver": diffrax.Kvaerno5()}, "Argument `solver` must be an explicit Runge-Kutta method"),
         ({"times": np.zeros((3, 2))}, "the same number of runs as leading axis"),
+        ({"in_axes": (None, None)}, "the same number of runs as leading axis"),
+        ({"in_axes": 1}, "Argument `in_axes` must be 0 where arrays have the runs as leading axis"),
+        ({"in_axes": (0, 0, None)}, "Argument `in_axes` must be 0"),
     ],
 )
 def test_wrong_arguments_are_named(change, words):

@@ -146,4 +146,4 @@ def apart(heights: Sequence[float], gap: float) -> list[float]:
 
 def _with_subscripts(title: str) -> str:
     """``title`` with small digits set by TeX, because the font has none."""
-    return re.sub("[₀-₉]", lambda found: f"$_{'₀₁₂₃₄₅₆₇₈₉'.index(found[0])}$", title)
+    return re.sub("[₀-₉]", lambda digit: f"$_{'₀₁₂₃₄₅₆₇₈₉'.index(digit[0])}$", title)

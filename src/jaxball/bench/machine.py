@@ -31,13 +31,13 @@ def machine() -> dict[str, object]:
 
 def versions(packages: tuple[str, ...]) -> dict[str, str]:
     """The versions of Python and of those ``packages`` that are installed."""
-    found = {"python": platform.python_version()}
+    known = {"python": platform.python_version()}
     for package in packages:
         try:
-            found[package] = importlib.metadata.version(package)
+            known[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
             continue
-    return found
+    return known
 
 
 def _processor() -> dict[str, str]:

@@ -12,8 +12,8 @@ import numpy as np
 
 from ..interface.wording import counted
 from .contenders import Contender, Program, Run
+from .formatting import power, seconds
 from .problem import Problem
-from .texts import power, seconds
 
 Result = TypeVar("Result")
 Echo = Callable[[str], None]
@@ -115,10 +115,10 @@ def measure(problem: Problem, contenders: Sequence[Contender], settings: Setting
     for contender in contenders:
         if refusals[contender.name] is not None:
             continue
-        found, failures = _build(problem, contender, settings, leave_out)
-        if found:
-            echo(f"  {contender.name}: {counted(len(found), 'setting')}, built in {seconds(found[0].build_time)}")
-        entries += found
+        built, failures = _build(problem, contender, settings, leave_out)
+        if built:
+            echo(f"  {contender.name}: {counted(len(built), 'setting')}, built in {seconds(built[0].build_time)}")
+        entries += built
         measured.rows += failures
     time_in_turns(entries, settings.budget)
     measured.rows += [_row(problem, entry) for entry in entries]
@@ -162,10 +162,10 @@ def _entry(contender: Contender, program: Program, tolerance: float) -> _Entry:
 
 def time_in_turns(entries: Sequence[_Entry], budget: float) -> None:
     """Fills the times of ``entries``, in rounds of blocks; the first call of a block, with cold caches, is untimed."""
-    wanted = {id(entry): min(max(int(budget / entry.once), FEWEST), MOST) for entry in entries}
+    repeats = {id(entry): min(max(int(budget / entry.once), FEWEST), MOST) for entry in entries}
     for _, entry in itertools.product(range(ROUNDS), entries):
-        left = wanted[id(entry)] - len(entry.times)
-        block = min(math.ceil(wanted[id(entry)] / ROUNDS), left)
+        left = repeats[id(entry)] - len(entry.times)
+        block = min(math.ceil(repeats[id(entry)] / ROUNDS), left)
         if block <= 0:
             continue
         if entry.once < COLD:

@@ -1,17 +1,18 @@
-"""What a run of the benchmark covers: everything, a quick part of it, or what is named."""
+"""What a run of the benchmark covers: everything, a quick part of it, or the problems and solvers that are named."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from ..interface.wording import nearest
 from . import problems
 from .contenders import ALL, FAMILIES, Contender
 from .measure import Settings
 from .problem import Problem
-from .selection import select_contenders, select_problems
 
 FULL = Settings(tuple(10.0**-k for k in range(4, 14)), budget=0.2, limit=5.0)
 QUICK = Settings((1e-5, 1e-8), budget=0.02, limit=2.0)
 QUICK_PROBLEMS = ("ball", "robertson")
+NEAREST = 3
 QUICK_SOLVERS = ("Gauss", "RadauIIA 3", "diffrax Dopri8", "SciPy DOP853", "heyoka Taylor", "CasADi CVODES BDF")
 
 
@@ -56,3 +57,63 @@ def listing() -> str:
         note = "" if reason is None else f", left out because {reason}; {contender.family.remedy}"
         lines.append(f"  {contender.name:{width}}  {contender.family.name}{note}")
     return "\n".join(lines)
+
+
+class SelectionError(ValueError):
+    """No problem or solver has that name; the message is a sentence with the nearest names."""
+
+
+def select_problems(known: Mapping[str, Problem], names: Sequence[str]) -> list[Problem]:
+    """The problems with these names, in the order of ``known``; all where there are no names.
+
+    **Arguments:**
+
+    - ``names``: as they are called.
+
+    **Raises:** :class:`SelectionError` for a name that no problem has.
+    """
+    chosen = {key for name in names for key in _matching("problems", name, {key: (key,) for key in known})}
+    return [problem for key, problem in known.items() if not names or key in chosen]
+
+
+def select_contenders(names: Sequence[str], known: Mapping[str, Contender] = ALL) -> list[Contender]:
+    """The contenders with these names, in the order of ``known``; all where there are no names.
+
+    A name may also be whole words of one, or the package: "RadauIIA" are all of its stage numbers, and
+    "SciPy" all of SciPy.
+
+    **Arguments:**
+
+    - ``names``: as they are called, or words of that.
+
+    **Raises:** :class:`SelectionError` for a name that no contender has.
+    """
+    labels = {key: (key, contender.family.name) for key, contender in known.items()}
+    chosen = {key for name in names for key in _matching("solvers", name, labels)}
+    return [contender for key, contender in known.items() if not names or key in chosen]
+
+
+def _matching(argument: str, name: str, labels: Mapping[str, tuple[str, ...]]) -> list[str]:
+    """The keys whose label is ``name``, or else those that hold its words one after the other."""
+    exact = [key for key in labels if key.lower() == name.lower()]
+    matches = exact or [key for key, values in labels.items() if any(_has_words(value, name) for value in values)]
+    if not matches:
+        known = dict.fromkeys(label for values in labels.values() for label in values)
+        raise SelectionError(
+            f"Argument `{argument}` must name some of what `jaxball bench --list` shows, but it has {name!r}; "
+            f"{_suggestion(name, known)}."
+        )
+    return matches
+
+
+def _has_words(label: str, name: str) -> bool:
+    """Whether a label has the words of a name one after the other."""
+    return bool(name.split()) and f" {' '.join(name.lower().split())} " in f" {' '.join(label.lower().split())} "
+
+
+def _suggestion(name: str, known: Iterable[str]) -> str:
+    known = list(known)
+    near = nearest(name, known, NEAREST, cutoff=0.3)
+    if len(near) == 1:
+        return f"the nearest name is {near[0]}"
+    return f"the nearest names are {', '.join(near)}" if near else f"the names are {', '.join(known)}"

@@ -127,15 +127,15 @@ class Problem:
 
         **Raises:** ``ValueError`` when ``x`` has another length than the state.
         """
-        found, exact = np.asarray(x, dtype=float), np.asarray(self.exact)
-        if found.shape != exact.shape:
+        given, exact = np.asarray(x, dtype=float), np.asarray(self.exact)
+        if given.shape != exact.shape:
             raise ValueError(
                 f"Argument `x` must be the state of problem {self.name} at its end, of shape {exact.shape}, "
-                f"but its shape is {found.shape}; a state of `form` goes through `form.final` first."
+                f"but its shape is {given.shape}; a state of `form` goes through `form.final` first."
             )
         indices = list(self.measured)
-        found, exact = found[indices], exact[indices]
-        if not np.isfinite(found).all():
+        given, exact = given[indices], exact[indices]
+        if not np.isfinite(given).all():
             return float("inf")
-        difference = np.abs(found - exact)
+        difference = np.abs(given - exact)
         return float(np.max(difference / np.abs(exact) if self.relative else difference))

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .formatting import power, seconds
 from .measure import Measured, Row
 from .problem import Problem
-from .texts import power, seconds
 
 GOALS = (1e-6, 1e-8, 1e-10, 1e-12)
 COLUMNS = (
@@ -32,10 +32,10 @@ class Spread(NamedTuple):
 def cheapest(rows: Sequence[Row], goal: float) -> list[Row]:
     """Of each solver the fastest row with an achieved error of at most ``goal``; the fastest solver first."""
     good = [(row.time, row) for row in rows if row.error is not None and row.error <= goal and row.time is not None]
-    found: dict[str, Row] = {}
+    fastest: dict[str, Row] = {}
     for _, row in sorted(good, key=lambda pair: pair[0]):
-        found.setdefault(row.solver, row)
-    return list(found.values())
+        fastest.setdefault(row.solver, row)
+    return list(fastest.values())
 
 
 def asked(rows: Sequence[Row], goal: float) -> list[Row]:
@@ -67,7 +67,7 @@ def _summary(problems: Sequence[Problem], results: Mapping[str, Measured]) -> st
     lines = [_line(["Fastest for an error of at most", *(power(goal) for goal in GOALS)]), _rule(1, len(GOALS))]
     for problem in problems:
         best = [cheapest(results[problem.name].rows, goal)[:1] for goal in GOALS]
-        cells = [f"{found[0].solver}, {seconds(found[0].time or 0.0)}" if found else "–" for found in best]
+        cells = [f"{rows[0].solver}, {seconds(rows[0].time or 0.0)}" if rows else "–" for rows in best]
         lines.append(_line([problem.title, *cells]))
     return "\n".join(lines)
 
@@ -80,9 +80,9 @@ def _section(problem: Problem, measured: Measured) -> list[str]:
         f"end. Reference: {problem.source}.",
     ]
     for goal in GOALS:
-        found = cheapest(measured.rows, goal)
-        if found:
-            parts += [f"### Achieved error at most {power(goal)}", _table(found)]
+        rows = cheapest(measured.rows, goal)
+        if rows:
+            parts += [f"### Achieved error at most {power(goal)}", _table(rows)]
             parts.append(_agreement(problem, measured.rows, goal))
     omitted = [f"- {sentence}" for sentence in (*measured.left_out, *_failures(measured.rows))]
     return [*parts, "### Left out and failed", "\n".join(omitted)] if omitted else parts
@@ -95,8 +95,8 @@ def _failures(rows: Sequence[Row]) -> list[str]:
         if row.failure:
             alike.setdefault((row.solver, row.failure), []).append(row)
     return [
-        f"Failed: {solver} at {', '.join(power(row.tolerance) for row in found)}, because {failure}."
-        for (solver, failure), found in alike.items()
+        f"Failed: {solver} at {', '.join(power(row.tolerance) for row in failed)}, because {failure}."
+        for (solver, failure), failed in alike.items()
     ]
 
 
@@ -130,11 +130,11 @@ def _agreement(problem: Problem, rows: Sequence[Row], goal: float) -> str:
     return " ".join(filter(None, sentences))
 
 
-def _apart(found: Spread | None, whose: str) -> str:
-    if found is None:
+def _apart(apart: Spread | None, whose: str) -> str:
+    if apart is None:
         return ""
-    farthest = " and ".join(found.solvers)
-    return f"{whose} lie within {power(found.difference, 2)} of one another ({farthest} farthest apart)."
+    farthest = " and ".join(apart.solvers)
+    return f"{whose} lie within {power(apart.difference, 2)} of one another ({farthest} farthest apart)."
 
 
 def _line(cells: Sequence[str]) -> str:

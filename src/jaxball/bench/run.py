@@ -11,10 +11,10 @@ from ..interface.output import replacing
 from ..interface.wording import counted
 from . import report
 from .contenders import FAMILIES, Contender
+from .formatting import power, seconds
 from .machine import description
 from .measure import Echo, Measured, Row, Settings, measure
 from .problem import Problem
-from .texts import power, seconds
 
 ABOUT = "The achieved error and the time of solvers on initial value problems; times in seconds."
 
@@ -90,10 +90,9 @@ def _finding(rows: Sequence[Row]) -> str:
     solvers = len({row.solver for row in good})
     done = f"{counted(solvers, 'solver')}, {counted(len(good), 'setting')}"
     for goal in reversed(report.GOALS):
-        found = report.cheapest(rows, goal)
-        if found:
-            time = seconds(found[0].time or 0.0)
-            return f"{done}; fastest to {power(goal)}: {found[0].solver}, {time}"
+        cheapest = report.cheapest(rows, goal)
+        if cheapest:
+            return f"{done}; fastest to {power(goal)}: {cheapest[0].solver}, {seconds(cheapest[0].time or 0.0)}"
     return f"{done}, none with an error of at most {power(report.GOALS[0])}"
 
 

@@ -1,14 +1,29 @@
 """A problem's equations in the languages of the packages that solve them."""
 
 import importlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
+from ..numerics.elements import evaluated, inputs
+from ..numerics.expressions import Elementwise, Graph, Node, in_order, is_node
 from .problem import Piece, Problem, Rates
-from .recorder import jacobian, record, source
+
+# How Python writes the operations that equations and their derivatives are made of.
+OPERATIONS = {
+    "add": "{} + {}",
+    "add_any": "{} + {}",
+    "sub": "{} - {}",
+    "mul": "{} * {}",
+    "div": "{} / {}",
+    "neg": "-{}",
+    "sin": "sin({})",
+    "cos": "cos({})",
+}
 
 
 def jax_field(g: Rates) -> Callable[[Float[Array, ""], Float[Array, " state"], Any], Float[Array, " state"]]:
@@ -38,8 +53,7 @@ def python_source(g: Rates, states: int, parameters: int, name: str = "rates") -
 
     Its globals must have ``sin`` and ``cos``.
     """
-    recorder, results = record(g, states, parameters)
-    return source(f"{name}(t, x, p, rates)", recorder, {f"rates[{i}]": rate for i, rate in enumerate(results)})
+    return _source(f"{name}(t, x, p, rates)", lambda t, x, p: g(t, x, p, jnp), "rates[{}]", states, parameters)
 
 
 def jacobian_source(g: Rates, states: int, parameters: int, name: str = "jacobian") -> str:
@@ -47,10 +61,50 @@ def jacobian_source(g: Rates, states: int, parameters: int, name: str = "jacobia
 
     Its globals must have ``sin`` and ``cos``.
     """
-    recorder, results = record(g, states, parameters)
-    rows = jacobian(recorder, results, [f"x[{j}]" for j in range(states)])
-    targets = {f"jacobian[{i}, {j}]": entry for i, row in enumerate(rows) for j, entry in enumerate(row)}
-    return source(f"{name}(t, x, p, jacobian)", recorder, targets)
+
+    def rows(t, x, p):
+        columns = jax.jacfwd(lambda x: jnp.stack(g(t, x, p, jnp)))(x)
+        return jnp.stack(columns, axis=1)
+
+    return _source(f"{name}(t, x, p, jacobian)", rows, "jacobian[{}, {}]", states, parameters)
+
+
+def _source(signature: str, function: Callable[..., Any], target: str, states: int, parameters: int) -> str:
+    """A Python function ``def signature:`` of one assignment a line, of the operations that the results need."""
+    number = jax.ShapeDtypeStruct((), np.float64)
+    with _float64()(True):
+        program = jax.make_jaxpr(lambda *given: jnp.stack(function(*given)))(
+            number, [number] * states, [number] * parameters
+        )
+        given = [inputs(like) for like in program.in_avals]
+        (results,) = evaluated(Graph(), program, given)
+    names = ["t", *(f"x[{i}]" for i in range(states)), *(f"p[{i}]" for i in range(parameters))]
+    texts = {x.item(): name for x, name in zip(given, names, strict=True)}
+    lines = [f"def {signature}:"]
+    for k, node in enumerate(in_order(results.reshape(-1), frozenset(texts))):
+        lines.append(f"    v{k} = {_operation(node, texts)}")
+        texts[node] = f"v{k}"
+    lines += [f"    {target.format(*place)} = {_operand(item, texts)}" for place, item in np.ndenumerate(results)]
+    return "\n".join([*lines, ""])
+
+
+def _float64() -> Any:
+    """The context in which numbers are float64; releases of JAX keep it in two places."""
+    return jax.enable_x64 if hasattr(jax, "enable_x64") else importlib.import_module("jax.experimental").enable_x64
+
+
+def _operation(node: Node, texts: Mapping[Node, str]) -> str:
+    assert isinstance(node.operation, Elementwise)
+    primitive, params = node.operation
+    operands = [_operand(item, texts) for item in node.operands]
+    if primitive.name == "integer_pow":
+        power = " * ".join(operands * abs(params["y"]))
+        return power if params["y"] > 0 else f"1.0 / ({power})"
+    return OPERATIONS[primitive.name].format(*operands)
+
+
+def _operand(item: Any, texts: Mapping[Node, str]) -> str:
+    return texts[item] if is_node(item) else f"({item.item()!r})" if item < 0 else repr(item.item())
 
 
 def casadi_function(g: Rates, states: int, parameters: int) -> Any:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from ..numerics.bracketing import Sample, between, other_end
 from .equations import ROUNDING, AbstractEquations, bordered_solver
 from .errors import DesignError
 
@@ -183,23 +184,19 @@ class _Track:
         return _Point(found[0], self._tangent(found[0], self.metric * at.tangent), length)
 
     def fold(self, after: int, at: _Point, there: _Point) -> Fold:
-        """Where dλ/ds = 0 between two neighbours, by the method of false position (Illinois)."""
-        low, high = 0.0, there.length - at.length
-        below, above = at.tangent[-1], there.tangent[-1]
-        nearest, side = at if abs(below) < abs(above) else there, 0
+        """Where dλ/ds = 0 between two neighbours, by the Illinois method."""
+        old, new = Sample(0.0, at.tangent[-1]), Sample(there.length - at.length, there.tangent[-1])
+        nearest = at if abs(old.f) < abs(new.f) else there
         for _ in range(FOLD_SEARCHES):
-            middle = (low * above - high * below) / (above - below)
-            point = self.step(at, middle)
+            step = float(between(old, new, np))
+            point = self.step(at, step)
             if point is None:
                 break
-            value = point.tangent[-1]
-            nearest = point if abs(value) < abs(nearest.tangent[-1]) else nearest
-            if abs(value) < FLAT:
+            newest = Sample(step, point.tangent[-1])
+            nearest = point if abs(newest.f) < abs(nearest.tangent[-1]) else nearest
+            if abs(newest.f) < FLAT:
                 break
-            if value * below > 0:
-                low, below, above, side = middle, value, above / 2 if side < 0 else above, -1
-            else:
-                high, above, below, side = middle, value, below / 2 if side > 0 else below, 1
+            old, new = other_end(old, new, newest, np), newest
         return Fold(after, nearest.Y[:-1], float(nearest.Y[-1]))
 
     def _fixed(self, Y: np.ndarray) -> np.ndarray:

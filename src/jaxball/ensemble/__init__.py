@@ -1,7 +1,6 @@
 """Many runs side by side: the way in which sweeps are solved."""
 
 from ..interface.names import interface as _interface
-from .ensemble import Ensemble as Ensemble
 from .quantities import REDUCTIONS as REDUCTIONS
 from .reductions import (
     AbstractReduction as AbstractReduction,
@@ -10,6 +9,6 @@ from .reductions import (
     Maximum as Maximum,
     Minimum as Minimum,
 )
-from .simulate import simulate_ensemble as simulate_ensemble
+from .simulate import Ensemble as Ensemble, simulate_ensemble as simulate_ensemble
 
 __all__, __dir__ = _interface(globals())

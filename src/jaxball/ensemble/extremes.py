@@ -9,14 +9,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..solvers.dense.sampling import last_within, place_of_largest, sampling
-from .interpolation import Between
-from .observers import AbstractObserver
-from .runge_kutta import Step
+from .observers import AbstractObserver, Quantities
+from .runge_kutta import Between, Step
 
-# From what is given of each lane, times and state vectors to k quantities.
-Quantities = Callable[
-    [Float[Array, "numbers lanes"], Float[Array, " lanes"], Float[Array, "size lanes"]], Float[Array, "k lanes"]
-]
 # From what the field is given of each lane, and a start, an end and a state, to the step.
 Again = Callable[
     [Float[Array, "numbers lanes"], Float[Array, " lanes"], Float[Array, " lanes"], Float[Array, "size lanes"]], Step
@@ -96,8 +91,8 @@ class Extremes(AbstractObserver):
         """
 
         # A loop, because the quantities are a long program that is to be compiled few times.
-        def search(i, found):
-            values, times = found
+        def search(i, results):
+            values, times = results
             rank, k = i // len(self.which), i % len(self.which)
             step = self.again(of_field, seen.start[rank, k], seen.end[rank, k], seen.x[rank, k])
             still, fixed = jax.lax.stop_gradient((step, given))
@@ -112,8 +107,8 @@ class Extremes(AbstractObserver):
         values = jnp.where(seen.value > -jnp.inf, values, -jnp.inf)
         first = ~(values[1] > values[0])
         value, time = jnp.where(first, values[0], values[1]), jnp.where(first, times[0], times[1])
-        found = value > -jnp.inf
-        return jnp.where(found, value, jnp.nan), jnp.where(found, jax.lax.stop_gradient(time), jnp.nan)
+        seen_one = value > -jnp.inf
+        return jnp.where(seen_one, value, jnp.nan), jnp.where(seen_one, jax.lax.stop_gradient(time), jnp.nan)
 
 
 def _inside(step: Step, fraction: Float[Array, ""]) -> Float[Array, " lanes"]:

@@ -17,11 +17,11 @@ from ..physics.validity import possible_start
 from ..simulation.step_size import by_tolerances, kinks_of, to_kinks
 from .control import Limits
 from .lanes import LaneProgram
-from .numbers import Prepared, axes, first
+from .observation import Observation
+from .parameters import Prepared, axes, single
 from .reductions import AbstractReduction
 from .rows import Method, Rows, Solved, solve_rows
 from .runge_kutta import tableau_of
-from .watched import Watched
 
 
 class Settings(NamedTuple):
@@ -43,11 +43,11 @@ def compiled(settings: Settings) -> Callable[..., Any]:
     return jax.jit(functools.partial(_solve, settings))
 
 
-def _solve(settings: Settings, compact: Any, times: Array, rtol: Array, atol: Array) -> Any:
+def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol: Array) -> Any:
     t0, t1 = times[:, 0], times[:, -1]
-    along = axes(compact, settings.shared)
-    system, state = compact
-    like, shared = first(compact, settings.shared), settings.shared[: len(jax.tree.leaves(system))]
+    along = axes(parameters, settings.shared)
+    system, state = parameters
+    like, shared = single(parameters, settings.shared), settings.shared[: len(jax.tree.leaves(system))]
 
     def each(function: Callable[..., Any], *others: Any) -> Any:
         return jax.vmap(function, in_axes=(*along, *(0 for _ in others)))(system, state, *others)
@@ -57,21 +57,28 @@ def _solve(settings: Settings, compact: Any, times: Array, rtol: Array, atol: Ar
     startable = possible & jnp.all(jnp.isfinite(x), axis=1)
     kinks = each(lambda system, state, t: kinks_of(system), t0)
     field = _field(like, system, shared, x)
-    watched = Watched.of(settings.solver, settings.reductions, like, system, shared, field, times, x)
+    observation = Observation.of(settings.solver, settings.reductions, like, system, shared, field, times, x)
     solved = solve_rows(
         Method(
-            field,
-            tableau_of(settings.solver),
-            settings.solver.error_order(diffrax.ODETerm(lambda t, y, args: y)),
-            lambda kinks, rtol, atol: to_kinks(by_tolerances(rtol, atol), kinks),
-            settings.max_steps,
+            field=field,
+            tableau=tableau_of(settings.solver),
+            error_order=settings.solver.error_order(diffrax.ODETerm(lambda t, y, args: y)),
+            controller=lambda kinks, rtol, atol: to_kinks(by_tolerances(rtol, atol), kinks),
+            max_steps=settings.max_steps,
         ),
-        Rows(field.moving, t0, jnp.where(startable, t1, t0), x.T, Limits(kinks.T, rtol, atol), watched.given),
+        Rows(
+            parameters=field.moving,
+            t0=t0,
+            t1=jnp.where(startable, t1, t0),
+            x=x.T,
+            limits=Limits(kinks.T, rtol, atol),
+            observers=observation.given,
+        ),
         settings.lanes,
-        watched.observers,
+        observation.observers,
     )
     status = _status(solved, startable, t1)
-    states = _states(solved.x.T, watched.saved(solved.observed, x), x, startable, status)
+    states = _states(solved.x.T, observation.saved(solved.observed, x), x, startable, status)
     unpacked = each(
         lambda system, state, times, states: jax.vmap(Packing.of(system.prepare(), state).unpack)(times, states),
         times,
@@ -79,9 +86,9 @@ def _solve(settings: Settings, compact: Any, times: Array, rtol: Array, atol: Ar
     )
     reached = jnp.where(startable, jnp.minimum(solved.t, t1), t0)
     if settings.inside:
-        left = (times, unpacked, reached, status)
-        reached, status = each(lambda system, _, *found: until_left(system.prepare(), *found), *left)
-    reported = watched.reduced(solved.observed, field.moving, t0, x.T, settings.lanes)
+        run = (times, unpacked, reached, status)
+        reached, status = each(lambda system, _, *run: until_left(system.prepare(), *run), *run)
+    reported = observation.reduced(solved.observed, field.moving, t0, x.T, settings.lanes)
     reported = {name: jnp.where(startable, value, jnp.nan) for name, value in reported.items()}
     return unpacked, reached, status, solved.steps, solved.rejected, reported, solved.executed
 
@@ -109,5 +116,5 @@ def _states(
 ) -> Float[Array, "runs times size"]:
     """The vectors at all times; NaN at those to which a run did not come."""
     end = jnp.where((status == Status.SUCCESS)[:, None], end, jnp.nan)
-    found = jnp.concatenate([x[:, None], between, end[:, None]], axis=1)
-    return jnp.where(startable[:, None, None], found, jnp.nan)
+    states = jnp.concatenate([x[:, None], between, end[:, None]], axis=1)
+    return jnp.where(startable[:, None, None], states, jnp.nan)

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..numerics.norms import root
 from ..numerics.vectors import cross
 from ..physics.body import System
 from ..physics.contact import reaction
@@ -26,8 +27,8 @@ def half_tangent(system: System, t: Float[Array, ""], state: State) -> Float[Arr
 
     Without an arctangent, which takes as long as half of the equations of motion.
     """
-    found = reaction(system, t, state)
-    return found.friction / (found.normal + jnp.sqrt(found.normal**2 + found.friction_squared))
+    R = reaction(system, t, state)
+    return R.friction / (R.normal + jnp.sqrt(R.normal**2 + R.friction_squared))
 
 
 def tangent(half: Float[Array, "*runs"]) -> Float[Array, "*runs"]:
@@ -43,9 +44,7 @@ def angular_speed_squared(system: System, t: Float[Array, ""], state: State) -> 
 
 def speed(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
     """|ż|, how fast the geometric centre moves: r times the horizontal part of the angular velocity."""
-    squared = jnp.sum(cross(state.Omega, state.Gamma) ** 2)
-    moving = squared > 0
-    return system.radius * jnp.where(moving, jnp.sqrt(jnp.where(moving, squared, 1.0)), 0.0)
+    return system.radius * root(jnp.sum(cross(state.Omega, state.Gamma) ** 2))
 
 
 def energy(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Float[Array, ""]:

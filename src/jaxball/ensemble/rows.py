@@ -91,7 +91,7 @@ def solve_rows(method: Method, rows: Rows, lanes: int, observers: Mapping[str, A
     count = rows.t0.shape[-1]
     idle = _take(method, rows, jnp.full(lanes, count, jnp.int32), observers)
     unpack = _packing(_ended(idle))[1]
-    found = jnp.zeros((_packing(_ended(idle))[0].shape[0], count), rows.x.dtype)
+    results = jnp.zeros((_packing(_ended(idle))[0].shape[0], count), rows.x.dtype)
     zero = jnp.zeros((), jnp.int32)
 
     def unfinished(carry):
@@ -99,17 +99,17 @@ def solve_rows(method: Method, rows: Rows, lanes: int, observers: Mapping[str, A
         return jnp.any(lanes.running) | (following < count)
 
     def fill(carry):
-        lanes, found, following, executed = carry
-        found, free = _deliver(lanes, found), ~lanes.running
+        lanes, results, following, executed = carry
+        results, free = _deliver(lanes, results), ~lanes.running
         row = jnp.where(free, jnp.minimum(following + jnp.cumsum(free, dtype=jnp.int32) - 1, count), lanes.row)
         fresh = _take(method, rows, row, observers)
         lanes = jax.tree.map(lambda old, new: jnp.where(free, new, old), lanes, fresh)
         following = jnp.minimum(following + jnp.sum(free, dtype=jnp.int32), count)
         lanes, executed = _advance_until_idle(method, lanes, observers, following < count, executed)
-        return lanes, found, following, executed
+        return lanes, results, following, executed
 
-    state, found, _, executed = jax.lax.while_loop(unfinished, fill, (idle, found, zero, zero))
-    t, x, finite, steps, rejected, observed = unpack(_deliver(state, found))
+    last, results, _, executed = jax.lax.while_loop(unfinished, fill, (idle, results, zero, zero))
+    t, x, finite, steps, rejected, observed = unpack(_deliver(last, results))
     return Solved(t, x, finite, steps, rejected, observed, executed)
 
 
@@ -139,10 +139,10 @@ def _packing(tree: Any) -> tuple[Float[Array, "numbers lanes"], Callable[[Array]
     return jnp.concatenate([part.astype(dtype) for part in parts]), unpack
 
 
-def _deliver(lanes: _Lanes, found: Float[Array, "numbers rows"]) -> Float[Array, "numbers rows"]:
+def _deliver(lanes: _Lanes, results: Float[Array, "numbers rows"]) -> Float[Array, "numbers rows"]:
     """The results with those of the lanes that have ended."""
-    row = jnp.where(lanes.running, found.shape[-1], lanes.row)
-    return found.at[:, row].set(_packing(_ended(lanes))[0], mode="drop")
+    row = jnp.where(lanes.running, results.shape[-1], lanes.row)
+    return results.at[:, row].set(_packing(_ended(lanes))[0], mode="drop")
 
 
 def _take(method: Method, rows: Rows, row: Int[Array, " lanes"], observers: Mapping[str, AbstractObserver]) -> _Lanes:
@@ -150,18 +150,18 @@ def _take(method: Method, rows: Rows, row: Int[Array, " lanes"], observers: Mapp
     problem, lanes = rows.take(row), row.shape[0]
     end, memory = begin(method.controller, problem.limits, problem.t0, method.error_order)
     return _Lanes(
-        row,
-        (row < rows.t0.shape[-1]) & (problem.t0 < problem.t1),
-        problem,
-        problem.t0,
-        jnp.minimum(end, problem.t1),
-        problem.x,
-        method.field(tuple(problem.parameters), problem.t0, problem.x),
-        memory,
-        jnp.zeros(lanes, jnp.int32),
-        jnp.zeros(lanes, jnp.int32),
-        jnp.ones(lanes, bool),
-        {name: item.begin(problem.observers[name]) for name, item in observers.items()},
+        row=row,
+        running=(row < rows.t0.shape[-1]) & (problem.t0 < problem.t1),
+        problem=problem,
+        start=problem.t0,
+        end=jnp.minimum(end, problem.t1),
+        x=problem.x,
+        slope=method.field(tuple(problem.parameters), problem.t0, problem.x),
+        memory=memory,
+        steps=jnp.zeros(lanes, jnp.int32),
+        rejected=jnp.zeros(lanes, jnp.int32),
+        finite=jnp.ones(lanes, bool),
+        observed={name: item.begin(problem.observers[name]) for name, item in observers.items()},
     )
 
 
@@ -203,25 +203,24 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[st
         lanes.slope,
     )
     verdict = judge(method.controller, problem.limits, taken, lanes.memory, method.error_order)
-    steps, finite = lanes.steps + lanes.running.astype(jnp.int32), lanes.finite & (verdict.fine | ~lanes.running)
-    advanced = _Lanes(
-        lanes.row,
-        lanes.running & finite & (verdict.start < problem.t1) & (steps < method.max_steps),
-        None,
-        verdict.start,
-        jnp.minimum(verdict.end, problem.t1),
-        jnp.where(verdict.kept[None], taken.y, lanes.x),
-        jnp.where(verdict.kept[None], taken.last, lanes.slope),
-        verdict.memory,
-        steps,
-        lanes.rejected + (~verdict.kept).astype(jnp.int32),
-        finite,
-        {},
+    kept, running, observed = verdict.kept, lanes.running, lanes.observed
+    steps, finite = lanes.steps + running.astype(jnp.int32), lanes.finite & (verdict.fine | ~running)
+    lanes = lanes._replace(observed={})
+    advanced = lanes._replace(
+        running=running & finite & (verdict.start < problem.t1) & (steps < method.max_steps),
+        start=verdict.start,
+        end=jnp.minimum(verdict.end, problem.t1),
+        x=jnp.where(kept[None], taken.y, lanes.x),
+        slope=jnp.where(kept[None], taken.last, lanes.slope),
+        memory=verdict.memory,
+        steps=steps,
+        rejected=lanes.rejected + (~kept).astype(jnp.int32),
+        finite=finite,
     )
-    kept, observed = verdict.kept & lanes.running, lanes.observed
-    advanced = jax.tree.map(lambda old, new: jnp.where(lanes.running, new, old), lanes._replace(observed={}), advanced)
+    advanced = jax.tree.map(lambda old, new: jnp.where(running, new, old), lanes, advanced)
     return advanced._replace(
         observed={
-            name: item.observe(observed[name], problem.observers[name], taken, kept) for name, item in observers.items()
+            name: item.observe(observed[name], problem.observers[name], taken, kept & running)
+            for name, item in observers.items()
         }
     )

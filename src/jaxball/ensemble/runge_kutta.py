@@ -1,4 +1,4 @@
-"""One step of an explicit Runge–Kutta method in every lane."""
+"""One step of an explicit Runge–Kutta method in every lane, and the states within it."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -8,6 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+
+from .lanes import LaneProgram, elements_of
 
 # The lanes are the last axis of every array, so that a compiler can put neighbours into one register.
 Field = Callable[[Float[Array, " lanes"], Float[Array, "size lanes"]], Float[Array, "size lanes"]]
@@ -60,10 +62,10 @@ def step(
 
 def matrix(tableau: diffrax.ButcherTableau) -> np.ndarray:
     """The coefficients of a tableau as a square matrix, zero on and above the diagonal."""
-    found = np.zeros((tableau.num_stages, tableau.num_stages))
+    square = np.zeros((tableau.num_stages, tableau.num_stages))
     for i, row in enumerate(tableau.a_lower, start=1):
-        found[i, : len(row)] = row
-    return found
+        square[i, : len(row)] = row
+    return square
 
 
 def fits(solver: diffrax.AbstractSolver) -> bool:
@@ -77,3 +79,25 @@ def tableau_of(solver: diffrax.AbstractERK) -> diffrax.ButcherTableau:
     """The coefficients of a method that fits."""
     assert isinstance(solver.tableau, diffrax.ButcherTableau)
     return solver.tableau
+
+
+# From steps and a time in each lane to the states then.
+Between = Callable[[Step, Float[Array, " lanes"]], Float[Array, "size lanes"]]
+
+
+def interpolation(solver: diffrax.AbstractERK, size: int, dtype: jnp.dtype) -> Between:
+    """The states within a step, by the solver's own interpolation."""
+    number, vector = jnp.zeros((), dtype), jnp.zeros((size,), dtype)
+    slopes = jnp.zeros((tableau_of(solver).num_stages, size), dtype)
+
+    def one(_, t, t0, t1, y0, y1, k):
+        return solver.interpolation_cls(t0=t0, t1=t1, y0=y0, y1=y1, k=k).evaluate(t)
+
+    program = LaneProgram(one, (), number, number, number, vector, vector, slopes)
+
+    def between(step: Step, t: Float[Array, " lanes"]) -> Float[Array, "size lanes"]:
+        increments = (step.end - step.start)[None, None] * step.slopes
+        numbers = [t, step.start, step.end, *elements_of(step.x, step.y, increments)]
+        return program([], numbers)
+
+    return between

@@ -1,6 +1,6 @@
-"""The one entry function for many runs: systems that differ in numbers, times and states in, trajectories out."""
+"""The one entry function for many runs, and its result: systems that differ in numbers in, trajectories out."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
 import diffrax
@@ -8,15 +8,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jaxtyping import Array, Float, Int
 
 from ..interface.arguments import described, require
+from ..interface.printing import Printed, shown
 from ..numerics.arrays import Numbers, to_numpy
 from ..physics.dynamics import field_of
 from ..physics.simulable import SimulableState, SimulableSystem
 from ..simulation.simulate import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_steps, checked_tolerances
 from ..simulation.trajectory import Trajectory
-from .ensemble import Ensemble
-from .numbers import split
+from .parameters import for_all_rows, shared_leaves
 from .program import Settings, compiled
 from .reductions import AbstractReduction
 from .runge_kutta import fits
@@ -27,6 +28,35 @@ BLOCK = 4096
 
 # The programs that are compiled, by all that they are compiled for.
 _warm: set[Any] = set()
+
+
+class Ensemble(Printed):
+    """Many runs, with the runs as leading axis.
+
+    - ``trajectory``: as ``jax.vmap`` of :func:`jaxball.simulate` gives it.
+    - ``reductions``: what was asked for of each run, by name.
+    - ``executed``: the steps of all lanes, idle ones among them.
+    """
+
+    trajectory: Trajectory[Any, Any]
+    reductions: dict[str, Float[Array | np.ndarray, " runs"]]
+    executed: Int[Array | np.ndarray, ""]
+
+    def __repr__(self) -> str:
+        lines = [repr(self.trajectory)]
+        for name, values in self.reductions.items():
+            if isinstance(values, Tracer):
+                lines.append(f"  {name} {shown(values)}")
+                continue
+            finite = np.asarray(values)[np.isfinite(values)]
+            span = f"from {np.min(finite):.6g} to {np.max(finite):.6g}" if finite.size else "not finite in any run"
+            lines.append(f"  {name} {span}")
+        return "\n".join(lines)
+
+    @property
+    def efficiency(self) -> Float[Array, ""]:
+        """The share of the executed steps that belong to a run."""
+        return jnp.sum(self.trajectory.steps) / self.executed
 
 
 def simulate_ensemble(
@@ -43,14 +73,14 @@ def simulate_ensemble(
     block: int | None = None,
     threads: int | None = None,
     inside: bool = True,
+    in_axes: Any = 0,
 ) -> Ensemble:
     """Many runs of systems of one structure; each is what :func:`jaxball.simulate` makes of it, to the tolerances.
 
     **Arguments:**
 
     - ``system``, ``state``: every array has the runs as leading axis, as ``jax.vmap`` takes them and ``jax.tree.map``
-      with ``np.stack`` makes them. What all runs share may be ``np.broadcast_to(array, (runs, ...))``, and costs less;
-      so do, where there is one run, the arrays that are NumPy's.
+      with ``np.stack`` makes them, unless ``in_axes`` says otherwise.
     - ``times``: of shape (runs, T), or (T,) for all runs.
     - ``solver``: an explicit method of diffrax whose last stage is the first of the next step: ``Dopri8()`` if not
       given, ``Dopri5()``, ``Tsit5()``, ``Bosh3()``.
@@ -64,35 +94,47 @@ def simulate_ensemble(
       of runs share it. If not given, as many for each thread, and no more than 4096; on GPUs, as many for each of them.
     - ``threads``: how many blocks are computed at a time: as many as this process has cores, or GPUs, if not given.
     - ``inside``: whether rails and masses must be in the body, as for one run.
+    - ``in_axes``: which arrays of ``(system, state)`` have the runs as leading axis, as ``jax.vmap`` takes it: 0 for
+      those that have, None for those that all runs share, which cost less; each for one array or for all of a part, so
+      that ``(None, 0)`` is one system from many states. 0 if not given.
 
     A run that fails has its status and NaN, and harms no other. Within ``jax.jit`` and under ``jax.jvp``, all runs are
     one block. Derivatives are forward: ``jax.jvp``, ``jax.jacfwd``.
 
-    **Raises:** ``ValueError`` where leading axes differ, ``TypeError`` for other solvers, and
-    :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
+    **Raises:** ``ValueError`` where leading axes differ or ``in_axes`` is not of this form, ``TypeError`` for other
+    solvers, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
     field_of(system, state)
     method = _checked_solver(DEFAULT_SOLVER if solver is None else solver)
     rtol, atol = checked_tolerances(rtol, atol)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _checked_reductions(reductions)
-    runs = _count(system, state, given, rtol, atol)
+    parameters = system, state
+    shared = shared_leaves(in_axes, parameters)
+    runs = _count(parameters, shared, given, rtol, atol)
     whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
-    leaves = jax.tree.leaves((system, state, whole, limits))
+    leaves = jax.tree.leaves((parameters, whole, limits))
     traced = any(isinstance(leaf, Tracer) for leaf in (*leaves, jnp.zeros(())))
     on_cpu = jax.default_backend() == "cpu"
     threads = threads or (cores() if on_cpu else jax.local_device_count())
     block = runs if traced else block or min(runs, balanced(runs, BLOCK if on_cpu else runs, threads))
-    compact, which = split((system, state))
-    reduced = tuple(reductions.items())
-    size = min(block, lanes or (LANES if on_cpu else block))
-    settings = Settings(method, checked_steps(max_steps), size, which, reduced, inside)
+    settings = Settings(
+        solver=method,
+        max_steps=checked_steps(max_steps),
+        lanes=min(block, lanes or (LANES if on_cpu else block)),
+        shared=shared,
+        reductions=tuple(reductions.items()),
+        inside=inside,
+    )
     if traced:
-        *found, reported, executed = compiled(settings)(compact, whole, *limits)
-        return Ensemble(Trajectory(system, whole, *found, start=state), reported, executed)
-    blocks = _in_blocks(settings, compact, tuple(np.asarray(x) for x in (whole, *limits)), block, threads)
-    return _joined(blocks, system, whole, state, runs)
+        results = compiled(settings)(parameters, whole, *limits)
+    else:
+        blocks = _in_blocks(settings, parameters, tuple(np.asarray(x) for x in (whole, *limits)), block, threads)
+        results = _joined(blocks, runs)
+    *solved, reported, executed = results
+    system, state = for_all_rows(parameters, shared, runs, jnp if traced else np)
+    return Ensemble(Trajectory(system, whole, *solved, start=state), reported, executed)
 
 
 def _checked_solver(solver: diffrax.AbstractSolver) -> diffrax.AbstractERK:
@@ -106,49 +148,51 @@ def _checked_solver(solver: diffrax.AbstractSolver) -> diffrax.AbstractERK:
 
 
 def _checked_reductions(reductions: Mapping[str, AbstractReduction] | None) -> Mapping[str, AbstractReduction]:
-    found = {} if reductions is None else reductions
-    require("reductions", found, Mapping, "a dictionary of reductions by name, some of jaxball.ensemble.REDUCTIONS")
-    for name, one in found.items():
+    given = {} if reductions is None else reductions
+    require("reductions", given, Mapping, "a dictionary of reductions by name, some of jaxball.ensemble.REDUCTIONS")
+    for name, one in given.items():
         must = "one of jaxball.ensemble.REDUCTIONS, or a Maximum, Minimum, Drift or Integral"
         require(f"reductions[{name!r}]", one, AbstractReduction, must)
-    return found
+    return given
 
 
-def _in_blocks(settings: Settings, compact: Any, arrays: tuple[np.ndarray, ...], block: int, threads: int) -> list[Any]:
-    """What the compiled program finds of each block; ``arrays`` are times and tolerances."""
-    leaves, structure = jax.tree.flatten(compact)
-    own = [leaf if one else np.asarray(leaf) for leaf, one in zip(leaves, settings.shared, strict=True)]
+def _in_blocks(settings: Settings, parameters: Any, arrays: tuple[np.ndarray, ...], block: int, threads: int) -> list:
+    """What the compiled program gives for each block; ``arrays`` are times and tolerances."""
+    leaves, structure = jax.tree.flatten(parameters)
+    own = list(zip(map(np.asarray, leaves), settings.shared, strict=True))
     program = compiled(settings)
 
     def take(places: np.ndarray) -> Any:
-        parts = [leaf if one else leaf[places] for leaf, one in zip(own, settings.shared, strict=True)]
+        parts = [leaf if shared else leaf[places] for leaf, shared in own]
         spans, *others = (x[places] for x in arrays)
         # A run that is there only to fill a block is over as it begins.
         spans[np.append(False, places[1:] == places[:-1])] = spans[-1, :1]
         return structure.unflatten(parts), spans, *others
 
-    key = settings, structure, tuple(leaf.shape[1:] for leaf in own), block, arrays[0].shape[1]
+    shapes = tuple(leaf.shape if shared else leaf.shape[1:] for leaf, shared in own)
+    key = settings, structure, shapes, block, arrays[0].shape[1]
     blocks = in_blocks(lambda part: program(*part), take, len(arrays[0]), block, threads, key in _warm)
     _warm.add(key)
     return blocks
 
 
-def _count(system: Any, state: Any, times: Any, *tolerances: Any) -> int:
-    counts = {np.shape(leaf)[0] if np.ndim(leaf) else None for leaf in jax.tree.leaves((system, state))}
+def _count(parameters: Any, shared: Sequence[bool], times: Any, *tolerances: Any) -> int:
+    own = [leaf for leaf, one in zip(jax.tree.leaves(parameters), shared, strict=True) if not one]
+    counts = {np.shape(leaf)[0] if np.ndim(leaf) else None for leaf in own}
     counts |= {times.shape[0]} if times.ndim == 2 else set()
     counts |= {x.shape[0] for x in tolerances if x.ndim}
     runs = next(iter(counts)) if len(counts) == 1 else None
     if runs is None:
         raise ValueError(
             "Arguments `system`, `state`, `times` and tolerances must have the same number of runs as leading axis of "
-            f"every array, but the leading axes are {sorted(counts, key=str)}; stack systems with jax.tree.map."
+            f"every array, but the leading axes are {sorted(counts, key=str)}; stack systems with jax.tree.map, and "
+            "give what all runs share once, with `in_axes`."
         )
     return runs
 
 
-def _joined(blocks: list[Any], system: SimulableSystem, times: Any, state: SimulableState, runs: int) -> Ensemble:
+def _joined(blocks: list[Any], runs: int) -> tuple[Any, ...]:
+    """The results of all blocks, without those of runs that were there only to fill one."""
     executed = sum(int(block[-1]) for block in blocks)
-    *found, reported = jax.tree.map(
-        lambda *parts: jnp.asarray(np.concatenate(parts)[:runs]), *(block[:-1] for block in blocks)
-    )
-    return Ensemble(Trajectory(system, times, *found, start=state), reported, jnp.asarray(executed))
+    whole = jax.tree.map(lambda *parts: jnp.asarray(np.concatenate(parts)[:runs]), *(block[:-1] for block in blocks))
+    return *whole, jnp.asarray(executed)

@@ -8,8 +8,9 @@ are cut where the next term is below half a unit of float64's last place.
 
 import math
 
-import jax
 import jax.numpy as jnp
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, Float
 
 # π/2 in three parts; the first two have 33 bits, so that multiples of them up to 2²⁰ are exact.
@@ -22,12 +23,17 @@ SINE = tuple((-1) ** k / math.factorial(2 * k + 1) for k in range(8))
 COSINE = tuple((-1) ** k / math.factorial(2 * k) for k in range(9))
 
 
-@jax.custom_jvp
 def sine_cosine(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
-    """sin x and cos x, to 2e-16 for |x| up to 10⁶ and beyond that to the rounding of x itself.
+    """sin x and cos x of an angle in radians, to 2e-16 for |x| up to 10⁶ and beyond that to the rounding of x itself.
 
-    In another type than float64, those of ``jax.numpy``.
+    In another type than float64, those of ``jax.numpy``. Derivatives of any order are sines and cosines again.
     """
+    sine, cosine = sine_cosine_p.bind(jnp.asarray(x))
+    return sine, cosine
+
+
+def written_out(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
+    """What :func:`sine_cosine` computes, by operations of JAX."""
     if x.dtype != jnp.float64:
         return jnp.sin(x), jnp.cos(x)
     quarter = jnp.round(x * (2 / math.pi))
@@ -41,15 +47,23 @@ def sine_cosine(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Floa
     return jnp.where(turn >= 2, -sine, sine), jnp.where((turn == 1) | (turn == 2), -cosine, cosine)
 
 
-@sine_cosine.defjvp
-def _sine_cosine_jvp(primals, tangents):
-    (x,), (dx,) = primals, tangents
-    sine, cosine = sine_cosine(x)
-    return (sine, cosine), (cosine * dx, -sine * dx)
-
-
 def _polynomial(coefficients: tuple[float, ...], x: Array) -> Array:
     value = jnp.full_like(x, coefficients[-1])
     for coefficient in reversed(coefficients[:-1]):
         value = value * x + coefficient
     return value
+
+
+def _jvp(primals, tangents):
+    (dx,), (sine, cosine) = tangents, sine_cosine_p.bind(*primals)
+    return (sine, cosine), (cosine * dx, -sine * dx)
+
+
+# A primitive, so that a program that takes operations apart knows this one by what it is.
+sine_cosine_p = Primitive("sine_cosine")
+sine_cosine_p.multiple_results = True
+sine_cosine_p.def_impl(written_out)
+sine_cosine_p.def_abstract_eval(lambda x: (x, x))
+mlir.register_lowering(sine_cosine_p, mlir.lower_fun(written_out, multiple_results=True))
+batching.primitive_batchers[sine_cosine_p] = lambda given, axes: (sine_cosine_p.bind(*given), (*axes, *axes))
+ad.primitive_jvps[sine_cosine_p] = _jvp

@@ -5,7 +5,6 @@ keeps XLA's CPU compiler from fusing that body. These are sums and products of e
 """
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 
@@ -57,14 +56,3 @@ def solve(A: Float[Array, "3 3"], b: Float[Array, "3"]) -> Float[Array, "3"]:
     """The solution x of A x = b by Cramer's rule; not finite where A is singular."""
     c0, c1, c2 = cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])
     return (c0 * b[0] + c1 * b[1] + c2 * b[2]) / dot(A[0], c0)
-
-
-def length(x: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch"]:
-    """|x| over the last axis, of numbers whose squares overflow or vanish as well; infinite where |x| is too large.
-
-    Numbers are scaled by a power of two, which changes no bit of what ``numpy.linalg.norm`` makes of ordinary ones.
-    """
-    largest = np.max(np.abs(x), axis=-1)
-    exponent = np.where(np.isfinite(largest), np.frexp(largest)[1], 0)
-    with np.errstate(over="ignore"):
-        return np.asarray(np.ldexp(np.linalg.norm(np.ldexp(x, -exponent[..., None]), axis=-1), exponent))

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..numerics.calculus import Furthest
-from ..numerics.vectors import length
+from ..numerics.norms import length
 from .body import Disk, System
 from .confinement import (
     TIME_SAMPLES,

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..numerics.norms import root
 from ..numerics.vectors import apply, cross, dot
 from .body import System
 from .dynamics import driven_angles, force_in_body, vector_field
@@ -51,8 +52,7 @@ class Reaction(NamedTuple):
     @property
     def friction(self) -> Float[Array, "*batch"]:
         """|f|; its derivative is 0 where it is 0."""
-        positive = self.friction_squared > 0
-        return jnp.where(positive, jnp.sqrt(jnp.where(positive, self.friction_squared, 1.0)), 0.0)
+        return root(self.friction_squared)
 
     @property
     def ratio(self) -> Float[Array, "*batch"]:

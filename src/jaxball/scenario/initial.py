@@ -10,7 +10,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..interface.wording import counted
 from ..numerics.arrays import to_array
-from ..numerics.vectors import length
+from ..numerics.norms import length
 from ..physics.body import Ball, Disk, PointMass, System
 from ..physics.motion import OnRail
 from ..physics.schedules import AbstractSchedule

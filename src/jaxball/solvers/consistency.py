@@ -77,10 +77,10 @@ def consistent_initial_values(
     field, mass = term.at_step(t0, y0, args)
     x0, unravel = ravel_pytree(y0)
     solved = solve_algebraic(lambda x: ravel_pytree(field(t0, unravel(x), args))[0], mass, x0)
-    found = InitialValues(unravel(solved.x), solved.converged, solved.index_one)
-    if throw and not found.ok:
-        raise ValueError(found.message)
-    return found
+    values = InitialValues(unravel(solved.x), solved.converged, solved.index_one)
+    if throw and not values.ok:
+        raise ValueError(values.message)
+    return values
 
 
 class Solved(NamedTuple):
@@ -152,8 +152,8 @@ def start_of_step(
     solved = solve_algebraic(lambda x: problem.field(t0, x), mass, problem.x0, first | made_jump)
     scaled = solved.lacking / (measure.atol + measure.rtol * jnp.abs(problem.x0))
     # Where g is not a number, the step itself says so.
-    found = jnp.where(measure.norm(problem.unravel(scaled)) > 1, INCONSISTENT, NO_FAULT)
-    found = jnp.where(solved.index_one, found, NOT_INDEX_ONE)
+    at_start = jnp.where(measure.norm(problem.unravel(scaled)) > 1, INCONSISTENT, NO_FAULT)
+    at_start = jnp.where(solved.index_one, at_start, NOT_INDEX_ONE)
     change = jnp.where(solved.converged, solved.x - problem.x0, 0.0)
     # The stages depend on the sum of this change and their increments alone, so it has no derivative to pass.
-    return problem.x0 + jax.lax.stop_gradient(change), jnp.where(first, found, fault)
+    return problem.x0 + jax.lax.stop_gradient(change), jnp.where(first, at_start, fault)

@@ -125,7 +125,7 @@ class AbstractStageIteration(eqx.Module):
         """By how much Z and K change, to first order, if the equations do."""
 
     def solve(self, equations: StageEquations, guess: Float[Array, "s n"], memory: Memory) -> Stages:
-        """:meth:`iterate`, whose derivatives come from the theorem of implicit functions."""
+        """:meth:`iterate`, whose derivatives come from the implicit function theorem."""
         return _solve(self, equations, guess, memory)
 
     def size(self, equations: StageEquations, change: Float[Array, "s n"]) -> Float[Array, ""]:

@@ -20,6 +20,8 @@ class Batch(NamedTuple):
     - ``times``: the times to save, as many for each scenario; the first and the last alone where nothing looks at
       those between.
     - ``rtol``, ``atol``: the tolerances.
+    - ``in_axes``: 0 for the arrays of ``(system, state)`` that change from row to row, None for the others, as
+      :func:`jaxball.ensemble.simulate_ensemble` takes it.
     """
 
     template: Scenario
@@ -28,6 +30,7 @@ class Batch(NamedTuple):
     state: Any
     rtol: Float[np.ndarray, " rows"]
     atol: Float[np.ndarray, " rows"]
+    in_axes: Any = 0
 
     @property
     def rows(self) -> int:
@@ -36,7 +39,17 @@ class Batch(NamedTuple):
 
     def take(self, rows: Any) -> "Batch":
         """Some of the scenarios, by a slice or by their places."""
-        return Batch(self.template, *jax.tree.map(lambda leaf: leaf[rows], tuple(self[1:])))
+        stacked = jax.tree.map(lambda leaf: leaf[rows], tuple(self[1:-1]))
+        return Batch(self.template, *stacked, self.in_axes)
+
+    def shared_once(self) -> tuple[Any, Any]:
+        """System and state, with the arrays that do not change as a single one has them."""
+        return jax.tree.map(
+            lambda axis, leaf: leaf[0] if axis is None else leaf,
+            self.in_axes,
+            (self.system, self.state),
+            is_leaf=lambda axis: axis is None,
+        )
 
 
 class Wanted(NamedTuple):

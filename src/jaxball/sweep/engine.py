@@ -40,10 +40,12 @@ def solve_in_lanes(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
 
 def _solved(batch: Batch, wanted: Wanted, reductions: Mapping[str, AbstractReduction]) -> dict[str, np.ndarray]:
     first = batch.template
+    system, state = batch.shared_once()
     found = simulate_ensemble(
-        batch.system,
+        system,
         batch.times,
-        batch.state,
+        state,
+        in_axes=batch.in_axes,
         solver=SOLVERS[first.solver](),
         rtol=batch.rtol,
         atol=batch.atol,

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...numerics.arrays import numbers
+from ...numerics.norms import norm, room
 from ..line import beside, corner, places
-from ..norms import norm, room
 from ..objectives.obstacles import depths
 from ..run import Run
 from .base import AbstractRunningConstraint

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...numerics.arrays import numbers
-from ..norms import norm, room
+from ...numerics.norms import norm, room
 from ..objectives.base import unit_of_time
 from ..run import Run
 from .base import AbstractRunningConstraint

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...numerics.arrays import numbers
-from ..norms import norm, room
+from ...numerics.norms import norm, room
 from ..run import Run
 from .base import AbstractConstraint, AbstractRunningConstraint
 from .segments import distance

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..norms import norm
+from ...numerics.norms import norm
 
 TINY = 1e-30
 

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...numerics.arrays import numbers
+from ...numerics.norms import norm
 from ..line import beside, places
-from ..norms import norm
 from ..run import Run
 from .base import AbstractRunningObjective
 

@@ -8,9 +8,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...numerics.arrays import Numbers, numbers
+from ...numerics.norms import ROUNDING, norm
 from ..curves import AbstractCurve
 from ..line import beside
-from ..norms import ROUNDING, norm
 from ..run import Run
 from .base import AbstractObjective, AbstractRunningObjective
 

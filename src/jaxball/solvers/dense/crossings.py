@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ...numerics.bracketing import Sample, between, other_end
 from ...numerics.masks import differentiated_where, without_derivatives
 from .sampling import sampling
 from .steps import Steps
@@ -63,7 +64,7 @@ def crossings(steps: Steps, values: Values, field: Field, kinds: Sequence[Kind])
     time of the jump.
 
     The start is not a crossing, also where a function starts from zero, unless its kind says so. Times and vectors
-    are differentiable, by the theorem of implicit functions, with ẋ by ``field``.
+    are differentiable, by the implicit function theorem, with ẋ by ``field``.
     """
     values = eqx.filter_closure_convert(values, steps.start[0], steps.state(jnp.asarray(0), steps.start[0]))
     fixed, fixed_values = without_derivatives((steps, values))
@@ -72,15 +73,15 @@ def crossings(steps: Steps, values: Values, field: Field, kinds: Sequence[Kind])
     scales = jnp.max(jnp.where(valid, jnp.abs(samples), 0.0), axis=(1, 2))
     fine = sampling().polynomials(samples)
     changes = [_changes(fine[k], scales[k], kind) & fixed.taken[:, None] for k, kind in enumerate(kinds)]
-    found = _candidates(changes, kinds)
-    times, sizes = _zeros(fixed_values, fixed, fine, found)
-    at_start = found.place == 0
-    times = jax.lax.stop_gradient(jnp.where(at_start, fixed.start[found.step], times))
-    real = found.there & (at_start | (sizes <= 1e-6 * scales[found.which]))
-    times, vectors = jax.lax.map(lambda at: _moved(steps, values, field, *at), (*found[:3], times, real))
+    candidates = _candidates(changes, kinds)
+    times, sizes = _zeros(fixed_values, fixed, fine, candidates)
+    at_start = candidates.place == 0
+    times = jax.lax.stop_gradient(jnp.where(at_start, fixed.start[candidates.step], times))
+    real = candidates.there & (at_start | (sizes <= 1e-6 * scales[candidates.which]))
+    times, vectors = jax.lax.map(lambda at: _moved(steps, values, field, *at), (*candidates[:3], times, real))
     return [
         Crossings(
-            count=jnp.sum(changes[k]) - jnp.sum(found.there[part] & ~real[part]),
+            count=jnp.sum(changes[k]) - jnp.sum(candidates.there[part] & ~real[part]),
             times=_first(times[part], real[part]),
             vectors=_first(vectors[part], real[part]),
             least=jnp.min(jnp.where(valid[k], samples[k], jnp.inf)),
@@ -142,35 +143,31 @@ def _changes(
 
 
 def _zeros(
-    values: Values, steps: Steps, fine: Float[Array, "k steps fractions"], found: _Candidates
+    values: Values, steps: Steps, fine: Float[Array, "k steps fractions"], candidates: _Candidates
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """The zeros of ``values`` near their candidates, where a quartic changes its sign, and the size of the value there.
 
-    The rule of false position in the form of Illinois, from the values of the quartic one place further to either
-    side.
+    By the Illinois method, from the values of the quartic one place further to either side.
     """
     fractions = jnp.asarray(sampling().fractions, fine.dtype)
 
-    def improve(k, carry):
-        (a, ga), (b, gb), _ = carry
-        t = b - gb * (b - a) / jnp.where(gb == ga, 1.0, gb - ga)
-        t = jnp.where((t - a) * (t - b) < 0, t, (a + b) / 2)
-        g = values(t, steps.state(found.step[k], t))[found.which[k]]
-        crossed, done = (g > 0) != (gb > 0), (g == 0) | (a == b)
-        far, g_far = jnp.where(crossed, b, a), jnp.where(crossed, gb, ga / 2)
-        return (jnp.where(done, t, far), jnp.where(done, g, g_far)), (t, g), (t, jnp.abs(g))
+    def improve(k, bracket):
+        t = between(*bracket)
+        newest = Sample(t, values(t, steps.state(candidates.step[k], t))[candidates.which[k]])
+        return other_end(*bracket, newest), newest
 
     def solve(k):
-        which, i, j = found.which[k], found.step[k], found.place[k]
+        which, i, j = candidates.which[k], candidates.step[k], candidates.place[k]
         at = steps.start[i] + (steps.end[i] - steps.start[i]) * fractions
         left, right = jnp.maximum(j - 2, 0), jnp.minimum(j + 1, at.size - 1)
-        ends = (at[left], fine[which, i, left]), (at[right], fine[which, i, right])
-        return jax.lax.fori_loop(0, ITERATIONS, lambda _, carry: improve(k, carry), (*ends, ends[0]))[2]
+        bracket = Sample(at[left], fine[which, i, left]), Sample(at[right], fine[which, i, right])
+        _, zero = jax.lax.fori_loop(0, ITERATIONS, lambda _, bracket: improve(k, bracket), bracket)
+        return zero.x, jnp.abs(zero.f)
 
     def one(k, results):
         # Nowhere is the loop of iterations needed but where there is a candidate.
-        t, size = jax.lax.cond(found.there[k], solve, lambda k: (results[0][k], results[1][k]), k)
+        t, size = jax.lax.cond(candidates.there[k], solve, lambda k: (results[0][k], results[1][k]), k)
         return results[0].at[k].set(t), results[1].at[k].set(size)
 
-    empty = jnp.zeros(found.step.shape, fine.dtype)
-    return jax.lax.fori_loop(0, found.step.size, one, (empty, empty))
+    empty = jnp.zeros(candidates.step.shape, fine.dtype)
+    return jax.lax.fori_loop(0, candidates.step.size, one, (empty, empty))

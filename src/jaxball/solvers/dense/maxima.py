@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from ...numerics.bracketing import Sample, between, other_end
 from ...numerics.masks import differentiated_where, without_derivatives
 from .sampling import NARROWER, sampling
 from .steps import Steps
@@ -46,11 +47,11 @@ def maxima(
     samples = jnp.where(fixed.taken[None, :, None], samples, -jnp.inf)
 
     def at(index: Int[Array, " k"], times: Float[Array, " k"]) -> _Point:
-        def one(j, found):
+        def one(j, results):
             t = times[j]
             x = fixed.state(index[j], t)
             value, rate = jax.jvp(fixed_values, (t, x), (jnp.ones_like(t), fixed_field(t, x)))
-            return found.at[:, j].set(jnp.stack([value[j], rate[j]]))
+            return results.at[:, j].set(jnp.stack([value[j], rate[j]]))
 
         return _Point(times, *jax.lax.fori_loop(0, k, one, jnp.zeros((2, k), times.dtype)))
 
@@ -98,23 +99,22 @@ def _stationary(
         beyond = jnp.where((b.time == last) & (b.rate > 0), 1, jnp.where((a.time == first) & (a.rate < 0), -1, 0))
         near = jnp.clip(index + beyond, 0, jnp.maximum(steps.count - 1, 0))
         edge = jnp.where(beyond == 1, steps.start[near], steps.end[near])
-        secant = b.time - b.rate * (b.time - a.time) / jnp.where(b.rate == a.rate, 1.0, b.rate - a.rate)
-        secant = jnp.where((secant - a.time) * (secant - b.time) < 0, secant, b.time)
+        bracket = Sample(a.time, a.rate), Sample(b.time, b.rate)
         low, high = window(index, jnp.where(moved == 1, first, jnp.where(moved == -1, last, times)))
         other = jnp.where(moved == -1, low, high)
-        time = jnp.select([n == 0, n == 1, n == 2, n == 3], [low, high, edge, other], secant)
+        time = jnp.select([n == 0, n == 1, n == 2, n == 3], [low, high, edge, other], between(*bracket))
         new = at(jnp.where(n == 2, near, index), time)
         # A function that jumps down at the end of a step is largest there.
         old = jnp.where(beyond == 1, b.value, a.value)
         goes_on = (n == 2) & (near != index) & (new.value >= old - 1e-9 * jnp.maximum(jnp.abs(old), 1.0))
         moved = jnp.where(goes_on, beyond, moved)
         index = jnp.where(goes_on, near, index)
-        crossed = (new.rate > 0) != (b.rate > 0)
-        kept = choose(crossed, b, a._replace(rate=a.rate / 2))
+        kept = other_end(*bracket, Sample(new.time, new.rate))
         solving = (n > 3) & smooth & (new.time != b.time)
         to_a = (n == 0) | goes_on & (moved == 1) | (n == 3) & (moved == -1)
         to_b = (n == 1) | goes_on & (moved == -1) | (n == 3) & (moved != -1) | solving
-        a, b = choose(to_a, new, choose(solving, kept, a)), choose(to_b, new, b)
+        a = a._replace(time=jnp.where(solving, kept.x, a.time), rate=jnp.where(solving, kept.f, a.rate))
+        a, b = choose(to_a, new, a), choose(to_b, new, b)
         return index, moved, a, b, jnp.where(n == 3, (a.rate > 0) & (b.rate < 0), smooth)
 
     nothing = _Point(times, jnp.zeros_like(times), jnp.zeros_like(times))

@@ -79,8 +79,8 @@ def place_of_largest(
         fine = jnp.sum(jnp.asarray(at.matrix, first.dtype)[:, :, None] * samples[None], axis=1)
         # The place of the largest, without the search for an index, which XLA's CPU compiler breaks off at in a loop.
         here = jnp.where(fine == jnp.max(fine, axis=0)[None], fractions[:, None], jnp.inf)
-        found = low + (high - low) * jnp.min(here, axis=0)
-        return jnp.where(jnp.all(jnp.isfinite(samples), axis=0), found, times), half * NARROWER
+        best = low + (high - low) * jnp.min(here, axis=0)
+        return jnp.where(jnp.all(jnp.isfinite(samples), axis=0), best, times), half * NARROWER
 
     return jax.lax.fori_loop(0, rounds, narrower, (times, half))[0]
 

@@ -48,7 +48,8 @@ def read_together(
         verdict = worst(verdicts(kinds, ~kinds), span.verdict, found, _judged(plan, columns, span, parts))
     times = _times(plan, columns, span, verdict, ends_only)
     system, state, rtol, atol = parts
-    return Together(Batch(plan.template, system, times, state, rtol, atol), verdict, span.counts)
+    in_axes = jax.tree.map(lambda changes: 0 if changes else None, plan.changes[:2])
+    return Together(Batch(plan.template, system, times, state, rtol, atol, in_axes), verdict, span.counts)
 
 
 def _parts(plan: Plan, columns: Columns, span: Spans) -> tuple[tuple, Verdicts]:

@@ -11,20 +11,17 @@ from jaxtyping import Array, Float
 
 from ..physics.packing import Packing
 from .extremes import Extremes
-from .integrals import Integrals
-from .interpolation import interpolation
 from .lanes import LaneProgram
-from .numbers import Prepared
-from .observers import AbstractObserver
+from .observers import AbstractObserver, Integrals, Saves
+from .parameters import Prepared
 from .parts import in_parts
 from .reductions import AbstractReduction, Found, Quantity
-from .runge_kutta import Step, step, tableau_of
-from .saves import Saves
+from .runge_kutta import Step, interpolation, step, tableau_of
 
 SAVES, EXTREMES, INTEGRALS = "saves", "extremes", "integrals"
 
 
-class Watched(NamedTuple):
+class Observation(NamedTuple):
     """Observers by what they find, what each of them is given, and the reductions that are made of it."""
 
     observers: dict[str, AbstractObserver]
@@ -44,7 +41,7 @@ class Watched(NamedTuple):
         field: Prepared,
         times: Float[Array, "rows times"],
         x: Float[Array, "rows size"],
-    ) -> "Watched":
+    ) -> "Observation":
         """For runs of systems ``like`` the one given, which start at ``x``."""
         size = x.shape[1]
         between = interpolation(solver, size, x.dtype)
@@ -101,8 +98,8 @@ class Watched(NamedTuple):
         if not isinstance(observer, Extremes):
             return []
         rows = (observed[EXTREMES], self.given[EXTREMES], of_field)
-        found, times = in_parts(lambda part: observer.refined(*part), rows, lanes)
-        return [(sign * value, time) for sign, value, time in zip(observer.signs, found, times, strict=True)]
+        values, times = in_parts(lambda part: observer.refined(*part), rows, lanes)
+        return [(sign * value, time) for sign, value, time in zip(observer.signs, values, times, strict=True)]
 
 
 def _again(solver: diffrax.AbstractERK, field: Prepared, moving: Any, start: Array, end: Array, x: Array) -> Step:

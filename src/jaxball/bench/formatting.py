@@ -1,4 +1,4 @@
-"""Numbers as tables and sentences show them."""
+"""How tables and sentences show numbers."""
 
 
 def seconds(time: float) -> str:

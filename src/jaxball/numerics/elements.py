@@ -1,4 +1,4 @@
-"""Programs on small arrays as programs on their elements.
+"""Programs on small arrays as expressions of their elements.
 
 A jaxpr is read operation by operation. What moves elements about (stacking, slicing, transposing) costs nothing
 then, and what is known at once (unit matrices, tangents that are zero) is carried out at once.
@@ -16,7 +16,8 @@ import numpy as np
 from jax import lax
 from jax.extend.core import ClosedJaxpr, Literal
 
-from .nodes import Graph, Node
+from .expressions import Graph, Node
+from .trigonometry import sine_cosine_p, written_out
 
 # Arrays of NumPy scalars and nodes. Those of a dtype other than `object` are known at once.
 Elements = np.ndarray
@@ -30,8 +31,8 @@ ELEMENTWISE = frozenset({
     "stop_gradient", "sub", "tan", "tanh", "xor",
 })
 # fmt: on
-# Whose rules of derivatives are what follows from their operations, only shorter.
-INLINED = frozenset({"sine_cosine"})
+# Functions whose derivatives follow from their operations, so that these may stand for them.
+WRITTEN_OUT: Mapping[Any, Callable[..., Any]] = {sine_cosine_p: written_out}
 REDUCTIONS: Mapping[str, Any] = {
     "reduce_sum": lax.add_p,
     "reduce_max": lax.max_p,
@@ -42,25 +43,30 @@ REDUCTIONS: Mapping[str, Any] = {
 }
 
 
-def evaluated(graph: Graph, program: ClosedJaxpr, inputs: Sequence[Elements]) -> list[Elements]:
+def inputs(like: Any) -> Elements:
+    """The elements of an array that is not known yet, of the shape and dtype of ``like``."""
+    return _each(like.shape, lambda: Node(None, (), like.dtype))
+
+
+def evaluated(graph: Graph, program: ClosedJaxpr, given: Sequence[Elements]) -> list[Elements]:
     """The outputs of a program for the inputs given."""
     jaxpr = program.jaxpr
-    found: dict[Any, Elements] = dict(zip(jaxpr.constvars, map(np.asarray, program.consts), strict=True))
-    found |= dict(zip(jaxpr.invars, inputs, strict=True))
+    values: dict[Any, Elements] = dict(zip(jaxpr.constvars, map(np.asarray, program.consts), strict=True))
+    values |= dict(zip(jaxpr.invars, given, strict=True))
 
     def read(variable: Any) -> Elements:
-        return np.asarray(variable.val) if isinstance(variable, Literal) else found[variable]
+        return np.asarray(variable.val) if isinstance(variable, Literal) else values[variable]
 
     for equation in jaxpr.eqns:
         results = _equation(graph, equation, [read(variable) for variable in equation.invars])
-        found |= dict(zip(equation.outvars, results, strict=True))
+        values |= dict(zip(equation.outvars, results, strict=True))
     return [read(variable) for variable in jaxpr.outvars]
 
 
 def _equation(graph: Graph, equation: Any, operands: list[Elements]) -> Sequence[Elements]:
     name, params = equation.primitive.name, equation.params
-    inner = params.get("jaxpr", params.get("call_jaxpr"))
-    if isinstance(inner, ClosedJaxpr) and name != "scan" and not _has_own_rule(equation):
+    inner = _program_within(equation)
+    if inner is not None:
         return evaluated(graph, inner, operands)
     if all(map(_known, operands)):
         return _at_once(equation, operands)
@@ -77,10 +83,15 @@ def _equation(graph: Graph, equation: Any, operands: list[Elements]) -> Sequence
     return _as_arrays(graph, equation, operands)
 
 
-def _has_own_rule(equation: Any) -> bool:
-    """Whether its derivatives are not those of its operations, so that it must be kept whole."""
-    custom = equation.primitive.name.startswith(("custom_jvp_call", "custom_vjp_call"))
-    return custom and equation.params["call_jaxpr"].jaxpr.debug_info.func_src_info.split()[0] not in INLINED
+def _program_within(equation: Any) -> ClosedJaxpr | None:
+    """The program that an equation calls, if its operations say all: not where it has a rule for derivatives."""
+    primitive, params = equation.primitive, equation.params
+    if primitive in WRITTEN_OUT:
+        return jax.make_jaxpr(WRITTEN_OUT[primitive])(*(variable.aval for variable in equation.invars))
+    if primitive.name == "scan" or primitive.name.startswith(("custom_jvp_call", "custom_vjp_call")):
+        return None
+    inner = params.get("jaxpr", params.get("call_jaxpr"))
+    return inner if isinstance(inner, ClosedJaxpr) else None
 
 
 def _known(x: Elements) -> bool:
@@ -99,8 +110,8 @@ def _at_once(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
             jnp.asarray(x, variable.aval.dtype) if x.size else jnp.zeros(x.shape, variable.aval.dtype)
             for x, variable in zip(operands, equation.invars, strict=True)
         ]
-        found = _function(equation)(*arrays)
-    return [np.asarray(x) for x in (found if equation.primitive.multiple_results else [found])]
+        results = _function(equation)(*arrays)
+    return [np.asarray(x) for x in (results if equation.primitive.multiple_results else [results])]
 
 
 def _elementwise(graph: Graph, equation: Any, operands: Sequence[Elements]) -> Elements:
@@ -113,19 +124,19 @@ def _elementwise(graph: Graph, equation: Any, operands: Sequence[Elements]) -> E
 
 
 def _each(shape: tuple[int, ...], function: Callable[..., Any], *operands: Elements) -> Elements:
-    found = np.empty(shape, dtype=object)
+    results = np.empty(shape, dtype=object)
     for index in np.ndindex(*shape):
-        found[index] = function(*(x[index] for x in operands))
-    return found
+        results[index] = function(*(x[index] for x in operands))
+    return results
 
 
 def _reduced(graph: Graph, primitive: Any, axes: Sequence[int], x: Elements) -> Elements:
     rest = [axis for axis in range(x.ndim) if axis not in axes]
     rows = x.transpose([*rest, *axes]).reshape([*(x.shape[axis] for axis in rest), -1])
-    found = np.empty(rows.shape[:-1], dtype=object)
-    for index in np.ndindex(*found.shape):
-        found[index] = functools.reduce(lambda x, y: graph.operation(primitive, {}, (x, y), x.dtype), rows[index])
-    return found
+    results = np.empty(rows.shape[:-1], dtype=object)
+    for index in np.ndindex(*results.shape):
+        results[index] = functools.reduce(lambda x, y: graph.operation(primitive, {}, (x, y), x.dtype), rows[index])
+    return results
 
 
 def _unrolled(graph: Graph, params: Mapping[str, Any], operands: Sequence[Elements]) -> list[Elements]:
@@ -133,14 +144,14 @@ def _unrolled(graph: Graph, params: Mapping[str, Any], operands: Sequence[Elemen
     start, end = params["num_consts"], params["num_consts"] + params["num_carry"]
     constants, carry, sequences = operands[:start], list(operands[start:end]), operands[end:]
     order = range(params["length"])
-    found = []
+    rows = []
     for k in reversed(order) if params["reverse"] else order:
         results = evaluated(graph, params["jaxpr"], [*constants, *carry, *(np.asarray(x[k]) for x in sequences)])
         carry = results[: len(carry)]
-        found.append(results[len(carry) :])
+        rows.append(results[len(carry) :])
     if params["reverse"]:
-        found.reverse()
-    return [*carry, *(np.stack([as_objects(x) for x in column]) for column in zip(*found, strict=True))]
+        rows.reverse()
+    return [*carry, *(np.stack([as_objects(x) for x in column]) for column in zip(*rows, strict=True))]
 
 
 def _product(graph: Graph, equation: Any, a: Elements, b: Elements) -> Elements:
@@ -234,34 +245,27 @@ def _as_arrays(graph: Graph, equation: Any, operands: Sequence[Elements]) -> lis
             else jnp.zeros((*lanes, *shape), dtype)
             for end, shape, dtype in zip(ends, shapes, dtypes, strict=True)
         ]
-        found = functools.reduce(lambda f, _: jax.vmap(f), lanes, _function(equation))(*arrays)
-        return tuple(found) if equation.primitive.multiple_results else (found,)
+        results = functools.reduce(lambda f, _: jax.vmap(f), lanes, _function(equation))(*arrays)
+        return tuple(results) if equation.primitive.multiple_results else (results,)
 
     flat = [item for x in operands for item in as_objects(x).reshape(-1)]
     call = graph.node(object(), whole, flat, np.dtype(object))
-    return [
-        _each(
-            variable.aval.shape,
-            lambda index, k=k, dtype=variable.aval.dtype: _part(graph, call, k, index, dtype),
-            _indices(variable.aval.shape),
-        )
-        for k, variable in enumerate(equation.outvars)
-    ]
+    parts = []
+    for k, variable in enumerate(equation.outvars):
+        part = np.empty(variable.aval.shape, dtype=object)
+        for index in np.ndindex(*part.shape):
+            entry = functools.partial(_entry, k, index)
+            part[index] = graph.node((call, k, index), entry, (call,), variable.aval.dtype)
+        parts.append(part)
+    return parts
+
+
+def _entry(k: int, index: tuple[int, ...], arrays: tuple[jax.Array, ...]) -> jax.Array:
+    return arrays[k][(..., *index)]
 
 
 def _function(equation: Any) -> Callable[..., Any]:
     """What an equation computes, with its own rules of derivatives; releases of JAX keep these in two ways."""
-    found = equation.primitive.get_bind_params(equation.params)
-    functions, params = ((), found) if isinstance(found, Mapping) else found
+    bound = equation.primitive.get_bind_params(equation.params)
+    functions, params = ((), bound) if isinstance(bound, Mapping) else bound
     return functools.partial(equation.primitive.bind, *functions, **params)
-
-
-def _indices(shape: tuple[int, ...]) -> Elements:
-    found = np.empty(shape, dtype=object)
-    for index in np.ndindex(*shape):
-        found[index] = index
-    return found
-
-
-def _part(graph: Graph, call: Node, k: int, index: tuple[int, ...], dtype: np.dtype) -> Node:
-    return graph.node((call, k, index), lambda arrays: arrays[k][(..., *index)], (call,), dtype)

@@ -1,0 +1,31 @@
+"""The Illinois method for the zero of a function of one variable between two places where its signs differ.
+
+The secant's zero takes the place of the newer end of the bracket. Where the sign did not change, the other end stays
+and its value is halved, so that both ends come near the zero (Dowell & Jarratt, *BIT* 11 (1971) 168–174). Arguments are
+numbers or arrays, of JAX or, with ``xp=numpy``, of NumPy.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+
+class Sample(NamedTuple):
+    """A place x and the function's value f there."""
+
+    x: Any
+    f: Any
+
+
+def between(old: Sample, new: Sample, xp: Any = jnp) -> Any:
+    """The next place: where the secant is zero, or halfway where that is not inside the bracket."""
+    slope = new.f - old.f
+    x = new.x - new.f * (new.x - old.x) / xp.where(slope == 0, 1.0, slope)
+    return xp.where((x - old.x) * (x - new.x) < 0, x, (old.x + new.x) / 2)
+
+
+def other_end(old: Sample, new: Sample, newest: Sample, xp: Any = jnp) -> Sample:
+    """The end of the next bracket opposite to ``newest``, which lies between; at a zero, ``newest`` itself."""
+    crossed, found = (newest.f > 0) != (new.f > 0), newest.f == 0
+    x, f = xp.where(crossed, new.x, old.x), xp.where(crossed, new.f, old.f / 2)
+    return Sample(xp.where(found, newest.x, x), xp.where(found, newest.f, f))
