@@ -11,7 +11,8 @@ import jaxtyping
 import numpy as np
 import pytest
 
-jax.config.update("jax_enable_x64", True)
+X64 = os.environ.get("JAXBALL_TESTS_X64", "1") != "0"
+jax.config.update("jax_enable_x64", X64)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jaxtyping.install_import_hook("jaxball", "beartype.beartype")

@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -27,10 +27,13 @@ class AbstractEvent(Printed):
     - ``status``: how the run that it ended is said to have ended.
     """
 
-    direction: eqx.AbstractVar[int]
-    terminal: eqx.AbstractVar[bool]
+    if TYPE_CHECKING:  # to a type checker, fields declared here would come before `of` among the arguments
+        direction, terminal, room = cast(int, None), cast(bool, None), cast(int, None)
+    else:
+        direction: eqx.AbstractVar[int]
+        terminal: eqx.AbstractVar[bool]
+        room: eqx.AbstractVar[int]
     from_start: ClassVar[bool]
-    room: eqx.AbstractVar[int]
     status: ClassVar[Status]
 
     def __check_init__(self):

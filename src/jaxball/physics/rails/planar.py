@@ -2,6 +2,7 @@
 
 import abc
 import math
+from typing import TYPE_CHECKING, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -21,8 +22,11 @@ ORIGIN = (0.0, 0.0, 0.0)
 class AbstractPlanarRail(AbstractRail):
     """ζ(θ) = centre + B (x(θ), 0, y(θ)), with B the matrix of ``frame``; θ runs over 2π."""
 
-    centre: eqx.AbstractVar[Float[Array, "*group 3"]]
-    frame: eqx.AbstractVar[AbstractFrame]
+    if TYPE_CHECKING:  # to a type checker, fields declared here would come before `radius` among the arguments
+        centre, frame = cast(Array, None), cast(AbstractFrame, None)
+    else:
+        centre: eqx.AbstractVar[Float[Array, "*group 3"]]
+        frame: eqx.AbstractVar[AbstractFrame]
 
     def __check_init__(self):
         require("frame", self.frame, AbstractFrame, "a frame, such as SphericalFrame(...)")
