@@ -35,9 +35,9 @@ ORDERED_ELSEWHERE = {"jaxball.solvers.FixedPoint", "jaxball.solvers.Gauss", "jax
 def modules():
     """The public classes whose ``__init__`` is made from their fields, as type checkers make it as well."""
     for name, cls in public():
-        if inspect.isclass(cls) and issubclass(cls, eqx.Module) and not cls.__name__.startswith("Abstract"):
-            if name not in ORDERED_ELSEWHERE:
-                yield name, cls
+        made = inspect.isclass(cls) and issubclass(cls, eqx.Module) and not cls.__name__.startswith("Abstract")
+        if made and name not in ORDERED_ELSEWHERE:
+            yield name, cls
 
 
 @pytest.fixture(scope="module")

@@ -27,6 +27,13 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
       if a file can hold them.
 
     **Raises:** ``ValueError`` for a batch of trajectories.
+
+    **Example:**
+
+    >>> from jaxball import Disk, DiskState, simulate, to_dataset
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
+    >>> to_dataset(run).normal_force.values
+    array([1., 1., 1.])
     """
     # Imported here, because it takes longer than all of jaxball's own modules.
     import xarray
