@@ -1,4 +1,4 @@
-"""The environment of the tests: float64, strict promotion, and shapes checked at run time."""
+"""The environment of the tests: float64, or float32, strict promotion, and shapes checked at run time."""
 
 import gc
 import os
@@ -11,7 +11,8 @@ import jaxtyping
 import numpy as np
 import pytest
 
-jax.config.update("jax_enable_x64", True)
+X64 = os.environ.get("JAXBALL_TESTS_X64", "1") != "0"  # with 0, the tests marked any_precision run, in float32
+jax.config.update("jax_enable_x64", X64)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jaxtyping.install_import_hook("jaxball", "beartype.beartype")
@@ -39,6 +40,13 @@ def pytest_configure(config):
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         # A shell lets what it runs in the background ignore Ctrl-C, and all that this starts; tests press it.
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(config, items):
+    if not X64:
+        chosen = [item for item in items if item.get_closest_marker("any_precision")]
+        config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
+        items[:] = chosen
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -3,6 +3,9 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
+
+from tests.support.precision import X64
 
 
 def test_jax_computes_batched_quadratic_forms_right():
@@ -13,5 +16,6 @@ def test_jax_computes_batched_quadratic_forms_right():
     np.testing.assert_allclose(found, np.sum((rows @ matrix.T) ** 2, axis=1), rtol=1e-12)
 
 
-def test_the_tests_run_in_float64():
-    assert jnp.zeros(1).dtype == jnp.float64
+@pytest.mark.any_precision
+def test_the_tests_run_in_the_type_that_was_asked_for():
+    assert jnp.zeros(1).dtype == (jnp.float64 if X64 else jnp.float32)

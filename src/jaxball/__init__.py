@@ -12,6 +12,9 @@ is used, and neither are the packages:
 - ``solvers``: implicit methods for diffrax.
 - ``paper``, ``reproduce``, ``verify``, ``bench``: the paper's systems and figures, checks, comparisons of solvers.
 - ``cpu``: settings for fast solves on a CPU.
+
+The names of ``jaxball`` itself live in ``physics``, ``simulation``, ``numerics`` and ``interface``, and the commands in
+``cli``, which nobody needs to import; ``CONTRIBUTING.md`` has a map of all.
 """
 
 import importlib

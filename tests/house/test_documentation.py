@@ -1,8 +1,10 @@
-"""Every Python block of the documentation runs, in order, and so does every example."""
+"""Every Python block of the documentation runs, in order, and so does every example; maps show what there is."""
 
+import ast
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import jax
@@ -48,7 +50,10 @@ def test_example_runs(example, tmp_path):
 
 
 def test_links_between_files_lead_somewhere():
-    for document in [*DOCUMENTS, ROOT / "CONTRIBUTING.md", ROOT / "benchmarks" / "README.md"]:
+    for document in [
+        *DOCUMENTS,
+        *(ROOT / name for name in ("CONTRIBUTING.md", "benchmarks/README.md", "tests/README.md")),
+    ]:
         for target in re.findall(r"\]\((?!https?:)([^)#]+)", document.read_text()):
             assert (document.parent / target).exists(), f"{document.name} links to {target}"
 
@@ -64,3 +69,41 @@ def test_commands_of_the_readme(tmp_path):
         assert done.returncode == 0, f"{line}: {done.stderr}"
     assert (tmp_path / "run.nc").stat().st_size > 0
     assert list((tmp_path / "figures").glob("*.png"))
+
+
+def rooms() -> dict[str, Path]:
+    """The entries of ``src/jaxball`` as the maps write them, each with the file whose docstring says what it is."""
+    entries = {path for path in (ROOT / "src" / "jaxball").iterdir() if not path.name.startswith("__")}
+    folders = {f"{path.name}/": path / "__init__.py" for path in entries if path.is_dir()}
+    return folders | {path.name: path for path in entries if path.suffix == ".py"}
+
+
+@pytest.mark.parametrize(
+    ("document", "heading", "row"),
+    [
+        ("README.md", "## Where things are", r"^([\w/.]+)  +\w"),
+        ("CONTRIBUTING.md", "## The map", r"^\| `([\w/.]+)` \|"),
+    ],
+)
+def test_maps_are_the_folder_from_the_bottom_up(document, heading, row):
+    section = (ROOT / document).read_text().split(heading)[1].split("\n## ")[0]
+    names = re.findall(row, section, flags=re.MULTILINE)
+    assert sorted(names) == sorted(rooms())
+    contract = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"][0]
+    floor = {name: -k for k, layer in enumerate(contract["layers"]) for name in re.findall(r"\w+", layer)}
+    floors = [floor[name.split(".")[0].strip("/")] for name in names]
+    assert floors == sorted(floors)
+
+
+def test_each_room_says_what_lives_there():
+    for name, file in rooms().items():
+        assert ast.get_docstring(ast.parse(file.read_text())), name
+
+
+def test_every_folder_of_tests_says_on_what_it_stands():
+    table = (ROOT / "tests" / "README.md").read_text().split("## What each folder stands on")[1].split("\n## ")[0]
+    folders = {path.name for path in (ROOT / "tests").iterdir() if (path / "__init__.py").exists()}
+    said = [
+        name for row in re.findall(r"^\| (`.*?) \|", table, flags=re.MULTILINE) for name in re.findall(r"`(\w+)`", row)
+    ]
+    assert sorted(said) == sorted(folders - {"support"})

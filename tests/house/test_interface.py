@@ -81,14 +81,13 @@ def test_a_misspelt_name_is_an_attribute_error_with_a_suggestion():
 
 def public():
     """Every class and function of the interface, by the name under which a user finds it."""
-    packages = [f"jaxball.{module}" for module in jaxball._PACKAGES.values()]
-    for package in ["jaxball", *packages, "jaxball.design.control"]:
-        module = importlib.import_module(package)
+    packages = [jaxball, *(getattr(jaxball, name) for name in PACKAGES)]
+    for module in [*packages, importlib.import_module("jaxball.design.control")]:
         for name in module.__all__:
             found = getattr(module, name)
             error = inspect.isclass(found) and issubclass(found, BaseException | enum.Enum)
             if (inspect.isclass(found) or inspect.isfunction(found)) and not error:
-                yield f"{package}.{name}", found
+                yield f"{module.__name__}.{name}", found
 
 
 def test_every_argument_is_documented():

@@ -13,6 +13,7 @@ import pytest
 import jaxball
 from jaxball.physics.dynamics import driven_angles
 from tests.support import direct_sum
+from tests.support.precision import scaled
 from tests.support.systems import (
     COUNT,
     KINDS,
@@ -24,9 +25,16 @@ from tests.support.systems import (
     static_ball,
 )
 
-ROUNDING = 1e-13
+pytestmark = pytest.mark.any_precision
+
+ROUNDING = scaled(1e-13)
 rate_of = jax.jit(jaxball.vector_field)
 rates_of = jax.jit(jax.vmap(jaxball.vector_field))
+
+
+def in_float64(leaf):
+    """The sums are added up in float64, whatever the type of the equations."""
+    return np.asarray(leaf, dtype="float64")
 
 
 def relative(found, expected):
@@ -48,7 +56,7 @@ def sums_and_rates(system, t, state):
 def balls(request):
     system, t, state = random_cases(request.param)
     masses, Fe, rates = sums_and_rates(system, t, state)
-    return jax.tree.map(np.asarray, (system, state, masses, Fe, rates))
+    return jax.tree.map(in_float64, (system, state, masses, Fe, rates))
 
 
 def direct_sums(system, state, masses, Fe):
@@ -79,9 +87,9 @@ def test_rates_of_orientation_and_path_are_those_of_the_rolling_constraint(balls
     for k in range(COUNT):
         Lambda, step = direct_sum.rotation(state.q[k]), 1e-20
         turned = direct_sum.rotation(state.q[k] + 1j * step * rates.q[k]).imag / step
-        np.testing.assert_allclose(turned, Lambda @ direct_sum.hat(state.Omega[k]), atol=1e-14)
+        np.testing.assert_allclose(turned, Lambda @ direct_sum.hat(state.Omega[k]), atol=scaled(1e-14))
         velocity = np.cross(Lambda @ state.Omega[k], [0, 0, system.radius[k]])
-        np.testing.assert_allclose(rates.z[k], velocity[:2], atol=1e-14)
+        np.testing.assert_allclose(rates.z[k], velocity[:2], atol=scaled(1e-14))
 
 
 def test_a_fixed_mass_is_static_internal_structure():
@@ -139,14 +147,14 @@ def test_versor_matrix_and_reduced_forms_agree():
     assert np.max(relative(matrix.Omega, versor.Omega)) < ROUNDING
     assert np.max(relative(matrix.z, versor.z)) < ROUNDING
     for Lambda, Omega, rate in zip(*map(np.asarray, (matrices, state.Omega, matrix.Lambda)), strict=True):
-        np.testing.assert_allclose(rate, Lambda @ direct_sum.hat(Omega), atol=1e-14)
+        np.testing.assert_allclose(rate, Lambda @ direct_sum.hat(Omega), atol=scaled(1e-14))
 
     free = without_force(system)
     Gamma = matrices[:, 2]
     unforced = rates_of(free, t, state)
     reduced = rates_of(free, t, jaxball.ReducedState(state.Omega, Gamma, *angles))
     assert np.max(relative(reduced.Omega, unforced.Omega)) < ROUNDING
-    np.testing.assert_allclose(reduced.Gamma, np.cross(Gamma, state.Omega), atol=1e-14)
+    np.testing.assert_allclose(reduced.Gamma, np.cross(Gamma, state.Omega), atol=scaled(1e-14))
 
 
 def without_force(system):
@@ -156,7 +164,7 @@ def without_force(system):
 
 def test_the_disk_is_the_scalar_equation_of_the_paper():
     system, t, state = random_disks()
-    masses, Fe, rates = jax.tree.map(np.asarray, sums_and_rates(system, t, state))
+    masses, Fe, rates = jax.tree.map(in_float64, sums_and_rates(system, t, state))
     expected = [
         direct_sum.disk_angular_acceleration(
             *(part[k] for part in masses),
@@ -171,7 +179,7 @@ def test_the_disk_is_the_scalar_equation_of_the_paper():
     ]
     np.testing.assert_allclose(rates.phidot, expected, rtol=ROUNDING, atol=ROUNDING)
     np.testing.assert_array_equal(rates.phi, state.phidot)
-    np.testing.assert_allclose(rates.z, -system.radius * state.phidot, rtol=1e-15)
+    np.testing.assert_allclose(rates.z, -system.radius * state.phidot, rtol=scaled(1e-15))
 
 
 def test_the_disk_embedded_in_a_ball_rolls_alike():
@@ -180,8 +188,8 @@ def test_the_disk_embedded_in_a_ball_rolls_alike():
     rates = embedded_rates(system, t, state)
     spatial = np.stack([0 * flat.phidot, -flat.phidot, 0 * flat.phidot], axis=-1)
     assert np.max(relative(rates.Omega, spatial)) < ROUNDING
-    np.testing.assert_allclose(rates.z[:, 0], flat.z, atol=1e-14)
-    np.testing.assert_allclose(rates.z[:, 1], 0, atol=1e-14)
+    np.testing.assert_allclose(rates.z[:, 0], flat.z, atol=scaled(1e-14))
+    np.testing.assert_allclose(rates.z[:, 1], 0, atol=scaled(1e-14))
 
 
 @jax.jit
@@ -207,7 +215,7 @@ def test_newtons_laws_give_the_disk_with_one_mass():
         )
         found = rate_of(disk, jnp.asarray(0.0), jaxball.DiskState(phi, phidot)).phidot
         expected = direct_sum.newton_disk_acceleration(m0, m1, d2, r, r1, g, phi, phidot, theta, rate, u, push)
-        np.testing.assert_allclose(found, expected, rtol=1e-13)
+        np.testing.assert_allclose(found, expected, rtol=scaled(1e-13))
 
 
 def test_masses_of_every_kind_keep_their_order():
@@ -222,7 +230,7 @@ def test_masses_of_every_kind_keep_their_order():
     t = jnp.asarray(0.3)
     alone = jax.jit(lambda items: [item.motion.prepare().kinematics(t).chi for item in items])
     _, chi, _, _ = jax.jit(all_masses)(mixed, t, (jnp.zeros(0),) * 3)
-    np.testing.assert_allclose(chi[1:], alone(mixed.point_masses), rtol=1e-14, atol=1e-15)
+    np.testing.assert_allclose(chi[1:], alone(mixed.point_masses), rtol=scaled(1e-14), atol=scaled(1e-15))
 
 
 def test_equal_cases_of_the_two_seeds_differ():

@@ -8,6 +8,9 @@ from hypothesis import assume, given, strategies as st
 
 import jaxball
 from jaxball.physics.frames import frisvad, principal_angles, spherical_direction
+from tests.support.precision import scaled
+
+pytestmark = pytest.mark.any_precision
 
 basis = jax.jit(frisvad)
 spherical = jax.jit(lambda azimuth, elevation: jaxball.SphericalFrame(azimuth, elevation).matrix())
@@ -28,12 +31,12 @@ def test_the_basis_is_orthonormal_and_right_handed(n):
     assume(np.linalg.norm(n) > 1e-3)
     n = n / np.linalg.norm(n)
     assume(n[2] > -0.99)
-    check_basis(n, 1e-12)
+    check_basis(n, scaled(1e-12))
 
 
 @pytest.mark.parametrize("n", [(0.0, 0.0, -1.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, -1.0, 0.0)])
 def test_the_basis_along_the_axes(n):
-    check_basis(np.array(n), 1e-15)
+    check_basis(np.array(n), scaled(1e-15))
 
 
 def test_the_basis_at_the_south_pole_is_frisvads():
@@ -57,7 +60,7 @@ def test_a_spherical_frame_points_along_its_angles(azimuth, elevation):
             np.cos(elevation) * np.sin(azimuth),
             np.sin(elevation),
         ],
-        atol=1e-15,
+        atol=scaled(1e-15),
     )
     np.testing.assert_array_equal(np.asarray(spherical(azimuth, elevation))[:, 0], n)
 
@@ -65,15 +68,15 @@ def test_a_spherical_frame_points_along_its_angles(azimuth, elevation):
 def test_the_first_rails_of_the_paper_are_drawn_in_known_planes():
     """v_1: n = e1 with b1 = −e3, b2 = e2. v_2: n = e2 with b1 = e1, b2 = −e3."""
     e1, e2, e3 = np.eye(3)
-    np.testing.assert_allclose(spherical(0.0, 0.0), np.stack([e1, e2, e3], axis=1), atol=1e-15)
-    np.testing.assert_allclose(spherical(np.pi / 2, 0.0), np.stack([e2, -e3, -e1], axis=1), atol=1e-15)
+    np.testing.assert_allclose(spherical(0.0, 0.0), np.stack([e1, e2, e3], axis=1), atol=scaled(1e-15))
+    np.testing.assert_allclose(spherical(np.pi / 2, 0.0), np.stack([e2, -e3, -e1], axis=1), atol=scaled(1e-15))
 
 
 @pytest.mark.parametrize("angles", [(0.3, 90.0), (-45.0, 0.2)])
 def test_angles_in_degrees_are_refused(angles):
     with pytest.raises(ValueError, match=r"must be in radians, from -2π to 2π, but it is (90|-45)"):
         jaxball.SphericalFrame(*angles)
-    traced = jax.eval_shape(jaxball.SphericalFrame, *[jax.ShapeDtypeStruct((), jnp.float64)] * 2)
+    traced = jax.eval_shape(jaxball.SphericalFrame, *[jax.ShapeDtypeStruct((), jnp.result_type(float))] * 2)
     assert isinstance(traced, jaxball.SphericalFrame)
 
 
@@ -83,6 +86,6 @@ def test_principal_angles_are_those_of_the_same_direction(elevation):
     assert abs(principal) <= np.pi / 2
     wanted = spherical_direction(jnp.asarray(0.4), jnp.asarray(elevation))
     found = spherical_direction(jnp.asarray(azimuth), jnp.asarray(principal))
-    np.testing.assert_allclose(found, wanted, atol=1e-14)
+    np.testing.assert_allclose(found, wanted, atol=scaled(1e-14))
     if elevation == 1.5:
         assert (azimuth, principal) == (0.4, 1.5)

@@ -10,7 +10,10 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import jaxball
+from tests.support.precision import differences_need_float64, scaled
 from tests.support.systems import rails
+
+pytestmark = pytest.mark.any_precision
 
 THETA = sympy.Symbol("theta")
 ANGLES = np.linspace(-7.0, 7.0, 29)
@@ -79,7 +82,7 @@ def test_a_rail_and_its_derivatives_are_those_of_its_formula(family):
     """Rounding of sines and of sums of a few terms: 1e-13."""
     rail, formula = FAMILIES[family]
     for found, expected in zip(derivatives(rail, jnp.asarray(ANGLES)), symbolic(formula), strict=True):
-        np.testing.assert_allclose(found, expected, atol=1e-13)
+        np.testing.assert_allclose(found, expected, atol=scaled(1e-13))
 
 
 @pytest.mark.parametrize("family", sorted(FAMILIES))
@@ -88,7 +91,7 @@ def test_a_prepared_rail_is_the_same_rail(family):
     for found, expected in zip(
         derivatives(rail.prepare(), jnp.asarray(ANGLES)), derivatives(rail, jnp.asarray(ANGLES)), strict=True
     ):
-        np.testing.assert_allclose(found, expected, atol=1e-14)
+        np.testing.assert_allclose(found, expected, atol=scaled(1e-14))
 
 
 def test_the_lemniscate_has_the_foci_of_bernoulli():
@@ -97,7 +100,7 @@ def test_the_lemniscate_has_the_foci_of_bernoulli():
     points = np.asarray(jaxball.BernoulliEight(a).points(jnp.asarray(ANGLES)))
     foci = np.array([[a / np.sqrt(2), 0, 0], [-a / np.sqrt(2), 0, 0]])
     distances = [np.linalg.norm(points - focus, axis=1) for focus in foci]
-    np.testing.assert_allclose(distances[0] * distances[1], a**2 / 2, atol=1e-14)
+    np.testing.assert_allclose(distances[0] * distances[1], a**2 / 2, atol=scaled(1e-14))
 
 
 def test_the_spline_is_scipys_periodic_cubic():
@@ -107,9 +110,11 @@ def test_the_spline_is_scipys_periodic_cubic():
     spline = CubicSpline(knots, np.concatenate([points, points[:1]]), bc_type="periodic")
     inside = np.setdiff1d(np.linspace(-7, 7, 57), knots)
     for order, found in enumerate(derivatives(rail.prepare(), jnp.asarray(inside))):
-        np.testing.assert_allclose(found, spline(np.mod(inside, 2 * np.pi), order), atol=1e-12)
-    np.testing.assert_allclose(rail.points(jnp.asarray(knots[:-1])), points, atol=1e-14)
-    np.testing.assert_allclose(derivatives(rail, jnp.asarray(inside))[0], spline(np.mod(inside, 2 * np.pi)), atol=1e-12)
+        np.testing.assert_allclose(found, spline(np.mod(inside, 2 * np.pi), order), atol=scaled(1e-12))
+    np.testing.assert_allclose(rail.points(jnp.asarray(knots[:-1])), points, atol=scaled(1e-14))
+    np.testing.assert_allclose(
+        derivatives(rail, jnp.asarray(inside))[0], spline(np.mod(inside, 2 * np.pi)), atol=scaled(1e-12)
+    )
 
 
 EVERY = [*rails(np.random.default_rng(72)), *(rail for rail, _ in FAMILIES.values())]
@@ -124,9 +129,10 @@ def test_a_closed_rail_repeats_itself_after_its_period(index, theta):
         assert isinstance(rail, jaxball.Tube | jaxball.FunctionRail)
         return
     for now, later in zip(at(theta)[:2], at(theta + rail.period)[:2], strict=True):
-        np.testing.assert_allclose(later, now, atol=1e-11)
+        np.testing.assert_allclose(later, now, atol=scaled(1e-11))
 
 
+@differences_need_float64
 @given(st.sampled_from(range(len(EVERY))), angles)
 def test_slopes_are_those_of_chords(index, theta):
     """Central differences of ζ and ζ′: the error is of second order in the step of 1e-5."""

@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.any_precision
+
 PROGRAM = """
 import jax
 import jaxball

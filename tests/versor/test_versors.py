@@ -3,10 +3,14 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import assume, given, strategies as st
 from scipy.spatial.transform import Rotation
 
 from jaxball.numerics import versor
+from tests.support.precision import scaled
+
+pytestmark = pytest.mark.any_precision
 
 product, conjugate = jax.jit(versor.product), jax.jit(versor.conjugate)
 rotation_matrix, from_rotation_matrix = jax.jit(versor.rotation_matrix), jax.jit(versor.from_rotation_matrix)
@@ -28,7 +32,10 @@ def as_scipy(q):
     return Rotation.from_quat(np.roll(np.asarray(q), -1))
 
 
-def close(found, expected, atol=1e-14):
+ROUNDING = scaled(1e-14)
+
+
+def close(found, expected, atol=ROUNDING):
     np.testing.assert_allclose(np.asarray(found), np.asarray(expected), rtol=0, atol=atol)
 
 
@@ -99,7 +106,7 @@ def test_the_derivative_turns_at_the_body_angular_velocity(q, Omega):
     h = 1e-5
     turned = [(as_scipy(q) * Rotation.from_rotvec(step * Omega)).as_matrix() for step in (-h, h)]
     _, rate = jax.jvp(versor.rotation_matrix, (jnp.asarray(q),), (derivative(q, Omega),))
-    close(rate, (turned[1] - turned[0]) / (2 * h), atol=1e-9)
+    close(rate, (turned[1] - turned[0]) / (2 * h), atol=max(1e-9, ROUNDING))
 
 
 def test_normalisation():

@@ -1,4 +1,7 @@
-"""Solvers compared at equal achieved error: ``jaxball bench``."""
+"""Solvers compared at equal achieved error: ``jaxball bench``.
+
+A package that is compared is imported only when it takes part. Nothing here is needed by any other room.
+"""
 
 from ..interface.names import interface as _interface
 from .measure import Measured as Measured, Row as Row, Settings as Settings

@@ -1,4 +1,7 @@
-"""Measures of chaos: Lyapunov exponents of any system or flow, charts of them, and Poincaré maps."""
+"""Measures of chaos: Lyapunov exponents of any system or flow, charts of them, and Poincaré maps.
+
+No figures and no files: :mod:`jaxball.plot` draws what is found here.
+"""
 
 from ..interface.names import interface as _interface
 from .chart import chart as chart

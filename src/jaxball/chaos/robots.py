@@ -27,6 +27,13 @@ def rolling_robot(
     - ``mass``: of the point mass, in masses of the shell.
     - ``inertia``: d1 = d2 = d3 of the shell; a thin one has 2/3.
     - ``gravity``: g; with 1, times are in √(r/g).
+
+    **Example:**
+
+    >>> from jaxball.chaos import rolling_robot
+    >>> robot = rolling_robot(orbit=0.5)
+    >>> robot.point_masses[0].motion.rail
+    Circle(radius=0.5, centre=(0.0, 0.0, 0.0), frame=MatrixFrame())
     """
     moment = to_array(inertia)
     circle = OnRail(Circle(radius=orbit), ConstantRate(-math.pi / 2, rate))
@@ -46,5 +53,11 @@ def chaplygin_top(
     - ``offset``: from the geometric centre to the centre of mass, in radii.
     - ``inertia``: d1, d2, d3 about the centre of mass.
     - ``gravity``: g; with 1, times are in √(r/g).
+
+    **Example:**
+
+    >>> from jaxball.chaos import chaplygin_top
+    >>> chaplygin_top()
+    Ball(mass=1.0, inertia=(0.2, 0.6, 0.7), radius=1.0, offset=(0.2, 0.3, 0.4), gravity=1.0)
     """
     return Ball(mass=1.0, inertia=inertia, offset=offset, gravity=gravity)

@@ -64,6 +64,16 @@ def lyapunov_spectrum_of(
 
     **Raises:** ``ValueError`` for times, numbers of exponents or intervals that cannot be, and
     :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball.chaos import lyapunov_spectrum_of
+    >>> def saddle(t, x, args):
+    ...     return jnp.stack([0.5 * x[0], -x[1]])
+    >>> spectrum = lyapunov_spectrum_of(saddle, (0.0, 40.0), (0.0, 0.0), transient=20.0)
+    >>> print(spectrum.exponents.round(6))
+    [ 0.5 -1. ]
     """
     require_callable("field", field, "t", "x", "args")
     x = numbers("x", ("size",))(x)

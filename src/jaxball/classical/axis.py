@@ -35,6 +35,15 @@ class HarmonicAxis(AbstractAxis):
 
     **Raises:** ``ValueError`` when ``constant`` is not three numbers, and when ``amplitude``,
     ``frequency`` and ``phase`` differ in length.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball.classical import HarmonicAxis
+    >>> axis = HarmonicAxis((0.0, 0.0, 1.0), amplitude=[(0.5, 0.0, 0.0)], frequency=[2.0])
+    >>> xi, xidot = axis.derivatives(jnp.array(0.0))
+    >>> xidot
+    Array([1., 0., 0.], dtype=float64)
     """
 
     series: HarmonicSeries
@@ -64,6 +73,15 @@ class FunctionAxis(AbstractAxis):
     - ``function``: of (t, parameters), to ξ, body axes, shape (3,).
     - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
     - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball.classical import FunctionAxis
+    >>> def tilting(t, rate):
+    ...     return jnp.stack([jnp.sin(rate * t), 0.0 * t, jnp.cos(rate * t)])
+    >>> print(FunctionAxis(tilting, 0.5)(jnp.array(0.0)))
+    [0. 0. 1.]
     """
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)

@@ -46,6 +46,15 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
 
     **Raises:** ``ValueError`` when a shape is wrong. Values are not checked here, so that they may be
     traced; see :func:`jaxball.problems`.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball.classical import HeavyTop, RigidBodyState
+    >>> top = HeavyTop(inertia=(1.0, 1.0, 0.5), chi=(0.0, 0.0, 0.5))
+    >>> laws = top.laws(jnp.array(0.0), RigidBodyState(Omega=(0.0, 0.0, 3.0)))
+    >>> float(laws.energy)  # ½ · 0.5 · 3² + m g |χ|
+    2.75
     """
 
     mass: Float[Array, ""]

@@ -50,6 +50,14 @@ class NonholonomicParticle(AbstractClassicalSystem[ParticleState]):
     **Arguments:** ``mass``, m, which has no bearing on the motion.
 
     **Raises:** ``ValueError`` when ``mass`` is not a single number.
+
+    **Example:**
+
+    >>> from jaxball import simulate
+    >>> from jaxball.classical import NonholonomicParticle, ParticleState
+    >>> run = simulate(NonholonomicParticle(), [0.0, 1.0, 2.0], ParticleState(xdot=1.0, ydot=1.0))
+    >>> print(run.laws.p_y)  # constant, though the constraint changes with y
+    [1. 1. 1.]
     """
 
     mass: Float[Array, ""]
@@ -110,6 +118,14 @@ class VakonomicParticle(AbstractClassicalSystem[VakonomicState]):
     **Arguments:** ``mass``, m.
 
     **Raises:** ``ValueError`` when ``mass`` is not a single number.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball.classical import VakonomicParticle, VakonomicState
+    >>> particle, start = VakonomicParticle(), VakonomicState(xdot=1.0, multiplier=2.0)
+    >>> float(particle.field(jnp.array(0.0), start).ydot)  # the multiplier bends the path: mÿ = −λẋ
+    -2.0
     """
 
     mass: Float[Array, ""]

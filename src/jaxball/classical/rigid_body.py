@@ -36,6 +36,14 @@ class FreeRigidBody(AbstractClassicalSystem[RigidBodyState]):
 
     **Raises:** ``ValueError`` when the shape is wrong. Values are not checked here, so that they may be
     traced; see :func:`jaxball.problems`.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball.classical import FreeRigidBody, RigidBodyState
+    >>> body = FreeRigidBody(inertia=(1.0, 2.0, 3.0))
+    >>> body.laws(jnp.array(0.0), RigidBodyState(Omega=(0.0, 1.0, 1.0))).energy
+    Array(2.5, dtype=float64)
     """
 
     inertia: Float[Array, "3"]

@@ -21,6 +21,12 @@ class RigidBodyState(AbstractClassicalState):
 
     - ``q``: the real part first, shape (4,).
     - ``Omega``: body axes, rad/time, shape (3,).
+
+    **Example:**
+
+    >>> from jaxball.classical import RigidBodyState
+    >>> RigidBodyState(Omega=(0.0, 0.0, 2.0))
+    RigidBodyState(q=(1.0, 0.0, 0.0, 0.0), Omega=(0.0, 0.0, 2.0))
     """
 
     q: Float[Array, "*batch 4"] = eqx.field(converter=numbers("q", (4,), batch=True), default=(1.0, 0.0, 0.0, 0.0))
@@ -48,6 +54,12 @@ class ParticleState(AbstractClassicalState):
 
     - ``x``, ``y``, ``z``: the place, length.
     - ``xdot``, ``ydot``: ẋ and ẏ, length/time.
+
+    **Example:**
+
+    >>> from jaxball.classical import ParticleState
+    >>> float(ParticleState(y=2.0, xdot=3.0).zdot)  # the constraint, ż = y ẋ
+    6.0
     """
 
     x: Float[Array, "*batch"] = eqx.field(converter=numbers("x", batch=True), default=0.0)

@@ -44,6 +44,17 @@ class SuslovProblem(AbstractClassicalSystem[RigidBodyState]):
 
     **Raises:** ``ValueError`` when a shape is wrong. Values are not checked here, so that they may be
     traced; see :func:`jaxball.problems`.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball.classical import RigidBodyState, SuslovProblem
+    >>> problem = SuslovProblem(inertia=(1.0, 2.0, 3.0), xi=(0.0, 1.0, 1.0))
+    >>> state = RigidBodyState(Omega=(1.0, 1.0, -1.0))
+    >>> print(problem.reaction(jnp.array(0.0), state))
+    [0.  1.6 1.6]
+    >>> problem.laws(jnp.array(0.0), state).constraint
+    Array(0., dtype=float64)
     """
 
     inertia: Float[Array, "3"]

@@ -20,6 +20,15 @@ class Bounds(NamedTuple):
     **Arguments:**
 
     - ``lower``, ``upper``, ``scale``: one entry for each number, shape (n,).
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> import numpy as np
+    >>> from jaxball.design import Bounds
+    >>> bounds = Bounds(lower=np.array([0.0]), upper=np.array([2.0]), scale=np.array([1.0]))
+    >>> print(bounds.numbers(jnp.array([-jnp.pi / 2])), bounds.numbers(jnp.array([0.0])))
+    [0.] [1.]
     """
 
     lower: Float[np.ndarray, " n"]

@@ -99,6 +99,15 @@ def follow(
     - ``visit``: called with each point.
 
     **Raises:** :class:`DesignError` where Newton's method finds no solution near ``y``.
+
+    **Example:**
+
+    >>> import numpy as np
+    >>> from jaxball.design import FunctionEquations, follow
+    >>> parabola = FunctionEquations(lambda y, parameter: y**2 + parameter - 1.0)
+    >>> branch = follow(parabola, np.array([1.0]), start=0.0, end=-3.0)
+    >>> branch.ended, branch.y[-1].round(6)
+    ('end', array([2.]))
     """
     track = _Track(equations, np.full(y.size, 1 / y.size) if weights is None else weights, tolerance)
     if end is not None:

@@ -38,6 +38,13 @@ class Sigmoid(AbstractCurve):
 
     c = origin + (length s, height (σ(k (s − ½)) − σ(−k/2)) / (σ(k/2) − σ(−k/2))) with σ(x) = 1 / (1 + exp(−x)) and
     k = ``steepness``.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball.design import Sigmoid
+    >>> print(Sigmoid(length=4.0, height=2.0)(jnp.array(0.5)).round(6))
+    [2. 1.]
     """
 
     length: Float[Array, ""] = eqx.field(converter=numbers("length"))
@@ -58,6 +65,13 @@ class FigureEight(AbstractCurve):
     """Once round the eight curve of Gerono, from its crossing at ``origin``, over ``length`` along e1 and ``height``.
 
     c = origin + (length/2 sin 2πs, height/2 sin 4πs).
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball.design import FigureEight
+    >>> print(FigureEight(length=4.0, height=2.0)(jnp.array(0.125)).round(6))
+    [1.414214 1.      ]
     """
 
     length: Float[Array, ""] = eqx.field(converter=numbers("length"))
@@ -80,6 +94,14 @@ class Through(AbstractCurve):
     - ``through``: the points, length, shape (n, 2).
 
     **Raises:** ``ValueError`` when it has another shape, and :class:`DesignError` for fewer than two points.
+
+    **Example:**
+
+    >>> from jaxball.design import Through
+    >>> print(Through([(0.0, 0.0), (2.0, 1.0)]).points(3))
+    [[0.  0. ]
+     [1.  0.5]
+     [2.  1. ]]
     """
 
     through: Float[Array, "n 2"] = eqx.field(converter=places("through"))

@@ -47,6 +47,14 @@ class FunctionEquations(AbstractEquations):
     **Arguments:**
 
     - ``function``: of (y, λ), from shape (n,) to shape (n,).
+
+    **Example:**
+
+    >>> import numpy as np
+    >>> from jaxball.design import FunctionEquations
+    >>> equations = FunctionEquations(lambda y, parameter: y**2 - parameter)
+    >>> equations.jacobian(np.array([3.0]), 9.0)  # 2 y and −1
+    (array([[6.]]), array([-1.]))
     """
 
     def __init__(self, function: Callable[[Float[Array, " n"], Float[Array, ""]], Float[Array, " n"]]):

@@ -22,6 +22,14 @@ class Variable:
 
     **Raises:** :class:`DesignError` for bounds that leave no room, for a scale that is not positive, and for another
     number of factors than of paths.
+
+    **Example:**
+
+    >>> from jaxball.design import Variable
+    >>> pulses = ("masses[0].schedule.height", "masses[1].schedule.height")
+    >>> variable = Variable(pulses, factors=(1.0, -1.0), lower=0.1)
+    >>> variable.lower, variable.upper
+    (0.1, inf)
     """
 
     paths: tuple[str, ...]

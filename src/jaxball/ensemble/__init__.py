@@ -1,4 +1,7 @@
-"""Many runs side by side: the way in which sweeps are solved."""
+"""Many runs side by side: the way in which sweeps are solved.
+
+Runs are arrays here: :mod:`jaxball.sweep` knows how they are written in files.
+"""
 
 from ..interface.names import interface as _interface
 from .quantities import REDUCTIONS as REDUCTIONS

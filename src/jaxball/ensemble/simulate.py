@@ -103,6 +103,19 @@ def simulate_ensemble(
 
     **Raises:** ``ValueError`` where leading axes differ or ``in_axes`` is not of this form, ``TypeError`` for other
     solvers, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
+
+    **Example:**
+
+    >>> import jax
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Disk, DiskState
+    >>> from jaxball.ensemble import simulate_ensemble
+    >>> def rolling(radius):
+    ...     return Disk(mass=1.0, inertia=0.5, radius=radius), DiskState(phidot=-jnp.ones_like(radius))
+    >>> disks, starts = jax.vmap(rolling)(jnp.array([1.0, 2.0, 3.0]))
+    >>> ensemble = simulate_ensemble(disks, [0.0, 2.0], starts)
+    >>> print(ensemble.trajectory.state.z[:, -1])
+    [2. 4. 6.]
     """
     field_of(system, state)
     method = _checked_solver(DEFAULT_SOLVER if solver is None else solver)

@@ -4,7 +4,14 @@ import enum
 
 
 class Status(enum.IntEnum):
-    """The end of a solve, with a sentence for each."""
+    """The end of a solve, with a sentence for each.
+
+    **Example:**
+
+    >>> from jaxball import Status
+    >>> Status.LEFT_SHELL.sentence(reached=3.5, end=20.0)
+    'The run to t = 20 means nothing after a mass left the shell at t = 3.5.'
+    """
 
     SUCCESS = 0
     MAX_STEPS = 1

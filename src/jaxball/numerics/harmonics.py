@@ -16,6 +16,14 @@ class HarmonicSeries(Printed):
     sinusoid.
 
     **Raises:** ``ValueError`` when the shapes do not fit each other.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import HarmonicSeries
+    >>> series = HarmonicSeries((0.0, 0.0, 0.3), amplitude=[(0.2, 0.0, 0.0)], frequency=[2.0], phase=[jnp.pi / 2])
+    >>> series(jnp.array(0.0))
+    Array([0.2, 0. , 0.3], dtype=float64)
     """
 
     constant: Float[Array, "..."]

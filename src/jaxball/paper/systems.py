@@ -49,6 +49,13 @@ def disk() -> Disk:
     """The disk of section 4 with four masses on concentric circles, pushed by ``eq_prescribed_u_disk``.
 
     It starts at rest at the origin (``eq_disk_initial_conds_spec``), the default state.
+
+    **Example:**
+
+    >>> from jaxball import paper
+    >>> disk = paper.disk()
+    >>> disk.n_masses, float(disk.total_mass)
+    (4, 5.0)
     """
     return Disk(
         mass=1.0,  # m_0
@@ -67,6 +74,12 @@ def ball() -> Ball:
     """The ball of section 5 with three masses on circles, pushed by ``eq_prescribed_u_ball``.
 
     It starts at rest at the origin (``eq_ball_initial_conds_spec``), the default state.
+
+    **Example:**
+
+    >>> from jaxball import paper
+    >>> float(paper.ball().total_mass)
+    4.0
     """
     rails = zip(BALL_RAIL_RADII, BALL_RAIL_DIRECTIONS, BALL_THETA, strict=True)
     return Ball(

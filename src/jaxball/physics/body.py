@@ -31,6 +31,12 @@ class PointMass(Printed):
     - ``mass``: m_i, in units of mass.
     - ``motion``: where it is in the ball: an :class:`~jaxball.OnRail`, :class:`~jaxball.Driven`,
       :class:`~jaxball.Fixed`, :class:`~jaxball.Oscillating` or :class:`~jaxball.Free`.
+
+    **Example:**
+
+    >>> from jaxball import Fixed, PointMass
+    >>> PointMass(0.5, Fixed((0.0, 0.0, -0.5)))
+    PointMass(mass=0.5, motion=Fixed(position=(0.0, 0.0, -0.5)))
     """
 
     mass: Float[Array, "*group"] = eqx.field(converter=numbers("mass"))
@@ -135,6 +141,16 @@ class Ball(AbstractBody):
     **Raises:** ``ValueError`` when a shape is wrong, or when there are driven masses and no law, or
     a law and no driven mass. Values are not checked here, so that they may be traced; see
     :func:`jaxball.problems`.
+
+    **Example:**
+
+    >>> from jaxball import Ball, Circle, OnRail, PointMass, Pulse
+    >>> ball = Ball(mass=1.0, inertia=(0.9, 1.0, 1.1), masses=[PointMass(0.5, OnRail(Circle(0.9), Pulse(0.8)))])
+    >>> ball
+    Ball(mass=1.0, inertia=(0.9, 1.0, 1.1), radius=1.0, offset=(0.0, 0.0, 0.0), gravity=1.0)
+      masses[0]: PointMass(mass=0.5, motion=OnRail(rail=Circle(radius=0.9), schedule=Pulse(theta=0.8)))
+    >>> float(ball.total_mass)
+    1.5
     """
 
     mass: Float[Array, "*group"]
@@ -173,6 +189,13 @@ class Disk(AbstractBody):
     - ``mass``, ``radius``, ``gravity``, ``force``, ``masses``, ``law``: as of a :class:`Ball`.
 
     **Raises:** as :class:`Ball`.
+
+    **Example:**
+
+    >>> from jaxball import Disk, Fixed, PointMass
+    >>> Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, Fixed((0.0, 0.0, -0.5)))])
+    Disk(mass=1.0, inertia=0.5, radius=1.0, offset=(0.0, 0.0, 0.0), gravity=1.0)
+      masses[0]: PointMass(mass=0.5, motion=Fixed(position=(0.0, 0.0, -0.5)))
     """
 
     mass: Float[Array, "*group"]
@@ -225,6 +248,13 @@ def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | 
     - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
     - ``masses``: the point masses, in any number.
     - ``law``: the feedback law of those that are :class:`~jaxball.Driven`, or None.
+
+    **Example:**
+
+    >>> from jaxball import Disk, Fixed, PointMass, with_masses
+    >>> empty = Disk(mass=1.0, inertia=0.5)
+    >>> with_masses(empty, [PointMass(0.5, Fixed((0.0, 0.0, -0.5)))]).n_masses
+    1
     """
     return type(system)(
         mass=system.mass,
@@ -250,6 +280,14 @@ def with_integrated_angles(system: System, t0: Numbers = 0.0) -> tuple[System, d
     follow θ̈(t) of their schedules, and the entries ``theta`` and ``thetadot`` of its state at ``t0``.
 
     **Raises:** ``ValueError`` when the system has a feedback law already.
+
+    **Example:**
+
+    >>> from jaxball import Circle, ConstantRate, Disk, DiskState, OnRail, PointMass, with_integrated_angles
+    >>> disk = Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, OnRail(Circle(0.9), ConstantRate(0.0, rate=2.0)))])
+    >>> driven, angles = with_integrated_angles(disk, t0=1.0)
+    >>> DiskState(**angles)
+    DiskState(phi=0.0, phidot=0.0, z=0.0, theta=(2.0,), thetadot=(2.0,))
     """
     if system.law is not None:
         raise ValueError("Argument `system` must have prescribed motions only, but it has a feedback law already.")

@@ -201,6 +201,14 @@ def vector_field(system: SimulableSystem, t: Float[Array, ""], state: AnySimulab
     - ``state``: of any kind that the system has.
 
     **Raises:** ``TypeError`` when the system has no state of that kind.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Disk, DiskState, vector_field
+    >>> rates = vector_field(Disk(mass=1.0, inertia=0.5, radius=2.0), jnp.array(0.0), DiskState(phidot=-1.0))
+    >>> float(rates.z)  # ż = −r φ̇
+    2.0
     """
     return field_of(system, state)(system, t, state)
 

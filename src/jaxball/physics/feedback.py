@@ -43,6 +43,16 @@ class FunctionLaw(AbstractLaw):
     - ``function``: of (t, state, parameters), to θ̈ of each driven mass, shape (driven,).
     - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
     - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BallState, FunctionLaw
+    >>> def brake(t, state, strength):
+    ...     return -strength * state.thetadot
+    >>> law = FunctionLaw(brake, 3.0)
+    >>> law(jnp.array(0.0), BallState(theta=[0.0, 1.0], thetadot=[0.5, 2.0]))
+    Array([-1.5, -6. ], dtype=float64)
     """
 
     function: Callable[[Float[Array, ""], State, PyTree], Float[Array, " driven"]] = eqx.field(static=True)
@@ -68,6 +78,14 @@ class FollowSchedules(AbstractLaw):
     **Arguments:**
 
     - ``schedules``: one for each driven mass, in the order of the masses.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BallState, FollowSchedules, Pulse
+    >>> law = FollowSchedules((Pulse(0.0), Pulse(0.0, height=-2.0)))
+    >>> law(jnp.array(0.05), BallState(theta=[0.0, 0.0], thetadot=[0.0, 0.0]))
+    Array([ 1., -2.], dtype=float64)
     """
 
     schedules: tuple[AbstractSchedule, ...]
@@ -96,6 +114,14 @@ class Servo(AbstractLaw):
     - ``targets``: a schedule for each driven mass, in the order of the masses.
     - ``stiffness``: 1/time², shape (driven,).
     - ``damping``: 1/time, shape (driven,).
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BallState, ConstantRate, Servo
+    >>> law = Servo((ConstantRate(1.0),), stiffness=[4.0], damping=[2.0])
+    >>> law(jnp.array(0.0), BallState(theta=[0.0], thetadot=[0.5]))  # −4 (0 − 1) − 2 · 0.5
+    Array([3.], dtype=float64)
     """
 
     targets: tuple[AbstractSchedule, ...]

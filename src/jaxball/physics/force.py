@@ -36,6 +36,14 @@ class HarmonicForce(AbstractForce):
     - ``phase``: rad, shape (terms,); zero if not given.
 
     **Raises:** ``ValueError`` when ``amplitude``, ``frequency`` and ``phase`` differ in length.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import HarmonicForce
+    >>> force = HarmonicForce((0.0, 0.0, 0.0), amplitude=[(2.0, 0.0, 0.0)], frequency=[jnp.pi])
+    >>> force(jnp.array(0.5))
+    Array([2., 0., 0.], dtype=float64)
     """
 
     series: HarmonicSeries
@@ -64,6 +72,15 @@ class FunctionForce(AbstractForce):
     - ``function``: of (t, parameters), to Fe, space axes, shape (3,).
     - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
     - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import FunctionForce
+    >>> def wind(t, strength):
+    ...     return strength * jnp.array([1.0, 0.0, 0.0]) * jnp.exp(-t)
+    >>> FunctionForce(wind, 0.3)(jnp.array(0.0))
+    Array([0.3, 0. , 0. ], dtype=float64)
     """
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)

@@ -58,6 +58,14 @@ class MatrixFrame(AbstractFrame):
     **Arguments:**
 
     - ``B``: its columns are the frame's axes in the body, shape (3, 3).
+
+    **Example:**
+
+    >>> from jaxball import MatrixFrame
+    >>> print(MatrixFrame().matrix())
+    [[1. 0. 0.]
+     [0. 1. 0.]
+     [0. 0. 1.]]
     """
 
     B: Float[Array, "*group 3 3"] = eqx.field(
@@ -74,6 +82,14 @@ class VersorFrame(AbstractFrame):
     **Arguments:**
 
     - ``q``: (q0, q1, q2, q3), the real part first, shape (4,).
+
+    **Example:**
+
+    >>> from jaxball import VersorFrame
+    >>> print(VersorFrame((1.0, 0.0, 0.0, 1.0)).matrix().round(12))  # a quarter of a turn about E3
+    [[ 0. -1.  0.]
+     [ 1.  0.  0.]
+     [ 0.  0.  1.]]
     """
 
     q: Float[Array, "*group 4"] = eqx.field(converter=numbers("q", (4,)))
@@ -95,6 +111,14 @@ class SphericalFrame(AbstractFrame):
 
     **Raises:** ``ValueError`` for an angle beyond a full turn, which must be in degrees. Between a quarter and a full
     turn, where a search for an angle may come, an elevation means what its sine and cosine say.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import SphericalFrame
+    >>> frame = SphericalFrame(azimuth=0.0, elevation=jnp.pi / 6)
+    >>> print(frame.matrix()[:, 0].round(3))  # the direction n
+    [0.866 0.    0.5  ]
     """
 
     azimuth: Float[Array, "*group"] = eqx.field(converter=numbers("azimuth"))

@@ -83,6 +83,14 @@ class OnRail(AbstractPrescribedMotion):
 
     - ``rail``: where the mass can be, such as a :class:`~jaxball.Circle`.
     - ``schedule``: where on it the mass is when, such as a :class:`~jaxball.Pulse`.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Circle, ConstantRate, OnRail
+    >>> motion = OnRail(Circle(0.5), ConstantRate(0.0, rate=2.0))
+    >>> motion.kinematics(jnp.array(0.0)).chiddot  # towards the centre, rate² times the radius
+    Array([-2.,  0.,  0.], dtype=float64)
     """
 
     rail: AbstractRail
@@ -113,6 +121,16 @@ class Driven(AbstractMotion):
     **Arguments:**
 
     - ``rail``: on which the mass is.
+
+    **Example:**
+
+    >>> from jaxball import Circle, Disk, Driven, FunctionLaw, PointMass
+    >>> def spring(t, state, stiffness):
+    ...     return -stiffness * state.theta
+    >>> law = FunctionLaw(spring, 4.0)
+    >>> disk = Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, Driven(Circle(0.5)))], law=law)
+    >>> disk.driven  # the masses whose θ and θ̇ belong to the state
+    (0,)
     """
 
     rail: AbstractRail
@@ -142,6 +160,13 @@ class Fixed(AbstractPrescribedMotion):
     **Arguments:**
 
     - ``position``: χ, from the geometric centre, body axes, length, shape (3,).
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Fixed
+    >>> Fixed((0.0, 0.0, -0.5)).kinematics(jnp.array(3.0)).chi
+    Array([ 0. ,  0. , -0.5], dtype=float64)
     """
 
     position: Float[Array, "*group 3"] = eqx.field(converter=numbers("position", (3,)))
@@ -156,6 +181,14 @@ class Oscillating(AbstractPrescribedMotion):
     **Arguments:**
 
     - ``path``: χ(t), body axes: a :class:`~jaxball.HarmonicSeries` with a constant of shape (3,), length.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import HarmonicSeries, Oscillating
+    >>> motion = Oscillating(HarmonicSeries((0.0, 0.0, 0.3), amplitude=[(0.2, 0.0, 0.0)], frequency=[2.0]))
+    >>> motion.kinematics(jnp.array(0.0)).chidot
+    Array([0.4, 0. , 0. ], dtype=float64)
     """
 
     path: HarmonicSeries
@@ -179,6 +212,15 @@ class Free(AbstractPrescribedMotion):
     - ``function``: of (t, parameters), to χ, body axes, length, shape (3,).
     - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
     - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Free
+    >>> def helix(t, pitch):
+    ...     return jnp.stack([0.5 * jnp.cos(t), 0.5 * jnp.sin(t), pitch * t])
+    >>> print(Free(helix, 0.1).kinematics(jnp.array(jnp.pi / 2)).chi.round(3))
+    [0.    0.5   0.157]
     """
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)

@@ -31,6 +31,14 @@ class Observables(Printed):
     - ``kinetic_energy``, ``potential_energy``, ``power``: T, V and Ė, of the actuation and the external force
       together.
     - ``normal_force``, ``friction``, ``friction_ratio``: N, the two components of f, and |f| / N.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Disk, DiskState, observe
+    >>> seen = observe(Disk(mass=2.0, inertia=1.0), jnp.array(0.0), DiskState(phidot=-1.0))
+    >>> float(seen.energy), float(seen.normal_force)  # T = ½ (m r² + d2) φ̇² and V = 0, N = m g
+    (1.5, 2.0)
     """
 
     mass_positions_body: Float[Array, "*t n 3"]
@@ -67,6 +75,14 @@ def observe(system: System, t: Float[Array, ""], state: BallState | DiskState) -
     - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
     - ``t``: time.
     - ``state``: of one of the kinds that know where the body is.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Ball, BallState, observe
+    >>> ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), radius=0.5)
+    >>> observe(ball, jnp.array(0.0), BallState(z=(3.0, 4.0))).contact_point
+    Array([ 3. ,  4. , -0.5], dtype=float64)
     """
     angles = driven_angles(system, t, state)
     rates = vector_field(system, t, state)

@@ -26,6 +26,12 @@ class BallState(Printed):
     - ``theta``: θ of each :class:`~jaxball.Driven` mass, rad on a closed rail and length in a tube, shape (driven,);
       empty where every motion is prescribed.
     - ``thetadot``: θ̇ of each of them, shape (driven,).
+
+    **Example:**
+
+    >>> from jaxball import BallState
+    >>> BallState(Omega=(0.0, 1.0, 0.0), z=(2.0, 0.0))
+    BallState(q=(1.0, 0.0, 0.0, 0.0), Omega=(0.0, 1.0, 0.0), z=(2.0, 0.0), theta=(), thetadot=())
     """
 
     q: Float[Array, "*batch 4"] = eqx.field(converter=numbers("q", (4,), batch=True), default=(1.0, 0.0, 0.0, 0.0))
@@ -62,6 +68,12 @@ class RotationState(Printed):
     - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
       none.
     - ``thetadot``: θ̇ of each of them, shape (driven,).
+
+    **Example:**
+
+    >>> from jaxball import RotationState
+    >>> RotationState(Omega=(0.0, 1.0, 0.0)).in_space().q
+    Array([1., 0., 0., 0.], dtype=float64)
     """
 
     Lambda: Float[Array, "*batch 3 3"] = eqx.field(
@@ -94,6 +106,12 @@ class ReducedState(Printed):
     - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
       none.
     - ``thetadot``: θ̇ of each of them, shape (driven,).
+
+    **Example:**
+
+    >>> from jaxball import ReducedState
+    >>> ReducedState(Omega=(0.0, 0.0, 2.0))  # spinning about the vertical
+    ReducedState(Omega=(0.0, 0.0, 2.0), Gamma=(0.0, 0.0, 1.0), theta=(), thetadot=())
     """
 
     Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
@@ -117,6 +135,12 @@ class DiskState(Printed):
     - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
       none.
     - ``thetadot``: θ̇ of each of them, shape (driven,).
+
+    **Example:**
+
+    >>> from jaxball import DiskState
+    >>> DiskState(phidot=-1.0).in_space().Omega  # the same motion as that of a ball, towards e1
+    Array([0., 1., 0.], dtype=float64)
     """
 
     phi: Float[Array, "*batch"]

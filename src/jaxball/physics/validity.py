@@ -116,6 +116,12 @@ def problems(system: SimulableSystem, state: SimulableState | None = None, t: Nu
     - ``system``: a body, or a system of :mod:`jaxball.classical`.
     - ``state``: the state at the start; not looked at if not given.
     - ``t``: the time of the start, or the times of a run, in which prescribed motions must stay in the body.
+
+    **Example:**
+
+    >>> from jaxball import Ball, problems
+    >>> problems(Ball(mass=-1.0, inertia=(1.0, 1.0, 1.0)))
+    ['Argument `mass` must be a positive number, but it is -1.0.']
     """
     require_system(system)
     return [problem.sentence() for problem in find_problems(system, state, np.atleast_1d(to_numpy(t, "t")))]

@@ -76,6 +76,14 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     - ``trajectory``: what :func:`jaxball.simulate` returns.
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
+
+    **Example:**
+
+    >>> from jaxball import Disk, DiskState, plot, simulate
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
+    >>> ax = plot.centre_path(run)
+    >>> ax.get_xlabel(), ax.get_ylabel()
+    ('$t$', '$z$')
     """
     times, _, observables = record(trajectory)
     z = observables.geometric_centre

@@ -53,6 +53,14 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     - ``trajectory``: what :func:`jaxball.simulate` returns.
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
+
+    **Example:**
+
+    >>> from jaxball import Disk, DiskState, plot, simulate
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
+    >>> ax = plot.energies(run)
+    >>> [text.get_text() for text in ax.get_legend().get_texts()]
+    ['$T$', '$V$', '$E = T + V$']
     """
     times, _, observables = record(trajectory)
     series = [

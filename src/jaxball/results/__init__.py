@@ -1,4 +1,7 @@
-"""Result files: a trajectory as a labelled data set, saved to a file, and read back."""
+"""Result files: a trajectory as a labelled data set, saved, and read back.
+
+Nothing is solved or drawn here.
+"""
 
 from ..interface.names import interface as _interface
 from ..interface.output import (

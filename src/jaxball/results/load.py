@@ -40,6 +40,20 @@ def load_run(path: str | Path, system: SimulableSystem | None = None) -> Traject
 
     **Raises:** :class:`RunError`, with one sentence, when there is no such file, when it is not a run or one of a later
     version, and when it has no scenario and no ``system`` is given.
+
+    **Example:**
+
+    >>> import tempfile
+    >>> from jaxball import Disk, DiskState, load_run, simulate
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     again = load_run(run.save(f"{folder}/run.npz"))
+    >>> again
+    Trajectory of a disk with no point masses
+      3 times from 0 to 2
+      4 steps, 0 of them rejected
+      The solve reached t = 2.
+      z at the end: 2
     """
     path = Path(path)
     content = _read(path)

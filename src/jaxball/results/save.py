@@ -31,6 +31,13 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
       if a file can hold them.
 
     **Raises:** ``ValueError`` for a batch of trajectories.
+
+    **Example:**
+
+    >>> from jaxball import Disk, DiskState, simulate, to_dataset
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
+    >>> to_dataset(run).normal_force.values
+    array([1., 1., 1.])
     """
     # Imported here, because it takes longer than all of jaxball's own modules.
     import xarray
@@ -65,6 +72,17 @@ def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario 
 
     **Raises:** :class:`OutputError` when the suffix is another one, or the file cannot be written,
     ``ValueError`` for a batch of trajectories.
+
+    **Example:**
+
+    >>> import tempfile
+    >>> from jaxball import Disk, DiskState, load_run, save, simulate
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = save(run, f"{folder}/run.npz")
+    ...     again = load_run(path)
+    >>> path.name, bool((again.state.z == run.state.z).all())
+    ('run.npz', True)
     """
     path = Path(path)
     check_destination(path, SUFFIXES)

@@ -60,6 +60,15 @@ def load_scenario(source: str | Path) -> Scenario:
 
     **Raises:** :class:`ScenarioError`, with one sentence, when there is no such file or name, when it
     is not TOML, and when a key is misspelt, missing, of the wrong type or shape, or impossible.
+
+    **Example:**
+
+    >>> from jaxball import load_scenario
+    >>> scenario = load_scenario("disk")
+    >>> scenario.title
+    "The paper's disk: four masses on concentric circles"
+    >>> scenario.system.n_masses
+    4
     """
     text = scenario_text(source)
     with naming(source):
@@ -89,6 +98,18 @@ def read_scenario(text: str) -> Scenario:
 
     **Raises:** :class:`ScenarioError`, with one sentence, when the text is not TOML, or a key is
     misspelt, missing, of the wrong type or shape, or impossible.
+
+    **Example:**
+
+    >>> from jaxball import read_scenario
+    >>> scenario = read_scenario('''
+    ... format = 1
+    ... kind = "disk"
+    ... body = { mass = 1.0, inertia = 0.5, radius = 1.0, gravity = 1.0, offset = [0.0, 0.0, 0.0] }
+    ... time = { start = 0.0, end = 2.0, step = 1.0 }
+    ... ''')
+    >>> scenario.times
+    array([0., 1., 2.])
     """
     return read_document(document_of(text, "scenario", ScenarioError))
 
@@ -101,6 +122,13 @@ def read_document(document: dict[str, Any]) -> Scenario:
     - ``document``: what :mod:`tomllib` makes of a scenario file.
 
     **Raises:** :class:`ScenarioError` as :func:`read_scenario`.
+
+    **Example:**
+
+    >>> from jaxball.scenario import read_document
+    >>> times = {"start": 0.0, "end": 2.0, "step": 1.0}
+    >>> read_document({"format": 1, "kind": "nonholonomic-particle", "time": times}).times
+    array([0., 1., 2.])
     """
     if document.get("kind") in tuple(CLASSICAL):
         return _classical(document)
@@ -149,6 +177,14 @@ def write_scenario(scenario: Scenario) -> str:
 
     **Raises:** :class:`ScenarioError` for what a file cannot hold: Python functions, and states other
     than that of a ball with a versor and of a disk.
+
+    **Example:**
+
+    >>> from jaxball import load_scenario, read_scenario, write_scenario
+    >>> scenario = load_scenario("disk")
+    >>> again = read_scenario(write_scenario(scenario))
+    >>> bool((again.times == scenario.times).all())
+    True
     """
     found = {
         "format": FORMAT,

@@ -12,7 +12,14 @@ def _folder():
 
 
 def builtin_scenarios() -> tuple[str, ...]:
-    """The names of the built-in scenarios, in alphabetical order."""
+    """The names of the built-in scenarios, in alphabetical order.
+
+    **Example:**
+
+    >>> from jaxball.scenario import builtin_scenarios
+    >>> builtin_scenarios()[:3]
+    ('ball', 'chaplygin-sphere', 'chaplygin-top')
+    """
     names = (item.name for item in _folder().iterdir())
     return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
 
@@ -25,6 +32,12 @@ def builtin_text(name: str) -> str:
     - ``name``: of a built-in scenario.
 
     **Raises:** :class:`ScenarioError` when there is none of that name.
+
+    **Example:**
+
+    >>> from jaxball.scenario import builtin_text
+    >>> print(builtin_text("disk").splitlines()[2])
+    title = "The paper's disk: four masses on concentric circles"
     """
     if name not in builtin_scenarios():
         raise ScenarioError(
@@ -39,6 +52,12 @@ def builtin_title(name: str) -> str:
     **Arguments:**
 
     - ``name``: of a built-in scenario.
+
+    **Example:**
+
+    >>> from jaxball.scenario import builtin_title
+    >>> builtin_title("disk")
+    "The paper's disk: four masses on concentric circles"
     """
     return tomllib.loads(builtin_text(name))["title"]
 

@@ -30,6 +30,14 @@ class Scenario:
     - ``solver``: the name of a solver: "dopri5", "dopri8", "tsit5", "kvaerno3" and "kvaerno5" of diffrax, and
       "radau5", "radau9", "radau13", "gauss16", "trapezoidal" and "tr-bdf2" of :mod:`jaxball.solvers`.
     - ``rtol``, ``atol``, ``max_steps``, ``step_to_times``, ``dae``, ``project``: as in :func:`jaxball.simulate`.
+
+    **Example:**
+
+    >>> import numpy as np
+    >>> from jaxball import Disk, DiskState, Scenario
+    >>> scenario = Scenario("rolling", Disk(mass=1.0, inertia=0.5), DiskState(phidot=-1.0), np.array([0.0, 1.0, 2.0]))
+    >>> scenario.simulate().ok
+    True
     """
 
     title: str

@@ -33,6 +33,14 @@ class Balance(Printed):
     - ``residual``: the distance of the centre of mass from the vertical through the geometric centre.
     - ``solutions``, ``solutions_above``: every solution found, the chosen one first.
     - ``message``: a sentence that says all this.
+
+    **Example:**
+
+    >>> from jaxball import Circle, ConstantRate, Disk, OnRail, PointMass, balance
+    >>> mass = PointMass(0.5, OnRail(Circle(0.5), ConstantRate(-1.0)))
+    >>> balanced = balance(Disk(mass=1.0, inertia=0.5, masses=[mass]), [0], above=True)
+    >>> balanced.above, round(float(balanced.theta[0]), 6)
+    (True, 1.570796)
     """
 
     found: bool
@@ -77,6 +85,14 @@ def balance(
 
     **Raises:** ``ValueError`` when ``free`` names a mass that is not on a rail, or none, and when
     ``guess`` has another length.
+
+    **Example:**
+
+    >>> from jaxball import Circle, ConstantRate, Disk, OnRail, PointMass, balance
+    >>> mass = PointMass(0.5, OnRail(Circle(0.5), ConstantRate(-1.0)))
+    >>> balance(Disk(mass=1.0, inertia=0.5, masses=[mass]), [0])
+    Balance: With the angles (-1.570796327) the centre of mass is exactly below the geometric centre.
+      and one other solution, in `solutions`
     """
     require("system", system, (Ball, Disk), "a Ball or a Disk")
     if isinstance(free, str) or not isinstance(free, Sequence | np.ndarray):
@@ -104,6 +120,16 @@ def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers 
     - ``free``: indices of masses, from 0.
     - ``theta``: their angles, rad on a closed rail and length in a tube, shape (k,).
     - ``t``: the time at which they have them.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Circle, ConstantRate, Disk, OnRail, PointMass, with_angles
+    >>> mass = PointMass(0.5, OnRail(Circle(0.5), ConstantRate(0.0, rate=2.0)))
+    >>> moved = with_angles(Disk(mass=1.0, inertia=0.5, masses=[mass]), [0], [1.0], t=3.0)
+    >>> schedule = moved.point_masses[0].motion.schedule
+    >>> float(schedule(jnp.array(3.0)))
+    1.0
     """
     masses = list(system.point_masses)
     for index, angle in zip(free, to_array(theta), strict=True):

@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -27,10 +27,13 @@ class AbstractEvent(Printed):
     - ``status``: how the run that it ended is said to have ended.
     """
 
-    direction: eqx.AbstractVar[int]
-    terminal: eqx.AbstractVar[bool]
+    if TYPE_CHECKING:  # to a type checker, fields declared here would come before `of` among the arguments
+        direction, terminal, room = cast(int, None), cast(bool, None), cast(int, None)
+    else:
+        direction: eqx.AbstractVar[int]
+        terminal: eqx.AbstractVar[bool]
+        room: eqx.AbstractVar[int]
     from_start: ClassVar[bool]
-    room: eqx.AbstractVar[int]
     status: ClassVar[Status]
 
     def __check_init__(self):
@@ -54,6 +57,18 @@ class Event(AbstractEvent):
     - ``direction``: 1 for upward crossings alone, −1 for downward ones, 0 for both.
     - ``terminal``: whether the first crossing ends the run.
     - ``room``: how many crossings are kept; all are counted.
+
+    **Example:**
+
+    >>> from jaxball import Disk, DiskState, Event, simulate
+    >>> def post(disk, t, state):
+    ...     return state.z - 1.5
+    >>> disk, start = Disk(mass=1.0, inertia=0.5), DiskState(phidot=-1.0)
+    >>> run = simulate(disk, [0.0, 1.0, 2.0], start, events={"post": Event(post, terminal=True)})
+    >>> run.events["post"]
+    Occurrences: It happened once, at t = 1.5.
+    >>> run.message
+    'The run ended at t = 1.5 before t = 2, where an event ended it.'
     """
 
     of: Callable[[Any, Float[Array, ""], Any], Float[Array, ""]] = eqx.field(static=True)
@@ -83,6 +98,14 @@ class Detachment(AbstractEvent):
 
     - ``terminal``: whether it ends the run.
     - ``room``: how many of its times and states are kept; all are counted.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Detachment, Disk, DiskState, Fixed, PointMass
+    >>> disk = Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, Fixed((0.0, 0.0, 0.5)))])
+    >>> float(Detachment().value(disk, jnp.array(0.0), DiskState(phidot=3.0)))  # N = M g − ½ · 0.5 φ̇²
+    -0.75
     """
 
     terminal: bool = eqx.field(static=True, default=True)
@@ -103,6 +126,14 @@ class Slip(AbstractEvent):
     - ``friction``: μ, a number without unit.
     - ``terminal``: whether it ends the run.
     - ``room``: how many of its times and states are kept; all are counted.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Disk, DiskState, Fixed, PointMass, Slip
+    >>> disk = Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, Fixed((0.5, 0.0, 0.0)))])
+    >>> [bool(Slip(friction).value(disk, jnp.array(0.0), DiskState()) < 0) for friction in (0.1, 0.2)]
+    [True, False]
     """
 
     friction: Float[Array, ""] = eqx.field(converter=numbers("friction"))

@@ -112,6 +112,17 @@ def simulate(
     **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or
     ``TypeError`` for arguments of the wrong kind, ``TypeError`` where the default adjoint is differentiated in forward
     mode or twice, and :class:`~jaxball.SolveError` where asked for.
+
+    **Example:**
+
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> from jaxball import Disk, DiskState, simulate
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
+    >>> print(run.state.z)
+    [0. 1. 2.]
+    >>> run.message
+    'The solve reached t = 2.'
     """
     times = _checked_times(times)
     if state is None:

@@ -52,6 +52,19 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
     - ``steps``, ``rejected``: how many steps were taken in all, and how many of them were rejected.
     - ``events``: the :class:`~jaxball.Occurrences` of each event, by name.
     - ``start``: the initial state that was given, also where no solve can start from it.
+
+    **Example:**
+
+    >>> from jaxball import Disk, DiskState, simulate
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
+    >>> run
+    Trajectory of a disk with no point masses
+      3 times from 0 to 2
+      4 steps, 0 of them rejected
+      The solve reached t = 2.
+      z at the end: 2
+    >>> print(run.observables.kinetic_energy)
+    [0.75 0.75 0.75]
     """
 
     system: AnySimulableSystem

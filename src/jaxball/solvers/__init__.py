@@ -1,4 +1,7 @@
-"""Implicit solvers for diffrax: collocation of Radau and Gauss, mass matrices, trapezoidal rule and TR-BDF2."""
+"""Implicit solvers for diffrax: collocation of Radau and Gauss, mass matrices, trapezoidal rule and TR-BDF2.
+
+They are for any problem of diffrax, and know nothing of mechanics.
+"""
 
 from ..interface.names import interface as _interface
 from .consistency import InitialValues as InitialValues, consistent_initial_values as consistent_initial_values

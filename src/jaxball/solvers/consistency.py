@@ -71,6 +71,16 @@ def consistent_initial_values(
     - ``throw``: whether to raise where none are found.
 
     **Raises:** ``ValueError`` if asked to.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball.solvers import MassMatrixTerm, consistent_initial_values
+    >>> def circle(t, y, args):
+    ...     return jnp.stack([-y[1], y[0] ** 2 + y[1] ** 2 - 1.0])  # ẋ = −y and 0 = x² + y² − 1
+    >>> term = MassMatrixTerm(circle, mass=jnp.array([1.0, 0.0]))
+    >>> consistent_initial_values(term, 0.0, jnp.array([0.6, 1.0])).y
+    Array([0.6, 0.8], dtype=float64)
     """
     y0 = jax.tree.map(jnp.asarray, y0)
     t0 = jnp.asarray(t0, jnp.result_type(*jax.tree.leaves(y0)))

@@ -37,6 +37,13 @@ class Gauss(AbstractCollocation):
     VIII.6; Antoñana, Makazaga & Murua, *Numer. Algorithms* 76 (2017) 861–880, on its fixed-point iteration.
 
     **Raises:** ``ValueError`` for a number of stages that does not go with the other arguments.
+
+    **Example:**
+
+    >>> import diffrax
+    >>> from jaxball.solvers import Gauss
+    >>> Gauss(stages=4).order(diffrax.ODETerm(lambda t, y, args: -y))
+    8
     """
 
     stages: int = eqx.field(static=True, default=8)

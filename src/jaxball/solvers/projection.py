@@ -22,6 +22,17 @@ class Projected(AbstractWrappingSolver):
 
     - ``solver``: any diffrax solver.
     - ``project``: takes a state to the state on the constraint.
+
+    **Example:**
+
+    >>> import diffrax
+    >>> import jax.numpy as jnp
+    >>> from jaxball.solvers import Projected
+    >>> solver = Projected(diffrax.Euler(), project=lambda y: y / jnp.sqrt((y**2).sum()))
+    >>> turning = diffrax.ODETerm(lambda t, y, args: jnp.stack([-y[1], y[0]]))
+    >>> end = diffrax.diffeqsolve(turning, solver, 0.0, 1.0, 0.1, jnp.array([1.0, 0.0])).ys[-1]
+    >>> print((end**2).sum().round(12))  # Euler's method alone ends outside the circle
+    1.0
     """
 
     solver: diffrax.AbstractSolver  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -30,6 +30,13 @@ class RadauIIA(AbstractCollocation):
     (1999) 93–111, for 5 and 7 stages.
 
     **Raises:** ``ValueError`` for another number of stages.
+
+    **Example:**
+
+    >>> import diffrax
+    >>> from jaxball.solvers import RadauIIA
+    >>> RadauIIA(stages=5).order(diffrax.ODETerm(lambda t, y, args: -y))
+    9
     """
 
     stages: int = eqx.field(static=True, default=3)

@@ -1,4 +1,7 @@
-"""Steady motions of a rolling ball and their linear stability."""
+"""Steady motions of a rolling ball and their linear stability.
+
+No figures and no files: :mod:`jaxball.plot` draws what is found here.
+"""
 
 from ..interface.names import interface as _interface
 from .rolling import steady_rolling as steady_rolling

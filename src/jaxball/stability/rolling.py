@@ -34,6 +34,14 @@ def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numb
 
     **Raises:** ``ValueError`` when the ball is not a body of revolution about E3, when masses are driven by a feedback
     law, and for no precession.
+
+    **Example:**
+
+    >>> from jaxball import Ball
+    >>> from jaxball.stability import steady_rolling
+    >>> sphere = Ball(mass=1.0, inertia=(0.4, 0.4, 0.5), offset=(0.0, 0.0, -0.2))
+    >>> steady_rolling(sphere, inclination=0.5, precession=1.0).message
+    'The motion is spectrally stable, a centre: its eigenvalues are all on the imaginary axis.'
     """
     require("ball", ball, Ball, "a Ball")
     if ball.driven:

@@ -38,6 +38,14 @@ def permanent_rotations(
     **Returns:** the motions found, each once, the most stable first.
 
     **Raises:** ``ValueError`` where a force acts, masses are driven by a feedback law, or ``guess`` has another shape.
+
+    **Example:**
+
+    >>> from jaxball import Ball
+    >>> from jaxball.stability import permanent_rotations
+    >>> ball = Ball(mass=1.0, inertia=(0.4, 0.5, 0.6), offset=(0.0, 0.0, -0.2))
+    >>> [(motion.kind, round(float(motion.state.Gamma[2]), 6)) for motion in permanent_rotations(ball)]
+    [('centre', 1.0), ('saddle', -1.0)]
     """
     require("ball", ball, Ball, "a Ball")
     if ball.driven:

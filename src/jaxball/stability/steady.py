@@ -72,6 +72,14 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
     - ``t``: the time at which schedules are read; the masses must be at rest in the body then, and stay so.
 
     **Raises:** ``TypeError`` for a state of another kind of system, and ``ValueError`` where a force acts.
+
+    **Example:**
+
+    >>> from jaxball import Disk, DiskState, Fixed, PointMass
+    >>> from jaxball.stability import stability
+    >>> disk = Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, Fixed((0.0, 0.0, 0.5)))])
+    >>> stability(disk, DiskState()).message  # with its mass on top
+    'The motion is unstable, a saddle: deviations grow as exp(0.308607 t).'
     """
     state = phase_point(system, state)
     if system.force is not None:

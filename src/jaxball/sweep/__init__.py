@@ -1,4 +1,7 @@
-"""Studies: a scenario run over and over, with other numbers in each row."""
+"""Studies: a scenario run over and over, with other numbers in each row.
+
+How rows are solved is :mod:`jaxball.ensemble`'s; how they are drawn, :mod:`jaxball.plot`'s.
+"""
 
 from ..interface.names import interface as _interface
 from .batch import Batch as Batch, Engine as Engine, Wanted as Wanted

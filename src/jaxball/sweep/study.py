@@ -148,6 +148,20 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     - ``text``: the content of a study file.
 
     **Raises:** as :func:`load_study`.
+
+    **Example:**
+
+    >>> from jaxball.sweep import read_study
+    >>> study = read_study('''
+    ... format = 1
+    ... scenario = "disk"
+    ...
+    ... [[axes]]
+    ... path = "body.mass"
+    ... log = { from = 0.5, to = 2.0, count = 4 }
+    ... ''')
+    >>> study.rows, study.paths
+    (4, ('body.mass',))
     """
     document = document_of(text, "study", StudyError)
     found, folder = read_table(document, "", KEYS), Path(folder)

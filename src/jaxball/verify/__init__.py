@@ -1,4 +1,7 @@
-"""Checks of the laws of mechanics on a run, and how far ahead its result can be trusted."""
+"""The laws of mechanics that a run must keep, checked, and how far ahead its result can be trusted.
+
+No figures are drawn and no files written here.
+"""
 
 from ..interface.names import interface as _interface
 from .report import Report as Report, Row as Row

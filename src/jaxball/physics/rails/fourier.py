@@ -20,6 +20,15 @@ class FourierRail(AbstractRail):
     - ``centre``: length, shape (3,); the geometric centre if not given.
 
     **Raises:** ``ValueError`` when ``cosine`` and ``sine`` do not have one shape (K, 3).
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import FourierRail
+    >>> rail = FourierRail(cosine=[(0.5, 0.0, 0.0)], sine=[(0.0, 0.3, 0.0)])  # an ellipse
+    >>> print(rail.points(jnp.array([0.0, jnp.pi / 2])).round(3))
+    [[0.5 0.  0. ]
+     [0.  0.3 0. ]]
     """
 
     cosine: Float[Array, "*group K 3"] = eqx.field(converter=numbers("cosine", ("K", 3)))

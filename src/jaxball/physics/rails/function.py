@@ -22,6 +22,16 @@ class FunctionRail(AbstractRail):
     - ``function``: of (theta, parameters), to the point ζ, body axes, length, shape (3,).
     - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
     - ``closed_after``: the period of a closed rail, or None for an open one.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import FunctionRail
+    >>> def parabola(theta, height):
+    ...     return jnp.stack([theta, 0.0 * theta, height * theta**2])
+    >>> zeta, slope, bend = FunctionRail(parabola, 0.5).derivatives(jnp.array(0.2))
+    >>> print(zeta, slope, bend)
+    [0.2  0.   0.02] [1.  0.  0.2] [0. 0. 1.]
     """
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, "3"]] = eqx.field(static=True)

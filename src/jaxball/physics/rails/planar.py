@@ -2,6 +2,7 @@
 
 import abc
 import math
+from typing import TYPE_CHECKING, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -21,8 +22,11 @@ ORIGIN = (0.0, 0.0, 0.0)
 class AbstractPlanarRail(AbstractRail):
     """ζ(θ) = centre + B (x(θ), 0, y(θ)), with B the matrix of ``frame``; θ runs over 2π."""
 
-    centre: eqx.AbstractVar[Float[Array, "*group 3"]]
-    frame: eqx.AbstractVar[AbstractFrame]
+    if TYPE_CHECKING:  # to a type checker, fields declared here would come before `radius` among the arguments
+        centre, frame = cast(Array, None), cast(AbstractFrame, None)
+    else:
+        centre: eqx.AbstractVar[Float[Array, "*group 3"]]
+        frame: eqx.AbstractVar[AbstractFrame]
 
     def __check_init__(self):
         require("frame", self.frame, AbstractFrame, "a frame, such as SphericalFrame(...)")
@@ -59,6 +63,15 @@ class Circle(AbstractPlanarRail):
     - ``frame``: the orientation, whose first and third columns span the rail's plane: a
       :class:`~jaxball.SphericalFrame`, :class:`~jaxball.VersorFrame` or :class:`~jaxball.MatrixFrame`; the plane of
       E1 and E3 if not given.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Circle
+    >>> rail = Circle(0.9, centre=(0.0, 0.0, 0.1))
+    >>> print(rail.points(jnp.array([0.0, jnp.pi / 2])).round(3))
+    [[0.9 0.  0.1]
+     [0.  0.  1. ]]
     """
 
     radius: Float[Array, "*group"] = eqx.field(converter=numbers("radius"))
@@ -87,6 +100,14 @@ class Ellipse(AbstractPlanarRail):
     - ``frame``: the orientation, whose first and third columns span the rail's plane: a
       :class:`~jaxball.SphericalFrame`, :class:`~jaxball.VersorFrame` or :class:`~jaxball.MatrixFrame`; the plane of
       E1 and E3 if not given.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Ellipse
+    >>> print(Ellipse((0.8, 0.5)).points(jnp.array([0.0, jnp.pi / 2])).round(3))
+    [[0.8 0.  0. ]
+     [0.  0.  0.5]]
     """
 
     semi_axes: Float[Array, "*group 2"] = eqx.field(converter=numbers("semi_axes", (2,)))
@@ -109,6 +130,14 @@ class GeronoEight(AbstractPlanarRail):
     - ``frame``: the orientation, whose first and third columns span the rail's plane: a
       :class:`~jaxball.SphericalFrame`, :class:`~jaxball.VersorFrame` or :class:`~jaxball.MatrixFrame`; the plane of
       E1 and E3 if not given.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import GeronoEight
+    >>> print(GeronoEight((0.8, 0.4)).points(jnp.array([0.0, jnp.pi / 4])).round(3))
+    [[0.8   0.    0.   ]
+     [0.566 0.    0.4  ]]
     """
 
     half_extents: Float[Array, "*group 2"] = eqx.field(converter=numbers("half_extents", (2,)))
@@ -131,6 +160,14 @@ class BernoulliEight(AbstractPlanarRail):
     - ``frame``: the orientation, whose first and third columns span the rail's plane: a
       :class:`~jaxball.SphericalFrame`, :class:`~jaxball.VersorFrame` or :class:`~jaxball.MatrixFrame`; the plane of
       E1 and E3 if not given.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BernoulliEight
+    >>> print(BernoulliEight(0.8).points(jnp.array([0.0, jnp.pi / 4])).round(3))
+    [[0.8   0.    0.   ]
+     [0.377 0.    0.267]]
     """
 
     half_width: Float[Array, "*group"] = eqx.field(converter=numbers("half_width"))

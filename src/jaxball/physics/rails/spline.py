@@ -23,6 +23,15 @@ class SplineRail(AbstractRail):
     - ``points_on_rail``: the points, body axes, length, shape (n, 3).
 
     **Raises:** ``ValueError`` when ``points`` does not have the shape (n, 3) with n ≥ 3.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import SplineRail
+    >>> rail = SplineRail([(0.5, 0.0, 0.0), (0.0, 0.0, 0.5), (-0.5, 0.0, 0.0), (0.0, 0.0, -0.5)])
+    >>> print(rail.points(jnp.array([0.0, jnp.pi / 2])).round(3))  # the first two of the points
+    [[0.5 0.  0. ]
+     [0.  0.  0.5]]
     """
 
     points_on_rail: Float[Array, "*group n 3"] = eqx.field(converter=numbers("points_on_rail", ("n", 3)))

@@ -15,6 +15,13 @@ class Tube(AbstractRail):
 
     - ``direction``: of any length but 0, body axes, shape (3,).
     - ``centre``: where θ is 0, body axes, length, shape (3,).
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Tube
+    >>> Tube((0.0, 0.0, 3.0), centre=(0.2, 0.0, 0.0))(jnp.array(0.5))  # half a unit along it
+    Array([0.2, 0. , 0.5], dtype=float64)
     """
 
     direction: Float[Array, "*group 3"] = eqx.field(converter=numbers("direction", (3,)))

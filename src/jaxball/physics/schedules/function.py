@@ -22,6 +22,16 @@ class FunctionSchedule(AbstractSchedule):
     - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
     - ``theta``: what is added to it.
     - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import FunctionSchedule
+    >>> def settling(t, rate):
+    ...     return 1.0 - jnp.exp(-rate * t)
+    >>> theta, rate, acceleration = FunctionSchedule(settling, 2.0).derivatives(jnp.array(0.0))
+    >>> float(theta), float(rate), float(acceleration)
+    (0.0, 2.0, -4.0)
     """
 
     function: Callable[[Float[Array, ""], PyTree], Float[Array, ""]] = eqx.field(static=True)

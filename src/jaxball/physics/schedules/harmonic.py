@@ -16,6 +16,13 @@ class ConstantRate(AbstractSchedule):
 
     - ``theta``: θ at time 0, rad on a closed rail and length in a tube.
     - ``rate``: θ̇, the same per time; 0 if not given.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import ConstantRate
+    >>> float(ConstantRate(0.5, rate=2.0)(jnp.array(3.0)))
+    6.5
     """
 
     theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))
@@ -40,6 +47,14 @@ class Sinusoids(AbstractSchedule):
     - ``rate``: the constant part of θ̇.
 
     **Raises:** ``ValueError`` when ``amplitude``, ``frequency`` and ``phase`` differ in length.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Sinusoids
+    >>> theta, rate, _ = Sinusoids(1.0, amplitude=[0.5], frequency=[2.0]).derivatives(jnp.array(0.0))
+    >>> float(theta), float(rate)
+    (1.0, 1.0)
     """
 
     series: HarmonicSeries

@@ -38,6 +38,14 @@ class PiecewiseAcceleration(AbstractSchedule):
     - ``accelerations``: shape (n, k), in rad/time² times powers of 1/time.
 
     **Raises:** ``ValueError`` when ``accelerations`` does not have one row for each interval.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import PiecewiseAcceleration
+    >>> schedule = PiecewiseAcceleration(0.0, times=[0.0, 1.0, 2.0], accelerations=[[1.0], [-1.0]])
+    >>> float(schedule(jnp.array(2.0)))  # sped up for one unit of time, then slowed down
+    1.0
     """
 
     theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))

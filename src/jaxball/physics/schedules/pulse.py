@@ -21,6 +21,14 @@ class Pulse(AbstractSchedule):
     - ``theta``, ``rate``: θ and θ̇ at ``start``, rad and rad/time, or length and length/time in a tube.
     - ``height``: of θ̈, rad/time².
     - ``start``, ``hold``, ``end``: times.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Pulse
+    >>> theta, rate, acceleration = Pulse(0.0, height=2.0).derivatives(jnp.array(0.1))
+    >>> round(float(theta), 6), round(float(rate), 6), round(float(acceleration), 6)
+    (0.01, 0.2, 2.0)
     """
 
     theta: Float[Array, "*group"] = eqx.field(converter=numbers("theta"))

@@ -23,6 +23,14 @@ class Waypoints(AbstractSchedule):
     - ``end_rates``: θ̇ at the first and the last, shape (2,).
 
     **Raises:** ``ValueError`` when ``times`` and ``angles`` do not have one length, two or more.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Waypoints
+    >>> schedule = Waypoints(times=[0.0, 1.0, 2.0], angles=[0.0, 0.5, 0.0])
+    >>> round(float(schedule(jnp.array(1.0))), 6)
+    0.5
     """
 
     times: Float[Array, "*group n"] = eqx.field(converter=numbers("times", ("n",)))
