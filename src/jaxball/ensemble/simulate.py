@@ -9,8 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
+from ..cpu import cores
 from ..interface.arguments import described, require
 from ..numerics.arrays import Numbers, to_numpy
+from ..numerics.batches import even_size, in_threads, unpadded
 from ..physics.dynamics import field_of
 from ..physics.simulable import SimulableState, SimulableSystem
 from ..simulation.simulate import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_steps, checked_tolerances
@@ -20,7 +22,6 @@ from .numbers import split
 from .program import Settings, compiled
 from .reductions import AbstractReduction
 from .runge_kutta import fits
-from .threads import balanced, cores, in_blocks
 
 LANES = 64
 BLOCK = 4096
@@ -83,7 +84,7 @@ def simulate_ensemble(
     traced = any(isinstance(leaf, Tracer) for leaf in (*leaves, jnp.zeros(())))
     on_cpu = jax.default_backend() == "cpu"
     threads = threads or (cores() if on_cpu else jax.local_device_count())
-    block = runs if traced else block or min(runs, balanced(runs, BLOCK if on_cpu else runs, threads))
+    block = runs if traced else block or min(runs, even_size(runs, BLOCK if on_cpu else runs, threads))
     compact, which = split((system, state))
     reduced = tuple(reductions.items())
     size = min(block, lanes or (LANES if on_cpu else block))
@@ -128,7 +129,7 @@ def _in_blocks(settings: Settings, compact: Any, arrays: tuple[np.ndarray, ...],
         return structure.unflatten(parts), spans, *others
 
     key = settings, structure, tuple(leaf.shape[1:] for leaf in own), block, arrays[0].shape[1]
-    blocks = in_blocks(lambda part: program(*part), take, len(arrays[0]), block, threads, key in _warm)
+    blocks = in_threads(lambda batch: program(*take(batch)), len(arrays[0]), block, threads, compiled=key in _warm)
     _warm.add(key)
     return blocks
 
@@ -148,7 +149,5 @@ def _count(system: Any, state: Any, times: Any, *tolerances: Any) -> int:
 
 def _joined(blocks: list[Any], system: SimulableSystem, times: Any, state: SimulableState, runs: int) -> Ensemble:
     executed = sum(int(block[-1]) for block in blocks)
-    *found, reported = jax.tree.map(
-        lambda *parts: jnp.asarray(np.concatenate(parts)[:runs]), *(block[:-1] for block in blocks)
-    )
+    *found, reported = jax.tree.map(jnp.asarray, unpadded([block[:-1] for block in blocks], runs))
     return Ensemble(Trajectory(system, times, *found, start=state), reported, jnp.asarray(executed))

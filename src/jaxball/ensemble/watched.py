@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..numerics.batches import map_batches
 from ..physics.packing import Packing
 from .extremes import Extremes
 from .integrals import Integrals
@@ -16,7 +17,6 @@ from .interpolation import interpolation
 from .lanes import LaneProgram
 from .numbers import Prepared
 from .observers import AbstractObserver
-from .parts import in_parts
 from .reductions import AbstractReduction, Found, Quantity
 from .runge_kutta import Step, step, tableau_of
 from .saves import Saves
@@ -101,7 +101,7 @@ class Watched(NamedTuple):
         if not isinstance(observer, Extremes):
             return []
         rows = (observed[EXTREMES], self.given[EXTREMES], of_field)
-        found, times = in_parts(lambda part: observer.refined(*part), rows, lanes)
+        found, times = map_batches(lambda part: observer.refined(*part), rows, lanes)
         return [(sign * value, time) for sign, value, time in zip(observer.signs, found, times, strict=True)]
 
 

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-from ..ensemble.threads import cores
+from ..cpu import cores
 from ..interface.interruption import asked_to_stop, before_the_end
 from .batch import Engine
 from .chunk import Task
