@@ -55,6 +55,11 @@ def prepare(*, gradients: bool = False) -> bool:
     return True
 
 
+def cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def _known_good(version: str) -> bool:
     numbers = tuple(int(part) for part in re.findall(r"\d+", version)[:3])
     return KNOWN_GOOD[0] <= numbers < KNOWN_GOOD[1]

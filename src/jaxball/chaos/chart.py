@@ -1,8 +1,6 @@
 """Charts of the largest Lyapunov exponent over two parameters."""
 
-import os
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from typing import TYPE_CHECKING, Any
 
 import diffrax
@@ -10,11 +8,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
+from ..cpu import cores
 from ..interface.arguments import require, require_callable
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, to_array, to_numpy
+from ..numerics.batches import in_threads, unpadded
 from ..physics.phase_space import normal_of, phase_point
 from ..physics.simulable import SimulableState, SimulableSystem
 from ..simulation.simulate import checked_solver, checked_tolerances
@@ -52,7 +52,7 @@ def chart(
     - ``times``, ``transient``, ``interval``, ``solver``, ``rtol``, ``atol``, ``max_steps``: as for
       :func:`lyapunov_spectrum`.
     - ``chunk``: how many cells are solved side by side by one program.
-    - ``workers``: how many chunks are solved at the same time; as many as there are processors if not given.
+    - ``workers``: how many chunks are solved at the same time; as many as this process has cores if not given.
     - ``progress``: called with the number of cells done and the number of all, after each chunk.
 
     **Returns:** a data set over both parameters with
@@ -74,27 +74,13 @@ def chart(
     solver = checked_solver(solver)
     tolerances = tuple(map(to_array, checked_tolerances(rtol, atol)))
     cells = np.stack([grid.ravel() for grid in np.meshgrid(*values, indexing="ij")], axis=1)
-    chunk = min(chunk, len(cells))
-    starts = range(0, len(cells), chunk)
-    rows = np.full((len(cells), 4), np.nan)
 
-    def solve(start: int) -> int:
-        # The last chunk is as long as the others, so that one program does for all.
-        part = slice(min(start, len(cells) - chunk), min(start, len(cells) - chunk) + chunk)
-        rows[part] = np.asarray(
-            _solve(make, solver, skipped, max_steps, to_array(cells[part]), to_array(edges), *tolerances)
-        )
-        return min(start + chunk, len(cells)) - start
+    def solve(batch: Int[np.ndarray, " size"]) -> Float[Array, "size 4"]:
+        return _solve(make, solver, skipped, max_steps, to_array(cells[batch]), to_array(edges), *tolerances)
 
-    done = solve(0)
-    if progress is not None:
-        progress(done, len(cells))
-    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
-        for future in as_completed([pool.submit(solve, start) for start in starts[1:]]):
-            done += future.result()
-            if progress is not None:
-                progress(done, len(cells))
-    return _dataset(names, values, rows.reshape(len(values[0]), len(values[1]), 4), edges, skipped)
+    results = in_threads(solve, len(cells), min(chunk, len(cells)), workers or cores(), progress=progress)
+    rows = unpadded(results, len(cells)).reshape(len(values[0]), len(values[1]), 4)
+    return _dataset(names, values, rows, edges, skipped)
 
 
 @eqx.filter_jit

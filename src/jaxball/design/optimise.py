@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..numerics.batches import in_batches
 from . import bfgs, newton
 from .adam import Moments
 from .curvature import curved_at
@@ -75,12 +76,10 @@ class Optimiser:
 
     def look(self, z: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Looked:
         """The augmented Lagrangian and its derivatives at any number of designs, ``lanes`` at a time."""
-        function, parts = SEEN_BY[self.settings.method](self.program), []
-        for first in range(0, len(z), self.lanes):
-            rows = np.minimum(np.arange(first, first + self.lanes), len(z) - 1)
-            arguments = jax.tree.map(lambda x, rows=rows: jnp.asarray(x[rows]), (z, multipliers))
-            parts.append(jax.tree.map(np.asarray, function(*arguments)))
-        return Looked(*jax.tree.map(lambda *x: np.concatenate(x)[: len(z)], *parts))
+        function = SEEN_BY[self.settings.method](self.program)
+        return Looked(
+            *in_batches(lambda rows: function(*jax.tree.map(jnp.asarray, rows)), (z, multipliers), self.lanes)
+        )
 
     @property
     def lanes(self) -> int:

@@ -9,12 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..numerics.batches import map_batches
 from ..physics.packing import Packing
 from .extremes import Extremes
 from .lanes import LaneProgram
 from .observers import AbstractObserver, Integrals, Saves
 from .parameters import Prepared
-from .parts import in_parts
 from .reductions import AbstractReduction, Found, Quantity
 from .runge_kutta import Step, interpolation, step, tableau_of
 
@@ -98,7 +98,7 @@ class Observation(NamedTuple):
         if not isinstance(observer, Extremes):
             return []
         rows = (observed[EXTREMES], self.given[EXTREMES], of_field)
-        values, times = in_parts(lambda part: observer.refined(*part), rows, lanes)
+        values, times = map_batches(lambda part: observer.refined(*part), rows, lanes)
         return [(sign * value, time) for sign, value, time in zip(observer.signs, values, times, strict=True)]
 
 

@@ -10,9 +10,11 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from ..cpu import cores
 from ..interface.arguments import described, require
 from ..interface.printing import Printed, shown
 from ..numerics.arrays import Numbers, to_numpy
+from ..numerics.batches import even_size, in_threads, unpadded
 from ..physics.dynamics import field_of
 from ..physics.simulable import SimulableState, SimulableSystem
 from ..simulation.simulate import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_steps, checked_tolerances
@@ -21,7 +23,6 @@ from .parameters import for_all_rows, shared_leaves
 from .program import Settings, compiled
 from .reductions import AbstractReduction
 from .runge_kutta import fits
-from .threads import balanced, cores, in_blocks
 
 LANES = 64
 BLOCK = 4096
@@ -131,7 +132,7 @@ def simulate_ensemble(
     traced = any(isinstance(leaf, Tracer) for leaf in (*leaves, jnp.zeros(())))
     on_cpu = jax.default_backend() == "cpu"
     threads = threads or (cores() if on_cpu else jax.local_device_count())
-    block = runs if traced else block or min(runs, balanced(runs, BLOCK if on_cpu else runs, threads))
+    block = runs if traced else block or min(runs, even_size(runs, BLOCK if on_cpu else runs, threads))
     settings = Settings(
         solver=method,
         max_steps=checked_steps(max_steps),
@@ -184,7 +185,7 @@ def _in_blocks(settings: Settings, parameters: Any, arrays: tuple[np.ndarray, ..
 
     shapes = tuple(leaf.shape if shared else leaf.shape[1:] for leaf, shared in own)
     key = settings, structure, shapes, block, arrays[0].shape[1]
-    blocks = in_blocks(lambda part: program(*part), take, len(arrays[0]), block, threads, key in _warm)
+    blocks = in_threads(lambda batch: program(*take(batch)), len(arrays[0]), block, threads, compiled=key in _warm)
     _warm.add(key)
     return blocks
 
@@ -207,5 +208,5 @@ def _count(parameters: Any, shared: Sequence[bool], times: Any, *tolerances: Any
 def _joined(blocks: list[Any], runs: int) -> tuple[Any, ...]:
     """The results of all blocks, without those of runs that were there only to fill one."""
     executed = sum(int(block[-1]) for block in blocks)
-    whole = jax.tree.map(lambda *parts: jnp.asarray(np.concatenate(parts)[:runs]), *(block[:-1] for block in blocks))
+    whole = jax.tree.map(jnp.asarray, unpadded([block[:-1] for block in blocks], runs))
     return *whole, jnp.asarray(executed)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import jax
 
-from ..ensemble.threads import cores
+from ..cpu import cores
 from ..interface.interruption import on_interrupt, stop_requested
 from .batch import Engine
 from .chunk import Task

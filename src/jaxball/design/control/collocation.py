@@ -9,6 +9,7 @@ hold at the nodes, with slacks and multipliers whose product is a barrier µ (se
 """
 
 import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -17,12 +18,14 @@ import numpy as np
 import scipy.sparse
 from jaxtyping import Array, Float
 
+from ...numerics.batches import in_batches
 from ...solvers.tableau import Tableau, gauss
 from ..equations import AbstractEquations
-from .chunks import in_chunks
 from .problem import AbstractControlProblem
 from .terms import Sizes, Term, Vary, at_end, at_nodes, initial, sizes
 
+# So many nodes are evaluated by one call of a compiled program, which is the same for each mesh.
+NODES = 32
 # The barrier with which problems are begun, and that of a finished solution; only inequalities know of it.
 BARRIER, SHARP = 1e-2, 1e-8
 
@@ -165,6 +168,18 @@ class Collocation(AbstractEquations):
         """The mean of the running cost, by the weights of Gauss."""
         return float(np.sum(self._looked_at(y, parameter)[0].cost))
 
+    def along(
+        self,
+        name: str,
+        times: Float[np.ndarray, " k"],
+        states: Float[np.ndarray, "k n"],
+        controls: Float[np.ndarray, "k m"],
+        parameter: float,
+    ) -> Any:
+        """A function of (t, x, u) that the problem has under this name, such as ``rate``, at many times."""
+        function = functools.partial(_along, name, self.vary, self.problem, jnp.asarray(parameter))
+        return _at_nodes(function, times, states, controls)
+
     @functools.cached_property
     def linear(self) -> scipy.sparse.sparray:
         """The part of the Jacobian that is the same everywhere: coefficients of linear equations."""
@@ -205,12 +220,21 @@ class Collocation(AbstractEquations):
         weights = h * self.tableau.b / (self.mesh[-1] - self.mesh[0])
         given = (self.problem, jnp.asarray(parameter), jnp.asarray(self.barrier))
         rows = [np.ravel(self.times), np.ravel(weights), np.ravel(h), _local(parts)]
-        return in_chunks(functools.partial(at_nodes, self.vary, self._sizes, *given), *rows)
+        return _at_nodes(functools.partial(at_nodes, self.vary, self._sizes, *given), *rows)
 
     def _end(self, parts: Unknowns, parameter: float) -> Term:
         local = jnp.asarray(np.concatenate([parts.knots[-1], parts.at_end]))
         found = at_end(self.vary, self._sizes, self.problem, jnp.asarray(parameter), local)
         return jax.tree.map(np.asarray, found)
+
+
+def _at_nodes(function: Callable[..., Any], *rows: np.ndarray) -> Any:
+    return in_batches(lambda batch: function(*map(jnp.asarray, batch)), rows, NODES)
+
+
+@functools.partial(jax.jit, static_argnums=(0, 1))
+def _along(name: str, vary: Vary, problem: Any, parameter, times, states, controls):
+    return jax.vmap(getattr(vary(problem, parameter), name))(times, states, controls)
 
 
 def _local(parts: Unknowns) -> np.ndarray:

@@ -1,17 +1,10 @@
 """The inequalities of a problem along a path, between the nodes as well."""
 
-import functools
-from typing import Any
-
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from .chunks import in_chunks
 from .collocation import Collocation
 from .path import Path
-from .terms import Vary
 
 # Of each interval, so many places are looked at, both its ends among them.
 PLACES = 11
@@ -21,8 +14,7 @@ def margins(collocation: Collocation, path: Path, times: Float[np.ndarray, " k"]
     """What must not be negative, at given times of a path; shape (k, i)."""
     if not collocation.inequalities:
         return np.zeros((len(times), 0))
-    function = functools.partial(_margins, collocation.vary, collocation.problem, jnp.asarray(parameter))
-    return in_chunks(function, times, path.states(times), path.inputs(times))
+    return collocation.along("inequalities", times, path.states(times), path.inputs(times), parameter)
 
 
 def violations(collocation: Collocation, path: Path, parameter: float) -> Float[np.ndarray, " N"]:
@@ -35,8 +27,3 @@ def violations(collocation: Collocation, path: Path, parameter: float) -> Float[
     times = path.within(PLACES)
     found = margins(collocation, path, np.ravel(times), parameter)
     return np.max(-found.reshape(*times.shape, collocation.inequalities), axis=(1, 2), initial=0.0)
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _margins(vary: Vary, problem: Any, parameter, times, states, controls):
-    return jax.vmap(vary(problem, parameter).inequalities)(times, states, controls)

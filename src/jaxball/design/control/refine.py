@@ -3,11 +3,9 @@
 Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming, section 4.7.
 """
 
-import functools
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
@@ -16,12 +14,10 @@ from jaxtyping import Float
 from ...solvers.tableau import gauss
 from ..equations import newton, solver
 from ..errors import DesignError
-from .chunks import in_chunks
 from .collocation import SHARP, Collocation, Unknowns
 from .inequalities import margins
 from .path import Path
 from .problem import AbstractControlProblem
-from .terms import Vary
 
 MOST_PIECES = 4
 MOST_ROUNDS = 8
@@ -135,8 +131,7 @@ def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], paramet
     path, quadrature, h = path_of(collocation, y), gauss(collocation.stages + 2), collocation.steps
     times = np.ravel(collocation.mesh[:-1, None] + h[:, None] * quadrature.c)
     states = path.states(times)
-    function = functools.partial(_rates, collocation.vary, collocation.problem, jnp.asarray(parameter))
-    rates = in_chunks(function, times, states, path.inputs(times))
+    rates = collocation.along("rate", times, states, path.inputs(times), parameter)
     gaps = np.abs(path.rates(times) - rates) / (1 + np.max(np.abs(states), axis=0))
     gaps = gaps.reshape(len(h), len(quadrature.c), -1)
     return np.max(np.einsum("k,j,kjn->kn", h, quadrature.b, gaps), axis=1)
@@ -160,8 +155,3 @@ def finer_mesh(
     ]
     cut = [np.linspace(a, b, k, endpoint=False) for a, b, k in zip(mesh[:-1], mesh[1:], pieces, strict=True)]
     return np.concatenate([*cut, mesh[-1:]])
-
-
-@functools.partial(jax.jit, static_argnums=0)
-def _rates(vary: Vary, problem: Any, parameter, times, states, controls):
-    return jax.vmap(vary(problem, parameter).rate)(times, states, controls)

@@ -1,0 +1,88 @@
+"""Batches of a fixed size, so that a program is compiled for one number of rows and called for any.
+
+The last batch is padded by repeating the last row, and what is computed of the padding is cut off.
+"""
+
+import itertools
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Int
+
+
+def batches(rows: int, size: int) -> list[Int[np.ndarray, " size"]]:
+    """The indices of each batch's rows, padding included."""
+    return [np.minimum(np.arange(start, start + size), rows - 1) for start in range(0, rows, size)]
+
+
+def unpadded(results: Sequence[Any], rows: int) -> Any:
+    """The results of all batches one after the other: PyTrees of arrays that have the rows as leading axis."""
+    return jax.tree.map(lambda *parts: np.concatenate(parts)[:rows], *results)
+
+
+def in_batches(function: Callable[[Any], Any], rows: Any, size: int) -> Any:
+    """``function`` of a PyTree of NumPy arrays that have the rows as leading axis, ``size`` of them at a time."""
+    count = len(jax.tree.leaves(rows)[0])
+    parts = (jax.tree.map(lambda leaf, batch=batch: leaf[batch], rows) for batch in batches(count, size))
+    return unpadded([jax.tree.map(np.asarray, function(part)) for part in parts], count)
+
+
+def in_threads(
+    function: Callable[[Int[np.ndarray, " size"]], Any],
+    rows: int,
+    size: int,
+    threads: int,
+    *,
+    compiled: bool = False,
+    progress: Callable[[int, int], Any] | None = None,
+) -> list[Any]:
+    """``function`` of the indices of each batch, in order and with the padding; ``threads`` batches at a time.
+
+    A compiled program releases the GIL while it runs. Batches go to the devices in turn, the first of them alone unless
+    the function is already ``compiled``, so that it is compiled once. ``progress`` is called with the number of rows
+    done and of all rows.
+    """
+    jobs = list(zip(batches(rows, size), itertools.cycle(jax.local_devices())))
+    alone = len(jobs) if threads == 1 else 0 if compiled else 1
+
+    def run(job: tuple[Int[np.ndarray, " size"], Any]) -> Any:
+        batch, device = job
+        with jax.default_device(device):
+            return jax.tree.map(np.asarray, function(batch))
+
+    results = []
+    with ThreadPoolExecutor(threads) as pool:
+        for part, mapped in ((jobs[:alone], map), (jobs[alone:], pool.map)):
+            for result in mapped(run, part):
+                results.append(result)
+                if progress is not None:
+                    progress(min(len(results) * size, rows), rows)
+    return results
+
+
+def even_size(rows: int, largest: int, threads: int) -> int:
+    """The size of batches of which every thread gets as many, none larger than ``largest``."""
+    count = threads * -(-rows // (largest * threads))
+    return -(-rows // count)
+
+
+def map_batches(function: Callable[[Any], Any], rows: Any, size: int) -> Any:
+    """``function`` of a PyTree of arrays that have the rows as last axis, ``size`` of them at a time; JAX can trace it.
+
+    What lies between stays in a processor's cache.
+    """
+    count = jax.tree.leaves(rows)[0].shape[-1]
+    parts = -(-count // size)
+
+    def split(leaf: jax.Array) -> jax.Array:
+        padded = jnp.pad(leaf, [(0, 0)] * (leaf.ndim - 1) + [(0, parts * size - count)], mode="edge")
+        return jnp.moveaxis(padded.reshape(*leaf.shape[:-1], parts, size), -2, 0)
+
+    def joined(leaf: jax.Array) -> jax.Array:
+        return jnp.moveaxis(leaf, 0, -2).reshape(*leaf.shape[1:-1], parts * size)[..., :count]
+
+    return jax.tree.map(joined, jax.lax.map(function, jax.tree.map(split, rows)))
