@@ -32,7 +32,7 @@ assert not [name for name in sys.modules if name.partition(".")[0] in ("jax", "n
 for name in "plot chaos design paper ensemble stability cpu classical solvers sweep verify scenario results".split():
     assert getattr(jaxball, name).__name__ == f"jaxball.{name}"
     assert name in shown
-assert jaxball.physics.laws.__name__ == "jaxball.physics.laws"
+assert jaxball.physics.integrals.__name__ == "jaxball.physics.integrals"
 assert dir(jaxball) == shown
 print(jaxball.__version__)
 """
@@ -81,7 +81,8 @@ def test_a_misspelt_name_is_an_attribute_error_with_a_suggestion():
 
 def public():
     """Every class and function of the interface, by the name under which a user finds it."""
-    for package in ["jaxball", *(f"jaxball.{name}" for name in PACKAGES), "jaxball.design.control"]:
+    packages = [f"jaxball.{module}" for module in jaxball._PACKAGES.values()]
+    for package in ["jaxball", *packages, "jaxball.design.control"]:
         module = importlib.import_module(package)
         for name in module.__all__:
             found = getattr(module, name)

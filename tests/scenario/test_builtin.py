@@ -39,7 +39,7 @@ def runs():
 
 
 def reference(name):
-    values = json.loads((files("jaxball") / "data" / f"paper_{name}.json").read_text())["values"]
+    values = json.loads((files("jaxball.paper") / "data" / f"paper_{name}.json").read_text())["values"]
     return np.array([[float(x) for x in values[str(t)]] for t in range(21)])
 
 

@@ -46,6 +46,6 @@ def paper_disk() -> jaxball.Disk:
 
 def reference(name: str) -> tuple[np.ndarray, list[str]]:
     """The reference states of ``name`` at t = 0, 1, ..., 20, shape (21, components), and their names."""
-    data = json.loads(files("jaxball").joinpath("data", f"{name}.json").read_text())
+    data = json.loads(files("jaxball.paper").joinpath("data", f"{name}.json").read_text())
     rows = [[float(x) for x in data["values"][str(t)]] for t in range(21)]
     return np.array(rows), data["state"]

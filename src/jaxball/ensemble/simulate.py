@@ -11,8 +11,7 @@ from jax.core import Tracer
 
 from ..interface.arguments import described, require
 from ..numerics.arrays import Numbers, to_numpy
-from ..physics.dynamics import field_of
-from ..physics.simulable import SimulableState, SimulableSystem
+from ..physics.system import AbstractState, AbstractSystem, require_state
 from ..simulation.simulate import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_steps, checked_tolerances
 from ..simulation.trajectory import Trajectory
 from .ensemble import Ensemble
@@ -30,9 +29,9 @@ _warm: set[Any] = set()
 
 
 def simulate_ensemble(
-    system: SimulableSystem,
+    system: AbstractSystem,
     times: Numbers,
-    state: SimulableState,
+    state: AbstractState,
     *,
     solver: diffrax.AbstractSolver | None = None,
     rtol: Numbers = DEFAULT_TOLERANCE,
@@ -71,7 +70,7 @@ def simulate_ensemble(
     **Raises:** ``ValueError`` where leading axes differ, ``TypeError`` for other solvers, and
     :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
-    field_of(system, state)
+    require_state(system, state)
     method = _checked_solver(DEFAULT_SOLVER if solver is None else solver)
     rtol, atol = checked_tolerances(rtol, atol)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
@@ -146,7 +145,7 @@ def _count(system: Any, state: Any, times: Any, *tolerances: Any) -> int:
     return runs
 
 
-def _joined(blocks: list[Any], system: SimulableSystem, times: Any, state: SimulableState, runs: int) -> Ensemble:
+def _joined(blocks: list[Any], system: AbstractSystem, times: Any, state: AbstractState, runs: int) -> Ensemble:
     executed = sum(int(block[-1]) for block in blocks)
     *found, reported = jax.tree.map(
         lambda *parts: jnp.asarray(np.concatenate(parts)[:runs]), *(block[:-1] for block in blocks)

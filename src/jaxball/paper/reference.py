@@ -68,3 +68,7 @@ def _load(name: str) -> Reference:
     for array in (times, values):
         array.setflags(write=False)
     return Reference(content["about"], times, tuple(content["state"]), values, decimals)
+
+
+def __dir__() -> list[str]:
+    return __all__

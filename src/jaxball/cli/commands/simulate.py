@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ...classical import AbstractClassicalSystem
 from ...interface.output import check_destination
+from ...physics.body import AbstractBody
 from ...results import SUFFIXES, save
 from ...results.provenance import attributes
 from ...scenario import Scenario, ScenarioError
@@ -54,7 +54,7 @@ def _run(options: argparse.Namespace) -> int:
     if options.solver is not None:
         check_dae(scenario.system, options.solver, scenario.dae, "Argument `--solver`")
     check_film(options, scenario)
-    touches = not isinstance(scenario.system, AbstractClassicalSystem)
+    touches = isinstance(scenario.system, AbstractBody)
     trajectory = scenario.simulate(dense=touches, events=_events(options, scenario))
     if options.out is not None:
         save(trajectory, options.out, scenario)
@@ -94,7 +94,7 @@ def _summary(scenario: Scenario, trajectory: Trajectory, written: Sequence[str])
     lines = [str(trajectory)]
     if scenario.title:
         lines.insert(0, scenario.title)
-    lines += _laws(trajectory) if isinstance(scenario.system, AbstractClassicalSystem) else _contact(trajectory)
+    lines += _contact(trajectory) if isinstance(scenario.system, AbstractBody) else _laws(trajectory)
     if written:
         lines.append("  written: " + ", ".join(written))
     return "\n".join(lines)
@@ -105,7 +105,7 @@ def _content(scenario: Scenario, trajectory: Trajectory[Any, Any]) -> dict[str, 
     about = {name: value for name, value in attributes(trajectory, scenario).items() if name != "format"}
     end = {name: np.asarray(leaf)[-1] for name, leaf in vars(trajectory.state).items()}
     content = {**about, "ok": trajectory.ok, "time": float(trajectory.times[-1]), "state": end}
-    if isinstance(scenario.system, AbstractClassicalSystem):
+    if not isinstance(scenario.system, AbstractBody):
         content["law_changes"] = _law_changes(trajectory)
     return content
 
@@ -116,7 +116,7 @@ def _events(options: argparse.Namespace, scenario: Scenario) -> dict[str, Abstra
         found["slip"] = Slip(options.friction)
     if options.detachment:
         found["detachment"] = Detachment()
-    if found and isinstance(scenario.system, AbstractClassicalSystem):
+    if found and not isinstance(scenario.system, AbstractBody):
         raise ScenarioError(
             "Arguments `--friction` and `--detachment` must be left out for what touches no plane, such as the "
             f"{scenario.system.title} of this scenario."
