@@ -49,7 +49,6 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         with_integrated_angles as with_integrated_angles,
         with_masses as with_masses,
     )
-    from .physics.dynamics import vector_field as vector_field
     from .physics.feedback import (
         AbstractLaw as AbstractLaw,
         FollowSchedules as FollowSchedules,
@@ -102,6 +101,11 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         RotationState as RotationState,
         State as State,
     )
+    from .physics.system import (
+        AbstractState as AbstractState,
+        AbstractSystem as AbstractSystem,
+        vector_field as vector_field,
+    )
     from .physics.validity import problems as problems
     from .results import load_run as load_run, save as save, to_dataset as to_dataset
     from .scenario import (
@@ -127,7 +131,6 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
 else:
     _NAMES = {
         "physics.body": "Ball Disk PointMass System with_integrated_angles with_masses",
-        "physics.dynamics": "vector_field",
         "simulation.equilibrium": "Balance balance with_angles",
         "simulation.events": "AbstractEvent Detachment Event Slip",
         "simulation.extremes": "ContactExtremes contact_extremes",
@@ -148,6 +151,7 @@ else:
         ),
         "simulation.simulate": "PrecisionError simulate",
         "physics.state": "BallState DiskState ReducedState RotationState State",
+        "physics.system": "AbstractState AbstractSystem vector_field",
         "interface.status": "SolveError Status",
         "simulation.trajectory": "Trajectory",
         "physics.validity": "problems",

@@ -148,8 +148,14 @@ STATES = [
         lambda: run(state=BallState(Omega=jnp.ones((4, 3)))),
         r"must be one state, with `Omega` of shape \(3,\), .*\(4, 3\)",
     ),
-    (lambda: run(state=BallState), "`state` must be a state of a Ball, but it is the class BallState"),
-    (lambda: run(state=[0.0, 1.0]), "`state` must be a state of a Ball, but it is the list"),
+    (
+        lambda: run(state=BallState),
+        "`state` must be a BallState or .* for a Ball, but it is the class BallState",
+    ),
+    (
+        lambda: run(state=[0.0, 1.0]),
+        "`state` must be a BallState or .* for a Ball, but it is the list",
+    ),
     (
         lambda: run(system=FreeRigidBody(inertia=(1.0, 1.0, 1.0)), state=BALL),
         "`state` must be a RigidBodyState for a Fr",
@@ -182,7 +188,7 @@ CALLS = [
     (lambda: run(max_steps=0), "`max_steps` must be 1 or more, but it is 0"),
     (
         lambda: run(system=jaxball.Ball),
-        "`system` must be a Ball, a Disk or one of jaxball.classical.*the class Ball; make",
+        "`system` must be a Ball, a Disk, one of jaxball.classical or another AbstractSystem.*the class Ball; make",
     ),
     (lambda: run(system=scenario()), "`system` must be a Ball.*but it is a Scenario; its `system` is a Ball"),
     (lambda: jaxball.problems(scenario()), "`system` must be a Ball.*but it is a Scenario"),

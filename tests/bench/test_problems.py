@@ -13,7 +13,7 @@ import jaxball
 from jaxball import paper
 from jaxball.bench import translate
 from jaxball.bench.problems import ALL
-from jaxball.physics.dynamics import vector_field
+from jaxball.physics.system import vector_field
 from tests.support import collocation, direct_sum
 from tests.support.paper import BALL_DIRECTIONS, BALL_RADII, reference
 

@@ -184,12 +184,12 @@ def no_type_checks():
         (
             lambda: jaxball.simulate(jaxball.Ball(mass=1.0, inertia=(1.0, 1.0, 1.0)), TIMES, START),
             TypeError,
-            "`state` must be a state of a Ball, but it is a RigidBodyState",
+            "`state` must be a BallState or .* for a Ball, but it is a RigidBodyState",
         ),
         (
             lambda: jaxball.simulate(classical.NonholonomicParticle(), TIMES, solver=RadauIIA(stages=3), dae=True),
             TypeError,
-            "`state` must be a BallState, a ReducedState or a RigidBodyState where `dae` is True",
+            "`state` must be a state with a unit vector.*RigidBodyState where `dae` is True",
         ),
     ],
 )

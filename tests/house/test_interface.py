@@ -32,7 +32,7 @@ assert not [name for name in sys.modules if name.partition(".")[0] in ("jax", "n
 for name in "plot chaos design paper ensemble stability cpu classical solvers sweep verify scenario results".split():
     assert getattr(jaxball, name).__name__ == f"jaxball.{name}"
     assert name in shown
-assert jaxball.physics.laws.__name__ == "jaxball.physics.laws"
+assert jaxball.physics.integrals.__name__ == "jaxball.physics.integrals"
 assert dir(jaxball) == shown
 print(jaxball.__version__)
 """

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics import laws, momentum
+from jaxball.physics import integrals, momentum
 from jaxball.physics.dynamics import driven_angles
 from jaxball.physics.moments import moments
 from tests.support.flow import along_flow
@@ -42,7 +42,7 @@ def momentum_quantities(ball, t, state):
     Ftilde = state.Lambda.T @ ball.force(t)
     Pi = momentum.contact_momentum(*place)
     Pi_rate = momentum.contact_momentum_rate(at, ball.radius, ball.gravity, Pi, state.Omega, state.Gamma, Ftilde)
-    return (Pi, laws.jellett(*place)), (Pi_rate, laws.jellett_rate(*place, Ftilde))
+    return (Pi, integrals.jellett(*place)), (Pi_rate, integrals.jellett_rate(*place, Ftilde))
 
 
 @jax.jit
@@ -109,6 +109,6 @@ def test_jellett_is_the_angular_momentum_about_the_centre_of_mass_along_s():
     )
     at = jax.jit(moments)(ball, jnp.asarray(0.0), (jnp.zeros(0),) * 3)
     Omega, Gamma = jnp.asarray([0.3, -0.7, 1.1]), jnp.asarray([0.6, 0.0, 0.8])
-    general = laws.jellett(at, ball.radius, Omega, Gamma)
-    special = laws.routh_integrals(at, ball.radius, Omega, Gamma).jellett
+    general = integrals.jellett(at, ball.radius, Omega, Gamma)
+    special = integrals.routh_integrals(at, ball.radius, Omega, Gamma).jellett
     np.testing.assert_allclose(general, special, rtol=1e-14)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball.physics import laws, momentum
+from jaxball.physics import integrals, momentum
 from jaxball.physics.dynamics import driven_angles
 from jaxball.physics.moments import moments
 
@@ -24,7 +24,7 @@ def momenta(trajectory):
         ball = trajectory.system.prepare()
         place = moments(ball, t, driven_angles(ball, t, state)), ball.radius, state.Omega, state.Gamma
         Pi = momentum.contact_momentum(*place)
-        return Pi, state.Lambda @ Pi, state.Gamma, laws.routh_integrals(*place)
+        return Pi, state.Lambda @ Pi, state.Gamma, integrals.routh_integrals(*place)
 
     return jax.vmap(at_time)(trajectory.times, trajectory.state)
 

@@ -16,7 +16,7 @@ from ..interface.status import Status
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.batches import in_threads, unpadded
 from ..physics.phase_space import normal_of, phase_point
-from ..physics.simulable import SimulableState, SimulableSystem
+from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.simulate import checked_solver, checked_tolerances
 from .spectrum import Method, interval_edges
 from .system import system_spectrum
@@ -24,7 +24,7 @@ from .system import system_spectrum
 if TYPE_CHECKING:
     import xarray
 
-Make = Callable[[Float[Array, ""], Float[Array, ""]], tuple[SimulableSystem, SimulableState]]
+Make = Callable[[Float[Array, ""], Float[Array, ""]], tuple[AbstractSystem, AbstractState]]
 
 
 def chart(

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers
-from ..physics.simulable import SimulableState, SimulableSystem
+from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.events import Event
 from ..simulation.simulate import DEFAULT_TOLERANCE, simulate
 
@@ -53,10 +53,10 @@ class PoincareMap(Printed):
 
 
 def poincare_map(
-    system: SimulableSystem,
+    system: AbstractSystem,
     section: Callable[[Any, Float[Array, ""], Any], Any],
     times: Numbers,
-    state: SimulableState | None = None,
+    state: AbstractState | None = None,
     *,
     direction: int = 1,
     room: int = 1024,

@@ -7,11 +7,11 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from ..numerics.arrays import Numbers, to_array
-from ..physics.body import Ball, Disk
+from ..physics.body import AbstractBody
 from ..physics.contact import reaction
 from ..physics.packing import Packing
 from ..physics.phase_space import dimension, normal_of, phase_point
-from ..physics.simulable import SimulableState, SimulableSystem
+from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import possible_start
 from ..simulation.simulate import DEFAULT_TOLERANCE, at_rest, checked_solver, checked_steps, checked_tolerances
 from .result import LyapunovSpectrum
@@ -19,9 +19,9 @@ from .spectrum import Method, checked_count, interval_edges, spectrum
 
 
 def lyapunov_spectrum(
-    system: SimulableSystem,
+    system: AbstractSystem,
     times: Numbers,
-    state: SimulableState | None = None,
+    state: AbstractState | None = None,
     *,
     exponents: int | None = None,
     transient: float = 0.0,
@@ -64,14 +64,14 @@ def lyapunov_spectrum(
 
 
 @eqx.filter_jit
-def _solve(method: Method, system: SimulableSystem, state: SimulableState, edges, rtol, atol) -> LyapunovSpectrum:
+def _solve(method: Method, system: AbstractSystem, state: AbstractState, edges, rtol, atol) -> LyapunovSpectrum:
     return system_spectrum(method, system, state, edges, rtol, atol)
 
 
 def system_spectrum(
     method: Method,
-    system: SimulableSystem,
-    state: SimulableState,
+    system: AbstractSystem,
+    state: AbstractState,
     edges: Float[Array, " edges"],
     rtol: Float[Array, ""],
     atol: Float[Array, ""],
@@ -98,5 +98,5 @@ def system_spectrum(
         atol,
         kinks,
         possible_start(system, edges, state),
-        normal_force if isinstance(system, Ball | Disk) else None,
+        normal_force if isinstance(system, AbstractBody) else None,
     )

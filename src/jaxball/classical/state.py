@@ -1,13 +1,10 @@
 """The states of the classical systems."""
 
-from collections.abc import Iterator
-
 import equinox as eqx
 from jaxtyping import Array, Float
 
 from ..numerics.arrays import Numbers, numbers, to_array
 from ..numerics.versor import rotation_matrix, vertical_in_body
-from ..physics.conditions import Condition, versor
 from .base import AbstractClassicalState
 
 
@@ -32,6 +29,8 @@ class RigidBodyState(AbstractClassicalState):
     q: Float[Array, "*batch 4"] = eqx.field(converter=numbers("q", (4,), batch=True), default=(1.0, 0.0, 0.0, 0.0))
     Omega: Float[Array, "*batch 3"] = eqx.field(converter=numbers("Omega", (3,), batch=True), default=(0.0, 0.0, 0.0))
 
+    unit_vector = "q"
+
     @property
     def Lambda(self) -> Float[Array, "3 3"]:
         """The rotation matrix Λ from body to space."""
@@ -41,10 +40,6 @@ class RigidBodyState(AbstractClassicalState):
     def Gamma(self) -> Float[Array, "3"]:
         """Γ = Λ⁻¹ e3."""
         return vertical_in_body(self.q)
-
-    def conditions(self) -> Iterator[Condition]:
-        yield versor(self.q)
-        yield from super().conditions()
 
 
 class ParticleState(AbstractClassicalState):

@@ -10,8 +10,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
-from ..classical import AbstractClassicalSystem
 from ..interface.output import OutputError, check_destination, replacing
+from ..physics.body import AbstractBody
 from ..scenario import Scenario, ScenarioError
 from ..simulation.trajectory import Trajectory
 from .options import count, number, positive
@@ -50,7 +50,7 @@ def check_animation(options: argparse.Namespace, scenario: Scenario) -> None:
         raise OutputError(
             f"Argument `--fps` must be at most {MOST_FRAMES_A_SECOND[suffix]} for {suffix}, but it is {options.fps}."
         )
-    if isinstance(scenario.system, AbstractClassicalSystem):
+    if not isinstance(scenario.system, AbstractBody):
         raise OutputError(
             f"Argument `--animate` must be left out for a {scenario.system.title}, which has no shell to draw, but it "
             f'is "{options.animate}"; use --plot or --out.'

@@ -9,7 +9,6 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
 from ..physics.body import System
-from ..physics.dae import projected
 from ..physics.state import BallState, DiskState
 from .scales import default_scale
 
@@ -36,4 +35,4 @@ class Components:
 
     def unpack(self, components: Float[Array, " components"]) -> Any:
         """The state of the components, its versor normalised."""
-        return projected(self._unravel(components * jnp.asarray(self.scale, dtype=components.dtype)))
+        return self._unravel(components * jnp.asarray(self.scale, dtype=components.dtype)).projected()

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..physics.body import Disk
-from ..physics.simulable import SimulableSystem
+from ..physics.system import AbstractSystem
 from ..scenario.table import Family, Key, Module, join, member_of
 from ..scenario.values import NOT_ALL_ZERO, POSITIVE, Flag, Numbers, Rule, key_error
 from . import constraints, objectives
@@ -54,7 +54,7 @@ PLANE = Plane(Numbers((2,)), Numbers((None, 2)), Key(NUMBER), Numbers((4,), NOT_
 LINE = Plane(OnLine(), OnLine((None,)), Key(Numbers(rule=_FLAT), 0.0), Numbers((4,), _ABOUT_E2))
 
 
-def plane_of(system: SimulableSystem) -> Plane:
+def plane_of(system: AbstractSystem) -> Plane:
     """Where the places of a system are."""
     return LINE if isinstance(system, Disk) else PLANE
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..numerics.arrays import Numbers, require_shape, to_array
 from ..physics.body import Disk
-from ..physics.simulable import SimulableSystem
+from ..physics.system import AbstractSystem
 from .errors import DesignError
 
 # What is less beside e1 than this share of how far it goes is rounding.
@@ -69,7 +69,7 @@ def beside(points: Float[ArrayLike, "n 2"]) -> str:
     return f"a place {most:.6g} beside e1" if most > ROUNDING * np.max(points, initial=0.0) else ""
 
 
-def require_reach(system: SimulableSystem, wanted: Mapping[str, Wanted]) -> None:
+def require_reach(system: AbstractSystem, wanted: Mapping[str, Wanted]) -> None:
     """Refuses objectives and constraints that no disk can meet.
 
     **Raises:** :class:`DesignError`, with the name of the first one, where the system is a disk.

@@ -15,8 +15,7 @@ from ..interface.arguments import described, require
 from ..interface.printing import Printed, shown
 from ..numerics.arrays import Numbers, to_numpy
 from ..numerics.batches import even_size, in_threads, unpadded
-from ..physics.dynamics import field_of
-from ..physics.simulable import SimulableState, SimulableSystem
+from ..physics.system import AbstractState, AbstractSystem, require_state
 from ..simulation.simulate import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_steps, checked_tolerances
 from ..simulation.trajectory import Trajectory
 from .parameters import for_all_rows, shared_leaves
@@ -61,9 +60,9 @@ class Ensemble(Printed):
 
 
 def simulate_ensemble(
-    system: SimulableSystem,
+    system: AbstractSystem,
     times: Numbers,
-    state: SimulableState,
+    state: AbstractState,
     *,
     solver: diffrax.AbstractSolver | None = None,
     rtol: Numbers = DEFAULT_TOLERANCE,
@@ -118,7 +117,7 @@ def simulate_ensemble(
     >>> print(ensemble.trajectory.state.z[:, -1])
     [2. 4. 6.]
     """
-    field_of(system, state)
+    require_state(system, state)
     method = _checked_solver(DEFAULT_SOLVER if solver is None else solver)
     rtol, atol = checked_tolerances(rtol, atol)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)

@@ -1,102 +1,86 @@
-"""The rolling bodies: a ball or a disk with point masses inside. Parameters only; see ``state``."""
+"""The rolling bodies, a ball or a disk with point masses inside, as mechanical systems."""
 
-import dataclasses
-from collections.abc import Sequence
-from typing import Any, TypeVar
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Bool, Float
 
-from ..interface.arguments import require, require_each, require_function
-from ..interface.printing import Printed, entry, shown, shown_fields
-from ..numerics.arrays import Numbers, a_number, numbers, to_array
+from ..interface.wording import counted
+from ..numerics.arrays import Numbers, default_dtype, to_array
+from .breaches import breaches, force_in_plane
+from .conditions import Condition, Problem, all_hold, positive, positive_inertia, real_inertia
+from .confinement import beside, confined, time_of_leaving
+from .dynamics import ball_acceleration, disk_acceleration, driven_angles
 from .feedback import AbstractLaw, FollowSchedules
-from .force import AbstractForce, FunctionForce, HarmonicForce
-from .motion import AbstractMotion, Driven, OnRail
-from .rails import AbstractRail
-from .schedules import AbstractSchedule
+from .locked import from_locked, locked_field, to_locked
+from .moments import kinematics
+from .motion import Driven, OnRail
+from .parameters import BodyParameters, PointMass
+from .state import BallState, DiskState, ReducedState, RotationState, State
+from .system import AbstractSystem
 
-MOST_PRINTED = 12
 AnyBody = TypeVar("AnyBody", bound="AbstractBody")
 
 
-class PointMass(Printed):
-    """A point mass m_i and its motion in the ball.
+class AbstractBody(BodyParameters, AbstractSystem[Any]):
+    """What a ball and a disk share as systems.
 
-    **Arguments:**
-
-    - ``mass``: m_i, in units of mass.
-    - ``motion``: where it is in the ball: an :class:`~jaxball.OnRail`, :class:`~jaxball.Driven`,
-      :class:`~jaxball.Fixed`, :class:`~jaxball.Oscillating` or :class:`~jaxball.Free`.
-
-    **Example:**
-
-    >>> from jaxball import Fixed, PointMass
-    >>> PointMass(0.5, Fixed((0.0, 0.0, -0.5)))
-    PointMass(mass=0.5, motion=Fixed(position=(0.0, 0.0, -0.5)))
+    A solve advances the locked angular velocity W in the place of Ω; the module ``locked`` says why.
     """
 
-    mass: Float[Array, "*group"] = eqx.field(converter=numbers("mass"))
-    motion: AbstractMotion
+    __init__ = BodyParameters.__init__  # type checkers would make another of the fields
 
-    def __check_init__(self):
-        on_rail = isinstance(self.motion, AbstractRail | AbstractSchedule)
-        remedy = "OnRail(rail, schedule) is one, and Driven(rail) for a feedback law" if on_rail else ""
-        require("motion", self.motion, AbstractMotion, "a motion, such as OnRail(...)", remedy)
+    def described(self) -> str:
+        masses = counted(self.n_masses, "point mass", "point masses") if self.n_masses else "no point masses"
+        return f"{self.title} with {masses}"
 
-
-class AbstractBody(Printed):
-    """What a ball and a disk share: a shell, gravity, a force, and masses.
-
-    Masses whose motions have the same structure are stacked into one group with a leading axis, so
-    that the cost of compiling does not grow with their number. ``point_masses`` undoes it; ``order``
-    holds the indices of each group's masses, and ``driven`` those whose θ and θ̇ belong to the state.
-    """
-
-    mass: eqx.AbstractVar[Float[Array, "*group"]]
-    radius: eqx.AbstractVar[Float[Array, "*group"]]
-    offset: eqx.AbstractVar[Float[Array, "*group 3"]]
-    gravity: eqx.AbstractVar[Float[Array, "*group"]]
-    force: eqx.AbstractVar[AbstractForce | None]
-    groups: eqx.AbstractVar[tuple[PointMass, ...]]
-    order: eqx.AbstractVar[tuple[tuple[int, ...], ...]]
-    driven: eqx.AbstractVar[tuple[int, ...]]
-    law: eqx.AbstractVar[AbstractLaw | None]
-
-    def __repr__(self) -> str:
-        own = [field for field in dataclasses.fields(self) if field.name not in ("groups", "order", "driven")]
-        lines: dict[int, str] = {}
-        for group, indices in zip(vars(self).get("groups", ()), vars(self).get("order", ()), strict=True):
-            axis = max(np.ndim(group.mass) - 1, 0)  # the axes before it are those of a batch
-            for k, index in enumerate(indices):
-                item = jax.tree.map(lambda leaf, k=k, axis=axis: entry(leaf, axis, k), group)
-                lines[index] = f"  masses[{index}]: {shown(item)}"
-        found = [lines[index] for index in sorted(lines)]
-        if len(found) > MOST_PRINTED:
-            found = [*found[:MOST_PRINTED], f"  and {len(found) - MOST_PRINTED} masses more"]
-        return "\n".join([shown_fields(self, own), *found])
-
-    @property
-    def point_masses(self) -> tuple[PointMass, ...]:
-        """The masses one by one, in the order in which they were given."""
-        found: dict[int, PointMass] = {}
+    def conditions(self) -> Iterator[Condition]:
+        yield Condition(positive(self.mass), "mass", self.mass, "a positive number")
+        yield Condition(positive(self.radius), "radius", self.radius, "a positive number")
+        yield positive_inertia(self.inertia)
+        if not self.planar:
+            yield real_inertia(self.inertia)
+        yield Condition(jnp.isfinite(self.gravity), "gravity", self.gravity, "a finite number")
+        yield Condition(
+            jnp.sum(self.offset**2) <= self.radius**2,
+            "offset",
+            self.offset,
+            "a point inside the shell, nearer to the centre than the radius",
+        )
+        if self.planar:
+            flat = ~beside(self, self.offset)
+            yield Condition(flat, "offset", self.offset, "in the plane of a disk, E1 and E3, with second entry 0")
         for group, indices in zip(self.groups, self.order, strict=True):
-            for k, index in enumerate(indices):
-                found[index] = jax.tree.map(lambda leaf, k=k: leaf[k], group)
-        return tuple(found[i] for i in range(self.n_masses))
+            names = tuple(f"masses[{index}].mass" for index in indices)
+            holds = (group.mass > 0) & jnp.isfinite(group.mass)
+            yield Condition(holds, names, group.mass, "a positive number")
 
-    @property
-    def n_masses(self) -> int:
-        """The number n of point masses."""
-        return sum(len(indices) for indices in self.order)
+    def default_state(self) -> State:
+        if self.driven:
+            raise ValueError(
+                f"Argument `state` must be given, because the masses {list(self.driven)} are driven by a feedback "
+                "law and their angles belong to the state; pass BallState(theta=..., thetadot=...)."
+            )
+        return super().default_state()
 
-    @property
-    def total_mass(self) -> Float[Array, ""]:
-        """M = Σ m_i, the shell included."""
-        return self.mass + sum(jnp.sum(group.mass) for group in self.groups)
+    def require_state(self, state: Any) -> None:
+        super().require_state(state)
+        driven = len(self.driven)
+        if state.theta.shape[-1] != driven or state.thetadot.shape[-1] != driven:
+            raise ValueError(
+                f"Argument `state` must have {driven} entries in theta and in thetadot, one for each driven mass, "
+                f"but it has {state.theta.shape[-1]} and {state.thetadot.shape[-1]}."
+            )
+
+    def numbers(self) -> Iterator[tuple[str, Array]]:
+        for name in ("mass", "radius", "inertia", "offset", "gravity"):
+            yield name, getattr(self, name)
+        for index, item in enumerate(self.point_masses):
+            yield f"masses[{index}].mass", item.mass
 
     def prepare(self: AnyBody) -> AnyBody:
         """The same body with splines solved and frames turned to matrices: once a solve, not once a step."""
@@ -109,17 +93,40 @@ class AbstractBody(Printed):
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
         """The times, in no order, at which χ̈ of a prescribed motion jumps or bends."""
-        found = [
+        times = [
             jnp.ravel(eqx.filter_vmap(lambda motion: motion.kinks())(group.motion))
             for group in self.groups
             if not isinstance(group.motion, Driven)
         ]
-        return jnp.concatenate(found) if found else jnp.zeros((0,), dtype=self.mass.dtype)
+        return jnp.concatenate(times) if times else jnp.zeros((0,), dtype=self.mass.dtype)
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
         """The times, in no order, at which the feedback law or the force jumps or bends."""
-        found = [source.kinks() for source in (self.law, self.force) if source is not None]
-        return jnp.concatenate(found) if found else jnp.zeros((0,), dtype=self.mass.dtype)
+        times = [source.kinks() for source in (self.law, self.force) if source is not None]
+        return jnp.concatenate(times) if times else jnp.zeros((0,), dtype=self.mass.dtype)
+
+    def to_packed(self, t: Float[Array, ""], state: Any) -> Any:
+        return to_locked(self, t, state)
+
+    def from_packed(self, t: Float[Array, ""], packed: Any) -> Any:
+        return from_locked(self, t, packed)
+
+    def packed_field(self, t: Float[Array, ""], packed: Any) -> Any:
+        return locked_field(self, t, packed)
+
+    def confined(self, times: Float[Array, " T"], state: Any) -> Bool[Array, ""]:
+        return confined(self, times, state) & all_hold(force_in_plane(self, times))
+
+    def time_of_leaving(self, times: Float[Array, " T"], states: Any) -> Float[Array, ""]:
+        return time_of_leaving(self, times, states.theta)
+
+    def breaches(self, times: Float[np.ndarray, " T"], state: Any | None, states: Any | None) -> Iterator[Problem]:
+        for condition in force_in_plane(self, jnp.asarray(times, default_dtype())):
+            yield from condition.problems()
+        theta = states.theta if states is not None else None if state is None else state.theta[None]
+        yield from breaches(self, times, None if theta is None else np.asarray(theta))
+        if state is not None:
+            yield from _wild_masses(self, times[0], state)
 
 
 class Ball(AbstractBody):
@@ -153,30 +160,28 @@ class Ball(AbstractBody):
     1.5
     """
 
-    mass: Float[Array, "*group"]
-    inertia: Float[Array, "*group 3"]
-    radius: Float[Array, "*group"]
-    offset: Float[Array, "*group 3"]
-    gravity: Float[Array, "*group"]
-    force: AbstractForce | None
-    groups: tuple[PointMass, ...]
-    order: tuple[tuple[int, ...], ...] = eqx.field(static=True)
-    driven: tuple[int, ...] = eqx.field(static=True)
-    law: AbstractLaw | None
+    __init__ = BodyParameters.__init__
 
-    def __init__(
-        self,
-        *,
-        mass: Numbers,
-        inertia: Numbers,
-        radius: Numbers = 1.0,
-        offset: Numbers = (0.0, 0.0, 0.0),
-        gravity: Numbers = 1.0,
-        force: AbstractForce | None = None,
-        masses: Sequence[PointMass] = (),
-        law: AbstractLaw | None = None,
-    ):
-        _fill(self, (3,), mass, inertia, radius, offset, gravity, force, masses, law)
+    title: ClassVar[str] = "ball"
+    state_type: ClassVar[Any] = BallState
+    other_state_types: ClassVar[tuple[Any, ...]] = (RotationState, ReducedState)
+
+    def field(self, t: Float[Array, ""], state: Any) -> Any:
+        """``rolling_ball_ode_f``, ``uncon_ball_eqns_explicit_full`` or ``uncon_ball_eqns_explicit``, by the state."""
+        angles = driven_angles(self, t, state)
+        return state.rates(self.radius, ball_acceleration(self, t, state, angles), angles)
+
+    def require_state(self, state: Any) -> None:
+        super().require_state(state)
+        if self.force is not None and isinstance(state, ReducedState):
+            raise ValueError(
+                "Argument `ball` must have no external force in the reduced system, because the force's "
+                "direction in the body is not known from (Omega, Gamma); use a BallState."
+            )
+
+    def phase_point(self, state: Any) -> BallState | ReducedState:
+        """(Ω, Γ), unless a force acts, which they cannot express."""
+        return state.reduced() if self.force is None else state.in_space()
 
 
 class Disk(AbstractBody):
@@ -198,43 +203,22 @@ class Disk(AbstractBody):
       masses[0]: PointMass(mass=0.5, motion=Fixed(position=(0.0, 0.0, -0.5)))
     """
 
-    mass: Float[Array, "*group"]
-    inertia: Float[Array, "*group"]
-    radius: Float[Array, "*group"]
-    offset: Float[Array, "*group 3"]
-    gravity: Float[Array, "*group"]
-    force: AbstractForce | None
-    groups: tuple[PointMass, ...]
-    order: tuple[tuple[int, ...], ...] = eqx.field(static=True)
-    driven: tuple[int, ...] = eqx.field(static=True)
-    law: AbstractLaw | None
+    __init__ = BodyParameters.__init__
 
-    def __init__(
-        self,
-        *,
-        mass: Numbers,
-        inertia: Numbers,
-        radius: Numbers = 1.0,
-        offset: Numbers = (0.0, 0.0, 0.0),
-        gravity: Numbers = 1.0,
-        force: AbstractForce | None = None,
-        masses: Sequence[PointMass] = (),
-        law: AbstractLaw | None = None,
-    ):
-        _fill(self, (), mass, inertia, radius, offset, gravity, force, masses, law)
+    inertia_shape: ClassVar[tuple[int, ...]] = ()
+    planar: ClassVar[bool] = True
+    title: ClassVar[str] = "disk"
+    state_type: ClassVar[Any] = DiskState
+
+    def field(self, t: Float[Array, ""], state: DiskState) -> DiskState:
+        """``eq_rdisk_dynamics``."""
+        angles = driven_angles(self, t, state)
+        return state.rates(self.radius, disk_acceleration(self, t, state, angles), angles)
 
     def embedded(self) -> Ball:
         """The disk as a ball of three equal moments that rolls in the plane of e1 and e3."""
-        return Ball(
-            mass=self.mass,
-            inertia=jnp.stack([self.inertia] * 3),
-            radius=self.radius,
-            offset=self.offset,
-            gravity=self.gravity,
-            force=self.force,
-            masses=self.point_masses,
-            law=self.law,
-        )
+        arguments: dict[str, Any] = {**self.arguments, "inertia": jnp.stack([self.inertia] * 3)}
+        return Ball(**arguments)
 
 
 System = Ball | Disk
@@ -256,16 +240,7 @@ def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | 
     >>> with_masses(empty, [PointMass(0.5, Fixed((0.0, 0.0, -0.5)))]).n_masses
     1
     """
-    return type(system)(
-        mass=system.mass,
-        inertia=system.inertia,
-        radius=system.radius,
-        offset=system.offset,
-        gravity=system.gravity,
-        force=system.force,
-        masses=masses,
-        law=law,
-    )
+    return type(system)(**{**system.arguments, "masses": masses, "law": law})
 
 
 def with_integrated_angles(system: System, t0: Numbers = 0.0) -> tuple[System, dict[str, Array]]:
@@ -306,54 +281,16 @@ def with_integrated_angles(system: System, t0: Numbers = 0.0) -> tuple[System, d
     return with_masses(system, masses, law), angles
 
 
-def _fill(body, inertia_shape, mass, inertia, radius, offset, gravity, force, masses, law) -> None:
-    """Sets the fields of a ball or a disk in its constructor, and checks what does not depend on values."""
-    body.mass, body.radius, body.gravity = (
-        numbers(name)(x) for name, x in (("mass", mass), ("radius", radius), ("gravity", gravity))
-    )
-    body.inertia, body.offset = numbers("inertia", inertia_shape)(inertia), numbers("offset", (3,))(offset)
-    body.force, body.law = force, law
-    body.groups, body.order, body.driven = _grouped(masses)
-    _require_force(force)
-    _require_law(body)
+def _wild_masses(system: AbstractBody, t: float, state: State) -> Iterator[Problem]:
+    """The masses whose places or velocities are not finite at the start."""
+    places, rates = jax.tree.map(np.asarray, _at_start(system, state, t))
+    for index in np.flatnonzero(~np.all(np.isfinite(places) & np.isfinite(rates), axis=1)):
+        given = f"it gives {places[index].tolist()} and {rates[index].tolist()}"
+        yield Problem(f"masses[{index}].motion", f"give a finite place and a finite velocity at t = {t:g}", given)
 
 
-def _grouped(
-    masses: Sequence[PointMass],
-) -> tuple[tuple[PointMass, ...], tuple[tuple[int, ...], ...], tuple[int, ...]]:
-    """The masses stacked by structure, the indices of each group's masses, and those of the driven ones."""
-    require_each("masses", masses, PointMass, "a PointMass")
-    members: dict[Any, list[int]] = {}
-    for index, item in enumerate(masses):
-        leaves, structure = jax.tree.flatten(item)
-        members.setdefault((structure, tuple(np.shape(leaf) for leaf in leaves)), []).append(index)
-    order = tuple(tuple(indices) for indices in members.values())
-    groups = tuple(
-        jax.tree.map(lambda *leaves: jnp.stack(leaves), *(masses[index] for index in indices)) for indices in order
-    )
-    driven = tuple(index for index, item in enumerate(masses) if isinstance(item.motion, Driven))
-    return groups, order, driven
-
-
-def _require_force(force: AbstractForce | None) -> None:
-    if force is None:
-        return
-    given = isinstance(force, list | tuple | jax.Array | np.ndarray)
-    require("force", force, AbstractForce, "a force or None", "HarmonicForce(constant) is one" if given else "")
-    if not isinstance(force, HarmonicForce | FunctionForce):  # which have been checked when they were made
-        require_function("force", force, (3,), t=a_number())
-
-
-def _require_law(body: AbstractBody) -> None:
-    if body.law is not None:
-        remedy = "FunctionLaw(function) is one" if callable(body.law) else ""
-        require("law", body.law, AbstractLaw, "a feedback law or None", remedy)
-    if body.driven and body.law is None:
-        raise ValueError(
-            f"Argument `law` must be a feedback law, because the masses {list(body.driven)} are driven by "
-            "one, but it is None; give a law, or put those masses on a rail with a schedule."
-        )
-    if body.law is not None and not body.driven:
-        raise ValueError("Argument `law` must be None, because no mass is driven by it; use `Driven(rail)`.")
-    if body.law is not None:
-        body.law.require_driven(len(body.driven))
+@eqx.filter_jit
+def _at_start(system: AbstractBody, state: State, t: Float[ArrayLike, ""]):
+    """Places and velocities of the masses."""
+    at = kinematics(system.prepare(), jnp.asarray(t, system.mass.dtype), (state.theta, state.thetadot, state.theta))
+    return at.chi, at.chidot

@@ -1,7 +1,10 @@
-"""What of a body breaks the rule of ``confinement``: which mass, where and when, and how far it is from the centre."""
+"""What of a body breaks the rule of ``confinement``: which mass, where and when, and how far it is from the centre.
+
+A force that would turn a disk out of its plane is told here too.
+"""
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -11,7 +14,7 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ..numerics.calculus import Furthest
 from ..numerics.norms import length
-from .body import Disk, System
+from .conditions import Condition, Problem
 from .confinement import (
     TIME_SAMPLES,
     beside,
@@ -20,9 +23,12 @@ from .confinement import (
     is_bounded,
     rail_of,
     rail_points,
+    rounding,
     time_of_crossing,
+    time_samples,
 )
 from .motion import AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating
+from .parameters import BodyParameters
 from .rails import AbstractRail
 from .schedules import Sinusoids
 
@@ -30,27 +36,12 @@ MOST_SAMPLES = 2**18
 SAMPLES_PER_WAVE = 64
 
 
-class Breach(NamedTuple):
-    """What of a mass is not in the body.
-
-    - ``mass``: its index.
-    - ``part``: what of it, "position", "rail", "schedule", "" for its motion as a whole; "theta" for the state at the
-      start, and "law" for what drives it.
-    - ``must``, ``but``: what it must do, and what it does, each a clause.
-    """
-
-    mass: int
-    part: str
-    must: str
-    but: str
-
-
 IN_PLANE = "lie in the plane of a disk, E1 and E3"
 
 
 def breaches(
-    system: System, times: Float[np.ndarray, " T"], theta: Float[np.ndarray, "t driven"] | None
-) -> Iterator[Breach]:
+    system: BodyParameters, times: Float[np.ndarray, " T"], theta: Float[np.ndarray, "t driven"] | None
+) -> Iterator[Problem]:
     """What is not in the body, from the first of ``times`` to the last; for numbers that are known.
 
     ``theta`` is that of driven masses at the first of ``times``, or at all; without it, they are not looked at.
@@ -60,8 +51,8 @@ def breaches(
 
 
 def _breaches(
-    system: System, times: Float[np.ndarray, " T"], theta: Float[np.ndarray, "t driven"] | None
-) -> Iterator[Breach]:
+    system: BodyParameters, times: Float[np.ndarray, " T"], theta: Float[np.ndarray, "t driven"] | None
+) -> Iterator[Problem]:
     inside = f"inside the shell of radius {float(system.radius):g}"
     for index, item in enumerate(system.point_masses):
         motion, rail = item.motion, rail_of(item.motion)
@@ -75,52 +66,51 @@ def _breaches(
             yield from _of_driven(system, index, rail, inside, times, np.asarray(theta))
 
 
-def _of_position(system: System, index: int, motion: Fixed, inside: str) -> Iterator[Breach]:
+def _of_position(system: BodyParameters, index: int, motion: Fixed, inside: str) -> Iterator[Problem]:
     if beyond(system, length(np.asarray(motion.position))):
-        yield Breach(index, "position", f"be a point {inside}", f"it is {motion.position.tolist()}")
+        yield Problem(f"masses[{index}].motion.position", f"be a point {inside}", f"it is {motion.position.tolist()}")
     if beside(system, motion.position):
-        yield Breach(index, "position", IN_PLANE, f"it passes {motion.position.tolist()}")
+        yield Problem(f"masses[{index}].motion.position", IN_PLANE, f"it passes {motion.position.tolist()}")
 
 
-def _of_rail(system: System, index: int, rail: AbstractRail, inside: str) -> Iterator[Breach]:
-    if isinstance(system, Disk):
-        yield from _out_of_plane(system, index, "rail", np.asarray(known_points(rail, system.radius)))
+def _of_rail(system: BodyParameters, index: int, rail: AbstractRail, inside: str) -> Iterator[Problem]:
+    if system.planar:
+        yield from _out_of_plane(system, f"masses[{index}].motion.rail", np.asarray(known_points(rail, system.radius)))
     if rail.period is None:
         return
     theta, distance = map(np.asarray, known_furthest(rail))
     if beyond(system, distance):
         (exactly,) = length(np.asarray(_points(rail, theta[None])))
         where = f"{exactly:.6g} from the centre at theta = {theta % rail.period:.6g}"
-        yield Breach(index, "rail", f"be a curve {inside}", f"it is {where}")
+        yield Problem(f"masses[{index}].motion.rail", f"be a curve {inside}", f"it is {where}")
 
 
 def _of_motion(
-    system: System, index: int, motion: AbstractPrescribedMotion, inside: str, times: Float[np.ndarray, " T"]
-) -> Iterator[Breach]:
-    part = "schedule" if isinstance(motion, OnRail) else ""
+    system: BodyParameters, index: int, motion: AbstractPrescribedMotion, inside: str, times: Float[np.ndarray, " T"]
+) -> Iterator[Problem]:
+    name = f"masses[{index}].motion" + (".schedule" if isinstance(motion, OnRail) else "")
     t = _fine_times(motion, times)
     (chi, top, *_), leaving = jax.tree.map(np.asarray, _course(system, motion, t))
-    yield from _out_of_plane(system, index, part, chi)
+    yield from _out_of_plane(system, name, chi)
     if leaving == t[0]:
         at, distance = t[0], length(chi[0])
-        yield Breach(index, part, f"keep the mass {inside}", f"it is {distance:.6g} from the centre at t = {at:.6g}")
+        yield Problem(name, f"keep the mass {inside}", f"it is {distance:.6g} from the centre at t = {at:.6g}")
     elif np.isfinite(leaving):
-        yield Breach(
-            index,
-            part,
+        yield Problem(
+            name,
             f"keep the mass {inside} from t = {times[0]:g} to t = {times[-1]:g}",
             f"the mass leaves it at t = {leaving:.6g}, and is {top.distance:.6g} from the centre at t = {top.x:.6g}",
         )
 
 
 def _of_driven(
-    system: System,
+    system: BodyParameters,
     index: int,
     rail: AbstractRail,
     inside: str,
     times: Float[np.ndarray, " T"],
     theta: Float[np.ndarray, "t driven"],
-) -> Iterator[Breach]:
+) -> Iterator[Problem]:
     distances = length(np.asarray(_points(rail, theta[:, system.driven.index(index)])))
     outside = np.flatnonzero(beyond(system, distances))
     if not outside.size:
@@ -129,16 +119,16 @@ def _of_driven(
     if k == 0:
         which = f"puts mass {index} at the distance {distances[0]:.6g} from the centre"
         but = f"it is {theta[0].tolist()}, which {which}"
-        yield Breach(index, "theta", f"be angles at which each mass is {inside}", but)
+        yield Problem("state.theta", f"be angles at which each mass is {inside}", but)
     else:
         but = f"the mass is {distances[k]:.6g} from the centre at t = {times[k]:.6g}"
-        yield Breach(index, "law", f"keep mass {index} {inside}", but)
+        yield Problem("law", f"keep mass {index} {inside}", but)
 
 
-def _out_of_plane(system: System, index: int, part: str, chi: Float[np.ndarray, "n 3"]) -> Iterator[Breach]:
+def _out_of_plane(system: BodyParameters, name: str, chi: Float[np.ndarray, "n 3"]) -> Iterator[Problem]:
     if np.any(beside(system, chi)):
         worst = chi[int(np.nanargmax(np.abs(chi[:, 1])))]
-        yield Breach(index, part, IN_PLANE, f"it passes {[round(x, 6) for x in worst.tolist()]}")
+        yield Problem(name, IN_PLANE, f"it passes {[round(x, 6) for x in worst.tolist()]}")
 
 
 def _fine_times(motion: AbstractPrescribedMotion, times: Float[np.ndarray, " T"]) -> Float[np.ndarray, " n"]:
@@ -169,8 +159,18 @@ def _points(rail: AbstractRail, theta):
 
 
 @eqx.filter_jit
-def _course(system: System, motion: Any, t):
+def _course(system: BodyParameters, motion: Any, t):
     """The course of a mass, and when it leaves the shell."""
     prepared = motion.prepare()
     seen = course(system, prepared, t)
     return seen, time_of_crossing(system, prepared, seen)
+
+
+def force_in_plane(system: BodyParameters, times: Float[Array, " T"]) -> Iterator[Condition]:
+    """The condition on the force on a disk, as far as it is seen; traceable."""
+    if not system.planar or system.force is None:
+        return
+    forces = jax.vmap(system.force)(time_samples(times))
+    largest = jnp.max(jnp.abs(forces), axis=0)
+    holds = ~(largest[1] > rounding(forces) * jnp.max(largest))
+    yield Condition(holds, "force", forces[0], "in the plane of a disk, E1 and E3, at all times")

@@ -1,20 +1,53 @@
 """Conditions that parameters and initial states must meet, as values that can be traced."""
 
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 UNIT = 1e-6  # how far the square of a unit vector may be from 1
 
 
 class Condition(NamedTuple):
-    """A condition on a parameter: whether it holds, which parameter, what it is and what it must be."""
+    """A condition on a number, or on several at once: whether it holds, their names, what they are and must be.
 
-    holds: Bool[Array, ""]
-    name: str
+    ``name`` is that of one number, however many entries it has; a tuple has one for each entry of ``holds``.
+    """
+
+    holds: Bool[Array, "*several"]
+    name: str | tuple[str, ...]
     value: Array
     must: str
+
+    def problems(self) -> Iterator["Problem"]:
+        """A problem for each number for which it does not hold, where numbers are known."""
+        if isinstance(self.name, str):
+            cases = [(self.holds, self.name, self.value)]
+        else:
+            cases = zip(self.holds, self.name, self.value, strict=True)
+        for holds, name, value in cases:
+            if not bool(holds):
+                yield Problem(name, f"be {self.must}", f"it is {np.asarray(value).tolist()}")
+
+
+class Problem(NamedTuple):
+    """A number that cannot be: its name in Python, and what it must do and does, each a clause."""
+
+    name: str
+    must: str
+    but: str
+
+    def sentence(self, kind: str = "Argument", name: str | None = None) -> str:
+        """The problem in a sentence, in which the number may have another name."""
+        return f"{kind} `{self.name if name is None else name}` must {self.must}, but {self.but}."
+
+
+def all_hold(conditions: Iterable[Condition]) -> Bool[Array, ""]:
+    """Whether all conditions hold; traceable."""
+    holds = [jnp.all(c.holds) if c.holds.ndim else c.holds for c in conditions]
+    return jnp.all(jnp.stack(holds)) if holds else jnp.asarray(True)
 
 
 def positive(x: Array) -> Bool[Array, ""]:
@@ -37,8 +70,7 @@ def real_inertia(d: Float[Array, "3"]) -> Condition:
     )
 
 
-def versor(q: Float[Array, "4"]) -> Condition:
-    """The condition on the versor of an initial state."""
-    return Condition(
-        jnp.abs(jnp.sum(q**2) - 1) < UNIT, "state.q", q, "a versor, four numbers whose squares add up to 1"
-    )
+def unit(name: str, x: Float[Array, " size"]) -> Condition:
+    """The condition on a vector of an initial state that its length is 1."""
+    must = "a versor, four numbers whose squares add up to 1" if x.size == 4 else "a unit vector"
+    return Condition(jnp.abs(jnp.sum(x**2) - 1) < UNIT, name, x, must)

@@ -15,14 +15,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..classical import AbstractClassicalSystem
 from ..interface.status import Status
 from ..numerics.calculus import Furthest, furthest
-from .body import Disk, System
 from .motion import AbstractMotion, AbstractPrescribedMotion, Driven, Fixed, OnRail
+from .parameters import BodyParameters
 from .rails import AbstractRail
-from .simulable import SimulableSystem
 from .state import State
+from .system import AbstractSystem
 
 AnyArray = Array | np.ndarray
 TIME_SAMPLES = 256
@@ -34,15 +33,15 @@ def rounding(x: Array | np.ndarray) -> float:
     return float(np.sqrt(np.finfo(x.dtype).eps))
 
 
-def beyond(system: System, distance: Float[AnyArray, "*batch"]) -> Bool[Array, "*batch"]:
+def beyond(system: BodyParameters, distance: Float[AnyArray, "*batch"]) -> Bool[Array, "*batch"]:
     """Whether something at this distance from the centre is outside the shell."""
     return jnp.asarray(distance) > system.radius * (1 + rounding(system.radius))
 
 
-def beside(system: System, chi: Float[AnyArray, "*batch 3"]) -> Bool[Array, "*batch"]:
+def beside(system: BodyParameters, chi: Float[AnyArray, "*batch 3"]) -> Bool[Array, "*batch"]:
     """Whether a point is outside the plane of a disk, E1 and E3; never for a ball."""
     aside = jnp.abs(chi[..., 1]) > system.radius * rounding(system.radius)
-    return aside if isinstance(system, Disk) else jnp.zeros_like(aside)
+    return aside if system.planar else jnp.zeros_like(aside)
 
 
 def rail_of(motion: AbstractMotion) -> AbstractRail | None:
@@ -67,7 +66,7 @@ def time_samples(times: Float[Array, " T"], count: int = TIME_SAMPLES) -> Float[
     return jnp.linspace(times[0], times[-1], count + 1)
 
 
-def confined(system: System, times: Float[Array, " T"], state: State) -> Bool[Array, ""]:
+def confined(system: BodyParameters, times: Float[Array, " T"], state: State) -> Bool[Array, ""]:
     """Whether rails are in the body, and masses at the first of ``times``; a disk's prescribed motions at all times.
 
     ``system`` is prepared.
@@ -79,19 +78,21 @@ def confined(system: System, times: Float[Array, " T"], state: State) -> Bool[Ar
         if rail is not None and rail.period is not None:
             distances = eqx.filter_vmap(lambda rail: rail.furthest())(rail).distance
             astray |= jnp.any(beyond(system, distances))
-        if rail is not None and isinstance(system, Disk):
+        if rail is not None and system.planar:
             points = eqx.filter_vmap(rail_points, in_axes=(eqx.if_array(0), None))(rail, system.radius)
             astray |= jnp.any(beside(system, points))
         if rail is None or rail.period is None:
             chi = _positions(group.motion, times[:1], state.theta[None, places])
             astray |= jnp.any(beyond(system, norm(chi)) | beside(system, chi))
-        if isinstance(system, Disk) and not (isinstance(group.motion, Driven) or is_bounded(group.motion)):
+        if system.planar and not (isinstance(group.motion, Driven) or is_bounded(group.motion)):
             chi = _positions(group.motion, time_samples(times), state.theta[None, places])
             astray |= jnp.any(beside(system, chi))
     return ~astray
 
 
-def time_of_leaving(system: System, times: Float[Array, " T"], theta: Float[Array, "T driven"]) -> Float[Array, ""]:
+def time_of_leaving(
+    system: BodyParameters, times: Float[Array, " T"], theta: Float[Array, "T driven"]
+) -> Float[Array, ""]:
     """The first time at which a mass is seen outside the shell; infinite where none is.
 
     A prescribed motion is looked at between all of ``times``, and the time found to rounding; what a law drives is
@@ -113,15 +114,15 @@ def time_of_leaving(system: System, times: Float[Array, " T"], theta: Float[Arra
 
 
 def until_left(
-    system: SimulableSystem, times: Float[Array, " T"], states: Any, reached: Float[Array, ""], status: Int[Array, ""]
+    system: AbstractSystem, times: Float[Array, " T"], states: Any, reached: Float[Array, ""], status: Int[Array, ""]
 ) -> tuple[Float[Array, ""], Int[Array, ""]]:
-    """To which time a run is good, and its status, where masses leave the shell.
+    """To which time a run is good, and its status, where something leaves the inside of the system.
 
     ``reached`` and ``status`` are those of its solve, ``states`` those at ``times``; ``system`` is prepared.
     """
-    if isinstance(system, AbstractClassicalSystem):
+    left = system.time_of_leaving(times, states)
+    if left is None:
         return reached, status
-    left = time_of_leaving(system, times, states.theta)
     return jnp.minimum(reached, left), jnp.where(left < reached, int(Status.LEFT_SHELL), status)
 
 
@@ -137,7 +138,7 @@ class Course(NamedTuple):
     first: Float[Array, ""]
 
 
-def course(system: System, motion: AbstractPrescribedMotion, t: Float[Array, " n"]) -> Course:
+def course(system: BodyParameters, motion: AbstractPrescribedMotion, t: Float[Array, " n"]) -> Course:
     """The course of a mass as it is seen at evenly spaced times ``t`` and beside them; ``motion`` is prepared."""
 
     def within(x: Float[Array, ""]) -> Float[Array, ""]:
@@ -151,7 +152,7 @@ def course(system: System, motion: AbstractPrescribedMotion, t: Float[Array, " n
     return Course(chi, top, jnp.max(jnp.where(t < first, t, t[0])), first)
 
 
-def time_of_crossing(system: System, motion: AbstractPrescribedMotion, seen: Course) -> Float[Array, ""]:
+def time_of_crossing(system: BodyParameters, motion: AbstractPrescribedMotion, seen: Course) -> Float[Array, ""]:
     """When a mass that leaves the shell crosses it, by bisection; infinite where it does not."""
 
     def halve(_, bracket):
@@ -165,7 +166,7 @@ def time_of_crossing(system: System, motion: AbstractPrescribedMotion, seen: Cou
     return jnp.where(leaves, found, jnp.inf)
 
 
-def _groups(system: System) -> list[tuple[Any, np.ndarray]]:
+def _groups(system: BodyParameters) -> list[tuple[Any, np.ndarray]]:
     """The groups of masses, each with the places of its masses among the driven ones, if they are."""
     slots = {index: slot for slot, index in enumerate(system.driven)}
     return [
@@ -174,7 +175,7 @@ def _groups(system: System) -> list[tuple[Any, np.ndarray]]:
     ]
 
 
-def _leaving(system: System, motion: Any, t: Float[Array, " n"]) -> Float[Array, " masses"]:
+def _leaving(system: BodyParameters, motion: Any, t: Float[Array, " n"]) -> Float[Array, " masses"]:
     """When each mass of a group leaves the shell; infinite where it does not."""
     seen = eqx.filter_vmap(lambda motion: course(system, motion, t))(motion)
 

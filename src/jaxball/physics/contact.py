@@ -7,8 +7,8 @@ from jaxtyping import Array, Float
 
 from ..numerics.norms import root
 from ..numerics.vectors import apply, cross, dot
-from .body import System
-from .dynamics import driven_angles, force_in_body, vector_field
+from .body import AbstractBody
+from .dynamics import driven_angles, force_in_body
 from .moments import Moments, moments
 from .state import State
 
@@ -65,13 +65,13 @@ class Reaction(NamedTuple):
         return jnp.arctan2(self.friction, self.normal)
 
 
-def reaction(system: System, t: Float[Array, ""], state: State) -> Reaction:
+def reaction(system: AbstractBody, t: Float[Array, ""], state: State) -> Reaction:
     """N and |f|² from any kind of state, in body axes, so that the heading need not be known.
 
     R̃ = Σ m a − F̃ + M g Γ is the reaction in body axes, N = R̃·Γ, and f̃ = R̃ − NΓ.
     """
     at = moments(system, t, driven_angles(system, t, state))
-    Gamma, Omegadot = state.Gamma, vector_field(system, t, state).Omega
+    Gamma, Omegadot = state.Gamma, system.field(t, state).Omega
     R = total_inertial_force(at, system.radius, Gamma, state.Omega, Omegadot) + at.M * system.gravity * Gamma
     Ftilde = force_in_body(system, t, state)
     R = R if Ftilde is None else R - Ftilde

@@ -6,60 +6,43 @@ does. So where θ̈ jumps, Ω̇ jumps and Ẇ does not, and the derivative of a 
 of the jump is right for each mass, also when several masses jump at once.
 """
 
-from collections.abc import Callable
-from typing import Any
+from typing import TypeVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..numerics.vectors import apply, cross, dot, inverse, outer, solve
-from .body import System
-from .dynamics import (
-    AnyState,
-    ball_rates,
-    disk_rates,
-    driven_angles,
-    force_in_body,
-    inertia_about_contact,
-    reduced_rates,
-    rotation_rates,
-)
+from .dynamics import driven_angles, force_in_body, inertia_about_contact
 from .moments import AbstractMoments, velocity_moments
 from .momentum import contact_momentum_rate, internal_momentum
+from .parameters import BodyParameters
 from .state import BallState, DiskState, ReducedState, RotationState, State
 
-RATES: dict[type, Callable[..., Any]] = {
-    BallState: ball_rates,
-    RotationState: rotation_rates,
-    ReducedState: reduced_rates,
-    DiskState: disk_rates,
-}
+AnyState = TypeVar("AnyState", BallState, RotationState, ReducedState, DiskState)
 
 
-def to_locked(system: System, t: Float[Array, ""], state: AnyState) -> AnyState:
+def to_locked(system: BodyParameters, t: Float[Array, ""], state: AnyState) -> AnyState:
     """``state`` with W in the place of Ω; for a disk, with its component in the place of φ̇."""
-    return _with_omega(state, state.Omega + _excess(system, t, state))
+    return state.with_Omega(state.Omega + _excess(system, t, state))
 
 
-def from_locked(system: System, t: Float[Array, ""], state: AnyState) -> AnyState:
+def from_locked(system: BodyParameters, t: Float[Array, ""], state: AnyState) -> AnyState:
     """The inverse of :func:`to_locked`."""
-    return _with_omega(state, state.Omega - _excess(system, t, state))
+    return state.with_Omega(state.Omega - _excess(system, t, state))
 
 
-def locked_field(system: System, t: Float[Array, ""], state: AnyState) -> AnyState:
+def locked_field(system: BodyParameters, t: Float[Array, ""], state: AnyState) -> AnyState:
     """The rates of a state that holds W in the place of Ω: Ẇ = B⁻¹ (Π̇ − ḂW) with Π = BW."""
     r, g, W, Gamma = system.radius, system.gravity, state.Omega, state.Gamma
     at = velocity_moments(system, t, (state.theta, state.thetadot))
     B = inertia_about_contact(at, r, Gamma)
     inverse_B = inverse(B)
     Omega = W - apply(inverse_B, internal_momentum(at, r, Gamma))
-    state = _with_omega(state, Omega)
+    state = state.with_Omega(Omega)
     Pidot = contact_momentum_rate(at, r, g, apply(B, W), Omega, Gamma, force_in_body(system, t, state))
     Bdot = inertia_about_contact_rate(at, r, Gamma, cross(Gamma, Omega))
     Wdot = apply(inverse_B, Pidot - apply(Bdot, W))
-    angles = driven_angles(system, t, state)
-    return RATES[type(state)](system, state, -Wdot[1] if isinstance(state, DiskState) else Wdot, angles)
+    return state.rates(r, Wdot, driven_angles(system, t, state))
 
 
 def inertia_about_contact_rate(
@@ -73,14 +56,8 @@ def inertia_about_contact_rate(
     return at.Jdot - at.M * r**2 * (turn + turn.T) + r * (2 * trace * identity - mixed - mixed.T)
 
 
-def _excess(system: System, t: Float[Array, ""], state: State) -> Float[Array, "3"]:
+def _excess(system: BodyParameters, t: Float[Array, ""], state: State) -> Float[Array, "3"]:
     """W − Ω."""
     at = velocity_moments(system, t, (state.theta, state.thetadot))
     B = inertia_about_contact(at, system.radius, state.Gamma)
     return solve(B, internal_momentum(at, system.radius, state.Gamma))
-
-
-def _with_omega(state: AnyState, Omega: Float[Array, "3"]) -> AnyState:
-    if isinstance(state, DiskState):
-        return eqx.tree_at(lambda s: s.phidot, state, -Omega[1])
-    return eqx.tree_at(lambda s: s.Omega, state, Omega)

@@ -13,8 +13,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..numerics.vectors import outer
-from .body import AbstractBody, PointMass, System
 from .motion import Driven, Kinematics
+from .parameters import BodyParameters, PointMass
+from .state import Angles, Rates
 
 
 class AbstractMoments(eqx.Module):
@@ -52,11 +53,7 @@ class Moments(AbstractMoments):
     ldot: Float[Array, "3"]  # Σ m χ × χ̈
 
 
-Angles = tuple[Float[Array, " driven"], Float[Array, " driven"]]
-Rates = tuple[Float[Array, " driven"], Float[Array, " driven"], Float[Array, " driven"]]
-
-
-def velocity_moments(system: System, t: Float[Array, ""], angles: Angles) -> VelocityMoments:
+def velocity_moments(system: BodyParameters, t: Float[Array, ""], angles: Angles) -> VelocityMoments:
     """The moments without accelerations at time ``t``, where ``angles`` are θ, θ̇ of the driven masses."""
     parts = _by_group(system, angles, lambda motion: motion.velocity(t), lambda motion, *x: motion.velocity(*x))
     m0, chi0 = system.mass, system.offset
@@ -74,7 +71,7 @@ def velocity_moments(system: System, t: Float[Array, ""], angles: Angles) -> Vel
     )
 
 
-def moments(system: System, t: Float[Array, ""], angles: Rates) -> Moments:
+def moments(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Moments:
     """All moments at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the driven masses."""
     at = velocity_moments(system, t, angles[:2])
     pddot = ldot = jnp.zeros_like(system.offset)
@@ -85,7 +82,7 @@ def moments(system: System, t: Float[Array, ""], angles: Rates) -> Moments:
     return Moments(at.M, at.p, at.pdot, at.J, at.Jdot, at.l, pddot, ldot)
 
 
-def kinematics(system: System, t: Float[Array, ""], angles: Rates) -> Kinematics:
+def kinematics(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Kinematics:
     """χ_i, χ̇_i and χ̈_i of the point masses i = 1 … n, in their own order, each of shape (n, 3)."""
     parts = [part for _, part in _kinematics_by_group(system, t, angles)]
     if not parts:
@@ -95,7 +92,7 @@ def kinematics(system: System, t: Float[Array, ""], angles: Rates) -> Kinematics
     return Kinematics(*(jnp.concatenate(arrays)[places] for arrays in zip(*parts, strict=True)))
 
 
-def point_mass_values(system: AbstractBody) -> Float[Array, " n"]:
+def point_mass_values(system: BodyParameters) -> Float[Array, " n"]:
     """m_i of the point masses i = 1 … n, in their own order."""
     if not system.groups:
         return jnp.zeros((0,), dtype=system.mass.dtype)
@@ -103,16 +100,16 @@ def point_mass_values(system: AbstractBody) -> Float[Array, " n"]:
     return jnp.concatenate([group.mass for group in system.groups])[places]
 
 
-def principal_inertia(system: System) -> Float[Array, "3 3"]:
+def principal_inertia(system: BodyParameters) -> Float[Array, "3 3"]:
     """𝕀 = diag(d1, d2, d3) of the shell; for a disk, the matrix that has d2 in every place of its diagonal."""
     return jnp.broadcast_to(system.inertia, (3,))[:, None] * jnp.eye(3, dtype=system.mass.dtype)
 
 
-def _kinematics_by_group(system: System, t, angles: Rates) -> list[tuple[PointMass, Kinematics]]:
+def _kinematics_by_group(system: BodyParameters, t, angles: Rates) -> list[tuple[PointMass, Kinematics]]:
     return _by_group(system, angles, lambda motion: motion.kinematics(t), lambda motion, *x: motion.kinematics(*x))
 
 
-def _by_group(system: System, angles, prescribed: Callable[..., Any], driven: Callable[..., Any]) -> list:
+def _by_group(system: BodyParameters, angles, prescribed: Callable[..., Any], driven: Callable[..., Any]) -> list:
     """Each group with what ``prescribed`` finds of its motion, or ``driven`` of its motion and its own angles."""
     slots = {index: slot for slot, index in enumerate(system.driven)}
     found = []

@@ -5,9 +5,9 @@ from jaxtyping import Array, Float
 
 from ..interface.printing import Printed, in_short
 from ..numerics.vectors import apply
-from .body import System
+from .body import AbstractBody
 from .contact import contact_force
-from .dynamics import driven_angles, vector_field
+from .dynamics import driven_angles
 from .energy import actuation_power, force_power, kinetic_energy, potential_energy
 from .moments import kinematics, moments, point_mass_values, principal_inertia
 from .motion import Kinematics
@@ -67,7 +67,7 @@ class Observables(Printed):
         return self.kinetic_energy + self.potential_energy
 
 
-def observe(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Observables:
+def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Observables:
     """The observables of a ball or a disk at time ``t``. A disk is observed in space.
 
     **Arguments:**
@@ -85,11 +85,11 @@ def observe(system: System, t: Float[Array, ""], state: BallState | DiskState) -
     Array([ 3. ,  4. , -0.5], dtype=float64)
     """
     angles = driven_angles(system, t, state)
-    rates = vector_field(system, t, state)
+    rates = system.field(t, state)
     return _observe(system, t, state.in_space(), rates.in_space().Omega, angles)
 
 
-def _observe(system: System, t, state: BallState, Omegadot, angles) -> Observables:
+def _observe(system: AbstractBody, t, state: BallState, Omegadot, angles) -> Observables:
     r, g, Omega, Lambda = system.radius, system.gravity, state.Omega, state.Lambda
     Gamma, omega = Lambda[2], apply(Lambda, Omega)
     Fe = jnp.zeros_like(Omega) if system.force is None else system.force(t)

@@ -1,6 +1,5 @@
 """States as the one vector that a solver advances."""
 
-import abc
 from collections.abc import Callable
 from typing import Any, Generic
 
@@ -10,45 +9,38 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from ..classical import AbstractClassicalState, AbstractClassicalSystem
 from ..numerics.masks import differentiated_where
-from .body import System
-from .dae import algebraic_component, constrained, mass_diagonal, projected
-from .locked import from_locked, locked_field, to_locked
-from .simulable import AnySimulableState, AnySimulableSystem, SimulableState, SimulableSystem
-from .state import State
+from .dae import algebraic_component, constrained, mass_diagonal
+from .system import AbstractState, AbstractSystem, AnyState, AnySystem
 
 
-class Packing(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
-    """How the state of a system becomes a vector, and back."""
+class Packing(eqx.Module, Generic[AnySystem, AnyState]):
+    """How the state of a system becomes a vector, and back: its packed state, one array after the other."""
 
-    system: eqx.AbstractVar[AnySimulableSystem]
-    unravel: eqx.AbstractVar[Callable[[Float[Array, " size"]], AnySimulableState]]
+    system: AnySystem
+    unravel: Callable[[Float[Array, " size"]], AnyState] = eqx.field(static=True)
 
     @staticmethod
-    def of(system: SimulableSystem, state: SimulableState) -> "Packing[Any, Any]":
+    def of(system: AbstractSystem, state: AbstractState) -> "Packing[Any, Any]":
         """The packing of states of the kind of ``state``; ``system`` is prepared."""
-        _, unravel = ravel_pytree(state)
-        if isinstance(system, AbstractClassicalSystem):
-            return PlainPacking(system, unravel)
-        return LockedPacking(system, unravel)
+        return Packing(system, ravel_pytree(state)[1])
 
-    @abc.abstractmethod
-    def pack(self, t: Float[Array, ""], state: AnySimulableState) -> Float[Array, " size"]:
+    def pack(self, t: Float[Array, ""], state: AnyState) -> Float[Array, " size"]:
         """The vector of a state."""
+        return ravel_pytree(self.system.to_packed(t, state))[0]
 
-    @abc.abstractmethod
-    def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnySimulableState:
+    def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
         """The state of a vector."""
+        return self.system.from_packed(t, self.unravel(x))
 
-    def unpack_where(self, used: Bool[Array, ""], t: Float[Array, ""], x: Float[Array, " size"]) -> AnySimulableState:
+    def unpack_where(self, used: Bool[Array, ""], t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
         """The state of a vector; NaN, and nothing that has derivatives, where it is not ``used``."""
         packing, t, x = differentiated_where(used, (self, t, x))
         return jax.tree.map(lambda leaf: jnp.where(used, leaf, jnp.nan), packing.unpack(t, x))
 
-    @abc.abstractmethod
-    def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnySimulableState:
+    def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AnyState:
         """The rates of what the vector holds, not yet packed."""
+        return self.system.packed_field(t, self.unravel(x))
 
     def field(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The rate of the vector."""
@@ -70,36 +62,4 @@ class Packing(eqx.Module, Generic[AnySimulableSystem, AnySimulableState]):
 
     def projected(self, x: Float[Array, " size"]) -> Float[Array, " size"]:
         """The vector of the nearest state with |q| = 1."""
-        return ravel_pytree(projected(self.unravel(x)))[0]
-
-
-class LockedPacking(Packing[System, State]):
-    """The packing of a ball or a disk, with the locked angular velocity for Ω."""
-
-    system: System
-    unravel: Callable[[Float[Array, " size"]], State] = eqx.field(static=True)
-
-    def pack(self, t: Float[Array, ""], state: State) -> Float[Array, " size"]:
-        return ravel_pytree(to_locked(self.system, t, state))[0]
-
-    def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> State:
-        return from_locked(self.system, t, self.unravel(x))
-
-    def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> State:
-        return locked_field(self.system, t, self.unravel(x))
-
-
-class PlainPacking(Packing[AbstractClassicalSystem, AbstractClassicalState]):
-    """The packing of a classical system, whose vector holds the state as it is."""
-
-    system: AbstractClassicalSystem
-    unravel: Callable[[Float[Array, " size"]], AbstractClassicalState] = eqx.field(static=True)
-
-    def pack(self, t: Float[Array, ""], state: AbstractClassicalState) -> Float[Array, " size"]:
-        return ravel_pytree(state)[0]
-
-    def unpack(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AbstractClassicalState:
-        return self.unravel(x)
-
-    def rates(self, t: Float[Array, ""], x: Float[Array, " size"]) -> AbstractClassicalState:
-        return self.system.field(t, self.unravel(x))
+        return ravel_pytree(self.unravel(x).projected())[0]

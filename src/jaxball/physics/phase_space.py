@@ -1,17 +1,18 @@
 """The phase space of a system: what of its state the motion depends on."""
 
+import functools
 from collections.abc import Callable
 from typing import overload
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
-from ..classical import RigidBodyState
-from .body import Ball, Disk, System
-from .dynamics import field_of
-from .simulable import SimulableState, SimulableSystem
-from .state import BallState, ReducedState, RotationState, State
+from .body import System
+from .state import State
+from .system import AbstractState, AbstractSystem, require_state
 
 Normal = Callable[[Float[Array, " size"]], Float[Array, " size"]]
 
@@ -21,33 +22,40 @@ def phase_point(system: System, state: State) -> State: ...
 
 
 @overload
-def phase_point(system: SimulableSystem, state: SimulableState) -> SimulableState: ...
+def phase_point(system: AbstractSystem, state: AbstractState) -> AbstractState: ...
 
 
-def phase_point(system: SimulableSystem, state: SimulableState) -> SimulableState:
+def phase_point(system: AbstractSystem, state: AbstractState) -> AbstractState:
     """``state`` as a point of the phase space: (Ω, Γ) of a ball, unless a force acts, which they cannot express.
 
     **Raises:** ``TypeError`` when the system has no state of that kind.
     """
-    field_of(system, state)
-    if isinstance(state, BallState | RotationState) and isinstance(system, Ball | Disk) and system.force is None:
-        return ReducedState(state.Omega, state.Gamma, state.theta, state.thetadot)
-    return state.in_space() if isinstance(state, RotationState) else state
+    require_state(system, state)
+    return system.phase_point(state)
 
 
-def dimension(state: SimulableState) -> int:
+def dimension(state: AbstractState) -> int:
     """The dimension of the phase space: a unit vector counts one less than its components."""
-    return ravel_pytree(state)[0].size - (normal_of(state) is not None)
+    return ravel_pytree(state)[0].size - (state.unit_vector is not None)
 
 
-def normal_of(state: SimulableState) -> Normal | None:
-    """The normal, at a packed state, of the sphere on which Γ or q stays; None where there is neither."""
-    return {ReducedState: _along_Gamma, BallState: _along_q, RigidBodyState: _along_q}.get(type(state))
+def normal_of(state: AbstractState) -> Normal | None:
+    """The normal, at a packed state, of the sphere on which its unit vector stays; None where it has none."""
+    if state.unit_vector is None:
+        return None
+    before = 0
+    for path, leaf in jax.tree_util.tree_leaves_with_path(state):
+        if jax.tree_util.keystr(path) == f".{state.unit_vector}":
+            return _along(before, before + np.size(leaf))
+        before += np.size(leaf)
+    return None
 
 
-def _along_Gamma(x: Float[Array, " size"]) -> Float[Array, " size"]:
-    return jnp.zeros_like(x).at[3:6].set(x[3:6])
+@functools.cache
+def _along(start: int, end: int) -> Normal:
+    """One function for all states of a kind, so that programs made for it are found again."""
 
+    def along(x: Float[Array, " size"]) -> Float[Array, " size"]:
+        return jnp.zeros_like(x).at[start:end].set(x[start:end])
 
-def _along_q(x: Float[Array, " size"]) -> Float[Array, " size"]:
-    return jnp.zeros_like(x).at[:4].set(x[:4])
+    return along

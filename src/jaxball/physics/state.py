@@ -1,21 +1,45 @@
-"""The states that the equations of motion advance.
+"""The states of a ball and of a disk, with their kinematics: the rates of a state whose angular acceleration is known.
 
 Times, lengths and masses carry whatever consistent units the parameters have.
 """
+
+import abc
+from collections.abc import Iterator
 
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..interface.printing import Printed
+from ..numerics import versor
 from ..numerics.arrays import Numbers, numbers, to_array
 from ..numerics.trigonometry import sine_cosine
-from ..numerics.versor import from_rotation_matrix, rotation_matrix, vertical_in_body
+from ..numerics.vectors import cross, dot, hat
+from .conditions import UNIT, Condition
+from .system import AbstractState, AnyState
 
 EMPTY = ()
+Angles = tuple[Float[Array, " driven"], Float[Array, " driven"]]
+Rates = tuple[Float[Array, " driven"], Float[Array, " driven"], Float[Array, " driven"]]
 
 
-class BallState(Printed):
+class AbstractBodyState(AbstractState):
+    """What the states of rolling bodies share: Ω, Γ = Λ⁻¹e3, and θ, θ̇ of the masses that a feedback law drives."""
+
+    theta: eqx.AbstractVar[Float[Array, "*batch driven"]]
+    thetadot: eqx.AbstractVar[Float[Array, "*batch driven"]]
+
+    sized = ("theta", "thetadot")
+
+    def with_Omega(self: AnyState, Omega: Float[Array, "3"]) -> AnyState:
+        """The state with another Ω."""
+        return eqx.tree_at(lambda state: state.Omega, self, Omega)  # pyright: ignore
+
+    @abc.abstractmethod
+    def rates(self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates) -> "AbstractBodyState":
+        """ẋ where Ω̇ is known, and θ, θ̇, θ̈ of driven masses: the kinematics of rolling, for a body of radius r."""
+
+
+class BallState(AbstractBodyState):
     """x = (θ, θ̇, q, Ω, z) of ``rolling_ball_ode_f``; at rest and upright at the origin by default.
 
     **Arguments:**
@@ -42,22 +66,38 @@ class BallState(Printed):
         converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
     )
 
+    unit_vector = "q"
+
     @property
     def Lambda(self) -> Float[Array, "3 3"]:
         """The rotation matrix Λ from body to space."""
-        return rotation_matrix(self.q)
+        return versor.rotation_matrix(self.q)
+
+    @property
+    def Gamma(self) -> Float[Array, "3"]:
+        """Γ = Λ⁻¹ e3."""
+        return versor.vertical_in_body(self.q)
+
+    def rates(self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates) -> "BallState":
+        """q̇ = ½ q Ω♯ and the rolling constraint."""
+        return BallState(
+            q=versor.derivative(self.q, self.Omega),
+            Omega=Omegadot,
+            z=rolling_velocity(self.Lambda, self.Omega, r),
+            theta=angles[1],
+            thetadot=angles[2],
+        )
 
     def in_space(self) -> "BallState":
         """The state itself; see :meth:`DiskState.in_space`."""
         return self
 
-    @property
-    def Gamma(self) -> Float[Array, "3"]:
-        """Γ = Λ⁻¹ e3."""
-        return vertical_in_body(self.q)
+    def reduced(self) -> "ReducedState":
+        """(Ω, Γ), without place and heading."""
+        return ReducedState(self.Omega, self.Gamma, self.theta, self.thetadot)
 
 
-class RotationState(Printed):
+class RotationState(AbstractBodyState):
     """The state with the rotation matrix Λ in place of the versor, ``uncon_ball_eqns_explicit_full``.
 
     **Arguments:**
@@ -91,12 +131,41 @@ class RotationState(Printed):
         """Γ = Λ⁻¹ e3."""
         return self.Lambda[2]
 
+    def rates(self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates) -> "RotationState":
+        """Λ̇ = Λ Ω̂ and the rolling constraint."""
+        return RotationState(
+            Lambda=jnp.sum(self.Lambda[:, :, None] * hat(self.Omega)[None, :, :], axis=1),
+            Omega=Omegadot,
+            z=rolling_velocity(self.Lambda, self.Omega, r),
+            theta=angles[1],
+            thetadot=angles[2],
+        )
+
+    def conditions(self) -> Iterator[Condition]:
+        R = self.Lambda
+        excess = jnp.sum(R[:, :, None] * R[:, None, :], axis=0) - jnp.eye(3, dtype=R.dtype)
+        right_handed = dot(cross(R[0], R[1]), R[2]) > 0
+        holds = (jnp.max(jnp.abs(excess)) < UNIT) & right_handed
+        yield Condition(holds, "state.Lambda", R, "a rotation matrix")
+        yield from super().conditions()
+
+    def projected(self) -> "RotationState":
+        """The state with Λ orthogonal, up to squares of the distance."""
+        R = self.Lambda
+        gram = jnp.sum(R[:, :, None] * R[:, None, :], axis=0)
+        nearer = 1.5 * R - 0.5 * jnp.sum(R[:, :, None] * gram[None], axis=1)
+        return eqx.tree_at(lambda state: state.Lambda, self, nearer)
+
     def in_space(self) -> BallState:
         """The same state with a versor."""
-        return BallState(from_rotation_matrix(self.Lambda), self.Omega, self.z, self.theta, self.thetadot)
+        return BallState(versor.from_rotation_matrix(self.Lambda), self.Omega, self.z, self.theta, self.thetadot)
+
+    def reduced(self) -> "ReducedState":
+        """(Ω, Γ), without place and heading."""
+        return ReducedState(self.Omega, self.Gamma, self.theta, self.thetadot)
 
 
-class ReducedState(Printed):
+class ReducedState(AbstractBodyState):
     """The state (Ω, Γ) reduced by the symmetry of the plane, ``uncon_ball_eqns_explicit``.
 
     **Arguments:**
@@ -121,8 +190,14 @@ class ReducedState(Printed):
         converter=numbers("thetadot", ("driven",), batch=True), default=EMPTY
     )
 
+    unit_vector = "Gamma"
 
-class DiskState(Printed):
+    def rates(self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates) -> "ReducedState":
+        """Γ̇ = Γ × Ω."""
+        return ReducedState(Omega=Omegadot, Gamma=cross(self.Gamma, self.Omega), theta=angles[1], thetadot=angles[2])
+
+
+class DiskState(AbstractBodyState):
     """x = (θ, θ̇, φ, φ̇) of ``eq_rdisk_dynamics``, and z, which follows from φ by ``eq_disk_GC``.
 
     φ is counted anticlockwise from e1 to E1, so a disk with φ̇ > 0 rolls towards −e1.
@@ -179,6 +254,14 @@ class DiskState(Printed):
         zero = jnp.zeros_like(self.phidot)
         return jnp.stack([zero, -self.phidot, zero])
 
+    def with_Omega(self, Omega: Float[Array, "3"]) -> "DiskState":
+        """The state with φ̇ = −Ω₂."""
+        return eqx.tree_at(lambda state: state.phidot, self, -Omega[1])
+
+    def rates(self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates) -> "DiskState":
+        """φ̈ = −Ω̇₂ and ż = −r φ̇ of ``eq_disk_GC``."""
+        return DiskState(phi=self.phidot, phidot=-Omegadot[1], z=-r * self.phidot, theta=angles[1], thetadot=angles[2])
+
     def in_space(self) -> BallState:
         """The same motion as that of a ball: rotation by −φ about E2, Ω = −φ̇ E2, z = (z, 0)."""
         zero = jnp.zeros_like(self.phi)
@@ -193,3 +276,10 @@ class DiskState(Printed):
 
 
 State = BallState | RotationState | ReducedState | DiskState
+
+
+def rolling_velocity(Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: Float[Array, ""]) -> Float[Array, "2"]:
+    """ż = (ΛΩ × r e3)₁₂, the rolling constraint at the geometric centre."""
+    omega1 = dot(Lambda[0], Omega)
+    omega2 = dot(Lambda[1], Omega)
+    return jnp.stack([r * omega2, -r * omega1])

@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from ..classical import AbstractClassicalSystem, RigidBodyState
+from ..classical import RigidBodyState
+from ..physics.body import AbstractBody
 from ..simulation.trajectory import Trajectory
 from .record import finite_rows, require_one
 from .style import COMPONENTS, DASHED, INK, MASSES, SMALL, WIDE, caption, named, plane_axes, up_to_ticks, zero_line
@@ -102,7 +103,7 @@ def _panel(ax: Axes, times: Float[np.ndarray, " T"], changes: Float[np.ndarray, 
 
 def _rows(trajectory: Trajectory[Any, Any]) -> np.ndarray:
     require_one(trajectory)
-    if not isinstance(trajectory.system, AbstractClassicalSystem):
+    if isinstance(trajectory.system, AbstractBody):
         raise ValueError(
             "Argument `trajectory` must be of a classical system, but it is of a "
             f"{type(trajectory.system).__name__}; the other functions of jaxball.plot draw it."

@@ -7,10 +7,9 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..classical import AbstractClassicalSystem
 from ..interface.output import replacing
-from ..physics.body import Disk
-from ..physics.simulable import SimulableSystem
+from ..physics.body import AbstractBody, Disk
+from ..physics.system import AbstractSystem
 from ..simulation.trajectory import Trajectory
 from .actuation import acceleration, accelerations
 from .classical import classical_motion, law_errors
@@ -53,7 +52,7 @@ def figures(
 
     **Raises:** ``ValueError`` for a reduced trajectory or a batch.
     """
-    classical = isinstance(trajectory.system, AbstractClassicalSystem)
+    classical = not isinstance(trajectory.system, AbstractBody)
     if not classical:
         record(trajectory)
     folder = Path(folder)
@@ -70,7 +69,7 @@ def figures(
     return paths
 
 
-def write_figure(drawn: Axes | Figure, path: Path, system: SimulableSystem, title: str = "") -> None:
+def write_figure(drawn: Axes | Figure, path: Path, system: AbstractSystem, title: str = "") -> None:
     """Writes a figure, with a caption that says which system it shows."""
     caption(drawn if isinstance(drawn, Figure) else drawn.figure, system, title)
     save_figure(drawn, path)

@@ -17,11 +17,10 @@ from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from mpl_toolkits.mplot3d import Axes3D
 
-from ..classical import AbstractClassicalSystem
-from ..interface.wording import counted
+from ..physics.body import AbstractBody
 
 if TYPE_CHECKING:
-    from ..physics.simulable import SimulableSystem
+    from ..physics.system import AbstractSystem
 
 INK = "black"
 SHELL = "0.45"
@@ -45,7 +44,7 @@ WIDE_RANGE = 1e3  # of a logarithmic axis on which powers of ten alone are enoug
 LETTERS = 20  # of a caption in an inch
 
 
-def caption(figure: Any, system: "SimulableSystem | None" = None, title: str = "") -> None:
+def caption(figure: Any, system: "AbstractSystem | None" = None, title: str = "") -> None:
     """Writes above a figure which system it shows, and in what units.
 
     **Arguments:**
@@ -58,21 +57,19 @@ def caption(figure: Any, system: "SimulableSystem | None" = None, title: str = "
     figure.suptitle("\n".join(lines), linespacing=1.15, **CAPTION)
 
 
-def subject(system: "SimulableSystem | None", title: str = "") -> str:
+def subject(system: "AbstractSystem | None", title: str = "") -> str:
     """Which system a figure shows, and in what units."""
     shown = title.replace("$", r"\$") or ("" if system is None else _described(system))
     return f"{shown}; {_units(system, title)}" if shown else _units(system, title)
 
 
-def _described(system: "SimulableSystem") -> str:
-    if isinstance(system, AbstractClassicalSystem):
-        return system.title.capitalize() if system.title[0].islower() else system.title
-    masses = counted(system.n_masses, "point mass", "point masses")
-    return f"{type(system).__name__} with {masses if system.n_masses else 'no point masses'}"
+def _described(system: "AbstractSystem") -> str:
+    words = system.described()
+    return words.capitalize() if words[0].islower() else words
 
 
-def _units(system: "SimulableSystem | None", title: str) -> str:
-    if system is not None and not isinstance(system, AbstractClassicalSystem):
+def _units(system: "AbstractSystem | None", title: str) -> str:
+    if isinstance(system, AbstractBody):
         scales = [np.asarray(getattr(system, name)) for name in ("mass", "radius", "gravity")]
         if all(np.all(scale == 1.0) for scale in scales):
             return "dimensionless,\N{NO-BREAK SPACE}$m_0=r=g=1$"
@@ -90,7 +87,7 @@ def mass_line(i: int, **changes: Any) -> dict[str, Any]:
     return {"color": mass_colour(i), "linestyle": dashes, "linewidth": 1.2} | changes
 
 
-def plane_axes(ax: Axes | None, size: tuple[float, float] = WIDE, system: "SimulableSystem | None" = None) -> Axes:
+def plane_axes(ax: Axes | None, size: tuple[float, float] = WIDE, system: "AbstractSystem | None" = None) -> Axes:
     """``ax``, or the Axes of a new figure that says which ``system`` it shows, with thin ticks and without a box.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
@@ -107,7 +104,7 @@ def plane_axes(ax: Axes | None, size: tuple[float, float] = WIDE, system: "Simul
     return ax
 
 
-def space_axes(ax: Axes | None, size: tuple[float, float] = SQUARE, system: "SimulableSystem | None" = None) -> Axes3D:
+def space_axes(ax: Axes | None, size: tuple[float, float] = SQUARE, system: "AbstractSystem | None" = None) -> Axes3D:
     """``ax``, or three-dimensional Axes of a new figure as in :func:`plane_axes`, in parallel projection.
 
     **Raises:** ``ValueError`` when ``ax`` is not three-dimensional.
@@ -128,7 +125,7 @@ def space_axes(ax: Axes | None, size: tuple[float, float] = SQUARE, system: "Sim
     return ax
 
 
-def _new(size: tuple[float, float], system: "SimulableSystem | None") -> Figure:
+def _new(size: tuple[float, float], system: "AbstractSystem | None") -> Figure:
     figure = Figure(figsize=size, layout="constrained")
     if system is not None:
         caption(figure, system)

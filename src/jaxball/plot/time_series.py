@@ -9,7 +9,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from ..physics.body import Disk
-from ..physics.simulable import SimulableSystem
+from ..physics.system import AbstractSystem
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
 from .record import record
@@ -163,7 +163,7 @@ def _when(t: float, times: Float[np.ndarray, " T"]) -> str:
 
 
 def over_time(
-    system: SimulableSystem,
+    system: AbstractSystem,
     times: Float[np.ndarray, " T"],
     series: Sequence[Series],
     name: str,

@@ -9,16 +9,13 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from ..classical import AbstractClassicalSystem
 from ..interface.status import Status
 from ..numerics.arrays import to_array
-from ..physics.simulable import SimulableState, SimulableSystem
-from ..physics.state import BallState, DiskState, ReducedState, RotationState
+from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
 from .provenance import FORMAT
 
-STATES = (RotationState, BallState, DiskState, ReducedState)
 DRIVEN_FIELDS = ("theta", "thetadot")  # left out of a file where no mass is driven
 
 
@@ -26,7 +23,7 @@ class RunError(ScenarioError):
     """A file is not a run that can be read back; the message is one sentence that names the file."""
 
 
-def load_run(path: str | Path, system: SimulableSystem | None = None) -> Trajectory[Any, Any]:
+def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajectory[Any, Any]:
     """The trajectory that :func:`save` wrote into a ``.nc`` or ``.npz`` file, its states the same bit for bit.
 
     Its system is that of the scenario in the file, and its observables, or laws, are computed from the states. Its
@@ -132,9 +129,9 @@ def _scenario(content: _Content, path: Path) -> Scenario:
         raise RunError(f'The scenario in the run "{path}" cannot be read by this version of jaxball: {error}') from None
 
 
-def _state(arrays: Mapping[str, np.ndarray], system: SimulableSystem, path: Path) -> SimulableState:
+def _state(arrays: Mapping[str, np.ndarray], system: AbstractSystem, path: Path) -> AbstractState:
     """The states, of the type whose fields are in the file."""
-    types = (system.state_type,) if isinstance(system, AbstractClassicalSystem) else STATES
+    types = (system.state_type, *system.other_state_types)
     fields = {type_: [field.name for field in dataclasses.fields(type_)] for type_ in types}
     for type_, names in fields.items():
         if all(name in arrays or name in DRIVEN_FIELDS for name in names):

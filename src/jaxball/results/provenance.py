@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from ..interface.status import Status
-from ..physics.body import Ball, Disk
+from ..physics.body import AbstractBody
 from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from ..simulation.extremes import contact_extremes
@@ -38,7 +38,7 @@ def attributes(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> d
         "rejected_steps": int(trajectory.rejected),
         "scenario": _of_trajectory(trajectory) if scenario is None else write_scenario(scenario),
     }
-    if trajectory.interpolant is not None and isinstance(trajectory.system, Ball | Disk):
+    if trajectory.interpolant is not None and isinstance(trajectory.system, AbstractBody):
         extremes = contact_extremes(trajectory)
         run |= {f"contact_{field.name}": float(getattr(extremes, field.name)) for field in dataclasses.fields(extremes)}
     return run | {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}

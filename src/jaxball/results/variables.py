@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..classical import AbstractClassicalSystem
+from ..physics.body import AbstractBody
 from ..physics.state import DiskState, ReducedState
 from ..simulation.trajectory import Trajectory
 
@@ -90,7 +90,7 @@ def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.nda
             "Argument `trajectory` must be a single trajectory, but it is a batch with times of shape "
             f"{np.shape(trajectory.times)}; save its members one by one."
         )
-    if isinstance(trajectory.system, AbstractClassicalSystem):
+    if not isinstance(trajectory.system, AbstractBody):
         return _classical_values(trajectory)
     variables = {}
     for name, leaf in vars(trajectory.state).items():

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 
 from ..physics.body import Ball, Disk, System
-from ..physics.validity import shell_conditions
 from .harmonics import FORCE
 from .table import Key, join, read_table, write_member, write_table
 from .values import POSITIVE, Numbers, key_error
@@ -26,7 +25,7 @@ def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
     """The arguments of a ball or a disk for its shell. A shell that no body can have raises."""
     make, keys = BODIES[kind]
     found = read_table(values, path, keys)
-    for condition in shell_conditions(make(**found)):
+    for condition in make(**found).conditions():
         if not bool(condition.holds):
             value = np.asarray(condition.value).tolist()
             raise key_error(join(path, condition.name), condition.must, repr(value))

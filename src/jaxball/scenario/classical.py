@@ -20,6 +20,7 @@ from ..classical import (
 )
 from ..numerics.arrays import to_array
 from ..physics.conditions import Condition
+from ..physics.system import AbstractState, AbstractSystem
 from .harmonics import SERIES, WAVES_IN_SPACE, check_lengths, series_of
 from .initial import read_orientation
 from .table import Key, Module, join, read_one_of, read_table, write_member, write_table
@@ -89,7 +90,7 @@ def read_classical(
     return system, state
 
 
-def write_classical(system: AbstractClassicalSystem, state: AbstractClassicalState) -> dict[str, Any]:
+def write_classical(system: AbstractSystem, state: AbstractState) -> dict[str, Any]:
     """The kind and the tables [body] and [initial].
 
     **Raises:** :class:`ScenarioError` for a system that a file cannot hold: one of one's own, or with a function.
@@ -113,7 +114,7 @@ def _read_state(kind: type[AbstractClassicalState], values: Any) -> AbstractClas
 def _refuse(conditions: Iterable[Condition]) -> None:
     """Raises for the first condition that does not hold, with the path of its key."""
     for condition in conditions:
-        if not bool(condition.holds):
-            table, _, name = condition.name.rpartition(".")
+        for problem in condition.problems():
+            table, _, name = problem.name.rpartition(".")
             path = join("initial" if table else "body", name)
             raise key_error(path, condition.must, repr(np.asarray(condition.value).tolist()))

@@ -7,12 +7,10 @@ from typing import Any
 import diffrax
 import numpy as np
 
-from ..classical import AbstractClassicalState
 from ..interface.arguments import refusal
 from ..interface.printing import shown
 from ..interface.wording import one_of
-from ..physics.simulable import SimulableSystem
-from ..physics.state import BallState, DiskState
+from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.events import AbstractEvent
 from ..simulation.simulate import DEFAULT_TOLERANCE, simulate
 from ..simulation.trajectory import Trajectory
@@ -41,8 +39,8 @@ class Scenario:
     """
 
     title: str
-    system: SimulableSystem
-    state: BallState | DiskState | AbstractClassicalState
+    system: AbstractSystem
+    state: AbstractState
     times: np.ndarray
     solver: str = "dopri8"
     rtol: float = DEFAULT_TOLERANCE

@@ -8,7 +8,6 @@ import numpy as np
 from ..physics.body import System
 from ..physics.breaches import breaches
 from ..physics.state import BallState, DiskState
-from ..physics.validity import Problem
 from ..simulation.trajectory import Trajectory
 from .table import join
 from .values import ScenarioError
@@ -16,8 +15,7 @@ from .values import ScenarioError
 
 def check_confined(system: System, times: np.ndarray, state: BallState | DiskState) -> None:
     """Raises a :class:`ScenarioError` for the first rail or mass that is not in the body (module ``confinement``)."""
-    for breach in breaches(system, times, np.asarray(state.theta)[None]):
-        problem = Problem.of(breach)
+    for problem in breaches(system, times, np.asarray(state.theta)[None]):
         raise ScenarioError(problem.sentence("Key", key_of(problem.name)))
 
 

@@ -7,7 +7,7 @@ import diffrax
 
 from ..classical import NonholonomicParticle, VakonomicParticle
 from ..physics.body import Disk
-from ..physics.simulable import SimulableSystem
+from ..physics.system import AbstractSystem
 from ..simulation.simulate import DEFAULT_TOLERANCE
 from ..solvers import TRBDF2, Gauss, RadauIIA, Trapezoidal
 from .table import Key
@@ -40,7 +40,7 @@ SOLVE = {
 }
 
 
-def check_dae(system: SimulableSystem, solver: str, dae: bool, named: str = "Key `solve.solver`") -> None:
+def check_dae(system: AbstractSystem, solver: str, dae: bool, named: str = "Key `solve.solver`") -> None:
     """Raises a :class:`ScenarioError` where the differential-algebraic form is asked for and there is none.
 
     The message calls the solver as ``named``.

@@ -12,7 +12,7 @@ from ..interface.printing import Printed, is_single, shown
 from ..interface.status import Status
 from ..numerics.masks import differentiated_where
 from ..numerics.modes import once
-from ..physics.body import Ball, Disk
+from ..physics.body import AbstractBody
 from ..physics.contact import reaction
 from ..solvers.dense.maxima import maxima
 from ..solvers.dense.steps import Steps
@@ -94,7 +94,7 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
     friction needed, max |f|/N, 0.12 at t = 0
     """
     require("trajectory", trajectory, Trajectory, "what jaxball.simulate returns")
-    if not isinstance(trajectory.system, Ball | Disk):
+    if not isinstance(trajectory.system, AbstractBody):
         raise TypeError(
             "Argument `trajectory` must be of a Ball or a Disk, which a plane holds, but it is of a "
             f"{type(trajectory.system).__name__}."

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, cast, get_args, overload
+from typing import Any, NamedTuple, cast, overload
 
 import diffrax
 import equinox as eqx
@@ -13,25 +13,17 @@ from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
-from ..classical import (
-    AbstractClassicalState,
-    AbstractClassicalSystem,
-    ParticleState,
-    RigidBodyState,
-    VakonomicState,
-)
 from ..interface.arguments import refusal, require
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, default_dtype, require_numbers, to_array
 from ..numerics.masks import differentiated_where
 from ..numerics.modes import forward_only, reverse_only
-from ..physics.body import Ball, System
+from ..physics.body import System
 from ..physics.confinement import until_left
-from ..physics.dae import WITH_UNIT, has_unit
-from ..physics.dynamics import field_of
+from ..physics.dae import WITH_UNIT
 from ..physics.packing import Packing
-from ..physics.simulable import SimulableState, SimulableSystem, require_system
-from ..physics.state import BallState, DiskState, State
+from ..physics.state import State
+from ..physics.system import AbstractState, AbstractSystem, default_of, require_state, require_system
 from ..physics.validity import possible_start
 from ..solvers import Projected, RadauIIA, SwitchingMassMatrixTerm
 from .events import AbstractEvent
@@ -43,7 +35,6 @@ DEFAULT_TOLERANCE = 1e-10
 DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
 NO_PROGRESS = diffrax.NoProgressMeter()
-SHAPED = {*get_args(State), RigidBodyState, ParticleState, VakonomicState}
 FEW_STEPS = (256, 2048)
 FINEST = {name: 8 * float(np.finfo(name).eps) for name in ("float32", "float64")}
 
@@ -53,9 +44,9 @@ class PrecisionError(ValueError):
 
 
 def simulate(
-    system: SimulableSystem,
+    system: AbstractSystem,
     times: Numbers,
-    state: SimulableState | None = None,
+    state: AbstractState | None = None,
     *,
     solver: diffrax.AbstractAdaptiveSolver | None = None,
     rtol: Numbers = DEFAULT_TOLERANCE,
@@ -75,12 +66,13 @@ def simulate(
 
     **Arguments:**
 
-    - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, or one of :mod:`jaxball.classical`.
+    - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, one of :mod:`jaxball.classical`, or any other
+      :class:`~jaxball.AbstractSystem`.
     - ``times``: increasing, two or more. The solver steps as it likes, and exactly to the kinks of
       actuation and force.
     - ``state``: the state at ``times[0]``; at rest at the origin if not given. Its kind chooses the
       equations: :class:`~jaxball.BallState` (versor), :class:`~jaxball.RotationState` (matrix),
-      :class:`~jaxball.ReducedState` (Ω, Γ), or :class:`~jaxball.DiskState`; a classical system has one.
+      :class:`~jaxball.ReducedState` (Ω, Γ), or :class:`~jaxball.DiskState`; other systems mostly have one.
     - ``solver``: any adaptive diffrax solver; ``diffrax.Dopri8()`` if not given.
     - ``rtol``, ``atol``: tolerances of the step-size control. Changing them compiles nothing anew.
     - ``dense``: whether the trajectory can be evaluated at any time, ``trajectory.at(t)``.
@@ -167,7 +159,7 @@ class _Method(NamedTuple):
 
 
 def _run(
-    method: _Method, system: SimulableSystem, times: Any, state: SimulableState, *others: Any
+    method: _Method, system: AbstractSystem, times: Any, state: AbstractState, *others: Any
 ) -> Trajectory[Any, Any]:
     """A trajectory. Dense output has room for few steps at first, because room that is not used costs time as well."""
     staged = isinstance(jnp.zeros(()), Tracer)
@@ -198,9 +190,9 @@ def _compiled(method: _Method) -> Callable[..., tuple]:
 
 def _solve(
     method: _Method,
-    system: SimulableSystem,
+    system: AbstractSystem,
     times: Array,
-    state: SimulableState,
+    state: AbstractState,
     rtol: Array,
     atol: Array,
     events: dict[str, AbstractEvent],
@@ -264,7 +256,7 @@ def _solve(
     )
 
 
-def _startable(system: SimulableSystem, times: Array, state: SimulableState, inside: bool) -> Array:
+def _startable(system: AbstractSystem, times: Array, state: AbstractState, inside: bool) -> Array:
     initial = Packing.of(system.prepare(), state).pack(times[0], state)
     return possible_start(system, times, state, inside) & jnp.all(jnp.isfinite(initial))
 
@@ -273,7 +265,7 @@ _solve_filtered = eqx.filter_jit(_solve)
 
 
 def _controller(
-    method: _Method, system: SimulableSystem, times: Array, rtol: Array, atol: Array
+    method: _Method, system: AbstractSystem, times: Array, rtol: Array, atol: Array
 ) -> diffrax.AbstractAdaptiveStepSizeController:
     """Steps by the tolerances, to the kinks and, where asked for, to ``times``."""
     controller = by_tolerances(rtol, atol)
@@ -296,29 +288,16 @@ def at_rest(system: System) -> State: ...
 
 
 @overload
-def at_rest(system: AbstractClassicalSystem) -> AbstractClassicalState: ...
+def at_rest(system: AbstractSystem) -> AbstractState: ...
 
 
-def at_rest(system: SimulableSystem) -> SimulableState:
-    """The default initial state: at rest at the origin, upright.
+def at_rest(system: AbstractSystem) -> AbstractState:
+    """The default initial state: of a ball or a disk, at rest at the origin, upright.
 
-    **Raises:** ``ValueError`` where angles belong to the state.
+    **Raises:** ``ValueError`` where a state must be given, as where angles belong to it.
     """
     require_system(system)
-    if isinstance(system, AbstractClassicalSystem):
-        return _default_state(system.state_type, default_dtype())
-    if system.driven:
-        raise ValueError(
-            f"Argument `state` must be given, because the masses {list(system.driven)} are driven by a feedback "
-            "law and their angles belong to the state; pass BallState(theta=..., thetadot=...)."
-        )
-    return _default_state(BallState if isinstance(system, Ball) else DiskState, default_dtype())
-
-
-@functools.cache
-def _default_state(kind: type[SimulableState], dtype: Any) -> Any:
-    with jax.ensure_compile_time_eval():
-        return kind()
+    return system.default_state()
 
 
 def _as_array(name: str, x: Numbers) -> Array | np.ndarray:
@@ -396,34 +375,22 @@ def _checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax
     return progress
 
 
-def _check_state(system: SimulableSystem, state: SimulableState) -> None:
-    field_of(system, state)
-    if type(state) in SHAPED:
-        for name, shape in _shapes_of(type(state)).items():
-            if (given := getattr(state, name).shape) != shape:
-                raise ValueError(
-                    f"Argument `state` must be one state, with `{name}` of shape {shape}, but its shape is {given}; "
-                    "for many runs use jax.vmap or jaxball.ensemble.simulate_ensemble."
-                )
-    if isinstance(system, AbstractClassicalSystem) or isinstance(state, AbstractClassicalState):
-        return
-    wanted = (len(system.driven),)
-    if state.theta.shape != wanted or state.thetadot.shape != wanted:
-        raise ValueError(
-            f"Argument `state` must have {wanted[0]} entries in theta and in thetadot, one for each driven mass, "
-            f"but it has {state.theta.shape[-1]} and {state.thetadot.shape[-1]}."
-        )
+def _check_state(system: AbstractSystem, state: AbstractState) -> None:
+    require_state(system, state)
+    default = default_of(type(state), default_dtype())
+    for name, value in {} if default is None else vars(default).items():
+        given = getattr(state, name).shape
+        # Of a sized field the system has checked the length, and not that it is of one state.
+        fits = len(given) == len(value.shape) if name in state.sized else given == value.shape
+        if not fits:
+            raise ValueError(
+                f"Argument `state` must be one state, with `{name}` of shape {value.shape}, but its shape is {given}; "
+                "for many runs use jax.vmap or jaxball.ensemble.simulate_ensemble."
+            )
 
 
-@functools.cache
-def _shapes_of(kind: type[SimulableState]) -> dict[str, tuple[int, ...]]:
-    """The shapes that a state always has, which its default has too."""
-    default = vars(_default_state(kind, default_dtype()))
-    return {name: value.shape for name, value in default.items() if name not in ("theta", "thetadot")}
-
-
-def _check_dae(state: SimulableState, solver: diffrax.AbstractSolver | None) -> None:
-    if not has_unit(state):
+def _check_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> None:
+    if state.unit_vector is None:
         raise TypeError(
             f"Argument `state` must be {WITH_UNIT} where `dae` is True, because it is a component of their unit "
             f"vector that becomes algebraic, but it is a {type(state).__name__}."

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..physics.simulable import SimulableSystem
+from ..physics.system import AbstractSystem
 from ..solvers import StepToKinks
 
 
@@ -21,7 +21,7 @@ def to_kinks(
     return StepToKinks(controller, kinks) if kinks.size else controller
 
 
-def kinks_of(system: SimulableSystem) -> Float[Array, " kinks"]:
+def kinks_of(system: AbstractSystem) -> Float[Array, " kinks"]:
     """The kinks of motions and of what drives.
 
     At the kinks of motions the field is continuous, so that moving the end of a step there moves nothing, and they

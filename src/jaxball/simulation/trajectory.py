@@ -11,18 +11,20 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
+from typing_extensions import TypeVar
 
-from ..classical import AbstractClassicalSystem
 from ..interface.printing import Printed
 from ..interface.status import SolveError, Status
 from ..interface.wording import counted
 from ..numerics.arrays import Numbers, to_array
 from ..numerics.masks import differentiated_where
+from ..physics.body import AbstractBody, System
+from ..physics.conditions import Problem
 from ..physics.observables import Observables, observe
 from ..physics.packing import Packing
-from ..physics.simulable import AnySimulableState, AnySimulableSystem, SimulableSystem
-from ..physics.state import BallState, DiskState, ReducedState, RotationState
-from ..physics.validity import Problem, find_problems
+from ..physics.state import BallState, DiskState, ReducedState, RotationState, State
+from ..physics.system import AbstractState, AbstractSystem
+from ..physics.validity import find_problems
 from .occurrences import Occurrences
 
 if TYPE_CHECKING:
@@ -32,14 +34,19 @@ if TYPE_CHECKING:
     import xarray
 
 
-class Interpolant(eqx.Module, Generic[AnySimulableState]):
+# For type checkers, a trajectory is of a ball or a disk unless it is said to be of something else.
+AnySystem = TypeVar("AnySystem", bound=AbstractSystem, default=System)
+AnyState = TypeVar("AnyState", bound=AbstractState, default=State)
+
+
+class Interpolant(eqx.Module, Generic[AnyState]):
     """The states between the saved times, by the solver's own interpolation."""
 
     solution: diffrax.Solution
-    packing: Packing[Any, AnySimulableState]
+    packing: Packing[Any, AnyState]
 
 
-class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
+class Trajectory(Printed, Generic[AnySystem, AnyState]):
     """States of a system at saved times, and how the solve ended.
 
     - ``system``: what was simulated.
@@ -67,16 +74,16 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
     [0.75 0.75 0.75]
     """
 
-    system: AnySimulableSystem
+    system: AnySystem
     times: Float[Array | np.ndarray, "*batch T"]
-    state: AnySimulableState
+    state: AnyState
     reached: Float[Array, "*batch"]
     status: Int[Array, "*batch"]
     steps: Int[Array, "*batch"]
     rejected: Int[Array, "*batch"]
-    interpolant: Interpolant[AnySimulableState] | None = None
+    interpolant: Interpolant[AnyState] | None = None
     events: dict[str, Occurrences] = eqx.field(default_factory=dict)
-    start: AnySimulableState | None = None
+    start: AnyState | None = None
 
     @property
     def ok(self) -> bool:
@@ -96,7 +103,7 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
         if status == Status.IMPOSSIBLE or at_the_start:
             return find_problems(self.system, self.start, times)
         if status == Status.LEFT_SHELL:
-            return find_problems(self.system, self.start, times, np.asarray(getattr(self.state, "theta")))  # noqa: B009
+            return find_problems(self.system, self.start, times, self.state)
         return []
 
     def message_of(self, problems: Sequence[str]) -> str:
@@ -104,13 +111,13 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
         sentence = Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
         return " ".join([sentence, *problems])
 
-    def raise_if_failed(self) -> "Trajectory[AnySimulableSystem, AnySimulableState]":
+    def raise_if_failed(self) -> "Trajectory[AnySystem, AnyState]":
         """The trajectory itself, or a :class:`~jaxball.SolveError` with the message."""
         if not self.ok:
             raise SolveError(self.message)
         return self
 
-    def at(self, t: Numbers) -> AnySimulableState:
+    def at(self, t: Numbers) -> AnyState:
         """The state at any time ``t`` of the run, a number or an array, from dense output.
 
         NaN before the start and after the time to which the solve came.
@@ -126,9 +133,9 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
         """Positions, energies and forces at every saved time.
 
         **Raises:** ``ValueError`` for a reduced trajectory, which does not know where the ball is, and for
-        one of a classical system, which has ``laws``.
+        one of another system, which may have ``laws``.
         """
-        if isinstance(self.system, AbstractClassicalSystem):
+        if not isinstance(self.system, AbstractBody):
             raise ValueError(
                 "The observables are those of a ball or a disk, but this trajectory is of a "
                 f"{type(self.system).__name__}; its `laws` say what is constant in it."
@@ -142,15 +149,14 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
 
     @property
     def laws(self) -> Any:
-        """The laws of a classical system at every saved time: a named tuple, each entry with T as leading axis.
+        """The laws of the system at every saved time: a named tuple, each entry with T as leading axis.
 
-        **Raises:** ``ValueError`` for a ball or a disk, for which they are functions of a state.
+        **Raises:** ``ValueError`` for a ball or a disk, whose integrals are functions of a state.
         """
-        if not isinstance(self.system, AbstractClassicalSystem):
+        if isinstance(self.system, AbstractBody):
             raise ValueError(
-                "The laws are those of a classical system, but this trajectory is of a "
-                f"{type(self.system).__name__}; "
-                "the modules jaxball.physics.laws and jaxball.physics.momentum have its integrals."
+                f"The laws are those of other systems, but this trajectory is of a {type(self.system).__name__}; "
+                "the modules jaxball.physics.integrals and jaxball.physics.momentum have its integrals."
             )
         return _laws_of_all(self.system, self.times, self.state)
 
@@ -185,16 +191,16 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
         """
         from .. import plot
 
-        classical = isinstance(self.system, AbstractClassicalSystem)
-        return plot.classical_motion(self).figure if classical else plot.overview(self)  # pyright: ignore
+        body = isinstance(self.system, AbstractBody)
+        return plot.overview(self) if body else plot.classical_motion(self).figure  # pyright: ignore
 
     def __repr__(self) -> str:
         if isinstance(self.status, Tracer):
-            return f"Trajectory of a {_described(self.system)}, traced, with {self.times.shape[-1]} times"
+            return f"Trajectory of a {self.system.described()}, traced, with {self.times.shape[-1]} times"
         if np.ndim(self.status):
             return self._of_many()
         lines = [
-            f"Trajectory of a {_described(self.system)}",
+            f"Trajectory of a {self.system.described()}",
             f"  {counted(self.times.size, 'time')} from {float(self.times[0]):g} to {float(self.times[-1]):g}",
         ]
         if self.status == Status.IMPOSSIBLE:
@@ -212,7 +218,7 @@ class Trajectory(Printed, Generic[AnySimulableSystem, AnySimulableState]):
         ends = ", ".join(f"{count} {Status(int(s)).name}" for s, count in zip(statuses, counts, strict=True))
         steps = np.asarray(self.steps)
         return (
-            f"Trajectories of a {_described(self.system)}, a batch of shape {np.shape(self.status)}\n"
+            f"Trajectories of a {self.system.described()}, a batch of shape {np.shape(self.status)}\n"
             f"  {self.times.shape[-1]} times from {np.min(self.times):g} to {np.max(self.times):g}\n"
             f"  {np.min(steps)} to {np.max(steps)} steps\n"
             f"  how they ended: {ends}"
@@ -240,13 +246,6 @@ def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any
         return function(*differentiated_where(known, (system, t, x)))
 
     return jax.vmap(one)(times, state)
-
-
-def _described(system: SimulableSystem) -> str:
-    if isinstance(system, AbstractClassicalSystem):
-        return system.title
-    masses = counted(system.n_masses, "point mass", "point masses") if system.n_masses else "no point masses"
-    return f"{type(system).__name__.lower()} with {masses}"
 
 
 @eqx.filter_jit

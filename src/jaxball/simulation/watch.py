@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from ..interface.arguments import require
 from ..interface.status import Status
 from ..numerics.modes import once
-from ..physics.body import Ball, Disk
+from ..physics.body import AbstractBody
 from ..physics.packing import Packing
 from ..solvers.dense.crossings import Crossings, Kind, crossings
 from ..solvers.dense.steps import Steps
@@ -38,7 +38,7 @@ def checked(system: Any, events: Mapping[str, AbstractEvent] | None) -> dict[str
         remedy = "Event(function) is one" if inspect.isfunction(event) else ""
         require(f"events[{name!r}]", event, AbstractEvent, "an event, such as Detachment()", remedy)
     touching = [name for name, event in events.items() if isinstance(event, Detachment | Slip)]
-    if touching and not isinstance(system, Ball | Disk):
+    if touching and not isinstance(system, AbstractBody):
         raise TypeError(
             f"Argument `events` must not hold a Detachment or a Slip for a {type(system).__name__}, which touches no "
             f'plane, but "{touching[0]}" is one.'

@@ -12,8 +12,8 @@ from jaxtyping import Array, Float
 from ..interface.arguments import require
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..physics.body import Ball
-from ..physics.dynamics import vector_field
 from ..physics.state import ReducedState
+from ..physics.system import vector_field
 from .steady import SteadyMotion, stability
 
 STARTS = 128

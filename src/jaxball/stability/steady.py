@@ -11,9 +11,9 @@ from ..interface.printing import Printed, shown
 from ..numerics.arrays import Numbers, to_array
 from ..numerics.vectors import cross
 from ..physics.body import System
-from ..physics.dynamics import vector_field
 from ..physics.phase_space import normal_of, phase_point
 from ..physics.state import ReducedState, State
+from ..physics.system import vector_field
 
 STEADY = 1e-8  # the rate, in units of the largest eigenvalue, up to which a state counts as steady
 NEUTRAL = 1e-7  # the real part, in the same units, that counts as none

@@ -7,7 +7,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from ..classical import AbstractClassicalSystem, HeavyTop
+from ..classical import HeavyTop
+from ..physics.body import AbstractBody
 from ..physics.state import DiskState
 from ..scenario import Scenario
 from ..simulation.extremes import contact_extremes
@@ -56,7 +57,7 @@ def contact(case: Case) -> Row:
 
 def laws_along(scenario: Scenario) -> dict[str, Callable[[Case], Row]]:
     """The laws that are checked along a run of this system, by name."""
-    if isinstance(scenario.system, AbstractClassicalSystem):
+    if not isinstance(scenario.system, AbstractBody):
         start = jnp.asarray(scenario.times[0]), scenario.state
         names = eqx.filter_eval_shape(type(scenario.system).laws, scenario.system, *start)._fields
         return {name: partial(balance, name) for name in names}
@@ -65,7 +66,7 @@ def laws_along(scenario: Scenario) -> dict[str, Callable[[Case], Row]]:
 
 def _why_not(name: str, case: Case) -> str:
     system, samples = case.scenario.system, case.samples
-    if isinstance(system, AbstractClassicalSystem):
+    if not isinstance(system, AbstractBody):
         return _why_not_classical(name, case)
     assert samples.moments is not None
     assert samples.axis is not None

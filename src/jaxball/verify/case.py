@@ -12,8 +12,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
 from ..chaos.tangent import generic_vectors
-from ..physics.dae import projected
-from ..physics.simulable import SimulableState, SimulableSystem
+from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
 from ..simulation.simulate import FINEST, simulate
 from ..simulation.trajectory import Trajectory
@@ -63,7 +62,7 @@ class Case:
         """The same motion by Dopri8 at a tolerance of 1e-13, or a tenth of the run's if that is finer."""
         return self.precise(self.scenario.state)
 
-    def precise(self, state: SimulableState) -> Trajectory[Any, Any]:
+    def precise(self, state: AbstractState) -> Trajectory[Any, Any]:
         """The motion from an initial state, as precise as possible."""
         return self.other(diffrax.Dopri8(), state=state, tolerance=self.finest)
 
@@ -71,8 +70,8 @@ class Case:
         self,
         solver: diffrax.AbstractAdaptiveSolver,
         *,
-        system: SimulableSystem | None = None,
-        state: SimulableState | None = None,
+        system: AbstractSystem | None = None,
+        state: AbstractState | None = None,
         tolerance: float | None = None,
         dae: bool = False,
     ) -> Trajectory[Any, Any]:
@@ -95,7 +94,7 @@ class Case:
         largest = np.max(np.abs(flat(self.reference.state)), axis=0)
         return (self.scenario.atol + self.scenario.rtol * largest) / self.tolerance
 
-    def distance(self, a: SimulableState, b: SimulableState) -> Float[np.ndarray, " T"]:
+    def distance(self, a: AbstractState, b: AbstractState) -> Float[np.ndarray, " T"]:
         """The distance of two motions at each saved time: the largest difference of a component over its weight."""
         return np.max(np.abs(flat(a) - flat(b)) / self.weights[None], axis=1)
 
@@ -116,7 +115,7 @@ class Case:
         factors = []
         for direction in generic_vectors(DIRECTIONS, start.size):
             change = DEVIATION * direction / np.linalg.norm(direction) * self.weights
-            nearby = self.precise(projected(unravel(start + jnp.asarray(change, start.dtype))))
+            nearby = self.precise(unravel(start + jnp.asarray(change, start.dtype)).projected())
             # A constrained body cannot start from every nearby state.
             if nearby.ok:
                 deviation = self.distance(nearby.state, self.reference.state)
@@ -132,7 +131,7 @@ class Case:
         return SAFETY * self.steps * self.tolerance * float(np.max(self.growth))
 
 
-def flat(state: SimulableState) -> Float[np.ndarray, "T size"]:
+def flat(state: AbstractState) -> Float[np.ndarray, "T size"]:
     """States along a leading axis as rows."""
     leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(state)]
     return np.concatenate([leaf.reshape(leaf.shape[0], -1) for leaf in leaves], axis=1)

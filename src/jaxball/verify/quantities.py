@@ -10,10 +10,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..classical import AbstractClassicalState, AbstractClassicalSystem
 from ..numerics.vectors import apply, cross
-from ..physics import laws
-from ..physics.body import System
+from ..physics import integrals
+from ..physics.body import AbstractBody
 from ..physics.dynamics import driven_angles
 from ..physics.energy import velocities
 from ..physics.frames import frisvad
@@ -21,6 +20,7 @@ from ..physics.moments import Moments, kinematics, moments, point_mass_values, p
 from ..physics.motion import Kinematics
 from ..physics.observables import observe
 from ..physics.state import BallState, DiskState
+from ..physics.system import AbstractState, AbstractSystem
 
 CENTRED = 1e-12  # of the radius of gyration: a distance from the geometric centre that counts as zero
 
@@ -42,16 +42,14 @@ class Quantities(NamedTuple):
 
 def quantities(system: Any, t: Float[Array, ""], state: Any) -> Quantities:
     """The balances of any system in one state."""
-    if isinstance(system, AbstractClassicalSystem):
-        return _of_classical(system, t, state)
-    return _of_rolling(system, t, state)
+    return _of_rolling(system, t, state) if isinstance(system, AbstractBody) else _of_laws(system, t, state)
 
 
-def _of_classical(system: AbstractClassicalSystem, t: Float[Array, ""], state: AbstractClassicalState) -> Quantities:
+def _of_laws(system: AbstractSystem, t: Float[Array, ""], state: AbstractState) -> Quantities:
     return Quantities({name: _constant(value) for name, value in system.laws(t, state)._asdict().items()}, None, None)
 
 
-def _of_rolling(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Quantities:
+def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Quantities:
     observables, in_space = observe(system, t, state), state.in_space()
     Lambda, Omega, r = in_space.Lambda, in_space.Omega, system.radius
     Gamma, omega = Lambda[2], apply(Lambda, Omega)
@@ -59,7 +57,7 @@ def _of_rolling(system: System, t: Float[Array, ""], state: BallState | DiskStat
     Fe = jnp.zeros_like(Omega) if system.force is None else system.force(t)
     arguments = at, r, Omega, Gamma
     axis = axis_of(at)
-    axial = laws.routh_integrals(*_about(axis, *arguments))
+    axial = integrals.routh_integrals(*_about(axis, *arguments))
     vertical = jnp.zeros_like(Omega).at[2].set(1.0)
     rolling = cross(omega, r * vertical)
     momentum = contact_momentum_balance(system, t, state)
@@ -67,7 +65,7 @@ def _of_rolling(system: System, t: Float[Array, ""], state: BallState | DiskStat
         "energy": Balance(observables.energy, observables.power),
         "momentum": momentum,
         "chaplygin": _constant(momentum.value),
-        "jellett-rate": Balance(laws.jellett(*arguments), laws.jellett_rate(*arguments, apply(Lambda.T, Fe))),
+        "jellett-rate": Balance(integrals.jellett(*arguments), integrals.jellett_rate(*arguments, apply(Lambda.T, Fe))),
         "jellett": _constant(axial.jellett),
         "routh": _constant(axial.routh),
         "norm": _constant(jnp.sqrt(jnp.sum(in_space.q**2))),
@@ -76,7 +74,7 @@ def _of_rolling(system: System, t: Float[Array, ""], state: BallState | DiskStat
     return Quantities(balances, at, axis)
 
 
-def contact_momentum_balance(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Balance:
+def contact_momentum_balance(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Balance:
     """The angular momentum about the contact point in space axes, ΛΠ, and its rate, mass by mass.
 
     About a point that moves with the velocity ċ, L̇ = Σ s × (−m g e3) + r e3 × Fe − ċ × P, with s from the contact

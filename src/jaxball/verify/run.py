@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from ..classical import AbstractClassicalState
 from ..interface.wording import did_you_mean
 from ..numerics.arrays import Numbers
-from ..physics.simulable import SimulableState, SimulableSystem
-from ..physics.state import BallState, DiskState
+from ..physics.state import ReducedState, RotationState
+from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
 from ..simulation.simulate import at_rest
 from .balances import BALANCES, laws_along
@@ -29,9 +28,9 @@ ROLLING_ONLY = "it is for a ball or a disk"
 
 
 def verify(
-    system: Scenario | SimulableSystem,
+    system: Scenario | AbstractSystem,
     times: Numbers | None = None,
-    state: SimulableState | None = None,
+    state: AbstractState | None = None,
     *,
     laws: Sequence[str] | None = None,
     quick: bool = False,
@@ -65,7 +64,7 @@ def verify(
     return Report(case.scenario.title, rows, trust(case) if needs_trust else None)
 
 
-def _scenario(system: Scenario | SimulableSystem, times: Any, state: Any, settings: dict[str, Any]) -> Scenario:
+def _scenario(system: Scenario | AbstractSystem, times: Any, state: Any, settings: dict[str, Any]) -> Scenario:
     if isinstance(system, Scenario):
         if times is not None or state is not None or settings:
             raise ValueError(
@@ -76,9 +75,9 @@ def _scenario(system: Scenario | SimulableSystem, times: Any, state: Any, settin
     if times is None:
         raise ValueError("Argument `times` must be given for a system, two or more increasing numbers, but it is None.")
     state = at_rest(system) if state is None else state
-    if not isinstance(state, BallState | DiskState | AbstractClassicalState):
+    if isinstance(state, RotationState | ReducedState):
         raise TypeError(
-            "Argument `state` must be a BallState, a DiskState or a state of a classical system, but it is a "
+            "Argument `state` must be a BallState, a DiskState or a state of another system, but it is a "
             f"{type(state).__name__}; a RotationState has `in_space`."
         )
     return Scenario("", system, state, np.asarray(times, dtype=float), **settings)

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from ..physics.body import Disk, System
+from ..physics.body import AbstractBody, Disk
 from ..physics.moments import Moments
 
 ZERO = 1e-9  # relative to the scale
@@ -11,7 +11,7 @@ MASSES_MOVE = "masses move"
 PLANAR = "a disk rolls in a plane, where it is zero"
 
 
-def why_not_chaplygin(system: System, at: Moments) -> str:
+def why_not_chaplygin(system: AbstractBody, at: Moments) -> str:
     """Why ΛΠ is not constant; empty where it is, for p = 0 at all times and no force."""
     if system.force is not None:
         return "a force acts"
@@ -21,7 +21,7 @@ def why_not_chaplygin(system: System, at: Moments) -> str:
     return ""
 
 
-def why_not_routh(system: System, at: Moments, axis: Float[np.ndarray, "steps nodes 3"]) -> str:
+def why_not_routh(system: AbstractBody, at: Moments, axis: Float[np.ndarray, "steps nodes 3"]) -> str:
     """Why the integrals of Jellett and Routh are not constant; empty where they are.
 
     They are constant where no force acts, no mass moves, and the ball with its masses is a body of revolution about the

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from ...classical import AbstractClassicalSystem
 from ...interface.output import check_destination
+from ...physics.body import AbstractBody
 from ...results import SUFFIXES, save
 from ...results.provenance import attributes
 from ...scenario import Scenario, ScenarioError
@@ -53,8 +53,8 @@ def _run(options: argparse.Namespace) -> int:
     if options.solver is not None:
         check_dae(scenario.system, options.solver, scenario.dae, "Argument `--solver`")
     check_animation(options, scenario)
-    rolling = not isinstance(scenario.system, AbstractClassicalSystem)
-    trajectory = scenario.simulate(dense=rolling, events=_events(options, scenario))
+    touches = isinstance(scenario.system, AbstractBody)
+    trajectory = scenario.simulate(dense=touches, events=_events(options, scenario))
     if options.out is not None:
         save(trajectory, options.out, scenario)
     if not trajectory.ok:
@@ -65,7 +65,7 @@ def _run(options: argparse.Namespace) -> int:
     written = [] if options.out is None else [str(options.out)]
     written += _draw(options, scenario, trajectory)
     write_json(options, _content(scenario, trajectory))
-    checks = _conservation(trajectory) if isinstance(scenario.system, AbstractClassicalSystem) else _contact(trajectory)
+    checks = _contact(trajectory) if isinstance(scenario.system, AbstractBody) else _conservation(trajectory)
     say(options, scenario.title, trajectory, *checks, written_line(written))
     return 0
 
@@ -92,7 +92,7 @@ def _content(scenario: Scenario, trajectory: Trajectory[Any, Any]) -> dict[str, 
     about = {name: value for name, value in attributes(trajectory, scenario).items() if name != "format"}
     end = {name: np.asarray(leaf)[-1] for name, leaf in vars(trajectory.state).items()}
     content = {**about, "ok": trajectory.ok, "time": float(trajectory.times[-1]), "state": end}
-    if isinstance(scenario.system, AbstractClassicalSystem):
+    if not isinstance(scenario.system, AbstractBody):
         content["law_changes"] = _law_changes(trajectory)
     return content
 
@@ -103,7 +103,7 @@ def _events(options: argparse.Namespace, scenario: Scenario) -> dict[str, Abstra
         events["slip"] = Slip(options.friction)
     if options.detachment:
         events["detachment"] = Detachment()
-    if events and isinstance(scenario.system, AbstractClassicalSystem):
+    if events and not isinstance(scenario.system, AbstractBody):
         raise ScenarioError(
             "Arguments `--friction` and `--detachment` must be left out for a system that touches no plane, such as "
             f"the {scenario.system.title} of this scenario."

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...classical import AbstractClassicalSystem
-from ...physics.body import Ball
+from ...physics.body import AbstractBody, Ball
 from ...scenario import Scenario, ScenarioError
 from ...scenario.paths import entries
 from ...stability import SteadyMotion, permanent_rotations, stability, steady_rolling
@@ -64,7 +63,7 @@ def _run(options: argparse.Namespace) -> int:
 def _motions(options: argparse.Namespace, scenario: Scenario) -> Sequence[SteadyMotion]:
     system = scenario.system
     t = float(scenario.times[0]) if options.time is None else options.time
-    if isinstance(system, AbstractClassicalSystem):
+    if not isinstance(system, AbstractBody):
         raise ValueError(f"Steady motions are those of a ball or a disk, but the scenario is of a {system.title}.")
     if options.initial:
         return (stability(system, scenario.state, turning=options.turning or 0.0, t=t),)  # pyright: ignore

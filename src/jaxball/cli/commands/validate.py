@@ -71,10 +71,7 @@ def _scenario(document: dict[str, Any], folder: Path) -> str:
 
 def _of_scenario(scenario: Scenario) -> str:
     system, times = scenario.system, scenario.times
-    masses = getattr(system, "n_masses", None)
-    kind = type(system).__name__.lower() if masses is not None else system.title  # pyright: ignore
-    count = "" if masses is None else f" with {counted(masses, 'point mass', 'point masses')}"
-    return f"{kind}{count}, {len(times)} times from {times[0]:g} to {times[-1]:g} by {scenario.solver}"
+    return f"{system.described()}, {len(times)} times from {times[0]:g} to {times[-1]:g} by {scenario.solver}"
 
 
 def _study(document: dict[str, Any], folder: Path) -> str:

@@ -10,9 +10,9 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
-from ...classical import AbstractClassicalSystem, SuslovProblem
-from ...physics.body import Ball, Disk
-from ...physics.validity import possible_start, shell_conditions
+from ...classical import SuslovProblem
+from ...physics.body import AbstractBody, Ball, Disk
+from ...physics.validity import possible_start
 from .compiled import on_rows
 from .furthest import LARGEST_PHASE, largest_phase
 from .verdict import Verdicts, verdicts, worst
@@ -26,7 +26,7 @@ def conditions_hold(system: Any, state: Any, start: Float[np.ndarray, " rows"]) 
     A program rounds otherwise than a reader does, and so a row is in doubt where a condition holds or not as one of
     its numbers is a little larger or smaller.
     """
-    if isinstance(system, AbstractClassicalSystem):
+    if not isinstance(system, AbstractBody):
         found = _robustly(_classical, (system, start, state))
         if isinstance(system, SuslovProblem):
             tame = largest_phase(getattr(system.xi, "series"), start) < LARGEST_PHASE  # noqa: B009
@@ -40,11 +40,11 @@ def conditions_hold(system: Any, state: Any, start: Float[np.ndarray, " rows"]) 
 
 
 def _ball(shell: dict[str, Any]) -> Bool[Array, ""]:
-    return jnp.all(jnp.stack([condition.holds for condition in shell_conditions(Ball(**shell))]))
+    return jnp.all(jnp.stack([condition.holds for condition in Ball(**shell).conditions()]))
 
 
 def _disk(shell: dict[str, Any]) -> Bool[Array, ""]:
-    return jnp.all(jnp.stack([condition.holds for condition in shell_conditions(Disk(**shell))]))
+    return jnp.all(jnp.stack([condition.holds for condition in Disk(**shell).conditions()]))
 
 
 def _classical(parts: Any) -> Bool[Array, ""]:

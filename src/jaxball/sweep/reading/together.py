@@ -6,8 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ...classical import AbstractClassicalSystem
-from ...physics.body import Disk
+from ...physics.body import AbstractBody, Disk
 from ..batch import Batch
 from .columns import Columns
 from .conditions import conditions_hold
@@ -79,12 +78,12 @@ def _judged(plan: Plan, columns: Columns, span: Spans, parts: tuple) -> Verdicts
     time = columns.change("time")
     found = [np.full(columns.rows, GOOD)]
     changed = jax.tree.leaves(changes)
-    if isinstance(system, AbstractClassicalSystem):
+    if not isinstance(system, AbstractBody):
         return worst(*found, conditions_hold(system, state, span.start), parts_fit(system, changes, columns.rows))
     if any(changed):
         found += [conditions_hold(system, state, span.start), parts_fit(system, changes, columns.rows)]
     shell = Shell(
-        system.radius[:, None],
+        np.asarray(system.radius)[:, None],
         span.start[:, None],
         span.end[:, None],
         bool(changes.radius),

@@ -1,0 +1,242 @@
+"""The contract of a mechanical system: what one supplies, and what it gets for it.
+
+A system is an :class:`AbstractSystem` of parameters with an :class:`AbstractState` that a solve advances. Ball and disk
+(``body``), the classical systems (``jaxball.classical``) and systems of one's own fulfil the same contract. What they
+get for it: :func:`jaxball.simulate` with status, events, dense output and derivatives, ensembles, Lyapunov exponents,
+Poincaré maps, checks of laws, data sets and figures, and sentences that say what cannot be.
+"""
+
+import abc
+import functools
+from collections.abc import Iterator
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..interface.arguments import a, described, refusal
+from ..interface.printing import Printed, is_array
+from ..numerics.arrays import default_dtype
+from .conditions import Condition, Problem, unit
+
+AnyState = TypeVar("AnyState", bound="AbstractState")
+AnySystem = TypeVar("AnySystem", bound="AbstractSystem")
+
+
+class AbstractState(Printed):
+    """What a solve advances: the arrays of an Equinox module, each a field.
+
+    Fields that have defaults make the state from which a run starts if none is given.
+
+    - ``unit_vector``: the name of the field that is a unit vector, if there is one. It must be one at the start,
+      ``project`` and ``dae`` of :func:`jaxball.simulate` keep it one, and it counts one dimension less.
+    - ``sized``: the names of fields whose length the system decides; its ``require_state`` checks them.
+    """
+
+    unit_vector: ClassVar[str | None] = None
+    sized: ClassVar[tuple[str, ...]] = ()
+
+    def conditions(self) -> Iterator[Condition]:
+        """Every condition that an initial state must meet; traceable. What is not finite meets none."""
+        if self.unit_vector is not None:
+            yield unit(f"state.{self.unit_vector}", getattr(self, self.unit_vector))
+        for path, leaf in jax.tree_util.tree_leaves_with_path(self):
+            yield Condition(jnp.all(jnp.isfinite(leaf)), "state" + jax.tree_util.keystr(path), leaf, "finite")
+
+    def projected(self: AnyState) -> AnyState:
+        """The nearest state that is one: with a unit vector of length 1."""
+        if self.unit_vector is None:
+            return self
+        name, vector = self.unit_vector, getattr(self, self.unit_vector)
+        return eqx.tree_at(lambda state: getattr(state, name), self, vector / jnp.sqrt(jnp.sum(vector * vector)))
+
+    def reduced(self) -> "AbstractState":
+        """What of the state the motion depends on, where nothing breaks the system's symmetries: its phase space."""
+        return self
+
+
+class NoLaws(NamedTuple):
+    """The laws of a system that states none."""
+
+
+class AbstractSystem(Printed, Generic[AnyState]):
+    """Parameters of a mechanical system, the arrays of an Equinox module, with its equations of motion.
+
+    An implementer supplies
+
+    - ``state_type``: the class of its states, and ``other_state_types`` where it takes more;
+    - ``field(t, state)``: the equations of motion.
+
+    All else has a default, and is supplied where the default does not fit:
+
+    - ``title``: what it is called in sentences;
+    - ``conditions``, ``start_conditions``: which parameters and which starts can be, so that a run that cannot be has
+      the status ``IMPOSSIBLE`` and a sentence that says why;
+    - ``laws``: what is constant along every motion;
+    - ``prepare``: work to be done once a solve;
+    - ``driving_kinks``, ``motion_kinks``: the times to which a solve steps, because the field is not smooth there;
+    - ``to_packed``, ``from_packed``, ``packed_field``: other coordinates for a solve to advance, such as a momentum in
+      the place of a velocity;
+    - ``phase_point``: which part of a state the motion depends on;
+    - ``confined``, ``time_of_leaving``, ``breaches``: for a system with an inside, that nothing leaves it.
+
+    Methods are traced: they are written with ``jax.numpy``, for one state without a batch, and without branches on
+    numbers.
+    """
+
+    title: ClassVar[str] = "system"
+    state_type: ClassVar[Any]
+    other_state_types: ClassVar[tuple[Any, ...]] = ()
+
+    @abc.abstractmethod
+    def field(self, t: Float[Array, ""], state: AnyState) -> AnyState:
+        """ẋ = f(t, x), in the form of a state."""
+
+    def described(self) -> str:
+        """What the system is, for a sentence after "a"."""
+        return self.title
+
+    # What can be.
+
+    def conditions(self) -> Iterator[Condition]:
+        """Every condition that the parameters must meet; traceable."""
+        yield from ()
+
+    def start_conditions(self, t: Float[Array, ""], state: AnyState) -> Iterator[Condition]:
+        """Every condition that an initial state must meet beside those of its own; traceable."""
+        yield from ()
+
+    def default_state(self) -> AnyState:
+        """The state from which a run starts if none is given: that of the defaults of ``state_type``.
+
+        **Raises:** ``ValueError`` where a state must be given.
+        """
+        default = default_of(self.state_type, default_dtype())
+        if default is None:
+            kind = self.state_type.__name__
+            raise ValueError(f"Argument `state` must be given, because {a(kind)} has fields without a default.")
+        return default
+
+    def require_state(self, state: AnyState) -> None:
+        """Refuses a state that is not of this system, by its type and shapes. A batch may be given.
+
+        **Raises:** ``TypeError`` for another kind, ``ValueError`` for a state of a size that does not fit.
+        """
+        kinds = (self.state_type, *self.other_state_types)
+        if not isinstance(state, kinds):
+            must = " or ".join(a(kind.__name__) for kind in kinds)
+            raise TypeError(
+                f"Argument `state` must be {must} for {a(type(self).__name__)}, but it is {described(state)}."
+            )
+
+    def numbers(self) -> Iterator[tuple[str, Array]]:
+        """The parameters by name, for sentences."""
+        for path, leaf in jax.tree_util.tree_leaves_with_path(self):
+            if is_array(leaf):
+                yield jax.tree_util.keystr(path).removeprefix("."), leaf
+
+    # What a solve advances.
+
+    def prepare(self: AnySystem) -> AnySystem:
+        """The same system, ready to be evaluated many times: called once a solve, not once a step."""
+        return self
+
+    def to_packed(self, t: Float[Array, ""], state: AnyState) -> AnyState:
+        """The state with what a solve advances in the place of some fields; ``self`` is prepared."""
+        return state
+
+    def from_packed(self, t: Float[Array, ""], packed: AnyState) -> AnyState:
+        """The inverse of ``to_packed``."""
+        return packed
+
+    def packed_field(self, t: Float[Array, ""], packed: AnyState) -> AnyState:
+        """The rate of a packed state."""
+        return self.field(t, packed)
+
+    def motion_kinks(self) -> Float[Array, " kinks"]:
+        """The times, in no order, of kinks at which the packed field is continuous. They need no derivatives."""
+        return jnp.zeros((0,), dtype=default_dtype())
+
+    def driving_kinks(self) -> Float[Array, " kinks"]:
+        """The times, in no order, at which the field jumps or bends. A solve steps to them."""
+        return jnp.zeros((0,), dtype=default_dtype())
+
+    # What is read off a state.
+
+    def laws(self, t: Float[Array, ""], state: AnyState) -> Any:
+        """A named tuple of quantities that are constant along every motion, or are where its entries say so."""
+        return NoLaws()
+
+    def phase_point(self, state: AnyState) -> AbstractState:
+        """``state`` as a point of the phase space: what of it the motion depends on."""
+        return state.reduced()
+
+    # Confinement, of a system that has an inside.
+
+    def confined(self, times: Float[Array, " T"], state: AnyState) -> Bool[Array, ""]:
+        """Whether everything is inside at the first of ``times``; ``self`` is prepared."""
+        return jnp.asarray(True)
+
+    def time_of_leaving(self, times: Float[Array, " T"], states: AnyState) -> Float[Array, ""] | None:
+        """When something first leaves, infinite if never; None for a system without an inside. ``self`` is prepared."""
+        return None
+
+    def breaches(self, times: Any, state: AnyState | None, states: AnyState | None) -> Iterator[Problem]:
+        """What is not inside, in words, for numbers that are known.
+
+        ``state`` is that at the first of ``times``, and ``states`` those at all of them, as far as they are given.
+        """
+        yield from ()
+
+
+@functools.cache
+def default_of(kind: type[AbstractState], dtype: Any) -> Any:
+    """The state of a kind that its defaults make, for ``dtype``; None where a field has none."""
+    with jax.ensure_compile_time_eval():
+        try:
+            return kind()
+        except TypeError:
+            return None
+
+
+def require_system(system: Any) -> None:
+    """Raises a ``TypeError`` unless the argument ``system`` fulfils the contract."""
+    if isinstance(system, AbstractSystem):
+        return
+    inner = type(getattr(system, "system", None))
+    remedy = f"its `system` is {a(inner.__name__)}" if issubclass(inner, AbstractSystem) else ""
+    raise refusal("system", "a Ball, a Disk, one of jaxball.classical or another AbstractSystem", system, remedy)
+
+
+def require_state(system: Any, state: Any) -> None:
+    """Refuses what is not a system, and a state that is not of it.
+
+    **Raises:** ``TypeError`` for other kinds, ``ValueError`` for a state of a size that does not fit.
+    """
+    require_system(system)
+    system.require_state(state)
+
+
+def vector_field(system: AbstractSystem, t: Float[Array, ""], state: AnyState) -> AnyState:
+    """ẋ = f(t, x) for the system and the kind of state given.
+
+    **Arguments:**
+
+    - ``system``: a body, a system of :mod:`jaxball.classical`, or another :class:`~jaxball.AbstractSystem`.
+    - ``t``: time.
+    - ``state``: of any kind that the system has.
+
+    **Raises:** ``TypeError`` when the system has no state of that kind.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Disk, DiskState, vector_field
+    >>> rates = vector_field(Disk(mass=1.0, inertia=0.5, radius=2.0), jnp.array(0.0), DiskState(phidot=-1.0))
+    >>> float(rates.z)  # ż = −r φ̇
+    2.0
+    """
+    require_state(system, state)
+    return system.field(t, state)
