@@ -74,13 +74,6 @@ class TestSameEverywhere:
             assert_same(found, np.imag(np.stack(columns, axis=1)).ravel() / 1e-30)
 
     def test_casadi(self, problem, piece, random):
-        pytest.importorskip("casadi", reason="CasADi is not installed")
-        n, k = len(problem.initial), len(piece.parameters)
-        function = translate.casadi_function(problem.right_hand_side(piece), n, k)
-        for t, x, p, expected in points(problem, piece, random):
-            assert_same(function(t, x, p).full(), expected)
-
-    def test_casadi_dae_is_the_same_in_two_parts(self, problem, piece, random):
         casadi = pytest.importorskip("casadi", reason="CasADi is not installed")
         dae, k = translate.casadi_dae(problem, piece), piece.algebraic
         names = [name for name in ("t", "x", "z", "p", "ode", "alg") if name in dae]

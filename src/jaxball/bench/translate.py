@@ -107,18 +107,6 @@ def _operand(item: Any, texts: Mapping[Node, str]) -> str:
     return texts[item] if is_node(item) else f"({item.item()!r})" if item < 0 else repr(item.item())
 
 
-def casadi_function(g: Rates, states: int, parameters: int) -> Any:
-    """g as a CasADi function (t, x, p) → g.
-
-    **Raises:** ``ImportError`` where CasADi is not installed.
-    """
-    casadi: Any = importlib.import_module("casadi")
-
-    t, x, p = casadi.SX.sym("t"), casadi.SX.sym("x", states), casadi.SX.sym("p", parameters)
-    rates = g(t, casadi.vertsplit(x), casadi.vertsplit(p), casadi)
-    return casadi.Function("g", [t, x, p], [casadi.vertcat(*rates)], ["t", "x", "p"], ["rates"])
-
-
 def casadi_dae(problem: Problem, piece: Piece) -> dict[str, Any]:
     """The problem on ``piece`` as ``casadi.integrator`` takes it: x, ode and, of a DAE, z, the component that is
     algebraic, and alg, the constraint.

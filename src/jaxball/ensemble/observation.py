@@ -1,18 +1,16 @@
 """What is looked at in the runs of an ensemble: the states at saved times, and what reductions need."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import diffrax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from ..numerics.batches import map_batches
 from ..physics.packing import Packing
 from .extremes import Extremes
-from .lanes import LaneProgram
 from .observers import AbstractObserver, Integrals, Saves
 from .parameters import Prepared
 from .reductions import AbstractReduction, Found, Quantity
@@ -35,14 +33,16 @@ class Observation(NamedTuple):
         cls,
         solver: diffrax.AbstractERK,
         reductions: tuple[tuple[str, AbstractReduction], ...],
-        like: Any,
-        system: Any,
-        shared: Sequence[bool],
+        prepared: Callable[[Callable[..., Any]], Prepared],
+        state: Any,
         field: Prepared,
         times: Float[Array, "rows times"],
         x: Float[Array, "rows size"],
     ) -> "Observation":
-        """For runs of systems ``like`` the one given, which start at ``x``."""
+        """For runs that start at ``x``, with states in the form of ``state``.
+
+        ``prepared`` takes a function of (system, t, vector) to its program for all runs.
+        """
         size = x.shape[1]
         between = interpolation(solver, size, x.dtype)
         observers: dict[str, AbstractObserver] = {}
@@ -52,14 +52,14 @@ class Observation(NamedTuple):
         quantities = tuple(dict.fromkeys(item.quantity for _, item in reductions))
         if not quantities:
             return cls(observers, given, reductions, quantities, None)
-        values = _values(quantities, like, system, shared, x)
+        values = prepared(functools.partial(_values, quantities, state))
         searches = [(quantities.index(item.quantity), sign) for _, item in reductions for sign in item.signs]
         if searches:
             which, signs = zip(*searches, strict=True)
             again = functools.partial(_again, solver, field)
-            observers[EXTREMES], given[EXTREMES] = Extremes(values, between, which, signs, again, size), values.moving
+            observers[EXTREMES], given[EXTREMES] = Extremes(values, between, which, signs, again, size), values.own
         if any(item.is_integral for _, item in reductions):
-            observers[INTEGRALS], given[INTEGRALS] = Integrals(values, between, len(quantities)), values.moving
+            observers[INTEGRALS], given[INTEGRALS] = Integrals(values, between, len(quantities)), values.own
         return cls(observers, given, reductions, quantities, values)
 
     def saved(self, observed: dict[str, Any], x: Float[Array, "rows size"]) -> Float[Array, "rows between size"]:
@@ -79,7 +79,7 @@ class Observation(NamedTuple):
             return {}
         nothing = jnp.full((len(self.quantities), t0.size), jnp.nan, t0.dtype)
         needs_start = any(item.needs_start for _, item in self.reductions)
-        start = self.values(self.values.moving, t0, x) if needs_start else nothing
+        start = self.values(self.values.own, t0, x) if needs_start else nothing
         integrals = observed.get(INTEGRALS, nothing)
         best = iter(self._extremes(observed, of_field, lanes))
         reports = {}
@@ -102,20 +102,15 @@ class Observation(NamedTuple):
         return [(sign * value, time) for sign, value, time in zip(observer.signs, values, times, strict=True)]
 
 
-def _again(solver: diffrax.AbstractERK, field: Prepared, moving: Any, start: Array, end: Array, x: Array) -> Step:
-    slope = functools.partial(field, moving)
+def _again(solver: diffrax.AbstractERK, field: Prepared, own: Any, start: Array, end: Array, x: Array) -> Step:
+    slope = functools.partial(field, own)
     return step(tableau_of(solver), slope, start, end, x, slope(start, x))
 
 
 def _values(
-    quantities: Sequence[Quantity], like: Any, system: Any, shared: Sequence[bool], x: Float[Array, "rows size"]
-) -> Prepared:
-    """The program of all quantities, with what they need of each run's numbers."""
-
-    def of_one(system, t, x):
-        prepared = system.prepare()
-        state = Packing.of(prepared, like[1]).unpack(t, x)
-        return jnp.stack([quantity(prepared, t, state) for quantity in quantities])
-
-    number, vector = np.zeros((), x.dtype), np.zeros(x.shape[1:], x.dtype)
-    return Prepared.of(LaneProgram(of_one, like[0], number, vector), system, shared, x.shape[0])
+    quantities: Sequence[Quantity], like: Any, system: Any, t: Float[Array, ""], x: Float[Array, " size"]
+) -> Float[Array, " k"]:
+    """The quantities of one run."""
+    prepared = system.prepare()
+    state = Packing.of(prepared, like).unpack(t, x)
+    return jnp.stack([quantity(prepared, t, state) for quantity in quantities])

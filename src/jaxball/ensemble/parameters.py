@@ -1,6 +1,6 @@
 """The parameters of rows of one structure, as elements: those that all rows share, and those that they do not."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -57,27 +57,29 @@ class Prepared(NamedTuple):
     """What a program needs of the parameters: the elements that rows have of their own, and those that they share."""
 
     program: LaneProgram
-    moving: Float[Array, "numbers rows"]
-    fixed: tuple[Any, ...]  # None where an element is one of ``moving``
+    own: Float[Array, "numbers rows"]
+    shared: tuple[Any, ...]  # None where an element is one of ``own``
 
     @classmethod
-    def of(cls, program: LaneProgram, tree: Any, shared: Sequence[bool], rows: int) -> "Prepared":
-        """From the parameters of all rows."""
-        elements = []
-        for leaf, one in zip(jax.tree.leaves(tree), shared, strict=True):
+    def of(
+        cls, function: Callable[..., Any], like: Any, system: Any, shared: Sequence[bool], x: Float[Array, "rows size"]
+    ) -> "Prepared":
+        """For ``function(system, t, x)`` of a system in the form of ``like``, from the systems of all rows."""
+        rows, number, vector = len(x), np.zeros((), x.dtype), np.zeros(x.shape[1:], x.dtype)
+        program, elements = LaneProgram(function, like, number, vector), []
+        for leaf, one in zip(jax.tree.leaves(system), shared, strict=True):
             elements += list(leaf.reshape(-1)) if one else list(leaf.reshape(rows, -1).T)
         prepared = program.prepare(elements)
-        moving = [item for item in prepared if jnp.ndim(item)]
-        dtype = jax.tree.leaves(tree)[0].dtype
+        own = [item for item in prepared if jnp.ndim(item)]
         return cls(
             program,
-            jnp.stack(moving) if moving else jnp.zeros((0, rows), dtype),
+            jnp.stack(own) if own else jnp.zeros((0, rows), x.dtype),
             tuple(None if jnp.ndim(item) else item for item in prepared),
         )
 
-    def __call__(self, moving: Sequence[Array] | Array, *changing: Array) -> Float[Array, "size lanes"]:
-        """The program's results where the lanes have ``moving`` of their own."""
-        own = iter(moving)
-        elements = [next(own) if item is None else item for item in self.fixed]
+    def __call__(self, own: Sequence[Array] | Array, *changing: Array) -> Float[Array, "size lanes"]:
+        """The program's results in lanes whose own elements are ``own``."""
+        following = iter(own)
+        elements = [next(following) if item is None else item for item in self.shared]
         numbers = [row for x in changing for row in (x if x.ndim > 1 else x[None])]
         return self.program(elements, numbers)

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import diffrax
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
@@ -16,7 +15,6 @@ from ..physics.packing import Packing
 from ..physics.validity import possible_start
 from ..simulation.step_size import by_tolerances, kinks_of, to_kinks
 from .control import Limits
-from .lanes import LaneProgram
 from .observation import Observation
 from .parameters import Prepared, axes, single
 from .reductions import AbstractReduction
@@ -56,8 +54,12 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
     possible = each(lambda system, state, times: possible_start(system, times, state, settings.inside), times)
     startable = possible & jnp.all(jnp.isfinite(x), axis=1)
     kinks = each(lambda system, state, t: kinks_of(system), t0)
-    field = _field(like, system, shared, x)
-    observation = Observation.of(settings.solver, settings.reductions, like, system, shared, field, times, x)
+
+    def prepared(function: Callable[..., Any]) -> Prepared:
+        return Prepared.of(function, like[0], system, shared, x)
+
+    field = prepared(lambda system, t, x: Packing.of(system.prepare(), like[1]).field(t, x))
+    observation = Observation.of(settings.solver, settings.reductions, prepared, like[1], field, times, x)
     solved = solve_rows(
         Method(
             field=field,
@@ -67,7 +69,7 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
             max_steps=settings.max_steps,
         ),
         Rows(
-            parameters=field.moving,
+            parameters=field.own,
             t0=t0,
             t1=jnp.where(startable, t1, t0),
             x=x.T,
@@ -88,17 +90,9 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
     if settings.inside:
         run = (times, unpacked, reached, status)
         reached, status = each(lambda system, _, *run: until_left(system.prepare(), *run), *run)
-    reported = observation.reduced(solved.observed, field.moving, t0, x.T, settings.lanes)
+    reported = observation.reduced(solved.observed, field.own, t0, x.T, settings.lanes)
     reported = {name: jnp.where(startable, value, jnp.nan) for name, value in reported.items()}
     return unpacked, reached, status, solved.steps, solved.rejected, reported, solved.executed
-
-
-def _field(like: Any, system: Any, shared: tuple[bool, ...], x: Float[Array, "runs size"]) -> Prepared:
-    def field(system, t, x):
-        return Packing.of(system.prepare(), like[1]).field(t, x)
-
-    program = LaneProgram(field, like[0], np.zeros((), x.dtype), np.zeros(x.shape[1:], x.dtype))
-    return Prepared.of(program, system, shared, x.shape[0])
 
 
 def _status(solved: Solved, startable: Bool[Array, " runs"], t1: Float[Array, " runs"]) -> Int[Array, " runs"]:

@@ -1,4 +1,5 @@
-"""Mathematics of small arrays: vectors, versors, trigonometry, series, and where derivatives end.
+"""Mathematics of small arrays: vectors, versors, norms, series, brackets of zeros, where derivatives end; and programs
+as expressions of their elements.
 
 It knows nothing of bodies, solvers or files.
 """

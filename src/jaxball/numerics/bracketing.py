@@ -18,10 +18,11 @@ class Sample(NamedTuple):
 
 
 def between(old: Sample, new: Sample, xp: Any = jnp) -> Any:
-    """The next place: where the secant is zero, or halfway where that is not inside the bracket."""
+    """The next place: where the secant is zero; halfway where it is not inside, or an end is a zero already."""
     slope = new.f - old.f
     x = new.x - new.f * (new.x - old.x) / xp.where(slope == 0, 1.0, slope)
-    return xp.where((x - old.x) * (x - new.x) < 0, x, (old.x + new.x) / 2)
+    inside = ((x - old.x) * (x - new.x) <= 0) & (old.f != 0) & (new.f != 0)
+    return xp.where(inside, x, (old.x + new.x) / 2)
 
 
 def other_end(old: Sample, new: Sample, newest: Sample, xp: Any = jnp) -> Sample:

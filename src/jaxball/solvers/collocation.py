@@ -16,7 +16,7 @@ from .flat import flat_problem
 from .interpolation import CollocationPolynomial, legendre
 from .mass import mass_term
 from .outcome import NO_FAULT, UNKNOWN, outcome
-from .stages import Memory, StageEquations, combine
+from .stages import Memory, combine
 from .tableau import Tableau
 
 
@@ -68,7 +68,7 @@ class AbstractCollocation(AbstractStageSolver):
         if tableau.c[-1] == 1:
             slope = solver_state.slope * (problem.control / solver_state.control).astype(x0.dtype)
             f0 = slope if mass is None else mass.times(slope[None])[0]
-        equations = StageEquations(tableau, problem.slope, t0, times, x0, problem.control, unravel, mass, f0=f0)
+        equations = problem.equations(tableau, t0, times, x0, f0=f0)
         guess = jnp.where(made_jump, 0.0, _predicted(tableau, solver_state, problem.control))
         stages = self.root_finder.solve(equations, guess, solver_state.memory.forgotten(made_jump))
         coefficients = combine(tableau.expansion, stages.K)

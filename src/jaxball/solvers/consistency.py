@@ -10,7 +10,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, PyTree
 
 from .flat import FlatProblem
-from .linear import factorise, product
+from .linear import inverses, product
 from .mass import AbstractMassTerm, Mass
 from .newton import value_and_jacobian
 from .outcome import INCONSISTENT, NO_FAULT, NOT_INDEX_ONE, UNKNOWN
@@ -137,7 +137,7 @@ def _correction(g: Callable, mass: Mass, x: Float[Array, " n"]) -> tuple[Float[A
     matrix = mass.matrix + product(product(mass.residuals, J), mass.variables)
     scale = jnp.max(jnp.abs(matrix), axis=1, keepdims=True)
     scale = jnp.where(scale == 0, 1.0, scale)
-    inverse = factorise((matrix / scale)[None]).inverses[0]
+    inverse = inverses((matrix / scale)[None])[0]
     condition = jnp.max(jnp.sum(jnp.abs(inverse), axis=1)) * jnp.max(jnp.sum(jnp.abs(matrix / scale), axis=1))
     # What is not a number determines nothing, and is another fault.
     index_one = (condition * jnp.finfo(x.dtype).eps < WORST_CONDITION) | ~jnp.all(jnp.isfinite(J))

@@ -15,7 +15,7 @@ from .flat import flat_problem
 from .interpolation import CubicHermite
 from .newton import SimplifiedNewton
 from .outcome import outcome
-from .stages import AbstractStageIteration, Memory, StageEquations, combine
+from .stages import AbstractStageIteration, Memory, combine
 from .tableau import Tableau
 
 
@@ -68,7 +68,7 @@ class AbstractDiagonallyImplicit(AbstractStageSolver):
         k0 = jax.lax.cond(before.known, lambda: h * before.f_end, lambda: problem.slope(t0, x0))
         times = jnp.stack([*(t0 + c * (t1 - t0) for c in self.tableau.c[:-1]), t1])
         known = combine(self.first, k0[None])
-        equations = StageEquations(self.tableau, problem.slope, t0, times, x0, problem.control, unravel, known=known)
+        equations = problem.equations(self.tableau, t0, times, x0, known=known)
         guess = jnp.broadcast_to(k0, known.shape)
         stages = self.root_finder.solve(equations, guess, before.memory.forgotten(made_jump))
         error = self.estimated_error(jnp.concatenate([k0[None], stages.K]), h, before)

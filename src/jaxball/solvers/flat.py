@@ -11,6 +11,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, PyTree
 
 from .mass import Mass, mass_term, unwrapped
+from .stages import StageEquations
+from .tableau import Tableau
 
 
 class Slope(eqx.Module):
@@ -32,6 +34,22 @@ class FlatProblem(NamedTuple):
     unravel: Callable[[Float[Array, " n"]], PyTree[Array]]
     control: Float[Array, ""]
     mass: Mass | None
+
+    def equations(
+        self, tableau: Tableau, t0: Float[Array, ""], times: Float[Array, " s"], x0: Float[Array, " n"], **known: Any
+    ) -> StageEquations:
+        """What the stages at ``times`` of a step from x₀ satisfy; ``known`` are its other fields."""
+        return StageEquations(
+            tableau=tableau,
+            slope=self.slope,
+            t0=t0,
+            times=times,
+            x0=x0,
+            control=self.control,
+            unravel=self.unravel,
+            mass=self.mass,
+            **known,
+        )
 
     def refuse_mass(self, solver: diffrax.AbstractSolver) -> None:
         """Raises ``TypeError`` if there is a mass matrix, which ``solver`` does not know."""

@@ -1,6 +1,5 @@
 """Linear systems of a few unknowns, several at once, within a loop."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Inexact
@@ -14,30 +13,21 @@ def product(A: Inexact[Array, "m n"], B: Inexact[Array, "n k"]) -> Inexact[Array
     return jnp.sum(A[:, :, None] * B[None], axis=1)
 
 
-class Solver(eqx.Module):
-    """Solves k systems of n equations again and again, by their inverses."""
-
-    inverses: Inexact[Array, "k n n"]
-
-    def __call__(self, b: Inexact[Array, "k n"]) -> Inexact[Array, "k n"]:
-        """The solutions of all systems, each with its own right-hand side."""
-        return jnp.sum(self.inverses * b[:, None, :], axis=2)
-
-
-def factorise(matrices: Inexact[Array, "k n n"]) -> Solver:
-    """A solver for the systems of these matrices; of a singular one, it gives numbers that are not finite."""
-    if matrices.shape[-1] > LARGEST_SMALL:
-        return Solver(jnp.linalg.inv(matrices))
-    return Solver(inverses(matrices))
+def solutions(inverses: Inexact[Array, "#k n n"], b: Inexact[Array, "k n"]) -> Inexact[Array, "k n"]:
+    """The solutions of k systems by their inverses, or one that they share, each with its own right-hand side."""
+    return jnp.sum(inverses * b[:, None, :], axis=2)
 
 
 def inverses(matrices: Inexact[Array, "k n n"]) -> Inexact[Array, "k n n"]:
-    """Inverses by Gauss and Jordan with partial pivoting, in place and without a call of a library.
+    """The inverses of matrices; that of a singular one has entries that are not finite.
 
+    By Gauss and Jordan with partial pivoting, in place and without a call of a library where the matrices are small.
     Rows are not exchanged: the row of each column's pivot is remembered, and rows and columns are put in
     order at the end.
     """
     k, n, _ = matrices.shape
+    if n > LARGEST_SMALL:
+        return jnp.linalg.inv(matrices)
     index = jnp.arange(n)
 
     def eliminate(j, carry):

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Inexact
 
 from .iteration import iterate
-from .linear import Solver, factorise
+from .linear import inverses, solutions
 from .stages import FROM_CONTROLLER, AbstractStageIteration, Memory, StageEquations, Stages, combine
 from .tableau import Tableau
 
@@ -64,10 +64,11 @@ class SimplifiedNewton(AbstractStageIteration):
     def iterate(self, equations: StageEquations, guess: Float[Array, "s n"], memory: Memory) -> Stages:
         tableau = equations.tableau
         made = self._matrices(equations, memory)
-        solve, weights = Solver(made.inverses), tableau.eigenvalues[:, None] * tableau.to_modes
+        weights = tableau.eigenvalues[:, None] * tableau.to_modes
 
         def update(Z):
-            change = combine(tableau.from_modes, solve(combine(weights, -equations.residual(Z)))).real
+            modes = solutions(made.inverses, combine(weights, -equations.residual(Z)))
+            change = combine(tableau.from_modes, modes).real
             return Z + change, self.size(equations, change)
 
         end = iterate(
@@ -86,20 +87,20 @@ class SimplifiedNewton(AbstractStageIteration):
     def _matrices(self, equations: StageEquations, memory: Memory) -> "_Matrices":
         """The matrices of the step before, where these are good enough, or new ones."""
         tableau, x0 = equations.tableau, equations.x0
-        control, inverses, made_for = equations.control.astype(x0.dtype), memory.inverses, memory.control
-        assert inverses is not None
+        control, remembered, made_for = equations.control.astype(x0.dtype), memory.inverses, memory.control
+        assert remembered is not None
         assert made_for is not None
 
         def renew():
             f0, J = value_and_jacobian(lambda x: equations.slope(equations.t0, x), x0)
             modes = jnp.asarray(tableau.eigenvalues, _dtype_of_modes(tableau, x0))
             M = equations.mass_matrix().astype(modes.dtype)
-            new = factorise(modes[:, None, None] * M[None] - J[None].astype(modes.dtype)).inverses
+            new = inverses(modes[:, None, None] * M[None] - J[None].astype(modes.dtype))
             singular = jnp.all(jnp.isfinite(J)) & ~jnp.all(jnp.isfinite(new))
             return _Matrices(new, control, None if equations.f0 is None else f0, singular)
 
         def keep():
-            return _Matrices(inverses, made_for, equations.f0, jnp.asarray(False))
+            return _Matrices(remembered, made_for, equations.f0, jnp.asarray(False))
 
         if self.reuse >= 1:
             return renew()

@@ -39,8 +39,8 @@ class Batch(NamedTuple):
 
     def take(self, rows: Any) -> "Batch":
         """Some of the scenarios, by a slice or by their places."""
-        stacked = jax.tree.map(lambda leaf: leaf[rows], tuple(self[1:-1]))
-        return Batch(self.template, *stacked, self.in_axes)
+        stacked = {name: getattr(self, name) for name in ("system", "times", "state", "rtol", "atol")}
+        return self._replace(**jax.tree.map(lambda leaf: leaf[rows], stacked))
 
     def shared_once(self) -> tuple[Any, Any]:
         """System and state, with the arrays that do not change as a single one has them."""

@@ -3,6 +3,7 @@
 import abc
 import importlib
 import importlib.util
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,17 +61,15 @@ class Run(abc.ABC):
 
 
 @dataclass(frozen=True)
-class Program(abc.ABC):
+class Program:
     """One problem, built or compiled for one contender.
 
-    ``build_time`` is what that took in seconds, or would have taken had another contender not done a part of it.
+    - ``build_time``: what that took in seconds, or would have taken had another contender not done a part of it.
+    - ``run``: from a relative tolerance to the solve with it; what must be built anew for it is built there.
     """
 
     build_time: float
-
-    @abc.abstractmethod
-    def run(self, tolerance: float) -> Run:
-        """The solve with relative tolerance ``tolerance``; what must be built anew for it is built here."""
+    run: Callable[[float], Run]
 
 
 @dataclass(frozen=True)

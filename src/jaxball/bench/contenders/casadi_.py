@@ -1,9 +1,9 @@
 """CasADi with CVODES and IDAS of SUNDIALS, its functions compiled by the C compiler where there is one."""
 
+import functools
 import importlib
 import math
 import shutil
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,16 +26,7 @@ FLAGS = ["-O3", "-march=native"]
 
 def program(method: str, problem: Problem) -> Program:
     """The problem in one of :data:`METHODS`."""
-    return _Program(0.0, method, problem)
-
-
-@dataclass(frozen=True)
-class _Program(Program):
-    method: str
-    problem: Problem
-
-    def run(self, tolerance: float) -> Run:
-        return _Run(self.method, self.problem, tolerance)
+    return Program(0.0, functools.partial(_Run, method, problem))
 
 
 class _Leg:

@@ -3,7 +3,6 @@
 import functools
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import diffrax
@@ -45,19 +44,22 @@ class Ended(NamedTuple):
     rejected: Array
 
 
+Solve = Callable[[Array, Array], Ended]  # from the initial state and the tolerance
+
+
 def program(method: str, problem: Problem) -> Program:
     """The problem in one of :data:`METHODS`, in jaxball's own form where the problem has one."""
     statement = _statement(problem)
     counter = Counter()
 
-    def solve_with(field: Field) -> Callable[[Array, Array], Ended]:
+    def solve_with(field: Field) -> Solve:
         term = statement.term(jax.jit(field))
         return jax.jit(lambda initial, tolerance: _solve(METHODS[method], problem, term, initial, tolerance))
 
     solve, counted = solve_with(statement.field), solve_with(_counting(statement.field, counter))
-    built = _Program(0.0, problem, statement, solve, counted, counter)
-    first, again = (_seconds(built.run(LOOSE)) for _ in range(2))
-    return _Program(max(first - again, 0.0), problem, statement, built.solve, built.counted, counter)
+    run = functools.partial(_Run, statement, solve, counted, counter)
+    first, again = (_seconds(run(LOOSE)) for _ in range(2))
+    return Program(max(first - again, 0.0), run)
 
 
 class _Statement(NamedTuple):
@@ -149,42 +151,28 @@ def _solve(solver, problem: Problem, term, initial: Float[Array, " state"], tole
     return Ended(solution.ys[-1], solution.result, stats["num_accepted_steps"], stats["num_rejected_steps"])
 
 
-@dataclass(frozen=True)
-class _Program(Program):
-    problem: Problem
-    statement: _Statement
-    solve: Callable[[Array, Array], Ended]
-    counted: Callable[[Array, Array], Ended]
-    counter: Counter
-
-    def run(self, tolerance: float) -> Run:
-        return _Run(self, tolerance)
-
-
 class _Run(Run):
-    def __init__(self, program: _Program, tolerance: float):
-        self._program = program
-        self._arguments = jnp.asarray(program.statement.initial), jnp.asarray(tolerance)
+    def __init__(self, statement: _Statement, solve: Solve, counted: Solve, counter: Counter, tolerance: float):
+        self._statement, self._solve, self._counted, self._counter = statement, solve, counted, counter
+        self._arguments = jnp.asarray(statement.initial), jnp.asarray(tolerance)
 
     def solve(self) -> np.ndarray:
-        return np.asarray(self._program.solve(*self._arguments).x)
+        return np.asarray(self._solve(*self._arguments).x)
 
     def outcome(self) -> Outcome:
         """Evaluations are counted by a program of their own, whose other numbers are not used."""
-        program = self._program
-        ended = program.solve(*self._arguments)
+        ended = self._solve(*self._arguments)
         succeeded = bool(ended.result == diffrax.RESULTS.successful)
         failure = "" if succeeded else _sentence(ended.result)
         steps, rejected = int(ended.steps), int(ended.rejected)
         evaluations = self._evaluations() if succeeded and steps + rejected <= COUNTABLE else None
         work = Work(steps=steps, rejected=rejected, evaluations=evaluations)
-        return Outcome(program.statement.final(np.asarray(ended.x)), failure, work)
+        return Outcome(self._statement.final(np.asarray(ended.x)), failure, work)
 
     def _evaluations(self) -> int:
-        counter = self._program.counter
-        before = counter.read()
-        jax.block_until_ready(self._program.counted(*self._arguments))
-        return counter.read() - before
+        before = self._counter.read()
+        jax.block_until_ready(self._counted(*self._arguments))
+        return self._counter.read() - before
 
 
 def _sentence(result: diffrax.RESULTS) -> str:

@@ -1,7 +1,7 @@
 """heyoka: Taylor series of an order that suits the tolerance, compiled by LLVM."""
 
+import functools
 import importlib
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,15 +19,7 @@ ENDED_AT_THE_TIME = heyoka.taylor_outcome.time_limit
 def program(method: str, problem: Problem) -> Program:
     """The problem in ``Taylor``, the only method of heyoka."""
     heyoka.llvm_state.set_diskcache_enabled(False)  # so that the build time is one of building
-    return _Program(0.0, problem)
-
-
-@dataclass(frozen=True)
-class _Program(Program):
-    problem: Problem
-
-    def run(self, tolerance: float) -> Run:
-        return _Run(self.problem, tolerance)
+    return Program(0.0, functools.partial(_Run, problem))
 
 
 class _Run(Run):

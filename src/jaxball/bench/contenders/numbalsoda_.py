@@ -1,11 +1,10 @@
 """numbalsoda: LSODA in C++ and Hairer's DOP853 in Fortran around a C function compiled by Numba."""
 
-import dataclasses
+import functools
 import importlib
 import inspect
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,31 +24,26 @@ def program(method: str, problem: Problem) -> Program:
     """The problem in one of :data:`METHODS`, compiled from piece to piece."""
     start = time.perf_counter()
     rates = compiled_rates(problem)
-    built = _Program(0.0, problem, _advance(METHODS[method]), _right_hand_side(problem, rates))
-    built.run(1e-3).solve()  # Numba compiles for the types of the first call
-    return dataclasses.replace(built, build_time=max(time.perf_counter() - start, rates.seconds))
-
-
-@dataclass(frozen=True)
-class _Program(Program):
-    problem: Problem
-    advance: Callable[..., tuple[np.ndarray, bool]]
-    right_hand_side: Any
-
-    def run(self, tolerance: float) -> Run:
-        return _Run(self, tolerance)
+    run = functools.partial(_Run, problem, _advance(METHODS[method]), _right_hand_side(problem, rates))
+    run(1e-3).solve()  # Numba compiles for the types of the first call
+    return Program(max(time.perf_counter() - start, rates.seconds), run)
 
 
 class _Run(Run):
-    def __init__(self, program: _Program, tolerance: float):
-        problem = program.problem
+    def __init__(
+        self,
+        problem: Problem,
+        advance: Callable[..., tuple[np.ndarray, bool]],
+        right_hand_side: Any,
+        tolerance: float,
+    ):
         ends = np.array([[piece.start, piece.end] for piece in problem.pieces])
         # What the C function gets beside t and x: its own count, and the parameters.
         data = np.array([(0.0, *piece.parameters) for piece in problem.pieces])
         tolerances = (tolerance, tolerance * problem.atol_over_rtol)
         x = np.array(problem.initial, dtype=float)
-        self._advance = program.advance
-        self._arguments = (program.right_hand_side.address, x, ends, data, *tolerances, MAX_STEPS)
+        self._advance, self._right_hand_side = advance, right_hand_side  # whose address must stay that of a function
+        self._arguments = (right_hand_side.address, x, ends, data, *tolerances, MAX_STEPS)
         self._data = data
 
     def solve(self) -> tuple[np.ndarray, bool]:

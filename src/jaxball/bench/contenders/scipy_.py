@@ -1,5 +1,6 @@
 """SciPy's integrators around a right-hand side, and an exact Jacobian, compiled by Numba."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,30 +24,23 @@ def program(method: str, problem: Problem) -> Program:
     """The problem in one of :data:`METHODS`."""
     jacobian = None if method in EXPLICIT else compiled_jacobian(problem)
     rates = compiled_rates(problem)
-    return _Program(rates.seconds + (jacobian.seconds if jacobian else 0.0), method, problem, rates, jacobian)
-
-
-@dataclass(frozen=True)
-class _Program(Program):
-    method: str
-    problem: Problem
-    rates: Compiled
-    jacobian: Compiled | None
-
-    def run(self, tolerance: float) -> Run:
-        return _Run(self, tolerance)
+    build_time = rates.seconds + (jacobian.seconds if jacobian else 0.0)
+    return Program(build_time, functools.partial(_Run, method, problem, rates, jacobian))
 
 
 @dataclass(frozen=True)
 class _Run(Run):
     """Steps its solver itself, because ``solve_ivp`` would also keep every state, and counts no steps."""
 
-    program: _Program
+    method: str
+    problem: Problem
+    rates: Compiled
+    jacobian: Compiled | None
     tolerance: float
 
     def solve(self) -> tuple[np.ndarray, str, Work]:
-        x, work = np.array(self.program.problem.initial, dtype=float), NO_WORK
-        for piece in self.program.problem.pieces:
+        x, work = np.array(self.problem.initial, dtype=float), NO_WORK
+        for piece in self.problem.pieces:
             x, failure, counted = self._advance(piece, x)
             work = work + counted
             if failure:
@@ -63,18 +57,17 @@ class _Run(Run):
             message = solver.step()
             steps += 1
         failure = {"finished": "", "running": f"it took {MAX_STEPS} steps"}.get(solver.status, str(message).rstrip("."))
-        implicit = self.program.jacobian is not None
+        implicit = self.jacobian is not None
         counted = Work(
             steps=steps,
             evaluations=solver.nfev,
             jacobians=int(solver.njev) if implicit else None,
-            decompositions=solver.nlu if self.program.method in ("Radau", "BDF") else None,
+            decompositions=solver.nlu if self.method in ("Radau", "BDF") else None,
         )
         return solver.y, failure, counted
 
     def _solver(self, piece: Piece, x: np.ndarray) -> scipy.integrate.OdeSolver:
-        program, p = self.program, parameters(piece)
-        rates, jacobian = program.rates, program.jacobian
+        rates, jacobian, p = self.rates, self.jacobian, parameters(piece)
 
         def field(t, x):
             out = np.empty_like(x)
@@ -87,6 +80,6 @@ class _Run(Run):
             jacobian.fill(t, x, p, out)
             return out
 
-        rtol, atol = self.tolerance, self.tolerance * program.problem.atol_over_rtol
+        rtol, atol = self.tolerance, self.tolerance * self.problem.atol_over_rtol
         exact = {} if jacobian is None else {"jac": matrix}
-        return METHODS[program.method](field, piece.start, x, piece.end, rtol=rtol, atol=atol, **exact)
+        return METHODS[self.method](field, piece.start, x, piece.end, rtol=rtol, atol=atol, **exact)

@@ -152,9 +152,10 @@ def _zeros(
     fractions = jnp.asarray(sampling().fractions, fine.dtype)
 
     def improve(k, bracket):
-        t = between(*bracket)
+        old, new = bracket
+        t = between(old, new)
         newest = Sample(t, values(t, steps.state(candidates.step[k], t))[candidates.which[k]])
-        return other_end(*bracket, newest), newest
+        return other_end(old, new, newest), newest
 
     def solve(k):
         which, i, j = candidates.which[k], candidates.step[k], candidates.place[k]
