@@ -13,7 +13,7 @@ import pytest
 PRELUDE = """
 import os, signal, sys, time
 from pathlib import Path
-from jaxball import interruption
+from jaxball.interface import interruption
 from jaxball.interface.output import replacing
 
 interruption.end_at_ctrl_c()
