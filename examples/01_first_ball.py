@@ -1,4 +1,4 @@
-"""A ball with one mass driven round a circle: build it, roll it, look at it."""
+"""A ball with one mass driven round a circle: build it, simulate it, print what it does."""
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,7 @@ ball = Ball(mass=1.0, inertia=(0.6, 0.6, 0.6), masses=[driver])
 trajectory = simulate(ball, jnp.linspace(0.0, 10.0, 201))
 print(trajectory)
 
-seen = trajectory.observables
-print(f"least normal force     {seen.normal_force.min():.6f}")
+observables = trajectory.observables
+print(f"least normal force     {observables.normal_force.min():.6f}")
 print(f"friction needed, mu    {trajectory.friction_needed:.6f}")
-print(f"energy put in          {seen.energy[-1] - seen.energy[0]:.6f}")
+print(f"energy put in          {observables.energy[-1] - observables.energy[0]:.6f}")

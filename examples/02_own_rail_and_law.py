@@ -1,4 +1,4 @@
-"""A rail of one's own and a feedback law: the mass chases a spot below the ball's centre."""
+"""Your own rail and feedback law: a mass moves along a trefoil knot, and the law damps its motion."""
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ def trefoil(theta, size):
 
 
 def brake(t, state, gain):
-    """theta-double-dot that damps the mass's motion along its rail."""
+    """The second derivative of theta, which damps the mass's motion along its rail."""
     return -gain * state.thetadot
 
 

@@ -1,4 +1,4 @@
-"""How far the ball comes, and how that depends on its rail: derivatives through the solve."""
+"""How far the ball rolls, and how that depends on its rail: derivatives through the solve."""
 
 import diffrax
 import jax
@@ -12,7 +12,7 @@ times = jnp.array([0.0, 4.0])
 
 
 def distance(semi_axes, adjoint=None):
-    """The distance that the ball has come by t = 4."""
+    """The distance of the ball from its start at t = 4."""
     rail = Ellipse(semi_axes, frame=SphericalFrame(azimuth=0.4, elevation=0.2))
     mass = PointMass(0.5, OnRail(rail, Pulse(theta=0.8, height=3.0)))
     ball = Ball(mass=1.0, inertia=(0.6, 0.6, 0.7), masses=[mass])
@@ -20,9 +20,9 @@ def distance(semi_axes, adjoint=None):
     return jnp.sqrt(jnp.sum(z**2))
 
 
-at = jnp.array([0.8, 0.5])
-value, reverse = jax.jit(jax.value_and_grad(distance))(at)
-forward = jax.jit(jax.jacfwd(lambda a: distance(a, diffrax.ForwardMode())))(at)
+semi_axes = jnp.array([0.8, 0.5])
+value, reverse = jax.jit(jax.value_and_grad(distance))(semi_axes)
+forward = jax.jit(jax.jacfwd(lambda a: distance(a, diffrax.ForwardMode())))(semi_axes)
 print(f"distance               {value:.10f}")
 print(f"gradient, reverse mode {reverse}")
 print(f"gradient, forward mode {forward}")

@@ -13,7 +13,7 @@ times = jnp.linspace(0.0, 5.0, 26)
 @jax.jit
 @jax.vmap
 def sweep(mass, radius):
-    """Where each ball ends, the friction that it needs, and how its solve ended."""
+    """The final position of each ball, the friction that it needs, and how its solve ended."""
     driver = PointMass(mass, OnRail(Circle(radius), ConstantRate(-jnp.pi / 2, 0.7)))
     trajectory = simulate(Ball(mass=1.0, inertia=(0.5, 0.5, 0.5), masses=[driver]), times, rtol=1e-8, atol=1e-8)
     return trajectory.state.z[-1], trajectory.friction_needed, trajectory.status
@@ -23,4 +23,4 @@ mass, radius = (x.ravel() for x in jnp.meshgrid(jnp.linspace(0.1, 1.0, 40), jnp.
 z, friction, status = sweep(mass, radius)
 print(f"{int(jnp.sum(status == Status.SUCCESS))} of {status.size} solves reached the end")
 best = int(jnp.argmax(jnp.abs(z[:, 0])))
-print(f"the farthest comes {z[best, 0]:.4f} with m = {mass[best]:.3f} at {radius[best]:.3f}, mu = {friction[best]:.3f}")
+print(f"the farthest rolls {z[best, 0]:.4f} with m = {mass[best]:.3f} at {radius[best]:.3f}, mu = {friction[best]:.3f}")

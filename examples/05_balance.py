@@ -9,11 +9,11 @@ from jaxball.paper.systems import ball as paper_ball
 jax.config.update("jax_enable_x64", True)
 
 ball = paper_ball()
-found = balance(ball, free=[1, 2])
-print(found.message)
-for theta, above in zip(found.solutions, found.solutions_above, strict=True):
+balanced = balance(ball, free=[1, 2])
+print(balanced.message)
+for theta, above in zip(balanced.solutions, balanced.solutions_above, strict=True):
     print(f"  theta[1] = {theta[0]:.12f}, theta[2] = {theta[1]:.12f}: {'above' if above else 'below'}")
 
 rounded = simulate(ball, jnp.array([0.0, 20.0]))
-exact = simulate(with_angles(ball, [1, 2], found.theta), jnp.array([0.0, 20.0]))
+exact = simulate(with_angles(ball, [1, 2], balanced.theta), jnp.array([0.0, 20.0]))
 print(f"rounding theta to four digits moves the end by {jnp.linalg.norm(exact.state.z[-1] - rounded.state.z[-1]):.1e}")

@@ -21,15 +21,15 @@ RUNS = [
     ("trapezoidal rule", Trapezoidal(), "ODE"),
 ]
 
-known = reference.ball()
-exact = np.concatenate([known.columns(symbol) for symbol in ("q", "Omega", "z")], axis=1)
+solution = reference.ball()
+exact = np.concatenate([solution.columns(symbol) for symbol in ("q", "Omega", "z")], axis=1)
 ball, tolerance = paper.ball(), paper.BALL_TOLERANCE
 
 print(f"{'solver':20} form  steps  rejected  difference  |q| - 1")
 for name, solver, form in RUNS:
     trajectory = simulate(
         ball,
-        known.times,
+        solution.times,
         solver=solver,
         rtol=tolerance,
         atol=tolerance,
@@ -38,8 +38,8 @@ for name, solver, form in RUNS:
         throw=True,
     )
     state = trajectory.state
-    found = np.concatenate([state.q, state.Omega, state.z], axis=1)
-    difference = np.max(np.abs(found - exact))
+    computed = np.concatenate([state.q, state.Omega, state.z], axis=1)
+    difference = np.max(np.abs(computed - exact))
     norm = np.max(np.abs(np.linalg.norm(state.q, axis=1) - 1))
     counts = f"{int(trajectory.steps):5}  {int(trajectory.rejected):8}"
     print(f"{name:20} {form}  {counts}  {difference:10.1e}  {norm:7.0e}")

@@ -1,7 +1,7 @@
-"""A particle with dz/dt = y dx/dt by two principles: the paper's figure of what they disagree about.
+"""A particle with dz/dt = y dx/dt by two principles: the paper's figure of how they differ.
 
-The Lagrange-d'Alembert principle constrains the variations and is that of mechanics; the vakonomic one makes
-the action stationary among the curves that keep the constraint, and is that of optimal control.
+The Lagrange-d'Alembert principle, that of mechanics, constrains the variations; the vakonomic principle, that of
+optimal control, makes the action stationary among the curves that satisfy the constraint.
 """
 
 import jax

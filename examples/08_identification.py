@@ -1,4 +1,4 @@
-"""What a recorded path tells of a ball: masses, a radius and an offset with their uncertainties."""
+"""Parameters of a ball estimated from a recorded path: a mass, a radius and an offset with their uncertainties."""
 
 import tomllib
 
@@ -18,8 +18,8 @@ space = DesignSpace(document, [Variable((path,), start=1.04 * value) for path, v
 path = np.asarray(space.scenario.simulate().state.z)
 noise = 1e-3 * np.random.default_rng(7).normal(size=path.shape)
 
-found = identify(space, path + noise)
-print(found)
-for (name, value), (low, high) in zip(truth.items(), found.intervals(0.99), strict=True):
+fit = identify(space, path + noise)
+print(fit)
+for (name, value), (low, high) in zip(truth.items(), fit.intervals(0.99), strict=True):
     print(f"{name:24} {value:6.3f} in {low:.4f} to {high:.4f}: {low < value < high}")
     assert low < value < high

@@ -1,9 +1,9 @@
 """The paper's ball rolls past a post, from rest to rest: optimal control by collocation. It takes a minute or two.
 
 As in Putkaradze & Rogers, Numerical simulations of a rolling ball robot actuated by internal point masses: three masses
-on circles, a tracking cost, an acceleration cost and a penalty about the post. The wanted path leads straight through
-the post. From rest, where the conditions at the end say nothing of the ball's spin to first order, they are softened
-until the ball moves; then the penalty grows by continuation.
+on circles, a tracking cost, an acceleration cost and a penalty around the post. The target path leads straight through
+the post. At rest the conditions at the end do not depend on the ball's spin to first order, so they are softened until
+the ball moves; then the penalty grows by continuation.
 """
 
 from pathlib import Path
@@ -35,12 +35,12 @@ POST, RADIUS = (-0.75, 0.0), 0.3
 WEIGHTS = (1e-4, 3e-2)
 
 ball = paper.ball()
-still = [PointMass(one.mass, OnRail(one.motion.rail, ConstantRate(0.0))) for one in ball.point_masses]
-ball = with_masses(ball, still)
+resting = [PointMass(mass.mass, OnRail(mass.motion.rail, ConstantRate(0.0))) for mass in ball.point_masses]
+ball = with_masses(ball, resting)
 # Of the angles for which the centre of mass is below, those for which it is lowest.
-found = balance(ball, (0, 1, 2), above=False).solutions
-heights = sum(jax.vmap(one.motion.rail)(found[:, i])[:, 2] for i, one in enumerate(ball.point_masses))
-ball = with_angles(ball, (0, 1, 2), found[np.argmin(heights)], START)
+angles = balance(ball, (0, 1, 2), above=False).solutions
+heights = sum(jax.vmap(mass.motion.rail)(angles[:, i])[:, 2] for i, mass in enumerate(ball.point_masses))
+ball = with_angles(ball, (0, 1, 2), angles[np.argmin(heights)], START)
 depth = -float(simulate(ball, (START, END)).observables.centre_of_mass_space[0, 2])
 
 
@@ -64,9 +64,9 @@ def clearance(path):
 
 
 def visit(solution):
-    """Notes a point of the branch."""
-    found, weight = control.means(solution), float(solution.problem.objectives["post"].weight)
-    rows.append((weight, found["post"], found["effort"], clearance(control.places(solution, times))))
+    """Records a point of the branch."""
+    means, weight = control.means(solution), float(solution.problem.objectives["post"].weight)
+    rows.append((weight, means["post"], means["effort"], clearance(control.places(solution, times))))
     print("weight of the post {:8.3g}   penalty {:.3e}   effort {:.4f}   clearance {:+.4f} r".format(*rows[-1]))
 
 
@@ -82,12 +82,12 @@ curvature = control.least_curvature(past)
 print(f"the least curvature of the cost is {curvature:.3g}")
 
 Path("ball_past_a_post.toml").write_text(write_scenario(control.scenario_of(past, "The ball past a post")))
-seen = control.resimulated(past)
-print(f"simulated again, the path is {seen.apart:.1e} r away; at the end the ball moves at {seen.speed:.1e}, and the")
-print(f"centre of mass is {seen.below:.4f} r below the geometric centre and {seen.away:.1e} r beside it")
-print(f"least normal force {seen.margin:.3f} M g, friction needed {seen.friction:.3f}")
-assert max(seen.speed, seen.away, seen.missed) < 1e-6
-assert seen.below > 0
+check = control.resimulated(past)
+print(f"simulated again, the path is {check.apart:.1e} r away; at the end the ball moves at {check.speed:.1e}, and the")
+print(f"centre of mass is {check.below:.4f} r below the geometric centre and {check.away:.1e} r beside it")
+print(f"least normal force {check.margin:.3f} M g, friction needed {check.friction:.3f}")
+assert max(check.speed, check.away, check.missed) < 1e-6
+assert check.below > 0
 assert curvature > 0
 assert clearance(control.places(past, times)) > 0
 

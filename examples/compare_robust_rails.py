@@ -1,6 +1,6 @@
-"""The rails designed for one ball and those designed for 64 perturbed ones, on 1,000 perturbed balls that neither saw.
+"""Compares rails designed for one ball with rails designed for 64 perturbed ones, on 1,000 other perturbed balls.
 
-`jaxball design` found them, from problem_rail_shape.toml and from problem_robust_rails.toml.
+`jaxball design` designed them from problem_rail_shape.toml and problem_robust_rails.toml.
 """
 
 import tomllib
@@ -19,7 +19,7 @@ file = design.load_problem(HERE / "problem_robust_rails.toml")
 following = file.problem.objectives["follow-curve"]
 assert isinstance(following, design.FollowCurve)
 largest = {"distance": design.LargestDistance(following.curve)}
-fresh = design.Perturbations(1000, masses=0.02, offset=0.02, seed=1)
+perturbations = design.Perturbations(1000, masses=0.02, offset=0.02, seed=1)
 
 print("largest distance from the curve, in radii, over 1,000 balls")
 for name in ("designed_rails", "designed_robust_rails"):
@@ -27,7 +27,7 @@ for name in ("designed_rails", "designed_robust_rails"):
     # The scenario as it is: a free variable that stays where it is.
     space = design.DesignSpace(document, [design.Variable(("masses[0].mass",))])
     problem = design.Problem(space, largest, file.problem.constraints)
-    seen = design.perturbed(problem, space.start, fresh)
-    middle, most, worst = np.quantile(seen.terms[:, 0], [0.5, 0.95, 1.0])
-    violation = np.max(seen.violations)
+    results = design.perturbed(problem, space.start, perturbations)
+    middle, most, worst = np.quantile(results.terms[:, 0], [0.5, 0.95, 1.0])
+    violation = np.max(results.violations)
     print(f"{name:24} median {middle:.3f}   95 % {most:.3f}   worst {worst:.3f}   largest violation {violation:.1e}")

@@ -1,4 +1,4 @@
-"""The disk follows a place that moves there and back, from rest to rest: optimal control by collocation.
+"""A disk follows a target that moves there and back, from rest to rest: optimal control by collocation.
 
 It takes a minute or two. As in Putkaradze & Rogers, On the optimal control of rolling ball robots actuated by internal
 point masses: four masses on circles, a tracking cost and an acceleration cost, and continuation in the weight of the
@@ -33,9 +33,9 @@ rows = []
 
 
 def visit(solution):
-    """Notes a point of the branch."""
-    found, weight = control.means(solution), float(solution.problem.objectives["tracking"].weight)
-    rows.append((weight, np.sqrt(found["tracking"]), found["effort"]))
+    """Records a point of the branch."""
+    means, weight = control.means(solution), float(solution.problem.objectives["tracking"].weight)
+    rows.append((weight, np.sqrt(means["tracking"]), means["effort"]))
     print("weight {:8.3g}   root mean square error {:.3e} r   effort {:.4f}".format(*rows[-1]))
 
 
@@ -46,23 +46,23 @@ print(f"the tracking error falls by a factor of {errors[0] / errors[-1]:.0f} alo
 curvature = control.least_curvature(hard)
 print(f"the least curvature of the cost is {curvature:.3g}")
 
-# The schedules as a scenario that `jaxball simulate` runs, and simulated again by a solver of another kind.
+# The schedules are written as a scenario for `jaxball simulate`, and simulated again by a solver of another family.
 Path("disk_tracking.toml").write_text(write_scenario(control.scenario_of(hard, "The disk there and back")))
-seen = control.resimulated(hard)
-print(f"simulated again, the path is {seen.apart:.1e} r away; at the end the disk moves at {seen.speed:.1e}, and the")
-print(f"centre of mass is {seen.below:.4f} r below the geometric centre and {seen.away:.1e} r beside it")
-print(f"least normal force {seen.margin:.3f} M g, friction needed {seen.friction:.3f}")
+check = control.resimulated(hard)
+print(f"simulated again, the path is {check.apart:.1e} r away; at the end the disk moves at {check.speed:.1e}, and the")
+print(f"centre of mass is {check.below:.4f} r below the geometric centre and {check.away:.1e} r beside it")
+print(f"least normal force {check.margin:.3f} M g, friction needed {check.friction:.3f}")
 assert errors[0] > 10 * errors[-1]
-assert max(seen.speed, seen.away, seen.missed) < 1e-6
-assert seen.below > 0
+assert max(check.speed, check.away, check.missed) < 1e-6
+assert check.below > 0
 assert curvature > 0
 
 times = np.linspace(START, END, 401)
-wanted = hard.problem.objectives["tracking"].targets(times)[:, 0]
-places = {f"weight {weight:g}": (times, control.places(one, times)) for weight, one in ((1e-2, easy), (1e2, hard))}
+targets = hard.problem.objectives["tracking"].targets(times)[:, 0]
+paths = {f"weight {weight:g}": (times, control.places(run, times)) for weight, run in ((1e-2, easy), (1e2, hard))}
 figures = {
     "branch": plot.branch(weights, {"root mean square error": errors, "effort": efforts}, "weight of the tracking"),
-    "path": plot.place_in_time(places, (times, wanted)),
+    "path": plot.place_in_time(paths, (times, targets)),
     "accelerations": plot.rail_accelerations(times, hard.path.inputs(times)),
 }
 for name, ax in figures.items():

@@ -1,8 +1,8 @@
 """Six masses in straight tubes drive a ball round a figure eight, from rest to rest: optimal control by collocation.
 
-It takes a few minutes. Three pairs of tubes lie at right angles, beside the centre, so that no two cross. Newton's
-method starts from a guess, on which the ball rolls round without spin and the masses are where gravity turns it so.
-From the optimum to which it comes, continuation leads to where the tracking counts less.
+It takes a few minutes. Three pairs of tubes are at right angles to one another and off the centre, so that no two
+cross. Newton's method starts from a guess on which the ball rolls round without spin, with its masses where gravity
+provides the torque for that. From its optimum, continuation leads to a smaller weight of the tracking.
 """
 
 from pathlib import Path
@@ -43,9 +43,9 @@ rows = []
 
 
 def visit(solution):
-    """Notes a point of the branch."""
-    found, weight = control.means(solution), float(solution.problem.objectives["tracking"].weight)
-    rows.append((weight, np.sqrt(found["tracking"]), found["effort"]))
+    """Records a point of the branch."""
+    means, weight = control.means(solution), float(solution.problem.objectives["tracking"].weight)
+    rows.append((weight, np.sqrt(means["tracking"]), means["effort"]))
     print("weight {:8.3g}   root mean square error {:.3e} r   effort {:.5f}".format(*rows[-1]), flush=True)
 
 
@@ -55,21 +55,21 @@ weights, errors, efforts = np.transpose(rows)
 curvature = control.least_curvature(tight)
 print(f"the least curvature of the cost is {curvature:.3g}")
 
-# The schedules as a scenario that `jaxball simulate` runs, and simulated again by a solver of another kind.
+# The schedules are written as a scenario for `jaxball simulate`, and simulated again by a solver of another family.
 Path("six_tubes.toml").write_text(write_scenario(control.scenario_of(tight, "Six masses in tubes, a figure eight")))
-seen = control.resimulated(tight)
-print(f"simulated again, the path is {seen.apart:.1e} r away; at the end the ball moves at {seen.speed:.1e}, and the")
-print(f"centre of mass is {seen.below:.4f} r below the geometric centre and {seen.away:.1e} r beside it")
-print(f"least normal force {seen.margin:.3f} M g, friction needed {seen.friction:.3f}")
+check = control.resimulated(tight)
+print(f"simulated again, the path is {check.apart:.1e} r away; at the end the ball moves at {check.speed:.1e}, and the")
+print(f"centre of mass is {check.below:.4f} r below the geometric centre and {check.away:.1e} r beside it")
+print(f"least normal force {check.margin:.3f} M g, friction needed {check.friction:.3f}")
 
 times = np.linspace(START, END, 601)
 theta = np.stack([jax.vmap(schedule)(times) for schedule in control.schedules_of(tight)], axis=1)
 room = np.sqrt(1 - BESIDE**2)
 print(f"the masses come as far as {np.max(np.abs(theta)):.3f} r from the middles of tubes that end at {room:.3f} r")
 assert errors[0] < 1e-3
-assert max(seen.speed, seen.away, seen.missed) < 1e-6
-assert seen.below > 0
-assert seen.margin > 0
+assert max(check.speed, check.away, check.missed) < 1e-6
+assert check.below > 0
+assert check.margin > 0
 assert curvature > 0
 assert np.max(np.abs(theta)) < room
 

@@ -86,8 +86,8 @@ def test_permanent_rotations_of_a_top(folder, capsys):
     assert main(["stability", "top.toml", "--out", "rest.csv", "--plot", "rest.pdf"]) == 0
     assert "The motion is unstable, a saddle" in capsys.readouterr().out
     with (folder / "rest.csv").open(newline="") as file:
-        found = {round(float(row["Gamma[2]"])): row["stable"] for row in csv.DictReader(file)}
-    assert found == {-1: "True", 1: "False"}
+        stable = {round(float(row["Gamma[2]"])): row["stable"] for row in csv.DictReader(file)}
+    assert stable == {-1: "True", 1: "False"}
     for share, stable in ((0.99, False), (1.01, True)):
         spin = f"initial.Omega=[0, 0, {share * threshold}]"
         assert main(["stability", "top.toml", "--initial", "--set", spin, "--json", "-", "--quiet"]) == 0

@@ -68,11 +68,11 @@ def test_a_failed_run_is_failed_in_json_too(folder, capsys):
 )
 def test_a_change_is_a_path_and_a_value(change, path, value):
     document = {"a": {"b": 1, "list": [1, 2]}, "items": [{}]}
-    found = with_values(document, [change])
+    changed = with_values(document, [change])
     for step in path:
-        found = found[step]
-    assert found == value
-    assert type(found) is type(value)
+        changed = changed[step]
+    assert changed == value
+    assert type(changed) is type(value)
     assert document == {"a": {"b": 1, "list": [1, 2]}, "items": [{}]}
 
 

@@ -75,10 +75,10 @@ def test_all_problems_are_told_in_the_order_of_the_file(folder, capsys):
     assert main(["validate", "disk.toml", "wrong.toml", "none.toml"]) == 2
     captured = capsys.readouterr()
     assert captured.out.startswith("disk.toml is valid")
-    *found, last = captured.err.splitlines()
+    *errors, last = captured.err.splitlines()
     named = ["titel", "body.mass", "body.radius", "body.inertia", "time.end", "solve.rtol", "masses[0].rail.radios"]
-    assert [line.split("`")[1] for line in found] == [*named, "masses[1].mas"]
-    assert all(line.startswith("wrong.toml: Key `") for line in found)
+    assert [line.split("`")[1] for line in errors] == [*named, "masses[1].mas"]
+    assert all(line.startswith("wrong.toml: Key `") for line in errors)
     assert "No such file or directory" in last
 
 

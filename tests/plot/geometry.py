@@ -35,28 +35,28 @@ def boxes(figure):
     every += [label for axis in axes for tick in axis.get_minor_ticks() for label in (tick.label1, tick.label2)]
     hidden = {id(label) for label in every} - {id(label) for label in shown}
     figure.draw(renderer)  # because asking for the ticks that are shown moves those of axes in space
-    found = []
+    texts = []
     for text in figure.findobj(Text):
         if text.get_visible() and text.get_text().strip() and id(text) not in hidden:
             # That of an annotation would have its anchor in it.
-            found.append(Box(text.get_text(), *Text.get_window_extent(text, renderer).extents))
-    return found
+            texts.append(Box(text.get_text(), *Text.get_window_extent(text, renderer).extents))
+    return texts
 
 
 def overlaps(figure):
     """The pairs of texts that lie on one another, and texts that leave the page or lie on a curve or on a mark."""
-    found, (width, height) = boxes(figure), figure.bbox.size
+    texts, (width, height) = boxes(figure), figure.bbox.size
     faults = [
         (a.text, b.text)
-        for a, b in itertools.combinations(found, 2)
+        for a, b in itertools.combinations(texts, 2)
         if min(a.x1, b.x1) - max(a.x0, b.x0) > HAIR and min(a.y1, b.y1) - max(a.y0, b.y0) > HAIR
     ]
-    for box in found:
+    for box in texts:
         if box.x0 < -HAIR or box.y0 < -HAIR or box.x1 > width + HAIR or box.y1 > height + HAIR:
             faults.append((box.text, "the edge of the page"))
     for ax in figure.axes:
         for k, points in enumerate(_curves(ax)):
-            for box in found:
+            for box in texts:
                 inside = (points > [box.x0 + HAIR, box.y0 + HAIR]) & (points < [box.x1 - HAIR, box.y1 - HAIR])
                 if np.any(np.all(inside, axis=1)):
                     faults.append((box.text, f"curve {k}"))
@@ -69,17 +69,17 @@ def _curves(ax):
     for line in ax.lines:
         # A line in space has its projection as data once it is drawn.
         points = line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float))
-        found = []
+        points_drawn = []
         if line.get_linestyle() != "None" and line.get_linewidth() >= BACKGROUND:
-            found += [between(a, b) for a, b in itertools.pairwise(points) if np.all(np.isfinite([a, b]))]
+            points_drawn += [between(a, b) for a, b in itertools.pairwise(points) if np.all(np.isfinite([a, b]))]
         if line.get_marker() not in ("None", None):
             half = line.get_markersize() / 2 * pixel
             corners = half * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
-            found += [point + corners for point in points if np.all(np.isfinite(point))]
-        if found:
-            found, box = np.concatenate(found), ax.bbox
-            within = np.all((found >= box.min - HAIR) & (found <= box.max + HAIR), axis=1)
-            yield found[within] if line.get_clip_on() and not hasattr(ax, "zaxis") else found
+            points_drawn += [point + corners for point in points if np.all(np.isfinite(point))]
+        if points_drawn:
+            points_drawn, box = np.concatenate(points_drawn), ax.bbox
+            within = np.all((points_drawn >= box.min - HAIR) & (points_drawn <= box.max + HAIR), axis=1)
+            yield points_drawn[within] if line.get_clip_on() and not hasattr(ax, "zaxis") else points_drawn
     for patch in ax.patches:
         for outline in patch.get_transform().transform_path(patch.get_path()).to_polygons():
             yield np.concatenate([between(a, b) for a, b in itertools.pairwise(outline)])

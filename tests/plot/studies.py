@@ -28,13 +28,13 @@ m, g = np.geomspace(0.5, 2.0, 5), np.array([0.5, 1.0, 2.0])
 
 def heavy_ones_fail(scenarios, wanted):
     """An engine: φ = m g, but for heavy disks."""
-    found = {name: np.array(array) for name, array in pretend(scenarios, wanted).items()}
-    failed = found["phi"][:, 0] > HEAVY
-    found["status"][failed] = int(Status.MAX_STEPS)
-    found["reached"][failed] /= 2
+    arrays = {name: np.array(array) for name, array in pretend(scenarios, wanted).items()}
+    failed = arrays["phi"][:, 0] > HEAVY
+    arrays["status"][failed] = int(Status.MAX_STEPS)
+    arrays["reached"][failed] /= 2
     for name in ("phi", "phidot", "z"):
-        found[name][failed, found[name].shape[1] // 2 + 1 :] = np.nan
-    return found
+        arrays[name][failed, arrays[name].shape[1] // 2 + 1 :] = np.nan
+    return arrays
 
 
 def store(folder, axes=GRID, settings="", engine=heavy_ones_fail, **options):

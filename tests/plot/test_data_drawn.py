@@ -187,14 +187,14 @@ def test_energies_are_those_of_the_reference(ball_trajectory):
 
 
 def test_power_and_forces_are_the_observables(ball_trajectory):
-    seen = ball_trajectory.observables
-    np.testing.assert_array_equal(plot.power(ball_trajectory).lines[0].get_ydata(), seen.power)
+    observables = ball_trajectory.observables
+    np.testing.assert_array_equal(plot.power(ball_trajectory).lines[0].get_ydata(), observables.power)
     forces = plot.contact_force(ball_trajectory)
-    np.testing.assert_array_equal(drawn(forces, "$N$")[:, 1], seen.normal_force)
+    np.testing.assert_array_equal(drawn(forces, "$N$")[:, 1], observables.normal_force)
     friction = drawn(forces, r"$|\,\mathbf{f}\,|$")[:, 1]
-    np.testing.assert_allclose(friction, np.hypot(*np.asarray(seen.friction).T), rtol=1e-12)
+    np.testing.assert_allclose(friction, np.hypot(*np.asarray(observables.friction).T), rtol=1e-12)
     ratio = plot.friction_ratio(ball_trajectory)
-    np.testing.assert_allclose(ratio.lines[0].get_ydata(), friction / seen.normal_force, rtol=1e-12)
+    np.testing.assert_allclose(ratio.lines[0].get_ydata(), friction / observables.normal_force, rtol=1e-12)
 
 
 def test_the_largest_friction_ratio_is_marked(ball_trajectory):

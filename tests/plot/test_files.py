@@ -109,8 +109,8 @@ def test_each_frame_shows_the_nearest_saved_time():
 @pytest.mark.parametrize("body", ["ball", "disk"])
 def test_the_scene_keeps_masses_on_their_rails_and_the_body_on_its_trail(body, request):
     trajectory = request.getfixturevalue(f"{body}_trajectory")
-    seen = record(trajectory)
-    figure, show = scene(trajectory, seen)
+    run = record(trajectory)
+    figure, show = scene(trajectory, run)
     show(13)
     lines = figure.axes[0].lines
     columns = [0, 1, 2] if body == "ball" else [0, 2]

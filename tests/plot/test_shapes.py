@@ -28,10 +28,10 @@ def test_the_outline_is_the_great_circle_that_the_viewer_faces(elevation, azimut
 def test_a_sphere_is_split_into_what_is_seen_and_what_is_behind():
     viewer = towards(20.0, 30.0)
     front, back = split(wireframe(1.0), viewer)
-    seen, hidden = (np.all(np.isfinite(half), axis=1) for half in (front, back))
-    assert np.all(front[seen] @ viewer >= 0)
+    visible, hidden = (np.all(np.isfinite(half), axis=1) for half in (front, back))
+    assert np.all(front[visible] @ viewer >= 0)
     assert np.all(back[hidden] @ viewer <= 0)
-    assert np.count_nonzero(seen | hidden) == np.count_nonzero(np.isfinite(wireframe(1.0)[:, 0]))
+    assert np.count_nonzero(visible | hidden) == np.count_nonzero(np.isfinite(wireframe(1.0)[:, 0]))
 
 
 def test_a_tube_is_drawn_from_shell_to_shell():

@@ -35,8 +35,8 @@ def texts(ax):
 
 def only(ax, kind):
     """The one artist of a kind."""
-    (found,) = (item for item in ax.get_children() if isinstance(item, kind))
-    return found
+    (match,) = (item for item in ax.get_children() if isinstance(item, kind))
+    return match
 
 
 def kept(values):
@@ -190,9 +190,9 @@ def test_each_bar_has_as_many_whole_numbers(first, last, bars, each):
 
 
 def test_what_the_study_finds_is_drawn_first():
-    found = store_of_finds()
-    assert standard_results(found) == ["largest_speed", "distance", "z", "steps"]
-    drawn = [ax.get_ylabel() for ax in plot.sweep_matrix(found).axes if ax.get_ylabel()]
+    data = store_of_finds()
+    assert standard_results(data) == ["largest_speed", "distance", "z", "steps"]
+    drawn = [ax.get_ylabel() for ax in plot.sweep_matrix(data).axes if ax.get_ylabel()]
     assert drawn[1:3] == ["largest speed (length)", "distance (length)"]
     assert standard_results(disks())[:2] == ["z", "phi"]
 
@@ -205,8 +205,8 @@ def store_of_finds():
 
 
 def test_a_store_says_what_its_study_finds(tmp_path):
-    found = study(tmp_path, MASSES, 'find = ["largest_angular_speed", "distance"]')
-    assert layout_of(found)["finds"] == ["largest_angular_speed", "distance"]
+    data = study(tmp_path, MASSES, 'find = ["largest_angular_speed", "distance"]')
+    assert layout_of(data)["finds"] == ["largest_angular_speed", "distance"]
     assert "finds" not in layout_of(study(tmp_path, MASSES, ""))
 
 

@@ -20,15 +20,15 @@ def ball(radius=0.5):
 
 def seen_in(transformation, make, *arguments):
     """What an object prints while it is traced."""
-    seen = []
+    printed = []
 
     def traced(*values):
         made = make(*values)
-        seen.extend([repr(made), str(made)])
+        printed.extend([repr(made), str(made)])
         return jnp.zeros(())
 
     transformation(traced)(*arguments)
-    return seen
+    return printed
 
 
 def test_a_body_prints_its_numbers_and_masses():
@@ -85,16 +85,16 @@ def test_a_run_prints_how_it_ended(ball_trajectory):
     assert "a batch of shape (3,)" in repr(many)
     assert "2 SUCCESS, 1 MAX_STEPS" in str(many)
     assert "traced, with 21 times" in seen_in(jax.jit, lambda run: run, ball_trajectory)[0]
-    found = Ensemble(many, {"distance": np.array([1.0, 2.5, np.nan])}, np.array(60))
-    assert "distance from 1 to 2.5" in repr(found)
-    assert "distance float64[3]" in seen_in(jax.jit, lambda runs: runs, found)[1]
+    ensemble = Ensemble(many, {"distance": np.array([1.0, 2.5, np.nan])}, np.array(60))
+    assert "distance from 1 to 2.5" in repr(ensemble)
+    assert "distance float64[3]" in seen_in(jax.jit, lambda runs: runs, ensemble)[1]
 
 
 def test_observables_print_their_ranges(ball_trajectory):
-    found = ball_trajectory.observables
-    force = found.normal_force
-    assert f"normal_force: float64[21], from {force.min():.6g} to {force.max():.6g}" in repr(found)
-    assert "normal_force: float64[21]" in seen_in(jax.jit, lambda x: x, found)[0]
+    observables = ball_trajectory.observables
+    force = observables.normal_force
+    assert f"normal_force: float64[21], from {force.min():.6g} to {force.max():.6g}" in repr(observables)
+    assert "normal_force: float64[21]" in seen_in(jax.jit, lambda x: x, observables)[0]
 
 
 def test_other_results_print_what_they_found():

@@ -82,8 +82,8 @@ def test_runs_and_studies_count_alike(ball, tmp_path):
 
     def engine(batch, wanted):
         counts = np.zeros(batch.rows, dtype=int)
-        found = {"status": counts, "steps": counts, "rejected": counts, "reached": batch.times[:, -1]}
-        return found | {name: leaf[None] for name, leaf in state.items()}
+        results = {"status": counts, "steps": counts, "rejected": counts, "reached": batch.times[:, -1]}
+        return results | {name: leaf[None] for name, leaf in state.items()}
 
     (tmp_path / "ball.toml").write_text(write_scenario(scenario))
     text = 'format = 1\nscenario = "ball.toml"\nsave = "times"\n[[axes]]\npath = "body.mass"\nvalues = [1.0]\n'
@@ -95,8 +95,8 @@ def test_runs_and_studies_count_alike(ball, tmp_path):
     numbers = {entry for name, leaf in state.items() for entry in entries(name, leaf.shape[1:])}
     assert {"q[0]", "Omega[1]", "z[1]", "theta[0]"} < numbers
     columns = save(trajectory, tmp_path / "run.csv").read_text().splitlines()[0].split(",")
-    for found in (columns, pandas.read_parquet(outcome.table).columns, result_names(data)):
-        assert numbers <= set(found)
+    for names in (columns, pandas.read_parquet(outcome.table).columns, result_names(data)):
+        assert numbers <= set(names)
     check_number({"initial": {"Omega": [0.0, 0.0, 0.1]}}, "initial.Omega[1]")
 
 

@@ -1,4 +1,4 @@
-"""The laws found on runs of balls and disks: which apply, that they hold, and that wrong equations break them."""
+"""The laws checked on runs of balls and disks: which apply, that they hold, and that wrong equations break them."""
 
 import functools
 
@@ -168,9 +168,9 @@ def test_the_error_is_that_against_the_reference_of_thirty_digits():
     exact = reference.ball()
     case = Case(Scenario("", paper_ball(), jaxball.BallState(), np.asarray(exact.times)))
     names = ("q", "Omega", "z")
-    found = np.concatenate([np.asarray(getattr(case.run.state, name)) for name in names], axis=1)
+    states = np.concatenate([np.asarray(getattr(case.run.state, name)) for name in names], axis=1)
     true = np.concatenate([exact.columns(name) for name in names], axis=1)
-    errors = np.max(np.abs(found - true) / case.weights[None], axis=1)
+    errors = np.max(np.abs(states - true) / case.weights[None], axis=1)
     np.testing.assert_allclose(case.errors.max(), errors.max(), rtol=0.01)
 
 

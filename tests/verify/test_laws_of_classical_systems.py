@@ -69,5 +69,5 @@ def test_the_drift_is_the_change_without_the_integral_of_the_rate(wrong, expecte
     ends = np.arange(4.0)
     nodes = ends[:-1, None] + (1 + GAUSS[0][None]) / 2
     A, rate = np.sin(ends), np.cos(nodes) + wrong
-    found = drift(A[:-1, None], A[1:, None], rate[:, :, None], np.diff(ends))
-    np.testing.assert_allclose(found, expected, atol=1e-14)
+    residual = drift(A[:-1, None], A[1:, None], rate[:, :, None], np.diff(ends))
+    np.testing.assert_allclose(residual, expected, atol=1e-14)

@@ -11,20 +11,6 @@ from ..physics.motion import OnRail
 from ..physics.rails import Circle
 from ..physics.schedules import Pulse
 
-__all__ = [
-    "BALL_RAIL_DIRECTIONS",
-    "BALL_RAIL_RADII",
-    "BALL_THETA",
-    "BALL_TOLERANCE",
-    "DISK_RAIL_RADII",
-    "DISK_THETA",
-    "DISK_TOLERANCE",
-    "END",
-    "START",
-    "ball",
-    "disk",
-]
-
 # Both sections run from a = 0 to b = 20.
 START, END = 0.0, 20.0
 
@@ -93,7 +79,3 @@ def ball() -> Ball:
             for r_i, v_i, theta_i in rails
         ],
     )
-
-
-def __dir__() -> list[str]:
-    return __all__

@@ -6,8 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from ..numerics.versor import rotation_matrix
-from ..physics.state import DiskState, ReducedState, RotationState, State
+from ..physics.state import DiskState, ReducedState, State
 from ..simulation.trajectory import Trajectory
 
 
@@ -47,8 +46,5 @@ def finite_rows(trajectory: Trajectory) -> np.ndarray:
 
 def _orientation(state: State) -> np.ndarray:
     assert not isinstance(state, ReducedState)
-    if isinstance(state, DiskState):
-        state = state.in_space()
-    if isinstance(state, RotationState):
-        return np.asarray(state.Lambda)
-    return np.asarray(jax.vmap(rotation_matrix)(state.q))
+    in_space = state.in_space() if isinstance(state, DiskState) else state
+    return np.asarray(jax.vmap(lambda row: row.Lambda)(in_space))

@@ -4,8 +4,7 @@ import argparse
 from pathlib import Path
 
 from ...results import load_run, saved_scenario
-from ..figures import add_formats, check_figures_folder, draw_figures
-from ..output import add_quiet
+from ..output import add_formats, add_quiet, check_figures_folder, draw_figures
 
 
 def add(commands) -> None:

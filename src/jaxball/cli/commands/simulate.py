@@ -19,10 +19,18 @@ from ...simulation.events import AbstractEvent, Detachment, Slip
 from ...simulation.extremes import contact_extremes
 from ...simulation.trajectory import Trajectory
 from ..animation import add_animation, check_animation, write_animation
-from ..figures import add_formats, check_figures_folder, draw_figures
 from ..input import add_scenario, scenario_of
 from ..options import FAILED_SOLVE, number, positive
-from ..output import add_output, check_json, say, write_json, written_line
+from ..output import (
+    add_formats,
+    add_output,
+    check_figures_folder,
+    check_json,
+    draw_figures,
+    say,
+    write_json,
+    written_line,
+)
 
 
 def add(commands) -> None:

@@ -46,8 +46,8 @@ def reproduce(
             measurements.append(measure(experiment, solver))
             echo(table.row(measurements[-1]))
     for name, content in (("table.md", table.markdown(measurements)), ("table.json", table.as_json(measurements))):
-        with replacing(out / name) as beside:
-            beside.write_text(content, encoding="utf-8")
+        with replacing(out / name) as temporary:
+            temporary.write_text(content, encoding="utf-8")
     drawn = []
     if figures:
         from .figures import draw  # here, so that a table without figures does not load matplotlib

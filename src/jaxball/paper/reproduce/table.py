@@ -46,7 +46,7 @@ LEGEND = (
 
 
 def heading() -> str:
-    """The two lines that stand above the rows in a terminal."""
+    """The two lines above the rows in a terminal."""
     titles = "  ".join(column.aligned(column.heading) for column in COLUMNS)
     return titles + "\n" + "  ".join("-" * column.width for column in COLUMNS)
 

@@ -49,7 +49,9 @@ def sweep_fan(
     rows, notes = at_fixed(rows, {rows.axis_of(by)}, at)
     names, (drawn, left_out) = names_of(rows.status), sample(rows, MOST_CURVES)
     rows, ax = rows.chosen(drawn), study_axes(rows.data, ax, SIZE)
-    curves, numbers = _curves(rows, result), rows.number(by)
+    in_plane = result is None and {"z[0]", "z[1]"} <= set(result_names(data))
+    results = ["z[0]", "z[1]"] if in_plane else [result or _standard(data)]
+    curves, numbers = _curves(rows, results), rows.number(by)
     shown = ScalarMappable(norm_of(numbers, rows.is_logarithmic(by)), COLOURS)
     shown.set_array(numbers)
     colours = shown.to_rgba(numbers)
@@ -59,48 +61,31 @@ def sweep_fan(
     ax.add_collection(LineCollection(list(curves[order]), colors=colours[order], linewidths=0.9))
     ends = np.stack([_end(curve) for curve in curves])
     keys = marks(ax, ends[:, 0], ends[:, 1], rows.status, names)
-    if result is None and _in_the_plane(data):
+    if in_plane:
         starts = np.unique(curves[:, 0], axis=0)
         keys += ax.plot(*starts.T, "o", ms=4.5, mew=1.0, color=INK, markerfacecolor="white", ls="none", label="start")
         ax.set_aspect("equal", adjustable="datalim")
     ax.autoscale_view()
-    named(ax, *_labels(data, result))
+    labels = [label_of(data, name, at_the_end=False) for name in results]
+    named(ax, *(labels if in_plane else ["$t$", *labels]))
     coloured(ax, shown, by)
     heading(ax, notes + left_out, keys, most=2)
     return ax
 
 
-def _curves(rows: Rows, result: str | None) -> Float[np.ndarray, "rows saves 2"]:
-    """The points of each row's curve, NaN after the time that it reached."""
-    if result is None and _in_the_plane(rows.data):
-        columns = [histories_of(rows, "z[0]"), histories_of(rows, "z[1]")]
-    else:
-        history = histories_of(rows, result or _standard(rows.data))
-        columns = [_times(rows), history]
-    curves, reached = np.stack(columns, axis=-1), rows.data["reached"].values[rows.places]
-    late = rows.failed[:, None] & ~(_times(rows) <= reached[:, None])
+def _curves(rows: Rows, results: list[str]) -> Float[np.ndarray, "rows saves 2"]:
+    """The points of each row's curve, of one result over time or of two; NaN after the time that the row reached."""
+    times = rows.data["time"].isel(row=rows.places).values
+    histories = [histories_of(rows, name) for name in results]
+    curves = np.stack(histories if len(histories) == 2 else [times, *histories], axis=-1)
+    late = rows.failed[:, None] & ~(times <= rows.data["reached"].values[rows.places][:, None])
     return np.where(late[:, :, None], np.nan, curves)
-
-
-def _times(rows: Rows) -> Float[np.ndarray, "rows saves"]:
-    return rows.data["time"].isel(row=rows.places).values
-
-
-def _in_the_plane(data: "xarray.Dataset") -> bool:
-    return {"z[0]", "z[1]"} <= set(result_names(data))
 
 
 def _standard(data: "xarray.Dataset") -> str:
     """The first result that was saved at all times, or the first of all, where the study has none."""
     names = result_names(data)
     return next((name for name in names if "save" in data[parsed(data, name)[0]].dims), names[0])
-
-
-def _labels(data: "xarray.Dataset", result: str | None) -> tuple[str, str]:
-    if result is None and _in_the_plane(data):
-        names = [label_of(data, name, at_the_end=False) for name in ("z[0]", "z[1]")]
-        return names[0], names[1]
-    return "$t$", label_of(data, result or _standard(data), at_the_end=False)
 
 
 def _end(curve: Float[np.ndarray, "saves 2"]) -> Float[np.ndarray, " 2"]:

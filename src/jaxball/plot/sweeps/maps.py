@@ -74,7 +74,7 @@ def _cells(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any,
     edges = edges_of(x, rows.is_logarithmic(right)), edges_of(y, rows.is_logarithmic(up))
     shown = ax.pcolormesh(*edges, grid, cmap=COLOURS, norm=norm_of(values[good]), rasterized=True)
     for code in names:
-        # Not add_patch, which goes through all corners for limits that the mesh has set.
+        # Not add_patch, which would visit all corners to find limits that the mesh has already set.
         ax.add_artist(_hatched(code, columns[outcome == code], lines[outcome == code], *edges))
     return shown, [patch(*item) for item in names.items()], notes
 

@@ -1,4 +1,4 @@
-"""What figures of optimal control show, and what they are not drawn into."""
+"""The figures of optimal control, and the Axes that they refuse."""
 
 import numpy as np
 import pytest
