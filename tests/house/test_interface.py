@@ -4,6 +4,7 @@ import ast
 import enum
 import importlib
 import inspect
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -79,15 +80,20 @@ def test_a_misspelt_name_is_an_attribute_error_with_a_suggestion():
     assert "Did you mean: 'simulate'?" in done.stderr
 
 
-def public():
-    """Every class and function of the interface, by the name under which a user finds it."""
+def everything():
+    """Whatever the interface has, by the name under which a user finds it."""
     packages = [jaxball, *(getattr(jaxball, name) for name in PACKAGES)]
     for module in [*packages, importlib.import_module("jaxball.design.control")]:
         for name in module.__all__:
-            found = getattr(module, name)
-            error = inspect.isclass(found) and issubclass(found, BaseException | enum.Enum)
-            if (inspect.isclass(found) or inspect.isfunction(found)) and not error:
-                yield f"{module.__name__}.{name}", found
+            yield f"{module.__name__}.{name}", getattr(module, name)
+
+
+def public():
+    """Every class and function of it, but errors and enumerations."""
+    for name, found in everything():
+        error = inspect.isclass(found) and issubclass(found, BaseException | enum.Enum)
+        if (inspect.isclass(found) or inspect.isfunction(found)) and not error:
+            yield name, found
 
 
 def test_every_argument_is_documented():
@@ -99,6 +105,22 @@ def test_every_argument_is_documented():
         unnamed = [one for one in inspect.signature(found).parameters if f"``{one}``" not in text]
         if unnamed:
             missing[name] = unnamed
+    assert not missing
+
+
+def test_arrays_of_the_mechanics_are_documented_with_their_shapes():
+    """What an annotation says, beside the axes of a batch, ``help`` says where it names the argument."""
+    missing = []
+    for name, cls in public():
+        if not inspect.isclass(cls) or name.rpartition(".")[0] not in ("jaxball", "jaxball.classical"):
+            continue
+        for argument in inspect.signature(cls).parameters:
+            annotation = vars(cls).get("__annotations__", {}).get(argument)
+            shape = [one for one in getattr(annotation, "dim_str", "").split() if not one.startswith(("*", "."))]
+            bullets = re.split(r"\n\s*- ", cls.__doc__ or "")[1:]
+            told = [one for one in bullets if f"``{argument}``" in one.partition(":")[0]]
+            if shape and not (told and re.search(r"shape \([^)]*,[^)]*\)", told[0])):
+                missing.append((name, argument, shape))
     assert not missing
 
 

@@ -4,12 +4,15 @@ import inspect
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import equinox as eqx
 import pytest
 
+from tests.house.test_documentation import EXAMPLES
 from tests.house.test_interface import SOURCE, public
 
 STRANGER = """
@@ -42,9 +45,11 @@ def modules():
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory):
-    """What basedpyright says of two programs outside the source tree, without reading code that has no py.typed."""
+    """What basedpyright says of programs outside the source tree, without reading code that has no py.typed."""
     folder = tmp_path_factory.mktemp("stranger")
     (folder / "stranger.py").write_text(STRANGER)
+    for example in EXAMPLES:
+        shutil.copy(example, folder)
     packages = sorted({cls.__module__ for _, cls in modules()})
     lines = [f"import {package}" for package in packages]
     lines += [f"reveal_type({cls.__module__}.{cls.__name__}.__init__)" for _, cls in modules()]
@@ -57,11 +62,10 @@ def told(tmp_path_factory):
         text=True,
         timeout=300,
     )
-    found = json.loads(done.stdout)["generalDiagnostics"]
-    return {
-        name: [(one["severity"], one["message"]) for one in found if one["file"].endswith(name)]
-        for name in ("stranger.py", "signatures.py")
-    }
+    by_file = {path.name: [] for path in folder.glob("*.py")}
+    for one in json.loads(done.stdout)["generalDiagnostics"]:
+        by_file[Path(one["file"]).name].append((one["severity"], one["message"]))
+    return by_file
 
 
 def test_a_stranger_sees_the_types(told):
@@ -70,6 +74,10 @@ def test_a_stranger_sees_the_types(told):
     assert len(sentences) == 2, sentences
     assert 'Arguments missing for parameters "mass", "inertia"' in sentences[0]
     assert 'No parameter named "mas"' in sentences[1]
+
+
+def test_examples_have_the_types_that_jaxball_asks_for(told):
+    assert not {example.name: told[example.name] for example in EXAMPLES if told[example.name]}
 
 
 def test_type_checkers_see_the_arguments_in_their_order(told):

@@ -33,6 +33,13 @@ class AbstractAxis(Printed):
 class HarmonicAxis(AbstractAxis):
     """A constant plus sinusoids: ξ(t) = constant + Σ amplitude_k sin(frequency_k t + phase_k).
 
+    **Arguments:**
+
+    - ``constant``: body axes, shape (3,).
+    - ``amplitude``: the same of each sinusoid, shape (terms, 3).
+    - ``frequency``: rad/time, shape (terms,).
+    - ``phase``: rad, shape (terms,); zero if not given.
+
     **Raises:** ``ValueError`` when ``constant`` is not three numbers, and when ``amplitude``,
     ``frequency`` and ``phase`` differ in length.
 

@@ -17,7 +17,8 @@ from .state import RigidBodyState
 class HeavyTopLaws(NamedTuple):
     """The integrals of a heavy top.
 
-    - ``energy``: E = ½⟨𝕀Ω, Ω⟩ + mg⟨χ, Γ⟩, 0 at rest with the centre of mass at the height of the fixed point.
+    - ``energy``: E = ½⟨𝕀Ω, Ω⟩ + mg⟨χ, Γ⟩, mass length²/time², 0 at rest with the centre of mass at the height of the
+      fixed point.
     - ``vertical_momentum``: ⟨𝕀Ω, Γ⟩, the angular momentum about the vertical through the fixed point.
     - ``axial_momentum``: ⟨𝕀Ω, χ⟩, Lagrange's integral. It is constant where the top is symmetric about χ,
       as with d1 = d2 and χ on E3, and not otherwise.
@@ -37,10 +38,11 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
 
     **Arguments:**
 
-    - ``mass``: m.
-    - ``inertia``: the principal moments (d1, d2, d3) about the fixed point; the body axes are principal.
-    - ``chi``: χ, from the fixed point to the centre of mass, body axes.
-    - ``gravity``: g.
+    - ``mass``: m, in units of mass.
+    - ``inertia``: the principal moments (d1, d2, d3) about the fixed point, mass length², shape (3,); the body axes are
+      principal.
+    - ``chi``: χ, from the fixed point to the centre of mass, body axes, length, shape (3,).
+    - ``gravity``: g, length/time².
 
     The motion depends on 𝕀 and on the product m g χ alone.
 

@@ -20,7 +20,7 @@ from .state import ParticleState, VakonomicState
 class ParticleLaws(NamedTuple):
     """The integrals of the particle by the principle of Lagrange and d'Alembert.
 
-    - ``energy``: E = ½m (ẋ² + ẏ² + ż²).
+    - ``energy``: E = ½m (ẋ² + ẏ² + ż²), mass length²/time².
     - ``p_y``: mẏ. The constraint is not invariant under translation along y, and yet p_y is constant,
       while p_x = mẋ and p_z = mż, along whose directions everything is invariant, are not.
     - ``p_xz``: mẋ √(1 + y²), the momentum in the plane of x and z.
@@ -34,7 +34,7 @@ class ParticleLaws(NamedTuple):
 class VakonomicLaws(NamedTuple):
     """The integrals of the vakonomic particle: Noether's, of l̃ = l + λ (ż − y ẋ), and the energy.
 
-    - ``energy``: E = ½m (ẋ² + ẏ² + ż²).
+    - ``energy``: E = ½m (ẋ² + ẏ² + ż²), mass length²/time².
     - ``p_x``: ∂l̃/∂ẋ = mẋ − λy.
     - ``p_z``: ∂l̃/∂ż = mż + λ, the paper's c̃.
     """
@@ -47,7 +47,9 @@ class VakonomicLaws(NamedTuple):
 class NonholonomicParticle(AbstractClassicalSystem[ParticleState]):
     """A free particle with ż = y ẋ by the principle of Lagrange and d'Alembert, ``eq_part_LdA``.
 
-    **Arguments:** ``mass``, m, which has no bearing on the motion.
+    **Arguments:**
+
+    - ``mass``: m, in units of mass, which has no bearing on the motion.
 
     **Raises:** ``ValueError`` when ``mass`` is not a single number.
 
@@ -115,7 +117,9 @@ class VakonomicParticle(AbstractClassicalSystem[VakonomicState]):
     Its multiplier λ has a rate, so that a motion depends on one number more than that of a mechanical
     system, λ at the start.
 
-    **Arguments:** ``mass``, m.
+    **Arguments:**
+
+    - ``mass``: m, in units of mass.
 
     **Raises:** ``ValueError`` when ``mass`` is not a single number.
 

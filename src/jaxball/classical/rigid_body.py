@@ -16,8 +16,8 @@ from .state import RigidBodyState
 class FreeBodyLaws(NamedTuple):
     """The integrals of a free rigid body.
 
-    - ``energy``: E = ½⟨𝕀Ω, Ω⟩.
-    - ``spatial_momentum``: Λ𝕀Ω, the angular momentum in space axes.
+    - ``energy``: E = ½⟨𝕀Ω, Ω⟩, mass length²/time².
+    - ``spatial_momentum``: Λ𝕀Ω, the angular momentum in space axes, mass length²/time, shape (3,).
     - ``momentum_squared``: |𝕀Ω|², which knows nothing of Λ.
     - ``versor_squared``: |q|² = 1.
     """
@@ -31,8 +31,10 @@ class FreeBodyLaws(NamedTuple):
 class FreeRigidBody(AbstractClassicalSystem[RigidBodyState]):
     """A rigid body on which no torque acts, ``EP_fin_rigid_body``.
 
-    **Arguments:** ``inertia``, the principal moments (d1, d2, d3) about the centre of mass, or about a
-    fixed point; the body axes are principal.
+    **Arguments:**
+
+    - ``inertia``: the principal moments (d1, d2, d3) about the centre of mass, or about a fixed point, mass length²,
+      shape (3,); the body axes are principal.
 
     **Raises:** ``ValueError`` when the shape is wrong. Values are not checked here, so that they may be
     traced; see :func:`jaxball.problems`.

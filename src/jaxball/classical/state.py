@@ -76,8 +76,8 @@ class VakonomicState(AbstractClassicalState):
 
     - ``x``, ``y``, ``z``: the place, length.
     - ``xdot``, ``ydot``: ẋ and ẏ, length/time.
-    - ``multiplier``: λ, a momentum; if it is not given, λ = −y ẋ, which is the choice of the paper for a particle of
-      unit mass: its constant c̃ = ż + λ is 0.
+    - ``multiplier``: λ, a momentum, mass length/time; if it is not given, λ = −y ẋ, which is the choice of the paper
+      for a particle of unit mass: its constant c̃ = ż + λ is 0.
     """
 
     x: Float[Array, "*batch"]

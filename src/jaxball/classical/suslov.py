@@ -20,7 +20,7 @@ ALLOWED = 1e-6  # how far the sine of the angle between Ω and the constraint's 
 class SuslovLaws(NamedTuple):
     """What is constant in Suslov's problem, whether ξ is constant or varies.
 
-    - ``energy``: E = ½⟨𝕀Ω, Ω⟩. The reaction torque λξ has the power λ⟨Ω, ξ⟩ = 0 and does no work.
+    - ``energy``: E = ½⟨𝕀Ω, Ω⟩, mass length²/time². The reaction torque λξ has the power λ⟨Ω, ξ⟩ = 0 and does no work.
     - ``constraint``: ⟨Ω, ξ⟩ = 0.
     - ``versor_squared``: |q|² = 1.
     """
@@ -35,8 +35,9 @@ class SuslovProblem(AbstractClassicalSystem[RigidBodyState]):
 
     **Arguments:**
 
-    - ``inertia``: the principal moments (d1, d2, d3) about the fixed point; the body axes are principal.
-    - ``xi``: ξ in body axes, three numbers, or a function of time as an
+    - ``inertia``: the principal moments (d1, d2, d3) about the fixed point, mass length², shape (3,); the body axes are
+      principal.
+    - ``xi``: ξ in body axes, of any length but 0, shape (3,), or a function of time as an
       :class:`~jaxball.classical.AbstractAxis`.
 
     Textbooks put E3 on ξ and keep the products of inertia I13 and I23; here the axes are principal and

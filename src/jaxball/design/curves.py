@@ -39,6 +39,12 @@ class Sigmoid(AbstractCurve):
     c = origin + (length s, height (σ(k (s − ½)) − σ(−k/2)) / (σ(k/2) − σ(−k/2))) with σ(x) = 1 / (1 + exp(−x)) and
     k = ``steepness``.
 
+    **Arguments:**
+
+    - ``length``, ``height``: length.
+    - ``steepness``: a number without unit.
+    - ``origin``: length, shape (2,).
+
     **Example:**
 
     >>> import jax.numpy as jnp
@@ -65,6 +71,11 @@ class FigureEight(AbstractCurve):
     """Once round the eight curve of Gerono, from its crossing at ``origin``, over ``length`` along e1 and ``height``.
 
     c = origin + (length/2 sin 2πs, height/2 sin 4πs).
+
+    **Arguments:**
+
+    - ``length``, ``height``: length.
+    - ``origin``: length, shape (2,).
 
     **Example:**
 

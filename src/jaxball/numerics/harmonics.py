@@ -11,9 +11,12 @@ from .trigonometry import sine_cosine
 class HarmonicSeries(Printed):
     """f(t) = constant + Σ amplitude_k sin(frequency_k t + phase_k).
 
-    **Arguments:** ``constant`` of any shape; ``amplitude`` with one leading axis more (one entry a
-    sinusoid); ``frequency`` in radians per unit time and ``phase`` in radians, one number each a
-    sinusoid.
+    **Arguments:**
+
+    - ``constant``: of any shape and unit.
+    - ``amplitude``: in the same unit, one entry a sinusoid, shape (terms, ...).
+    - ``frequency``: rad/time, shape (terms,).
+    - ``phase``: rad, shape (terms,); zero if not given.
 
     **Raises:** ``ValueError`` when the shapes do not fit each other.
 

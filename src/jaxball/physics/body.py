@@ -189,8 +189,9 @@ class Disk(AbstractBody):
 
     **Arguments:**
 
-    - ``inertia``: the one moment d2, about the shell's own centre of mass.
-    - ``offset``: in the plane of E1 and E3, as are the rails and the free motions of the masses.
+    - ``inertia``: the one moment d2, about the shell's own centre of mass, mass length².
+    - ``offset``: as of a :class:`Ball`, length, shape (3,), in the plane of E1 and E3, as are the rails and the free
+      motions of the masses.
     - ``mass``, ``radius``, ``gravity``, ``force``, ``masses``, ``law``: as of a :class:`Ball`.
 
     **Raises:** as :class:`Ball`.

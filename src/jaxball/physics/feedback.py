@@ -40,7 +40,8 @@ class FunctionLaw(AbstractLaw):
 
     **Arguments:**
 
-    - ``function``: of (t, state, parameters), to θ̈ of each driven mass, shape (driven,).
+    - ``function``: of (t, state, parameters), to θ̈ of each driven mass, rad/time², or length/time² in a tube,
+      shape (driven,).
     - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
     - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
 

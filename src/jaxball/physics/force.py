@@ -30,8 +30,8 @@ class HarmonicForce(AbstractForce):
 
     **Arguments:**
 
-    - ``constant``: shape (3,).
-    - ``amplitude``: shape (terms, 3).
+    - ``constant``: space axes, mass length/time², shape (3,).
+    - ``amplitude``: the same of each sinusoid, shape (terms, 3).
     - ``frequency``: rad/time, shape (terms,).
     - ``phase``: rad, shape (terms,); zero if not given.
 
@@ -69,7 +69,7 @@ class FunctionForce(AbstractForce):
 
     **Arguments:**
 
-    - ``function``: of (t, parameters), to Fe, space axes, shape (3,).
+    - ``function``: of (t, parameters), to Fe, space axes, mass length/time², shape (3,).
     - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
     - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
 

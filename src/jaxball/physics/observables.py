@@ -21,16 +21,18 @@ class Observables(Printed):
     ``…_space`` are in space axes, drawn from it too. ``geometric_centre`` and ``contact_point`` are
     places in space, with the plane at height −r. The contact force acts on the ball.
 
-    **Arguments:**
+    **Arguments:** each with the times, if there are many, as leading axes.
 
-    - ``mass_positions_body``, ``mass_positions_space``, ``centre_of_mass_body``, ``centre_of_mass_space``: length.
-    - ``geometric_centre``, ``contact_point``: length.
-    - ``vertical_body``: Γ.
+    - ``mass_positions_body``, ``mass_positions_space``: length, shape (n, 3).
+    - ``centre_of_mass_body``, ``centre_of_mass_space``: length, shape (3,).
+    - ``geometric_centre``, ``contact_point``: length, shape (3,).
+    - ``vertical_body``: Γ, shape (3,).
     - ``angular_velocity_body``, ``angular_velocity_space``, ``angular_acceleration_body``: Ω, ω = ΛΩ and Ω̇, in
-      rad/time and rad/time².
-    - ``kinetic_energy``, ``potential_energy``, ``power``: T, V and Ė, of the actuation and the external force
-      together.
-    - ``normal_force``, ``friction``, ``friction_ratio``: N, the two components of f, and |f| / N.
+      rad/time and rad/time², shape (3,).
+    - ``kinetic_energy``, ``potential_energy``: T and V, mass length²/time².
+    - ``power``: Ė, of the actuation and the external force together, mass length²/time³.
+    - ``normal_force``, ``friction``: N, and the two components of f, shape (2,), mass length/time².
+    - ``friction_ratio``: |f| / N.
 
     **Example:**
 

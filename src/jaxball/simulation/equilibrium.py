@@ -28,10 +28,12 @@ class Balance(Printed):
     """The outcome of :func:`balance`.
 
     - ``found``: whether there is a solution.
-    - ``theta``: the angles of the free masses, shape (k,); without a solution, those that come nearest.
+    - ``theta``: the angles of the free masses, rad on a closed rail and length in a tube, shape (k,); without a
+      solution, those that come nearest.
     - ``above``: whether the centre of mass is then above the geometric centre.
-    - ``residual``: the distance of the centre of mass from the vertical through the geometric centre.
-    - ``solutions``, ``solutions_above``: every solution found, the chosen one first.
+    - ``residual``: the distance of the centre of mass from the vertical through the geometric centre, length.
+    - ``solutions``, ``solutions_above``: every solution found, shape (n, k), and its ``above``, shape (n,); the
+      chosen one first.
     - ``message``: a sentence that says all this.
 
     **Example:**

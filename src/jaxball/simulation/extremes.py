@@ -26,11 +26,11 @@ class ContactExtremes(Printed):
     The times are refined between the saved ones, to the accuracy of the solver's dense output. The values have the
     right first derivatives; the times have none, but where a kink of the motion or the end of the run is the time.
 
-    - ``least_normal_force``: the smallest N.
+    - ``least_normal_force``: the smallest N, mass length/time².
     - ``friction_needed``: μ_min, the largest |f| / N; with less friction the ball would slip. Infinite where
       N ≤ 0 somewhere.
-    - ``largest_friction``: the largest |f|.
-    - ``weight``: M g.
+    - ``largest_friction``: the largest |f|, mass length/time².
+    - ``weight``: M g, mass length/time².
     - ``least_normal_force_time``, ``friction_needed_time``, ``largest_friction_time``: when.
 
     **Example:**

@@ -24,7 +24,8 @@ class SteadyMotion(Printed):
     """A motion whose state is constant, or turns about E3 at a constant rate, and its linear stability.
 
     - ``state``: the point of the phase space: a :class:`~jaxball.ReducedState`, or the state of a disk.
-    - ``turning``: the rate at which Ω and Γ turn about E3 in the body; not zero for a body of revolution only.
+    - ``turning``: the rate at which Ω and Γ turn about E3 in the body, rad/time; not zero for a body of revolution
+      only.
     - ``residual``: the largest rate of change of the state beside this turning.
     - ``steady``: whether that is zero up to rounding.
     - ``eigenvalues``: of the equations linearised on the tangent of |Γ| = 1, in the frame that turns along, in 1/time,

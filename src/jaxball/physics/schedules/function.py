@@ -20,7 +20,7 @@ class FunctionSchedule(AbstractSchedule):
 
     - ``function``: of (t, parameters), to an angle in rad, or a length in a tube.
     - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
-    - ``theta``: what is added to it.
+    - ``theta``: what is added to it, in the same unit.
     - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
 
     **Example:**

@@ -44,7 +44,7 @@ class Sinusoids(AbstractSchedule):
     - ``amplitude``: in the same unit, shape (terms,).
     - ``frequency``: rad/time, shape (terms,).
     - ``phase``: rad, shape (terms,); zero if not given.
-    - ``rate``: the constant part of θ̇.
+    - ``rate``: the constant part of θ̇, the same per time.
 
     **Raises:** ``ValueError`` when ``amplitude``, ``frequency`` and ``phase`` differ in length.
 
