@@ -36,7 +36,26 @@ class Batch(NamedTuple):
 
     def take(self, rows: Any) -> "Batch":
         """Some of the scenarios, by a slice or by their places."""
-        return Batch(self.template, *jax.tree.map(lambda leaf: leaf[rows], tuple(self[1:])))
+        count = len(np.arange(self.rows)[rows])
+
+        def take(leaf: np.ndarray) -> np.ndarray:
+            same = leaf.strides[0] == 0  # and stays one number for all
+            return np.broadcast_to(leaf[0], (count, *leaf.shape[1:])) if same else leaf[rows]
+
+        return Batch(self.template, *jax.tree.map(take, tuple(self[1:])))
+
+
+def in_blocks(function: Callable[[Any], Any], stacked: Any, size: int) -> Any:
+    """A function of stacked arrays, given ``size`` rows at a time, as NumPy arrays; the last row fills the last block.
+
+    So a program is compiled for one number of rows.
+    """
+    rows, results = len(jax.tree.leaves(stacked)[0]), []
+    for start in range(0, rows, size):
+        places = np.minimum(np.arange(start, start + size), rows - 1)
+        result = function(jax.tree.map(lambda leaf, places=places: leaf[places], stacked))
+        results.append(jax.tree.map(lambda leaf, start=start: np.asarray(leaf)[: rows - start], result))
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *results)
 
 
 class Wanted(NamedTuple):
