@@ -11,9 +11,8 @@ from jaxball import ReducedState, Status, simulate
 from jaxball.plot.sweeps.results import result_names
 from jaxball.results import OutputError, save, to_dataset
 from jaxball.scenario import read_scenario, write_scenario
-from jaxball.scenario.paths import entries
+from jaxball.scenario.paths import check_number, entries
 from jaxball.sweep import open_dataset, read_study, sweep
-from jaxball.sweep.numbers import check_number
 from tests.scenario.documents import BALL, DISK
 
 INTEGRATED = BALL + '[force]\nconstant = [0.1, 0.0, 0.0]\n[actuation]\nform = "integrated"\n'

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from ..physics.body import System
 from ..physics.state import BallState, DiskState
+from ..scenario.initial import INITIAL
 from .scales import default_scale
 
 
@@ -17,10 +18,13 @@ class Components:
     """The components of states of the kind of ``state``, each over its scale: a versor's four among them."""
 
     def __init__(self, system: System, state: BallState | DiskState):
-        fields = {field.name: np.size(getattr(state, field.name)) for field in dataclasses.fields(state)}
-        self.scale = np.concatenate(
-            [np.full(size, default_scale(f"initial.{name}", 1.0, system)) for name, size in fields.items()]
-        )
+        kinds = {name: key.kind for name, key in INITIAL["disk" if isinstance(state, DiskState) else "ball"].items()}
+        scales = []
+        for field in dataclasses.fields(state):
+            dimension = getattr(kinds.get(field.name), "dimension", None)
+            size = np.size(getattr(state, field.name))
+            scales.append(np.full(size, default_scale(dimension, 1.0, system)))
+        self.scale = np.concatenate(scales)
         self._unravel = ravel_pytree(state)[1]
 
     @property

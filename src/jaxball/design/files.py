@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from ..scenario.gathering import each_of
+from ..scenario.errors import each_of
 from ..scenario.table import Family, Key, keys_of, read_family, read_list, read_table
 from ..scenario.values import (
     NOT_NEGATIVE,

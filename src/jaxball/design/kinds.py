@@ -16,10 +16,10 @@ NUMBER, SIZE = Numbers(), Numbers(rule=POSITIVE)
 WEIGHT = {"weight": Key(NUMBER, 1.0)}
 
 _ON_LINE = ", because a disk rolls along e1"
-_FLAT = Rule("finite", lambda x: np.all(x == 0, axis=1), f" that is 0{_ON_LINE}")
+_FLAT = Rule("finite", lambda x: (x == 0).all(), f" that is 0{_ON_LINE}")
 _ABOUT_E2 = Rule(
     "finite",
-    lambda x: np.any(x != 0, axis=1) & np.all(x[:, 1::2] == 0, axis=1),
+    lambda x: (x != 0).any() & (x[1::2] == 0).all(),
     " [q0, 0, q2, 0], not all zero, because a disk turns about e2",
 )
 

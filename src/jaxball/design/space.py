@@ -6,18 +6,17 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import tomli_w
 from jaxtyping import Array, Float
 
 from ..numerics.arrays import to_array
-from ..numerics.versor import from_axis_angle, normalized
 from ..physics.body import Ball, Disk, System
 from ..physics.frames import principal_angles
 from ..physics.state import BallState, DiskState
 from ..scenario import Scenario, read_document
-from ..scenario.initial import starting_angles
-from ..sweep.numbers import value_at, with_numbers
-from ..sweep.reading.plan import Plan, plan_of
+from ..scenario.errors import UntraceableError
+from ..scenario.paths import key_of, value_at, with_numbers
+from ..scenario.structure import Structure
+from ..scenario.values import Numbers, kinds_of_numbers
 from .bounds import Bounds
 from .errors import DesignError
 from .scales import default_scale
@@ -60,15 +59,17 @@ class DesignSpace:
         self.variables = tuple(one for variable in variables for one in expanded(variable, self.document))
         self._paths = tuple(path for variable in self.variables for path in variable.paths)
         _check_paths(self._paths, self.document)
-        found = plan_of(tomli_w.dumps(self.document), self._paths)
-        if found is None:
+        with kinds_of_numbers() as kinds:
+            self._structure = Structure(self.document, self._paths)
+        try:
+            jax.eval_shape(self._structure.build, jnp.zeros(len(self._paths)))
+        except UntraceableError:
             raise DesignError(
-                f"Variables {', '.join(self._paths)} must all stand in the system or in its initial state as they "
-                "are, but one does not; give the angles of the masses instead of `initial.balance`."
-            )
-        self._plan: Plan = found
+                f"Variables {', '.join(self._paths)} must not change what is in balance, but one does; give the angles "
+                "of the masses instead of `initial.balance`."
+            ) from None
         x = [self._start_of(variable) for variable in self.variables]
-        self.bounds = self._bounds(x)
+        self.bounds = self._bounds(x, kinds)
         self.start = self.bounds.variables(np.asarray(x))
 
     @property
@@ -91,22 +92,10 @@ class DesignSpace:
 
     def candidate_of(self, x: Float[Array, " n"]) -> Candidate:
         """The system, the state and the times for values ``x`` of the variables."""
-        values, plan = self._at_paths(x), self._plan
-        arrays = [jnp.asarray(array, dtype=x.dtype) for array in plan.arrays]
-        for place in sorted(plan.places):
-            array = arrays[place.leaf]
-            entry = np.unravel_index(place.entry, array.shape)
-            arrays[place.leaf] = array.at[entry].set(values[place.column])
-        times = self._times(values)
-        system, state, *_ = jax.tree.unflatten(self._structure, arrays)
-        if plan.versors:
-            state = _replaced(state, q=self._versor(values))
-        if plan.angles:
-            law = system.law
-            schedules = law.targets if hasattr(law, "targets") else law.schedules
-            found = starting_angles(schedules, times[0])
-            state = _replaced(state, **{name: found[name] for name in plan.angles})
-        return Candidate(system, state, times)
+        parts = self._structure.build(self._at_paths(x))
+        times = self.scenario.times
+        moved = parts.times.array(times.size) if self._moves("time") else to_array(times)
+        return Candidate(parts.system, parts.state, moved)  # pyright: ignore[reportArgumentType]
 
     def document_of(self, x: Float[np.ndarray, " n"]) -> dict[str, Any]:
         """The scenario's document with values ``x`` of the variables."""
@@ -131,11 +120,6 @@ class DesignSpace:
         """
         return read_document(self.document_of(x))
 
-    @property
-    def _structure(self) -> Any:
-        scenario = self.scenario
-        return jax.tree.structure((scenario.system, scenario.state, scenario.rtol, scenario.atol))
-
     def _moves(self, table: str) -> bool:
         return any(path.startswith(table) for path in self._paths)
 
@@ -149,12 +133,13 @@ class DesignSpace:
             )
         return x
 
-    def _bounds(self, x: list[float]) -> Bounds:
+    def _bounds(self, x: list[float], kinds: Mapping[str, Numbers]) -> Bounds:
         system = self.scenario.system
         assert isinstance(system, Ball | Disk)
+        dimensions = [kinds[key_of(variable.name)].dimension for variable in self.variables]
         scale = [
-            default_scale(variable.name, value, system) if variable.scale is None else variable.scale
-            for variable, value in zip(self.variables, x, strict=True)
+            default_scale(dimension, value, system) if variable.scale is None else variable.scale
+            for variable, value, dimension in zip(self.variables, x, dimensions, strict=True)
         ]
         lower, upper = ([getattr(v, side) for v in self.variables] for side in ("lower", "upper"))
         return Bounds(np.asarray(lower, dtype=float), np.asarray(upper, dtype=float), np.asarray(scale, dtype=float))
@@ -163,29 +148,6 @@ class DesignSpace:
         column = np.repeat(np.arange(self.size), [len(variable.paths) for variable in self.variables])
         factors = np.concatenate([np.asarray(variable.factors, dtype=float) for variable in self.variables])
         return x[column] * jnp.asarray(factors, dtype=x.dtype)
-
-    def _value(self, path: str, values: Float[Array, " paths"]) -> Float[Array, ""]:
-        if path in self._paths:
-            return values[self._paths.index(path)]
-        return to_array(value_at(self.document, path))
-
-    def _times(self, values: Float[Array, " paths"]) -> Float[Array, " T"]:
-        times = to_array(self.scenario.times)
-        if not self._moves("time"):
-            return times
-        start, end = (self._value(f"time.{name}", values) for name in ("start", "end"))
-        share = jnp.linspace(0.0, 1.0, times.size, dtype=times.dtype)
-        return start + (end - start) * share
-
-    def _versor(self, values: Float[Array, " paths"]) -> Float[Array, "4"]:
-        if "axis" not in self.document["initial"]:
-            return normalized(jnp.stack([self._value(f"initial.versor[{k}]", values) for k in range(4)]))
-        axis = jnp.stack([self._value(f"initial.axis[{k}]", values) for k in range(3)])
-        return from_axis_angle(axis, self._value("initial.angle", values))
-
-
-def _replaced(state: Any, **fields: Any) -> Any:
-    return type(state)(**{name: getattr(state, name) for name in state.__dataclass_fields__} | fields)
 
 
 def _check_paths(paths: tuple[str, ...], document: Mapping[str, Any]) -> None:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from ..sweep.numbers import check_number, numbers_of
+from ..scenario.paths import check_number, numbers_of
 from .errors import DesignError
 
 
@@ -65,7 +65,7 @@ def expanded(variable: Variable, document: Mapping[str, Any]) -> list[Variable]:
     """The variables that one with ``[*]`` in its path stands for: each number whose path fits.
 
     **Raises:** :class:`DesignError` when no number fits, when such a variable has several paths, and
-    :class:`~jaxball.sweep.StudyError` when a path names no number.
+    :class:`~jaxball.ScenarioError` when a path names no number.
     """
     if "*" not in variable.name:
         for path in variable.paths:
@@ -74,7 +74,7 @@ def expanded(variable: Variable, document: Mapping[str, Any]) -> list[Variable]:
     if len(variable.paths) > 1:
         raise DesignError(f"Variable `{variable.name}` must have no other path beside it, because it is many numbers.")
     pattern = re.escape(variable.name).replace(r"\*", r"\d+")
-    found = [path for path in numbers_of(document) if re.fullmatch(pattern, path)]
-    if not found:
+    paths = [path for path in numbers_of(document) if re.fullmatch(pattern, path)]
+    if not paths:
         raise DesignError(f"Variable `{variable.name}` must fit a number of the scenario, but none has such a path.")
-    return [dataclasses.replace(variable, paths=(path,)) for path in found]
+    return [dataclasses.replace(variable, paths=(path,)) for path in paths]

@@ -35,7 +35,7 @@ def to_array(x: Numbers, name: str = "x") -> Float[Array, "..."]:
         raise refusal(name, "numbers", x) from None
 
 
-def is_traced(x: Array) -> bool:
+def is_traced(x: Any) -> bool:
     """Whether the value of ``x`` is not known, as within jit, vmap and grad."""
     return isinstance(x, Tracer)
 

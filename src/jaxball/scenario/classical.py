@@ -3,8 +3,6 @@
 from collections.abc import Iterable
 from typing import Any
 
-import numpy as np
-
 from ..classical import (
     AbstractClassicalState,
     AbstractClassicalSystem,
@@ -21,10 +19,11 @@ from ..classical import (
 from ..numerics.arrays import to_array
 from ..physics.conditions import Condition
 from ..physics.system import AbstractState, AbstractSystem
+from .errors import require_condition
 from .harmonics import SERIES, WAVES_IN_SPACE, check_lengths, series_of
 from .initial import read_orientation
 from .table import Key, Module, join, read_one_of, read_table, write_member, write_table
-from .values import NOT_ALL_ZERO, POSITIVE, Nested, Numbers, key_error
+from .values import NOT_ALL_ZERO, POSITIVE, Nested, Numbers
 
 INERTIA = {"inertia": Key(Numbers((3,), POSITIVE))}
 PARTICLE_MASS = {"mass": Key(Numbers(rule=POSITIVE), 1.0)}
@@ -76,7 +75,7 @@ INITIAL = {
 
 
 def read_classical(
-    kind: str, body: Any, initial: Any, start: float
+    kind: str, body: Any, initial: Any, start: Any
 ) -> tuple[AbstractClassicalSystem, AbstractClassicalState]:
     """The system of the table ``body`` and the state of the table ``initial`` at time ``start``.
 
@@ -112,9 +111,7 @@ def _read_state(kind: type[AbstractClassicalState], values: Any) -> AbstractClas
 
 
 def _refuse(conditions: Iterable[Condition]) -> None:
-    """Raises for the first condition that does not hold, with the path of its key."""
+    """Raises for the first condition that does not hold, with the path of its key; see ``require``."""
     for condition in conditions:
-        for problem in condition.problems():
-            table, _, name = problem.name.rpartition(".")
-            path = join("initial" if table else "body", name)
-            raise key_error(path, condition.must, repr(np.asarray(condition.value).tolist()))
+        table, _, name = str(condition.name).rpartition(".")
+        require_condition(condition, join("initial" if table else "body", name))

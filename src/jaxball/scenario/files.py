@@ -1,7 +1,7 @@
 """Scenario files: text to scenario and back."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import tomli_w
 
@@ -11,7 +11,7 @@ from . import classical
 from .actuation import FORMS, apply_actuation, write_actuation
 from .body import BALL, DISK, kind_of, read_force, read_shell, write_body
 from .classical import CLASSICAL, read_classical, write_classical
-from .gathering import each_of
+from .errors import each_of, namespace
 from .harmonics import FORCE
 from .initial import INITIAL, balanced, initial_state, read_initial, write_initial
 from .library import builtin_scenarios, builtin_text, nearest_builtin
@@ -20,7 +20,7 @@ from .scenario import Scenario
 from .shell import check_confined
 from .solve import SOLVE, check_dae
 from .table import Key, keys_of, read_table, write_table
-from .times import TIMES, read_times, write_times
+from .times import TIMES, SaveTimes, read_times, write_times
 from .values import Choice, Integer, ScenarioError, Text, unread
 from .within import document_of, naming, text_of
 
@@ -129,8 +129,30 @@ def read_document(document: dict[str, Any]) -> Scenario:
     >>> read_document({"format": 1, "kind": "nonholonomic-particle", "time": times}).times
     array([0., 1., 2.])
     """
+    return read_contents(document).scenario()
+
+
+class Contents(NamedTuple):
+    """What a file says, any of whose numbers may be traced: a :class:`Scenario` whose save times are not yet made."""
+
+    title: str
+    system: AbstractSystem
+    state: Any
+    times: SaveTimes
+    solve: dict[str, Any]
+
+    def scenario(self) -> Scenario:
+        """The scenario, whose numbers must be known."""
+        return Scenario(self.title, self.system, self.state, self.times.array(self.times.count), **self.solve)
+
+
+def read_contents(document: dict[str, Any]) -> Contents:
+    """The contents of a file; :func:`read_document` says what it raises.
+
+    Numbers of ``document`` may be traced within :func:`~jaxball.scenario.errors.traced_conditions`.
+    """
     if document.get("kind") in tuple(CLASSICAL):
-        return _classical(document)
+        return _read_classical(document)
     kind = str(document.get("kind"))
     if kind not in BODIES:
         read_table(document, "", KEYS)
@@ -145,26 +167,26 @@ def read_document(document: dict[str, Any]) -> Scenario:
     )
     if force is not None:
         shell["force"] = force
-    start = float(times[0])
+    start = times.start
     masses = balanced(masses, shell, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if found["actuation"] is None else found["actuation"]
     masses, law, followed = apply_actuation(actuation, "actuation", masses)
     system = (Disk if kind == "disk" else Ball)(**shell, masses=masses, law=law)
     state = initial_state(initial, "initial", kind, followed, start)
     check_dae(system, solve["solver"], solve["dae"])
-    check_confined(system, times, state)
-    return Scenario(found["title"], system, state, times, **solve)
+    check_confined(system, namespace(times.start, times.end).stack([times.start, times.end]), state)
+    return Contents(found["title"], system, state, times, solve)
 
 
-def _classical(document: dict[str, Any]) -> Scenario:
+def _read_classical(document: dict[str, Any]) -> Contents:
     found, times, solve = each_of(
         lambda: read_table(document, "", CLASSICAL_KEYS),
         lambda: "time" in document and read_times(document["time"], "time"),
         lambda: read_table(document.get("solve", {}), "solve", SOLVE),
     )
-    system, state = read_classical(found["kind"], found["body"], found["initial"], float(times[0]))
+    system, state = read_classical(found["kind"], found["body"], found["initial"], times.start)
     check_dae(system, solve["solver"], solve["dae"])
-    return Scenario(found["title"], system, state, times, **solve)
+    return Contents(found["title"], system, state, times, solve)
 
 
 def write_scenario(scenario: Scenario) -> str:

@@ -5,12 +5,13 @@ from typing import Any
 import numpy as np
 
 from ..physics.frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
+from .errors import namespace, require
 from .table import Family, Key, Module, join, read_one_of, write_member
-from .values import FULL_TURN, NOT_ALL_ZERO, QUARTER_TURN, Nested, Numbers, Radians, key_error
+from .values import ANGLE, FULL_TURN, NOT_ALL_ZERO, QUARTER_TURN, Nested, Numbers, Radians
 
 ORTHONORMAL = 1e-9
 
-_ANGLES = {"azimuth": Key(Radians(rule=FULL_TURN)), "elevation": Key(Radians(rule=QUARTER_TURN))}
+_ANGLES = {"azimuth": Key(Radians((), FULL_TURN, ANGLE)), "elevation": Key(Radians((), QUARTER_TURN, ANGLE))}
 _FRAMES: Family = {
     "azimuth": Module(SphericalFrame, _ANGLES),
     "versor": Module(VersorFrame, {"versor": Key(Numbers((4,), NOT_ALL_ZERO))}, attributes={"versor": "q"}),
@@ -21,18 +22,19 @@ _CHOICES = {name: frame.keys for name, frame in _FRAMES.items()}
 
 def read_frame(values: Any, path: str) -> AbstractFrame:
     """A frame by spherical angles, a versor or a rotation matrix."""
-    name, found = read_one_of(values, path, _CHOICES)
+    name, table = read_one_of(values, path, _CHOICES)
     if name == "azimuth":
-        return SphericalFrame(**found)
+        return SphericalFrame(**table)
     if name == "versor":
-        return VersorFrame(found["versor"])
-    B = found["matrix"]
-    if not np.allclose(B.T @ B, np.eye(3), rtol=0, atol=ORTHONORMAL) or np.linalg.det(B) < 0:
-        raise key_error(
-            join(path, "matrix"),
-            "a rotation matrix, whose columns are orthonormal and whose determinant is 1",
-            str(B.tolist()),
-        )
+        return VersorFrame(table["versor"])
+    B = table["matrix"]
+    xp = namespace(B)
+    require(
+        xp.allclose(B.T @ B, np.eye(3), rtol=0, atol=ORTHONORMAL) & (xp.linalg.det(B) > 0),
+        join(path, "matrix"),
+        "a rotation matrix, whose columns are orthonormal and whose determinant is 1",
+        lambda: str(B.tolist()),
+    )
     return MatrixFrame(B)
 
 

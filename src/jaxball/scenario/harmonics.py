@@ -8,13 +8,14 @@ from ..physics.force import HarmonicForce
 from ..physics.motion import Oscillating
 from ..physics.schedules import Sinusoids
 from .table import Key, Module, join
-from .values import Numbers, key_error
+from .values import ANGLE, RATE, Numbers, key_error
 
-LIST = Numbers((None,))
-ROWS = Numbers((None, 3))
-
-WAVES = {"amplitude": Key(LIST, ()), "frequency": Key(LIST, ()), "phase": Key(LIST, ())}
-WAVES_IN_SPACE = {**WAVES, "amplitude": Key(ROWS, ())}
+WAVES = {
+    "amplitude": Key(Numbers((None,)), ()),
+    "frequency": Key(Numbers((None,), dimension=RATE), ()),
+    "phase": Key(Numbers((None,), dimension=ANGLE), ()),
+}
+WAVES_IN_SPACE = {**WAVES, "amplitude": Key(Numbers((None, 3)), ())}
 SERIES = {name: f"series.{name}" for name in ("constant", *WAVES)}
 PATH = {name: f"path.{name}" for name in ("constant", *WAVES)}
 
@@ -67,7 +68,7 @@ OSCILLATING = Module(
 )
 SINUSOIDS = Module(
     Sinusoids,
-    {"theta": Key(Numbers()), "rate": Key(Numbers(), 0.0), **WAVES},
+    {"theta": Key(Numbers(dimension=ANGLE)), "rate": Key(Numbers(dimension=RATE), 0.0), **WAVES},
     build=_sinusoids,
     attributes={**SERIES, "theta": "series.constant"},
     check=check_lengths,

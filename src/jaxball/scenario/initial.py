@@ -5,19 +5,19 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..interface.wording import counted
-from ..numerics.arrays import to_array
+from ..numerics.arrays import is_traced, to_array
 from ..numerics.norms import length
 from ..physics.body import Ball, Disk, PointMass, System
 from ..physics.motion import OnRail
 from ..physics.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, State
 from ..simulation.equilibrium import balance, with_angles
+from .errors import UntraceableError, namespace, outside_of_traces, require
 from .table import Key, join, read_one_of, read_table, write_table
-from .values import NOT_ALL_ZERO, Flag, Indices, Nested, Numbers, ScenarioError, key_error
+from .values import ANGLE, LENGTH, NOT_ALL_ZERO, RATE, Flag, Indices, Nested, Numbers, ScenarioError, key_error
 
 _BALANCE_KEYS = {"masses": Key(Indices()), "above": Key(Flag(), None)}
 _BALANCE = Nested(
@@ -25,15 +25,27 @@ _BALANCE = Nested(
     lambda found, path: write_table(found, path, _BALANCE_KEYS),
     tables={"": _BALANCE_KEYS},
 )
-_ANGLES = Key(Numbers((None,)), None)
-_DRIVEN = {"theta": _ANGLES, "thetadot": _ANGLES, "balance": Key(_BALANCE, None)}
-_MOVING = {"Omega": Key(Numbers((3,)), (0.0, 0.0, 0.0)), "z": Key(Numbers((2,)), (0.0, 0.0)), **_DRIVEN}
+_DRIVEN = {
+    "theta": Key(Numbers((None,), dimension=ANGLE), None),
+    "thetadot": Key(Numbers((None,), dimension=RATE), None),
+    "balance": Key(_BALANCE, None),
+}
+_MOVING = {
+    "Omega": Key(Numbers((3,), dimension=RATE), (0.0, 0.0, 0.0)),
+    "z": Key(Numbers((2,), dimension=LENGTH), (0.0, 0.0)),
+    **_DRIVEN,
+}
 _VERSOR = {"versor": Key(Numbers((4,)), (1.0, 0.0, 0.0, 0.0))}
 _CHOICES = {
     "versor": {**_VERSOR, **_MOVING},
-    "axis": {"axis": Key(Numbers((3,), NOT_ALL_ZERO)), "angle": Key(Numbers()), **_MOVING},
+    "axis": {"axis": Key(Numbers((3,), NOT_ALL_ZERO)), "angle": Key(Numbers(dimension=ANGLE)), **_MOVING},
 }
-_DISK = {"phi": Key(Numbers(), 0.0), "phidot": Key(Numbers(), 0.0), "z": Key(Numbers(), 0.0), **_DRIVEN}
+_DISK = {
+    "phi": Key(Numbers(dimension=ANGLE), 0.0),
+    "phidot": Key(Numbers(dimension=RATE), 0.0),
+    "z": Key(Numbers(dimension=LENGTH), 0.0),
+    **_DRIVEN,
+}
 INITIAL = {"ball": {**_CHOICES["versor"], **_CHOICES["axis"]}, "disk": _DISK}
 UNIT = 1e-6
 
@@ -45,26 +57,36 @@ def read_initial(values: Any, path: str, kind: str) -> dict[str, Any]:
     return read_orientation(*read_one_of(values, path, _CHOICES, otherwise=_MOVING), path)
 
 
-def read_orientation(choice: str, found: dict[str, Any], path: str) -> dict[str, Any]:
-    """``found`` with the versor ``q`` in the place of an axis and an angle, or of the key ``versor``."""
+def read_orientation(choice: str, table: dict[str, Any], path: str) -> dict[str, Any]:
+    """``table`` with the versor ``q`` in the place of an axis and an angle, or of the key ``versor``."""
     if choice == "axis":
-        axis, half = found.pop("axis"), float(found.pop("angle")) / 2
-        found["q"] = np.array([np.cos(half), *(np.sin(half) * (axis / length(axis)))])
+        axis, half = table.pop("axis"), table.pop("angle") / 2
+        xp = namespace(axis, half)
+        table["q"] = xp.stack([xp.cos(half), *(xp.sin(half) * (axis / _length(axis)))])
     elif choice == "versor":
-        found["q"] = _unit(found.pop("versor"), join(path, "versor"))
-    return found
+        table["q"] = _unit(table.pop("versor"), join(path, "versor"))
+    return table
 
 
-def _unit(q: np.ndarray, path: str) -> np.ndarray:
+def _unit(q: Any, path: str) -> Any:
     """A versor, rescaled only where it is off by more than rounding, so that it is read as it was written."""
-    size = float(length(q))
-    if abs(size - 1) > UNIT:
-        raise key_error(path, "a versor, whose four numbers have squares that add up to 1", str(q.tolist()))
-    return q if abs(size - 1) < 1e-15 else q / size
+    size = _length(q)
+    must = "a versor, whose four numbers have squares that add up to 1"
+    require(abs(size - 1) <= UNIT, path, must, lambda: str(q.tolist()))
+    # A traced one always is, because it has the derivatives of a unit vector.
+    return q / size if is_traced(size) or abs(size - 1) >= 1e-15 else q
+
+
+def _length(x: Any) -> Any:
+    """|x|, whose squares may overflow."""
+    if not is_traced(x):
+        return length(x)
+    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(x)))
+    return largest * jnp.sqrt(jnp.sum((x / largest) ** 2))
 
 
 def initial_state(
-    found: dict[str, Any], path: str, kind: str, schedules: Sequence[AbstractSchedule], start: float
+    found: dict[str, Any], path: str, kind: str, schedules: Sequence[AbstractSchedule], start: Any
 ) -> BallState | DiskState:
     """The state; θ and θ̇ of driven masses are those of their schedules unless they are given."""
     found = {name: value for name, value in found.items() if name != "balance"}
@@ -91,7 +113,7 @@ def starting_angles(
 
 
 def balanced(
-    masses: list[PointMass], shell: dict[str, Any], found: dict[str, Any], path: str, kind: str, start: float
+    masses: list[PointMass], shell: dict[str, Any], found: dict[str, Any], path: str, kind: str, start: Any
 ) -> list[PointMass]:
     """The masses, their schedules moved so that the centre of mass starts above or below the centre."""
     wanted = found["balance"]
@@ -105,7 +127,14 @@ def balanced(
         raise ScenarioError(f"Key `{path}` cannot stand beside `theta`, because it finds the angles.")
     system = (Disk if kind == "disk" else Ball)(**shell, masses=masses)
     state = initial_state({**found, "thetadot": None}, path, kind, (), start)
-    answer = balance(system, wanted["masses"], above=wanted["above"], state=state, t=start)
+    try:
+        answer = outside_of_traces(
+            lambda: balance(system, wanted["masses"], above=wanted["above"], state=state, t=start)
+        )
+    except jax.errors.JAXTypeError:
+        raise UntraceableError(
+            f"Key `{path}` must not depend on a number that changes; give the angles of the masses instead."
+        ) from None
     if not answer.found:
         raise ScenarioError(f"Key `{path}` has no solution: {answer.message}")
     return list(with_angles(system, wanted["masses"], answer.theta, start).point_masses)

@@ -10,12 +10,12 @@ from .harmonics import OSCILLATING
 from .rails import RAILS
 from .schedules import SCHEDULES
 from .table import Key, join, member_of, read_list, read_one_of
-from .values import POSITIVE, Numbers, ScenarioError
+from .values import LENGTH, POSITIVE, Numbers, ScenarioError
 
 MASS = Key(Numbers(rule=POSITIVE))
 RAIL = Key(member_of(RAILS))
 SCHEDULE = Key(member_of(SCHEDULES))
-POSITION = Key(Numbers((3,)))
+POSITION = Key(Numbers((3,), dimension=LENGTH))
 FREE = Key(OSCILLATING.nested)
 
 CHOICES = {

@@ -3,18 +3,20 @@
 import copy
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from ..interface.wording import counted
-from .values import ScenarioError
+from ..interface.wording import counted, did_you_mean
+from .errors import ScenarioError
 
 _NAME = r"[A-Za-z_][\w-]*"
 _STEP = re.compile(rf"\.?({_NAME})|\[(\d+)\]")
 _PATH = re.compile(rf"{_NAME}(\.{_NAME}|\[\d+\])*")
 _WORD = re.compile(r"[A-Za-z][\w+-]*")
+# These change what is compiled or how much is saved, and not the motion.
+_FIXED = re.compile(r"format|time\.saves|solve\.max_steps|.*\.balance\.masses\[\d+\]")
 
 
 def entries(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
@@ -28,6 +30,59 @@ def entries(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
 def steps(path: str) -> list[str | int]:
     """The names and numbers of which a path is made."""
     return [name or int(index) for name, index in _STEP.findall(path)]
+
+
+def numbers_of(document: Any, path: str = "") -> Iterator[str]:
+    """The paths of all numbers that a study can change, in the order of the document."""
+    if isinstance(document, Mapping):
+        for name, value in document.items():
+            yield from numbers_of(value, f"{path}.{name}" if path else name)
+    elif isinstance(document, list):
+        for index, value in enumerate(document):
+            yield from numbers_of(value, f"{path}[{index}]")
+    elif isinstance(document, int | float) and not isinstance(document, bool) and not _FIXED.fullmatch(path):
+        yield path
+
+
+def check_number(document: Mapping[str, Any], path: str) -> None:
+    """Raises a :class:`ScenarioError` unless ``path`` is that of a number that a study can change."""
+    known = list(numbers_of(document))
+    if path in known:
+        return
+    if _FIXED.fullmatch(path):
+        raise ScenarioError(f"Key `{path}` must be the same in all rows, because it shapes what is computed and saved.")
+    hint = did_you_mean(path, known, f"its numbers are {', '.join(known)}", "`")
+    raise ScenarioError(
+        f"Key `{path}` names no number that stands in the scenario; write it there if it has its default{hint}"
+    )
+
+
+def with_numbers(document: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """A copy of the document with other numbers at the paths in ``values``, all of which it has."""
+    changed = copy.deepcopy(dict(document))
+    for path, value in values.items():
+        *above, last = steps(path)
+        _at(changed, above)[last] = value
+    return changed
+
+
+def key_of(path: str) -> str:
+    """The path of the key whose value a number is, or in whose list it stands."""
+    return re.sub(r"(\[\d+\])+$", "", path)
+
+
+def value_at(document: Mapping[str, Any], path: str) -> Any:
+    """What stands in the document at ``path``.
+
+    **Raises:** ``LookupError`` when nothing does.
+    """
+    return _at(document, steps(path))
+
+
+def _at(place: Any, way: list[str | int]) -> Any:
+    for step in way:
+        place = place[step]
+    return place
 
 
 def with_values(document: Mapping[str, Any], changes: Sequence[str]) -> dict[str, Any]:

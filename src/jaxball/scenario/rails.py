@@ -6,12 +6,12 @@ from ..interface.wording import counted
 from ..physics.rails import BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
 from .frames import FRAME
 from .table import Family, Key, Module, join
-from .values import NOT_ALL_ZERO, POSITIVE, Numbers, key_error
+from .values import LENGTH, NOT_ALL_ZERO, POSITIVE, Numbers, key_error
 
-LENGTH = Numbers(rule=POSITIVE)
-LENGTHS = Numbers((2,), POSITIVE)
-ROWS = Numbers((None, 3))
-CENTRE = Key(Numbers((3,)), (0.0, 0.0, 0.0))
+SIZE = Numbers(rule=POSITIVE, dimension=LENGTH)
+SIZES = Numbers((2,), POSITIVE, LENGTH)
+ROWS = Numbers((None, 3), dimension=LENGTH)
+CENTRE = Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0))
 PLACE = {"centre": CENTRE, "frame": FRAME}
 
 
@@ -32,10 +32,10 @@ def _spline(points) -> SplineRail:
 
 
 RAILS: Family = {
-    "circle": Module(Circle, {"radius": Key(LENGTH), **PLACE}),
-    "ellipse": Module(Ellipse, {"semi_axes": Key(LENGTHS), **PLACE}),
-    "gerono-eight": Module(GeronoEight, {"half_extents": Key(LENGTHS), **PLACE}),
-    "bernoulli-eight": Module(BernoulliEight, {"half_width": Key(LENGTH), **PLACE}),
+    "circle": Module(Circle, {"radius": Key(SIZE), **PLACE}),
+    "ellipse": Module(Ellipse, {"semi_axes": Key(SIZES), **PLACE}),
+    "gerono-eight": Module(GeronoEight, {"half_extents": Key(SIZES), **PLACE}),
+    "bernoulli-eight": Module(BernoulliEight, {"half_width": Key(SIZE), **PLACE}),
     "tube": Module(Tube, {"direction": Key(Numbers((3,), NOT_ALL_ZERO)), "centre": CENTRE}),
     "fourier": Module(FourierRail, {"cosine": Key(ROWS), "sine": Key(ROWS), "centre": CENTRE}, check=_check_harmonics),
     "spline": Module(

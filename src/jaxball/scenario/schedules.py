@@ -4,19 +4,21 @@ from typing import Any
 
 from ..interface.wording import counted
 from ..physics.schedules import ConstantRate, PiecewiseAcceleration, Pulse, Waypoints
+from .errors import require
 from .harmonics import SINUSOIDS
 from .table import Family, Key, Module, join
-from .values import INCREASING, Numbers, key_error
+from .values import ACCELERATION, ANGLE, INCREASING, RATE, TIME, Numbers, key_error
 
-NUMBER = Numbers()
-TIMES = Numbers((None,), INCREASING)
+THETA = Key(Numbers(dimension=ANGLE))
+NO_RATE = Key(Numbers(dimension=RATE), 0.0)
+TIMES = Numbers((None,), INCREASING, TIME)
 
 
 def _check_pulse(found: dict[str, Any], path: str) -> None:
     for earlier, later, must in (("start", "hold", "not before"), ("hold", "end", "later than")):
-        first, second = float(found[earlier]), float(found[later])
-        if second < first or (second == first and later == "end"):
-            raise key_error(join(path, later), f"{must} `{earlier}` = {first!r}", repr(second))
+        first, second = found[earlier], found[later]
+        holds = second > first if later == "end" else second >= first
+        require(holds, join(path, later), f"{must} `{earlier}` = {first!r}", lambda second=second: repr(second))
 
 
 def _check_pieces(found: dict[str, Any], path: str) -> None:
@@ -45,30 +47,34 @@ SCHEDULES: Family = {
     "pulse": Module(
         Pulse,
         {
-            "theta": Key(NUMBER),
-            "height": Key(NUMBER, 1.0),
-            "rate": Key(NUMBER, 0.0),
-            "start": Key(NUMBER, 0.0),
-            "hold": Key(NUMBER, 0.1),
-            "end": Key(NUMBER, 0.2),
+            "theta": THETA,
+            "height": Key(Numbers(dimension=ACCELERATION), 1.0),
+            "rate": NO_RATE,
+            "start": Key(Numbers(dimension=TIME), 0.0),
+            "hold": Key(Numbers(dimension=TIME), 0.1),
+            "end": Key(Numbers(dimension=TIME), 0.2),
         },
         check=_check_pulse,
     ),
-    "constant-rate": Module(ConstantRate, {"theta": Key(NUMBER), "rate": Key(NUMBER, 0.0)}),
+    "constant-rate": Module(ConstantRate, {"theta": THETA, "rate": NO_RATE}),
     "sinusoids": SINUSOIDS,
     "piecewise-acceleration": Module(
         PiecewiseAcceleration,
         {
-            "theta": Key(NUMBER),
-            "rate": Key(NUMBER, 0.0),
+            "theta": THETA,
+            "rate": NO_RATE,
             "times": Key(TIMES),
-            "accelerations": Key(Numbers((None, None))),
+            "accelerations": Key(Numbers((None, None), dimension=ACCELERATION)),
         },
         check=_check_pieces,
     ),
     "waypoints": Module(
         Waypoints,
-        {"times": Key(TIMES), "angles": Key(Numbers((None,))), "end_rates": Key(Numbers((2,)), (0.0, 0.0))},
+        {
+            "times": Key(TIMES),
+            "angles": Key(Numbers((None,), dimension=ANGLE)),
+            "end_rates": Key(Numbers((2,), dimension=RATE), (0.0, 0.0)),
+        },
         check=_check_waypoints,
     ),
 }

@@ -3,18 +3,31 @@
 import re
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from ..physics.body import System
 from ..physics.breaches import breaches
+from ..physics.confinement import confined
+from ..physics.reach import surely_stay
 from ..physics.state import BallState, DiskState
 from ..simulation.trajectory import Trajectory
+from .errors import any_traced, leave_open
 from .table import join
 from .values import ScenarioError
 
 
-def check_confined(system: System, times: np.ndarray, state: BallState | DiskState) -> None:
-    """Raises a :class:`ScenarioError` for the first rail or mass that is not in the body (module ``confinement``)."""
+def check_confined(system: System, times: Any, state: BallState | DiskState) -> None:
+    """Raises a :class:`ScenarioError` for the first rail or mass that is not in the body (module ``confinement``).
+
+    Where they are traced, it is a condition, which leaves those in doubt that may leave an open rail or the shell.
+    """
+    motions = [group.motion for group in system.groups]
+    if any_traced((system.radius, motions, times, state.theta)):
+        span = jnp.asarray(times)
+        leave_open("masses", lambda: confined(system.prepare(), span, state), lambda: surely_stay(system, *span))
+    if any_traced((system, times, state)):
+        return
     for problem in breaches(system, times, np.asarray(state.theta)[None]):
         raise ScenarioError(problem.sentence("Key", key_of(problem.name)))
 

@@ -7,7 +7,7 @@ from operator import attrgetter
 from typing import Any
 
 from ..interface.wording import did_you_mean
-from .gathering import each_of
+from .errors import each_of
 from .values import Choice, Kind, Nested, ScenarioError, key_error, shown
 
 REQUIRED = object()

@@ -1,14 +1,16 @@
 """The times of a scenario file."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from .errors import namespace, number, require
 from .table import Key, read_one_of
-from .values import INCREASING, POSITIVE, Integer, Numbers, key_error
+from .values import INCREASING, POSITIVE, TIME, Integer, Numbers, key_error
 
 MOST_SAVES = 10_000_000
-_SPAN = {"start": Key(Numbers()), "end": Key(Numbers())}
+APART = 4 * float(np.finfo(float).eps)  # times further apart than this share of the later differ when rounded
+_SPAN = {"start": Key(Numbers(dimension=TIME)), "end": Key(Numbers(dimension=TIME))}
 TIMES = {
     "saves": {**_SPAN, "saves": Key(Integer(2, MOST_SAVES))},
     "step": {**_SPAN, "step": Key(Numbers(rule=POSITIVE))},
@@ -16,37 +18,63 @@ TIMES = {
 }
 
 
-def read_times(values: Any, path: str) -> np.ndarray:
+class SaveTimes(NamedTuple):
+    """The save times of a run: ``count`` of them from ``start`` to ``end``, equally spaced or else ``listed``.
+
+    Each is a number, or an array, that may be traced, and may have a leading axis for the runs that there are.
+    """
+
+    start: Any
+    end: Any
+    count: Any
+    listed: Any = None
+
+    def array(self, count: int) -> Any:
+        """The ``count`` times."""
+        if self.listed is not None:
+            return self.listed
+        xp = namespace(self.start, self.end)
+        return xp.linspace(self.start, self.end, count, axis=-1)
+
+
+def read_times(values: Any, path: str) -> SaveTimes:
     """The save times, by their number, by the step between them, or one by one."""
-    choice, found = read_one_of(values, path, TIMES)
+    choice, table = read_one_of(values, path, TIMES)
     if choice == "at":
-        if found["at"].size < 2:
-            raise key_error(f"{path}.at", "a list of two times or more", str(found["at"].tolist()))
-        _check_span(float(found["at"][0]), float(found["at"][-1]), f"{path}.at")
-        return found["at"]
-    start, end = float(found["start"]), float(found["end"])
-    if not end > start:
-        raise key_error(f"{path}.end", f"later than `start` = {start!r}", repr(end))
+        at = table["at"]
+        if at.size < 2:
+            raise key_error(f"{path}.at", "a list of two times or more", str(at.tolist()))
+        start, end = number(at[0]), number(at[-1])
+        _check_span(start, end, f"{path}.at")
+        return SaveTimes(start, end, at.size, at)
+    start, end = table["start"], table["end"]
+    require(end > start, f"{path}.end", f"later than `start` = {start!r}", lambda: repr(end))
     _check_span(start, end, f"{path}.end")
     if choice == "saves":
-        times = np.linspace(start, end, found["saves"])
-        if not np.all(np.diff(times) > 0):
-            raise key_error(f"{path}.saves", "few enough for the times to differ", repr(found["saves"]))
-        return times
-    step = float(found["step"])
+        saves, xp = table["saves"], namespace(start, end)
+        apart = end - start > (saves - 1) * APART * xp.maximum(abs(start), abs(end))
+        require(apart, f"{path}.saves", "few enough for the times to differ", lambda: repr(saves))
+        return SaveTimes(start, end, saves)
+    return SaveTimes(start, end, _intervals(start, end, table["step"], f"{path}.step") + 1)
+
+
+def _intervals(start: Any, end: Any, step: Any, path: str) -> Any:
+    """How many steps there are from ``start`` to ``end``."""
+    xp = namespace(start, end, step)
     intervals = (end - start) / step
-    if intervals > MOST_SAVES or round(intervals) < 1 or abs(intervals - round(intervals)) > 1e-9 * intervals:
-        raise key_error(
-            f"{path}.step",
-            f"a whole part of the span from {start!r} to {end!r}, and not less than a {MOST_SAVES}th of it",
-            repr(step),
-        )
-    return np.linspace(start, end, round(intervals) + 1)
+    whole = xp.rint(intervals)
+    require(
+        (intervals <= MOST_SAVES) & (whole >= 1) & (abs(intervals - whole) <= 1e-9 * intervals),
+        path,
+        f"a whole part of the span from {start!r} to {end!r}, and not less than a {MOST_SAVES}th of it",
+        lambda: repr(step),
+    )
+    return whole if xp is not np else int(whole)
 
 
-def _check_span(start: float, end: float, path: str) -> None:
-    if not np.isfinite(end - start):
-        raise key_error(path, "times whose differences are finite numbers", f"from {start!r} to {end!r}")
+def _check_span(start: Any, end: Any, path: str) -> None:
+    finite = namespace(start, end).isfinite(end - start)
+    require(finite, path, "times whose differences are finite numbers", lambda: f"from {start!r} to {end!r}")
 
 
 def write_times(times: np.ndarray) -> dict[str, Any]:

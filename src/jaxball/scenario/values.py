@@ -4,38 +4,26 @@ A kind of value reads what the TOML parser gave, or raises one sentence, and wri
 """
 
 import contextlib
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Float
 
 from ..interface.wording import did_you_mean, nearest, one_of
-
-LONGEST_SHOWN = 60
-
-
-class ScenarioError(ValueError):
-    """A scenario cannot be read, or cannot be written; the message is one sentence that names the key."""
-
-
-def key_error(path: str, must: str, got: str) -> ScenarioError:
-    """The error of the key at ``path``: what it must be, and what it is."""
-    return ScenarioError(f"Key `{path}` must be {must}, but it is {got}.")
-
-
-def shown(value: Any) -> str:
-    """A value of a file in a few words, for an error message."""
-    if isinstance(value, dict):
-        return "a table"
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    text = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
-    return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
+from ..numerics.arrays import is_traced
+from .errors import (
+    ScenarioError as ScenarioError,
+    key_error as key_error,
+    namespace,
+    number,
+    require,
+    shown as shown,
+)
 
 
 @runtime_checkable
@@ -56,38 +44,57 @@ class Kind(Protocol):
         ...
 
 
+AnyArray = Array | np.ndarray
+
+
 class Rule(NamedTuple):
-    """A condition on the numbers of each row, with the words before and after "numbers" that say it."""
+    """A condition on the numbers of a key, with the words before and after "numbers" that say it.
+
+    ``holds`` is a function of a NumPy array, or of a traced one.
+    """
 
     before: str
-    holds: Callable[[Float[np.ndarray, "rows numbers"]], Bool[np.ndarray, " rows"]]
+    holds: Callable[[Float[AnyArray, " numbers"]], Any]
     after: str = ""
 
 
-FINITE = Rule("finite", lambda x: np.full(len(x), True))
-POSITIVE = Rule("positive", lambda x: np.all(x > 0, axis=1))
-NOT_NEGATIVE = Rule("non-negative", lambda x: np.all(x >= 0, axis=1))
-NOT_ALL_ZERO = Rule("finite", lambda x: np.any(x != 0, axis=1), ", not all zero")
+FINITE = Rule("finite", lambda x: np.True_)
+POSITIVE = Rule("positive", lambda x: (x > 0).all())
+NOT_NEGATIVE = Rule("non-negative", lambda x: (x >= 0).all())
+NOT_ALL_ZERO = Rule("finite", lambda x: (x != 0).any(), ", not all zero")
+INCREASING = Rule("increasing", lambda x: (x[1:] > x[:-1]).all())
 ROUNDED = 1e-3  # 1.5708 is a right angle
 
 
 def within(limit: float, words: str) -> Rule:
     """The rule that an angle in radians is no further than ``limit``, in ``words``, from 0."""
-    return Rule(
-        "finite", lambda x: np.all(np.abs(x) <= limit + ROUNDED, axis=1), f" of radians from -{words} to {words}"
-    )
+    return Rule("finite", lambda x: (abs(x) <= limit + ROUNDED).all(), f" of radians from -{words} to {words}")
 
 
 QUARTER_TURN, FULL_TURN = within(math.pi / 2, "π/2"), within(2 * math.pi, "2π")
-INCREASING = Rule("increasing", lambda x: np.all(x[:, 1:] > x[:, :-1], axis=1))
+
+
+class Dimension(NamedTuple):
+    """The dimension of a number that has one of length and time alone, by their exponents; angles have neither."""
+
+    length: int
+    time: int
+
+
+LENGTH, TIME, ANGLE = Dimension(1, 0), Dimension(0, 1), Dimension(0, 0)
+RATE, ACCELERATION = Dimension(0, -1), Dimension(0, -2)  # of angles
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """Finite numbers of a given shape, in which None stands for one or more; () is a single number."""
+    """Finite numbers of a given shape, in which None stands for one or more; () is a single number.
+
+    - ``dimension``: theirs, where it is said; it has no bearing on how they are read.
+    """
 
     shape: tuple[int | None, ...] = ()
     rule: Rule = FINITE
+    dimension: Dimension | None = None
 
     @property
     def words(self) -> str:
@@ -98,19 +105,17 @@ class Numbers:
         inner = f"{counts[-1]}{before} {'number' if self.shape[-1] == 1 else 'numbers'}{after}"
         return f"a list of {inner}" if len(self.shape) == 1 else f"a list of {counts[0]}rows of {inner}"
 
-    def read(self, value: Any, path: str) -> np.ndarray | float:
+    def read(self, value: Any, path: str) -> Any:
+        """The numbers as an array, a single one as it is; traced where some in ``value`` are."""
         array = _as_floats(value)
-        if array is None or not self._fits(array.shape) or not self.hold(array[None])[0]:
+        if array is None or not self._fits(array.shape):
             raise key_error(path, self.words, shown(value))
+        holds = namespace(array).isfinite(array).all() & self.rule.holds(array.reshape(-1))
+        require(holds, path, self.words, lambda: shown(value))
         seen = _SEEN.get()
         if seen is not None:
             seen[path] = self
-        return array if self.shape else float(array)
-
-    def hold(self, stacked: Float[np.ndarray, "rows ..."]) -> Bool[np.ndarray, " rows"]:
-        """Which rows of ``stacked``, each of this kind's shape, are numbers of this kind."""
-        rows = stacked.reshape(len(stacked), math.prod(stacked.shape[1:]))
-        return np.all(np.isfinite(rows), axis=1) & self.rule.holds(rows)
+        return array if self.shape else number(array)
 
     def write(self, value: Any, path: str) -> Any:
         return np.asarray(value, dtype=float).tolist()
@@ -125,7 +130,7 @@ class Numbers:
 class Radians(Numbers):
     """An angle in radians, no further from 0 than its rule says."""
 
-    def read(self, value: Any, path: str) -> np.ndarray | float:
+    def read(self, value: Any, path: str) -> Any:
         try:
             return super().read(value, path)
         except ScenarioError:
@@ -260,17 +265,20 @@ def _is_integer(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _as_floats(value: Any) -> np.ndarray | None:
+def _as_floats(value: Any) -> Any:
     """``value`` as an array, or None where it is not made of numbers alone or its rows differ in length."""
-    if not _all_numbers(value):
+    numbers = list(_numbers_in(value))
+    if not all(is_traced(x) or (isinstance(x, int | float) and not isinstance(x, bool)) for x in numbers):
         return None
     try:
-        return np.asarray(value, dtype=float)
+        return (jnp if any(map(is_traced, numbers)) else np).asarray(value, dtype=float)
     except (ValueError, OverflowError):
         return None
 
 
-def _all_numbers(value: Any) -> bool:
+def _numbers_in(value: Any) -> Iterator[Any]:
     if isinstance(value, list):
-        return all(_all_numbers(item) for item in value)
-    return isinstance(value, int | float) and not isinstance(value, bool)
+        for item in value:
+            yield from _numbers_in(item)
+    else:
+        yield value

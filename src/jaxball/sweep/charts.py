@@ -11,10 +11,10 @@ import numpy as np
 from ..chaos import chart
 from ..interface.status import Status
 from ..scenario import read_document
+from ..scenario.paths import check_number
 from ..scenario.solve import SOLVERS
 from .axes import Ranged
-from .numbers import check_number
-from .reading import read_rows
+from .rows import read_rows
 from .study import Study
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from ..interface.status import Status
 from ..scenario import Scenario
 from .batch import Engine, Wanted
 from .outputs import Output, outputs_of
-from .reading import read_rows
+from .rows import read_rows
 from .store import Store
 from .study import Study
 

@@ -8,7 +8,7 @@ from typing import Any
 from ..ensemble import REDUCTIONS, AbstractReduction, Drift, Integral, Maximum, Minimum
 from ..ensemble.runge_kutta import fits
 from ..interface.wording import did_you_mean
-from ..physics.body import Ball, Disk
+from ..physics.body import AbstractBody, Ball, Disk
 from ..scenario import Scenario
 from ..scenario.solve import SOLVERS
 from ..scenario.table import Key, read_one_of
@@ -72,7 +72,8 @@ def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
 
 def solved_in_lanes(template: Scenario) -> bool:
     """Whether the rows of a study are computed in lanes."""
-    plain = template.step_to_times or template.dae or template.project or getattr(template.system, "driven", ())
+    driven = isinstance(template.system, AbstractBody) and template.system.driven
+    plain = template.step_to_times or template.dae or template.project or driven
     return not plain and fits(SOLVERS[template.solver]())
 
 

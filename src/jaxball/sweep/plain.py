@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from ..numerics.batches import in_batches
 from ..physics.body import Ball, Disk
 from ..scenario.solve import SOLVERS
 from ..simulation.events import Detachment
@@ -37,31 +38,20 @@ class _Method(NamedTuple):
 
 def solve_by_vmap(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
     """The rows, ``LANES`` side by side, by :func:`jaxball.simulate` under ``vmap``; an ``Engine``."""
-    parts = [batch.take(slice(start, start + LANES)) for start in range(0, batch.rows, LANES)]
-    found = [_solve_part(part, wanted) for part in parts]
-    return {name: np.concatenate([part[name] for part in found]) for name in found[0]}
+    common = {
+        name: getattr(batch.template, name) for name in ("solver", "max_steps", "step_to_times", "dae", "project")
+    }
+    method = _Method(**common, contact=wanted.contact, detachment=wanted.detachment)
+    stacked = (batch.system, batch.times, batch.state, batch.rtol, batch.atol)
+    return in_batches(functools.partial(_run, method), stacked, min(LANES, wanted.most))
 
 
-def _solve_part(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
-    # Programs are compiled for a number of lanes; the last scenario fills those that are left over.
-    padded = batch.take(np.minimum(np.arange(min(LANES, wanted.most)), batch.rows - 1))
-    first = batch.template
-    as_single = (first.solver, first.max_steps, first.step_to_times, first.dae, first.project)
-    method = _Method(*as_single, wanted.contact, wanted.detachment)
-    stacked = (padded.system, padded.times, padded.state, padded.rtol, padded.atol)
-    state, reached, status, steps, rejected, extremes = jax.tree.map(np.asarray, _run(method, stacked))
-    found = {"status": status, "steps": steps, "rejected": rejected, "reached": reached, **vars(state)}
-    if extremes is not None:
-        found |= {name: getattr(extremes, name) for name in CONTACT}
-    return {name: array[: batch.rows] for name, array in found.items()}
-
-
-def _run(method: _Method, stacked: Any) -> Any:
+def _run(method: _Method, stacked: Any) -> dict[str, Any]:
     """The solves. Dense output has room for few steps at first, because it is a large array."""
     for room in FEW_STEPS if method.looks_within_steps else ():
         if room < method.max_steps:
             found = _program(method._replace(max_steps=room))(*stacked)
-            if int(np.max(found[3])) < room:
+            if int(np.max(found["steps"])) < room:
                 return found
     return _program(method)(*stacked)
 
@@ -85,13 +75,8 @@ def _program(method: _Method) -> Callable[..., Any]:
         )
         touches = method.contact and isinstance(system, Ball | Disk)
         extremes = contact_extremes(trajectory) if touches else None
-        return (
-            trajectory.state,
-            trajectory.reached,
-            trajectory.status,
-            trajectory.steps,
-            trajectory.rejected,
-            extremes,
-        )
+        results = {name: getattr(trajectory, name) for name in ("status", "steps", "rejected", "reached")}
+        results |= vars(trajectory.state)
+        return results if extremes is None else results | {name: getattr(extremes, name) for name in CONTACT}
 
     return jax.jit(jax.vmap(one))

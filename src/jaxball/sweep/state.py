@@ -9,8 +9,8 @@ import numpy as np
 
 from ..interface.status import Status
 from ..scenario import ScenarioError, read_document
+from ..scenario.paths import with_numbers
 from .attributes import read_attributes
-from .numbers import with_numbers
 from .tally import STATUS, column, tally
 
 

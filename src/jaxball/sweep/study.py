@@ -13,14 +13,14 @@ from jaxtyping import Float, Int
 
 from ..physics.body import Ball, Disk
 from ..scenario import Scenario, ScenarioError, read_document
-from ..scenario.gathering import each_of
+from ..scenario.errors import each_of
+from ..scenario.paths import check_number, with_numbers
 from ..scenario.table import Key, read_list, read_table
 from ..scenario.values import Choice, Flag, Integer, Text, unread
 from ..scenario.within import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from .axes import AXES, Axis, read_axis
 from .errors import StudyError
 from .finds import CHOICES as FINDS, Find, read_finds
-from .numbers import check_number, with_numbers
 
 FORMAT = 1
 LARGEST_CHUNK = 8192
@@ -111,7 +111,11 @@ class Study:
 
         **Raises:** :class:`~jaxball.scenario.ScenarioError` where no body can have them.
         """
-        return read_document(with_numbers(self.document, dict(zip(self.paths, values.tolist(), strict=True))))
+        return read_document(self.document_with(values))
+
+    def document_with(self, values: Float[np.ndarray, " numbers"]) -> dict[str, Any]:
+        """The scenario's document with ``values`` at ``paths``."""
+        return with_numbers(self.document, dict(zip(self.paths, values.tolist(), strict=True)))
 
     def template(self) -> Scenario:
         """The scenario itself, which says what all rows have in common."""
