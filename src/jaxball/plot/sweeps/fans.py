@@ -75,8 +75,8 @@ def sweep_fan(
 
 def _curves(rows: Rows, results: list[str]) -> Float[np.ndarray, "rows saves 2"]:
     """The points of each row's curve, of one result over time or of two; NaN after the time that the row reached."""
-    times = rows.data["time"].isel(row=rows.places).values
     histories = [histories_of(rows, name) for name in results]
+    times = rows.data["time"].isel(row=rows.places).values
     curves = np.stack(histories if len(histories) == 2 else [times, *histories], axis=-1)
     late = rows.failed[:, None] & ~(times <= rows.data["reached"].values[rows.places][:, None])
     return np.where(late[:, :, None], np.nan, curves)
