@@ -1,6 +1,6 @@
 """Every system that can be simulated, and every state of one; for type checkers a ball or a disk by default."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from typing_extensions import TypeVar
 
@@ -11,8 +11,12 @@ from .state import State
 
 SimulableSystem = System | AbstractClassicalSystem
 SimulableState = State | AbstractClassicalState
-AnySimulableSystem = TypeVar("AnySimulableSystem", bound=SimulableSystem, default=System)
-AnySimulableState = TypeVar("AnySimulableState", bound=SimulableState, default=State)
+if TYPE_CHECKING:
+    AnySimulableSystem = TypeVar("AnySimulableSystem", bound=SimulableSystem, default=System)
+    AnySimulableState = TypeVar("AnySimulableState", bound=SimulableState, default=State)
+else:  # from Python 3.13 on, beartype takes a default for all that a value may be
+    AnySimulableSystem = TypeVar("AnySimulableSystem", bound=SimulableSystem)
+    AnySimulableState = TypeVar("AnySimulableState", bound=SimulableState)
 
 
 def require_system(system: Any) -> None:
