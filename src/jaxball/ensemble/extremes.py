@@ -13,7 +13,7 @@ from .observers import AbstractObserver, Quantities
 from .runge_kutta import Between, Step
 
 # From what the field is given of each lane, and a start, an end and a state, to the step.
-Again = Callable[
+Recompute = Callable[
     [Float[Array, "numbers lanes"], Float[Array, " lanes"], Float[Array, " lanes"], Float[Array, "size lanes"]], Step
 ]
 ROUNDS = 5
@@ -36,14 +36,14 @@ class Extremes(AbstractObserver):
     """Finds the steps in which each of k quantities is largest, by five values in each; ``refined`` finds the place.
 
     - ``which``, ``signs``: the quantity of each search, and what it is multiplied by.
-    - ``again``: a step that was taken, computed anew: that takes less time than to keep its stages.
+    - ``recompute``: a step that was taken, computed anew: that takes less time than to keep its stages.
     """
 
     quantities: Quantities
     between: Between
     which: tuple[int, ...]
     signs: tuple[float, ...]
-    again: Again
+    recompute: Recompute
     size: int
 
     def begin(self, given: Float[Array, "numbers lanes"]) -> Best:
@@ -94,7 +94,7 @@ class Extremes(AbstractObserver):
         def search(i, results):
             values, times = results
             rank, k = i // len(self.which), i % len(self.which)
-            step = self.again(of_field, seen.start[rank, k], seen.end[rank, k], seen.x[rank, k])
+            step = self.recompute(of_field, seen.start[rank, k], seen.end[rank, k], seen.x[rank, k])
             still, fixed = jax.lax.stop_gradient((step, given))
             first, last = still.start, last_within(still.start, still.end)
             at = lambda t: self._at(fixed, t, self.between(still, t))[k]  # noqa: E731

@@ -56,8 +56,8 @@ class Observation(NamedTuple):
         searches = [(quantities.index(item.quantity), sign) for _, item in reductions for sign in item.signs]
         if searches:
             which, signs = zip(*searches, strict=True)
-            again = functools.partial(_again, solver, field)
-            observers[EXTREMES], given[EXTREMES] = Extremes(values, between, which, signs, again, size), values.own
+            recompute = functools.partial(_recomputed, solver, field)
+            observers[EXTREMES], given[EXTREMES] = Extremes(values, between, which, signs, recompute, size), values.own
         if any(item.is_integral for _, item in reductions):
             observers[INTEGRALS], given[INTEGRALS] = Integrals(values, between, len(quantities)), values.own
         return cls(observers, given, reductions, quantities, values)
@@ -102,7 +102,7 @@ class Observation(NamedTuple):
         return [(sign * value, time) for sign, value, time in zip(observer.signs, values, times, strict=True)]
 
 
-def _again(solver: diffrax.AbstractERK, field: Prepared, own: Any, start: Array, end: Array, x: Array) -> Step:
+def _recomputed(solver: diffrax.AbstractERK, field: Prepared, own: Any, start: Array, end: Array, x: Array) -> Step:
     slope = functools.partial(field, own)
     return step(tableau_of(solver), slope, start, end, x, slope(start, x))
 
