@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...numerics.arrays import numbers
-from ..line import beside, place
 from ..norms import norm
+from ..plane import beside, place
 from ..run import Run
 from .base import AbstractObjective, unit_of_time
 
