@@ -7,11 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.design import AbstractProgram, Bounds, Evaluation, Optimiser, Places, Settings, Worth, bfgs, newton
-from jaxball.design.curvature import curved_at
-from jaxball.design.lagrangian import Multipliers, augmented_lagrangian
-from jaxball.design.looked import Looked
-from jaxball.design.settings import METHODS
+from jaxball.design import AbstractProgram, Bounds, Evaluation, Merit, Optimiser, Places, Settings
+from jaxball.design.search import bfgs, newton
+from jaxball.design.search.lagrangian import Multipliers, augmented_lagrangian, by_gauss_newton
+from jaxball.design.search.settings import METHODS
 
 
 def rosenbrock(z):
@@ -59,7 +58,7 @@ def saddle(z):
 def test_minimum_by_newtons_method(function, minimum):
     starts = np.array([[0.01, 1.0], [1.9, 0.0], [0.7, -2.0]])
     found = newton.minimise(function, starts, 60, 1e-10)
-    np.testing.assert_allclose(found.z, np.broadcast_to(minimum, starts.shape), atol=1e-9)
+    np.testing.assert_allclose(found.y, np.broadcast_to(minimum, starts.shape), atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -69,12 +68,12 @@ def test_minimum_by_newtons_method(function, minimum):
 )
 def test_minimum_from_every_start(function, minimum, bound):
     found = bfgs.minimise(function, STARTS, 300, 1e-9)
-    np.testing.assert_allclose(found.z, np.broadcast_to(minimum, STARTS.shape), atol=bound)
+    np.testing.assert_allclose(found.y, np.broadcast_to(minimum, STARTS.shape), atol=bound)
 
 
 def test_starts_do_not_know_of_each_other():
-    alone = [bfgs.minimise(rosenbrock, start[None], 40, 1e-9).z[0] for start in STARTS]
-    np.testing.assert_array_equal(bfgs.minimise(rosenbrock, STARTS, 40, 1e-9).z, alone)
+    alone = [bfgs.minimise(rosenbrock, start[None], 40, 1e-9).y[0] for start in STARTS]
+    np.testing.assert_array_equal(bfgs.minimise(rosenbrock, STARTS, 40, 1e-9).y, alone)
 
 
 def test_quadratic_in_few_evaluations():
@@ -86,7 +85,7 @@ def test_quadratic_in_few_evaluations():
         return 0.5 * np.einsum("si,ij,sj->s", z, A, z), z @ A
 
     found = bfgs.minimise(function, np.ones((1, 4)), 200, 1e-8)
-    assert np.max(np.abs(found.z)) < 1e-7
+    assert np.max(np.abs(found.y)) < 1e-7
     assert len(count) < 60
 
 
@@ -128,9 +127,9 @@ def test_constrained_problem_71_of_hock_and_schittkowski(method):
     program = hock_schittkowski_71()
     optimiser = Optimiser(program, settings)
     found = optimiser.run(optimiser.begin(), lambda progress: None)
-    assert found.z.shape == (2, 4)
-    assert found.worth.violation < 1e-6
-    assert abs(found.worth.objective - 17.0140173) < 1e-4
+    assert found.y.shape == (2, 4)
+    assert found.merit.violation < 1e-6
+    assert abs(found.merit.objective - 17.0140173) < 1e-4
     x = program.numbers(jnp.asarray(found.best))
     np.testing.assert_allclose(x, [1.0, 4.742999, 3.821151, 1.379408], atol=1e-4)
 
@@ -162,7 +161,7 @@ def test_a_start_that_goes_far_is_polished_from_where_the_augmented_lagrangian_i
     optimiser = Optimiser(Parabola(), Settings(starts=1, steps=1, learning_rate=rate, penalty=10.0))
     progress = optimiser.advance(optimiser.begin())
     assert progress.phase == "polish"
-    np.testing.assert_allclose(progress.z, [[chosen]], atol=1e-6)
+    np.testing.assert_allclose(progress.y, [[chosen]], atol=1e-6)
 
 
 def test_the_gauss_newton_hessian_is_exact_where_the_run_is_linear():
@@ -170,7 +169,7 @@ def test_the_gauss_newton_hessian_is_exact_where_the_run_is_linear():
     program, y = hock_schittkowski_71(), jnp.asarray([0.3, 1.0, -0.4, 0.8])
     multipliers = Multipliers(jnp.asarray([2.0, -0.7]), jnp.asarray(3.0), jnp.asarray([0.1, 0.0]))
     both = jax.tree.map(lambda x: jnp.stack([x, x]), (y, multipliers))  # as many as the search has
-    found = Looked(*curved_at(program)(*both))
+    found = by_gauss_newton(program)(*both)
 
     def lagrangian(y):
         return augmented_lagrangian(program, program.evaluate(y), multipliers)
@@ -182,11 +181,11 @@ def test_the_gauss_newton_hessian_is_exact_where_the_run_is_linear():
 @pytest.mark.parametrize(
     ("one", "other", "better"),
     [
-        (Worth(1.0, 0.0, 0.0), Worth(2.0, 0.0, 0.0), True),
-        (Worth(1.0, 0.5, 0.0), Worth(2.0, 0.0, 0.0), False),
-        (Worth(9.0, 1e-5, 0.0), Worth(2.0, 0.3, 0.0), True),
-        (Worth(float("nan"), 0.0, 0.0), Worth(2.0, 0.3, 0.0), False),
-        (Worth(0.0, float("nan"), 0.0), Worth(2.0, 0.3, 0.0), False),
+        (Merit(1.0, 0.0, 0.0), Merit(2.0, 0.0, 0.0), True),
+        (Merit(1.0, 0.5, 0.0), Merit(2.0, 0.0, 0.0), False),
+        (Merit(9.0, 1e-5, 0.0), Merit(2.0, 0.3, 0.0), True),
+        (Merit(float("nan"), 0.0, 0.0), Merit(2.0, 0.3, 0.0), False),
+        (Merit(0.0, float("nan"), 0.0), Merit(2.0, 0.3, 0.0), False),
     ],
 )
 def test_which_design_is_better(one, other, better):

@@ -40,7 +40,7 @@ def test_a_short_search_follows_the_curve_to_a_tenth_of_a_radius(name):
     settings = dataclasses.replace(file.settings, starts=8, rounds=8)
     optimiser = design.Optimiser(design.Shooting(file.problem), settings)
     found = optimiser.run(optimiser.begin(), lambda progress: None)
-    assert found.worth.violation <= settings.tolerance
+    assert found.merit.violation <= settings.tolerance
     following = file.problem.objectives["follow-curve"]
     assert isinstance(following, design.FollowCurve)
     assert float(following.farthest(file.problem.run(jnp.asarray(found.best)))) < 0.1

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from jaxball import design
-from jaxball.design.cells import bounds, duration, violation
-from jaxball.design.source import Source, made
-from jaxball.design.state import load_progress, save_progress
+from jaxball.design.report import bounds, violation
+from jaxball.design.search.progress import load_progress, save_progress
+from jaxball.design.source import Source, duration, made
 from jaxball.results import OutputError
 from jaxball.scenario import builtin_text
 

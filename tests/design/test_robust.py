@@ -88,7 +88,7 @@ def lightness():
 
 
 def test_objectives_are_means_over_the_balls(optimiser):
-    looked = optimiser.look(np.array([[0.3]]), optimiser.penalised(1))
+    looked = optimiser.evaluate(np.array([[0.3]]), optimiser.penalised(1))
     expected = np.asarray([(0.3 * T - PLACE) ** 2, (0.3 * T) ** 2 * lightness()])
     np.testing.assert_allclose(looked.at.terms[0], expected, rtol=1e-8)
 
@@ -100,7 +100,7 @@ def test_optimum_of_the_mean(optimiser):
 
 
 def test_constraints_are_counted_for_each_ball(optimiser):
-    looked, found = optimiser.look(np.array([[0.3]]), optimiser.penalised(1)), problem().problem
+    looked, found = optimiser.evaluate(np.array([[0.3]]), optimiser.penalised(1)), problem().problem
     parts = found.places.by_constraint(looked.at.violations[0])
     assert {name: part.shape for name, part in parts.items()} == {"within": (COUNT * 20,), "within 2": (COUNT * 20,)}
     np.testing.assert_allclose([np.max(part) for part in parts.values()], [0.3 * T - 9.0, 0.3 * T - 1.0], rtol=1e-8)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from jaxball import cli, design
-from jaxball.design.shooting import CONTINUITY
-from jaxball.design.state import load_progress, save_progress
+from jaxball.design.search.progress import load_progress, save_progress
+from jaxball.design.search.shooting import CONTINUITY
 from tests.design.documents import builtin
 from tests.design.test_design import PROBLEM
 from tests.design.test_robust import problem as robust
@@ -47,7 +47,7 @@ def turning(angle, rate, place):
 def test_defects_in_closed_form():
     """Nothing where the pieces join; and where one starts 1 % too fast, what that comes to by its end."""
     at, y = optimiser(), program().joined(problem().problem.space.start[None])[0]
-    np.testing.assert_allclose(defects(at.look(y[None], at.penalised(1))), 0.0, atol=1e-8)
+    np.testing.assert_allclose(defects(at.evaluate(y[None], at.penalised(1))), 0.0, atol=1e-8)
     Omega, t = np.array([0.1, 0.5, 0.0]), T / PIECES
     faster, speed = 1.01 * Omega, np.array([0.5, -0.1])
     size = np.linalg.norm(Omega)
@@ -57,7 +57,7 @@ def test_defects_in_closed_form():
     changed[2 : 2 + start.size] = start
     end = turning(size * (t + 1.01 * t), faster, t * speed + 1.01 * t * speed)
     expected = np.stack([joints[0] - start, end - joints[1], np.zeros(start.size)])
-    np.testing.assert_allclose(defects(at.look(changed[None], at.penalised(1))), expected, atol=1e-8)
+    np.testing.assert_allclose(defects(at.evaluate(changed[None], at.penalised(1))), expected, atol=1e-8)
 
 
 def test_the_gradient_is_right_where_pieces_do_not_join():
@@ -65,10 +65,10 @@ def test_the_gradient_is_right_where_pieces_do_not_join():
     at, random = optimiser(), np.random.default_rng(2)
     y = program().joined(problem().problem.space.start[None])[0]
     y, direction = y + 0.1 * random.normal(size=y.shape), random.normal(size=y.shape)
-    looked = at.look(y[None], at.penalised(1))
-    reverse = optimiser("bfgs").look(y[None], at.penalised(1)).gradient
+    looked = at.evaluate(y[None], at.penalised(1))
+    reverse = optimiser("bfgs").evaluate(y[None], at.penalised(1)).gradient
     np.testing.assert_allclose(reverse, looked.gradient, atol=1e-9 * np.max(np.abs(reverse)))
-    ahead, behind = (at.look((y + h * direction)[None], at.penalised(1)).value[0] for h in (1e-4, -1e-4))
+    ahead, behind = (at.evaluate((y + h * direction)[None], at.penalised(1)).value[0] for h in (1e-4, -1e-4))
     np.testing.assert_allclose((ahead - behind) / 2e-4, looked.gradient[0] @ direction, rtol=1e-6)
 
 
@@ -77,7 +77,7 @@ def test_optimum_on_a_constraint(method):
     at = optimiser(method)
     found = at.run(at.begin(), lambda progress: None)
     np.testing.assert_allclose(program().numbers(jnp.asarray(found.best))[:2], [-0.25, 0.75], atol=1e-5)
-    assert found.worth.violation < 1e-6
+    assert found.merit.violation < 1e-6
 
 
 def test_a_search_that_is_stopped_after_every_step_ends_where_it_would_have_ended(tmp_path):

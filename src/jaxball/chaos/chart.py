@@ -71,12 +71,12 @@ def chart(
     names, values = _checked(parameters)
     edges, skipped = interval_edges(times, transient, interval)
     require_callable("make", make, "first", "second")
-    solver = checked_solver(solver)
-    tolerances = tuple(map(to_array, checked_tolerances(rtol, atol)))
+    rtol, atol = map(to_array, checked_tolerances(rtol, atol))
+    method = Method(checked_solver(solver), 1, skipped, max_steps, rtol, atol, None)
     cells = np.stack([grid.ravel() for grid in np.meshgrid(*values, indexing="ij")], axis=1)
 
     def solve(batch: Int[np.ndarray, " size"]) -> Float[Array, "size 4"]:
-        return _solve(make, solver, skipped, max_steps, to_array(cells[batch]), to_array(edges), *tolerances)
+        return _solve(make, method, to_array(cells[batch]), to_array(edges))
 
     results = in_threads(solve, len(cells), min(chunk, len(cells)), workers or cores(), progress=progress)
     rows = unpadded(results, len(cells)).reshape(len(values[0]), len(values[1]), 4)
@@ -84,14 +84,13 @@ def chart(
 
 
 @eqx.filter_jit
-def _solve(make: Make, solver, skipped, max_steps, cells, edges, rtol, atol) -> Float[Array, "cells 4"]:
+def _solve(make: Make, method: Method, cells, edges) -> Float[Array, "cells 4"]:
     def one(cell):
         system, state = make(cell[0], cell[1])
         state = phase_point(system, state)
-        method = Method(solver, 1, skipped, max_steps, normal_of(state))
-        found = system_spectrum(method, system, state, edges, rtol, atol)
-        force = jnp.full_like(cell[0], jnp.inf) if found.least_normal_force is None else found.least_normal_force
-        return jnp.stack([found.exponents[0], found.standard_error[0], force, found.status.astype(cell.dtype)])
+        spectrum = system_spectrum(method._replace(normal=normal_of(state)), system, state, edges)
+        force = jnp.full_like(cell[0], jnp.inf) if spectrum.least_normal_force is None else spectrum.least_normal_force
+        return jnp.stack([spectrum.exponents[0], spectrum.standard_error[0], force, spectrum.status.astype(cell.dtype)])
 
     return jax.vmap(one)(cells)
 

@@ -63,21 +63,21 @@ def limits_of(
     return Limits(fitted[0], errors[0], told, drifting)
 
 
-def sentences(found: Limits) -> list[str]:
-    """What ``found`` leaves open, and what to do about it; none where every exponent is told from zero and stays."""
+def sentences(limits: Limits) -> list[str]:
+    """What ``limits`` leave open, and what to do about it; none where every exponent is told from zero and stays."""
     lines = []
-    open_, moving = np.flatnonzero(~found.told), np.flatnonzero(found.drifting)
-    if np.any(np.isnan(found.limits)):
+    untold, moving = np.flatnonzero(~limits.told), np.flatnonzero(limits.drifting)
+    if np.any(np.isnan(limits.limits)):
         return [
             "The run has too few intervals to tell any exponent from zero; give it a later end, or shorter intervals."
         ]
-    if open_.size:
+    if untold.size:
         lines.append(
-            f"The run cannot tell {_names(open_)} from zero: growth as a power of time, as along a regular motion, "
+            f"The run cannot tell {_names(untold)} from zero: growth as a power of time, as along a regular motion, "
             "explains as much; a later end, ten times as far, narrows it down."
         )
     if moving.size:
-        values = ", ".join(f"{found.limits[i]:.3g}" for i in moving)
+        values = ", ".join(f"{limits.limits[i]:.3g}" for i in moving)
         lines.append(
             f"The means of {_names(moving)} still drift, as 1/t towards {values}; give a transient, or a later end."
         )

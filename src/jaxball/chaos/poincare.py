@@ -92,12 +92,12 @@ def poincare_map(
         max_steps=max_steps,
         events={"section": Event(of=section, direction=direction, room=room)},  # pyright: ignore[reportCallIssue]
     )
-    found = trajectory.events["section"]
-    count = int(found.count)
+    crossings = trajectory.events["section"]
+    count = int(crossings.count)
     kept = slice(0, min(count, room))
     return PoincareMap(
-        times=np.asarray(found.times)[kept],
-        state=jax.tree.map(lambda leaf: np.asarray(leaf)[kept], found.state),
+        times=np.asarray(crossings.times)[kept],
+        state=jax.tree.map(lambda leaf: np.asarray(leaf)[kept], crossings.state),
         count=count,
         status=int(trajectory.status),
         reached=float(trajectory.reached),

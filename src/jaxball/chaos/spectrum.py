@@ -1,5 +1,6 @@
 """Lyapunov exponents of any flow, by its tangent dynamics."""
 
+import functools
 from typing import Any, NamedTuple, cast
 
 import diffrax
@@ -14,7 +15,7 @@ from ..interface.status import Status
 from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
 from ..simulation.simulate import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances, status_of
 from ..solvers import StepToKinks
-from .least import Watch, Watching
+from .monitor import Monitor, Monitored
 from .result import LyapunovSpectrum
 from .tangent import Field, Normal, generic_vectors, orthonormalised, tangent_field, without_normal
 
@@ -79,19 +80,38 @@ def lyapunov_spectrum_of(
     x = numbers("x", ("size",))(x)
     exponents = checked_count(exponents, x.size - (normal is not None))
     edges, skipped = interval_edges(times, transient, interval)
-    method = Method(checked_solver(solver), exponents, skipped, checked_steps(max_steps), normal)
     rtol, atol = map(to_array, checked_tolerances(rtol, atol))
-    return _solve(method, field, to_array(edges), x, args, rtol, atol, to_array(kinks, "kinks"))
+    method = Method(checked_solver(solver), exponents, skipped, checked_steps(max_steps), rtol, atol, normal)
+    return _solve(method, Flow(field, x, args, to_array(edges), to_array(kinks, "kinks"), jnp.asarray(True)))
 
 
 class Method(NamedTuple):
-    """What a program is compiled for."""
+    """How a spectrum is computed; ``skipped`` intervals are transient."""
 
     solver: diffrax.AbstractAdaptiveSolver
     exponents: int
-    skipped: int  # intervals of the transient
+    skipped: int
     max_steps: int
+    rtol: Float[Array, ""]
+    atol: Float[Array, ""]
     normal: Normal | None
+
+
+class Flow(NamedTuple):
+    """What it is computed of: ẋ = field(t, x, args) from ``x`` at the first of ``edges``, which bound the intervals.
+
+    - ``kinks``: times at which the field jumps or bends.
+    - ``startable``: False where nothing can be solved.
+    - ``monitor``: a function of (t, x, args) whose least value becomes ``least_normal_force``.
+    """
+
+    field: Field
+    x: Float[Array, " size"]
+    args: Any
+    edges: Float[Array, " edges"]
+    kinks: Float[Array, " kinks"]
+    startable: Bool[Array, ""]
+    monitor: Monitor | None = None
 
 
 def checked_count(exponents: int | None, largest: int) -> int:
@@ -138,98 +158,105 @@ def _count(length: float, interval: float) -> int:
 
 
 @eqx.filter_jit
-def _solve(method: Method, field: Field, edges, x, args, rtol, atol, kinks) -> LyapunovSpectrum:
-    return spectrum(method, field, edges, x, args, rtol, atol, kinks, jnp.asarray(True))
+def _solve(method: Method, flow: Flow) -> LyapunovSpectrum:
+    return spectrum(method, flow)
 
 
-def spectrum(
-    method: Method,
-    field: Field,
-    edges: Float[Array, " edges"],
-    x: Float[Array, " size"],
-    args: Any,
-    rtol: Float[Array, ""],
-    atol: Float[Array, ""],
-    kinks: Float[Array, " kinks"],
-    startable: Bool[Array, ""],
-    watch: Watch | None = None,
-) -> LyapunovSpectrum:
-    """The spectrum, traceable; see :func:`lyapunov_spectrum_of`.
+def spectrum(method: Method, flow: Flow) -> LyapunovSpectrum:
+    """The spectrum, traceable; see :func:`lyapunov_spectrum_of`."""
+    startable = flow.startable & jnp.all(jnp.isfinite(flow.x))
+    flow = flow._replace(startable=startable, x=jnp.where(startable, flow.x, jnp.ones_like(flow.x)))
+    edges = flow.edges
+    advance = functools.partial(_interval, method, flow)
+    end, growth = jax.lax.scan(advance, _start(method, flow), (edges[:-1], edges[1:]))
+    return _result(method, flow, end, growth)
 
-    ``startable`` is False where nothing can be solved. The least value of ``watch`` becomes ``least_normal_force``.
-    """
-    startable = startable & jnp.all(jnp.isfinite(x))
-    x = jnp.where(startable, x, jnp.ones_like(x))
-    vectors = without_normal(jnp.asarray(generic_vectors(method.exponents, x.size), x.dtype), x, method.normal)
-    rates_of = tangent_field(field)
+
+class _Progress(NamedTuple):
+    """What one interval hands to the next."""
+
+    rows: Float[Array, "rows size"]  # x and the deviations
+    step: Float[Array, ""]  # a good length for the first step
+    status: Int[Array, ""]
+    reached: Float[Array, ""]
+    steps: Int[Array, ""]
+    least: Float[Array, ""]
+
+
+def _start(method: Method, flow: Flow) -> _Progress:
+    x, edges = flow.x, flow.edges
+    generic = jnp.asarray(generic_vectors(method.exponents, x.size), x.dtype)
+    status = jnp.where(flow.startable, Status.SUCCESS, Status.IMPOSSIBLE)
+    return _Progress(
+        rows=jnp.concatenate([x[None], orthonormalised(without_normal(generic, x, method.normal))[0]]),
+        step=FIRST_STEP * (edges[1] - edges[0]),
+        status=status,
+        reached=edges[0],
+        steps=jnp.zeros_like(status),
+        least=jnp.full_like(edges[0], jnp.inf) if flow.monitor is None else flow.monitor(edges[0], x, flow.args),
+    )
+
+
+def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_Progress, Float[Array, " k"]]:
+    """The progress after one interval, and the growth rates within it."""
+    alive = progress.status == Status.SUCCESS
+    solution = _advanced(method, flow, progress, ends, alive)
+    rows, reached = cast(Array, solution.ys)[0], cast(Array, solution.ts)[0]
+    vectors, lengths = orthonormalised(without_normal(rows[1:], rows[0], method.normal))
+    status = jnp.where(alive, status_of(solution.result), progress.status)
+    least, length = progress.least, ends[1] - ends[0]
+    if flow.monitor is not None:
+        least = jnp.where(alive, jnp.minimum(least, cast(tuple, solution.solver_state)[1]), least)
+    after = _Progress(
+        # What failed stands still at 1 from there on, because no step passes the control of numbers like NaN.
+        rows=jnp.where(status == Status.SUCCESS, jnp.concatenate([rows[:1], vectors]), 1.0),
+        step=length / jnp.maximum(solution.stats["num_accepted_steps"], 1).astype(length.dtype),
+        status=status,
+        reached=jnp.where(alive, reached, progress.reached),
+        steps=progress.steps + jnp.where(alive, solution.stats["num_steps"], 0),
+        least=least,
+    )
+    return after, jnp.where(status == Status.SUCCESS, jnp.log(lengths) / length, jnp.nan)
+
+
+def _advanced(method: Method, flow: Flow, progress: _Progress, ends, alive: Bool[Array, ""]) -> diffrax.Solution:
+    """x and the deviations at the end of an interval; where the run has failed, they stand still."""
+    t0, t1 = ends
+    rates_of = tangent_field(flow.field)
 
     @jax.jit
     def moving(t, rows, args):
         alive, inner = args
         return jnp.where(alive, rates_of(t, rows, inner), 0.0)
 
-    controller = diffrax.PIDController(rtol=rtol, atol=atol, norm=_largest_row, dtmin=1e-30, force_dtmin=False)
-    if kinks.size:
-        controller = StepToKinks(controller, kinks)
-    solver = method.solver
-    if watch is not None:
-        solver = Watching(solver, lambda t, x, args: watch(t, x, args[1]))
-
-    def advance(progress, ends):
-        alive = progress.status == Status.SUCCESS
-        t0, t1 = ends
-        solution = diffrax.diffeqsolve(
-            diffrax.ODETerm(moving),
-            solver,
-            t0,
-            t1,
-            jnp.minimum(progress.step, t1 - t0),
-            progress.rows,
-            (alive, args),
-            saveat=diffrax.SaveAt(t1=True, solver_state=watch is not None),
-            stepsize_controller=controller,
-            adjoint=diffrax.ForwardMode(),
-            max_steps=method.max_steps,
-            throw=False,
-        )
-        rows, reached = cast(Array, solution.ys)[0], cast(Array, solution.ts)[0]
-        vectors, lengths = orthonormalised(without_normal(rows[1:], rows[0], method.normal))
-        status = jnp.where(alive, status_of(solution.result), progress.status)
-        least = progress.least
-        if watch is not None:
-            least = jnp.where(alive, jnp.minimum(least, cast(tuple, solution.solver_state)[1]), least)
-        after = _Progress(
-            # What failed stands still at 1 from there on, because no step passes the control of numbers like NaN.
-            rows=jnp.where(status == Status.SUCCESS, jnp.concatenate([rows[:1], vectors]), 1.0),
-            step=(t1 - t0) / jnp.maximum(solution.stats["num_accepted_steps"], 1).astype(t0.dtype),
-            status=status,
-            reached=jnp.where(alive, reached, progress.reached),
-            steps=progress.steps + jnp.where(alive, solution.stats["num_steps"], 0),
-            least=least,
-        )
-        return after, jnp.where(status == Status.SUCCESS, jnp.log(lengths) / (t1 - t0), jnp.nan)
-
-    status = jnp.where(startable, Status.SUCCESS, Status.IMPOSSIBLE)
-    start = _Progress(
-        rows=jnp.concatenate([x[None], orthonormalised(vectors)[0]]),
-        step=FIRST_STEP * (edges[1] - edges[0]),
-        status=status,
-        reached=edges[0],
-        steps=jnp.zeros_like(status),
-        least=jnp.full_like(edges[0], jnp.inf) if watch is None else watch(edges[0], x, args),
+    controller = diffrax.PIDController(
+        rtol=method.rtol, atol=method.atol, norm=_largest_row, dtmin=1e-30, force_dtmin=False
     )
-    end, growth = jax.lax.scan(advance, start, (edges[:-1], edges[1:]))
-    return _result(method, edges, end, growth, watch is not None)
+    solver, monitor = method.solver, flow.monitor
+    if monitor is not None:
+        solver = Monitored(solver, lambda t, x, args: monitor(t, x, args[1]))
+    return diffrax.diffeqsolve(
+        diffrax.ODETerm(moving),
+        solver,
+        t0,
+        t1,
+        jnp.minimum(progress.step, t1 - t0),
+        progress.rows,
+        (alive, flow.args),
+        saveat=diffrax.SaveAt(t1=True, solver_state=monitor is not None),
+        stepsize_controller=StepToKinks(controller, flow.kinks) if flow.kinks.size else controller,
+        adjoint=diffrax.ForwardMode(),
+        max_steps=method.max_steps,
+        throw=False,
+    )
 
 
-def _result(
-    method: Method, edges: Float[Array, " edges"], end: "_Progress", growth: Float[Array, "intervals k"], watched: bool
-) -> LyapunovSpectrum:
+def _result(method: Method, flow: Flow, end: _Progress, growth: Float[Array, "intervals k"]) -> LyapunovSpectrum:
     """The means of the growth rates after the transient, in falling order.
 
     The orthonormalisation finds them in this order once they have converged, and equal ones, or a short run's, in any.
     """
-    times, growth = edges[1 + method.skipped :], growth[method.skipped :]
+    times, growth = flow.edges[1 + method.skipped :], growth[method.skipped :]
     order = jnp.argsort(-jnp.mean(growth, axis=0))
     growth = growth[:, order]
     running = jnp.cumsum(growth, axis=0) / jnp.arange(1, len(times) + 1, dtype=growth.dtype)[:, None]
@@ -245,20 +272,9 @@ def _result(
         status=end.status,
         reached=end.reached,
         steps=end.steps,
-        start=edges[0],
-        least_normal_force=end.least if watched else None,
+        start=flow.edges[0],
+        least_normal_force=None if flow.monitor is None else end.least,
     )
-
-
-class _Progress(NamedTuple):
-    """What one interval hands to the next."""
-
-    rows: Float[Array, "rows size"]  # x and the deviations
-    step: Float[Array, ""]  # a good length for the first step
-    status: Int[Array, ""]
-    reached: Float[Array, ""]
-    steps: Int[Array, ""]
-    least: Float[Array, ""]
 
 
 def _largest_row(rows: Float[Array, "rows size"]) -> Float[Array, ""]:

@@ -15,7 +15,7 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import possible_start
 from ..simulation.simulate import DEFAULT_TOLERANCE, at_rest, checked_solver, checked_steps, checked_tolerances
 from .result import LyapunovSpectrum
-from .spectrum import Method, checked_count, interval_edges, spectrum
+from .spectrum import Flow, Method, checked_count, interval_edges, spectrum
 
 
 def lyapunov_spectrum(
@@ -59,22 +59,18 @@ def lyapunov_spectrum(
     state = phase_point(system, at_rest(system) if state is None else state)
     edges, skipped = interval_edges(times, transient, interval)
     exponents = checked_count(exponents, dimension(state))
-    method = Method(checked_solver(solver), exponents, skipped, checked_steps(max_steps), normal_of(state))
-    return _solve(method, system, state, to_array(edges), *map(to_array, checked_tolerances(rtol, atol)))
+    rtol, atol = map(to_array, checked_tolerances(rtol, atol))
+    method = Method(checked_solver(solver), exponents, skipped, checked_steps(max_steps), rtol, atol, normal_of(state))
+    return _solve(method, system, state, to_array(edges))
 
 
 @eqx.filter_jit
-def _solve(method: Method, system: AbstractSystem, state: AbstractState, edges, rtol, atol) -> LyapunovSpectrum:
-    return system_spectrum(method, system, state, edges, rtol, atol)
+def _solve(method: Method, system: AbstractSystem, state: AbstractState, edges) -> LyapunovSpectrum:
+    return system_spectrum(method, system, state, edges)
 
 
 def system_spectrum(
-    method: Method,
-    system: AbstractSystem,
-    state: AbstractState,
-    edges: Float[Array, " edges"],
-    rtol: Float[Array, ""],
-    atol: Float[Array, ""],
+    method: Method, system: AbstractSystem, state: AbstractState, edges: Float[Array, " edges"]
 ) -> LyapunovSpectrum:
     """The spectrum of a system, traceable; ``state`` is a phase point and ``method.normal`` belongs to it."""
     packing = Packing.of(system.prepare(), state)
@@ -88,15 +84,6 @@ def system_spectrum(
         inner = unpack_parameters(parameters)
         return reaction(inner.system, t, inner.unpack(t, x)).normal
 
-    return spectrum(
-        method,
-        field,
-        edges,
-        packing.pack(edges[0], state),
-        parameters,
-        rtol,
-        atol,
-        kinks,
-        possible_start(system, edges, state),
-        normal_force if isinstance(system, AbstractBody) else None,
-    )
+    x, startable = packing.pack(edges[0], state), possible_start(system, edges, state)
+    monitor = normal_force if isinstance(system, AbstractBody) else None
+    return spectrum(method, Flow(field, x, parameters, edges, kinks, startable, monitor))

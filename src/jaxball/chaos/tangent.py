@@ -35,12 +35,12 @@ def orthonormalised(vectors: Float[Array, "k size"]) -> tuple[Float[Array, "k si
     Modified Gram–Schmidt. For a few vectors it takes a tenth of the time of a library's QR factorisation, and what it
     loses in orthogonality, the condition number times the rounding error, is nothing after a short interval.
     """
-    rest, found, lengths = vectors, [], []
+    rest, rows, lengths = vectors, [], []
     for _ in range(vectors.shape[0]):
         lengths.append(jnp.sqrt(jnp.sum(rest[0] ** 2)))
-        found.append(rest[0] / lengths[-1])
-        rest = rest[1:] - jnp.sum(rest[1:] * found[-1][None], axis=1)[:, None] * found[-1][None]
-    return jnp.stack(found), jnp.stack(lengths)
+        rows.append(rest[0] / lengths[-1])
+        rest = rest[1:] - jnp.sum(rest[1:] * rows[-1][None], axis=1)[:, None] * rows[-1][None]
+    return jnp.stack(rows), jnp.stack(lengths)
 
 
 def without_normal(

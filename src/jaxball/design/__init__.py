@@ -1,8 +1,15 @@
-"""Rails, motions and parameters that make a ball do what is wanted, found by gradients through the simulation."""
+"""Rails, motions and parameters that make a ball do what is wanted, found by gradients through the simulation.
+
+``problem`` says what is designed: a scenario with variables (``space``, ``variables``, ``scales``, ``bounds``), whose
+runs (``run``) have ``objectives`` and ``constraints``, in the plane (``plane``, ``curves``), and for balls that are a
+little off (``perturbations``). ``search`` solves it, ``verify`` checks the design by other means, ``warnings`` and
+``report`` tell of it, and ``files``, with the ``families`` of its tables, reads it. ``control`` finds motions of any
+shape, by ``equations`` and their ``continuation``; ``identify`` finds a body's numbers from its path. No other room
+knows of designs but the command line.
+"""
 
 from ..interface.names import interface as _interface
 from .bounds import Bounds as Bounds
-from .check import GradientCheck as GradientCheck, check_gradient as check_gradient, require_good as require_good
 from .constraints import (
     AbstractConstraint as AbstractConstraint,
     AccelerationLimit as AccelerationLimit,
@@ -45,18 +52,24 @@ from .objectives import (
     ReachPose as ReachPose,
     StopAtRest as StopAtRest,
 )
-from .optimise import Optimiser as Optimiser
 from .perturbations import Perturbations as Perturbations
-from .places import Places as Places
-from .problem import Evaluation as Evaluation, Problem as Problem
-from .program import AbstractProgram as AbstractProgram
+from .problem import Evaluation as Evaluation, Places as Places, Problem as Problem
 from .run import Run as Run, Solve as Solve, run_of as run_of
-from .search import Design as Design, design as design
-from .settings import Settings as Settings
-from .shooting import Shooting as Shooting
+from .search.check import (
+    GradientCheck as GradientCheck,
+    check_gradient as check_gradient,
+    require_good as require_good,
+)
+from .search.design import Design as Design, design as design
+from .search.optimise import Optimiser as Optimiser
+from .search.program import AbstractProgram as AbstractProgram
+from .search.progress import Merit as Merit, Progress as Progress
+from .search.settings import Settings as Settings
+from .search.shooting import Shooting as Shooting
 from .space import Candidate as Candidate, DesignSpace as DesignSpace
-from .state import Progress as Progress, Worth as Worth
 from .variables import Variable as Variable
 from .verify import Verified as Verified, perturbed as perturbed, verify as verify
+
+Worth = Merit
 
 __all__, __dir__ = _interface(globals(), "control")

@@ -12,9 +12,9 @@ from jaxtyping import Array, Float
 from ..numerics.arrays import numbers, to_array
 from ..numerics.piecewise import PiecewisePolynomial, clamped_cubic_spline
 from .errors import DesignError
-from .line import place, places
+from .plane import place, places
 
-LOOKED_AT = 200
+SAMPLES = 200
 
 
 class AbstractCurve(eqx.Module):
@@ -30,7 +30,7 @@ class AbstractCurve(eqx.Module):
 
     def spanned_by(self) -> Float[Array, "k 2"]:
         """Vectors of which each of its points is a linear combination; points of it if not overridden."""
-        return self.points(LOOKED_AT)
+        return self.points(SAMPLES)
 
 
 class Sigmoid(AbstractCurve):

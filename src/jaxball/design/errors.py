@@ -4,4 +4,4 @@ from ..scenario import ScenarioError
 
 
 class DesignError(ScenarioError):
-    """A design problem cannot be posed, or cannot be gone on with; the message is one sentence that says which."""
+    """A design problem cannot be posed, or cannot be resumed; the message is one sentence that says which."""

@@ -1,4 +1,4 @@
-"""Problem files: a scenario, its variables, objectives, constraints, and how hard to look."""
+"""Problem files: a scenario, its variables, objectives, constraints, and how they are searched."""
 
 import dataclasses
 from pathlib import Path
@@ -23,10 +23,10 @@ from ..scenario.values import (
 )
 from ..scenario.within import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from .errors import DesignError
-from .kinds import PLANE, constraints_of, objectives_of, plane_of
+from .families import PLANE, constraints_of, objectives_of, plane_of
 from .perturbations import Perturbations
 from .problem import Problem
-from .settings import METHODS, Settings
+from .search.settings import METHODS, Settings
 from .space import DesignSpace
 from .variables import Variable
 
@@ -120,39 +120,38 @@ def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFil
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when a key of it or of its scenario is misspelt,
     missing or wrong.
     """
-    found = read_table(document, "", KEYS)
-    scenario = scenario_document(found["scenario"], Path(folder), DesignError)
-    variables = read_list(found["variables"], "variables", _variable)
-    with naming_scenario(found["scenario"], "problem", DesignError):
+    given = read_table(document, "", KEYS)
+    scenario = scenario_document(given["scenario"], Path(folder), DesignError)
+    variables = read_list(given["variables"], "variables", _variable)
+    with naming_scenario(given["scenario"], "problem", DesignError):
         space = DesignSpace(scenario, variables)
     plane = plane_of(space.scenario.system)
-    objectives, constraints, given, robust = each_of(
-        lambda: objects_of(found["objectives"], "objectives", objectives_of(plane)),
-        lambda: objects_of(found["constraints"], "constraints", constraints_of(plane), empty=True),
-        lambda: read_table({} if found["search"] is None else found["search"], "search", _SETTINGS),
-        lambda: None if found["robust"] is None else _perturbations(found["robust"]),
+    objectives, constraints, search, robust = each_of(
+        lambda: objects_of(given["objectives"], "objectives", objectives_of(plane)),
+        lambda: objects_of(given["constraints"], "constraints", constraints_of(plane), empty=True),
+        lambda: read_table({} if given["search"] is None else given["search"], "search", _SETTINGS),
+        lambda: None if given["robust"] is None else _perturbations(given["robust"]),
     )
-    settings = Settings(**given)
+    settings = Settings(**search)
     identity = tomli_w.dumps({**document, "scenario": space.document}) + repr(settings)
-    return ProblemFile(found["title"], Problem(space, objectives, constraints, robust), settings, identity)
+    return ProblemFile(given["title"], Problem(space, objectives, constraints, robust), settings, identity)
 
 
 def objects_of(values: Any, path: str, family: Family, empty: bool = False) -> dict[str, Any]:
     """Objects of a family by their kinds; a second one of a kind has its number behind it."""
-    found: dict[str, Any] = {}
+    objects: dict[str, Any] = {}
     read = read_list(values, path, lambda item, place: (read_family(item, place, family), item["kind"]), empty)
-    for one, kind in read:
-        count = sum(name.split(" ")[0] == kind for name in found)
-        found[f"{kind} {count + 1}" if count else kind] = one
-    return found
+    for item, kind in read:
+        count = sum(name.split(" ")[0] == kind for name in objects)
+        objects[f"{kind} {count + 1}" if count else kind] = item
+    return objects
 
 
 def _variable(values: Any, path: str) -> Variable:
-    found = read_table(values, path, _VARIABLE)
-    given = {name: found[name] for name in ("lower", "upper", "scale", "start") if found[name] is not None}
-    factors = tuple(float(x) for x in found["factors"])
+    given = {name: value for name, value in read_table(values, path, _VARIABLE).items() if value is not None}
+    paths, factors = given.pop("path"), tuple(float(x) for x in given.pop("factors"))
     try:
-        return Variable(found["path"], factors=factors, **given)
+        return Variable(paths, factors=factors, **given)
     except DesignError as error:
         raise DesignError(f"Key `{path}`: {error}") from None
 

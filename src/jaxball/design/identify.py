@@ -1,22 +1,23 @@
-"""System identification: the parameters of a ball from its recorded path, by Gauss–Newton, with their uncertainties."""
+"""System identification: the parameters of a ball from its recorded path, with their uncertainties."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from statistics import NormalDist
-from typing import Any
 
 import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
+from scipy.optimize import least_squares
 
 from ..interface.arguments import require
 from ..numerics.arrays import to_numpy
 from ..physics.body import Disk
 from ..scenario.solve import SOLVERS
 from .errors import DesignError
-from .line import places
+from .plane import places
 from .run import Solve, run_of
 from .space import DesignSpace
 
@@ -24,7 +25,8 @@ from .space import DesignSpace
 UNCERTAIN = 0.5
 # Directions that the data see this much less than the best one are not seen at all: the square root of rounding.
 UNSEEN = 1e-7
-STEPS, DAMPING, SETTLED = 60, 1e-3, 1e-9
+# The search ends where a step gains less than this share of the sum of squares, or is shorter than this share of |y|.
+GAIN, STEP, EVALUATIONS = 1e-9, 1e-9, 60
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Identification:
     - ``singular_values``: of J, in scales of the variables.
     - ``unseen``: combinations of the variables, in scales, that do not change the path, shape (k, n);
       ``uncertain``: those that change it so little that they are uncertain by half of their scale or more.
-    - ``converged``: whether the last step was negligible.
+    - ``converged``: whether the last step was negligible, within 60 evaluations.
     """
 
     names: tuple[str, ...]
@@ -59,11 +61,11 @@ class Identification:
     @property
     def alike(self) -> list[tuple[str, ...]]:
         """Sets of parameters that the path cannot tell apart; a single one is one of which it says nothing."""
-        found = []
+        sets = []
         for combination in [*self.unseen, *self.uncertain]:
             large = np.abs(combination) > 0.1 * np.max(np.abs(combination))
-            found.append(tuple(name for name, part in zip(self.names, large, strict=True) if part))
-        return found
+            sets.append(tuple(name for name, part in zip(self.names, large, strict=True) if part))
+        return sets
 
     def __repr__(self) -> str:
         rows = [
@@ -80,8 +82,8 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identificat
     """The numbers of ``space`` with which its scenario's path is nearest to a recorded one, in the mean square.
 
     ``path`` is that of the geometric centre at the scenario's save times, two numbers each, of a disk one. The
-    noise is taken to be independent and of one size. From the start on, steps are those of Gauss–Newton, damped after
-    Levenberg and Marquardt (Nocedal & Wright, Numerical Optimization, section 10.3).
+    noise is taken to be independent and of one size. Steps from the start on are those of Levenberg and Marquardt, in
+    SciPy's ``least_squares``, which shortens a step to where the scenario cannot be simulated.
 
     **Raises:** :class:`DesignError` when the path has not one place for each save time or is not finite, and when the
     start cannot be simulated.
@@ -96,62 +98,65 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identificat
             f"{'one number' if flat else 'two numbers'} each, but its shape is {path.shape}."
         )
     path = np.asarray(places("path")(path))
-    look = _residuals(space, path)
-    z = space.start
-    r, J = look(z)
-    if not np.all(np.isfinite(r)):
+    evaluate = _residuals(space, path)
+
+    def seen_jacobian(y: Float[np.ndarray, " n"]) -> Float[np.ndarray, "residuals n"]:
+        """The Jacobian without directions that the data do not see, along which no step is taken."""
+        U, s, Vt = np.linalg.svd(evaluate(tuple(y))[1], full_matrices=False)
+        return (U * np.where(s > UNSEEN * s[0], s, 0.0)) @ Vt
+
+    if not np.all(np.isfinite(evaluate(tuple(space.start))[0])):
         raise DesignError(
             "The scenario must be simulated to its end at the start of the identification, but it is not."
         )
-    damping, converged = DAMPING, False
-    for _ in range(STEPS):
-        normal, gradient = J.T @ J, J.T @ r
-        step = -np.linalg.lstsq(normal + damping * np.diag(np.diag(normal) + 1e-30), gradient, rcond=None)[0]
-        there, slopes = look(z + step)
-        if np.all(np.isfinite(there)) and np.all(np.isfinite(slopes)) and there @ there <= r @ r:
-            gained = r @ r - there @ there
-            converged = bool(np.max(np.abs(step)) < 1e-6 or gained <= SETTLED * (r @ r))
-            z, r, J, damping = z + step, there, slopes, damping / 10
-        else:
-            damping *= 10
-            converged = bool(np.max(np.abs(step)) < SETTLED)
-        if converged:
-            break
-    return _found(space, z, r, J, converged)
+    fit = least_squares(
+        lambda y: evaluate(tuple(y))[0],
+        space.start,
+        seen_jacobian,  # pyright: ignore[reportArgumentType]
+        x_scale="jac",
+        ftol=GAIN,
+        xtol=STEP,
+        gtol=None,  # pyright: ignore[reportArgumentType]
+        max_nfev=EVALUATIONS,
+    )
+    return _identified(space, fit.x, *evaluate(tuple(fit.x)), fit.success)
 
 
-def _residuals(space: DesignSpace, path: Float[np.ndarray, "T 2"]) -> Callable[[np.ndarray], tuple[Any, Any]]:
-    """The residuals at z and their Jacobian."""
+def _residuals(
+    space: DesignSpace, path: Float[np.ndarray, "T 2"]
+) -> Callable[[tuple[float, ...]], tuple[Float[np.ndarray, " residuals"], Float[np.ndarray, "residuals n"]]]:
+    """The residuals at given unknowns and their Jacobian, by one program; NaN where either is not finite."""
     scenario = space.scenario
-    adjoint = diffrax.ForwardMode()
-    solve = Solve(SOLVERS[scenario.solver](), scenario.rtol, scenario.atol, scenario.max_steps, adjoint)
+    solve = Solve(SOLVERS[scenario.solver](), scenario.rtol, scenario.atol, scenario.max_steps, diffrax.ForwardMode())
 
-    def residual(z: Float[Array, " n"]) -> Float[Array, " residuals"]:
-        return jnp.ravel(run_of(space.candidate(z), solve).z - jnp.asarray(path))
+    def residuals(y: Float[Array, " n"]) -> Float[Array, " residuals"]:
+        return jnp.ravel(run_of(space.candidate(y), solve).z - jnp.asarray(path))
 
-    both = jax.jit(lambda z: (residual(z), jax.jacfwd(residual)(z)))
+    both = jax.jit(lambda y: (residuals(y), jax.jacfwd(residuals)(y)))
 
-    def look(z: np.ndarray) -> tuple[Any, Any]:
-        r, J = both(jnp.asarray(z))
-        return np.asarray(r), np.asarray(J)
+    @functools.lru_cache(maxsize=1)
+    def evaluate(y: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+        r, J = map(np.asarray, both(jnp.asarray(y)))
+        return (r, J) if np.all(np.isfinite(J)) else (np.full_like(r, np.nan), J)
 
-    return look
+    return evaluate
 
 
-def _found(space: DesignSpace, z: np.ndarray, r: np.ndarray, J: np.ndarray, converged: bool) -> Identification:
+def _identified(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray, converged: bool) -> Identification:
+    """The estimates at the unknowns y, with what the Jacobian J says of their errors."""
     _, s, Vt = np.linalg.svd(J, full_matrices=False)
     seen = s > UNSEEN * s[0]
-    rows = int(np.sum(np.any(np.abs(J.reshape(-1, 2, len(z))) > 0, axis=(0, 2)))) * len(r) // 2
+    rows = int(np.sum(np.any(np.abs(J.reshape(-1, 2, len(y))) > 0, axis=(0, 2)))) * len(r) // 2
     noise = float(np.sqrt(r @ r / max(rows - int(np.sum(seen)), 1)))
     covariance = noise**2 * (Vt[seen].T / s[seen] ** 2) @ Vt[seen]
-    numbers = jax.jit(lambda z: (space.numbers(z), jax.jacfwd(space.numbers)(z)))
-    x, slopes = (np.asarray(a) for a in numbers(jnp.asarray(z)))
+    numbers = jax.jit(lambda y: (space.numbers(y), jax.jacfwd(space.numbers)(y)))
+    x, slopes = (np.asarray(a) for a in numbers(jnp.asarray(y)))
     slope = np.diag(slopes)
     deviations = np.abs(slope) * np.sqrt(np.diag(covariance))
     lost = np.asarray(np.any(np.abs(Vt[~seen]) > 1e-3, axis=0))
     size = np.sqrt(np.where(np.diag(covariance) > 0, np.diag(covariance), 1.0))
     correlations = covariance / size[:, None] / size[None]
-    correlations = np.where(lost[:, None] | lost[None], np.eye(len(z)), correlations)
+    correlations = np.where(lost[:, None] | lost[None], np.eye(len(y)), correlations)
     return Identification(
         space.names,
         x,

@@ -61,12 +61,7 @@ class Perturbations:
 
 def perturbed_system(system: System, errors: Errors) -> System:
     """One system with its errors; JAX can trace it."""
-    found = eqx.tree_at(
-        lambda s: (s.mass, s.offset),
-        system,
-        (system.mass * (1 + errors.shell), system.offset + system.radius * errors.offset),
-    )
-    if not errors.masses:
-        return found
+    shell = (system.mass * (1 + errors.shell), system.offset + system.radius * errors.offset)
     masses = [group.mass * (1 + error) for group, error in zip(system.groups, errors.masses, strict=True)]
-    return eqx.tree_at(lambda s: [group.mass for group in s.groups], found, masses)
+    system = eqx.tree_at(lambda s: (s.mass, s.offset), system, shell)
+    return eqx.tree_at(lambda s: [group.mass for group in s.groups], system, masses) if masses else system

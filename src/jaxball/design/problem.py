@@ -13,16 +13,15 @@ from jaxtyping import Array, Float, Int
 
 from ..scenario.solve import SOLVERS
 from .constraints import AbstractConstraint
-from .line import require_reach
 from .objectives import AbstractObjective
 from .perturbations import Errors, Perturbations, perturbed_system
-from .places import Places
+from .plane import require_reach
 from .run import RAIL_SAMPLES, Run, Solve, run_of
 from .space import Candidate, DesignSpace
 
 
 class Evaluation(NamedTuple):
-    """What a design is worth.
+    """The terms and constraints of a design.
 
     - ``terms``: the objectives, each without its weight.
     - ``violations``: the signed violations of all constraints at all their places and times, one after the other, and
@@ -33,6 +32,53 @@ class Evaluation(NamedTuple):
     terms: Float[Array, "*batch objectives"]
     violations: Float[Array, "*batch places"]
     status: Int[Array, "*batch"]
+
+
+@dataclasses.dataclass(frozen=True)
+class Places:
+    """How the violations of all constraints, at all their places and times, lie in one vector.
+
+    One constraint comes after the other, and one ball after the other.
+
+    - ``sizes``: at how many places each constraint is, for one ball.
+    - ``balls``: how many balls there are.
+    """
+
+    sizes: Mapping[str, int]
+    balls: int = 1
+
+    @property
+    def size(self) -> int:
+        """The length of the vector."""
+        return self._of_ball * self.balls
+
+    @property
+    def shares(self) -> Float[np.ndarray, " places"]:
+        """1 / the number of places of its constraint, for each place."""
+        return self.spread({name: 1 / (size * self.balls) for name, size in self.sizes.items() if size})
+
+    def spread(self, values: Mapping[str, float]) -> Float[np.ndarray, " places"]:
+        """A value for each constraint, 0 where none is given, at all its places."""
+        each = np.asarray([values.get(name, 0.0) for name in self.sizes], dtype=float)
+        return np.tile(np.repeat(each, self._lengths), self.balls)
+
+    def by_constraint(self, violations: Float[np.ndarray, " places"]) -> dict[str, Float[np.ndarray, " k"]]:
+        """The violations of each constraint, by its name; of one ball, or of any number."""
+        rows = np.reshape(violations, (len(violations) // max(self._of_ball, 1), self._of_ball))
+        parts = np.split(rows, np.cumsum(self._lengths), axis=1)
+        return {name: np.ravel(part) for name, part in zip(self.sizes, parts, strict=False)}
+
+    def name(self, place: int) -> str:
+        """The constraint at a place; none at −1."""
+        return str(np.repeat(list(self.sizes), self._lengths)[place % self._of_ball]) if place >= 0 else ""
+
+    @property
+    def _lengths(self) -> np.ndarray:
+        return np.asarray(list(self.sizes.values()), dtype=int)
+
+    @property
+    def _of_ball(self) -> int:
+        return sum(self.sizes.values())
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -68,13 +114,13 @@ class Problem:
     @functools.cached_property
     def places(self) -> Places:
         """Where the constraints are evaluated."""
-        z = jax.ShapeDtypeStruct((self.space.size,), jnp.zeros(()).dtype)
-        shapes = jax.eval_shape(lambda z: self._of(self.run(z))[1], z)
+        y = jax.ShapeDtypeStruct((self.space.size,), jnp.zeros(()).dtype)
+        shapes = jax.eval_shape(lambda y: self._of(self.run(y))[1], y)
         return Places({name: shape.size for name, shape in zip(self.constraints, shapes, strict=True)}, self.balls)
 
     @property
     def balls(self) -> int:
-        """How many balls are looked at."""
+        """How many balls there are: one, or those of a robust problem."""
         return 1 if self.perturbations is None else self.perturbations.count
 
     def solve(self, adjoint: diffrax.AbstractAdjoint | None = None) -> Solve:
@@ -83,12 +129,12 @@ class Problem:
         solver = SOLVERS[scenario.solver]()
         return Solve(solver, scenario.rtol, scenario.atol, scenario.max_steps, adjoint)
 
-    def run(self, z: Float[Array, " n"], adjoint: diffrax.AbstractAdjoint | None = None) -> Run:
-        """The run of a design."""
-        return run_of(self.space.candidate(z), self.solve(adjoint), RAIL_SAMPLES)
+    def run(self, y: Float[Array, " n"], adjoint: diffrax.AbstractAdjoint | None = None) -> Run:
+        """The run of a design, by its unknowns."""
+        return run_of(self.space.candidate(y), self.solve(adjoint), RAIL_SAMPLES)
 
     def of_each(self, candidate: Candidate, function: Callable[..., Any], *others: Float[Array, "balls ..."]) -> Any:
-        """What ``function`` finds of each ball, and of its part of the others, on a leading axis."""
+        """``function`` of each ball, and of its part of the others, on a leading axis."""
         if self.perturbations is None:
             return jax.tree.map(lambda x: x[None], function(candidate, *(x[0] for x in others)))
         system = candidate.system

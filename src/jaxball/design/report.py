@@ -1,5 +1,7 @@
-"""The report of a design: all its numbers in Markdown, and figures."""
+"""The report of a design: all its numbers in Markdown, and figures; with what reports of optimal control share."""
 
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,24 +13,26 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from .. import plot
-from ..interface.output import replacing
-from ..physics.body import Disk
+from ..physics.body import System
 from ..plot.report import write_figure
 from ..scenario import ScenarioError
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
-from .cells import bounds, in_units, violation
-from .objectives import FollowCurve, FollowTrajectory, LargestDistance
+from .constraints import ClearOfObstacles
+from .objectives import AbstractObjective, AvoidObstacles, FollowCurve, FollowTrajectory, LargestDistance
+from .plane import Requirement
 from .problem import worst
-from .remarks import remarks
 from .run import Run
-from .search import SCENARIO, Design
-from .source import Source, made
+from .search.design import SCENARIO, Design
+from .source import Source, made, write_text
 from .verify import as_built
-from .wanted import curve_and_discs, places_in_time
+from .warnings import warnings
 
+REPORT = "report.md"
+UNITS = "Objectives are dimensionless: lengths over r, times over √(r/g), forces over M g."
 # Less is rounding, of which there is nothing to draw.
 SMALLEST_FRICTION = 1e-9
+ON_A_CURVE = 400
 
 
 def write_report(design: Design, title: str, folder: Path, source: Source | None = None) -> Path:
@@ -39,47 +43,111 @@ def write_report(design: Design, title: str, folder: Path, source: Source | None
     folder.mkdir(parents=True, exist_ok=True)
     if source is not None:
         source.copy(folder)
-    document, space = design.document, design.problem.space
-    with replacing(folder / SCENARIO) as beside:
-        beside.write_text(tomli_w.dumps(document), encoding="utf-8")
-    lines = [f"# {title or 'A design'}", "", *_verdict(design), "", *_remarks(design)]
+    write_text(folder / SCENARIO, tomli_w.dumps(design.document))
+    space = design.problem.space
+    lines = [f"# {title or 'A design'}", "", _verdict(design), ""]
+    lines += [line for warning in warnings(design) for line in (warning, "")]
     lines += [*_objectives(design), "", *_constraints(design), ""]
     lines += [*_variables(design), "", *_checks(design), ""]
     try:
-        before = _simulated(design, np.asarray(space.numbers(jnp.asarray(space.start))))
-        after = _simulated(design, design.numbers)
-        lines += [*_distances(design, before, after), *_contact(after), ""]
-        lines += [*_figures(design, before, after, title, folder), ""]
+        before, after = (
+            space.scenario_of(numbers).simulate(dense=True)
+            for numbers in (np.asarray(space.numbers(jnp.asarray(space.start))), design.numbers)
+        )
+        lines += [*_distances(design, before, after), *along(after), ""]
+        lines += [*figure_links(_figures(design, before, after), folder, after.system, title), ""]
     except ScenarioError as error:
         lines += [f"The scenario cannot be run by `jaxball simulate`: {error}", ""]
     lines += made(source, design.progress.elapsed, resumed=design.check is None)
-    with replacing(folder / "report.md") as beside:
-        beside.write_text("\n".join(lines), encoding="utf-8")
-    return folder / "report.md"
+    return write_text(folder / REPORT, "\n".join(lines))
 
 
-def _verdict(design: Design) -> list[str]:
-    worth, seen = design.worth, design.verified
-    ends = "All constraints hold" if design.feasible else f"The largest violation is {seen.violation:.3g}; not all hold"
-    objective = seen.designed.terms @ design.problem.weights
-    stationary = worth.gradient <= 10 * design.settings.stationary
-    return [
+def violation(by: float, allowed: float) -> str:
+    """Whether a constraint holds, by its largest signed violation and what is allowed."""
+    if math.isnan(by):
+        return "not known"
+    if by == -math.inf:
+        return "nothing to look at"
+    if by > allowed:
+        return f"violated by {by:.2e}"
+    return f"holds, but for {by:.1e}" if by > 0 else f"holds, margin {abs(by):.2e}"
+
+
+def bounds(lower: float, upper: float) -> str:
+    """Between which bounds a variable may be."""
+    if lower == -math.inf:
+        return "free" if upper == math.inf else f"at most {upper:g}"
+    return f"at least {lower:g}" if upper == math.inf else f"{lower:g} to {upper:g}"
+
+
+def in_units(
+    objectives: Mapping[str, AbstractObjective], values: Mapping[str, float], system: System
+) -> dict[str, str]:
+    """The length, the angle or the time that the value of an objective stands for, in units of the scenario.
+
+    Empty where it stands for none, or is not finite.
+    """
+    length, gravity = float(system.radius), abs(float(system.gravity))
+    time = math.sqrt(length / gravity) if gravity > 0 else math.inf
+    return {
+        name: objective.in_units(values[name], length, time) if math.isfinite(values[name]) else ""
+        for name, objective in objectives.items()
+    }
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """The lines of a table in Markdown."""
+    cells = [header, *rows]
+    lines = ["| " + " | ".join(row) + " |" for row in cells]
+    return [lines[0], "|" + "---|" * len(header), *lines[1:]]
+
+
+def along(trajectory: Trajectory[Any, Any]) -> list[str]:
+    """The contact force along a run."""
+    return [f"Along the run: {'; '.join(str(contact_extremes(trajectory)).splitlines())}."]
+
+
+def figure_links(axes: Mapping[str, Axes], folder: Path, system: System, title: str) -> list[str]:
+    """Writes figures, by name, and links to them."""
+    for name, ax in axes.items():
+        write_figure(ax, folder / f"{name}.png", system, title)
+    return [f"![{name}]({name}.png)" for name in axes]
+
+
+def path_figure(
+    requirements: Sequence[Requirement], before: tuple[np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndarray]
+) -> Axes:
+    """The paths before and after, each with its times, and their targets; that of a disk, a line, over time."""
+    times, path = after
+    followed = [item for item in requirements if isinstance(item, FollowTrajectory | FollowCurve)]
+    if path.ndim == 1:
+        targets = [item.targets(jnp.asarray(times)) for item in followed if isinstance(item, FollowTrajectory)]
+        target = (times, np.asarray(targets[0])[:, 0]) if targets else None
+        return plot.place_in_time({"before": before, "after": after}, target)
+    obstacles = [item for item in requirements if isinstance(item, AvoidObstacles | ClearOfObstacles)]
+    curve = np.asarray(followed[-1].curve.points(ON_A_CURVE)) if followed else None
+    discs = [disc for item in obstacles for disc in zip(np.asarray(item.centres), map(float, item.radii), strict=True)]
+    return plot.designed_path(before[1], path, curve, discs)
+
+
+def _verdict(design: Design) -> str:
+    merit, verified = design.merit, design.verified
+    ends = (
+        "All constraints hold"
+        if design.feasible
+        else f"The largest violation is {verified.violation:.3g}; not all hold"
+    )
+    objective = verified.designed.terms @ design.problem.weights
+    stationary = merit.gradient <= 10 * design.settings.stationary
+    return (
         f"{ends}, to {design.settings.tolerance:g}, at the samples and at nine places between each two of them. The "
-        f"objective is {objective:.6g}. The gradient of the Lagrangian is {worth.gradient:.1e}: the design is "
-        f"{'' if stationary else 'not '}stationary. `{SCENARIO}` is the scenario.",
-    ]
-
-
-def _remarks(design: Design) -> list[str]:
-    return [line for remark in remarks(design) for line in (remark, "")]
+        f"objective is {objective:.6g}. The gradient of the Lagrangian is {merit.gradient:.1e}: the design is "
+        f"{'' if stationary else 'not '}stationary. `{SCENARIO}` is the scenario."
+    )
 
 
 def _objectives(design: Design) -> list[str]:
-    rows = [
-        "| objective | weight | before | after | verified | in units of the scenario | perturbed, median | worst |",
-        "|" + "---|" * 8,
-    ]
-    terms = zip(
+    columns = zip(
         design.problem.objectives,
         design.problem.weights,
         design.before.terms,
@@ -89,11 +157,12 @@ def _objectives(design: Design) -> list[str]:
         np.max(design.perturbed.terms, axis=0),
         strict=True,
     )
-    meant = objectives_in_units(design)
-    for name, *numbers in terms:
+    units, rows = objectives_in_units(design), []
+    for name, *numbers in columns:
         cells = [f"{x:.6g}" for x in numbers]
-        rows.append("| " + " | ".join([name, *cells[:4], meant[name], *cells[4:]]) + " |")
-    return [*rows, "", "Objectives are dimensionless: lengths over r, times over √(r/g), forces over M g."]
+        rows.append([name, *cells[:4], units[name], *cells[4:]])
+    first = ["objective", "weight", "before", "after", "verified"]
+    return [*table([*first, "in units of the scenario", "perturbed, median", "worst"], rows), "", UNITS]
 
 
 def objectives_in_units(design: Design) -> dict[str, str]:
@@ -109,50 +178,39 @@ def _constraints(design: Design) -> list[str]:
         return ["There are no constraints but bounds."]
     places = design.problem.places
     before = places.by_constraint(np.asarray(design.before.violations))
-    shaken = [places.by_constraint(np.asarray(row)) for row in design.perturbed.violations]
-    rows = [
-        "| constraint | before | after | verified, between samples too | perturbed, worst |",
-        "|" + "---|" * 5,
-    ]
+    perturbed = [places.by_constraint(np.asarray(row)) for row in design.perturbed.violations]
+    rows = []
     for name, (coarse, fine) in design.verified.violations.items():
-        perturbed = worst([worst(one[name]) for one in shaken])
-        cells = [violation(by, design.settings.tolerance) for by in (worst(before[name]), coarse, fine, perturbed)]
-        rows.append("| " + " | ".join([name, *cells]) + " |")
-    looked = (
+        violations = worst(before[name]), coarse, fine, worst([worst(ball[name]) for ball in perturbed])
+        rows.append([name, *(violation(by, design.settings.tolerance) for by in violations)])
+    header = ["constraint", "before", "after", "verified, between samples too", "perturbed, worst"]
+    legend = (
         "Each is where it is nearest to being violated, or violated most; violations and margins are dimensionless."
     )
-    return [*rows, "", looked]
+    return [*table(header, rows), "", legend]
 
 
 def _variables(design: Design) -> list[str]:
     space = design.problem.space
     start = np.asarray(space.numbers(jnp.asarray(space.start)))
-    rows = ["| variable | start | found | bounds |", "|" + "---|" * 4]
-    for variable, old, new in zip(space.variables, start, design.numbers, strict=True):
-        names = ", ".join(f"`{path}`" for path in variable.paths)
-        rows.append(f"| {names} | {old:.8g} | {new:.12g} | {bounds(variable.lower, variable.upper)} |")
-    return rows
+    rows = [
+        [", ".join(f"`{path}`" for path in one.paths), f"{old:.8g}", f"{new:.12g}", bounds(one.lower, one.upper)]
+        for one, old, new in zip(space.variables, start, design.numbers, strict=True)
+    ]
+    return table(["variable", "start", "found", "bounds"], rows)
 
 
 def _checks(design: Design) -> list[str]:
-    seen, found, shaken = design.verified, design.check, as_built(design.problem)
+    verified, built = design.verified, as_built(design.problem)
     lines = [
-        f"Simulated again by {seen.solver} at the tolerance {seen.rtol:.0e}, the path is {seen.apart:.1e} radii "
-        f"away at most. Perturbed are {shaken.count} balls with masses off by up to {shaken.masses:.1%} and centres of "
-        f"mass by up to {shaken.offset:.1%} of the radius along each axis.",
+        f"Simulated again by {verified.solver} at the tolerance {verified.rtol:.0e}, the path is {verified.apart:.1e} "
+        f"radii away at most. Perturbed are {built.count} balls with masses off by up to {built.masses:.1%} and "
+        f"centres of mass by up to {built.offset:.1%} of the radius along each axis.",
     ]
-    if found is None:
+    if design.check is None:
         return lines
     words = "The gradient at the start, along a random direction, relative to its length:"
-    return [*lines, "", words, "", "```", str(found), "```"]
-
-
-def _contact(after: Trajectory) -> list[str]:
-    return [f"Along the run: {'; '.join(str(contact_extremes(after)).splitlines())}."]
-
-
-def _simulated(design: Design, numbers: Float[np.ndarray, " n"]) -> Trajectory[Any, Any]:
-    return design.problem.space.scenario_of(numbers).simulate(dense=True)
+    return [*lines, "", words, "", "```", str(design.check), "```"]
 
 
 def _run(trajectory: Trajectory[Any, Any]) -> Run:
@@ -168,15 +226,11 @@ def _distances(design: Design, before: Trajectory[Any, Any], after: Trajectory[A
     return lines
 
 
-def _figures(
-    design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any], title: str, folder: Path
-) -> list[str]:
-    history, run = np.asarray(design.progress.history), _run(after)
-    wanted = [*design.problem.objectives.values(), *design.problem.constraints.values()]
+def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any]) -> dict[str, Axes]:
+    history, problem = np.asarray(design.progress.history), design.problem
+    requirements = [*problem.objectives.values(), *problem.constraints.values()]
     axes = {
-        "path": _path_of_disk(design, before, after)
-        if isinstance(after.system, Disk)
-        else plot.designed_path(_path(before), _path(after), *curve_and_discs(wanted)),
+        "path": path_figure(requirements, *(_path(run) for run in (before, after))),
         "rails": plot.configuration(after),
         "contact": plot.contact_force(after),
         "convergence": plot.convergence(*history[:, 2:5].T, polish=int(np.sum(history[:, 0] == 0))),
@@ -184,20 +238,10 @@ def _figures(
     if float(after.friction_needed) > SMALLEST_FRICTION:
         axes["friction"] = plot.friction_ratio(after)
     if after.system.n_masses:
-        theta = np.asarray(jax.jit(lambda: run.on_rails.theta)())
+        theta = np.asarray(jax.jit(lambda: _run(after).on_rails.theta)())
         axes["angles"] = plot.rail_angles(np.asarray(after.times), theta)
-    for name, ax in axes.items():
-        write_figure(ax, folder / f"{name}.png", after.system, title)
-    return [f"![{name}]({name}.png)" for name in axes]
+    return axes
 
 
-def _path_of_disk(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any]) -> Axes:
-    """Over time, because it is a line in the plane."""
-    times = np.asarray(after.times)
-    wanted = places_in_time(design.problem.objectives.values(), times)
-    found = {name: (np.asarray(run.times), _path(run)[:, 0]) for name, run in (("before", before), ("after", after))}
-    return plot.place_in_time(found, None if wanted is None else (times, wanted[:, 0]))
-
-
-def _path(trajectory: Trajectory[Any, Any]) -> np.ndarray:
-    return np.asarray(trajectory.state.in_space().z)
+def _path(trajectory: Trajectory[Any, Any]) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, "t *d"]]:
+    return np.asarray(trajectory.times), np.asarray(trajectory.state.z)

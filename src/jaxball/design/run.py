@@ -1,4 +1,4 @@
-"""A simulated candidate: what objectives and constraints look at."""
+"""A simulated candidate: what objectives and constraints are functions of."""
 
 from typing import NamedTuple
 
@@ -56,11 +56,11 @@ class Curves(NamedTuple):
 
 
 class Run(eqx.Module):
-    """A system that has rolled, at times t. What is not looked at is not computed.
+    """A system that has rolled, at times t. What is not asked for is not computed.
 
     - ``system``, ``times``, ``state``: the body, times of shape (t,), and the states then.
     - ``status``: the number of a :class:`~jaxball.Status`.
-    - ``rail_samples``: at how many places closed rails are looked at.
+    - ``rail_samples``: at how many places of closed rails.
     """
 
     system: System
@@ -109,6 +109,11 @@ class Run(eqx.Module):
         return jax.vmap(one)(self.masses, *rates)
 
     @property
+    def forces_along(self) -> Float[Array, "t n"]:
+        """F·τ, the force on each mass along its rail."""
+        return jnp.sum(self.forces * self.on_rails.tangent, axis=-1)
+
+    @property
     def on_rails(self) -> OnRails:
         """θ and its rates."""
         prepared = self.system.prepare()
@@ -127,7 +132,7 @@ def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES)
 
     - ``candidate``: what is simulated.
     - ``solve``: how.
-    - ``rail_samples``: at how many places closed rails are looked at.
+    - ``rail_samples``: at how many places of closed rails.
     """
     trajectory = simulate(
         candidate.system,
@@ -182,10 +187,10 @@ def _curves(system: System, samples: int) -> Curves:
             zeta, tangent, _ = jax.vmap(rail.prepare().derivatives)(theta)
             return zeta, jnp.sqrt(jnp.sum(tangent**2, axis=-1))
 
-        found = eqx.filter_vmap(one)(motion.rail)
+        zeta, rates = eqx.filter_vmap(one)(motion.rail)
         masses += indices
-        points.append(found[0])
-        speed.append(found[1])
+        points.append(zeta)
+        speed.append(rates)
     if not masses:
         nothing = jnp.zeros_like(system.mass, shape=(0, samples, 3))
         return Curves((), nothing, nothing[..., 0])

@@ -10,10 +10,16 @@ import tomli_w
 from ..results import OutputError, replacing
 from ..results.provenance import PACKAGES
 from ..scenario.within import scenario_document
-from .cells import duration
 from .errors import DesignError
 
 COPY = "problem.toml"
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Writes a file atomically; its path."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
 
 
 class Source(NamedTuple):
@@ -50,12 +56,17 @@ class Source(NamedTuple):
         if self._is(folder / COPY):
             return
         document = tomllib.loads(self.text)
-        text = self.text if isinstance(document["scenario"], dict) else tomli_w.dumps(self.document)
-        with replacing(folder / COPY) as beside:
-            beside.write_text(text, encoding="utf-8")
+        write_text(folder / COPY, self.text if isinstance(document["scenario"], dict) else tomli_w.dumps(self.document))
 
     def _is(self, path: Path) -> bool:
         return path.exists() and path.samefile(self.file)
+
+
+def duration(seconds: float) -> str:
+    """A time in hours, minutes and seconds."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{seconds:.1f} s"
 
 
 def made(source: Source | None, elapsed: float, resumed: bool = False) -> list[str]:

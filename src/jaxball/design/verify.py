@@ -1,4 +1,4 @@
-"""A finished design looked at again: by another solver, at a tighter tolerance, ten times as often, and perturbed."""
+"""A finished design evaluated again: by another solver, at a tighter tolerance, ten times as often, and perturbed."""
 
 import dataclasses
 import functools
@@ -23,14 +23,14 @@ TIGHTER, TIGHTEST = 1e-2, 1e-13
 TARGETS = (FollowCurve, FollowTrajectory, ReachPlace)
 EXPLICIT = ("dopri5", "dopri8", "tsit5")
 AS_BUILT = Perturbations(16, 0.01, 0.01)
-# A robust design is looked at on so many balls that it has not seen.
+# A robust design is evaluated on so many balls that it was not designed for.
 FRESH = 1000
 
 
 class Verified(NamedTuple):
-    """What a design is worth by two means.
+    """A design evaluated by two means.
 
-    - ``designed``: as the search saw it; ``finer``: by the other solver, between the samples as well.
+    - ``designed``: as the search did it; ``finer``: by the other solver, between the samples as well.
     - ``solver``, ``rtol``: of the latter.
     - ``violations``: the largest one of each constraint, at the samples and between them as well.
     - ``apart``: the largest distance between the two paths at the save times, in radii.
@@ -53,15 +53,16 @@ class Verified(NamedTuple):
         return worst([finer for _, finer in self.violations.values()])
 
 
-def verify(problem: Problem, z: Float[np.ndarray, " n"]) -> Verified:
-    """The design ``z`` evaluated with a solver of another family and on samples ten times as fine.
+def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
+    """A design evaluated with a solver of another family and on samples ten times as fine.
 
     **Arguments:**
 
     - ``problem``: for whose objectives and constraints.
+    - ``y``: the unknowns of the design, shape (n,).
     """
     other, solver = _other_solve(problem)
-    designed, finer, most = jax.tree.map(np.asarray, _compared(problem)(jnp.asarray(z)))
+    designed, finer, most = jax.tree.map(np.asarray, _compared(problem)(jnp.asarray(y)))
     violations = {name: (float(most.coarse[name]), float(most.fine[name])) for name in problem.constraints}
     missed = {name: float(by) for name, by in most.missed.items()}
     return Verified(designed, finer, violations, solver, other.rtol, float(most.apart), -float(most.lift), missed)
@@ -87,10 +88,10 @@ def _other_solve(problem: Problem) -> tuple[Solve, str]:
 
 @functools.lru_cache(maxsize=8)
 def _compared(problem: Problem) -> Callable[..., Any]:
-    """What :func:`verify` finds, compiled once for a problem, which may be verified several times."""
+    """What :func:`verify` computes, compiled once for a problem, which may be verified several times."""
     other, _ = _other_solve(problem)
 
-    def seen(candidate: Candidate):
+    def of_ball(candidate: Candidate):
         run = run_of(candidate, problem.solve())
         fine = run_of(candidate._replace(times=_finer(candidate.times)), other, FINER * RAIL_SAMPLES)
         apart = jnp.max(jnp.sqrt(jnp.sum((run.z - fine.z[::FINER]) ** 2, axis=-1))) / run.length
@@ -100,8 +101,8 @@ def _compared(problem: Problem) -> Callable[..., Any]:
         return problem.evaluate_run(run), problem.evaluate_run(fine), most
 
     @jax.jit
-    def both(z):
-        first, second, most = problem.of_each(problem.space.candidate(z), seen)
+    def both(y):
+        first, second, most = problem.of_each(problem.space.candidate(y), of_ball)
         return merged(first), merged(second), jax.tree.map(lambda x: jnp.max(x, axis=0), most)
 
     return both
@@ -118,24 +119,24 @@ def _finer(times: Float[jax.Array, " t"]) -> Float[jax.Array, " fine"]:
     return jnp.concatenate([jnp.ravel(between), times[-1:]])
 
 
-def perturbed(problem: Problem, z: Float[np.ndarray, " n"], perturbations: Perturbations = AS_BUILT) -> Evaluation:
+def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Perturbations = AS_BUILT) -> Evaluation:
     """The design as it may be built: each perturbed ball's objectives and violations, on a leading axis.
 
     **Arguments:**
 
     - ``problem``: for whose objectives and constraints.
-    - ``z``: the design, shape (n,).
+    - ``y``: the unknowns of the design, shape (n,).
     - ``perturbations``: how the balls differ.
     """
-    shaken = dataclasses.replace(problem, perturbations=perturbations)
+    robust = dataclasses.replace(problem, perturbations=perturbations)
 
     @jax.jit
-    def each(z):
-        return shaken.of_each(
-            problem.space.candidate(z), lambda one: problem.evaluate_run(run_of(one, problem.solve()))
+    def each(y):
+        return robust.of_each(
+            problem.space.candidate(y), lambda one: problem.evaluate_run(run_of(one, problem.solve()))
         )
 
-    return jax.tree.map(np.asarray, each(jnp.asarray(z)))
+    return jax.tree.map(np.asarray, each(jnp.asarray(y)))
 
 
 def as_built(problem: Problem) -> Perturbations:

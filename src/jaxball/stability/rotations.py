@@ -23,7 +23,7 @@ SAME = 1e-6
 def permanent_rotations(
     ball: Ball, rate: float = 0.0, *, guess: Numbers | None = None, t: Numbers = 0.0
 ) -> tuple[SteadyMotion, ...]:
-    """The directions Γ about which ``ball`` can rotate for ever at ``rate`` with its contact point at rest.
+    """The directions Γ about which ``ball`` can rotate forever at ``rate`` with its contact point at rest.
 
     There Ω = ω Γ, so that Γ̇ = 0, and Ω̇ = 0 is solved for Γ by Newton's method from many points of the sphere at once.
     With ``rate`` zero these are the equilibria, where the centre of mass is above or below the geometric centre. Where
@@ -56,12 +56,12 @@ def permanent_rotations(
     if starts.shape[1:] != (3,):
         raise ValueError(f"Argument `guess` must be directions of shape (n, 3), but its shape is {starts.shape}.")
     ends = np.asarray(_search(ball, to_array(rate), to_array(t), to_array(starts)))
-    kept: list[np.ndarray] = []
+    distinct: list[np.ndarray] = []
     for Gamma in ends[np.all(np.isfinite(ends), axis=1)]:
-        if all(np.max(np.abs(Gamma - other)) > SAME for other in kept):
-            kept.append(Gamma)
-    found = [stability(ball, ReducedState(rate * Gamma, Gamma), t=t) for Gamma in kept]
-    return tuple(sorted((motion for motion in found if motion.steady), key=lambda motion: motion.growth))
+        if all(np.max(np.abs(Gamma - other)) > SAME for other in distinct):
+            distinct.append(Gamma)
+    motions = [stability(ball, ReducedState(rate * Gamma, Gamma), t=t) for Gamma in distinct]
+    return tuple(sorted((motion for motion in motions if motion.steady), key=lambda motion: motion.growth))
 
 
 @eqx.filter_jit

@@ -50,10 +50,11 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _control(options: argparse.Namespace, problem_file: Any, source: Any, say: Callable[[str], None]) -> int:
-    from ...design.cells import violation
-    from ...design.control.means import means
-    from ...design.control.report import SCENARIO, objectives_in_units, write_design, write_report
+    from ...design.control.report import objectives_in_units, write_design, write_report
+    from ...design.control.solution import means
     from ...design.control.solve import controlled
+    from ...design.report import violation
+    from ...design.search.design import SCENARIO
 
     saved = False
 
@@ -79,10 +80,9 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any, say: C
 
 
 def _search(options: argparse.Namespace, problem_file: Any, source: Any, say: Callable[[str], None]) -> int:
-    from ...design.cells import violation
-    from ...design.remarks import remarks
-    from ...design.report import objectives_in_units, write_report
-    from ...design.search import PROGRESS, SCENARIO, design
+    from ...design.report import objectives_in_units, violation, write_report
+    from ...design.search.design import PROGRESS, SCENARIO, design
+    from ...design.warnings import warnings
 
     def stopped() -> str:
         if not all((options.out / name).exists() for name in (PROGRESS, SCENARIO)):
@@ -97,8 +97,8 @@ def _search(options: argparse.Namespace, problem_file: Any, source: Any, say: Ca
     violations = {name: violation(by, settings.tolerance) for name, (_, by) in done.verified.violations.items()}
     _print_summary(problem_file.title, values, objectives_in_units(done), violations)
     print(f"  written: {report}, {options.out / SCENARIO}")
-    for remark in remarks(done):
-        print(f"jaxball: {remark}", file=sys.stderr)
+    for warning in warnings(done):
+        print(f"jaxball: {warning}", file=sys.stderr)
     return 0 if done.feasible else UNMET
 
 

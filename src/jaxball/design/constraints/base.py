@@ -4,11 +4,11 @@ import abc
 
 from jaxtyping import Array, Float
 
-from ..line import Wanted
+from ..plane import Requirement
 from ..run import Run
 
 
-class AbstractConstraint(Wanted):
+class AbstractConstraint(Requirement):
     """Signed violations, dimensionless: positive where violated, and at most 0 in a design that fulfils it.
 
     Lengths are in radii r, forces in weights M g, times in √(r/g).
@@ -16,7 +16,7 @@ class AbstractConstraint(Wanted):
 
     @abc.abstractmethod
     def __call__(self, run: Run) -> Float[Array, "..."]:
-        """The violation at each place or time that is looked at."""
+        """The violation at each place or time at which it is evaluated."""
 
 
 class AbstractRunningConstraint(AbstractConstraint):

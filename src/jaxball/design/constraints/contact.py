@@ -7,8 +7,8 @@ from jaxtyping import Array, Float
 
 from ...numerics.arrays import numbers
 from ...numerics.norms import norm, room
-from ..line import beside, corner, places
-from ..objectives.obstacles import depths
+from ..objectives.paths import depths
+from ..plane import beside, corner, places
 from ..run import Run
 from .base import AbstractRunningConstraint
 
@@ -33,13 +33,13 @@ class Friction(AbstractRunningConstraint):
     mu: Float[Array, ""] = eqx.field(converter=numbers("mu"))
 
     def __call__(self, run: Run):
-        seen = run.observables
-        return norm(seen.friction / run.weight) - self.mu * seen.normal_force / run.weight
+        contact = run.observables
+        return norm(contact.friction / run.weight) - self.mu * contact.normal_force / run.weight
 
     def margins(self, run: Run):
         """That of |f|² / N ≤ mu² N: with N > 0 it is the same."""
-        seen = run.observables
-        friction, normal = seen.friction / run.weight, seen.normal_force / run.weight
+        contact = run.observables
+        friction, normal = contact.friction / run.weight, contact.normal_force / run.weight
         return (self.mu * normal**2 - jnp.sum(friction**2, axis=-1) / self.mu) / 2
 
 

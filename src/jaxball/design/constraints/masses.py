@@ -1,5 +1,7 @@
 """What masses and their actuators can do."""
 
+import abc
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -24,7 +26,27 @@ class MassesApart(AbstractRunningConstraint):
         return -room(_between(run), self.distance) / run.length
 
 
-class SpeedLimit(AbstractRunningConstraint):
+class _Limit(AbstractRunningConstraint):
+    """|v| ≤ most, for a vector v of each mass."""
+
+    most: Float[Array, ""] = eqx.field(converter=numbers("most"))
+
+    @abc.abstractmethod
+    def vectors(self, run: Run) -> Float[Array, "t n d"]:
+        """v."""
+
+    @abc.abstractmethod
+    def unit(self, run: Run) -> Float[Array, ""]:
+        """What violations are measured by."""
+
+    def __call__(self, run: Run):
+        return (norm(self.vectors(run)) - self.most) / self.unit(run)
+
+    def margins(self, run: Run):
+        return room(self.vectors(run), self.most) / self.unit(run)
+
+
+class SpeedLimit(_Limit):
     """|χ̇| ≤ most for every mass; shape (t, n).
 
     **Arguments:**
@@ -32,16 +54,14 @@ class SpeedLimit(AbstractRunningConstraint):
     - ``most``: length/time.
     """
 
-    most: Float[Array, ""] = eqx.field(converter=numbers("most"))
+    def vectors(self, run: Run):
+        return run.masses.chidot
 
-    def __call__(self, run: Run):
-        return (norm(run.masses.chidot) - self.most) * unit_of_time(run) / run.length
-
-    def margins(self, run: Run):
-        return room(run.masses.chidot, self.most) * unit_of_time(run) / run.length
+    def unit(self, run: Run):
+        return run.length / unit_of_time(run)
 
 
-class AccelerationLimit(AbstractRunningConstraint):
+class AccelerationLimit(_Limit):
     """|χ̈| ≤ most for every mass; shape (t, n).
 
     **Arguments:**
@@ -49,16 +69,14 @@ class AccelerationLimit(AbstractRunningConstraint):
     - ``most``: length/time².
     """
 
-    most: Float[Array, ""] = eqx.field(converter=numbers("most"))
+    def vectors(self, run: Run):
+        return run.masses.chiddot
 
-    def __call__(self, run: Run):
-        return (norm(run.masses.chiddot) - self.most) / jnp.abs(run.system.gravity)
-
-    def margins(self, run: Run):
-        return room(run.masses.chiddot, self.most) / jnp.abs(run.system.gravity)
+    def unit(self, run: Run):
+        return jnp.abs(run.system.gravity)
 
 
-class ForceLimit(AbstractRunningConstraint):
+class ForceLimit(_Limit):
     """|F·τ| ≤ most, the force on each mass along its rail; shape (t, n).
 
     **Arguments:**
@@ -66,13 +84,11 @@ class ForceLimit(AbstractRunningConstraint):
     - ``most``: mass length/time².
     """
 
-    most: Float[Array, ""] = eqx.field(converter=numbers("most"))
+    def vectors(self, run: Run):
+        return run.forces_along[..., None]
 
-    def __call__(self, run: Run):
-        return (jnp.abs(_along(run)) - self.most) / run.weight
-
-    def margins(self, run: Run):
-        return room(_along(run)[..., None], self.most) / run.weight
+    def unit(self, run: Run):
+        return run.weight
 
 
 def _between(run: Run) -> Float[Array, "t pairs 3"]:
@@ -80,8 +96,3 @@ def _between(run: Run) -> Float[Array, "t pairs 3"]:
     chi = run.masses.chi
     first, second = np.triu_indices(chi.shape[1], 1)
     return chi[:, first] - chi[:, second]
-
-
-def _along(run: Run) -> Float[Array, "t n"]:
-    """F·τ."""
-    return jnp.sum(run.forces * run.on_rails.tangent, axis=-1)

@@ -1,14 +1,18 @@
-"""Optimal control: how the masses must move, found by direct collocation, in schedules of any shape."""
+"""Optimal control: how the masses must move, found by direct collocation, in schedules of any shape.
+
+A ``problem``, such as that of a body ``rolling``, becomes the equations of ``collocation``, with the ``terms`` of each
+node and the ``complementarity`` of inequalities. From a ``guess``, on a mesh made finer (``refine``), ``homotopy``
+leads to a ``solution``, whose ``path`` gives the ``schedules`` of the masses. ``files``, ``solve`` and ``report`` serve
+the command line.
+"""
 
 from ...interface.names import interface as _interface
 from .collocation import Collocation as Collocation, Unknowns as Unknowns
-from .curvature import least_curvature as least_curvature
 from .guess import rolling_along as rolling_along
-from .inequalities import violations as violations
-from .means import means as means
+from .homotopy import at_rest as at_rest, continued as continued, sharpened as sharpened, started as started
 from .path import Path as Path
 from .problem import AbstractControlProblem as AbstractControlProblem
-from .refine import Solution as Solution, finer_mesh as finer_mesh, mesh_errors as mesh_errors, solved as solved
+from .refine import finer_mesh as finer_mesh, mesh_errors as mesh_errors, solved as solved
 from .rolling import Rolling as Rolling, between as between
 from .schedules import (
     Resimulated as Resimulated,
@@ -17,7 +21,11 @@ from .schedules import (
     scenario_of as scenario_of,
     schedules_of as schedules_of,
 )
-from .sharpen import sharpened as sharpened
-from .steps import at_rest as at_rest, continued as continued, started as started
+from .solution import (
+    Solution as Solution,
+    least_curvature as least_curvature,
+    means as means,
+    violations as violations,
+)
 
 __all__, __dir__ = _interface(globals())

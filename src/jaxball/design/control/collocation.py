@@ -109,6 +109,11 @@ class Collocation(AbstractEquations):
         return np.diff(self.mesh)
 
     @property
+    def weights(self) -> Float[np.ndarray, "N s"]:
+        """The weights of the nodes in a mean over the run."""
+        return self.steps[:, None] * self.tableau.b / (self.mesh[-1] - self.mesh[0])
+
+    @property
     def times(self) -> Float[np.ndarray, "N s"]:
         """The nodes."""
         return self.mesh[:-1, None] + self.steps[:, None] * self.tableau.c
@@ -138,16 +143,16 @@ class Collocation(AbstractEquations):
 
     def sizes(self, y):
         """1 + |y|. Beside inequalities multipliers are not measured: near a boundary rounding changes them much."""
-        found = super().sizes(y)
+        sizes = super().sizes(y)
         if self.inequalities:
-            found[self.unconstrained :] = np.inf
-        return found
+            sizes[self.unconstrained :] = np.inf
+        return sizes
 
     def length(self, change, y):
         return super().length(change / self.sizes(y) if self.inequalities else change, y)
 
     def residual(self, y, parameter):
-        node, end = self._looked_at(y, parameter)
+        node, end = self._terms(y, parameter)
         first = self.linear @ y
         first[self.places.at_start] -= initial(self.vary, self.problem, jnp.asarray(parameter))[0]
         np.add.at(first, self._node_places, node.value)
@@ -155,7 +160,7 @@ class Collocation(AbstractEquations):
         return first
 
     def jacobian(self, y, parameter):
-        node, end = self._looked_at(y, parameter)
+        node, end = self._terms(y, parameter)
         at_nodes = _scattered(self._node_places, node.jacobian, self.size)
         at_end = _scattered(self._end_places[None], end.jacobian[None], self.size)
         by_parameter = np.zeros(self.size)
@@ -166,7 +171,7 @@ class Collocation(AbstractEquations):
 
     def cost(self, y: Float[np.ndarray, " size"], parameter: float) -> float:
         """The mean of the running cost, by the weights of Gauss."""
-        return float(np.sum(self._looked_at(y, parameter)[0].cost))
+        return float(np.sum(self._terms(y, parameter)[0].cost))
 
     def along(
         self,
@@ -208,7 +213,7 @@ class Collocation(AbstractEquations):
     def _end_places(self) -> np.ndarray:
         return np.concatenate([self.places.knots[-1], self.places.at_end])
 
-    def _looked_at(self, y: np.ndarray, parameter: float) -> tuple[Term, Term]:
+    def _terms(self, y: np.ndarray, parameter: float) -> tuple[Term, Term]:
         """The terms of the nodes and of the end; kept, because residual and Jacobian are wanted at the same point."""
         if self._last is None or self._last[1] != parameter or not np.array_equal(self._last[0], y):
             parts = self.parts(y)
@@ -217,15 +222,13 @@ class Collocation(AbstractEquations):
 
     def _node(self, parts: Unknowns, parameter: float) -> Term:
         h = np.broadcast_to(self.steps[:, None], self.times.shape)
-        weights = h * self.tableau.b / (self.mesh[-1] - self.mesh[0])
         given = (self.problem, jnp.asarray(parameter), jnp.asarray(self.barrier))
-        rows = [np.ravel(self.times), np.ravel(weights), np.ravel(h), _local(parts)]
+        rows = [np.ravel(self.times), np.ravel(self.weights), np.ravel(h), _local(parts)]
         return _at_nodes(functools.partial(at_nodes, self.vary, self._sizes, *given), *rows)
 
     def _end(self, parts: Unknowns, parameter: float) -> Term:
         local = jnp.asarray(np.concatenate([parts.knots[-1], parts.at_end]))
-        found = at_end(self.vary, self._sizes, self.problem, jnp.asarray(parameter), local)
-        return jax.tree.map(np.asarray, found)
+        return jax.tree.map(np.asarray, at_end(self.vary, self._sizes, self.problem, jnp.asarray(parameter), local))
 
 
 def _at_nodes(function: Callable[..., Any], *rows: np.ndarray) -> Any:

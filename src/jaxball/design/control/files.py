@@ -15,14 +15,13 @@ from ...scenario.values import POSITIVE, Choice, Integer, Numbers, key_error, sh
 from ...scenario.within import naming_scenario, scenario_document
 from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
+from ..families import PLANE, Plane, constraints_of, objectives_of, plane_of
 from ..files import SHARED, objects_of
-from ..kinds import PLANE, Plane, constraints_of, objectives_of, plane_of
 from ..objectives import AbstractRunningObjective
 from .collocation import BARRIER
 from .guess import rolling_along
+from .homotopy import VIOLATION, Guess, at_rest
 from .rolling import Rolling
-from .sharpen import VIOLATION
-from .steps import Guess, at_rest
 
 TABLE = "control"
 GUESSES: dict[str, Guess] = {"rest": at_rest, "rolling-along": rolling_along}
@@ -71,42 +70,42 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when a key of it or of its scenario is misspelt,
     missing or wrong.
     """
-    found = read_table(document, "", KEYS)
-    with naming_scenario(found["scenario"], "problem", DesignError):
-        scenario = read_document(scenario_document(found["scenario"], Path(folder), DesignError))
+    given = read_table(document, "", KEYS)
+    with naming_scenario(given["scenario"], "problem", DesignError):
+        scenario = read_document(scenario_document(given["scenario"], Path(folder), DesignError))
     system = scenario.system
     if not isinstance(system, Ball | Disk):
         raise key_error("scenario.kind", "ball or disk", system.title.lower())
     plane = plane_of(system)
-    given = read_table(found[TABLE], TABLE, _control(plane))
+    control = read_table(given[TABLE], TABLE, _control(plane))
     family = objectives_of(plane)
-    objectives = objects_of(found["objectives"], "objectives", family)
+    objectives = objects_of(given["objectives"], "objectives", family)
     _require(objectives, "objectives", AbstractRunningObjective, "means over the run", family)
     family = constraints_of(plane)
-    constraints = objects_of(found["constraints"], "constraints", family, empty=True)
+    constraints = objects_of(given["constraints"], "constraints", family, empty=True)
     _require(constraints, "constraints", AbstractRunningConstraint, "what holds at each time", family)
     times = (scenario.times[0], scenario.times[-1])
     state = scenario.state
     assert isinstance(state, BallState | DiskState)
-    ends = {"place": given["place"], "depth": given["depth"]}
+    ends = {"place": control["place"], "depth": control["depth"]}
     problem = Rolling(system, times, objectives, state, **ends, constraints=constraints)
     return ControlFile(
-        found["title"],
+        given["title"],
         problem,
-        None if given["first_weights"] is None else _easy(problem, given["first_weights"]),
+        None if control["first_weights"] is None else _easy(problem, control["first_weights"]),
         int(np.size(scenario.times)),
-        given["intervals"],
-        float(given["tolerance"]),
-        float(given["violation"]),
-        float(given["barrier"]),
-        GUESSES[given["guess"]],
+        control["intervals"],
+        float(control["tolerance"]),
+        float(control["violation"]),
+        float(control["barrier"]),
+        GUESSES[control["guess"]],
     )
 
 
-def _require(found: dict[str, Any], path: str, running: type, words: str, family: Family) -> None:
-    """Refuses what does not look at one time alone."""
-    for name, one in found.items():
-        if not isinstance(one, running):
+def _require(requirements: dict[str, Any], path: str, running: type, words: str, family: Family) -> None:
+    """Refuses what is no function of one time alone."""
+    for name, requirement in requirements.items():
+        if not isinstance(requirement, running):
             kinds = ", ".join(kind for kind, item in family.items() if issubclass(item.type, running))
             raise key_error(path, f"{words} ({kinds}) beside `{TABLE}`", name)
 

@@ -4,9 +4,7 @@ Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Prog
 """
 
 import math
-from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import scipy.sparse
 from jaxtyping import Float
@@ -15,9 +13,8 @@ from ...solvers.tableau import gauss
 from ..equations import newton, solver
 from ..errors import DesignError
 from .collocation import SHARP, Collocation, Unknowns
-from .inequalities import margins
 from .path import Path
-from .problem import AbstractControlProblem
+from .solution import Solution, margins, path_of
 
 MOST_PIECES = 4
 MOST_ROUNDS = 8
@@ -25,35 +22,7 @@ MOST_ROUNDS = 8
 SMALL = 1e-12
 
 
-class Solution(NamedTuple):
-    """A solved problem.
-
-    - ``collocation``, ``y``, ``parameter``: the equations, their solution and λ.
-    - ``errors``: those of :func:`mesh_errors`.
-    """
-
-    collocation: Collocation
-    y: Float[np.ndarray, " size"]
-    parameter: float
-    errors: Float[np.ndarray, " N"]
-
-    @property
-    def path(self) -> Path:
-        """States and controls."""
-        return path_of(self.collocation, self.y)
-
-    @property
-    def problem(self) -> AbstractControlProblem:
-        """The problem at λ."""
-        return self.collocation.vary(self.collocation.problem, jnp.asarray(self.parameter))
-
-
-def path_of(collocation: Collocation, y: Float[np.ndarray, " size"]) -> Path:
-    """The states and controls of y."""
-    return Path(collocation.mesh, *collocation.parts(y)[:3])
-
-
-def started(collocation: Collocation, path: Path, parameter: float) -> Float[np.ndarray, " size"]:
+def unknowns_on(collocation: Collocation, path: Path, parameter: float) -> Float[np.ndarray, " size"]:
     """Unknowns with the states and controls of a path, on whatever mesh, and the multipliers that go best with them.
 
     The multipliers are those with which the gradient of the Lagrangian with respect to states and controls is least;
@@ -91,18 +60,15 @@ def solved(collocation: Collocation, path: Path, parameter: float = 0.0, toleran
 
     **Raises:** :class:`~jaxball.design.DesignError` where Newton's method finds no solution.
     """
-    for _ in range(MOST_ROUNDS):
+    rounds = 0
+    while True:
         collocation, y = near(collocation, path, parameter)
-        path = path_of(collocation, y)
         errors = mesh_errors(collocation, y, parameter)
-        if np.max(errors) <= tolerance:
-            break
+        if np.max(errors) <= tolerance or rounds == MOST_ROUNDS:
+            return Solution(collocation, y, parameter, errors)
+        path, rounds = path_of(collocation, y), rounds + 1
         finer = finer_mesh(collocation.mesh, errors, tolerance, collocation.stages + 1)
         collocation = collocation.changed(mesh=finer)
-    else:
-        collocation, y = near(collocation, path, parameter)
-        errors = mesh_errors(collocation, y, parameter)
-    return Solution(collocation, y, parameter, errors)
 
 
 def near(collocation: Collocation, path: Path, parameter: float) -> tuple[Collocation, Float[np.ndarray, " size"]]:
@@ -114,7 +80,7 @@ def near(collocation: Collocation, path: Path, parameter: float) -> tuple[Colloc
     """
     while True:
         try:
-            return collocation, newton(collocation, started(collocation, path, parameter), parameter)
+            return collocation, newton(collocation, unknowns_on(collocation, path, parameter), parameter)
         except DesignError:
             if not collocation.inequalities or collocation.barrier <= SHARP:
                 raise

@@ -22,8 +22,8 @@ from ...physics.schedules import AbstractSchedule
 from ...physics.state import BallState, DiskState
 from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
-from ..line import require_reach
 from ..objectives import AbstractRunningObjective, FollowTrajectory
+from ..plane import require_reach
 from ..run import Run
 from .problem import AbstractControlProblem
 

@@ -1,4 +1,4 @@
-"""The schedules of the masses that a solution asks for, as a scenario, and that scenario simulated."""
+"""The schedules of the masses in a solution, as a scenario, and that scenario simulated."""
 
 import dataclasses
 from typing import NamedTuple
@@ -14,9 +14,8 @@ from ...scenario import Scenario
 from ...scenario.initial import starting_angles
 from ..constraints import AbstractRunningConstraint
 from ..run import Run
-from .inequalities import PLACES
-from .refine import Solution
 from .rolling import rolling
+from .solution import PLACES, Solution
 
 
 def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
@@ -52,7 +51,7 @@ def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenar
 
 
 class Resimulated(NamedTuple):
-    """What a simulation of a solution's schedules finds; lengths in radii.
+    """A simulation of a solution's schedules beside the solution; lengths in radii.
 
     - ``apart``: the largest distance between the simulated path and the solution's.
     - ``speed``: the largest of |Ω| and |θ̇| at the end.
@@ -74,8 +73,9 @@ class Resimulated(NamedTuple):
 
 
 def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 1e-11) -> Resimulated:
-    """The solution's schedules simulated by a solver of another kind, and looked at ten times an interval of the mesh
-    where there are constraints.
+    """The solution's schedules simulated by a solver of another kind.
+
+    Constraints are evaluated ten times an interval of the mesh.
 
     **Arguments:**
 
@@ -94,8 +94,7 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
     thetadot = starting_angles(tuple(schedules_of(solution)), problem.end)["thetadot"]
     centre = np.asarray(seen.centre_of_mass_space[-1])
     missed = 0.0 if problem.place is None else np.linalg.norm(run.state.z[-1] - problem.place)
-    system = problem.with_schedules(schedules_of(solution))
-    looked = Run(system, jnp.asarray(run.times), run.state, run.status)
+    masses_on_rails = problem.with_schedules(schedules_of(solution))
     return Resimulated(
         float(np.max(np.abs(gap) if gap.ndim == 1 else np.linalg.norm(gap, axis=1))) / r,
         float(max(np.linalg.norm(seen.angular_velocity_body[-1]), np.max(np.abs(thetadot)))),
@@ -104,13 +103,13 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
         float(missed) / r,
         float(np.min(seen.normal_force)) / (M * float(problem.system.gravity)),
         float(np.max(seen.friction_ratio)),
-        _violations(looked, problem.constraints),
+        _violations(Run(masses_on_rails, jnp.asarray(run.times), run.state, run.status), problem.constraints),
     )
 
 
 def _violations(run: Run, constraints: dict[str, AbstractRunningConstraint]) -> dict[str, float]:
-    found = eqx.filter_jit(lambda run: {name: jnp.max(one(run)) for name, one in constraints.items()})(run)
-    return {name: float(worst) for name, worst in found.items()}
+    largest = eqx.filter_jit(lambda run: {name: jnp.max(one(run)) for name, one in constraints.items()})(run)
+    return {name: float(by) for name, by in largest.items()}
 
 
 def places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:

@@ -9,15 +9,11 @@ import numpy as np
 
 from ..errors import DesignError
 from .collocation import SHARP
-from .curvature import least_curvature
 from .files import ControlFile
-from .inequalities import violations
-from .means import means
-from .refine import Solution
+from .homotopy import Guess, continued, sharpened, started
 from .rolling import Rolling, rolling
 from .schedules import Resimulated, resimulated
-from .sharpen import sharpened
-from .steps import Guess, continued, started
+from .solution import Solution, least_curvature, means, violations
 
 # What a simulation may be off by, in units of the mesh's tolerance.
 NEAR = 10.0
@@ -64,7 +60,7 @@ class Controlled(NamedTuple):
 
 
 def controlled(
-    found: ControlFile,
+    file: ControlFile,
     say: Callable[[str], None] = lambda line: None,
     keep: Callable[[Solution], None] = lambda solution: None,
 ) -> Controlled:
@@ -92,43 +88,42 @@ def controlled(
         keep(solution)
         say(f"barrier {collocation.barrier:.0e}   {collocation.steps.size} intervals   violation {worst:.1e}")
 
-    problem = found.problem
-    mesh = np.linspace(float(problem.start), float(problem.end), found.intervals + 1)
-    easy = problem if found.easy is None else found.easy
-    first = solution = _begun(found, easy, mesh)
-    if found.easy is None:
+    problem = file.problem
+    mesh = np.linspace(float(problem.start), float(problem.end), file.intervals + 1)
+    first = solution = _begun(file, file.easy or problem, mesh)
+    if file.easy is None:
         visit(solution)
     else:
-        solution = continued(first, problem, found.tolerance, visit)[1]
+        solution = continued(first, problem, file.tolerance, visit)[1]
     if problem.constraints:
-        solution = sharpened(solution, tolerance=found.tolerance, violation=found.violation, visit=sharper)
+        solution = sharpened(solution, tolerance=file.tolerance, violation=file.violation, visit=sharper)
     seen, curvature = resimulated(solution), least_curvature(solution)
     elapsed = time.perf_counter() - began
-    return Controlled(first, solution, tuple(branch), curvature, seen, found.tolerance, found.violation, elapsed)
+    return Controlled(first, solution, tuple(branch), curvature, seen, file.tolerance, file.violation, elapsed)
 
 
-def _begun(found: ControlFile, problem: Rolling, mesh: np.ndarray) -> Solution:
+def _begun(file: ControlFile, problem: Rolling, mesh: np.ndarray) -> Solution:
     """The solution to which Newton's method comes from the guess, or else from the motion without constraints."""
 
     def start(problem: Rolling, guess: Guess) -> Solution:
-        return started(problem, mesh, tolerance=found.tolerance, guess=guess, barrier=found.barrier)
+        return started(problem, mesh, tolerance=file.tolerance, guess=guess, barrier=file.barrier)
 
     try:
-        return start(problem, found.guess)
+        return start(problem, file.guess)
     except DesignError:
         if not problem.constraints:
             raise
-    free = start(eqx.tree_at(lambda p: p.constraints, problem, {}), found.guess).path
+    free = start(eqx.tree_at(lambda p: p.constraints, problem, {}), file.guess).path
     try:
         return start(problem, lambda *arguments: free)
     except DesignError as error:
         raise DesignError(
             f"The constraints must leave a motion near that without them, but Newton's method finds none with barriers "
-            f"from {found.barrier:g} to {SHARP:g}; look whether they contradict each other or the end of the motion, "
+            f"from {file.barrier:g} to {SHARP:g}; look whether they contradict each other or the end of the motion, "
             "or begin with more intervals."
         ) from error
 
 
 def _line(point: Point) -> str:
-    found = "   ".join(f"{name} {value:.6g}" for name, value in point.means.items())
-    return f"share {point.share:6.3f}   {found}"
+    values = "   ".join(f"{name} {value:.6g}" for name, value in point.means.items())
+    return f"share {point.share:6.3f}   {values}"

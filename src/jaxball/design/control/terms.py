@@ -100,10 +100,10 @@ def _term(
     local: Float[Array, " k"],
     parameter: Float[Array, ""],
 ) -> Term:
-    def found(local, parameter):
+    def with_itself(local, parameter):
         value, cost = equations(local, parameter)
         return value, (cost, value)
 
     # One derivative of one trace, because these programs take longer to compile than to run.
-    (jacobian, by_parameter), (cost, value) = jax.jacfwd(found, argnums=(0, 1), has_aux=True)(local, parameter)
+    (jacobian, by_parameter), (cost, value) = jax.jacfwd(with_itself, argnums=(0, 1), has_aux=True)(local, parameter)
     return Term(cost, value, jacobian, by_parameter)

@@ -1,13 +1,14 @@
 """Objectives: what a design makes small."""
 
+from .actuation import (
+    AccelerationEffort as AccelerationEffort,
+    ForceEffort as ForceEffort,
+    MassesNearCentre as MassesNearCentre,
+    PowerEffort as PowerEffort,
+)
 from .base import (
     AbstractObjective as AbstractObjective,
     AbstractRunningObjective as AbstractRunningObjective,
-)
-from .effort import (
-    AccelerationEffort as AccelerationEffort,
-    ForceEffort as ForceEffort,
-    PowerEffort as PowerEffort,
 )
 from .ends import (
     Balanced as Balanced,
@@ -17,9 +18,8 @@ from .ends import (
     ReachPose as ReachPose,
     StopAtRest as StopAtRest,
 )
-from .masses import MassesNearCentre as MassesNearCentre
-from .obstacles import AvoidObstacles as AvoidObstacles
 from .paths import (
+    AvoidObstacles as AvoidObstacles,
     FollowCurve as FollowCurve,
     FollowTrajectory as FollowTrajectory,
     LargestDistance as LargestDistance,

@@ -7,11 +7,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ...numerics.arrays import numbers
-from ..line import Wanted
+from ..plane import Requirement
 from ..run import Run
 
 
-class AbstractObjective(Wanted):
+class AbstractObjective(Requirement):
     """A number that a design makes small, dimensionless: lengths in radii r, forces in weights M g, times in √(r/g).
 
     ``weight`` multiplies it in the sum of objectives; it can change without compiling anew.

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from ...numerics.arrays import numbers
 from ...numerics.norms import norm
-from ..line import beside, place
+from ..plane import beside, place
 from ..run import Run
 from .base import AbstractObjective, unit_of_time
 

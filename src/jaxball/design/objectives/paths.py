@@ -1,16 +1,17 @@
-"""Paths in the plane to be followed."""
+"""Paths in the plane to be followed, and obstacles to stay away from."""
 
 import math
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ...numerics.arrays import Numbers, numbers
 from ...numerics.norms import ROUNDING, norm
 from ..curves import AbstractCurve
-from ..line import beside
+from ..plane import beside, places
 from ..run import Run
 from .base import AbstractObjective, AbstractRunningObjective
 
@@ -76,7 +77,7 @@ class FollowCurve(AbstractObjective):
     **Arguments:**
 
     - ``curve``: an :class:`AbstractCurve`.
-    - ``samples``: how many points of the curve are looked at.
+    - ``samples``: at how many points of the curve.
     - ``weight``: by what it is multiplied in the sum of objectives.
     """
 
@@ -112,7 +113,7 @@ class LargestDistance(FollowCurve):
     **Arguments:**
 
     - ``curve``: an :class:`AbstractCurve`.
-    - ``samples``: how many points of the curve are looked at.
+    - ``samples``: at how many points of the curve.
     - ``weight``: by what it is multiplied in the sum of objectives.
     """
 
@@ -121,6 +122,36 @@ class LargestDistance(FollowCurve):
 
     def in_units(self, value, length, time):
         return f"largest distance {value * length:.4g}"
+
+
+class AvoidObstacles(AbstractRunningObjective):
+    """The mean of Σ softplus(depth / softness)² over discs of the plane that the geometric centre is to stay out of.
+
+    Smooth: it is felt outside a disc within some ``softness``, which is in radii of the shell. To keep clear of an
+    upright post, add the ball's radius to the post's.
+
+    **Arguments:**
+
+    - ``centres``: of the discs, length, shape (k, 2).
+    - ``radii``: length, shape (k,).
+    - ``weight``: by what it is multiplied in the sum of objectives.
+    """
+
+    centres: Float[Array, "k 2"] = eqx.field(converter=places("centres"))
+    radii: Float[Array, " k"] = eqx.field(converter=numbers("radii", ("k",)))
+    softness: Float[Array, ""] = eqx.field(converter=numbers("softness"), default=0.1)
+
+    def integrand(self, run: Run):
+        inside = jax.nn.softplus(depths(run, self.centres, self.radii) / self.softness)
+        return jnp.sum(inside**2, axis=-1)
+
+    def beyond_a_disk(self):
+        return beside(self.centres)
+
+
+def depths(run: Run, centres: Float[Array, "k 2"], radii: Float[Array, " k"]) -> Float[Array, "t k"]:
+    """By how much the geometric centre is inside discs of the plane, over r; negative outside."""
+    return (radii[None] - norm(run.z[:, None] - centres[None])) / run.length
 
 
 def nearest(points: Float[Array, "p 2"], line: Float[Array, "q 2"]) -> Float[Array, " p"]:

@@ -7,8 +7,7 @@ import diffrax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .places import Places
-from .problem import Evaluation
+from ..problem import Evaluation, Places
 from .settings import Settings
 
 
@@ -48,7 +47,7 @@ class AbstractProgram(abc.ABC):
 
     @abc.abstractmethod
     def simulate(self, numbers: Float[Array, " numbers"], adjoint: diffrax.AbstractAdjoint | None = None) -> Any:
-        """What terms and constraints look at; ``adjoint`` is for differentiation in another mode than reverse."""
+        """What terms and constraints are functions of; ``adjoint`` is for derivatives in another mode than reverse."""
 
     @abc.abstractmethod
     def assess(self, runs: Any) -> Evaluation:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .errors import DesignError
+from ..errors import DesignError
 from .lagrangian import Multipliers, augmented_lagrangian
 from .optimise import Optimiser
 
@@ -55,37 +55,39 @@ class GradientCheck(NamedTuple):
         return "\n".join([f"  gradient against forward mode {self.between_modes:.1e}", *rows])
 
 
-def check_gradient(optimiser: Optimiser, z: Float[np.ndarray, " n"], seed: int = 0) -> GradientCheck:
-    """The derivative, along a random direction at ``z``, of a sum of all objectives and constraints.
+def check_gradient(optimiser: Optimiser, y: Float[np.ndarray, " n"], seed: int = 0) -> GradientCheck:
+    """The derivative, along a random direction at ``y``, of a sum of all objectives and constraints.
 
     The sum is the augmented Lagrangian with multipliers so large that every place of every constraint counts.
 
     **Arguments:**
 
     - ``optimiser``: whose sum and gradient are checked.
+    - ``y``: the unknowns of its program, shape (n,).
     - ``seed``: of the direction.
 
-    **Raises:** :class:`DesignError` where ``z`` cannot be simulated or the gradient is not finite.
+    **Raises:** :class:`DesignError` where ``y`` cannot be simulated or the gradient is not finite.
     """
-    direction = np.random.default_rng(seed).normal(size=z.shape)
+    direction = np.random.default_rng(seed).normal(size=y.shape)
     direction /= np.linalg.norm(direction)
-    first = optimiser.look(z[None], optimiser.penalised(1))
-    violations = first.at.violations[0]
-    if not (np.all(np.isfinite(violations)) and np.all(np.isfinite(first.at.terms[0]))):
+    first = optimiser.evaluate(y[None], optimiser.penalised(1)).at
+    violations = first.violations[0]
+    if not (np.all(np.isfinite(violations)) and np.all(np.isfinite(first.terms[0]))):
         raise DesignError("The design at which the gradient is checked must be simulated to its end, but it is not.")
     counted = 2 * np.maximum(0.0, -violations) + 1
-    one = Multipliers(counted, np.asarray(1.0), np.zeros(counted.size))
+    multipliers = Multipliers(counted, np.asarray(1.0), np.zeros(counted.size))
     shifts = np.asarray([0.0, *(h * k for h in STEPS for k in STENCIL)])
-    points = z[None] + shifts[:, None] * direction[None]
-    looked = optimiser.look(points, jax.tree.map(lambda x: np.broadcast_to(x, (len(points), *x.shape)), one))
-    gradient = looked.gradient[0]
+    points = y[None] + shifts[:, None] * direction[None]
+    repeated = jax.tree.map(lambda x: np.broadcast_to(x, (len(points), *x.shape)), multipliers)
+    at = optimiser.evaluate(points, repeated)
+    gradient = at.gradient[0]
     if not np.all(np.isfinite(gradient)):
-        found = zip(optimiser.program.names, np.isfinite(gradient), strict=True)
-        names = dict.fromkeys(name for name, finite in found if not finite)
+        entries = zip(optimiser.program.names, np.isfinite(gradient), strict=True)
+        names = dict.fromkeys(name for name, finite in entries if not finite)
         raise DesignError(f"The gradient at the start must be finite, but it is not for {', '.join(names)}.")
     size = float(np.linalg.norm(gradient)) or 1.0
-    differences = looked.value[1:].reshape(len(STEPS), 4) @ FIVE_POINTS / np.asarray(STEPS)
-    forward = _forward(optimiser, jnp.asarray(z), jnp.asarray(direction), jax.tree.map(jnp.asarray, one))
+    differences = at.value[1:].reshape(len(STEPS), 4) @ FIVE_POINTS / np.asarray(STEPS)
+    forward = _forward(optimiser, *jax.tree.map(jnp.asarray, (y, direction, multipliers)))
     return GradientCheck(
         float(gradient @ direction) / size, forward / size, STEPS, tuple(float(d) for d in differences / size)
     )
@@ -107,11 +109,11 @@ def require_good(check: GradientCheck) -> None:
 
 
 def _forward(
-    optimiser: Optimiser, z: Float[Array, " n"], direction: Float[Array, " n"], multipliers: Multipliers
+    optimiser: Optimiser, y: Float[Array, " n"], direction: Float[Array, " n"], multipliers: Multipliers
 ) -> float:
     program = optimiser.program
 
-    def value(z):
-        return augmented_lagrangian(program, program.evaluate(z, diffrax.ForwardMode()), multipliers)
+    def value(y):
+        return augmented_lagrangian(program, program.evaluate(y, diffrax.ForwardMode()), multipliers)
 
-    return float(jax.jit(lambda z, v: jax.jvp(value, (z,), (v,))[1])(z, direction))
+    return float(jax.jit(lambda y, v: jax.jvp(value, (y,), (v,))[1])(y, direction))

@@ -7,7 +7,7 @@ longer to compile.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -15,15 +15,14 @@ from jaxtyping import Float
 DECREASE, CURVATURE = 1e-4, 0.9
 LONGEST = 1.0
 
-ValueAndGradient = Callable[
-    [Float[np.ndarray, "starts n"]], tuple[Float[np.ndarray, " starts"], Float[np.ndarray, "starts n"]]
-]
+# To values, shape (starts,), gradients, (starts, n), and, for Newton's method, Hessians, (starts, n, n).
+Function = Callable[[Float[np.ndarray, "starts n"]], tuple[Any, ...]]
 
 
 class Point(NamedTuple):
-    """A design of each start with the function and its gradient there."""
+    """The unknowns of each start with the function and its gradient there."""
 
-    z: Float[np.ndarray, "starts n"]
+    y: Float[np.ndarray, "starts n"]
     value: Float[np.ndarray, " starts"]
     gradient: Float[np.ndarray, "starts n"]
 
@@ -31,43 +30,41 @@ class Point(NamedTuple):
         """This point in the starts ``which``, and the other elsewhere."""
         columns = which[:, None]
         return Point(
-            np.where(columns, self.z, other.z),
+            np.where(columns, self.y, other.y),
             np.where(which, self.value, other.value),
             np.where(columns, self.gradient, other.gradient),
         )
 
 
-def minimise(
-    function: ValueAndGradient, z: Float[np.ndarray, "starts n"], evaluations: int, stationary: float
-) -> Point:
+def minimise(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int, stationary: float) -> Point:
     """A point of each start from which BFGS went no further, within so many evaluations.
 
     It ends where no entry of the gradient is larger than ``stationary``. A trial at which the function is not finite
     counts as too far.
     """
-    starts, n = z.shape
-    at = Point(z, *function(z))
+    starts, n = y.shape
+    at = Point(y, *function(y)[:2])
     inverse = np.broadcast_to(np.eye(n), (starts, n, n)).copy()
     fresh = np.ones(starts, dtype=bool)
     direction = _towards(at, inverse)
     length = _first(at, direction)
     low, high = np.zeros(starts), np.full(starts, np.inf)
     for _ in range(evaluations):
-        still = np.max(np.abs(at.gradient), axis=1) <= stationary
-        if np.all(still | ~np.isfinite(at.value)):
+        settled = np.max(np.abs(at.gradient), axis=1) <= stationary
+        if np.all(settled | ~np.isfinite(at.value)):
             break
-        trial = at.z + np.where(still, 0.0, length)[:, None] * direction
-        there = Point(trial, *function(trial))
+        trial = at.y + np.where(settled, 0.0, length)[:, None] * direction
+        there = Point(trial, *function(trial)[:2])
         slope = np.sum(at.gradient * direction, axis=1)
         finite = np.isfinite(there.value) & np.all(np.isfinite(there.gradient), axis=1)
         enough = finite & (there.value <= at.value + DECREASE * length * slope)
-        bent = enough & (np.sum(there.gradient * direction, axis=1) >= CURVATURE * slope)
+        flat = enough & (np.sum(there.gradient * direction, axis=1) >= CURVATURE * slope)
         # Where bisection has come to rounding, a step that goes down is taken as it is.
         stuck = (high - low < 1e-10 * np.maximum(high, 1e-10)) | (length > 1e6)
-        taken = ~still & (bent | (enough & stuck))
+        taken = ~settled & (flat | (enough & stuck))
         inverse, fresh = _updated(inverse, fresh, at, there, taken)
         high = np.where(enough, high, length)
-        low = np.where(enough & ~bent, length, low)
+        low = np.where(enough & ~flat, length, low)
         length = np.where(np.isfinite(high), (low + high) / 2, 2 * length)
         at = there.where(taken, at)
         # A line along which nothing goes down is left for the steepest descent.
@@ -85,7 +82,7 @@ def _towards(at: Point, inverse: np.ndarray) -> np.ndarray:
 
 
 def _first(at: Point, direction: np.ndarray) -> np.ndarray:
-    """Lengths of first steps that move z by no more than 0.1, a tenth of its scale."""
+    """Lengths of first steps that move y by no more than 0.1, a tenth of its scale."""
     return np.minimum(LONGEST, 0.1 / np.maximum(np.linalg.norm(direction, axis=1), 1e-300))
 
 
@@ -93,7 +90,7 @@ def _updated(
     inverse: np.ndarray, fresh: np.ndarray, at: Point, there: Point, taken: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The inverse Hessians after the steps ``taken`` (Nocedal & Wright, eq. 6.17), the first scaled by eq. 6.20."""
-    s, y = there.z - at.z, there.gradient - at.gradient
+    s, y = there.y - at.y, there.gradient - at.gradient
     product = np.sum(s * y, axis=1)
     sizes = np.linalg.norm(s, axis=1) * np.linalg.norm(y, axis=1)
     good = taken & (product > 1e-12 * np.where(np.isfinite(sizes), sizes, np.inf))

@@ -13,28 +13,69 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float, Int
 
-from ..physics.body import Ball, Disk
-from ..physics.state import BallState, DiskState
-from .components import Components
-from .errors import DesignError
-from .places import Places
-from .problem import Evaluation, Problem, merged
+from ...physics.body import Ball, Disk, System
+from ...physics.state import BallState, DiskState
+from ...scenario.initial import INITIAL
+from ..errors import DesignError
+from ..problem import Evaluation, Places, Problem, merged
+from ..run import Run, Solve, run_of
+from ..scales import default_scale
+from ..space import Candidate, DesignSpace
 from .program import AbstractProgram
-from .run import Run, Solve, run_of
-from .space import Candidate
-from .starts import starting_points
+from .settings import Settings
 
 CONTINUITY = "continuity"
+
+
+class Components:
+    """States of the kind of ``state`` as vectors of order one: each component, a versor's four too, over its scale."""
+
+    def __init__(self, system: System, state: BallState | DiskState):
+        kinds = {name: key.kind for name, key in INITIAL["disk" if isinstance(state, DiskState) else "ball"].items()}
+        scales = []
+        for field in dataclasses.fields(state):
+            dimension = getattr(kinds.get(field.name), "dimension", None)
+            size = np.size(getattr(state, field.name))
+            scales.append(np.full(size, default_scale(dimension, 1.0, system)))
+        self.scale = np.concatenate(scales)
+        self._unravel = ravel_pytree(state)[1]
+
+    @property
+    def size(self) -> int:
+        """How many there are."""
+        return self.scale.size
+
+    def pack(self, state: Any) -> Float[Array, " components"]:
+        """The components of a state."""
+        x = ravel_pytree(state)[0]
+        return x / jnp.asarray(self.scale, dtype=x.dtype)
+
+    def unpack(self, components: Float[Array, " components"]) -> Any:
+        """The state of the components, its versor normalised."""
+        return self._unravel(components * jnp.asarray(self.scale, dtype=components.dtype)).projected()
+
+
+def starting_points(space: DesignSpace, settings: Settings) -> Float[np.ndarray, "starts n"]:
+    """The given design first, and others: normally distributed about it, and uniformly between two bounds."""
+    random, bounds = np.random.default_rng(settings.seed), space.bounds
+    shape = (settings.starts - 1, space.size)
+    both = np.isfinite(bounds.lower) & np.isfinite(bounds.upper)
+    low, high = np.where(both, bounds.lower, 0.0), np.where(both, bounds.upper, 1.0)
+    anywhere = low + (high - low) * random.uniform(size=shape)
+    about = space.start + settings.spread * random.normal(size=shape)
+    others = [np.where(both, bounds.variables(x), y) for x, y in zip(anywhere, about, strict=True)]
+    return np.stack([space.start, *others])
 
 
 @dataclasses.dataclass(frozen=True)
 class Shooting(AbstractProgram):
     """A problem whose runs are simulated in ``intervals`` pieces of equally many samples.
 
-    The unknowns are the variables z of the design and, ball by ball, the components of the state at each joint, where
-    a piece after the first starts. Continuity is the last constraint.
+    The unknowns y are those of the design space and, ball by ball, the components of the state at each joint, where a
+    piece after the first starts. Continuity is the last constraint.
 
     **Arguments:**
 
@@ -59,8 +100,8 @@ class Shooting(AbstractProgram):
 
     @property
     def places(self):
-        found = self.problem.places
-        return Places({**found.sizes, CONTINUITY: self.joints * self.components.size}, found.balls)
+        places = self.problem.places
+        return Places({**places.sizes, CONTINUITY: self.joints * self.components.size}, places.balls)
 
     @property
     def equal(self):
@@ -87,27 +128,27 @@ class Shooting(AbstractProgram):
     def starts(self, settings):
         return self.joined(starting_points(self.problem.space, settings))
 
-    def joined(self, z: Float[np.ndarray, "starts n"]) -> Float[np.ndarray, "starts unknowns"]:
-        """The unknowns of designs whose pieces join: z and the states of its run.
+    def joined(self, y: Float[np.ndarray, "starts n"]) -> Float[np.ndarray, "starts unknowns"]:
+        """The unknowns with which the pieces of designs join: those of the designs, and the states of their runs.
 
         Where a run failed before a joint, it is the last state that it came to.
         """
         if not self.joints:
-            return z
+            return y
         problem, pack = self.problem, jax.vmap(self.components.pack)
 
-        def states(z: Float[Array, " n"]) -> Float[Array, "balls t components"]:
+        def states(y: Float[Array, " n"]) -> Float[Array, "balls t components"]:
             solve = problem.solve()
-            return problem.of_each(problem.space.candidate(z), lambda one: pack(run_of(one, solve).state))
+            return problem.of_each(problem.space.candidate(y), lambda one: pack(run_of(one, solve).state))
 
-        found = np.asarray(jax.jit(jax.vmap(states))(jnp.asarray(z)))
-        finite = np.all(np.isfinite(found), axis=-1)
+        saved = np.asarray(jax.jit(jax.vmap(states))(jnp.asarray(y)))
+        finite = np.all(np.isfinite(saved), axis=-1)
         last = np.max(np.where(finite, np.arange(self._steps + 1), 0), axis=-1)
         rows = np.minimum(self._rows[1:, 0], last[..., None])
-        return np.concatenate([z, np.reshape(np.take_along_axis(found, rows[..., None], axis=2), (len(z), -1))], axis=1)
+        return np.concatenate([y, np.reshape(np.take_along_axis(saved, rows[..., None], axis=2), (len(y), -1))], axis=1)
 
     def design(self, y: Float[np.ndarray, " unknowns"]) -> Float[np.ndarray, " n"]:
-        """The variables z of the design among the unknowns."""
+        """The unknowns of the design space among them."""
         return y[: self.problem.space.size]
 
     def numbers(self, y):
@@ -138,9 +179,9 @@ class Shooting(AbstractProgram):
 
         later = jax.vmap(self.components.unpack)(states)
         begin = jax.tree.map(lambda x, others: jnp.concatenate([x[None], others]), candidate.state, later)
-        found, status = jax.vmap(piece)(candidate.times[self._rows], begin)
-        whole = jax.tree.map(lambda x: jnp.concatenate([*x[:, :-1], x[-1, -1:]]), found)
-        ends = jax.tree.map(lambda x: x[:-1, -1], found)
+        pieces, status = jax.vmap(piece)(candidate.times[self._rows], begin)
+        whole = jax.tree.map(lambda x: jnp.concatenate([*x[:, :-1], x[-1, -1:]]), pieces)
+        ends = jax.tree.map(lambda x: x[:-1, -1], pieces)
         pack = jax.vmap(self.components.pack)
         return Run(candidate.system, candidate.times, whole, jnp.max(status)), pack(ends) - pack(later)
 

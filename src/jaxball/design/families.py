@@ -131,25 +131,25 @@ def _discs(plane: Plane) -> dict[str, Key]:
     return {"centres": Key(plane.places), "radii": Key(Numbers((None,), POSITIVE))}
 
 
-def _check_points(found: dict[str, Any], path: str) -> None:
-    n = len(found["points"])
+def _check_points(values: dict[str, Any], path: str) -> None:
+    n = len(values["points"])
     if n < 2:
         raise key_error(join(path, "points"), "a list of two points or more", f"one of {n}")
 
 
-def _check_discs(found: dict[str, Any], path: str) -> None:
-    n, m = len(found["centres"]), len(found["radii"])
+def _check_discs(values: dict[str, Any], path: str) -> None:
+    n, m = len(values["centres"]), len(values["radii"])
     if m != n:
         raise key_error(join(path, "radii"), f"as long as `centres`, which has {n} entries", f"one of {m}")
 
 
-def _check_times(found: dict[str, Any], path: str) -> None:
-    start, end = found["start"], found["end"]
+def _check_times(values: dict[str, Any], path: str) -> None:
+    start, end = values["start"], values["end"]
     if start is not None and end is not None and not start < end:
         raise key_error(join(path, "end"), f"later than `start` = {start!r}", repr(end))
 
 
-def _check_corners(found: dict[str, Any], path: str) -> None:
-    low, high = np.asarray(found["low"]), np.asarray(found["high"])
+def _check_corners(values: dict[str, Any], path: str) -> None:
+    low, high = np.asarray(values["low"]), np.asarray(values["high"])
     if not np.all(low < high):
         raise key_error(join(path, "high"), f"above `low`, {low.tolist()}", str(high.tolist()))

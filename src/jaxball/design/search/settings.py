@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from .errors import DesignError
+from ..errors import DesignError
 
 METHODS = ("bfgs", "gauss-newton")
 
@@ -14,7 +14,7 @@ class Settings:
     - ``starts``: how many starts, the given design and others about it, are improved side by side at first.
     - ``spread``: how far the others are from it, in scales; between two bounds they are anywhere.
     - ``steps``, ``learning_rate``: the steps of Adam that each start takes, in scales.
-    - ``polished``: how many starts, the most promising after Adam, are gone on with.
+    - ``polished``: how many starts, the most promising after Adam, are polished.
     - ``rounds``, ``evaluations``: of the polish within an augmented Lagrangian, at most so many updates of the
       multipliers, and evaluations between two.
     - ``penalty``: the first penalty; it grows fourfold where a round does not bring the violation down to a quarter.

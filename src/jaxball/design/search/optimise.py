@@ -7,19 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..numerics.batches import in_batches
+from ...numerics.batches import in_batches
+from ..errors import DesignError
 from . import bfgs, newton
 from .adam import Moments
-from .curvature import curved_at
-from .errors import DesignError
-from .lagrangian import Multipliers
-from .looked import Looked, looked_at
+from .lagrangian import Lagrangians, Multipliers, by_gauss_newton, by_reverse_mode
 from .program import AbstractProgram
+from .progress import Merit, Progress
 from .settings import Settings
-from .state import Progress, Worth
 
 Report = Callable[[Progress], None]
-SEEN_BY = {"bfgs": looked_at, "gauss-newton": curved_at}
+DERIVATIVES = {"bfgs": by_reverse_mode, "gauss-newton": by_gauss_newton}
 # How much nearer to a stationary point Newton's method comes in each round, for a step or two more.
 CLOSER = 1e-3
 REPORT_EVERY = 10
@@ -44,12 +42,12 @@ class Optimiser:
 
         **Raises:** :class:`DesignError` when no start can be simulated.
         """
-        z = self.program.starts(self.settings)
-        progress = Progress("adam", 0, z, list(Moments.none(z.shape)), z[0])
-        leader = self._offer(progress, z, self.look(z, self.penalised(len(z))))
+        y = self.program.starts(self.settings)
+        progress = Progress("adam", 0, y, list(Moments.none(y.shape)), y[0])
+        leader = self._offer(progress, y, self.evaluate(y, self.penalised(len(y))))
         if not np.isfinite(leader.objective):
             raise DesignError(
-                f"None of the {len(z)} starts can be simulated to its end; start from a design that can, or with a "
+                f"None of the {len(y)} starts can be simulated to its end; start from a design that can, or with a "
                 "smaller spread."
             )
         progress.history.append((0.0, 0.0, *leader))
@@ -70,16 +68,14 @@ class Optimiser:
         """The polish begun anew with each place to be overfulfilled by ``excess`` more."""
         value, penalty, margin, _ = progress.arrays
         progress.phase, progress.step = "polish", 0
-        progress.z[0], progress.worth = progress.best, Worth()
+        progress.y[0], progress.merit = progress.best, Merit()
         progress.arrays = [value, penalty, margin + excess[None], np.full(len(penalty), np.inf)]
         return progress
 
-    def look(self, z: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Looked:
-        """The augmented Lagrangian and its derivatives at any number of designs, ``lanes`` at a time."""
-        function = SEEN_BY[self.settings.method](self.program)
-        return Looked(
-            *in_batches(lambda rows: function(*jax.tree.map(jnp.asarray, rows)), (z, multipliers), self.lanes)
-        )
+    def evaluate(self, y: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> Lagrangians:
+        """The augmented Lagrangian and its derivatives at any number of points, ``lanes`` at a time."""
+        function = DERIVATIVES[self.settings.method](self.program)
+        return in_batches(lambda rows: function(*jax.tree.map(jnp.asarray, rows)), (y, multipliers), self.lanes)
 
     @property
     def lanes(self) -> int:
@@ -92,19 +88,19 @@ class Optimiser:
         return Multipliers(nothing, np.full(count, self.settings.penalty), nothing)
 
     def _descend(self, progress: Progress) -> Progress:
-        z, before = progress.z, progress.z
-        moments, multipliers, leader = Moments(*progress.arrays), self.penalised(len(z)), Worth()
+        y, before = progress.y, progress.y
+        moments, multipliers, leader = Moments(*progress.arrays), self.penalised(len(y)), Merit()
         count = min(REPORT_EVERY, self.settings.steps - progress.step)
         for _ in range(count):
-            looked = self.look(z, multipliers)
-            leader = self._offer(progress, z, looked)
-            good = np.all(np.isfinite(looked.gradient), axis=1, keepdims=True) & np.isfinite(looked.value)[:, None]
-            moments = moments.after(np.where(good, looked.gradient, 0.0))
-            onwards = z + moments.step(self.settings.learning_rate)
+            at = self.evaluate(y, multipliers)
+            leader = self._offer(progress, y, at)
+            good = np.all(np.isfinite(at.gradient), axis=1, keepdims=True) & np.isfinite(at.value)[:, None]
+            moments = moments.after(np.where(good, at.gradient, 0.0))
+            onwards = y + moments.step(self.settings.learning_rate)
             # A design that cannot be simulated goes half way back.
-            z, before = np.where(good, onwards, (z + before) / 2), np.where(good, z, before)
+            y, before = np.where(good, onwards, (y + before) / 2), np.where(good, y, before)
             progress.step += 1
-        progress.z, progress.arrays = z, list(moments)
+        progress.y, progress.arrays = y, list(moments)
         if count:
             progress.history.append((0.0, float(progress.step), *leader))
         if progress.step >= self.settings.steps:
@@ -113,60 +109,53 @@ class Optimiser:
 
     def _choose(self, progress: Progress) -> None:
         """The most promising are polished: of where the starts have come to, and of the best, past which one may be."""
-        z = np.unique([*progress.z, progress.best], axis=0)
-        promising = np.argsort(self.look(z, self.penalised(len(z))).value, kind="stable")[: self.lanes]
-        progress.z, progress.phase, progress.step = z[promising], "polish", 0
+        y = np.unique([*progress.y, progress.best], axis=0)
+        promising = np.argsort(self.evaluate(y, self.penalised(len(y))).value, kind="stable")[: self.lanes]
+        progress.y, progress.phase, progress.step = y[promising], "polish", 0
         multipliers = map(np.asarray, self.penalised(len(promising)))
         progress.arrays = [*multipliers, np.full(len(promising), np.inf)]
 
     def _polish(self, progress: Progress) -> Progress:
         settings = self.settings
         multipliers, before = Multipliers(*progress.arrays[:3]), progress.arrays[3]
-        found = self._minimised(progress.z, multipliers)
-        looked = self.look(found.z, multipliers)
-        leader = self._offer(progress, found.z, looked)
-        violation = looked.violation
-        wanted = np.maximum(ENOUGH * before, settings.tolerance)
-        slow = np.isfinite(before) & ~(violation <= wanted)
+        y = self._minimised(progress.y, multipliers).y
+        at = self.evaluate(y, multipliers)
+        leader = self._offer(progress, y, at)
+        slow = np.isfinite(before) & ~(at.violation <= np.maximum(ENOUGH * before, settings.tolerance))
         penalty = np.where(slow, GROWTH * multipliers.penalty, multipliers.penalty)
-        value = np.where(np.isfinite(looked.pushed), looked.pushed, multipliers.value)
-        progress.z, progress.step = found.z, progress.step + 1
-        progress.arrays = [value, penalty, np.asarray(multipliers.margin), violation]
+        value = np.where(np.isfinite(at.multipliers), at.multipliers, multipliers.value)
+        progress.y, progress.step = y, progress.step + 1
+        progress.arrays = [value, penalty, np.asarray(multipliers.margin), at.violation]
         progress.history.append((1.0, float(progress.step), *leader))
-        if progress.step >= settings.rounds or self._solved(looked, progress):
+        if progress.step >= settings.rounds or self._solved(at, progress):
             progress.phase = "done"
         return progress
 
-    def _minimised(self, z: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> bfgs.Point:
+    def _minimised(self, y: Float[np.ndarray, "starts n"], multipliers: Multipliers) -> bfgs.Point:
         """Where the augmented Lagrangian is least."""
         settings = self.settings
 
-        def sloped(z):
-            looked = self.look(z, multipliers)
-            return looked.value, looked.gradient
-
-        def curved(z):
-            looked = self.look(z, multipliers)
-            assert looked.hessian is not None
-            return looked.value, looked.gradient, looked.hessian
+        def function(y: Float[np.ndarray, "starts n"]):
+            at = self.evaluate(y, multipliers)
+            return at.value, at.gradient, at.hessian
 
         if settings.method == "gauss-newton":
-            return newton.minimise(curved, z, settings.evaluations, CLOSER * settings.stationary)
-        return bfgs.minimise(sloped, z, settings.evaluations, settings.stationary)
+            return newton.minimise(function, y, settings.evaluations, CLOSER * settings.stationary)
+        return bfgs.minimise(function, y, settings.evaluations, settings.stationary)
 
-    def _solved(self, looked: Looked, progress: Progress) -> bool:
+    def _solved(self, at: Lagrangians, progress: Progress) -> bool:
         """Whether the best design is stationary, and no start promises a better one."""
-        worths, settings = self._worths(looked), self.settings
-        done = [w.violation <= settings.tolerance and w.gradient <= 10 * settings.stationary for w in worths]
-        hopeless = [not np.isfinite(w.objective) or w.objective > 1.05 * progress.worth.objective for w in worths]
-        best = progress.worth.violation <= settings.tolerance
+        merits, settings = self._merits(at), self.settings
+        done = [m.violation <= settings.tolerance and m.gradient <= 10 * settings.stationary for m in merits]
+        hopeless = [not np.isfinite(m.objective) or m.objective > 1.05 * progress.merit.objective for m in merits]
+        best = progress.merit.violation <= settings.tolerance
         return any(done) and best and all(a or b for a, b in zip(done, hopeless, strict=True))
 
-    def _offer(self, progress: Progress, z: np.ndarray, looked: Looked) -> Worth:
-        return progress.offer(z, self._worths(looked), self.settings.tolerance)
+    def _offer(self, progress: Progress, y: np.ndarray, at: Lagrangians) -> Merit:
+        return progress.offer(y, self._merits(at), self.settings.tolerance)
 
-    def _worths(self, looked: Looked) -> list[Worth]:
-        objective = looked.at.terms @ self.program.weights
-        gradient = np.max(np.abs(looked.gradient), axis=1, initial=0.0)
-        rows = zip(objective, looked.violation, gradient, looked.worst, strict=True)
-        return [Worth(*map(float, row)) for row in rows]
+    def _merits(self, at: Lagrangians) -> list[Merit]:
+        objective = at.at.terms @ self.program.weights
+        gradient = np.max(np.abs(at.gradient), axis=1, initial=0.0)
+        rows = zip(objective, at.violation, gradient, at.worst, strict=True)
+        return [Merit(*map(float, row)) for row in rows]

@@ -4,39 +4,32 @@ Of a Hessian that is not positive definite the absolute values of the eigenvalue
 down (Nocedal & Wright, Numerical Optimization, section 3.4).
 """
 
-from collections.abc import Callable
-
 import numpy as np
 from jaxtyping import Float
 
-from .bfgs import Point
+from .bfgs import Function, Point
 
 DAMPING, LESS, MORE = 1e-3, 0.2, 4.0
 ENOUGH, GOOD = 1e-4, 0.5
 # A step that promises less than this share of the function is the last: the rest is in the errors of solves.
 LAST = 1e-10
 
-Curved = Callable[
-    [Float[np.ndarray, "starts n"]],
-    tuple[Float[np.ndarray, " starts"], Float[np.ndarray, "starts n"], Float[np.ndarray, "starts n n"]],
-]
 
-
-def minimise(function: Curved, z: Float[np.ndarray, "starts n"], evaluations: int, stationary: float) -> Point:
+def minimise(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int, stationary: float) -> Point:
     """A point of each start from which Newton's method went no further, within so many evaluations.
 
     ``function`` gives its values, gradients, and Hessians or what stands for them. It ends where no entry of the
     gradient is larger than ``stationary``. A trial at which the function is not finite counts as too far.
     """
-    at, H = _looked(function, z)
-    damping, done = np.full(len(z), DAMPING), np.zeros(len(z), dtype=bool)
+    at, H = _evaluated(function, y)
+    damping, done = np.full(len(y), DAMPING), np.zeros(len(y), dtype=bool)
     for _ in range(evaluations):
         done |= (np.max(np.abs(at.gradient), axis=1) <= stationary) | ~np.isfinite(at.value)
         if np.all(done):
             break
         step, promised = _step(at, H, damping)
         last = promised <= LAST * np.abs(at.value)
-        there, H_there = _looked(function, at.z + np.where(done[:, None], 0.0, step))
+        there, H_there = _evaluated(function, at.y + np.where(done[:, None], 0.0, step))
         gain = (at.value - there.value) / np.where(promised > 0, promised, 1.0)
         taken = ~done & (gain >= ENOUGH) & np.all(np.isfinite(there.gradient), axis=1)
         damping = np.where(taken, np.where(gain >= GOOD, LESS, 1.0), MORE) * damping
@@ -45,9 +38,9 @@ def minimise(function: Curved, z: Float[np.ndarray, "starts n"], evaluations: in
     return at
 
 
-def _looked(function: Curved, z: np.ndarray) -> tuple[Point, np.ndarray]:
-    value, gradient, H = function(z)
-    return Point(z, value, gradient), H
+def _evaluated(function: Function, y: np.ndarray) -> tuple[Point, np.ndarray]:
+    value, gradient, H = function(y)
+    return Point(y, value, gradient), H
 
 
 def _step(at: Point, H: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

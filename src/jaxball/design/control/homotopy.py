@@ -1,21 +1,30 @@
-"""From the solution of an easy problem to that of a hard one, by continuation."""
+"""From the solution of an easy problem to that of a hard one, by its weights and the barrier of its inequalities."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
 
 from ..continuation import Branch, follow
+from ..equations import newton
 from ..errors import DesignError
-from .collocation import BARRIER, Collocation
+from .collocation import BARRIER, SHARP, Collocation
 from .path import Path
-from .refine import Solution, mesh_errors, solved
+from .refine import finer_mesh, mesh_errors, near, solved
 from .rolling import Rolling, between
+from .solution import Solution, violations
 
 # Steps in the share of the way, from 0 to 1.
 FIRST_STEP, LONGEST_STEP = 0.05, 0.2
 # A branch that turns may go back past its start and still come to its end, but seldom from far away.
 WITHIN = (-0.5, 1.5)
+# By how much an inequality may be violated between the nodes.
+VIOLATION = 1e-4
+# The barrier with which a solution is begun on a finer mesh, and by what it is multiplied: at first, and where it can
+# fall no further.
+AGAIN, STEP, SHORTEST_STEP = 1e-4, 0.1, 0.95
+MOST_ROUNDS = 12
 
 Guess = Callable[[Rolling, Float[np.ndarray, " N_plus_one"], int], Path]
 
@@ -112,3 +121,72 @@ def continued(
     if np.max(errors) <= tolerance or collocation.inequalities:
         return branch, last._replace(errors=errors)
     return branch, solved(collocation, last.path, 1.0, tolerance)
+
+
+def sharpened(
+    solution: Solution,
+    barrier: float = SHARP,
+    tolerance: float = 1e-6,
+    violation: float = VIOLATION,
+    visit: Callable[[Solution], None] = lambda solution: None,
+) -> Solution:
+    """The solution with a small barrier, on meshes finer until its inequalities hold between the nodes as well.
+
+    Where Newton's method finds none on a finer mesh, it is the last one found, whose errors and violations tell.
+
+    The barrier falls in steps, each solved by Newton's method from the solution before. In a convex problem the cost is
+    then above the least by at most µ for each inequality (Boyd & Vandenberghe, Convex Optimization, section 11.2.2).
+
+    **Arguments:**
+
+    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
+    - ``barrier``: µ at the end.
+    - ``tolerance``: of :func:`mesh_errors`; ``violation``: of :func:`violations`.
+    - ``visit``: called with the solution on each mesh.
+
+    **Raises:** :class:`~jaxball.design.DesignError` where the barrier cannot fall.
+    """
+    collocation, y, parameter, sharp = solution.collocation, solution.y, solution.parameter, solution
+    if not collocation.inequalities:
+        return solution
+    for _ in range(MOST_ROUNDS):
+        try:
+            collocation, y = _lowered(collocation, y, parameter, barrier)
+        except DesignError:
+            if sharp is solution:
+                raise
+            break
+        errors = mesh_errors(collocation, y, parameter)
+        sharp = Solution(collocation, y, parameter, errors)
+        visit(sharp)
+        excess = np.maximum(errors / tolerance, violations(collocation, sharp.path, parameter) / violation)
+        if np.max(excess) <= 1:
+            break
+        finer = finer_mesh(collocation.mesh, excess, 1.0, collocation.stages + 1)
+        try:
+            collocation, y = near(collocation.changed(finer, max(barrier, AGAIN)), sharp.path, parameter)
+        except DesignError:
+            break
+    return sharp
+
+
+def _lowered(
+    collocation: Collocation, y: Float[np.ndarray, " size"], parameter: float, barrier: float
+) -> tuple[Collocation, Float[np.ndarray, " size"]]:
+    """The solution with a smaller barrier, by steps that become shorter where Newton's method fails."""
+    step = STEP
+    while collocation.barrier > barrier:
+        lower = collocation.changed(barrier=max(barrier, step * collocation.barrier))
+        try:
+            y = newton(lower, y, parameter)
+        except DesignError:
+            step = math.sqrt(step)
+            if step > SHORTEST_STEP:
+                raise DesignError(
+                    f"The barrier must fall to {barrier:g}, but below {collocation.barrier:.2g} Newton's method finds "
+                    "no solution; look whether the inequalities leave one, or begin with more intervals or a smaller "
+                    "barrier."
+                ) from None
+            continue
+        collocation = lower
+    return collocation, y

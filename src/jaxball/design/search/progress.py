@@ -1,4 +1,4 @@
-"""How far an optimisation has come: kept on disk, so that it can be stopped at any time and gone on with."""
+"""The progress of an optimisation, kept on disk so that it can be stopped at any time and resumed."""
 
 import dataclasses
 from pathlib import Path
@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from ..interface.output import replacing
-from .errors import DesignError
+from ...interface.output import replacing
+from ..errors import DesignError
 
 
-class Worth(NamedTuple):
-    """What a design was found to be worth: its objective, largest violation, and gradient of the Lagrangian.
+class Merit(NamedTuple):
+    """The merit of a design: its objective, largest violation, and gradient of the Lagrangian.
 
     - ``objective``, ``violation``, ``gradient``: these three numbers.
     - ``place``: where the violation is largest; −1 where there are no constraints.
@@ -23,7 +23,7 @@ class Worth(NamedTuple):
     gradient: float = np.inf
     place: float = -1.0
 
-    def better_than(self, other: "Worth", tolerance: float) -> bool:
+    def better_than(self, other: "Merit", tolerance: float) -> bool:
         """Feasible designs by their objective, and others by their violation."""
         if not np.isfinite(self.objective) or np.isnan(self.violation):
             return False
@@ -36,35 +36,35 @@ class Progress:
     """The state of an optimisation between two of its steps.
 
     - ``phase``: ``adam``, ``polish`` or ``done``; ``step`` counts within it.
-    - ``z``: the unknowns of the designs that are improved side by side.
+    - ``y``: the unknowns of the designs that are improved side by side.
     - ``arrays``: what else the phase needs: moments of Adam, or multipliers.
-    - ``best``, ``worth``: the best design so far.
-    - ``history``: for each report, the phase (0 or 1), the step, and the worth of the best of ``z`` then.
-    - ``elapsed``: how long it took, in seconds, all runs of a search that was stopped together.
+    - ``best``, ``merit``: the best design so far.
+    - ``history``: for each report, the phase (0 or 1), the step, and the merit of the best of ``y`` then.
+    - ``elapsed``: how long it took, in seconds, interrupted runs of the search included.
     """
 
     phase: str
     step: int
-    z: Float[np.ndarray, "starts n"]
+    y: Float[np.ndarray, "starts n"]
     arrays: list[np.ndarray]
     best: Float[np.ndarray, " n"]
-    worth: Worth = dataclasses.field(default_factory=Worth)
+    merit: Merit = dataclasses.field(default_factory=Merit)
     history: list[tuple[float, ...]] = dataclasses.field(default_factory=list)
     elapsed: float = 0.0
 
-    def offer(self, z: Float[np.ndarray, "starts n"], worths: list[Worth], tolerance: float) -> Worth:
+    def offer(self, y: Float[np.ndarray, "starts n"], merits: list[Merit], tolerance: float) -> Merit:
         """Takes over a design that is better than the best so far; the best of those offered."""
-        leader = Worth()
-        for one, worth in zip(z, worths, strict=True):
-            if worth.better_than(leader, tolerance):
-                leader = worth
-            if worth.better_than(self.worth, tolerance):
-                self.best, self.worth = np.array(one), worth
+        leader = Merit()
+        for unknowns, merit in zip(y, merits, strict=True):
+            if merit.better_than(leader, tolerance):
+                leader = merit
+            if merit.better_than(self.merit, tolerance):
+                self.best, self.merit = np.array(unknowns), merit
         return leader
 
 
 def save_progress(progress: Progress, path: Path, identity: str) -> None:
-    """Writes the progress of the problem ``identity``, whole or not at all."""
+    """Writes the progress of the problem ``identity``, atomically."""
     arrays: dict[str, Any] = {f"array_{k}": array for k, array in enumerate(progress.arrays)}
     with replacing(path) as beside, beside.open("wb") as file:
         np.savez(
@@ -72,9 +72,9 @@ def save_progress(progress: Progress, path: Path, identity: str) -> None:
             identity=identity,
             phase=progress.phase,
             step=progress.step,
-            z=progress.z,
+            z=progress.y,
             best=progress.best,
-            worth=np.asarray(progress.worth),
+            worth=np.asarray(progress.merit),
             elapsed=progress.elapsed,
             history=np.asarray(progress.history, dtype=float).reshape(-1, 6),
             **arrays,
@@ -87,8 +87,8 @@ def load_progress(path: Path, identity: str) -> Progress:
     **Raises:** :class:`DesignError` where it is that of another problem, or no such file.
     """
     try:
-        with np.load(path, allow_pickle=False) as found:
-            kept = dict(found)
+        with np.load(path, allow_pickle=False) as file:
+            kept = dict(file)
     except (OSError, ValueError) as error:
         raise DesignError(f'File "{path}" must be the progress of a design, but it cannot be read ({error}).') from None
     if str(kept["identity"]) != identity:
@@ -100,7 +100,7 @@ def load_progress(path: Path, identity: str) -> Progress:
         kept["z"],
         [kept[f"array_{k}"] for k in range(count)],
         kept["best"],
-        Worth(*(float(x) for x in kept["worth"])),
+        Merit(*(float(x) for x in kept["worth"])),
         [tuple(float(x) for x in row) for row in kept["history"]],
         float(kept.get("elapsed", 0.0)),
     )

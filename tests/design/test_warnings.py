@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxball import design
-from jaxball.design.remarks import remarks
+from jaxball.design.warnings import warnings
 
 AMPLITUDE, FREQUENCY = 0.3, 3.0
 PROBLEM = f"""
@@ -52,11 +52,11 @@ def at_rest():
 
 def told(gradient, tolerance):
     problem, seen = at_rest()
-    worth = design.Worth(0.25, 0.5, gradient)
-    progress = design.Progress("done", 1, problem.space.start[None], [], problem.space.start, worth)
+    merit = design.Merit(0.25, 0.5, gradient)
+    progress = design.Progress("done", 1, problem.space.start[None], [], problem.space.start, merit)
     settings = design.Settings(tolerance=tolerance)
     done = design.Design(problem, settings, problem.space.start, None, progress, seen.designed, seen, seen.designed)
-    return remarks(done)
+    return warnings(done)
 
 
 def test_the_least_normal_force_in_closed_form():
@@ -73,7 +73,7 @@ def test_the_least_normal_force_in_closed_form():
     ],
 )
 def test_what_could_not_be_done_is_told(words):
-    assert sum(words in remark for remark in told(1e-9, 1e-6)) == 1
+    assert sum(words in warning for warning in told(1e-9, 1e-6)) == 1
 
 
 def test_a_gradient_that_is_not_finite_is_told():
@@ -81,4 +81,4 @@ def test_a_gradient_that_is_not_finite_is_told():
 
 
 def test_constraints_that_hold_are_not_told():
-    assert not any("violates" in remark for remark in told(1e-9, 0.6))
+    assert not any("violates" in warning for warning in told(1e-9, 0.6))

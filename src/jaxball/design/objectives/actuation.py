@@ -1,4 +1,4 @@
-"""What the actuation costs."""
+"""What the actuation costs, and where it takes the masses."""
 
 import jax.numpy as jnp
 
@@ -41,5 +41,16 @@ class ForceEffort(AbstractRunningObjective):
     """
 
     def integrand(self, run: Run):
-        along = jnp.sum(run.forces * run.on_rails.tangent, axis=-1)
-        return jnp.sum(along**2, axis=-1) / run.weight**2
+        return jnp.sum(run.forces_along**2, axis=-1) / run.weight**2
+
+
+class MassesNearCentre(AbstractRunningObjective):
+    """The mean of Σ |χ|² / r² over the point masses: it keeps them from the ends of straight tubes.
+
+    **Arguments:**
+
+    - ``weight``: by what it is multiplied in the sum of objectives.
+    """
+
+    def integrand(self, run: Run):
+        return jnp.sum(run.masses.chi**2, axis=(-2, -1)) / run.length**2

@@ -9,10 +9,10 @@ from jaxtyping import Array, Float
 
 from ..solvers import AbstractWrappingSolver
 
-Watch = Callable[[Float[Array, ""], Float[Array, " size"], Any], Float[Array, ""]]
+Monitor = Callable[[Float[Array, ""], Float[Array, " size"], Any], Float[Array, ""]]
 
 
-class Watching(AbstractWrappingSolver):
+class Monitored(AbstractWrappingSolver):
     """``solver``, with the least value of ``of(t, x, args)`` at the ends of its steps, not at the start, in its state.
 
     It takes the same few operations in every step, as many solves side by side want it. What it misses between two ends
@@ -20,7 +20,7 @@ class Watching(AbstractWrappingSolver):
     """
 
     solver: diffrax.AbstractSolver  # pyright: ignore[reportIncompatibleVariableOverride]
-    of: Watch
+    of: Monitor
 
     def init(self, terms, t0, t1, y0, args):
         return self.solver.init(terms, t0, t1, y0, args), jnp.full((), jnp.inf, y0.dtype)

@@ -1,4 +1,4 @@
-"""Places of a disk, which rolls along e1: one number each, where those of a ball have two."""
+"""Places in the plane: two numbers each, and one for those of a disk, which rolls along e1."""
 
 from collections.abc import Callable, Mapping
 
@@ -16,7 +16,7 @@ from .errors import DesignError
 ROUNDING = 1e-9
 
 
-class Wanted(eqx.Module):
+class Requirement(eqx.Module):
     """What is asked of a motion: an objective or a constraint."""
 
     def beyond_a_disk(self) -> str:
@@ -63,21 +63,21 @@ def corner(name: str) -> Converter:
 
 
 def beside(points: Float[ArrayLike, "n 2"]) -> str:
-    """That places are beside e1, for :meth:`Wanted.beyond_a_disk`."""
+    """That places are beside e1, for :meth:`Requirement.beyond_a_disk`."""
     points = np.abs(np.asarray(points))
     most = np.max(points[:, 1], initial=0.0)
     return f"a place {most:.6g} beside e1" if most > ROUNDING * np.max(points, initial=0.0) else ""
 
 
-def require_reach(system: AbstractSystem, wanted: Mapping[str, Wanted]) -> None:
+def require_reach(system: AbstractSystem, requirements: Mapping[str, Requirement]) -> None:
     """Refuses objectives and constraints that no disk can meet.
 
     **Raises:** :class:`DesignError`, with the name of the first one, where the system is a disk.
     """
-    for name, one in wanted.items() if isinstance(system, Disk) else ():
-        found = one.beyond_a_disk()
-        if found:
+    for name, requirement in requirements.items() if isinstance(system, Disk) else ():
+        beyond = requirement.beyond_a_disk()
+        if beyond:
             raise DesignError(
                 f"`{name}` must be within reach of a disk, which rolls along e1 and turns about e2, but it asks for "
-                f"{found}; give a place by one number, or take a ball."
+                f"{beyond}; give a place by one number, or take a ball."
             )
