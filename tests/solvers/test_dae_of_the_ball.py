@@ -138,5 +138,5 @@ class TestSimulateRefuses:
             jaxball.simulate(paper.ball(), SECONDS, solver=solver, dae=True)
 
     def test_a_state_without_a_unit_vector(self):
-        with pytest.raises(TypeError, match=r"`state` must be a BallState, a ReducedState or .*but it is a DiskState"):
+        with pytest.raises(TypeError, match=r"`state` must be a state with a unit vector.*but it is a DiskState"):
             jaxball.simulate(paper.disk(), SECONDS, solver=RadauIIA(5), dae=True)

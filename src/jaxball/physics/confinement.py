@@ -162,8 +162,8 @@ def time_of_crossing(system: BodyParameters, motion: AbstractPrescribedMotion, s
         return jnp.where(out, low, middle), jnp.where(out, middle, high)
 
     leaves = jnp.isfinite(seen.first)
-    found = jax.lax.fori_loop(0, HALVINGS, halve, (seen.last, jnp.where(leaves, seen.first, seen.last)))[1]
-    return jnp.where(leaves, found, jnp.inf)
+    crossing = jax.lax.fori_loop(0, HALVINGS, halve, (seen.last, jnp.where(leaves, seen.first, seen.last)))[1]
+    return jnp.where(leaves, crossing, jnp.inf)
 
 
 def _groups(system: BodyParameters) -> list[tuple[Any, np.ndarray]]:

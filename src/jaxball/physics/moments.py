@@ -112,14 +112,14 @@ def _kinematics_by_group(system: BodyParameters, t, angles: Rates) -> list[tuple
 def _by_group(system: BodyParameters, angles, prescribed: Callable[..., Any], driven: Callable[..., Any]) -> list:
     """Each group with what ``prescribed`` finds of its motion, or ``driven`` of its motion and its own angles."""
     slots = {index: slot for slot, index in enumerate(system.driven)}
-    found = []
+    parts = []
     for group, indices in zip(system.groups, system.order, strict=True):
         if isinstance(group.motion, Driven):
             places = np.asarray([slots[index] for index in indices])
-            found.append((group, eqx.filter_vmap(driven)(group.motion, *(values[places] for values in angles))))
+            parts.append((group, eqx.filter_vmap(driven)(group.motion, *(values[places] for values in angles))))
         else:
-            found.append((group, eqx.filter_vmap(prescribed)(group.motion)))
-    return found
+            parts.append((group, eqx.filter_vmap(prescribed)(group.motion)))
+    return parts
 
 
 def _second_moment(m, a, b):

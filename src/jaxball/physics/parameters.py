@@ -105,19 +105,19 @@ class BodyParameters(Printed):
             for k, index in enumerate(indices):
                 item = jax.tree.map(lambda leaf, k=k, axis=axis: entry(leaf, axis, k), group)
                 lines[index] = f"  masses[{index}]: {shown(item)}"
-        found = [lines[index] for index in sorted(lines)]
-        if len(found) > MOST_PRINTED:
-            found = [*found[:MOST_PRINTED], f"  and {len(found) - MOST_PRINTED} masses more"]
-        return "\n".join([shown_fields(self, own), *found])
+        masses = [lines[index] for index in sorted(lines)]
+        if len(masses) > MOST_PRINTED:
+            masses = [*masses[:MOST_PRINTED], f"  and {len(masses) - MOST_PRINTED} masses more"]
+        return "\n".join([shown_fields(self, own), *masses])
 
     @property
     def point_masses(self) -> tuple[PointMass, ...]:
         """The masses one by one, in the order in which they were given."""
-        found: dict[int, PointMass] = {}
+        masses: dict[int, PointMass] = {}
         for group, indices in zip(self.groups, self.order, strict=True):
             for k, index in enumerate(indices):
-                found[index] = jax.tree.map(lambda leaf, k=k: leaf[k], group)
-        return tuple(found[i] for i in range(self.n_masses))
+                masses[index] = jax.tree.map(lambda leaf, k=k: leaf[k], group)
+        return tuple(masses[i] for i in range(self.n_masses))
 
     @property
     def arguments(self) -> dict[str, Any]:

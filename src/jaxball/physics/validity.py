@@ -56,11 +56,11 @@ def find_problems(
     if state is not None:
         conditions += state.conditions()
         conditions += system.start_conditions(jnp.asarray(times[0], default_dtype()), state)
-    found = [problem for condition in conditions for problem in condition.problems()]
-    found.extend(system.breaches(times, state, states))
-    if state is not None and not found:
-        found.extend(_beyond_arithmetic(system, state, times[0]))
-    return found
+    broken = [problem for condition in conditions for problem in condition.problems()]
+    broken.extend(system.breaches(times, state, states))
+    if state is not None and not broken:
+        broken.extend(_beyond_arithmetic(system, state, times[0]))
+    return broken
 
 
 def _beyond_arithmetic(system: AbstractSystem, state: AbstractState, t: float) -> Iterator[Problem]:

@@ -57,10 +57,9 @@ def figures(
         record(trajectory)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    name = trajectory.system.title if classical else type(trajectory.system).__name__
-    kind, paths = name.lower().replace(" ", "_"), []
+    kind, paths = trajectory.system.title.lower().replace(" ", "_"), []
     for draw in CLASSICAL if classical else STANDARD:
-        if draw is acceleration and not accelerations(trajectory):
+        if (draw is acceleration and not accelerations(trajectory)) or (draw is law_errors and not trajectory.laws):
             continue
         drawn = draw(trajectory)
         for suffix in formats:

@@ -65,7 +65,7 @@ def subject(system: "AbstractSystem | None", title: str = "") -> str:
 
 def _described(system: "AbstractSystem") -> str:
     words = system.described()
-    return words.capitalize() if words[0].islower() else words
+    return words[0].upper() + words[1:]
 
 
 def _units(system: "AbstractSystem | None", title: str) -> str:

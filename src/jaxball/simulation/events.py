@@ -82,13 +82,13 @@ class Event(AbstractEvent):
         require_callable("of", self.of, "system", "t", "state")
 
     def value(self, system, t, state):
-        found = jnp.asarray(self.of(system, t, state))
-        if found.shape != () or not jnp.issubdtype(found.dtype, jnp.floating):
+        value = jnp.asarray(self.of(system, t, state))
+        if value.shape != () or not jnp.issubdtype(value.dtype, jnp.floating):
             raise TypeError(
                 "Argument `of` must be a function whose value is one real number that crosses zero, but it gives "
-                f"{found.dtype} of shape {found.shape}."
+                f"{value.dtype} of shape {value.shape}."
             )
-        return found
+        return value
 
 
 class Detachment(AbstractEvent):
@@ -150,5 +150,5 @@ class Slip(AbstractEvent):
 
     def value(self, system, t, state):
         """μ²N|N| − |f|², which is smooth where f is zero, as μN − |f| is not."""
-        found = reaction(system, t, state)
-        return self.friction**2 * found.normal * jnp.abs(found.normal) - found.friction_squared
+        force = reaction(system, t, state)
+        return self.friction**2 * force.normal * jnp.abs(force.normal) - force.friction_squared

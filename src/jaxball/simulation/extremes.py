@@ -118,14 +118,14 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
         return reaction(packing.system, t, packing.unpack(t, x))
 
     def forces(t, x):
-        found = at(t, x)
+        force = at(t, x)
         # The angle is largest where |f| / N is, and has no spike where N is small.
-        return jnp.stack([-found.normal, found.angle, found.friction])
+        return jnp.stack([-force.normal, force.angle, force.friction])
 
     steps = Steps.of(interpolant.solution, room, reached)
     times, vectors = maxima(steps, forces, packing.field, kinks, 3)
-    values = jax.lax.map(lambda found: at(*found), (times, vectors))
-    found = (values.normal[0], times[0], values.ratio[1], times[1], values.friction[2], times[2])
-    found = once("extremes of the contact force", found)
+    values = jax.lax.map(lambda where: at(*where), (times, vectors))
+    extremes = (values.normal[0], times[0], values.ratio[1], times[1], values.friction[2], times[2])
+    extremes = once("extremes of the contact force", extremes)
     weight = packing.system.total_mass * packing.system.gravity
-    return ContactExtremes(*(jnp.where(started, value, jnp.nan) for value in (*found, weight)))
+    return ContactExtremes(*(jnp.where(started, value, jnp.nan) for value in (*extremes, weight)))

@@ -14,6 +14,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from ..interface.arguments import refusal, require
+from ..interface.printing import is_array
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, default_dtype, require_numbers, to_array
 from ..numerics.masks import differentiated_where
@@ -125,15 +126,15 @@ def simulate(
         _check_dae(state, solver)
     events = checked(system, events)
     method = _Method(
-        checked_solver(solver),
-        _checked_adjoint(adjoint),
-        _checked_progress(progress),
-        checked_steps(max_steps),
-        dense or bool(events),
-        step_to_times,
-        dae,
-        project,
-        inside,
+        solver=checked_solver(solver),
+        adjoint=_checked_adjoint(adjoint),
+        progress=_checked_progress(progress),
+        max_steps=checked_steps(max_steps),
+        dense=dense or bool(events),
+        step_to_times=step_to_times,
+        dae=dae,
+        project=project,
+        inside=inside,
     )
     trajectory = _run(method, system, times, state, rtol, atol, events)
     if events:
@@ -165,8 +166,8 @@ def _run(
     staged = isinstance(jnp.zeros(()), Tracer)
 
     def trajectory_by(method: _Method) -> Trajectory[Any, Any]:
-        found = _program(method)(system, times, state, *others)
-        return Trajectory(system, times, *found, start=state)
+        solved = _program(method)(system, times, state, *others)
+        return Trajectory(system, times, *solved, start=state)
 
     rooms = [room for room in FEW_STEPS if room < method.max_steps and method.dense and not staged]
     for room in rooms:
@@ -378,13 +379,18 @@ def _checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax
 def _check_state(system: AbstractSystem, state: AbstractState) -> None:
     require_state(system, state)
     default = default_of(type(state), default_dtype())
-    for name, value in {} if default is None else vars(default).items():
-        given = getattr(state, name).shape
+    shapes = (
+        {name: np.shape(value) for name, value in vars(default).items() if is_array(value)}
+        if default is not None
+        else {}
+    )
+    for name, shape in shapes.items():
+        given = np.shape(getattr(state, name))
         # Of a sized field the system has checked the length, and not that it is of one state.
-        fits = len(given) == len(value.shape) if name in state.sized else given == value.shape
+        fits = len(given) == len(shape) if name in state.sized else given == shape
         if not fits:
             raise ValueError(
-                f"Argument `state` must be one state, with `{name}` of shape {value.shape}, but its shape is {given}; "
+                f"Argument `state` must be one state, with `{name}` of shape {shape}, but its shape is {given}; "
                 "for many runs use jax.vmap or jaxball.ensemble.simulate_ensemble."
             )
 

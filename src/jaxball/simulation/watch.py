@@ -55,18 +55,18 @@ def stop(events: Mapping[str, AbstractEvent], unpack: Callable[[Array], tuple[Pa
     def condition(name: str) -> Callable:
         def value(t, x, parameters, *, t0, **_):
             packing, events = unpack(parameters)
-            found = events[name].value(packing.system, t, packing.unpack(t, x))
+            level = events[name].value(packing.system, t, packing.unpack(t, x))
             # The start is not a crossing, whatever rounding makes of a zero; what is not a number has no sign.
-            return jnp.where(t == t0, jnp.nan, found)
+            return jnp.where(t == t0, jnp.nan, level)
 
         return value
 
-    found, directions = {}, {}
+    conditions, directions = {}, {}
     for name, event in events.items():
         for direction in (UP, DOWN):
             if event.terminal and event.direction != -direction:
-                found[f"{name} {direction}"], directions[f"{name} {direction}"] = condition(name), direction == UP
-    return diffrax.Event(found, direction=directions) if found else None
+                conditions[f"{name} {direction}"], directions[f"{name} {direction}"] = condition(name), direction == UP
+    return diffrax.Event(conditions, direction=directions) if conditions else None
 
 
 def locate(trajectory: Trajectory[Any, Any], events: Mapping[str, AbstractEvent]) -> Trajectory[Any, Any]:
@@ -90,11 +90,11 @@ def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], 
     assert interpolant is not None
     packing, started = interpolant.packing, trajectory.status != Status.IMPOSSIBLE
     steps = Steps.of(interpolant.solution, room, trajectory.reached)
-    found = _crossings(steps, packing, events)
+    located = _crossings(steps, packing, events)
     end, status = jnp.full_like(trajectory.reached, jnp.inf), trajectory.status
     for name, event in events.items():
         if event.terminal:
-            first = jnp.where(started & (found[name].count > 0), found[name].times[0], jnp.inf)
+            first = jnp.where(started & (located[name].count > 0), located[name].times[0], jnp.inf)
             status = jnp.where(first < end, int(event.status), status)
             end = jnp.minimum(first, end)
     reached, times = jnp.minimum(trajectory.reached, end), jnp.asarray(trajectory.times)
@@ -105,7 +105,7 @@ def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], 
     def cut(leaf):
         return jnp.where((times <= reached).reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, jnp.nan)
 
-    occurrences = {name: _occurrences(packing, found[name], started, reached) for name in events}
+    occurrences = {name: _occurrences(packing, located[name], started, reached) for name in events}
     return eqx.tree_at(
         lambda t: (t.state, t.reached, t.status, t.events),
         trajectory,
@@ -121,19 +121,19 @@ def _crossings(steps: Steps, packing: Packing, events: dict[str, AbstractEvent])
         return jnp.stack([event.value(packing.system, t, state) for event in events.values()])
 
     kinds = [Kind(event.direction, event.from_start, event.room) for event in events.values()]
-    found = once("times and states of events", crossings(steps, values, packing.field, kinds))
-    return dict(zip(events, found, strict=True))
+    located = once("times and states of events", crossings(steps, values, packing.field, kinds))
+    return dict(zip(events, located, strict=True))
 
 
-def _occurrences(packing: Packing, found: Crossings, started: Array, reached: Float[Array, ""]) -> Occurrences:
-    within = (found.times <= reached) & started
-    late = jnp.sum(jnp.isfinite(found.times) & ~within)
-    states = jax.vmap(packing.unpack_where)(within, found.times, found.vectors)
+def _occurrences(packing: Packing, crossings: Crossings, started: Array, reached: Float[Array, ""]) -> Occurrences:
+    within = (crossings.times <= reached) & started
+    late = jnp.sum(jnp.isfinite(crossings.times) & ~within)
+    states = jax.vmap(packing.unpack_where)(within, crossings.times, crossings.vectors)
 
     return Occurrences(
-        count=jnp.where(started, found.count - late, 0),
-        times=jnp.where(within, found.times, jnp.nan),
+        count=jnp.where(started, crossings.count - late, 0),
+        times=jnp.where(within, crossings.times, jnp.nan),
         state=states,
-        least=found.least,
-        largest=found.largest,
+        least=crossings.least,
+        largest=crossings.largest,
     )
