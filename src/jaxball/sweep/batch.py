@@ -45,7 +45,7 @@ class Batch(NamedTuple):
     def shared_once(self) -> tuple[Any, Any]:
         """System and state, with the arrays that do not change as a single one has them."""
         return jax.tree.map(
-            lambda axis, leaf: leaf[0] if axis is None else leaf,
+            lambda axis, part: jax.tree.map(lambda leaf: leaf[0], part) if axis is None else part,
             self.in_axes,
             (self.system, self.state),
             is_leaf=lambda axis: axis is None,
