@@ -34,9 +34,12 @@ if TYPE_CHECKING:
     import xarray
 
 
-# For type checkers, a trajectory is of a ball or a disk unless it is said to be of something else.
-AnySystem = TypeVar("AnySystem", bound=AbstractSystem, default=System)
-AnyState = TypeVar("AnyState", bound=AbstractState, default=State)
+if TYPE_CHECKING:  # a trajectory is of a ball or a disk unless it is said to be of something else
+    AnySystem = TypeVar("AnySystem", bound=AbstractSystem, default=System)
+    AnyState = TypeVar("AnyState", bound=AbstractState, default=State)
+else:  # from Python 3.13 on, beartype takes a default for all that a value may be
+    AnySystem = TypeVar("AnySystem", bound=AbstractSystem)
+    AnyState = TypeVar("AnyState", bound=AbstractState)
 
 
 class Interpolant(eqx.Module, Generic[AnyState]):
