@@ -12,7 +12,7 @@ from jaxball.design import DesignError
 from jaxball.design.control.files import TABLE, read_control
 from jaxball.design.files import problem_of
 from jaxball.scenario import builtin_scenarios, builtin_text, read_scenario
-from jaxball.scenario.within import document_of
+from jaxball.scenario.sources import document_of
 from jaxball.sweep import read_study
 
 ROOT = Path(__file__).parents[2]

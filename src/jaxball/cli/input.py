@@ -6,7 +6,7 @@ from typing import Any
 
 from ..scenario import Scenario, ScenarioError, load_scenario, read_document, read_scenario, scenario_text
 from ..scenario.paths import with_values
-from ..scenario.within import document_of, naming
+from ..scenario.sources import document_of, naming
 
 STDIN = "-"
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from ..scenario.errors import each_of
+from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Family, Key, keys_of, read_family, read_list, read_table
 from ..scenario.values import (
     NOT_NEGATIVE,
@@ -21,7 +22,6 @@ from ..scenario.values import (
     shown,
     unread,
 )
-from ..scenario.within import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from .errors import DesignError
 from .families import PLANE, constraints_of, objectives_of, plane_of
 from .perturbations import Perturbations

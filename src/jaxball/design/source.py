@@ -9,7 +9,7 @@ import tomli_w
 
 from ..results import OutputError, replacing
 from ..results.provenance import PACKAGES
-from ..scenario.within import scenario_document
+from ..scenario.sources import scenario_document
 from .errors import DesignError
 
 COPY = "problem.toml"

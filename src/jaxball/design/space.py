@@ -100,18 +100,18 @@ class DesignSpace:
     def document_of(self, x: Float[np.ndarray, " n"]) -> dict[str, Any]:
         """The scenario's document with values ``x`` of the variables."""
         values = np.concatenate([value * np.asarray(v.factors) for value, v in zip(x, self.variables, strict=True)])
-        found = with_numbers(self.document, dict(zip(self._paths, values.tolist(), strict=True)))
+        document = with_numbers(self.document, dict(zip(self._paths, values.tolist(), strict=True)))
         if self._moves("initial.versor"):
-            q = np.asarray(found["initial"]["versor"])
-            found["initial"] = {**found["initial"], "versor": (q / np.linalg.norm(q)).tolist()}
-        for item in found.get("masses", []):
+            q = np.asarray(document["initial"]["versor"])
+            document["initial"] = {**document["initial"], "versor": (q / np.linalg.norm(q)).tolist()}
+        for item in document.get("masses", []):
             frame = item.get("rail", {}).get("frame", {})
             if "elevation" in frame:
                 frame["azimuth"], frame["elevation"] = principal_angles(frame["azimuth"], frame["elevation"])
-        if self._moves("time") and "step" in found["time"]:
-            found["time"] = {**found["time"], "saves": self.scenario.times.size}
-            del found["time"]["step"]
-        return found
+        if self._moves("time") and "step" in document["time"]:
+            document["time"] = {**document["time"], "saves": self.scenario.times.size}
+            del document["time"]["step"]
+        return document
 
     def scenario_of(self, x: Float[np.ndarray, " n"]) -> Scenario:
         """The scenario with values ``x`` of the variables.

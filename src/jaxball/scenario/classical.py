@@ -105,8 +105,8 @@ def write_classical(system: AbstractSystem, state: AbstractState) -> dict[str, A
 
 def _read_state(kind: type[AbstractClassicalState], values: Any) -> AbstractClassicalState:
     if kind is RigidBodyState:
-        choice, found = read_one_of(values, "initial", _ORIENTED, otherwise=_OMEGA)
-        return RigidBodyState(**read_orientation(choice, found, "initial"))
+        choice, table = read_one_of(values, "initial", _ORIENTED, otherwise=_OMEGA)
+        return RigidBodyState(**read_orientation(choice, table, "initial"))
     return kind(**read_table(values, "initial", _PARTICLES[kind]))
 
 

@@ -19,10 +19,10 @@ from .masses import CHOICES as MASSES, read_masses, write_masses
 from .scenario import Scenario
 from .shell import check_confined
 from .solve import SOLVE, check_dae
+from .sources import document_of, naming, text_of
 from .table import Key, keys_of, read_table, write_table
 from .times import TIMES, SaveTimes, read_times, write_times
 from .values import Choice, Integer, ScenarioError, Text, unread
-from .within import document_of, naming, text_of
 
 FORMAT = 1
 BODIES = ("ball", "disk")
@@ -156,7 +156,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
     kind = str(document.get("kind"))
     if kind not in BODIES:
         read_table(document, "", KEYS)
-    found, shell, force, times, solve, masses, initial = each_of(
+    table, shell, force, times, solve, masses, initial = each_of(
         lambda: read_table(document, "", KEYS),
         lambda: "body" in document and read_shell(document["body"], "body", kind),
         lambda: read_force(document["force"], "force", kind) if "force" in document else None,
@@ -169,24 +169,24 @@ def read_contents(document: dict[str, Any]) -> Contents:
         shell["force"] = force
     start = times.start
     masses = balanced(masses, shell, initial, "initial", kind, start)
-    actuation = {"form": "prescribed"} if found["actuation"] is None else found["actuation"]
+    actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]
     masses, law, followed = apply_actuation(actuation, "actuation", masses)
     system = (Disk if kind == "disk" else Ball)(**shell, masses=masses, law=law)
     state = initial_state(initial, "initial", kind, followed, start)
     check_dae(system, solve["solver"], solve["dae"])
     check_confined(system, namespace(times.start, times.end).stack([times.start, times.end]), state)
-    return Contents(found["title"], system, state, times, solve)
+    return Contents(table["title"], system, state, times, solve)
 
 
 def _read_classical(document: dict[str, Any]) -> Contents:
-    found, times, solve = each_of(
+    table, times, solve = each_of(
         lambda: read_table(document, "", CLASSICAL_KEYS),
         lambda: "time" in document and read_times(document["time"], "time"),
         lambda: read_table(document.get("solve", {}), "solve", SOLVE),
     )
-    system, state = read_classical(found["kind"], found["body"], found["initial"], times.start)
+    system, state = read_classical(table["kind"], table["body"], table["initial"], times.start)
     check_dae(system, solve["solver"], solve["dae"])
-    return Contents(found["title"], system, state, times, solve)
+    return Contents(table["title"], system, state, times, solve)
 
 
 def write_scenario(scenario: Scenario) -> str:
@@ -207,14 +207,14 @@ def write_scenario(scenario: Scenario) -> str:
     >>> bool((again.times == scenario.times).all())
     True
     """
-    found = {
+    tables = {
         "format": FORMAT,
         "title": scenario.title,
         **_tables(scenario.system, scenario.state),
         "time": write_times(scenario.times),
         "solve": write_table({name: getattr(scenario, name) for name in SOLVE}, "solve", SOLVE),
     }
-    return tomli_w.dumps({name: value for name, value in found.items() if value not in ({}, [], "")})
+    return tomli_w.dumps({name: value for name, value in tables.items() if value not in ({}, [], "")})
 
 
 def _tables(system: AbstractSystem, state: Any) -> dict[str, Any]:

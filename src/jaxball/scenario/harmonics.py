@@ -20,15 +20,15 @@ SERIES = {name: f"series.{name}" for name in ("constant", *WAVES)}
 PATH = {name: f"path.{name}" for name in ("constant", *WAVES)}
 
 
-def check_lengths(found: dict[str, Any], path: str) -> None:
+def check_lengths(table: dict[str, Any], path: str) -> None:
     """Raises unless there is one amplitude for each frequency, and one phase if any."""
-    n = len(found["frequency"])
+    n = len(table["frequency"])
     for name in ("amplitude", "phase"):
-        if len(found[name]) != n and not (name == "phase" and len(found[name]) == 0):
+        if len(table[name]) != n and not (name == "phase" and len(table[name]) == 0):
             raise key_error(
                 join(path, name),
                 f"as long as `frequency`, which has {counted(n, 'entry', 'entries')}",
-                f"one of {len(found[name])}",
+                f"one of {len(table[name])}",
             )
 
 

@@ -22,7 +22,7 @@ from .values import ANGLE, LENGTH, NOT_ALL_ZERO, RATE, Flag, Indices, Nested, Nu
 _BALANCE_KEYS = {"masses": Key(Indices()), "above": Key(Flag(), None)}
 _BALANCE = Nested(
     lambda values, path: read_table(values, path, _BALANCE_KEYS),
-    lambda found, path: write_table(found, path, _BALANCE_KEYS),
+    lambda table, path: write_table(table, path, _BALANCE_KEYS),
     tables={"": _BALANCE_KEYS},
 )
 _DRIVEN = {
@@ -86,21 +86,21 @@ def _length(x: Any) -> Any:
 
 
 def initial_state(
-    found: dict[str, Any], path: str, kind: str, schedules: Sequence[AbstractSchedule], start: Any
+    fields: dict[str, Any], path: str, kind: str, schedules: Sequence[AbstractSchedule], start: Any
 ) -> BallState | DiskState:
     """The state; θ and θ̇ of driven masses are those of their schedules unless they are given."""
-    found = {name: value for name, value in found.items() if name != "balance"}
+    fields = {name: value for name, value in fields.items() if name != "balance"}
     for name in ("theta", "thetadot"):
-        given = found[name]
+        given = fields[name]
         if given is None:
-            found[name] = starting_angles(tuple(schedules), to_array(start))[name] if schedules else ()
+            fields[name] = starting_angles(tuple(schedules), to_array(start))[name] if schedules else ()
         elif len(given) != len(schedules):
             raise key_error(
                 join(path, name),
                 f"a list of {counted(len(schedules), 'number')}, one for each mass that a law drives",
                 f"one of {len(given)}",
             )
-    return (DiskState if kind == "disk" else BallState)(**found)
+    return (DiskState if kind == "disk" else BallState)(**fields)
 
 
 @jax.jit
@@ -113,20 +113,20 @@ def starting_angles(
 
 
 def balanced(
-    masses: list[PointMass], shell: dict[str, Any], found: dict[str, Any], path: str, kind: str, start: Any
+    masses: list[PointMass], shell: dict[str, Any], fields: dict[str, Any], path: str, kind: str, start: Any
 ) -> list[PointMass]:
     """The masses, their schedules moved so that the centre of mass starts above or below the centre."""
-    wanted = found["balance"]
+    wanted = fields["balance"]
     if wanted is None:
         return masses
     path = join(path, "balance")
     on_rails = [index for index, item in enumerate(masses) if isinstance(item.motion, OnRail)]
     if not set(wanted["masses"]) <= set(on_rails):
         raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(wanted["masses"])))
-    if found["theta"] is not None:
+    if fields["theta"] is not None:
         raise ScenarioError(f"Key `{path}` cannot stand beside `theta`, because it finds the angles.")
     system = (Disk if kind == "disk" else Ball)(**shell, masses=masses)
-    state = initial_state({**found, "thetadot": None}, path, kind, (), start)
+    state = initial_state({**fields, "thetadot": None}, path, kind, (), start)
     try:
         answer = outside_of_traces(
             lambda: balance(system, wanted["masses"], above=wanted["above"], state=state, t=start)
@@ -152,7 +152,7 @@ def write_initial(system: System, state: State) -> dict[str, Any]:
         )
     driven = {name: getattr(state, name) if system.driven else None for name in ("theta", "thetadot")}
     if isinstance(state, DiskState):
-        found = {name: getattr(state, name) for name in ("phi", "phidot", "z")}
-        return write_table({**found, **driven, "balance": None}, "initial", _DISK)
-    found = {"versor": state.q, "Omega": state.Omega, "z": state.z, **driven, "balance": None}
-    return write_table(found, "initial", _CHOICES["versor"])
+        fields = {name: getattr(state, name) for name in ("phi", "phidot", "z")}
+        return write_table({**fields, **driven, "balance": None}, "initial", _DISK)
+    fields = {"versor": state.q, "Omega": state.Omega, "z": state.z, **driven, "balance": None}
+    return write_table(fields, "initial", _CHOICES["versor"])

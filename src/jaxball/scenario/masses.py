@@ -31,10 +31,10 @@ def read_masses(values: Any, path: str) -> list[PointMass]:
 
 
 def _read_mass(values: Any, path: str) -> PointMass:
-    kind, found = read_one_of(values, path, CHOICES)
+    kind, table = read_one_of(values, path, CHOICES)
     if kind == "rail":
-        return PointMass(found["mass"], OnRail(found["rail"], found["schedule"]))
-    return PointMass(found["mass"], Fixed(found["position"]) if kind == "position" else found["free"])
+        return PointMass(table["mass"], OnRail(table["rail"], table["schedule"]))
+    return PointMass(table["mass"], Fixed(table["position"]) if kind == "position" else table["free"])
 
 
 def write_masses(system: System, path: str) -> list[dict[str, Any]]:

@@ -93,7 +93,7 @@ def with_values(document: Mapping[str, Any], changes: Sequence[str]) -> dict[str
 
     **Raises:** :class:`ScenarioError` for what is no change, and for an entry that a list does not have.
     """
-    found = copy.deepcopy(dict(document))
+    changed = copy.deepcopy(dict(document))
     for change in changes:
         path, equals, text = change.partition("=")
         path = path.strip()
@@ -102,12 +102,12 @@ def with_values(document: Mapping[str, Any], changes: Sequence[str]) -> dict[str
                 f'A change must be PATH=VALUE, such as body.mass=2 or masses[0].mass=0.3, but it is "{change}".'
             )
         way = steps(path)
-        place: Any = found
+        place: Any = changed
         for depth, after in enumerate(way[1:], start=1):
             place = _entry(place, way[:depth], path, {} if isinstance(after, str) else None)
         _entry(place, way, path, 0)
         place[way[-1]] = _value(text.strip(), path)
-    return found
+    return changed
 
 
 def _entry(place: Any, way: Sequence[str | int], path: str, missing: Any) -> Any:

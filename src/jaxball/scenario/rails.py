@@ -15,14 +15,14 @@ CENTRE = Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0))
 PLACE = {"centre": CENTRE, "frame": FRAME}
 
 
-def _check_harmonics(found: dict[str, Any], path: str) -> None:
-    n, m = len(found["cosine"]), len(found["sine"])
+def _check_harmonics(table: dict[str, Any], path: str) -> None:
+    n, m = len(table["cosine"]), len(table["sine"])
     if m != n:
         raise key_error(join(path, "sine"), f"as long as `cosine`, which has {counted(n, 'row')}", f"one of {m}")
 
 
-def _check_points(found: dict[str, Any], path: str) -> None:
-    n = len(found["points"])
+def _check_points(table: dict[str, Any], path: str) -> None:
+    n = len(table["points"])
     if n < 3:
         raise key_error(join(path, "points"), "a list of three points or more", f"one of {n}")
 

@@ -14,15 +14,15 @@ NO_RATE = Key(Numbers(dimension=RATE), 0.0)
 TIMES = Numbers((None,), INCREASING, TIME)
 
 
-def _check_pulse(found: dict[str, Any], path: str) -> None:
+def _check_pulse(table: dict[str, Any], path: str) -> None:
     for earlier, later, must in (("start", "hold", "not before"), ("hold", "end", "later than")):
-        first, second = found[earlier], found[later]
+        first, second = table[earlier], table[later]
         holds = second > first if later == "end" else second >= first
         require(holds, join(path, later), f"{must} `{earlier}` = {first!r}", lambda second=second: repr(second))
 
 
-def _check_pieces(found: dict[str, Any], path: str) -> None:
-    times, rows = len(found["times"]), len(found["accelerations"])
+def _check_pieces(table: dict[str, Any], path: str) -> None:
+    times, rows = len(table["times"]), len(table["accelerations"])
     if times != rows + 1:
         raise key_error(
             join(path, "accelerations"),
@@ -31,8 +31,8 @@ def _check_pieces(found: dict[str, Any], path: str) -> None:
         )
 
 
-def _check_waypoints(found: dict[str, Any], path: str) -> None:
-    times, angles = len(found["times"]), len(found["angles"])
+def _check_waypoints(table: dict[str, Any], path: str) -> None:
+    times, angles = len(table["times"]), len(table["angles"])
     if times < 2:
         raise key_error(join(path, "times"), "a list of two times or more", f"one of {times}")
     if angles != times:

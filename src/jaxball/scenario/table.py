@@ -46,16 +46,16 @@ class Module:
 
     def read(self, values: Any, path: str) -> Any:
         """The object that a table describes."""
-        found = read_table(values, path, self.keys)
+        table = read_table(values, path, self.keys)
         if self.check is not None:
-            self.check(found, path)
-        given = {name: value for name, value in found.items() if value is not None}
+            self.check(table, path)
+        given = {name: value for name, value in table.items() if value is not None}
         return (self.build or self.type)(**given)
 
     def write(self, item: Any, path: str) -> dict[str, Any]:
         """The table that describes an object."""
-        found = {name: attrgetter(self.attributes.get(name, name))(item) for name in self.keys}
-        return write_table(found, path, self.keys)
+        contents = {name: attrgetter(self.attributes.get(name, name))(item) for name in self.keys}
+        return write_table(contents, path, self.keys)
 
     @property
     def nested(self) -> Nested:
@@ -84,15 +84,15 @@ def read_table(values: Any, path: str, keys: Keys) -> dict[str, Any]:
         return key.default
 
     readers = [functools.partial(value, name, key) for name, key in keys.items()]
-    _, *found = each_of(lambda: refuse_unknown(values, path, keys), *readers)
-    return dict(zip(keys, found, strict=True))
+    _, *read = each_of(lambda: refuse_unknown(values, path, keys), *readers)
+    return dict(zip(keys, read, strict=True))
 
 
-def write_table(found: Mapping[str, Any], path: str, keys: Keys) -> dict[str, Any]:
-    """The table with the values ``found``; what has its default is left out."""
+def write_table(contents: Mapping[str, Any], path: str, keys: Keys) -> dict[str, Any]:
+    """The table with the values ``contents``; what has its default is left out."""
     table = {}
     for name, key in keys.items():
-        value = None if found[name] is None else key.kind.write(found[name], join(path, name))
+        value = None if contents[name] is None else key.kind.write(contents[name], join(path, name))
         if value is not None and not _is_default(value, key):
             table[name] = value
     return table

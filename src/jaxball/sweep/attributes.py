@@ -1,14 +1,16 @@
 """Whose a store is: what its attributes say of the study and of the versions that computed it."""
 
+import importlib.metadata
 import json
 import os
+import subprocess
 from pathlib import Path
 from typing import Any
 
 from .errors import StoreError
 from .study import Study
-from .versions import versions
 
+PACKAGES = ("jaxball", "jax", "jaxlib", "diffrax", "numpy", "scipy")
 LAYOUT = "2"  # counted up when stores are written otherwise
 
 
@@ -36,3 +38,24 @@ def read_attributes(folder: Path) -> dict[str, Any]:
     if not isinstance(attributes, dict) or not {"scenario", "axes", "settings"} <= attributes.keys():
         raise StoreError(f'"{folder}" must be the store of a study, but it is something else; it is left as it is.')
     return attributes
+
+
+def versions() -> dict[str, str]:
+    """The version of each package, and the git commit of a working copy of jaxball, empty where there is none."""
+    known = {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
+    return known | {"commit": _commit()}
+
+
+def _commit() -> str:
+    here = Path(__file__)
+    try:
+        # An installed package may lie in a folder of somebody else's repository, which does not track it.
+        _git("ls-files", "--error-unmatch", here.name)
+        return _git("rev-parse", "HEAD")
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", "-C", str(Path(__file__).parent), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()

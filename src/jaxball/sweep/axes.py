@@ -147,49 +147,49 @@ def read_axis(values: Any, path: str, folder: Path) -> Axis:
 
     **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence that names the key.
     """
-    choice, found = read_one_of(values, path, AXES)
-    return _READERS[choice](found, path, folder)
+    choice, table = read_one_of(values, path, AXES)
+    return _READERS[choice](table, path, folder)
 
 
-def _listed(found: dict[str, Any], path: str, folder: Path) -> Axis:
-    return Listed(found["path"], tuple(found["values"].tolist()))
+def _listed(table: dict[str, Any], path: str, folder: Path) -> Axis:
+    return Listed(table["path"], tuple(table["values"].tolist()))
 
 
-def _linear(found: dict[str, Any], path: str, folder: Path) -> Axis:
-    limits = read_table(found["linear"], f"{path}.linear", _RANGE)
-    return Ranged(found["path"], limits["from"], limits["to"], limits["count"], False)
+def _linear(table: dict[str, Any], path: str, folder: Path) -> Axis:
+    limits = read_table(table["linear"], f"{path}.linear", _RANGE)
+    return Ranged(table["path"], limits["from"], limits["to"], limits["count"], False)
 
 
-def _log(found: dict[str, Any], path: str, folder: Path) -> Axis:
-    limits = read_table(found["log"], f"{path}.log", _RANGE)
+def _log(table: dict[str, Any], path: str, folder: Path) -> Axis:
+    limits = read_table(table["log"], f"{path}.log", _RANGE)
     for name in ("from", "to"):
         if limits[name] <= 0:
             raise key_error(f"{path}.log.{name}", "a positive number", repr(limits[name]))
-    return Ranged(found["path"], limits["from"], limits["to"], limits["count"], True)
+    return Ranged(table["path"], limits["from"], limits["to"], limits["count"], True)
 
 
-def _designed(found: dict[str, Any], path: str, folder: Path) -> Axis:
-    numbers, count = found["numbers"], found["count"]
+def _designed(table: dict[str, Any], path: str, folder: Path) -> Axis:
+    numbers, count = table["numbers"], table["count"]
     if not isinstance(numbers, dict) or not numbers:
         raise key_error(f"{path}.numbers", "a table with a distribution for each path", shown(numbers))
-    if found["design"] == "sobol" and count & (count - 1):
+    if table["design"] == "sobol" and count & (count - 1):
         raise key_error(f"{path}.count", "a power of two for a Sobol design", repr(count))
     distributions = tuple(read_distribution(item, f'{path}.numbers."{name}"') for name, item in numbers.items())
-    return Designed(found["design"], count, found["seed"], tuple(numbers), distributions)
+    return Designed(table["design"], count, table["seed"], tuple(numbers), distributions)
 
 
-def _from_file(found: dict[str, Any], path: str, folder: Path) -> Axis:
-    file = (folder / found["points"]).resolve()
+def _from_file(table: dict[str, Any], path: str, folder: Path) -> Axis:
+    file = (folder / table["points"]).resolve()
     names, digest, size = read_points(file)
     if not size:
         raise StudyError(f'Key `{path}.points` must be a file with one row or more, but "{file}" has none.')
     return FromFile(file, digest, names, size)
 
 
-def _zipped(found: dict[str, Any], path: str, folder: Path) -> Axis:
-    if not isinstance(found["zip"], list) or not found["zip"]:
-        raise key_error(f"{path}.zip", _TABLES.words, shown(found["zip"]))
-    members = tuple(read_axis(item, f"{path}.zip[{k}]", folder) for k, item in enumerate(found["zip"]))
+def _zipped(table: dict[str, Any], path: str, folder: Path) -> Axis:
+    if not isinstance(table["zip"], list) or not table["zip"]:
+        raise key_error(f"{path}.zip", _TABLES.words, shown(table["zip"]))
+    members = tuple(read_axis(item, f"{path}.zip[{k}]", folder) for k, item in enumerate(table["zip"]))
     sizes = [member.size for member in members]
     if len(set(sizes)) > 1:
         raise key_error(f"{path}.zip", "axes with the same number of points", f"axes with {sizes}")

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..scenario import Scenario
-from .finds import Find
+from .reductions import Find
 
 
 class Batch(NamedTuple):

@@ -56,7 +56,7 @@ def scenario_chart(
         at = places[up.astype(int), right.astype(int)]
         return jax.tree.map(lambda leaf: leaf[at], several)
 
-    found = chart(
+    data = chart(
         make,
         {axis.path: np.arange(axis.size) for axis in axes},
         (template.times[0], template.times[-1] if end is None else end),
@@ -69,6 +69,6 @@ def scenario_chart(
     )
     impossible = np.setdiff1d(cells, possible)
     for name in ("exponent", "exponent_regardless", "standard_error", "least_normal_force"):
-        found[name].values.ravel()[impossible] = np.nan
-    found["status"].values.ravel()[impossible] = Status.IMPOSSIBLE
-    return found.assign_coords({axis.path: axis.values(np.arange(axis.size))[:, 0] for axis in axes})
+        data[name].values.ravel()[impossible] = np.nan
+    data["status"].values.ravel()[impossible] = Status.IMPOSSIBLE
+    return data.assign_coords({axis.path: axis.values(np.arange(axis.size))[:, 0] for axis in axes})

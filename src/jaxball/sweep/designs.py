@@ -15,8 +15,8 @@ def random(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed
     different, places = np.unique(indices, return_inverse=True)
     runs = np.split(different, np.flatnonzero(np.diff(different) > 1) + 1)
     bits = [np.random.Philox(key=seed, counter=int(run[0]) * blocks).random_raw(4 * blocks * len(run)) for run in runs]
-    found = np.concatenate(bits).reshape(-1, 4 * blocks)[places, :dimension]
-    return (found >> np.uint64(11)).astype(float) * 2.0**-53
+    words = np.concatenate(bits).reshape(-1, 4 * blocks)[places, :dimension]
+    return (words >> np.uint64(11)).astype(float) * 2.0**-53
 
 
 def latin_hypercube(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:

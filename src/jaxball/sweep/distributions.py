@@ -55,8 +55,8 @@ def read_distribution(values: Any, path: str) -> Distribution:
 
     **Raises:** :class:`~jaxball.scenario.ScenarioError` for an unknown one, and for numbers that it cannot have.
     """
-    kind, found = read_one_of(values, path, DISTRIBUTIONS)
-    first, second = map(float, found[kind])
+    kind, table = read_one_of(values, path, DISTRIBUTIONS)
+    first, second = map(float, table[kind])
     path, got = f"{path}.{kind}", shown(values[kind])
     if kind in ("uniform", "log-uniform") and not first < second:
         raise key_error(path, "two numbers, the smaller one first", got)

@@ -10,8 +10,8 @@ from ..ensemble.quantities import CONTACT
 from ..physics.body import Ball, Disk
 from ..scenario.solve import SOLVERS
 from .batch import Batch, Wanted
-from .finds import solved_in_lanes
-from .plain import solve_by_vmap
+from .reductions import solved_in_lanes
+from .vmap import solve_by_vmap
 
 # The same for any number of threads, so that results are the same to the last bit.
 BLOCK = 2048
@@ -30,18 +30,18 @@ def solve_in_lanes(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
     """
     if not solved_in_lanes(batch.template):
         return solve_by_vmap(batch, wanted)
-    found = _solved(batch, wanted, _contact(batch, wanted) | _finds(wanted))
+    solved = _solved(batch, wanted, _contact(batch, wanted) | _finds(wanted))
     if not wanted.detachment:
-        return found
-    detached = np.flatnonzero(found["least_normal_force"] <= 0)
+        return solved
+    detached = np.flatnonzero(solved["least_normal_force"] <= 0)
     ended = _ended(batch.take(detached), wanted) if detached.size else {}
-    return found | {name: _replaced(found[name], detached, array) for name, array in ended.items()}
+    return solved | {name: _replaced(solved[name], detached, array) for name, array in ended.items()}
 
 
 def _solved(batch: Batch, wanted: Wanted, reductions: Mapping[str, AbstractReduction]) -> dict[str, np.ndarray]:
     first = batch.template
     system, state = batch.shared_once()
-    found = simulate_ensemble(
+    ensemble = simulate_ensemble(
         system,
         batch.times,
         state,
@@ -54,9 +54,9 @@ def _solved(batch: Batch, wanted: Wanted, reductions: Mapping[str, AbstractReduc
         block=min(wanted.most, BLOCK),
         threads=wanted.threads,
     )
-    trajectory = found.trajectory
+    trajectory = ensemble.trajectory
     rows = {name: np.asarray(getattr(trajectory, name)) for name in ("status", "steps", "rejected", "reached")}
-    return rows | jax.tree.map(np.asarray, vars(trajectory.state)) | jax.tree.map(np.asarray, found.reductions)
+    return rows | jax.tree.map(np.asarray, vars(trajectory.state)) | jax.tree.map(np.asarray, ensemble.reductions)
 
 
 def _ended(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
@@ -66,8 +66,8 @@ def _ended(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
     if not finds:
         return ended
     until = np.stack([batch.times[:, 0], ended["reached"]], axis=1)
-    found = _solved(batch._replace(times=until), wanted, finds)
-    return ended | {name + end: found[name + end] for name, item in finds.items() for end in item.ends}
+    until_then = _solved(batch._replace(times=until), wanted, finds)
+    return ended | {name + end: until_then[name + end] for name, item in finds.items() for end in item.ends}
 
 
 def _contact(batch: Batch, wanted: Wanted) -> dict[str, AbstractReduction]:

@@ -58,12 +58,12 @@ def estimate(study: Study, engine: Engine = solve_in_lanes, *, measure: bool = F
     outputs = outputs_of(study, template)
     rows = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks
     points = sum(8 * axis.size * len(axis.paths) for axis in study.axes)
-    found = Estimate(study.rows, study.chunks, rows + points)
+    unmeasured = Estimate(study.rows, study.chunks, rows + points)
     if not measure:
-        return found
+        return unmeasured
     tried = np.unique(np.linspace(0, study.rows - 1, min(TRIED, study.chunk)).astype(int))
     first, second = (_seconds(lambda: compute(study, template, outputs, tried, engine)) for _ in range(2))
-    return found._replace(compiling=max(0.0, first - second), solving=second * study.rows / len(tried))
+    return unmeasured._replace(compiling=max(0.0, first - second), solving=second * study.rows / len(tried))
 
 
 def _seconds(call: Callable[[], Any]) -> float:

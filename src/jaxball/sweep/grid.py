@@ -15,9 +15,11 @@ def crossed(data: xarray.Dataset, points: xarray.Dataset) -> xarray.Dataset:
     """The rows in ``data`` along the axes of their study; ``points`` are the values along these."""
     axes, shape = dimensions(data.attrs["paths"], data.attrs["path_axis"]), tuple(data.attrs["shape"])
     counted = {name: np.arange(size) for name, size in zip(axes, shape, strict=True) if name not in points.variables}
-    found = {name: _crossed(item, axes, shape) for name, item in data.variables.items() if name not in points.variables}
-    coordinates = {name: found.pop(name) for name in data.coords if name in found}
-    return xarray.Dataset(found, {**counted, **points.variables, **coordinates}, data.attrs)
+    crossed = {
+        name: _crossed(item, axes, shape) for name, item in data.variables.items() if name not in points.variables
+    }
+    coordinates = {name: crossed.pop(name) for name in data.coords if name in crossed}
+    return xarray.Dataset(crossed, {**counted, **points.variables, **coordinates}, data.attrs)
 
 
 def _crossed(variable: Any, axes: list[str], shape: tuple[int, ...]) -> Any:
@@ -43,5 +45,5 @@ class _Crossed(BackendArray):
         strides = np.cumprod([1, *self.axes[:0:-1]])[::-1]
         places = [stride * np.arange(size)[k] for stride, size, k in zip(strides, self.axes, along, strict=True)]
         rows = np.asarray(functools.reduce(np.add.outer, places))
-        found = self.variable[(rows.ravel(), *rest)].values
-        return found.reshape(rows.shape + found.shape[1:])
+        values = self.variable[(rows.ravel(), *rest)].values
+        return values.reshape(rows.shape + values.shape[1:])

@@ -45,31 +45,31 @@ class Output(NamedTuple):
 
 def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
     """Every variable of a study's store by name: the row, the numbers that change, and the results."""
-    found = {"row": Output((), (), np.dtype(np.int64), "", "row of the study", True)}
+    outputs = {"row": Output((), (), np.dtype(np.int64), "", "row of the study", True)}
     for path in study.paths:
-        found[path] = _number("", f"the number {path} of the scenario", coordinate=True)
+        outputs[path] = _number("", f"the number {path} of the scenario", coordinate=True)
     for name, (dtype, units, meaning) in _PER_ROW.items():
-        found[name] = Output((), (), np.dtype(dtype), units, meaning)
+        outputs[name] = Output((), (), np.dtype(dtype), units, meaning)
     saves = (template.times.size,) if study.save == "times" else ()
     dimensions = ("save",) * len(saves)
     if saves:
-        found["time"] = Output(dimensions, saves, np.dtype(np.float64), "time", "save time", True)
+        outputs["time"] = Output(dimensions, saves, np.dtype(np.float64), "time", "save time", True)
     for name, leaf in vars(template.state).items():
         shape = np.shape(leaf)
         if np.prod(shape) > 0:
             known = _variable(template, name, shape)
-            found[name] = Output(
+            outputs[name] = Output(
                 (*dimensions, *known.dimensions), (*saves, *shape), np.dtype(np.float64), known.units, known.meaning
             )
     for name in CONTACT if study.contact else ():
         units = "1" if name == "friction_needed" else "time" if name.endswith("_time") else "force"
-        found[name] = _number(units, name.replace("_", " ") + " of the run")
+        outputs[name] = _number(units, name.replace("_", " ") + " of the run")
     for find in study.finds:
         for name, end in ((find.name + end, end) for end in find.reduction().ends):
-            if find.kind and (name in found or name == AXES):
+            if find.kind and (name in outputs or name == AXES):
                 raise StudyError(f"Key `find` must give names that the store has not yet, but `{name}` is taken.")
-            found[name] = _number("time" if end == "_time" else "", f"{name.replace('_', ' ')} of the run")
-    return found
+            outputs[name] = _number("time" if end == "_time" else "", f"{name.replace('_', ' ')} of the run")
+    return outputs
 
 
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:

@@ -51,11 +51,9 @@ def read_rows(
             f"{int(parts.times.count[k])}; give `time.saves` instead of `time.step`."
         )
     # Steps are as they would be without the times between, and where `ends_only` nothing looks there.
-    times = _times(together, template, possible, ends_only)
-    whole = Batch(
-        template, parts.system, parts.times.start, parts.state, parts.rtol, parts.atol, in_axes=together.in_axes
-    )
-    return possible, (whole if possible.size == len(rows) else whole.take(possible))._replace(times=times)
+    times = _times(together, template, ends_only)
+    batch = Batch(template, parts.system, times, parts.state, parts.rtol, parts.atol, together.in_axes)
+    return possible, batch if possible.size == len(rows) else batch.take(possible)
 
 
 class _Together(NamedTuple):
@@ -105,14 +103,16 @@ def _compiled(text: str, paths: tuple[str, ...]) -> tuple[Structure, Callable[[n
     return structure, jax.jit(jax.vmap(read))
 
 
-def _times(together: _Together, template: Scenario, rows: np.ndarray, ends_only: bool) -> np.ndarray:
-    times = jax.tree.map(lambda leaf: leaf[rows], together.parts.times)
+def _times(together: _Together, template: Scenario, ends_only: bool) -> Float[np.ndarray, "rows times"]:
+    """The save times of every row, not to be looked at where it is impossible."""
+    times = together.parts.times
     if not together.times_differ:
         kept = template.times[[0, -1]] if ends_only else template.times
-        return np.broadcast_to(kept, (rows.size, kept.size))
+        return np.broadcast_to(kept, (together.possible.size, kept.size))
     if ends_only:
         return np.stack([times.start, times.end], axis=1)
-    return np.ascontiguousarray(times.array(template.times.size))
+    with np.errstate(all="ignore"):
+        return np.ascontiguousarray(times.array(template.times.size))
 
 
 def _read_one_by_one(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Together:

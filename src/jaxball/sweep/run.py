@@ -1,4 +1,4 @@
-"""A study run, or gone on with: chunks computed by workers, each written to the store as it ends."""
+"""A study run, or resumed: chunks computed by workers, each written to the store as it ends."""
 
 import concurrent.futures
 import contextlib
@@ -54,9 +54,9 @@ def sweep(
     engine: Engine = solve_in_lanes,
     stream: Stream | None = None,
 ) -> Outcome:
-    """Runs a study, or goes on with it, and writes a Zarr store and, at the end, a Parquet table.
+    """Runs a study, or resumes it, and writes a Zarr store and, at the end, a Parquet table.
 
-    A chunk of rows is written whole or not at all, and so a run that was killed at any moment goes on when it is called
+    Chunks of rows are written atomically, and so a run that was killed at any moment is resumed when it is called
     again. The finished files are the same, byte for byte, whatever the number of workers and the order of chunks, as
     long as all workers have the same versions, the same ``XLA_FLAGS`` and the same kind of processor.
 

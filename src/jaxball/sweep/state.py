@@ -20,14 +20,14 @@ def describe(folder: str | Path) -> str:
     **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study.
     """
     folder = Path(folder)
-    attributes, found = read_attributes(folder), tally(folder)
+    attributes, tallied = read_attributes(folder), tally(folder)
     lines = [attributes["title"]] if attributes["title"] else []
     lines.append(
-        f"{found.rows:,} of {attributes['rows']:,} rows are done ({100 * found.rows / attributes['rows']:.1f} %)"
+        f"{tallied.rows:,} of {attributes['rows']:,} rows are done ({100 * tallied.rows / attributes['rows']:.1f} %)"
     )
-    lines += [f"  {int(found.counts[status]):,} {status.name}" for status in Status if found.counts[status]]
-    if found.first is not None:
-        lines.append(_failure(folder, attributes, found.first))
+    lines += [f"  {int(tallied.counts[status]):,} {status.name}" for status in Status if tallied.counts[status]]
+    if tallied.first is not None:
+        lines.append(_failure(folder, attributes, tallied.first))
     return "\n".join(lines)
 
 

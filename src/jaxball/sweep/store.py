@@ -1,4 +1,4 @@
-"""The store of a study: a Zarr group that xarray opens, each of its chunks written whole or not at all.
+"""The store of a study: a Zarr group that xarray opens, each of its chunks written atomically.
 
 The arrays are not compressed, so that a chunk of an array is a file of its numbers, which can be written beside its
 place and moved there. When all files of a chunk of rows are on the disk, a mark says so; rows without one are computed
@@ -21,8 +21,8 @@ from ..interface.status import Status
 from ..interface.wording import counted
 from ..scenario import Scenario
 from .attributes import differences, identity_of, read_attributes
-from .disk import remove_dead_parts, remove_parts, write_whole
 from .errors import StoreError
+from .filesystem import remove_dead_parts, remove_parts, write_whole
 from .layout import AXES, dimensions, layout_of
 from .outputs import Output, labels_of
 from .study import Study
@@ -82,8 +82,8 @@ class Store:
                 f'The file "{path}" must hold a chunk of {counted(shape[0], "row")}, but something has changed it; '
                 f'remove "{self._mark(chunk)}" and run the same command, to compute the chunk again.'
             )
-        found = np.frombuffer(content, output.dtype.newbyteorder("<")).reshape(shape)
-        return found[: len(self.study.rows_of(chunk))]
+        array = np.frombuffer(content, output.dtype.newbyteorder("<")).reshape(shape)
+        return array[: len(self.study.rows_of(chunk))]
 
     def tidy(self) -> None:
         """Removes what killed processes left."""

@@ -15,12 +15,12 @@ from ..physics.body import Ball, Disk
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.errors import each_of
 from ..scenario.paths import check_number, with_numbers
+from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Key, read_list, read_table
 from ..scenario.values import Choice, Flag, Integer, Text, unread
-from ..scenario.within import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from .axes import AXES, Axis, read_axis
 from .errors import StudyError
-from .finds import CHOICES as FINDS, Find, read_finds
+from .reductions import CHOICES as FINDS, Find, read_finds
 
 FORMAT = 1
 LARGEST_CHUNK = 8192
@@ -168,21 +168,21 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     (4, ('body.mass',))
     """
     document = document_of(text, "study", StudyError)
-    found, folder = read_table(document, "", KEYS), Path(folder)
-    scenario = scenario_document(found["scenario"], folder, StudyError)
+    table, folder = read_table(document, "", KEYS), Path(folder)
+    scenario = scenario_document(table["scenario"], folder, StudyError)
     template, axes = each_of(
-        lambda: _template(found["scenario"], scenario),
-        lambda: tuple(read_list(found["axes"], "axes", lambda item, path: read_axis(item, path, folder))),
+        lambda: _template(table["scenario"], scenario),
+        lambda: tuple(read_list(table["axes"], "axes", lambda item, path: read_axis(item, path, folder))),
     )
     for key in ("contact", "detachment"):
-        if found[key] and not isinstance(template.system, Ball | Disk):
+        if table[key] and not isinstance(template.system, Ball | Disk):
             raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which touches no plane.")
     _check_paths(axes, scenario)
     rows = math.prod(axis.size for axis in axes)
-    saves = template.times.size if found["save"] == "times" else 1
-    chunk = _chunk_for(rows, saves) if found["chunk"] is None else min(found["chunk"], rows)
-    finds = read_finds(found["find"], template)
-    return Study(found["title"], scenario, axes, found["save"], found["contact"], found["detachment"], finds, chunk)
+    saves = template.times.size if table["save"] == "times" else 1
+    chunk = _chunk_for(rows, saves) if table["chunk"] is None else min(table["chunk"], rows)
+    finds = read_finds(table["find"], template)
+    return Study(table["title"], scenario, axes, table["save"], table["contact"], table["detachment"], finds, chunk)
 
 
 @functools.lru_cache(maxsize=4)

@@ -31,7 +31,7 @@ def _run(options: argparse.Namespace) -> int:
     from ...design.errors import DesignError
     from ...design.files import problem_of
     from ...design.source import Source
-    from ...scenario.within import document_of, naming, text_of
+    from ...scenario.sources import document_of, naming, text_of
 
     check_folder(options.out, "--out")
     file = Path(options.problem)

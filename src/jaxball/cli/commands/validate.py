@@ -9,7 +9,7 @@ from typing import Any
 from ...interface.wording import counted
 from ...scenario import Scenario, ScenarioError, builtin_scenarios, read_document, scenario_text
 from ...scenario.errors import all_problems
-from ...scenario.within import document_of, text_of
+from ...scenario.sources import document_of, text_of
 from ..input import STDIN, input_text, source_name
 from ..options import BAD_INPUT
 

@@ -10,9 +10,9 @@ from ...numerics.arrays import to_array
 from ...physics.body import Ball, Disk
 from ...physics.state import BallState, DiskState
 from ...scenario import read_document
+from ...scenario.sources import naming_scenario, scenario_document
 from ...scenario.table import Family, Key, Keys, read_table
 from ...scenario.values import POSITIVE, Choice, Integer, Numbers, key_error, shown, unread
-from ...scenario.within import naming_scenario, scenario_document
 from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
 from ..families import PLANE, Plane, constraints_of, objectives_of, plane_of

@@ -14,7 +14,7 @@ _PART = re.compile(r"\.part-(?P<machine>.+)-(?P<process>\d+)-[^-]+")
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Writes a file, whole or not at all. Its folder is made where it does not exist."""
+    """Writes a file atomically. Its folder is made where it does not exist."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path, flush=True) as beside:
         beside.write_bytes(content)

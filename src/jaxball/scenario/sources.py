@@ -1,4 +1,4 @@
-"""Files that hold a scenario among other things: studies and problems."""
+"""Texts, documents and names of scenarios, also of those that studies and problems hold."""
 
 import contextlib
 import tomllib

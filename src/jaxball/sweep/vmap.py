@@ -1,4 +1,4 @@
-"""Rows by one call of simulate under vmap: slower, and for every method."""
+"""Rows by :func:`jaxball.simulate` under ``vmap``: slower than lanes, and for every method."""
 
 import functools
 from collections.abc import Callable
@@ -50,9 +50,9 @@ def _run(method: _Method, stacked: Any) -> dict[str, Any]:
     """The solves. Dense output has room for few steps at first, because it is a large array."""
     for room in FEW_STEPS if method.looks_within_steps else ():
         if room < method.max_steps:
-            found = _program(method._replace(max_steps=room))(*stacked)
-            if int(np.max(found["steps"])) < room:
-                return found
+            results = _program(method._replace(max_steps=room))(*stacked)
+            if int(np.max(results["steps"])) < room:
+                return results
     return _program(method)(*stacked)
 
 

@@ -87,5 +87,5 @@ def _read(value: Any, path: str, template: Scenario) -> Find:
                 f"{did_you_mean(value, known, hint)}"
             )
         return Find(value)
-    kind, found = read_one_of(value, path, CHOICES)
-    return Find(found["name"], kind, found[kind])
+    kind, table = read_one_of(value, path, CHOICES)
+    return Find(table["name"], kind, table[kind])
