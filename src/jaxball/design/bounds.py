@@ -35,15 +35,15 @@ class Bounds(NamedTuple):
     upper: Float[np.ndarray, " n"]
     scale: Float[np.ndarray, " n"]
 
-    def numbers(self, z: Float[Array, " n"]) -> Float[Array, " n"]:
-        """The numbers of unbounded variables: scale z, scale (√(1 + z²) − 1) from one bound, or a sine between two."""
-        low, high = (jnp.asarray(x, dtype=z.dtype) for x in self._finite())
-        scale = jnp.asarray(self.scale, dtype=z.dtype)
-        away = scale * (jnp.sqrt(1 + z**2) - 1)
+    def numbers(self, y: Float[Array, " n"]) -> Float[Array, " n"]:
+        """The numbers of unbounded variables: scale y, scale (√(1 + y²) − 1) from one bound, or a sine between two."""
+        low, high = (jnp.asarray(x, dtype=y.dtype) for x in self._finite())
+        scale = jnp.asarray(self.scale, dtype=y.dtype)
+        away = scale * (jnp.sqrt(1 + y**2) - 1)
         middle, half = (low + high) / 2, (high - low) / 2
-        both = middle + half * jnp.sin(scale * z / jnp.where(half > 0, half, 1.0))
+        both = middle + half * jnp.sin(scale * y / jnp.where(half > 0, half, 1.0))
         below, above = np.isfinite(self.lower), np.isfinite(self.upper)
-        return jnp.where(below & above, both, jnp.where(below, low + away, jnp.where(above, high - away, scale * z)))
+        return jnp.where(below & above, both, jnp.where(below, low + away, jnp.where(above, high - away, scale * y)))
 
     def variables(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """The unbounded variables of numbers; those on a bound are moved inside a little."""

@@ -21,6 +21,7 @@ from jaxtyping import Array, Float
 from ...numerics.batches import in_batches
 from ...solvers.tableau import Tableau, gauss
 from ..equations import AbstractEquations
+from .path import Path
 from .problem import AbstractControlProblem
 from .terms import Sizes, Term, Vary, at_end, at_nodes, initial, sizes
 
@@ -173,17 +174,10 @@ class Collocation(AbstractEquations):
         """The mean of the running cost, by the weights of Gauss."""
         return float(np.sum(self._terms(y, parameter)[0].cost))
 
-    def along(
-        self,
-        name: str,
-        times: Float[np.ndarray, " k"],
-        states: Float[np.ndarray, "k n"],
-        controls: Float[np.ndarray, "k m"],
-        parameter: float,
-    ) -> Any:
-        """A function of (t, x, u) that the problem has under this name, such as ``rate``, at many times."""
+    def along(self, path: Path, name: str, times: Float[np.ndarray, " k"], parameter: float) -> Any:
+        """A function of (t, x, u) that the problem has under this name, such as ``rate``, at times along a path."""
         function = functools.partial(_along, name, self.vary, self.problem, jnp.asarray(parameter))
-        return _at_nodes(function, times, states, controls)
+        return _over_nodes(function, times, path.states(times), path.inputs(times))
 
     @functools.cached_property
     def linear(self) -> scipy.sparse.sparray:
@@ -224,14 +218,14 @@ class Collocation(AbstractEquations):
         h = np.broadcast_to(self.steps[:, None], self.times.shape)
         given = (self.problem, jnp.asarray(parameter), jnp.asarray(self.barrier))
         rows = [np.ravel(self.times), np.ravel(self.weights), np.ravel(h), _local(parts)]
-        return _at_nodes(functools.partial(at_nodes, self.vary, self._sizes, *given), *rows)
+        return _over_nodes(functools.partial(at_nodes, self.vary, self._sizes, *given), *rows)
 
     def _end(self, parts: Unknowns, parameter: float) -> Term:
         local = jnp.asarray(np.concatenate([parts.knots[-1], parts.at_end]))
         return jax.tree.map(np.asarray, at_end(self.vary, self._sizes, self.problem, jnp.asarray(parameter), local))
 
 
-def _at_nodes(function: Callable[..., Any], *rows: np.ndarray) -> Any:
+def _over_nodes(function: Callable[..., Any], *rows: np.ndarray) -> Any:
     return in_batches(lambda batch: function(*map(jnp.asarray, batch)), rows, NODES)
 
 

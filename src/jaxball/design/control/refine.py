@@ -97,7 +97,7 @@ def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], paramet
     path, quadrature, h = path_of(collocation, y), gauss(collocation.stages + 2), collocation.steps
     times = np.ravel(collocation.mesh[:-1, None] + h[:, None] * quadrature.c)
     states = path.states(times)
-    rates = collocation.along("rate", times, states, path.inputs(times), parameter)
+    rates = collocation.along(path, "rate", times, parameter)
     gaps = np.abs(path.rates(times) - rates) / (1 + np.max(np.abs(states), axis=0))
     gaps = gaps.reshape(len(h), len(quadrature.c), -1)
     return np.max(np.einsum("k,j,kjn->kn", h, quadrature.b, gaps), axis=1)

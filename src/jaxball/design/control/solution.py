@@ -52,7 +52,7 @@ def margins(
     """What must not be negative, at given times of a path."""
     if not collocation.inequalities:
         return np.zeros((len(times), 0))
-    return collocation.along("inequalities", times, path.states(times), path.inputs(times), parameter)
+    return collocation.along(path, "inequalities", times, parameter)
 
 
 def violations(collocation: Collocation, path: Path, parameter: float) -> Float[np.ndarray, " N"]:
@@ -75,9 +75,8 @@ def means(solution: Solution) -> dict[str, float]:
     - ``solution``: a :class:`Solution` of a :class:`Rolling`.
     """
     rolling(solution.problem)
-    collocation, path = solution.collocation, solution.path
-    states, controls = (part.reshape(-1, part.shape[-1]) for part in (path.nodes, path.controls))
-    terms = collocation.along("terms", np.ravel(collocation.times), states, controls, solution.parameter)
+    collocation = solution.collocation
+    terms = collocation.along(solution.path, "terms", np.ravel(collocation.times), solution.parameter)
     return {name: float(np.ravel(collocation.weights) @ values) for name, values in terms.items()}
 
 
