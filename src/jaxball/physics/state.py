@@ -5,6 +5,7 @@ Times, lengths and masses carry whatever consistent units the parameters have.
 
 import abc
 from collections.abc import Iterator
+from typing import TYPE_CHECKING, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -25,8 +26,11 @@ Rates = tuple[Float[Array, " driven"], Float[Array, " driven"], Float[Array, " d
 class AbstractBodyState(AbstractState):
     """What the states of rolling bodies share: Ω, Γ = Λ⁻¹e3, and θ, θ̇ of the masses that a feedback law drives."""
 
-    theta: eqx.AbstractVar[Float[Array, "*batch driven"]]
-    thetadot: eqx.AbstractVar[Float[Array, "*batch driven"]]
+    if TYPE_CHECKING:  # to a type checker, fields declared here would come before `q` among the arguments
+        theta, thetadot = cast(Array, None), cast(Array, None)
+    else:
+        theta: eqx.AbstractVar[Float[Array, "*batch driven"]]
+        thetadot: eqx.AbstractVar[Float[Array, "*batch driven"]]
 
     sized = ("theta", "thetadot")
 
