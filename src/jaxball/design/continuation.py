@@ -114,7 +114,7 @@ def follow(
         direction = end - start
     at = track.first(np.append(y, start), direction)
     visit(at.Y[:-1], at.Y[-1])
-    found, folds, ended = [at], [], ""
+    visited, folds, ended = [at], [], ""
     while not ended:
         there, last = track.onward(at, step, end)
         if there is None:
@@ -122,8 +122,8 @@ def follow(
             ended = "lost" if step < LEAST_STEP else ""
             continue
         if at.tangent[-1] * there.tangent[-1] < 0:
-            folds.append(track.fold(len(found) - 1, at, there))
-        found.append(there)
+            folds.append(track.fold(len(visited) - 1, at, there))
+        visited.append(there)
         visit(there.Y[:-1], there.Y[-1])
         step = min(longest, step * float(np.clip(EASY / max(there.corrections, 1), SHORTER, LONGER)))
         at = there
@@ -131,12 +131,12 @@ def follow(
             "end": last,
             "outside": not within[0] <= at.Y[-1] <= within[1],
             "length": at.length >= length,
-            "points": len(found) >= points,
+            "points": len(visited) >= points,
         }
         ended = next((reason for reason, given in reasons.items() if given), "")
-    Y = np.stack([point.Y for point in found])
-    lengths = np.asarray([point.length for point in found])
-    slope = np.asarray([point.tangent[-1] for point in found])
+    Y = np.stack([point.Y for point in visited])
+    lengths = np.asarray([point.length for point in visited])
+    slope = np.asarray([point.tangent[-1] for point in visited])
     return Branch(Y[:, :-1], Y[:, -1], lengths, slope, tuple(folds), ended)
 
 
@@ -153,22 +153,22 @@ class _Track:
 
     def first(self, Y: Float[np.ndarray, " n_plus_one"], direction: float) -> _Point:
         """The solution at the λ of Y, with the tangent along which λ goes in ``direction``."""
-        found = self._corrected(Y, self._fixed(Y))
-        if found is None:
+        solved = self._corrected(Y, self._fixed(Y))
+        if solved is None:
             raise DesignError(
                 f"Argument `y` must be near a solution at λ = {Y[-1]:g}, but Newton's method finds none; start from a "
                 "better one, or at a λ where the solution is known."
             )
-        tangent = self._tangent(found[0], self._fixed(found[0]))
-        return _Point(found[0], tangent * math.copysign(1.0, direction), 0.0)
+        tangent = self._tangent(solved[0], self._fixed(solved[0]))
+        return _Point(solved[0], tangent * math.copysign(1.0, direction), 0.0)
 
     def step(self, at: _Point, step: float) -> _Point | None:
         """The point at the distance ``step`` along the tangent; None where it is not found, or the branch bends."""
         row = self.metric * at.tangent
-        found = self._corrected(at.Y + step * at.tangent, row)
-        if found is None:
+        solved = self._corrected(at.Y + step * at.tangent, row)
+        if solved is None:
             return None
-        Y, corrections = found
+        Y, corrections = solved
         tangent = self._tangent(Y, row)
         if not row @ tangent >= STRAIGHT:
             return None
@@ -186,11 +186,11 @@ class _Track:
         share = (parameter - at.Y[-1]) / (there.Y[-1] - at.Y[-1])
         guess = at.Y + share * (there.Y - at.Y)
         guess[-1] = parameter
-        found = self._corrected(guess, self._fixed(guess))
-        if found is None:
+        solved = self._corrected(guess, self._fixed(guess))
+        if solved is None:
             return None
         length = at.length + share * (there.length - at.length)
-        return _Point(found[0], self._tangent(found[0], self.metric * at.tangent), length)
+        return _Point(solved[0], self._tangent(solved[0], self.metric * at.tangent), length)
 
     def fold(self, after: int, at: _Point, there: _Point) -> Fold:
         """Where dλ/ds = 0 between two neighbours, by the Illinois method."""

@@ -158,13 +158,13 @@ def _identified(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray,
     correlations = covariance / size[:, None] / size[None]
     correlations = np.where(lost[:, None] | lost[None], np.eye(len(y)), correlations)
     return Identification(
-        space.names,
-        x,
-        np.where(lost, np.inf, deviations),
-        correlations,
-        noise,
-        s,
-        Vt[~seen],
-        Vt[seen & (noise > UNCERTAIN * s)],
-        converged,
+        names=space.names,
+        estimates=x,
+        deviations=np.where(lost, np.inf, deviations),
+        correlations=correlations,
+        noise=noise,
+        singular_values=s,
+        unseen=Vt[~seen],
+        uncertain=Vt[seen & (noise > UNCERTAIN * s)],
+        converged=converged,
     )

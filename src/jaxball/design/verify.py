@@ -65,7 +65,16 @@ def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
     designed, finer, most = jax.tree.map(np.asarray, _compared(problem)(jnp.asarray(y)))
     violations = {name: (float(most.coarse[name]), float(most.fine[name])) for name in problem.constraints}
     missed = {name: float(by) for name, by in most.missed.items()}
-    return Verified(designed, finer, violations, solver, other.rtol, float(most.apart), -float(most.lift), missed)
+    return Verified(
+        designed=designed,
+        finer=finer,
+        violations=violations,
+        solver=solver,
+        rtol=other.rtol,
+        apart=float(most.apart),
+        margin=-float(most.lift),
+        missed=missed,
+    )
 
 
 class _Most(NamedTuple):

@@ -13,7 +13,7 @@ from ..physics.packing import Packing
 from .extremes import Extremes
 from .observers import AbstractObserver, Integrals, Saves
 from .parameters import Prepared
-from .reductions import AbstractReduction, Found, Quantity
+from .reductions import AbstractReduction, Observed, Quantity
 from .runge_kutta import Step, interpolation, step, tableau_of
 
 SAVES, EXTREMES, INTEGRALS = "saves", "extremes", "integrals"
@@ -86,7 +86,7 @@ class Observation(NamedTuple):
         for name, item in self.reductions:
             k = self.quantities.index(item.quantity)
             own = [next(best) for _ in item.signs]
-            report = item.result(Found(start[k], tuple(v for v, _ in own), tuple(t for _, t in own), integrals[k]))
+            report = item.result(Observed(start[k], tuple(v for v, _ in own), tuple(t for _, t in own), integrals[k]))
             reports |= {name + end: value for end, value in report.items()}
         return reports
 

@@ -14,8 +14,8 @@ from ..interface.printing import Printed
 Quantity = Callable[[Any, Float[Array, ""], Any], Float[Array, ""]]
 
 
-class Found(NamedTuple):
-    """What was found of a quantity: its value at the start, its extreme values and their times, its integral."""
+class Observed(NamedTuple):
+    """What was observed of a quantity: its value at the start, its extreme values and their times, its integral."""
 
     start: Float[Array, " runs"]
     extremes: tuple[Float[Array, " runs"], ...]
@@ -40,7 +40,7 @@ class AbstractReduction(Printed):
     ends: ClassVar[tuple[str, ...]] = ("",)
 
     @abc.abstractmethod
-    def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
+    def result(self, observed: Observed) -> dict[str, Float[Array, " runs"]]:
         """What is reported, by what its name has after that of the reduction."""
 
 
@@ -63,8 +63,8 @@ class Maximum(AbstractReduction):
     signs: ClassVar[tuple[float, ...]] = (1.0,)
     ends: ClassVar[tuple[str, ...]] = ("", "_time")
 
-    def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
-        return {"": self.then(found.extremes[0]), "_time": found.times[0]}
+    def result(self, observed: Observed) -> dict[str, Float[Array, " runs"]]:
+        return {"": self.then(observed.extremes[0]), "_time": observed.times[0]}
 
 
 class Minimum(AbstractReduction):
@@ -79,8 +79,8 @@ class Minimum(AbstractReduction):
     signs: ClassVar[tuple[float, ...]] = (-1.0,)
     ends: ClassVar[tuple[str, ...]] = ("", "_time")
 
-    def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
-        return {"": found.extremes[0], "_time": found.times[0]}
+    def result(self, observed: Observed) -> dict[str, Float[Array, " runs"]]:
+        return {"": observed.extremes[0], "_time": observed.times[0]}
 
 
 class Drift(AbstractReduction):
@@ -95,9 +95,9 @@ class Drift(AbstractReduction):
     signs: ClassVar[tuple[float, ...]] = (1.0, -1.0)
     needs_start: ClassVar[bool] = True
 
-    def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
-        most, least = found.extremes
-        return {"": jnp.maximum(most - found.start, found.start - least)}
+    def result(self, observed: Observed) -> dict[str, Float[Array, " runs"]]:
+        most, least = observed.extremes
+        return {"": jnp.maximum(most - observed.start, observed.start - least)}
 
 
 class Integral(AbstractReduction):
@@ -111,5 +111,5 @@ class Integral(AbstractReduction):
     quantity: Quantity = eqx.field(static=True)
     is_integral: ClassVar[bool] = True
 
-    def result(self, found: Found) -> dict[str, Float[Array, " runs"]]:
-        return {"": found.integral}
+    def result(self, observed: Observed) -> dict[str, Float[Array, " runs"]]:
+        return {"": observed.integral}

@@ -79,7 +79,7 @@ def moments(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Momen
         m = group.mass
         pddot = pddot + jnp.sum(m[:, None] * chiddot, axis=0)
         ldot = ldot + _axial(_second_moment(m, chi, chiddot))
-    return Moments(at.M, at.p, at.pdot, at.J, at.Jdot, at.l, pddot, ldot)
+    return Moments(M=at.M, p=at.p, pdot=at.pdot, J=at.J, Jdot=at.Jdot, l=at.l, pddot=pddot, ldot=ldot)
 
 
 def kinematics(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Kinematics:

@@ -109,8 +109,8 @@ def balance(
     offset, masses, total, Lambda = _others(system, free, state, t)
     starts = _starts(rails, np.asarray(system.radius), guess)
     prepared = tuple(rail.prepare() for rail in rails)
-    found = _search(prepared, masses, offset, total, Lambda, to_array(starts))
-    return _choose(_Candidates(*(np.array(x) for x in found)), rails, guess, above, float(system.radius))
+    candidates = _search(prepared, masses, offset, total, Lambda, to_array(starts))
+    return _choose(_Candidates(*(np.array(x) for x in candidates)), rails, guess, above, float(system.radius))
 
 
 def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers = 0.0) -> System:

@@ -41,7 +41,9 @@ def scenario_chart(
         check_number(document, axis.path)
     template = read_document(dict(document))
     rows = math.prod(axis.size for axis in axes)
-    study = Study("", dict(document), axes, "end", False, False, (), rows)
+    study = Study(
+        title="", document=dict(document), axes=axes, save="end", contact=False, detachment=False, finds=(), chunk=rows
+    )
     cells = study.rows_of(0)
     possible, batch = read_rows(study, template, cells, study.values(cells))
     if batch is None:

@@ -182,7 +182,16 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     saves = template.times.size if table["save"] == "times" else 1
     chunk = _chunk_for(rows, saves) if table["chunk"] is None else min(table["chunk"], rows)
     finds = read_finds(table["find"], template)
-    return Study(table["title"], scenario, axes, table["save"], table["contact"], table["detachment"], finds, chunk)
+    return Study(
+        title=table["title"],
+        document=scenario,
+        axes=axes,
+        save=table["save"],
+        contact=table["contact"],
+        detachment=table["detachment"],
+        finds=finds,
+        chunk=chunk,
+    )
 
 
 @functools.lru_cache(maxsize=4)

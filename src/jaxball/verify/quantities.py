@@ -122,7 +122,8 @@ def _about(axis: Float[Array, "3"], at: Moments, r, Omega, Gamma):
         return jnp.sum(half[:, None, :] * turn[None], axis=2)
 
     p, pdot, pddot, l, ldot = (apply(turn, v) for v in (at.p, at.pdot, at.pddot, at.l, at.ldot))
-    about = Moments(at.M, p, pdot, turned(at.J), turned(at.Jdot), l, pddot, ldot)
+    J, Jdot = turned(at.J), turned(at.Jdot)
+    about = Moments(M=at.M, p=p, pdot=pdot, J=J, Jdot=Jdot, l=l, pddot=pddot, ldot=ldot)
     return about, r, apply(turn, Omega), apply(turn, Gamma)
 
 

@@ -90,15 +90,15 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     ends = {"place": control["place"], "depth": control["depth"]}
     problem = Rolling(system, times, objectives, state, **ends, constraints=constraints)
     return ControlFile(
-        given["title"],
-        problem,
-        None if control["first_weights"] is None else _easy(problem, control["first_weights"]),
-        int(np.size(scenario.times)),
-        control["intervals"],
-        float(control["tolerance"]),
-        float(control["violation"]),
-        float(control["barrier"]),
-        GUESSES[control["guess"]],
+        title=given["title"],
+        problem=problem,
+        easy=None if control["first_weights"] is None else _easy(problem, control["first_weights"]),
+        saves=int(np.size(scenario.times)),
+        intervals=control["intervals"],
+        tolerance=float(control["tolerance"]),
+        violation=float(control["violation"]),
+        barrier=float(control["barrier"]),
+        guess=GUESSES[control["guess"]],
     )
 
 

@@ -96,14 +96,16 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
     missed = 0.0 if problem.place is None else np.linalg.norm(run.state.z[-1] - problem.place)
     masses_on_rails = problem.with_schedules(schedules_of(solution))
     return Resimulated(
-        float(np.max(np.abs(gap) if gap.ndim == 1 else np.linalg.norm(gap, axis=1))) / r,
-        float(max(np.linalg.norm(seen.angular_velocity_body[-1]), np.max(np.abs(thetadot)))),
-        float(np.linalg.norm(centre[:2])) / r,
-        -float(centre[2]) / r,
-        float(missed) / r,
-        float(np.min(seen.normal_force)) / (M * float(problem.system.gravity)),
-        float(np.max(seen.friction_ratio)),
-        _violations(Run(masses_on_rails, jnp.asarray(run.times), run.state, run.status), problem.constraints),
+        apart=float(np.max(np.abs(gap) if gap.ndim == 1 else np.linalg.norm(gap, axis=1))) / r,
+        speed=float(max(np.linalg.norm(seen.angular_velocity_body[-1]), np.max(np.abs(thetadot)))),
+        away=float(np.linalg.norm(centre[:2])) / r,
+        below=-float(centre[2]) / r,
+        missed=float(missed) / r,
+        margin=float(np.min(seen.normal_force)) / (M * float(problem.system.gravity)),
+        friction=float(np.max(seen.friction_ratio)),
+        violations=_violations(
+            Run(masses_on_rails, jnp.asarray(run.times), run.state, run.status), problem.constraints
+        ),
     )
 
 

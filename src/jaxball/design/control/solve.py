@@ -99,7 +99,16 @@ def controlled(
         solution = sharpened(solution, tolerance=file.tolerance, violation=file.violation, visit=sharper)
     seen, curvature = resimulated(solution), least_curvature(solution)
     elapsed = time.perf_counter() - began
-    return Controlled(first, solution, tuple(branch), curvature, seen, file.tolerance, file.violation, elapsed)
+    return Controlled(
+        first=first,
+        solution=solution,
+        branch=tuple(branch),
+        curvature=curvature,
+        seen=seen,
+        tolerance=file.tolerance,
+        violation=file.violation,
+        elapsed=elapsed,
+    )
 
 
 def _begun(file: ControlFile, problem: Rolling, mesh: np.ndarray) -> Solution:

@@ -139,7 +139,16 @@ def design(
     progress.elapsed = time.perf_counter() - began
     if folder is not None:
         save_progress(progress, folder / PROGRESS, identity)
-    return Design(problem, settings, numbers, check, progress, before, verified, built)
+    return Design(
+        problem=problem,
+        settings=settings,
+        numbers=numbers,
+        check=check,
+        progress=progress,
+        before=before,
+        verified=verified,
+        perturbed=built,
+    )
 
 
 def line(phase: str, step: int, merit: Merit, constraint: str) -> str:

@@ -95,12 +95,12 @@ def load_progress(path: Path, identity: str) -> Progress:
         raise DesignError(f'File "{path}" is the progress of another problem; choose another folder, or remove it.')
     count = sum(name.startswith("array_") for name in kept)
     return Progress(
-        str(kept["phase"]),
-        int(kept["step"]),
-        kept["z"],
-        [kept[f"array_{k}"] for k in range(count)],
-        kept["best"],
-        Merit(*(float(x) for x in kept["worth"])),
-        [tuple(float(x) for x in row) for row in kept["history"]],
-        float(kept.get("elapsed", 0.0)),
+        phase=str(kept["phase"]),
+        step=int(kept["step"]),
+        y=kept["z"],
+        arrays=[kept[f"array_{k}"] for k in range(count)],
+        best=kept["best"],
+        merit=Merit(*(float(x) for x in kept["worth"])),
+        history=[tuple(float(x) for x in row) for row in kept["history"]],
+        elapsed=float(kept.get("elapsed", 0.0)),
     )

@@ -99,12 +99,12 @@ def _parts(kinds: Sequence[Kind]) -> list[slice]:
 
 def _candidates(changes: Sequence[Bool[Array, "steps fractions"]], kinds: Sequence[Kind]) -> _Candidates:
     columns = changes[0].shape[1]
-    found = [
+    changed = [
         jnp.nonzero(change.reshape(-1), size=kind.room, fill_value=-1)[0]
         for change, kind in zip(changes, kinds, strict=True)
     ]
     which = np.repeat(np.arange(len(kinds)), [kind.room for kind in kinds])
-    flat = jnp.concatenate(found)
+    flat = jnp.concatenate(changed)
     return _Candidates(jnp.asarray(which), flat // columns, flat % columns, flat >= 0)
 
 
