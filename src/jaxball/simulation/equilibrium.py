@@ -18,7 +18,7 @@ from ..physics.body import Ball, Disk, PointMass, System, with_masses
 from ..physics.dynamics import driven_angles
 from ..physics.moments import kinematics, point_mass_values
 from ..physics.motion import Driven, OnRail
-from ..physics.state import BallState, DiskState, State
+from ..physics.state import DiskState, State
 
 STARTS = 256
 SAME = 1e-6
@@ -170,8 +170,7 @@ def _others(system, free, state, t):
     t = to_array(t)
     if state is None:
         nothing = jnp.zeros(len(system.driven))
-        kind = DiskState if isinstance(system, Disk) else BallState
-        state = kind(theta=nothing, thetadot=nothing)
+        state = system.state_type(theta=nothing, thetadot=nothing)
     chi = kinematics(system, t, driven_angles(system, t, state)).chi
     m = point_mass_values(system)
     held = np.setdiff1d(np.arange(system.n_masses), np.asarray(free))

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..ensemble import AbstractReduction, simulate_ensemble
 from ..ensemble.quantities import CONTACT
-from ..physics.body import Ball, Disk
+from ..physics.body import AbstractBody
 from ..scenario.solve import SOLVERS
 from .batch import Batch, Wanted
 from .reductions import solved_in_lanes
@@ -71,7 +71,7 @@ def _ended(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
 
 
 def _contact(batch: Batch, wanted: Wanted) -> dict[str, AbstractReduction]:
-    if not isinstance(batch.template.system, Ball | Disk):
+    if not isinstance(batch.template.system, AbstractBody):
         return {}
     names = CONTACT if wanted.contact else ("least_normal_force",) if wanted.detachment else ()
     return {name: CONTACT[name] for name in names}

@@ -8,7 +8,7 @@ from typing import Any
 from ..ensemble import REDUCTIONS, AbstractReduction, Drift, Integral, Maximum, Minimum
 from ..ensemble.runge_kutta import fits
 from ..interface.wording import did_you_mean
-from ..physics.body import AbstractBody, Ball, Disk
+from ..physics.body import AbstractBody
 from ..scenario import Scenario
 from ..scenario.solve import SOLVERS
 from ..scenario.table import Key, read_one_of
@@ -79,8 +79,8 @@ def solved_in_lanes(template: Scenario) -> bool:
 
 def _read(value: Any, path: str, template: Scenario) -> Find:
     if isinstance(value, str):
-        if value not in REDUCTIONS or not isinstance(template.system, Ball | Disk):
-            known = list(REDUCTIONS) if isinstance(template.system, Ball | Disk) else []
+        if value not in REDUCTIONS or not isinstance(template.system, AbstractBody):
+            known = list(REDUCTIONS) if isinstance(template.system, AbstractBody) else []
             hint = f"the names are {', '.join(known)}" if known else "there are none for this system"
             raise StudyError(
                 f"Key `{path}` must be a table or a name that is known, but it is {shown(value)}"

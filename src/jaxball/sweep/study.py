@@ -11,7 +11,7 @@ import numpy as np
 import tomli_w
 from jaxtyping import Float, Int
 
-from ..physics.body import Ball, Disk
+from ..physics.body import AbstractBody
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.errors import each_of
 from ..scenario.paths import check_number, with_numbers
@@ -175,7 +175,7 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
         lambda: tuple(read_list(table["axes"], "axes", lambda item, path: read_axis(item, path, folder))),
     )
     for key in ("contact", "detachment"):
-        if table[key] and not isinstance(template.system, Ball | Disk):
+        if table[key] and not isinstance(template.system, AbstractBody):
             raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which touches no plane.")
     _check_paths(axes, scenario)
     rows = math.prod(axis.size for axis in axes)

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from ..numerics.batches import in_batches
-from ..physics.body import Ball, Disk
+from ..physics.body import AbstractBody
 from ..scenario.solve import SOLVERS
 from ..simulation.events import Detachment
 from ..simulation.extremes import contact_extremes
@@ -73,7 +73,7 @@ def _program(method: _Method) -> Callable[..., Any]:
             dense=method.looks_within_steps,
             events={"detachment": Detachment()} if method.detachment else None,
         )
-        touches = method.contact and isinstance(system, Ball | Disk)
+        touches = method.contact and isinstance(system, AbstractBody)
         extremes = contact_extremes(trajectory) if touches else None
         results = {name: getattr(trajectory, name) for name in ("status", "steps", "rejected", "reached")}
         results |= vars(trajectory.state)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 from ...interface.status import Status
 from ...numerics.arrays import Numbers, to_array
 from ...numerics.vectors import apply
-from ...physics.body import Ball, PointMass, System, with_integrated_angles, with_masses
+from ...physics.body import PointMass, System, with_integrated_angles, with_masses
 from ...physics.feedback import AbstractLaw
 from ...physics.moments import velocity_moments
 from ...physics.motion import Driven, OnRail
@@ -87,11 +87,10 @@ class Rolling(AbstractControlProblem):
         driven, angles = with_integrated_angles(system, start)
         if not driven.driven:
             raise DesignError("Argument `system` must have a mass on a rail to be controlled, but it has none.")
-        kind = BallState if isinstance(system, Ball) else DiskState
-        given = kind() if state is None else state
+        given = system.state_type() if state is None else state
         fields = {name: getattr(given, name) for name in given.__dataclass_fields__}
         self.system = eqx.tree_at(lambda s: s.law, driven, Given(angles["theta"]))
-        self.state = kind(**fields | angles)
+        self.state = system.state_type(**fields | angles)
         self.start, self.end = start, end
         self.objectives = {name: _in_time(one, start, end) for name, one in objectives.items()}
         self.constraints = dict(constraints or {})
@@ -100,8 +99,8 @@ class Rolling(AbstractControlProblem):
         self.place = None if place is None else jnp.atleast_1d(to_array(place))
         if self.place is not None and self.place.shape != (np.size(given.z),):
             raise DesignError(
-                f"Argument `place` must be {'two numbers' if kind is BallState else 'one number'}, as that of a "
-                f"{'ball' if kind is BallState else 'disk'} is, but it is {np.asarray(place).tolist()}."
+                f"Argument `place` must be {'one number' if system.planar else 'two numbers'}, as that of a "
+                f"{system.title} is, but it is {np.asarray(place).tolist()}."
             )
         require_reach(system, {**self.objectives, **self.constraints})
 
