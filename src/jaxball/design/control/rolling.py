@@ -88,7 +88,7 @@ class Rolling(AbstractControlProblem):
         if not driven.driven:
             raise DesignError("Argument `system` must have a mass on a rail to be controlled, but it has none.")
         given = system.state_type() if state is None else state
-        fields = {name: getattr(given, name) for name in given.__dataclass_fields__}
+        fields = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}
         self.system = eqx.tree_at(lambda s: s.law, driven, Given(angles["theta"]))
         self.state = system.state_type(**fields | angles)
         self.start, self.end = start, end

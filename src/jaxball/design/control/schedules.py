@@ -45,7 +45,8 @@ def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenar
     """
     problem = rolling(solution.problem)
     state = problem.state
-    fields = {name: getattr(state, name) for name in state.__dataclass_fields__ if not name.startswith("theta")}
+    names = [field.name for field in dataclasses.fields(state) if not field.name.startswith("theta")]
+    fields = {name: getattr(state, name) for name in names}
     times = np.linspace(float(problem.start), float(problem.end), saves)
     return Scenario(title, problem.with_schedules(schedules_of(solution)), type(state)(**fields), times)
 
