@@ -234,7 +234,7 @@ def test_an_error_inside_a_function_of_the_user_is_left_as_it_is():
 
     with pytest.raises(KeyError, match="radius") as raised:
         FunctionRail(missing, {"raduis": 1.0})
-    assert "This came from argument `function`, when it was tried to see what shape its value has." in (
+    assert "This came from argument `function`, when it was traced to find the shape of its value." in (
         raised.value.__notes__
     )
 

@@ -119,7 +119,8 @@ def study_with(name, paths, values):
 def compare(name, paths, values):
     """Which rows are possible, once they and their numbers are found to be those of their own documents."""
     with np.errstate(all="ignore"):
-        parts, _, possible = rows._read_together(study_with(name, paths, values), values)
+        together = rows._read_together(study_with(name, paths, values), values)
+        parts, possible = together.parts, together.possible
         for k, row in enumerate(values):
             own = contents(name, paths, row)
             if possible[k] != (own is not None):

@@ -66,7 +66,7 @@ class AbstractDiagonallyImplicit(AbstractStageSolver):
         # The last stage of the step before satisfies its equation. Evaluated anew in a stiff problem, f would multiply
         # the error of that stage by the large eigenvalues (Hosea & Shampine 1996, section 4).
         k0 = jax.lax.cond(before.known, lambda: h * before.f_end, lambda: problem.slope(t0, x0))
-        times = jnp.stack([*(t0 + c * (t1 - t0) for c in self.tableau.c[:-1]), t1])
+        times = jnp.stack([*(t0 + float(c) * (t1 - t0) for c in self.tableau.c[:-1]), t1])
         known = combine(self.first, k0[None])
         equations = problem.equations(self.tableau, t0, times, x0, known=known)
         guess = jnp.broadcast_to(k0, known.shape)
