@@ -65,10 +65,10 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
                 f"Argument `state` must be given, because the masses {list(self.driven)} are driven by a feedback "
                 "law and their angles belong to the state; pass BallState(theta=..., thetadot=...)."
             )
-        return super().default_state()
+        return AbstractSystem.default_state(self)
 
     def require_state(self, state: Any) -> None:
-        super().require_state(state)
+        AbstractSystem.require_state(self, state)
         driven = len(self.driven)
         if state.theta.shape[-1] != driven or state.thetadot.shape[-1] != driven:
             raise ValueError(
@@ -172,7 +172,7 @@ class Ball(AbstractBody):
         return state.rates(self.radius, ball_acceleration(self, t, state, angles), angles)
 
     def require_state(self, state: Any) -> None:
-        super().require_state(state)
+        AbstractBody.require_state(self, state)
         if self.force is not None and isinstance(state, ReducedState):
             raise ValueError(
                 "Argument `ball` must have no external force in the reduced system, because the force's "
