@@ -150,11 +150,11 @@ STATES = [
     ),
     (
         lambda: run(state=BallState),
-        "`state` must be a BallState or .* for a Ball, but it is the class BallState",
+        "`state` must be a BallState, RotationState or ReducedState for a Ball, but it is the class BallState",
     ),
     (
         lambda: run(state=[0.0, 1.0]),
-        "`state` must be a BallState or .* for a Ball, but it is the list",
+        "`state` must be a BallState, RotationState or ReducedState for a Ball, but it is the list",
     ),
     (
         lambda: run(system=FreeRigidBody(inertia=(1.0, 1.0, 1.0)), state=BALL),

@@ -99,7 +99,7 @@ def test_wrong_arguments():
         lyapunov_spectrum(CHAPLYGIN, (0.0, 1.0), exponents=6)
     with pytest.raises(jaxball.PrecisionError, match="must reach"):
         lyapunov_spectrum(CHAPLYGIN, (0.0, 1.0), rtol=1e-17, atol=1e-17)
-    with pytest.raises(TypeError, match=r"must be a BallState or .* for a Ball"):
+    with pytest.raises(TypeError, match=r"must be a BallState, RotationState or ReducedState for a Ball"):
         lyapunov_spectrum(CHAPLYGIN, (0.0, 1.0), jaxball.DiskState())
 
 

@@ -185,7 +185,7 @@ def no_type_checks():
         (
             lambda: jaxball.simulate(jaxball.Ball(mass=1.0, inertia=(1.0, 1.0, 1.0)), TIMES, START),
             TypeError,
-            "`state` must be a BallState or .* for a Ball, but it is a RigidBodyState",
+            "`state` must be a BallState, RotationState or ReducedState for a Ball, but it is a RigidBodyState",
         ),
         (
             lambda: jaxball.simulate(classical.NonholonomicParticle(), TIMES, solver=RadauIIA(stages=3), dae=True),

@@ -37,7 +37,9 @@ def test_times(times, sentence):
 
 
 def test_the_state_of_another_body():
-    with pytest.raises(TypeError, match=r"must be a BallState or .* for a Ball, but it is a DiskState"):
+    with pytest.raises(
+        TypeError, match=r"must be a BallState, RotationState or ReducedState for a Ball, but it is a DiskState"
+    ):
         jaxball.simulate(BALL, [0.0, 1.0], jaxball.DiskState())
 
 

@@ -133,5 +133,5 @@ def test_wrong_arguments(lopsided):
         steady_rolling(routh(), 0.3, 0.0)
     with pytest.raises(ValueError, match=r"must be directions of shape \(n, 3\)"):
         permanent_rotations(lopsided, guess=[1.0, 0.0])
-    with pytest.raises(TypeError, match=r"must be a BallState or .* for a Ball"):
+    with pytest.raises(TypeError, match=r"must be a BallState, RotationState or ReducedState for a Ball"):
         stability(lopsided, jaxball.DiskState())

@@ -126,7 +126,8 @@ class AbstractSystem(Printed, Generic[AnyState]):
         """
         kinds = (self.state_type, *self.other_state_types)
         if not isinstance(state, kinds):
-            must = " or ".join(a(kind.__name__) for kind in kinds)
+            *others, last = (kind.__name__ for kind in kinds)
+            must = a(f"{', '.join(others)} or {last}" if others else last)
             raise TypeError(
                 f"Argument `state` must be {must} for {a(type(self).__name__)}, but it is {described(state)}."
             )
