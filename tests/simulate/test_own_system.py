@@ -131,3 +131,28 @@ def test_a_unit_vector_counts_one_dimension_less():
     assert jaxball.problems(Attracted(), Pointing([1.0, 1.0, 0.0])) == [
         "Argument `state.n` must be a unit vector, but it is [1.0, 1.0, 0.0]."
     ]
+
+
+class Nameless(jaxball.AbstractSystem):
+    def field(self, t, state):
+        return state
+
+
+class Bare(jaxball.AbstractSystem[Turning]):
+    state_type: ClassVar[type[Turning]] = Turning
+
+    def field(self, t, state):
+        return jnp.stack([state.thetadot, state.theta])
+
+
+@pytest.mark.parametrize(
+    ("system", "sentence"),
+    [
+        (Nameless(), "Class Nameless must name the class of its states, as in `state_type = MyState`"),
+        (Bare(), "Method `field` of Bare must return a Turning, .*, but it returns "),
+    ],
+    ids=["state_type", "field"],
+)
+def test_a_contract_that_is_not_fulfilled_is_told(system, sentence):
+    with pytest.raises(TypeError, match=sentence):
+        jaxball.simulate(system, TIMES)

@@ -153,8 +153,18 @@ class AbstractSystem(Printed, Generic[AnyState]):
         return packed
 
     def packed_field(self, t: Float[Array, ""], packed: AnyState) -> AnyState:
-        """The rate of a packed state."""
-        return self.field(t, packed)
+        """The rate of a packed state.
+
+        **Raises:** ``TypeError`` when ``field`` returns anything but a state of the same kind.
+        """
+        rates = self.field(t, packed)
+        if type(rates) is not type(packed):
+            kind = type(packed).__name__
+            raise TypeError(
+                f"Method `field` of {type(self).__name__} must return {a(kind)}, whose fields are the rates of those "
+                f"of the state, but it returns {described(rates)}."
+            )
+        return rates
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
         """The times, in no order, of kinks at which the packed field is continuous. They need no derivatives."""
@@ -205,7 +215,12 @@ def default_of(kind: type[AbstractState], dtype: Any) -> Any:
 def require_system(system: Any) -> None:
     """Raises a ``TypeError`` unless the argument ``system`` fulfils the contract."""
     if isinstance(system, AbstractSystem):
-        return
+        if hasattr(type(system), "state_type"):
+            return
+        kind = type(system).__name__
+        raise TypeError(
+            f"Class {kind} must name the class of its states, as in `state_type = MyState`, but it does not."
+        )
     inner = type(getattr(system, "system", None))
     remedy = f"its `system` is {a(inner.__name__)}" if issubclass(inner, AbstractSystem) else ""
     raise refusal("system", "a Ball, a Disk, one of jaxball.classical or another AbstractSystem", system, remedy)
