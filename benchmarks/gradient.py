@@ -29,7 +29,7 @@ PACKAGES = ("jaxball", "jax", "jaxlib", "diffrax", "equinox", "heyoka", "casadi"
 
 def main() -> None:
     options = _options()
-    harness.set_up_jax(cpu_settings=True, gradients=options.mode == "reverse")
+    harness.set_up_jax(cpu_settings=True)
     calls, build = _contenders(OURS[options.mode])
     exact = _exact()
     medians = harness.interleaved_medians(calls, rounds=options.rounds, block=3)

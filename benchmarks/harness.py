@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any
 
 
-def set_up_jax(cpu_settings: bool, gpu: bool = False, gradients: bool = False) -> None:
+def set_up_jax(cpu_settings: bool, gpu: bool = False) -> None:
     """Chooses float64 and, if asked, the command line's CPU settings; to be called before the first array.
 
-    JAX uses the CPU; with ``gpu``, what it finds or the user has chosen, and takes memory as it needs it. With
-    ``gradients`` the settings are those for derivatives in reverse mode.
+    JAX uses the CPU; with ``gpu``, what it finds or the user has chosen, and takes memory as it needs it.
     """
     os.environ["JAX_ENABLE_X64"] = "1"
     os.environ.pop("XLA_FLAGS", None)
@@ -24,7 +23,7 @@ def set_up_jax(cpu_settings: bool, gpu: bool = False, gradients: bool = False) -
     if cpu_settings:
         from jaxball import cpu
 
-        cpu.prepare(gradients=gradients)
+        cpu.prepare()
 
 
 def description(*packages: str) -> dict[str, object]:

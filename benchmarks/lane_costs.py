@@ -9,8 +9,8 @@ from jaxball_batch import TIMES, at
 
 from jaxball import BallState
 from jaxball.ensemble import simulate_ensemble
-from jaxball.ensemble.lanes import LaneProgram
 from jaxball.ensemble.runge_kutta import step
+from jaxball.numerics.lanes import LaneProgram
 from jaxball.physics.moments import velocity_moments
 from jaxball.physics.packing import Packing
 from jaxball.simulation.simulate import DEFAULT_SOLVER
@@ -51,7 +51,7 @@ class Stages:
 
             def again(_, carry):
                 t, x, first = carry
-                taken = step(tableau, field, t, t + LENGTH, x, first)
+                taken = step(tableau, field, t, t + LENGTH, x, first, jnp.zeros(LANES, bool))
                 return taken.end, taken.y + 1e-9 * taken.error, taken.last
 
             return jax.lax.fori_loop(0, STEPS, again, (jnp.zeros(LANES), x, x))

@@ -27,7 +27,7 @@ from jaxball import (
 from jaxball.design import control
 from jaxball.physics.body import with_masses
 
-cpu.prepare(gradients=True)
+cpu.prepare()
 jax.config.update("jax_enable_x64", True)
 
 START, END, PLACE = 0.0, 10.0, (-1.5, 0.0)

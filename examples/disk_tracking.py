@@ -13,7 +13,7 @@ import numpy as np
 from jaxball import Circle, ConstantRate, Disk, OnRail, PointMass, cpu, design, plot, write_scenario
 from jaxball.design import control
 
-cpu.prepare(gradients=True)
+cpu.prepare()
 jax.config.update("jax_enable_x64", True)
 
 START, END, PLACE = 0.0, 12.0, 0.5

@@ -13,7 +13,7 @@ import numpy as np
 from jaxball import Ball, ConstantRate, OnRail, PointMass, Tube, cpu, design, plot, write_scenario
 from jaxball.design import control
 
-cpu.prepare(gradients=True)
+cpu.prepare()
 jax.config.update("jax_enable_x64", True)
 
 START, END = 0.0, 60.0

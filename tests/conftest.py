@@ -3,7 +3,6 @@
 import gc
 import os
 import signal
-from pathlib import Path
 
 import hypothesis
 import jax
@@ -12,12 +11,14 @@ import numpy as np
 import pytest
 
 X64 = os.environ.get("JAXBALL_TESTS_X64", "1") != "0"  # with 0, the tests marked any_precision run, in float32
+os.environ["JAXBALL_NO_CACHE"] = "1"  # commands compile, and leave the user's folder alone; tests/cache has its own
 jax.config.update("jax_enable_x64", X64)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jaxtyping.install_import_hook("jaxball", "beartype.beartype")
 
 import jaxball  # noqa: E402
+from tests.support import programs  # noqa: E402
 from tests.support.paper import paper_ball, paper_disk  # noqa: E402
 
 # Compiling counts as part of an example's time, and a test must give the same answer each time.
@@ -28,7 +29,6 @@ hypothesis.settings.load_profile("compiled")
 gc.freeze()
 gc.set_threshold(50_000, 50, 50)
 
-MAPPINGS, MOST_MAPPINGS = Path("/proc/self/maps"), 42_000
 SECONDS = np.linspace(0.0, 20.0, 21)
 
 
@@ -37,9 +37,16 @@ def pytest_configure(config):
     unoptimised = config.option.markexpr == "not slow"
     jax.config.update("jax_disable_most_optimizations", unoptimised)
     os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(unoptimised))  # of examples and commands
+    programs.compile_quickly()
+    if getattr(config, "cache", None):  # pytest's own, which `-p no:cacheprovider` switches off
+        programs.keep_in(config.cache.mkdir("programs"))
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         # A shell lets what it runs in the background ignore Ctrl-C, and all that this starts; tests press it.
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_runtest_teardown(item, nextitem):
+    programs.forget_if_many(module_ends=nextitem is None or nextitem.path != item.path)
 
 
 def pytest_collection_modifyitems(config, items):
@@ -47,15 +54,6 @@ def pytest_collection_modifyitems(config, items):
         chosen = [item for item in items if item.get_closest_marker("any_precision")]
         config.hook.pytest_deselected(items=[item for item in items if item not in chosen])
         items[:] = chosen
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _room_for_programs():
-    """Linux lets a process have 65,530 mappings of memory, and a compiled program takes several; then XLA aborts."""
-    yield
-    if MAPPINGS.exists() and MAPPINGS.read_text().count("\n") > MOST_MAPPINGS:
-        jax.clear_caches()
-        gc.collect()
 
 
 @pytest.fixture

@@ -11,19 +11,22 @@ is used, and neither are the packages:
 - ``plot``, ``results``, ``scenario``: figures, files out, files in.
 - ``solvers``: implicit methods for diffrax.
 - ``paper``, ``reproduce``, ``verify``, ``bench``: the paper's systems and figures, checks, comparisons of solvers.
-- ``cpu``: settings for fast solves on a CPU.
+- ``cpu``, ``cache``: settings for fast solves on a CPU, compiled programs kept from one process to the next.
 
 The names of ``jaxball`` itself live in ``physics``, ``simulation``, ``numerics`` and ``interface``, and the commands in
 ``cli``, which nobody needs to import; ``CONTRIBUTING.md`` has a map of all.
 """
 
 import importlib
-import sys
-from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+TYPE_CHECKING = False  # type checkers know the name; the module that has it takes as long to import as Python to start
 
 if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from . import (
         bench as bench,
+        cache as cache,
         chaos as chaos,
         classical as classical,
         cpu as cpu,
@@ -126,9 +129,9 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from .simulation.occurrences import Occurrences as Occurrences
     from .simulation.simulate import PrecisionError as PrecisionError, simulate as simulate
     from .simulation.trajectory import Trajectory as Trajectory
-
-    __version__: str
 else:
+    from .interface.names import lazy_interface, missing
+
     _NAMES = {
         "physics.body": "Ball Disk PointMass System with_integrated_angles with_masses",
         "simulation.equilibrium": "Balance balance with_angles",
@@ -156,11 +159,11 @@ else:
         "simulation.trajectory": "Trajectory",
         "physics.validity": "problems",
     }
-    _MODULE_OF = {name: module for module, names in _NAMES.items() for name in names.split()}
     _PACKAGES = {
         name: name
         for name in [
             "bench",
+            "cache",
             "chaos",
             "classical",
             "cpu",
@@ -177,26 +180,16 @@ else:
         ]
     }
     _PACKAGES |= {"reference": "paper.reference", "reproduce": "paper.reproduce"}
-    __all__ = sorted(_MODULE_OF)
+    __all__, __dir__, _load = lazy_interface(__name__, _NAMES, *_PACKAGES, "__version__")
 
-    def __getattr__(name: str) -> Any:
-        if name == "__version__":
-            value = importlib.import_module("importlib.metadata").version(__name__)
-        elif name in _MODULE_OF:
-            value = getattr(importlib.import_module(f".{_MODULE_OF[name]}", __name__), name)
-        else:
-            value = _module(_PACKAGES.get(name, name), name)
-        return globals().setdefault(name, value)
-
-    def _module(module: str, name: str) -> Any:
-        """A package of the interface, or any other room of jaxball, which ``dir`` does not show."""
+    def __getattr__(name: str) -> object:
+        """A name of the interface, a package of it, or any other room of jaxball, which ``dir`` does not show."""
+        if name in __all__:
+            return _load(name)
+        module = f"{__name__}.{_PACKAGES.get(name, name)}"
         try:
-            return importlib.import_module(f".{module}", __name__)
+            return globals().setdefault(name, importlib.import_module(module))
         except ModuleNotFoundError as error:
-            if error.name != f"{__name__}.{module}":
+            if error.name != module:
                 raise
-        message = f"module {__name__!r} has no attribute {name!r}"
-        raise AttributeError(message, name=name, obj=sys.modules[__name__])
-
-    def __dir__() -> list[str]:
-        return sorted([*__all__, *_PACKAGES, "__version__"])
+        raise missing(__name__, name)

@@ -8,47 +8,40 @@ import sys
 
 __all__ = ["prepare"]
 
-# The first compiles small loops as one function instead of running them operation by operation; the second lets results
-# that share work be computed together. The others are LLVM's own: it gives up vector instructions where it must check
-# that many arrays do not overlap, or thinks that the check costs more than a loop over some lanes gains, which a
-# higher cost of the loop's instructions refutes. XLA reads them when its backend starts.
+# The first compiles small loops as one function instead of running them operation by operation. The others are LLVM's
+# own: it gives up vector instructions where it must check that many arrays do not overlap, or thinks that the check
+# costs more than a loop over some lanes gains, which a higher cost of the loop's instructions refutes. XLA reads them
+# when its backend starts. Multi-output fusion is not among them: with it, jaxlib 0.10.1 was seen to compute a wrong
+# derivative in reverse mode, off by 4e-4, and stopped the process where programs of derivatives were compiled in the
+# newer way.
 SMALL_LOOPS = "xla_cpu_small_while_loop_byte_threshold=100000000"
-FUSION = "xla_cpu_use_multi_output_fusion=true"
 VECTORS = "-vectorize-memory-check-threshold=100000,-force-target-instruction-cost=10"
 # Where there are registers of 512 bits, they are used.
 WIDE = "--xla_cpu_prefer_vector_width=512"
-# In jaxlib 0.10.1 multi-output fusion stops the process where programs of derivatives are compiled in the newer way.
+# XLA's older way of compiling fused operations is the faster one, and its programs are no slower.
 OLDER = "--xla_cpu_use_fusion_emitters=false"
 EXTRA = "--xla_backend_extra_options"
-FLAGS = (f"{EXTRA}={SMALL_LOOPS},{FUSION},{VECTORS}", WIDE, OLDER)
-
-# With multi-output fusion, jaxlib 0.10.1 was seen to compute a wrong derivative in reverse mode, through a ball's solve
-# and its contact force: off by 4e-4, where it is right to 1e-11 without.
-FLAGS_FOR_GRADIENTS = (f"{EXTRA}={SMALL_LOOPS},{VECTORS}", WIDE)
+FLAGS = (f"{EXTRA}={SMALL_LOOPS},{VECTORS}", WIDE, OLDER)
 
 # The versions of jaxlib, from the first to before the second, that were seen to accept the flags.
 KNOWN_GOOD = ((0, 10), (0, 11))
 
 
-def prepare(*, gradients: bool = False) -> bool:
+def prepare() -> bool:
     """Sets ``XLA_FLAGS`` for fast solves on a CPU, beside the flags that are there already.
 
     Call it before the first array is made. The command line does; importing the library sets
     nothing. These options are internals of XLA, and XLA stops the process at an unknown flag, so for
     a version of jaxlib that is not known to accept them it is tried in another process first.
 
-    **Arguments:**
-
-    - ``gradients``: whether derivatives are to be computed in reverse mode, for which one of the options is not safe.
-
     **Returns:** whether the options are set: False where ``XLA_FLAGS`` has extra options of the
     user's own, or where jaxlib does not accept them.
     """
-    present, wanted = os.environ.get("XLA_FLAGS", "").split(), FLAGS_FOR_GRADIENTS if gradients else FLAGS
+    present = os.environ.get("XLA_FLAGS", "").split()
     if any(flag.startswith(EXTRA) for flag in present):
-        return wanted[0] in present
+        return FLAGS[0] in present
     own = {flag.split("=")[0] for flag in present}
-    flags = " ".join([*present, *(flag for flag in wanted if flag.split("=")[0] not in own)])
+    flags = " ".join([*present, *(flag for flag in FLAGS if flag.split("=")[0] not in own)])
     if not _known_good(importlib.metadata.version("jaxlib")) and not _accepted(flags):
         return False
     os.environ["XLA_FLAGS"] = flags

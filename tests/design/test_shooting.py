@@ -60,6 +60,7 @@ def test_defects_in_closed_form():
     np.testing.assert_allclose(defects(at.evaluate(changed[None], at.penalised(1))), expected, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_the_gradient_is_right_where_pieces_do_not_join():
     """In reverse mode, as BFGS has it, beside forward mode, as Gauss and Newton have it, and differences."""
     at, random = optimiser(), np.random.default_rng(2)

@@ -64,13 +64,15 @@ def test_the_papers_ball(balls):
 
 
 def test_what_runs_share_may_be_given_once():
+    """Each program rounds, and so steps, in its own way: both are as exact as float64 can have them."""
     masses = np.linspace(0.5, 2.0, 12)
     system, state = disks(masses)
-    whole = simulate_ensemble(system, TIMES, state, **SMALL)
+    exactly = {"rtol": 1e-14, "atol": 1e-14}
+    whole = simulate_ensemble(system, TIMES, state, **exactly, **SMALL)
     axes = eqx.tree_at(lambda disk: disk.mass, jax.tree.map(lambda _: None, system), 0, is_leaf=lambda x: x is None)
     shared = _with_mass(jax.tree.map(lambda leaf: leaf[0], system), masses)
-    found = simulate_ensemble(shared, TIMES, DiskState(phi=1.0), in_axes=(axes, None), **SMALL)
-    np.testing.assert_allclose(found.trajectory.state.phi, whole.trajectory.state.phi, rtol=0, atol=1e-13)
+    found = simulate_ensemble(shared, TIMES, DiskState(phi=1.0), in_axes=(axes, None), **exactly, **SMALL)
+    np.testing.assert_allclose(found.trajectory.state.phi, whole.trajectory.state.phi, rtol=0, atol=5e-12)
     for a, b in zip(jax.tree.leaves(found.trajectory), jax.tree.leaves(whole.trajectory), strict=True):
         assert a.shape == b.shape
     # A view of the one number, not a copy for each run.
@@ -102,15 +104,15 @@ def test_a_classical_system():
 
 
 def test_runs_end_when_they_end_and_lanes_are_filled_again():
-    spans = 2.0 * 10 ** np.random.default_rng(0).uniform(0, 1, 1500)
+    spans = 8.0 * 10 ** np.random.default_rng(0).uniform(0, 1, 400)
     system, state = disks(np.ones(spans.size))
-    times = np.stack([np.zeros_like(spans), 10 * spans], axis=1)
-    found = simulate_ensemble(system, times, state, lanes=32)
+    times = np.stack([np.zeros_like(spans), spans], axis=1)
+    found = simulate_ensemble(system, times, state, lanes=8)
     steps = found.trajectory.steps
     assert steps.max() > 8 * steps.min()
     assert found.efficiency > 0.85
     assert np.all(found.trajectory.reached == times[:, 1])
-    assert_same(found, 700, single(system, state, 700, times=times[700]), 1e-11)
+    assert_same(found, 200, single(system, state, 200, times=times[200]), 1e-11)
 
 
 def test_a_run_that_fails_harms_no_other():

@@ -1,13 +1,13 @@
 """Every Python block of the documentation runs, in order, and so does every example; maps show what there is."""
 
 import ast
+import os
 import re
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
-import jax
 import pytest
 from sybil import Sybil
 from sybil.parsers.markdown import PythonCodeBlockParser
@@ -15,34 +15,26 @@ from sybil.parsers.markdown import PythonCodeBlockParser
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
-# Whose programs run longer than they compile, and are compiled as users do.
-LONG_RUNS = ("chaos-and-stability.md", "sweeps.md")
+# Most of whose time is that of many solvers, of derivatives in both modes, or of long runs.
+LONG_PAGES = ("chaos-and-stability.md", "extending.md", "solvers.md", "sweeps.md")
+LONG_EXAMPLES = ("03_gradient.py", "06_ode_and_dae.py", "08_identification.py")
 
 
-@pytest.fixture
-def optimised(document):
-    """The other tests switch most of the compiler's optimisations off."""
-    if document.name not in LONG_RUNS:
-        yield
-        return
-    before = jax.config.read("jax_disable_most_optimizations")
-    jax.config.update("jax_disable_most_optimizations", False)
-    yield
-    jax.config.update("jax_disable_most_optimizations", before)
+def long_ones_slow(paths, long):
+    return [pytest.param(path, id=path.name, marks=[pytest.mark.slow] * (path.name in long)) for path in paths]
 
 
-@pytest.mark.usefixtures("optimised")
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+@pytest.mark.parametrize("document", long_ones_slow(DOCUMENTS, LONG_PAGES))
 def test_python_blocks_run(document, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("XLA_FLAGS", "EQX_ON_ERROR"):
-        monkeypatch.setenv(name, "")
+        monkeypatch.setenv(name, os.environ.get(name, ""))
     sybil = Sybil(parsers=[PythonCodeBlockParser()], pattern="*.md", path=str(ROOT))
     for example in sybil.parse(document):
         example.evaluate()
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize("example", long_ones_slow(EXAMPLES, LONG_EXAMPLES))
 def test_example_runs(example, tmp_path):
     done = subprocess.run([sys.executable, str(example)], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr
@@ -63,9 +55,11 @@ def test_commands_of_the_readme(tmp_path):
     section = (ROOT / "README.md").read_text().split("## On the command line")[1]
     lines = section.split("```console\n")[1].split("```")[0].splitlines()
     program = Path(sys.executable).parent / "jaxball"
+    environment = {**os.environ, "JAXBALL_NO_CACHE": "", "JAXBALL_CACHE_DIR": str(tmp_path / "cache")}
     for line in lines:
         command = line.split("#")[0].strip().replace("jaxball", str(program), 1)
-        done = subprocess.run(command, shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=300)
+        place = {"cwd": tmp_path, "env": environment, "timeout": 300}
+        done = subprocess.run(command, shell=True, capture_output=True, text=True, **place)
         assert done.returncode == 0, f"{line}: {done.stderr}"
     assert (tmp_path / "run.nc").stat().st_size > 0
     assert list((tmp_path / "figures").glob("*.png"))

@@ -33,11 +33,24 @@ assert not [name for name in sys.modules if name.partition(".")[0] in ("jax", "n
 for name in "plot chaos design paper ensemble stability cpu classical solvers sweep verify scenario results".split():
     assert getattr(jaxball, name).__name__ == f"jaxball.{name}"
     assert name in shown
-assert jaxball.physics.integrals.__name__ == "jaxball.physics.integrals"
+assert jaxball.physics.__name__ == "jaxball.physics"
 assert dir(jaxball) == shown
 print(jaxball.__version__)
 """
     assert fresh(program) == importlib.metadata.version("jaxball")
+
+
+def test_a_simulation_imports_neither_files_nor_figures_nor_what_else_it_does_without():
+    program = """
+import sys
+from jaxball import Ball, DiskState, OnRail, PointMass, Slip, simulate
+from jaxball.simulation.extremes import contact_extremes
+rooms = {name.split(".")[1] for name in sys.modules if name.startswith("jaxball.")}
+assert rooms == {"interface", "cache", "numerics", "physics", "simulation", "solvers"}, rooms
+beside = ("matplotlib", "xarray", "pandas", "h5py", "tomllib", "scipy.optimize")
+print(*(name for name in beside if name in sys.modules))
+"""
+    assert fresh(program) == ""
 
 
 def test_dir_shows_the_interface_and_nothing_else():
@@ -53,23 +66,32 @@ def test_dir_shows_the_interface_and_nothing_else():
         assert beside == {"design": {"control"}, "paper": {"reference", "reproduce"}}.get(name, set())
 
 
-def test_no_name_is_that_of_a_module():
+LAZY = {"jaxball": SOURCE} | {f"jaxball.{name}": SOURCE / name for name in ("scenario", "results", "verify")}
+
+
+@pytest.mark.parametrize(("name", "folder"), LAZY.items())
+def test_no_name_is_that_of_a_module(name, folder):
     """Importing the module would take the place of what is to be found under its name."""
-    assert not {path.stem for path in SOURCE.iterdir()} & set(jaxball.__all__)
+    assert not {path.stem for path in folder.iterdir()} & set(importlib.import_module(name).__all__)
 
 
-def test_type_checkers_are_told_the_same():
-    tree = ast.parse((SOURCE / "__init__.py").read_text())
+@pytest.mark.parametrize(("name", "folder"), LAZY.items())
+def test_type_checkers_are_told_the_same(name, folder):
+    tree = ast.parse((folder / "__init__.py").read_text())
     (guarded,) = [node for node in tree.body if isinstance(node, ast.If)]
     told = {}
     for node in guarded.body:
         if isinstance(node, ast.ImportFrom):
             for alias in node.names:
                 assert alias.asname == alias.name
-                told[alias.name] = node.module
-    packages = {name: name if module is None else f"{module}.{name}" for name, module in told.items()}
-    assert {name: packages[name] for name in PACKAGES} == jaxball._PACKAGES
-    assert {name: module for name, module in told.items() if name not in PACKAGES} == jaxball._MODULE_OF
+                told[alias.name] = node.module and "." * (node.level - 1) + node.module
+    package = importlib.import_module(name)
+    if package is jaxball:
+        packages = {one: one if module is None else f"{module}.{one}" for one, module in told.items()}
+        assert {one: packages[one] for one in PACKAGES} == jaxball._PACKAGES
+        told = {one: module for one, module in told.items() if one not in PACKAGES}
+    assert told == {one: module for module, names in package._NAMES.items() for one in names.split()}
+    assert sorted(told) == package.__all__
 
 
 def test_a_misspelt_name_is_an_attribute_error_with_a_suggestion():

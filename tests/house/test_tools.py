@@ -66,21 +66,6 @@ except RuntimeError:
     assert done.stdout.strip().endswith("no backend was started"), done.stdout + done.stderr
 
 
-def test_help_and_wrong_options_need_no_numbers():
-    program = """
-import contextlib, sys
-from jaxball.cli.dispatch import run
-for arguments in (["--help"], ["--version"], ["rol"], ["reproduce", "--to"], ["sweep", "s.toml", "--shard", "3/2"]):
-    with contextlib.suppress(SystemExit):
-        run(arguments)
-        raise AssertionError(arguments)
-print(*sys.modules)
-"""
-    done = run(sys.executable, "-c", program)
-    assert done.returncode == 0, done.stderr
-    assert not {"jax", "numpy", "matplotlib"} & set(done.stdout.splitlines()[-1].split())
-
-
 def test_no_source_file_is_long():
     long = {
         str(path.relative_to(ROOT)): lines

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 import jaxball
 from jaxball import load_run, plot, simulate
 from jaxball.results import OutputError, saved_scenario
-from jaxball.results.load import RunError
+from jaxball.results.loading import RunError
 from jaxball.scenario import load_scenario, read_scenario
 from tests.scenario.documents import BALL, DISK
 

@@ -1,13 +1,14 @@
 """The built-in scenarios run, stay on the plane, and do what their comments say."""
 
 import json
+import tomllib
 from importlib.resources import files
 
 import jax
 import numpy as np
 import pytest
 
-from jaxball.scenario import builtin_scenarios, load_scenario
+from jaxball.scenario import builtin_scenarios, builtin_text, builtin_title, load_scenario
 
 NAMES = (
     "ball",
@@ -45,6 +46,11 @@ def reference(name):
 
 def test_names():
     assert builtin_scenarios() == tuple(sorted(NAMES + CLASSICAL))
+
+
+@pytest.mark.parametrize("name", NAMES + CLASSICAL)
+def test_titles_are_those_of_the_documents(name):
+    assert builtin_title(name) == tomllib.loads(builtin_text(name))["title"]
 
 
 @pytest.mark.parametrize("name", NAMES)

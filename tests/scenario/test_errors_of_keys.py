@@ -84,6 +84,10 @@ KEYS = {
         edited("gravity", "gravty"),
         "Key `body.gravty` is not known; did you mean `gravity`?",
     ),
+    "key without letters": (
+        edited("gravity = 1.0", 'gravity = 1.0\n"" = 1'),
+        'Key `body.""` is not known; the keys here are gravity, inertia, mass, offset, radius.',
+    ),
     "misspelt table": (
         edited("[time]", "[tme]"),
         "Key `tme` is not known; did you mean `time`?",
@@ -151,6 +155,11 @@ SHELLS = {
         edited("gravity = 1.0", "gravity = 1.0\noffset = [0.0, 0.0, -1.5]"),
         "Key `body.offset` must be a point inside the shell, nearer to the centre than the radius, but it is "
         "[0.0, 0.0, -1.5].",
+    ),
+    "offset whose square is infinite": (
+        edited("gravity = 1.0", "gravity = 1.0\noffset = [2e299, 0.0, 0.0]"),
+        "Key `body.offset` must be a point inside the shell, nearer to the centre than the radius, but it is "
+        "[2e+299, 0.0, 0.0].",
     ),
     "disk's offset": (
         edited("gravity = 1.0", "gravity = 1.0\noffset = [0.0, 0.1, 0.0]", DISK),

@@ -11,7 +11,7 @@ import pytest
 
 from jaxball.cli import main
 from jaxball.scenario import builtin_text, read_scenario
-from jaxball.scenario.solve import KNOW_MASS_MATRICES, SOLVERS
+from jaxball.scenario.solvers import KNOW_MASS_MATRICES, SOLVERS
 from tests.support.paper import reference
 
 EPS = np.finfo(float).eps

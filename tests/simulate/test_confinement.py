@@ -188,6 +188,7 @@ def test_rows_of_a_batch_have_the_statuses_of_single_runs():
     assert "must be a curve inside the shell of radius 1, but it is 1.5 from the centre" in row.message
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_the_equations():
     def end(radius, inside):
         rail = jaxball.Circle(radius, frame=TURNED)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +12,7 @@ from jaxtyping import Array, Float, Int
 from ..cpu import cores
 from ..interface.arguments import require, require_callable
 from ..interface.status import Status
+from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.batches import in_threads, unpadded
 from ..physics.phase_space import normal_of, phase_point
@@ -83,7 +83,7 @@ def chart(
     return _dataset(names, values, rows, edges, skipped)
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _solve(make: Make, method: Method, cells, edges) -> Float[Array, "cells 4"]:
     def one(cell):
         system, state = make(cell[0], cell[1])

@@ -4,7 +4,6 @@ import functools
 from typing import Any, NamedTuple, cast
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.arguments import refusal, require_callable
 from ..interface.status import Status
+from ..numerics import programs
 from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
 from ..simulation.simulate import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances, status_of
 from ..solvers import StepToKinks
@@ -157,7 +157,7 @@ def _count(length: float, interval: float) -> int:
     return int(np.ceil(length / interval * (1 - 1e-9)))
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _solve(method: Method, flow: Flow) -> LyapunovSpectrum:
     return spectrum(method, flow)
 

@@ -1,11 +1,11 @@
 """Lyapunov exponents of a rolling ball or disk, or of a classical system."""
 
 import diffrax
-import equinox as eqx
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import AbstractBody
 from ..physics.contact import reaction
@@ -64,7 +64,7 @@ def lyapunov_spectrum(
     return _solve(method, system, state, to_array(edges))
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _solve(method: Method, system: AbstractSystem, state: AbstractState, edges) -> LyapunovSpectrum:
     return system_spectrum(method, system, state, edges)
 
@@ -84,6 +84,6 @@ def system_spectrum(
         inner = unpack_parameters(parameters)
         return reaction(inner.system, t, inner.unpack(t, x)).normal
 
-    x, startable = packing.pack(edges[0], state), possible_start(system, edges, state)
+    x, startable = packing.pack(edges[0], state), possible_start(system, packing.system, edges, state)
     monitor = normal_force if isinstance(system, AbstractBody) else None
     return spectrum(method, Flow(field, x, parameters, edges, kinks, startable, monitor))

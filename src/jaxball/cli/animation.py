@@ -1,23 +1,15 @@
-"""The animation that ``jaxball simulate --animate`` makes: its options, and the run that it shows."""
+"""The options of the animation that ``jaxball simulate --animate`` makes."""
 
 import argparse
-import dataclasses
-import math
 import re
 import shutil
 from pathlib import Path
 
-import jax
-import numpy as np
-
-from ..interface.output import OutputError, check_destination, replacing
-from ..physics.body import AbstractBody
-from ..scenario import Scenario, ScenarioError
-from ..simulation.trajectory import Trajectory
+from ..interface.output import OutputError, check_destination
 from .options import count, number, positive
 
 SUFFIXES = (".mp4", ".gif")
-FRAMES = 30
+FRAMES = 30  # a second
 MOST_FRAMES_A_SECOND = {".mp4": 240, ".gif": 50}  # a GIF counts in hundredths of a second; players skip single ones
 SMALLEST, LARGEST = 64, 7680
 OPTIONS = ("fps", "speed", "size", "from", "to")
@@ -33,8 +25,8 @@ def add_animation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--to", type=number, metavar="T", help="when the animation ends (default: the end)")
 
 
-def check_animation(options: argparse.Namespace, scenario: Scenario) -> None:
-    """Raises an error with one sentence for an animation that cannot be made."""
+def check_animation(options: argparse.Namespace) -> None:
+    """Raises an :class:`~jaxball.results.OutputError` for an animation that cannot be made of any run."""
     if options.animate is None:
         for name in OPTIONS:
             if getattr(options, name) is not None:
@@ -50,44 +42,6 @@ def check_animation(options: argparse.Namespace, scenario: Scenario) -> None:
         raise OutputError(
             f"Argument `--fps` must be at most {MOST_FRAMES_A_SECOND[suffix]} for {suffix}, but it is {options.fps}."
         )
-    if not isinstance(scenario.system, AbstractBody):
-        raise OutputError(
-            f"Argument `--animate` must be left out for a {scenario.system.title}, which has no shell to draw, but it "
-            f'is "{options.animate}"; use --plot or --out.'
-        )
-    start, end = float(scenario.times[0]), float(scenario.times[-1])
-    first, last = _span(options, scenario)
-    if not start <= first < last <= end:
-        raise ScenarioError(
-            f"Arguments `--from` and `--to` must be times of the run, from {start:g} to {end:g}, one after the other, "
-            f"but they are {first:g} and {last:g}."
-        )
-
-
-def write_animation(options: argparse.Namespace, scenario: Scenario) -> None:
-    """Writes the animation."""
-    from .. import plot
-
-    speed, fps = options.speed or 1.0, options.fps or FRAMES
-    run = _run_with_frames(scenario, *_span(options, scenario), speed / fps)
-    with replacing(options.animate) as temporary:
-        plot.animate(run, temporary, fps=fps, speed=speed, size=options.size)
-
-
-def _span(options: argparse.Namespace, scenario: Scenario) -> tuple[float, float]:
-    ends = float(scenario.times[0]), float(scenario.times[-1])
-    first, last = getattr(options, "from"), options.to
-    return ends[0] if first is None else first, ends[1] if last is None else last
-
-
-def _run_with_frames(scenario: Scenario, first: float, last: float, step: float) -> Trajectory:
-    """The run again, saved once for each frame, from ``first`` to ``last``."""
-    times = np.linspace(first, last, math.ceil((last - first) / step - 1e-9) + 1)
-    if first == float(scenario.times[0]):
-        return dataclasses.replace(scenario, times=times).simulate()
-    times = np.concatenate([scenario.times[:1], times])
-    run = dataclasses.replace(scenario, times=times).simulate()
-    return dataclasses.replace(run, times=run.times[1:], state=jax.tree.map(lambda leaf: leaf[1:], run.state))
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -7,9 +7,11 @@ import re
 import sys
 from collections.abc import Sequence
 
+from .. import __version__
+from ..interface.errors import UserError
 from ..interface.interruption import INTERRUPTED, STOPPED
 from ..interface.wording import did_you_mean
-from .options import BAD_INPUT, BROKEN_PIPE, BadInputError
+from .options import BAD_INPUT, BROKEN_PIPE, add_no_cache
 
 # Only the command that runs is imported.
 COMMANDS = {
@@ -24,7 +26,9 @@ COMMANDS = {
     "design": "find a design by gradients through the simulation",
     "reproduce": "reproduce both runs of Putkaradze & Rogers (2018)",
     "bench": "compare solvers at equal achieved error",
+    "cache": "show or remove the compiled programs that are kept",
 }
+WITHOUT_CACHE = ("scenarios", "bench", "cache")
 # Arguments of Python functions that are not options of the same name, as the command line calls them.
 POSITIONAL = {
     "source": "FILE",
@@ -48,32 +52,19 @@ def run(arguments: Sequence[str]) -> int:
         return INTERRUPTED
     except BrokenPipeError:  # as from `| head`, which stops reading
         return BROKEN_PIPE
-    except Exception as error:
-        if not isinstance(error, _user_errors()):
-            raise
+    except (UserError, OSError) as error:
         print(f"jaxball: {_sentence(error)}", file=sys.stderr)
         return BAD_INPUT
 
 
 def _run(arguments: Sequence[str]) -> int:
     options = _parser(arguments).parse_args(arguments)
-    # Imported here, because help and messages about wrong options need no JAX.
-    import jax
+    if not options.cache:
+        return options.run(options)
+    from .. import cache  # imported here, because help and lists need none
 
-    from .. import cpu
-
-    cpu.prepare(gradients=options.gradients)
-    jax.config.update("jax_enable_x64", True)
-    return options.run(options)
-
-
-def _user_errors() -> tuple[type[Exception], ...]:
-    """The errors whose messages are sentences for the user; imported only when there is an error."""
-    from ..interface.output import OutputError
-    from ..scenario import ScenarioError
-    from ..simulation.simulate import PrecisionError
-
-    return ScenarioError, OutputError, PrecisionError, BadInputError, OSError
+    with cache.of_a_command(arguments):
+        return options.run(options)
 
 
 def _flush() -> None:
@@ -109,12 +100,10 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Version(argparse.Action):
-    """Prints the version, which is looked up only on request, because that takes longer than all else here."""
+    """Prints the version."""
 
     def __call__(self, parser, namespace, values, option_string=None):
-        import importlib.metadata
-
-        print(f"jaxball {importlib.metadata.version('jaxball')}")
+        print(f"jaxball {__version__}")
         parser.exit()
 
 
@@ -125,11 +114,13 @@ def _parser(arguments: Sequence[str]) -> argparse.ArgumentParser:
         description="Simulates a rolling ball or disk driven by point masses moving inside it.",
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
-    parser.set_defaults(gradients=False)
-    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    parser.set_defaults(cache=False)
+    commands = parser.add_subparsers(title="commands", prog=parser.prog, required=True, metavar="COMMAND")
     for name, summary in COMMANDS.items():
         if name in arguments[:1]:
             importlib.import_module(f".commands.{name}", __package__).add(commands)
+            if name not in WITHOUT_CACHE:
+                add_no_cache(commands.choices[name])
         else:
             commands.add_parser(name, help=summary)
     return parser

@@ -1,12 +1,19 @@
-"""The scenario that a command reads: a file, a built-in one or standard input, with some of its values changed."""
+"""The scenario that a command reads: a file, a built-in one or standard input, with some of its values changed.
+
+As a document it needs no JAX; :func:`scenario_of` does.
+"""
 
 import argparse
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ..scenario import Scenario, ScenarioError, load_scenario, read_document, read_scenario, scenario_text
+from .. import scenario
+from ..scenario.errors import ScenarioError
 from ..scenario.paths import with_values
-from ..scenario.sources import document_of, naming
+from ..scenario.sources import document_of, naming, scenario_text
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
 
 STDIN = "-"
 
@@ -38,35 +45,12 @@ def input_text(source: str) -> str | None:
         raise ScenarioError("Standard input must be text in UTF-8, but it is not.") from None
 
 
-def named_scenario(source: str) -> Scenario:
-    """The scenario of a file, of a built-in name, or on standard input.
-
-    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read.
-    """
-    text = input_text(source)
-    if text is None:
-        return load_scenario(source)
-    with naming(source_name(source)):
-        return read_scenario(text)
-
-
-def scenario_of(options: argparse.Namespace, end: float | None = None) -> Scenario:
-    """The scenario that the options name, changed by ``--set`` and, where it is given, with another ``time.end``.
-
-    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read, before or after the changes.
-    """
-    document = scenario_document(options, end)
-    with naming(source_name(options.scenario)):
-        return read_document(document)
-
-
 def scenario_document(options: argparse.Namespace, end: float | None = None) -> dict[str, Any]:
-    """The document that :func:`scenario_of` reads."""
-    text = input_text(options.scenario)
-    text = scenario_text(options.scenario) if text is None else text
-    with naming(source_name(options.scenario)):
-        document = document_of(text, "scenario", ScenarioError)
-    document = with_values(document, options.set)
+    """The document that the options name, changed by ``--set`` and, where it is given, with another ``time.end``.
+
+    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read or changed.
+    """
+    document = with_values(named_document(options.scenario), options.set)
     if end is not None:
         times = document.get("time")
         if isinstance(times, dict) and "at" in times:
@@ -76,6 +60,26 @@ def scenario_document(options: argparse.Namespace, end: float | None = None) -> 
             )
         document = with_values(document, [f"time.end={end!r}"])
     return document
+
+
+def named_document(source: str) -> dict[str, Any]:
+    """The document of a scenario file, of a built-in name, or on standard input.
+
+    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read.
+    """
+    text = input_text(source)
+    text = scenario_text(source) if text is None else text
+    with naming(source_name(source)):
+        return document_of(text, "scenario", ScenarioError)
+
+
+def scenario_of(document: dict[str, Any], source: str) -> "Scenario":
+    """The scenario that the document of ``source`` describes.
+
+    **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read.
+    """
+    with naming(source_name(source)):
+        return scenario.read_document(document)
 
 
 def source_name(source: str) -> str:

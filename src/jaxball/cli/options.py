@@ -3,12 +3,14 @@
 import argparse
 import math
 
+from ..interface.errors import UserError
+
 BAD_INPUT = 2
 FAILED_SOLVE = 3
 BROKEN_PIPE = 141  # as a shell reports it of other programs
 
 
-class BadInputError(ValueError):
+class BadInputError(UserError):
     """The command line asks for something impossible; the message is one sentence that says what and why."""
 
 
@@ -33,6 +35,17 @@ def count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"it must be a whole number, 1 or more, but it is {text}")
     return int(text)
+
+
+def add_no_cache(parser: argparse.ArgumentParser) -> None:
+    """Adds --no-cache."""
+    parser.add_argument(
+        "--no-cache",
+        dest="cache",
+        action="store_false",
+        default=True,
+        help="neither use nor keep compiled programs; see jaxball cache",
+    )
 
 
 def _parsed(text: str) -> float:

@@ -36,7 +36,7 @@ LIST = "a list of tables"
 SHARED = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
-    "scenario": Key(SCENARIO),
+    "scenario": Key(unread(SCENARIO)),
     "objectives": Key(unread(LIST, keys_of(objectives_of(PLANE)))),
     "constraints": Key(unread(LIST, keys_of(constraints_of(PLANE))), []),
 }

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from ..interface.arguments import require
 from ..numerics.arrays import to_numpy
 from ..physics.body import Disk
-from ..scenario.solve import SOLVERS
+from ..scenario.solvers import SOLVERS
 from .errors import DesignError
 from .plane import places
 from .run import Solve, run_of

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..scenario.solve import SOLVERS
+from ..scenario.solvers import SOLVERS
 from .constraints import AbstractConstraint
 from .objectives import AbstractObjective
 from .perturbations import Errors, Perturbations, perturbed_system

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..scenario.solve import SOLVERS
+from ..scenario.solvers import SOLVERS
 from .constraints import NormalForce
 from .objectives import FollowCurve, FollowTrajectory, ReachPlace
 from .perturbations import Perturbations

@@ -103,8 +103,8 @@ class Observation(NamedTuple):
 
 
 def _recomputed(solver: diffrax.AbstractERK, field: Prepared, own: Any, start: Array, end: Array, x: Array) -> Step:
-    slope = functools.partial(field, own)
-    return step(tableau_of(solver), slope, start, end, x, slope(start, x))
+    fresh = jnp.ones(start.shape, bool)
+    return step(tableau_of(solver), functools.partial(field, own), start, end, x, jnp.zeros_like(x), fresh)
 
 
 def _values(

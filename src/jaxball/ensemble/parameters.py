@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .lanes import LaneProgram
+from ..numerics.lanes import LaneProgram
 
 
 def shared_leaves(in_axes: Any, tree: Any) -> tuple[bool, ...]:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
+from ..numerics import programs
 from ..physics.confinement import until_left
 from ..physics.packing import Packing
 from ..physics.validity import possible_start
@@ -38,7 +39,7 @@ def compiled(settings: Settings) -> Callable[..., Any]:
     """The program: from (system, state), times, rtol and atol to the fields of a trajectory from ``state`` on, with the
     runs as leading axis, what reductions report, and the steps of all lanes.
     """
-    return jax.jit(functools.partial(_solve, settings))
+    return programs.jit(functools.partial(_solve, settings))
 
 
 def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol: Array) -> Any:
@@ -51,7 +52,9 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
         return jax.vmap(function, in_axes=(*along, *(0 for _ in others)))(system, state, *others)
 
     x = each(lambda system, state, t: Packing.of(system.prepare(), state).pack(t, state), t0)
-    possible = each(lambda system, state, times: possible_start(system, times, state, settings.inside), times)
+    possible = each(
+        lambda system, state, times: possible_start(system, system.prepare(), times, state, settings.inside), times
+    )
     startable = possible & jnp.all(jnp.isfinite(x), axis=1)
     kinks = each(lambda system, state, t: kinks_of(system), t0)
 

@@ -66,6 +66,7 @@ class _Lanes(NamedTuple):
     end: Float[Array, " lanes"]
     x: Float[Array, "size lanes"]
     slope: Float[Array, "size lanes"]
+    fresh: Bool[Array, " lanes"]  # whether the slope is yet to be computed
     memory: Any
     steps: Int[Array, " lanes"]
     rejected: Int[Array, " lanes"]
@@ -89,7 +90,9 @@ class Method(NamedTuple):
 def solve_rows(method: Method, rows: Rows, lanes: int, observers: Mapping[str, AbstractObserver]) -> Solved:
     """Every row from its start to its end, ``lanes`` side by side."""
     count = rows.t0.shape[-1]
-    idle = _take(method, rows, jnp.full(lanes, count, jnp.int32), observers)
+    idle = jax.eval_shape(lambda: _take(method, rows, jnp.full(lanes, count, jnp.int32), observers))
+    idle = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), idle)
+    idle = idle._replace(row=jnp.full(lanes, count, jnp.int32))
     unpack = _packing(_ended(idle))[1]
     results = jnp.zeros((_packing(_ended(idle))[0].shape[0], count), rows.x.dtype)
     zero = jnp.zeros((), jnp.int32)
@@ -156,7 +159,8 @@ def _take(method: Method, rows: Rows, row: Int[Array, " lanes"], observers: Mapp
         start=problem.t0,
         end=jnp.minimum(end, problem.t1),
         x=problem.x,
-        slope=method.field(tuple(problem.parameters), problem.t0, problem.x),
+        slope=jnp.zeros_like(problem.x),
+        fresh=jnp.ones(lanes, bool),
         memory=memory,
         steps=jnp.zeros(lanes, jnp.int32),
         rejected=jnp.zeros(lanes, jnp.int32),
@@ -201,6 +205,7 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[st
         lanes.end,
         lanes.x,
         lanes.slope,
+        lanes.fresh & lanes.running,
     )
     verdict = judge(method.controller, problem.limits, taken, lanes.memory, method.error_order)
     kept, running, observed = verdict.kept, lanes.running, lanes.observed
@@ -211,7 +216,8 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[st
         start=verdict.start,
         end=jnp.minimum(verdict.end, problem.t1),
         x=jnp.where(kept[None], taken.y, lanes.x),
-        slope=jnp.where(kept[None], taken.last, lanes.slope),
+        slope=jnp.where(kept[None], taken.last, taken.slopes[0]),
+        fresh=jnp.zeros_like(lanes.fresh),
         memory=verdict.memory,
         steps=steps,
         rejected=lanes.rejected + (~kept).astype(jnp.int32),

@@ -7,9 +7,10 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from .lanes import LaneProgram, elements_of
+from ..numerics.lanes import LaneProgram, elements_of
+from ..numerics.pieces import separately
 
 # The lanes are the last axis of every array, so that a compiler can put neighbours into one register.
 Field = Callable[[Float[Array, " lanes"], Float[Array, "size lanes"]], Float[Array, "size lanes"]]
@@ -38,8 +39,10 @@ def step(
     end: Float[Array, " lanes"],
     x: Float[Array, "size lanes"],
     first: Float[Array, "size lanes"],
+    fresh: Bool[Array, " lanes"],
 ) -> Step:
-    """A step of a method whose last stage is the slope at its end; ``first`` is the slope at its start.
+    """A step of a method whose last stage is the slope at its end; ``first`` is the slope at its start, which lanes
+    that are ``fresh`` have yet to compute.
 
     The stages are a loop, because a program in which the field stands once compiles ten times faster, and runs faster
     too, than one in which it stands thirteen times. Each stage then sums over all stages, with zeros for later ones.
@@ -50,12 +53,13 @@ def step(
     def stage(i, carry):
         slopes, _ = carry
         row = jnp.asarray(lower, x.dtype)[i]
-        y = x + h[None] * sum(row[j] * slopes[j] for j in used)
-        slope = field(start + jnp.asarray(nodes, x.dtype)[i] * h, y)
+        y = separately(x + h[None] * sum(row[j] * slopes[j] for j in used))
+        slope = jnp.where((i > 0) | fresh, field(start + jnp.asarray(nodes, x.dtype)[i] * h, y), first)
         return jax.lax.dynamic_update_index_in_dim(slopes, slope, i, 0), y
 
     slopes = jnp.zeros((tableau.num_stages, *x.shape), x.dtype).at[0].set(first)
-    slopes, y = jax.lax.fori_loop(1, tableau.num_stages, stage, (slopes, x))
+    from_stage = jnp.where(jnp.any(fresh), 0, 1)
+    slopes, y = jax.lax.fori_loop(from_stage, tableau.num_stages, stage, (slopes, x))
     error = h[None] * sum(float(b) * slopes[j] for j, b in enumerate(tableau.b_error) if b != 0)
     return Step(start, end, x, slopes, y, jnp.asarray(error))
 

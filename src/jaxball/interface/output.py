@@ -2,16 +2,15 @@
 
 import contextlib
 import os
-import secrets
-import socket
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from . import interruption
+from .errors import UserError
 from .wording import one_of
 
 
-class OutputError(ValueError):
+class OutputError(UserError):
     """A file cannot be written; the message is one sentence that names it."""
 
 
@@ -26,7 +25,7 @@ def atomic_write(path: Path, *, flush: bool = False) -> Iterator[Path]:
     **Raises:** ``OSError`` when the file cannot be written.
     """
     target = _followed(path)
-    temporary = target.with_name(f"{part_prefix()}{secrets.token_hex(4)}{target.suffix}")
+    temporary = target.with_name(f"{part_prefix()}{os.urandom(4).hex()}{target.suffix}")
     with interruption.on_interrupt(lambda: temporary.unlink(missing_ok=True)):
         try:
             yield temporary
@@ -107,6 +106,8 @@ def part_prefix() -> str:
 
 def machine() -> str:
     """Within what a process number is unique: the machine and, on Linux, the process namespace."""
+    import socket  # here, because most commands need neither it nor the time that it takes
+
     namespace = Path("/proc/self/ns/pid")
     return f"{socket.gethostname()}-{namespace.stat().st_ino if namespace.exists() else 0}"
 

@@ -1,6 +1,5 @@
 """Parts of messages: enumerations, counts with plurals, and "did you mean"."""
 
-import difflib
 from collections.abc import Iterable, Sequence
 
 
@@ -22,6 +21,8 @@ def counted(number: int, thing: str, things: str = "") -> str:
 
 def nearest(name: str, known: Iterable[str], most: int = 1, cutoff: float = 0.6) -> list[str]:
     """Up to ``most`` known names that are similar to ``name``, the most similar first; case is ignored."""
+    import difflib  # here, because it is for mistakes alone
+
     lower = {one.lower(): one for one in known}
     return [lower[near] for near in difflib.get_close_matches(name.lower(), lower, most, cutoff)]
 

@@ -12,6 +12,7 @@ from typing_extensions import TypeAliasType
 
 from ..interface.arguments import refusal
 
+AnyArray = Array | np.ndarray
 # A number, an array, or nested sequences of numbers; an alias with a name, which help() shows.
 Numbers = TypeAliasType("Numbers", ArrayLike | Sequence[Any])
 
@@ -27,8 +28,11 @@ def to_array(x: Numbers, name: str = "x") -> Float[Array, "..."]:
     **Raises:** a ``TypeError`` that names the argument where it is not real numbers.
     """
     require_numbers(name, x)
+    dtype = default_dtype()
     try:
-        return jnp.asarray(x, dtype=default_dtype())
+        if not any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(x)):
+            x = np.asarray(x, dtype)  # for which, unlike JAX, NumPy compiles no program
+        return jnp.asarray(x, dtype=dtype)
     except jax.errors.JAXTypeError:
         raise
     except (TypeError, ValueError):
@@ -38,6 +42,11 @@ def to_array(x: Numbers, name: str = "x") -> Float[Array, "..."]:
 def is_traced(x: Any) -> bool:
     """Whether the value of ``x`` is not known, as within jit, vmap and grad."""
     return isinstance(x, Tracer)
+
+
+def namespace_of(x: Any) -> Any:
+    """The functions for ``x``: NumPy's, which compile nothing, for an array of NumPy, else those of JAX."""
+    return np if isinstance(x, np.ndarray | np.generic) else jnp
 
 
 def require_numbers(name: str, x: Any) -> None:

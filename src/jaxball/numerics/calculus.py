@@ -1,8 +1,9 @@
-"""Derivatives along a curve, by forward mode."""
+"""Derivatives along a curve, by forward mode, and of what was found without them."""
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,6 +25,23 @@ def two_derivatives(
 
     (value, slope), (_, curvature) = jax.jvp(value_and_slope, (x,), (one,))
     return value, slope, curvature
+
+
+@eqx.filter_custom_jvp
+def with_derivatives(value: Any, function: Callable[..., Any], *arguments: Any) -> Any:
+    """``value``, with the derivatives of ``function(*arguments)``, which has the same value but for rounding.
+
+    Where nothing is differentiated, the function is not evaluated.
+    """
+    return value
+
+
+@with_derivatives.def_jvp
+def _derivatives(primals: Any, tangents: Any) -> tuple[Any, Any]:
+    value, function, *arguments = primals
+    _, function_tangent, *argument_tangents = tangents
+    _, slopes = eqx.filter_jvp(lambda f, *x: f(*x), (function, *arguments), (function_tangent, *argument_tangents))
+    return value, slopes
 
 
 class Furthest(NamedTuple):

@@ -4,6 +4,7 @@
 keeps XLA's CPU compiler from fusing that body. These are sums and products of elements only.
 """
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -13,15 +14,14 @@ def dot(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, ""]:
     return jnp.sum(a * b)
 
 
-def cross(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, "3"]:
-    """The vector product a × b."""
-    return jnp.stack(
-        [
-            a[1] * b[2] - a[2] * b[1],
-            a[2] * b[0] - a[0] * b[2],
-            a[0] * b[1] - a[1] * b[0],
-        ]
-    )
+def cross(a: Float[Array, "*rows 3"], b: Float[Array, "*rows 3"]) -> Float[Array, "*rows 3"]:
+    """The vector product a × b, of rows where there are more."""
+    return _next(a * _next(b) - _next(a) * b)
+
+
+def _next(a: Float[Array, "*rows 3"]) -> Float[Array, "*rows 3"]:
+    """Components 1, 2 and 0 in the place of 0, 1 and 2."""
+    return jax.lax.concatenate([a[..., 1:], a[..., :1]], a.ndim - 1)
 
 
 def outer(a: Float[Array, "3"], b: Float[Array, "3"]) -> Float[Array, "3 3"]:
@@ -48,11 +48,17 @@ def hat(a: Float[Array, "3"]) -> Float[Array, "3 3"]:
 
 def inverse(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
     """A⁻¹ by cofactors; not finite where A is singular."""
-    c0, c1, c2 = cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])
-    return jnp.stack([c0, c1, c2], axis=1) / dot(A[0], c0)
+    C = cofactors(A)
+    return C.T / dot(A[0], C[0])
 
 
 def solve(A: Float[Array, "3 3"], b: Float[Array, "3"]) -> Float[Array, "3"]:
     """The solution x of A x = b by Cramer's rule; not finite where A is singular."""
-    c0, c1, c2 = cross(A[1], A[2]), cross(A[2], A[0]), cross(A[0], A[1])
-    return (c0 * b[0] + c1 * b[1] + c2 * b[2]) / dot(A[0], c0)
+    C = cofactors(A)
+    return jnp.sum(C * b[:, None], axis=0) / dot(A[0], C[0])
+
+
+def cofactors(A: Float[Array, "3 3"]) -> Float[Array, "3 3"]:
+    """The vector products of the rows of A: of the second and third, the third and first, the first and second."""
+    after = jnp.concatenate([A[1:], A[:1]])
+    return cross(after, jnp.concatenate([after[1:], after[:1]]))

@@ -10,7 +10,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..interface.wording import counted
-from ..numerics.arrays import Numbers, default_dtype, to_array
+from ..numerics import programs
+from ..numerics.arrays import Numbers, default_dtype, namespace_of, to_array
 from .breaches import breaches, force_in_plane
 from .conditions import Condition, Problem, all_hold, positive, positive_inertia, real_inertia
 from .confinement import beside, confined, time_of_leaving
@@ -44,9 +45,9 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
         yield positive_inertia(self.inertia)
         if not self.planar:
             yield real_inertia(self.inertia)
-        yield Condition(jnp.isfinite(self.gravity), "gravity", self.gravity, "a finite number")
+        yield Condition(namespace_of(self.gravity).isfinite(self.gravity), "gravity", self.gravity, "a finite number")
         yield Condition(
-            jnp.sum(self.offset**2) <= self.radius**2,
+            (self.offset**2).sum() <= self.radius**2,
             "offset",
             self.offset,
             "a point inside the shell, nearer to the centre than the radius",
@@ -56,7 +57,7 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
             yield Condition(flat, "offset", self.offset, "in the plane of a disk, E1 and E3, with second entry 0")
         for group, indices in zip(self.groups, self.order, strict=True):
             names = tuple(f"masses[{index}].mass" for index in indices)
-            holds = (group.mass > 0) & jnp.isfinite(group.mass)
+            holds = (group.mass > 0) & namespace_of(group.mass).isfinite(group.mass)
             yield Condition(holds, names, group.mass, "a positive number")
 
     def default_state(self) -> State:
@@ -290,7 +291,7 @@ def _wild_masses(system: AbstractBody, t: float, state: State) -> Iterator[Probl
         yield Problem(f"masses[{index}].motion", f"give a finite place and a finite velocity at t = {t:g}", given)
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _at_start(system: AbstractBody, state: State, t: Float[ArrayLike, ""]):
     """Places and velocities of the masses."""
     at = kinematics(system.prepare(), jnp.asarray(t, system.mass.dtype), (state.theta, state.thetadot, state.theta))

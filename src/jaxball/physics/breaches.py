@@ -6,12 +6,12 @@ A force that would turn a disk out of its plane is told here too.
 from collections.abc import Iterator
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
+from ..numerics import programs
 from ..numerics.calculus import Furthest
 from ..numerics.norms import length
 from .conditions import Condition, Problem
@@ -141,24 +141,24 @@ def _fine_times(motion: AbstractPrescribedMotion, times: Float[np.ndarray, " T"]
     return np.linspace(start, end, int(2 ** np.ceil(np.log2(min(wanted, MOST_SAMPLES)))) + 1)
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def known_furthest(rail: AbstractRail) -> Furthest:
     """Where a closed rail is furthest from the centre, compiled once for a family."""
     return rail.prepare().furthest()
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def known_points(rail: AbstractRail, radius: Float[ArrayLike, ""]) -> Float[Array, "n 3"]:
     """Where a disk's rail must be in its plane, compiled once for a family."""
     return rail_points(rail.prepare(), jnp.asarray(radius))
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _points(rail: AbstractRail, theta):
     return rail.points(theta)
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _course(system: BodyParameters, motion: Any, t):
     """The course of a mass, and when it leaves the shell."""
     prepared = motion.prepare()

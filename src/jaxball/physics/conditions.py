@@ -1,11 +1,16 @@
-"""Conditions that parameters and initial states must meet, as values that can be traced."""
+"""Conditions that parameters and initial states must meet, as values that can be traced.
+
+Of arrays of NumPy they are NumPy's, and nothing is compiled for them.
+"""
 
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
+
+from ..numerics.arrays import AnyArray, namespace_of
 
 UNIT = 1e-6  # how far the square of a unit vector may be from 1
 
@@ -18,7 +23,7 @@ class Condition(NamedTuple):
 
     holds: Bool[Array, "*several"]
     name: str | tuple[str, ...]
-    value: Array
+    value: AnyArray
     must: str
 
     def problems(self) -> Iterator["Problem"]:
@@ -50,20 +55,20 @@ def all_hold(conditions: Iterable[Condition]) -> Bool[Array, ""]:
     return jnp.all(jnp.stack(holds)) if holds else jnp.asarray(True)
 
 
-def positive(x: Array) -> Bool[Array, ""]:
+def positive(x: AnyArray) -> Any:
     """Whether every entry is positive and finite."""
-    return jnp.all((x > 0) & jnp.isfinite(x))
+    return ((x > 0) & namespace_of(x).isfinite(x)).all()
 
 
-def positive_inertia(d: Float[Array, "..."]) -> Condition:
+def positive_inertia(d: Float[AnyArray, "..."]) -> Condition:
     """The condition on a moment of inertia, or on three, to be positive."""
     return Condition(positive(d), "inertia", d, "positive")
 
 
-def real_inertia(d: Float[Array, "3"]) -> Condition:
+def real_inertia(d: Float[AnyArray, "3"]) -> Condition:
     """The condition on three principal moments that some distribution of mass has them."""
     return Condition(
-        jnp.all(2 * d <= jnp.sum(d) * (1 + 1e-6)),
+        namespace_of(d).all(2 * d <= d.sum() * (1 + 1e-6)),
         "inertia",
         d,
         "three moments of which none exceeds the sum of the other two, as in every real body",

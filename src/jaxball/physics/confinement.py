@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
+from ..numerics.arrays import AnyArray, namespace_of
 from ..numerics.calculus import Furthest, furthest
 from .motion import AbstractMotion, AbstractPrescribedMotion, Driven, Fixed, OnRail
 from .parameters import BodyParameters
@@ -23,7 +24,6 @@ from .rails import AbstractRail
 from .state import State
 from .system import AbstractSystem
 
-AnyArray = Array | np.ndarray
 TIME_SAMPLES = 256
 HALVINGS = 52
 
@@ -33,15 +33,15 @@ def rounding(x: Array | np.ndarray) -> float:
     return float(np.sqrt(np.finfo(x.dtype).eps))
 
 
-def beyond(system: BodyParameters, distance: Float[AnyArray, "*batch"]) -> Bool[Array, "*batch"]:
+def beyond(system: BodyParameters, distance: Float[AnyArray, "*batch"]) -> Any:
     """Whether something at this distance from the centre is outside the shell."""
-    return jnp.asarray(distance) > system.radius * (1 + rounding(system.radius))
+    return distance > system.radius * (1 + rounding(system.radius))
 
 
-def beside(system: BodyParameters, chi: Float[AnyArray, "*batch 3"]) -> Bool[Array, "*batch"]:
+def beside(system: BodyParameters, chi: Float[AnyArray, "*batch 3"]) -> Any:
     """Whether a point is outside the plane of a disk, E1 and E3; never for a ball."""
-    aside = jnp.abs(chi[..., 1]) > system.radius * rounding(system.radius)
-    return aside if system.planar else jnp.zeros_like(aside)
+    aside = abs(chi[..., 1]) > system.radius * rounding(system.radius)
+    return aside if system.planar else namespace_of(aside).zeros_like(aside)
 
 
 def rail_of(motion: AbstractMotion) -> AbstractRail | None:

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require, require_each, require_function
 from ..interface.printing import Printed, entry, shown, shown_fields
-from ..numerics.arrays import Numbers, a_number, numbers
+from ..numerics.arrays import Numbers, a_number, is_traced, numbers
 from .feedback import AbstractLaw
 from .force import AbstractForce, FunctionForce, HarmonicForce
 from .motion import AbstractMotion, Driven
@@ -116,7 +116,7 @@ class BodyParameters(Printed):
         masses: dict[int, PointMass] = {}
         for group, indices in zip(self.groups, self.order, strict=True):
             for k, index in enumerate(indices):
-                masses[index] = jax.tree.map(lambda leaf, k=k: leaf[k], group)
+                masses[index] = jax.tree.map(lambda leaf, k=k: _entry(leaf, k), group)
         return tuple(masses[i] for i in range(self.n_masses))
 
     @property
@@ -147,10 +147,24 @@ def _grouped(
         members.setdefault((structure, tuple(np.shape(leaf) for leaf in leaves)), []).append(index)
     order = tuple(tuple(indices) for indices in members.values())
     groups = tuple(
-        jax.tree.map(lambda *leaves: jnp.stack(leaves), *(masses[index] for index in indices)) for indices in order
+        jax.tree.map(lambda *leaves: _stacked(leaves), *(masses[index] for index in indices)) for indices in order
     )
     driven = tuple(index for index, item in enumerate(masses) if isinstance(item.motion, Driven))
     return groups, order, driven
+
+
+def _stacked(leaves: Sequence[Any]) -> Array:
+    """Known numbers are stacked by NumPy, for which nothing is compiled."""
+    if any(map(is_traced, leaves)):
+        return jnp.stack(leaves)
+    stacked = np.stack([np.asarray(leaf) for leaf in leaves])
+    return jnp.asarray(stacked, dtype=stacked.dtype)  # with a type, because without one JAX compiles a copy
+
+
+def _entry(leaf: Any, index: int) -> Any:
+    """An entry along the first axis, taken by NumPy where it is known, for which nothing is compiled."""
+    known = isinstance(leaf, jax.Array) and not is_traced(leaf)
+    return jnp.asarray(np.asarray(np.asarray(leaf)[index]), dtype=leaf.dtype) if known else leaf[index]
 
 
 def _require_force(force: AbstractForce | None) -> None:

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+from ..numerics import programs
 from ..numerics.arrays import Numbers, default_dtype, to_array, to_numpy
 from .conditions import Problem, all_hold
 from .packing import Packing
@@ -15,15 +15,19 @@ from .system import AbstractState, AbstractSystem, require_system
 
 
 def possible_start(
-    system: AbstractSystem, times: Float[Array, " T"], state: AbstractState, inside: bool = True
+    system: AbstractSystem,
+    prepared: AbstractSystem,
+    times: Float[Array, " T"],
+    state: AbstractState,
+    inside: bool = True,
 ) -> Bool[Array, ""]:
     """Whether a solve of ``system`` over ``times`` can start from ``state``; traceable.
 
-    ``inside`` says whether what the system confines must be inside.
+    ``prepared`` is the same system, prepared. ``inside`` says whether what it confines must be inside.
     """
-    holds = all_hold(system.conditions()) & all_hold(state.conditions())
+    holds = jnp.all(times[1:] > times[:-1]) & all_hold(system.conditions()) & all_hold(state.conditions())
     holds &= all_hold(system.start_conditions(times[0], state))
-    return holds & system.prepare().confined(times, state) if inside else holds
+    return holds & prepared.confined(times, state) if inside else holds
 
 
 def problems(system: AbstractSystem, state: AbstractState | None = None, t: Numbers = 0.0) -> list[str]:
@@ -57,6 +61,8 @@ def find_problems(
         conditions += state.conditions()
         conditions += system.start_conditions(jnp.asarray(times[0], default_dtype()), state)
     broken = [problem for condition in conditions for problem in condition.problems()]
+    if not np.all(times[1:] > times[:-1]):
+        broken.append(Problem("times", "be increasing", f"it is {times.tolist()}"))
     broken.extend(system.breaches(times, state, states))
     if state is not None and not broken:
         broken.extend(_beyond_arithmetic(system, state, times[0]))
@@ -75,7 +81,7 @@ def _beyond_arithmetic(system: AbstractSystem, state: AbstractState, t: float) -
     yield Problem(name, must, f"it is {value:g}")
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _at_start(system: AbstractSystem, state: AbstractState, start: Float[ArrayLike, ""]):
     """The vector that a solve would start from, and its rate of change."""
     packing, t = Packing.of(system.prepare(), state), to_array(start)

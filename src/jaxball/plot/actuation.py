@@ -1,11 +1,11 @@
 """The figure of the masses' accelerations along their rails."""
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
+from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import System
 from ..physics.dynamics import driven_angles
@@ -78,18 +78,23 @@ def accelerations(source: Trajectory | System, times: Numbers | None = None) -> 
 
 
 def _scheduled(motion: OnRail, times: Float[jax.Array, " T"]) -> Curve:
-    schedule = motion.schedule.prepare()
     t = np.asarray(times)
-    kinks = np.asarray(schedule.kinks(), dtype=t.dtype)
+    kinks = np.asarray(_kinks(motion.schedule), dtype=t.dtype)
     kinks = kinks[(kinks > t[0]) & (kinks < t[-1])]
     # With a value just before each kink, a jump is drawn as a jump.
     t = np.unique(np.concatenate([t, kinks, np.nextafter(kinks, t.dtype.type(-np.inf))]))
-    return t, np.abs(np.asarray(_second_derivative(schedule, to_array(t))))
+    return t, np.abs(np.asarray(_second_derivative(motion.schedule, to_array(t))))
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _second_derivative(schedule, times):
-    return jax.vmap(lambda t: schedule.derivatives(t)[2])(times)
+    prepared = schedule.prepare()
+    return jax.vmap(lambda t: prepared.derivatives(t)[2])(times)
+
+
+@programs.filter_jit
+def _kinks(schedule):
+    return schedule.kinks()
 
 
 def _driven(trajectory: Trajectory) -> dict[int, Curve]:
@@ -101,7 +106,7 @@ def _driven(trajectory: Trajectory) -> dict[int, Curve]:
     return {index + 1: (t, size[:, slot]) for slot, index in enumerate(trajectory.system.driven)}
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _feedback(system, times, states):
     prepared = system.prepare()
     return jax.vmap(lambda t, state: driven_angles(prepared, t, state)[2])(times, states)

@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +10,7 @@ from matplotlib.patches import Circle as Ring
 from matplotlib.patheffects import withStroke
 
 from ..interface.wording import counted
+from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import Disk, System
 from ..physics.moments import kinematics, moments
@@ -68,7 +68,7 @@ def configuration(
     """
     if isinstance(source, Trajectory):
         require_one(source)
-        system, t, theta = source.system, source.times[0], source.state.theta[0]
+        system, t, theta = source.system, np.asarray(source.times)[0], np.asarray(source.state.theta)[0]
     else:
         system = source
     positions = _positions(system, t, theta)
@@ -123,7 +123,7 @@ def _positions(system: System, t: Numbers, theta: Numbers) -> Positions:
     return Positions(*map(np.asarray, _evaluate(system, to_array(t), angles)))
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _evaluate(system, t, theta):
     prepared, still = system.prepare(), jnp.zeros_like(theta)
     angles = (theta, still, still)

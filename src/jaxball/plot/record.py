@@ -6,6 +6,7 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from ..numerics import programs
 from ..physics.state import DiskState, ReducedState, State
 from ..simulation.trajectory import Trajectory
 
@@ -46,5 +47,10 @@ def finite_rows(trajectory: Trajectory) -> np.ndarray:
 
 def _orientation(state: State) -> np.ndarray:
     assert not isinstance(state, ReducedState)
-    in_space = state.in_space() if isinstance(state, DiskState) else state
-    return np.asarray(jax.vmap(lambda row: row.Lambda)(in_space))
+    return np.asarray(_matrices(state))
+
+
+@programs.filter_jit
+def _matrices(states):
+    in_space = states.in_space() if isinstance(states, DiskState) else states
+    return jax.vmap(lambda row: row.Lambda)(in_space)

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from mpl_toolkits.mplot3d import Axes3D
 
+from ..numerics import programs
 from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.motion import AbstractMotion, Driven, OnRail
@@ -36,7 +37,12 @@ def rail_points(motion: AbstractMotion, radius: float) -> Float[np.ndarray, "poi
         return None
     else:
         theta = np.linspace(0.0, rail.period, 241)
-    return np.asarray(rail.points(to_array(theta)))
+    return np.asarray(_points(rail, to_array(theta)))
+
+
+@programs.filter_jit
+def _points(rail, theta):
+    return rail.points(theta)
 
 
 def rails_of(system: System) -> list[tuple[list[int], Float[np.ndarray, "points 3"]]]:

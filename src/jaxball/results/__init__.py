@@ -3,13 +3,24 @@
 Nothing is solved or drawn here.
 """
 
-from ..interface.names import interface as _interface
-from ..interface.output import (
-    OutputError as OutputError,
-    check_destination as check_destination,
-    replacing as replacing,
-)
-from .load import RunError as RunError, load_run as load_run, saved_scenario as saved_scenario
-from .save import SUFFIXES as SUFFIXES, save as save, to_dataset as to_dataset
+TYPE_CHECKING = False
 
-__all__, __dir__ = _interface(globals())
+if TYPE_CHECKING:  # for type checkers and editors, the same interface
+    from ..interface.output import (
+        OutputError as OutputError,
+        check_destination as check_destination,
+        replacing as replacing,
+    )
+    from .files import SUFFIXES as SUFFIXES, RunError as RunError
+    from .loading import load_run as load_run, saved_scenario as saved_scenario
+    from .saving import save as save, to_dataset as to_dataset
+else:
+    from ..interface.names import lazy_interface
+
+    _NAMES = {
+        ".interface.output": "OutputError check_destination replacing",
+        "files": "SUFFIXES RunError",
+        "loading": "load_run saved_scenario",
+        "saving": "save to_dataset",
+    }
+    __all__, __dir__, __getattr__ = lazy_interface(__name__, _NAMES)

@@ -3,20 +3,31 @@
 Scenarios that vary, in studies and problems of design, are read by :mod:`jaxball.sweep` and :mod:`jaxball.design`.
 """
 
-from ..interface.names import interface as _interface
-from .files import (
-    load_scenario as load_scenario,
-    read_document as read_document,
-    read_scenario as read_scenario,
-    scenario_text as scenario_text,
-    write_scenario as write_scenario,
-)
-from .library import (
-    builtin_scenarios as builtin_scenarios,
-    builtin_text as builtin_text,
-    builtin_title as builtin_title,
-)
-from .scenario import Scenario as Scenario
-from .values import ScenarioError as ScenarioError
+TYPE_CHECKING = False
 
-__all__, __dir__ = _interface(globals())
+if TYPE_CHECKING:  # for type checkers and editors, the same interface
+    from .errors import ScenarioError as ScenarioError
+    from .files import (
+        load_scenario as load_scenario,
+        read_document as read_document,
+        read_scenario as read_scenario,
+        write_scenario as write_scenario,
+    )
+    from .library import (
+        builtin_scenarios as builtin_scenarios,
+        builtin_text as builtin_text,
+        builtin_title as builtin_title,
+    )
+    from .scenario import Scenario as Scenario
+    from .sources import scenario_text as scenario_text
+else:
+    from ..interface.names import lazy_interface
+
+    _NAMES = {
+        "errors": "ScenarioError",
+        "files": "load_scenario read_document read_scenario write_scenario",
+        "library": "builtin_scenarios builtin_text builtin_title",
+        "scenario": "Scenario",
+        "sources": "scenario_text",
+    }
+    __all__, __dir__, __getattr__ = lazy_interface(__name__, _NAMES)

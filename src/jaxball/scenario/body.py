@@ -2,10 +2,13 @@
 
 from typing import Any
 
+import jax
+import numpy as np
+
 from ..physics.body import Ball, Disk, System
-from .errors import namespace, require, require_condition
 from .harmonics import FORCE
 from .table import Key, join, read_table, write_member, write_table
+from .traced import any_traced, namespace, require, require_condition
 from .values import LENGTH, POSITIVE, Numbers
 
 SHELL = {
@@ -24,8 +27,12 @@ def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
     """The arguments of a ball or a disk for its shell. A shell that no body can have raises."""
     make, keys = BODIES[kind]
     shell = read_table(values, path, keys)
-    for condition in make(**shell).conditions():
-        require_condition(condition, join(path, str(condition.name)))
+    system = make(**shell)
+    # Of known numbers NumPy's conditions, for which nothing is compiled.
+    system = system if any_traced(system) else jax.tree.map(np.asarray, system)
+    with np.errstate(all="ignore"):  # what overflows is infinite, as JAX has it
+        for condition in system.conditions():
+            require_condition(condition, join(path, str(condition.name)))
     return shell
 
 

@@ -19,10 +19,10 @@ from ..classical import (
 from ..numerics.arrays import to_array
 from ..physics.conditions import Condition
 from ..physics.system import AbstractState, AbstractSystem
-from .errors import require_condition
 from .harmonics import SERIES, WAVES_IN_SPACE, check_lengths, series_of
 from .initial import read_orientation
 from .table import Key, Module, join, read_one_of, read_table, write_member, write_table
+from .traced import require_condition
 from .values import NOT_ALL_ZERO, POSITIVE, Nested, Numbers
 
 INERTIA = {"inertia": Key(Numbers((3,), POSITIVE))}

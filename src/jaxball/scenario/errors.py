@@ -1,24 +1,16 @@
-"""What cannot be in a file: the first problem as an error, all problems at once, or conditions on traced numbers."""
+"""What cannot be in a file: the first problem as an error, or all problems at once."""
 
-import concurrent.futures
 import contextlib
-import json
 from collections.abc import Callable, Iterator
 from contextvars import ContextVar
 from typing import Any
 
-import jax
-import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Bool
-
-from ..numerics.arrays import is_traced
-from ..physics.conditions import Condition
+from ..interface.errors import UserError
 
 LONGEST_SHOWN = 60
 
 
-class ScenarioError(ValueError):
+class ScenarioError(UserError):
     """A scenario cannot be read, or cannot be written; the message is one sentence that names the key."""
 
 
@@ -37,6 +29,8 @@ def shown(value: Any) -> str:
         return "a table"
     if isinstance(value, bool):
         return "true" if value else "false"
+    import json  # here, because it is for mistakes alone
+
     text = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
     return text if len(text) <= LONGEST_SHOWN else text[: LONGEST_SHOWN - 3] + "..."
 
@@ -78,97 +72,3 @@ def each_of(*readers: Callable[[], Any]) -> list[Any]:
         more += errors[1:]
         raise errors[0]
     return results
-
-
-class Conditions:
-    """The rules on the numbers of a document that a reader could not decide, because they are traced.
-
-    - ``holds``: whether each rule holds, with the path of its key. Where one does not, the document has no scenario.
-    - ``certain``: what must hold for these conditions to be all that the document itself would be refused for.
-
-    Both are called for their values within the trace, so that a rule that nobody asks for costs nothing.
-    """
-
-    def __init__(self):
-        self.holds: list[tuple[str, Callable[[], Bool[Array, ""]]]] = []
-        self.certain: list[Callable[[], Bool[Array, ""]]] = []
-
-    def all_hold(self) -> Bool[Array, ""]:
-        """Whether every rule holds."""
-        return _all(holds() for _, holds in self.holds)
-
-    def all_certain(self) -> Bool[Array, ""]:
-        """Whether every rule has been decided."""
-        return _all(certain() for certain in self.certain)
-
-
-def _all(values: Iterator[Bool[Array, ""]]) -> Bool[Array, ""]:
-    return jnp.all(jnp.stack([jnp.asarray(True), *map(jnp.asarray, values)]))
-
-
-_CONDITIONS: ContextVar[Conditions | None] = ContextVar("_CONDITIONS", default=None)
-
-
-@contextlib.contextmanager
-def traced_conditions() -> Iterator[Conditions]:
-    """The conditions on the traced numbers of a document that is read within.
-
-    What does not depend on them is computed while tracing, and stays known.
-    """
-    conditions = Conditions()
-    token = _CONDITIONS.set(conditions)
-    try:
-        with jax.ensure_compile_time_eval():
-            yield conditions
-    finally:
-        _CONDITIONS.reset(token)
-
-
-def require(holds: Any, path: str, must: str, got: Callable[[], str]) -> None:
-    """Raises unless a rule holds, that the key at ``path`` must be ``must``; on traced numbers it is a condition."""
-    if is_traced(holds):
-        leave_open(path, lambda: holds)
-    elif not holds:
-        raise key_error(path, must, got())
-
-
-def require_condition(condition: Condition, path: str) -> None:
-    """Raises unless a condition of physics holds, or keeps it, as :func:`require` does."""
-    require(condition.holds, path, condition.must, lambda: repr(np.asarray(condition.value).tolist()))
-
-
-def leave_open(
-    path: str, holds: Callable[[], Bool[Array, ""]], certain: Callable[[], Bool[Array, ""]] | None = None
-) -> None:
-    """Keeps a rule on traced numbers as a condition; ``certain`` says where the rule has been decided by it."""
-    conditions = _CONDITIONS.get()
-    assert conditions is not None, "Numbers of a document are traced where no conditions are collected."
-    conditions.holds.append((path, holds))
-    if certain is not None:
-        conditions.certain.append(certain)
-
-
-def outside_of_traces(function: Callable[[], Any]) -> Any:
-    """What a function of known numbers returns, whose programs are those of a document that is not traced.
-
-    **Raises:** ``jax.errors.JAXTypeError`` where a traced number has a part in it.
-    """
-    if _CONDITIONS.get() is None:
-        return function()
-    with concurrent.futures.ThreadPoolExecutor(1) as thread:  # in which nothing is traced
-        return thread.submit(function).result()
-
-
-def any_traced(tree: Any) -> bool:
-    """Whether an array in a PyTree is traced."""
-    return any(map(is_traced, jax.tree.leaves(tree)))
-
-
-def namespace(*arrays: Any) -> Any:
-    """The functions for these arrays: those of JAX where one is traced, else NumPy's."""
-    return jnp if any_traced(arrays) else np
-
-
-def number(x: Any) -> Any:
-    """A single number as Python's, or as it is where it is traced."""
-    return x if is_traced(x) else float(x)

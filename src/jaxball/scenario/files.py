@@ -3,25 +3,26 @@
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
+import numpy as np
 import tomli_w
 
 from ..physics.body import Ball, Disk
 from ..physics.system import AbstractSystem
-from . import classical
 from .actuation import FORMS, apply_actuation, write_actuation
 from .body import BALL, DISK, kind_of, read_force, read_shell, write_body
-from .classical import CLASSICAL, read_classical, write_classical
-from .errors import each_of, namespace
+from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, read_classical, write_classical
+from .errors import each_of
 from .harmonics import FORCE
 from .initial import INITIAL, balanced, initial_state, read_initial, write_initial
-from .library import builtin_scenarios, builtin_text, nearest_builtin
 from .masses import CHOICES as MASSES, read_masses, write_masses
 from .scenario import Scenario
 from .shell import check_confined
 from .solve import SOLVE, check_dae
-from .sources import document_of, naming, text_of
+from .sources import document_of, naming, scenario_text
 from .table import Key, keys_of, read_table, write_table
 from .times import TIMES, SaveTimes, read_times, write_times
+from .traced import namespace
 from .values import Choice, Integer, ScenarioError, Text, unread
 
 FORMAT = 1
@@ -46,7 +47,7 @@ KEYS = {
 CLASSICAL_KEYS = {
     **_SHARED,
     "body": Key(unread(tables=keys_of(CLASSICAL)), None),
-    "initial": Key(unread(tables=classical.INITIAL), None),
+    "initial": Key(unread(tables=CLASSICAL_INITIAL), None),
 }
 
 
@@ -72,20 +73,6 @@ def load_scenario(source: str | Path) -> Scenario:
     text = scenario_text(source)
     with naming(source):
         return read_scenario(text)
-
-
-def scenario_text(source: str | Path) -> str:
-    """The text of a scenario file, or of the built-in scenario of that name.
-
-    **Arguments:**
-
-    - ``source``: the path of a file, or the name of a built-in scenario.
-
-    **Raises:** :class:`ScenarioError` when there is no such file or name.
-    """
-    if isinstance(source, str) and source in builtin_scenarios():
-        return builtin_text(source)
-    return text_of(source, "scenario file, or the name of a built-in one", ScenarioError, nearest_builtin(str(source)))
 
 
 def read_scenario(text: str) -> Scenario:
@@ -207,10 +194,12 @@ def write_scenario(scenario: Scenario) -> str:
     >>> bool((again.times == scenario.times).all())
     True
     """
+    # NumPy's are taken apart without compiling anything.
+    system, state = jax.tree.map(np.asarray, (scenario.system, scenario.state))
     tables = {
         "format": FORMAT,
         "title": scenario.title,
-        **_tables(scenario.system, scenario.state),
+        **_tables(system, state),
         "time": write_times(scenario.times),
         "solve": write_table({name: getattr(scenario, name) for name in SOLVE}, "solve", SOLVE),
     }

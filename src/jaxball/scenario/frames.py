@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from ..physics.frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
-from .errors import namespace, require
 from .table import Family, Key, Module, join, read_one_of, write_member
+from .traced import namespace, require
 from .values import ANGLE, FULL_TURN, NOT_ALL_ZERO, QUARTER_TURN, Nested, Numbers, Radians
 
 ORTHONORMAL = 1e-9

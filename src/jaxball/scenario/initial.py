@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
 from ..interface.wording import counted
+from ..numerics import programs
 from ..numerics.arrays import is_traced, to_array
 from ..numerics.norms import length
 from ..physics.body import Ball, Disk, PointMass, System
@@ -15,8 +16,9 @@ from ..physics.motion import OnRail
 from ..physics.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, State
 from ..simulation.equilibrium import balance, with_angles
-from .errors import UntraceableError, namespace, outside_of_traces, require
+from .errors import UntraceableError
 from .table import Key, join, read_one_of, read_table, write_table
+from .traced import namespace, outside_of_traces, require
 from .values import ANGLE, LENGTH, NOT_ALL_ZERO, RATE, Flag, Indices, Nested, Numbers, ScenarioError, key_error
 
 _BALANCE_KEYS = {"masses": Key(Indices()), "above": Key(Flag(), None)}
@@ -103,7 +105,7 @@ def initial_state(
     return (DiskState if kind == "disk" else BallState)(**fields)
 
 
-@jax.jit
+@programs.jit
 def starting_angles(
     schedules: tuple[AbstractSchedule, ...], t: Float[ArrayLike, ""]
 ) -> dict[str, Float[Array, " schedules"]]:

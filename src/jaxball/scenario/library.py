@@ -1,14 +1,13 @@
 """The scenarios that come with the package, one file each."""
 
-import importlib.resources
-import tomllib
+import os
+import re
 
 from ..interface.wording import did_you_mean
-from .values import ScenarioError
+from .errors import ScenarioError
 
-
-def _folder():
-    return importlib.resources.files("jaxball.scenario") / "builtin"
+_FOLDER = os.path.join(os.path.dirname(__file__), "builtin")
+_TITLE = re.compile(r'^title = "(.*)"$', re.MULTILINE)  # all of them are such lines, and TOML takes long to parse
 
 
 def builtin_scenarios() -> tuple[str, ...]:
@@ -20,8 +19,7 @@ def builtin_scenarios() -> tuple[str, ...]:
     >>> builtin_scenarios()[:3]
     ('ball', 'chaplygin-sphere', 'chaplygin-top')
     """
-    names = (item.name for item in _folder().iterdir())
-    return tuple(sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml")))
+    return tuple(sorted(name.removesuffix(".toml") for name in os.listdir(_FOLDER) if name.endswith(".toml")))
 
 
 def builtin_text(name: str) -> str:
@@ -43,7 +41,8 @@ def builtin_text(name: str) -> str:
         raise ScenarioError(
             f'Argument `name` must be that of a built-in scenario, but it is "{name}"{nearest_builtin(name)}'
         )
-    return (_folder() / f"{name}.toml").read_text(encoding="utf-8")
+    with open(os.path.join(_FOLDER, f"{name}.toml"), encoding="utf-8") as file:
+        return file.read()
 
 
 def builtin_title(name: str) -> str:
@@ -59,7 +58,9 @@ def builtin_title(name: str) -> str:
     >>> builtin_title("disk")
     "The paper's disk: four masses on concentric circles"
     """
-    return tomllib.loads(builtin_text(name))["title"]
+    title = _TITLE.search(builtin_text(name))
+    assert title is not None
+    return title[1]
 
 
 def nearest_builtin(name: str) -> str:

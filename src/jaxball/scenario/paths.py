@@ -1,12 +1,10 @@
 """Paths, by which numbers and whatever else stands in a document are called, counted from 0: ``masses[0].radius``."""
 
 import copy
+import itertools
 import re
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
-
-import numpy as np
 
 from ..interface.wording import counted, did_you_mean
 from .errors import ScenarioError
@@ -24,7 +22,7 @@ def entries(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
 
     A single number, of shape (), is called as the array is.
     """
-    return {name + "".join(f"[{k}]" for k in index): index for index in np.ndindex(shape)}
+    return {name + "".join(f"[{k}]" for k in index): index for index in itertools.product(*map(range, shape))}
 
 
 def steps(path: str) -> list[str | int]:
@@ -142,6 +140,8 @@ def _value(text: str, path: str) -> Any:
         pass
     if _WORD.fullmatch(text) and text not in ("true", "false"):
         return text
+    import tomllib  # here, because most values are numbers and words
+
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

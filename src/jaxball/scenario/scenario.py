@@ -14,7 +14,8 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.events import AbstractEvent
 from ..simulation.simulate import DEFAULT_TOLERANCE, simulate
 from ..simulation.trajectory import Trajectory
-from .solve import SOLVERS, check_dae
+from .solve import check_dae
+from .solvers import SOLVERS
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -4,9 +4,9 @@ from typing import Any
 
 from ..interface.wording import counted
 from ..physics.schedules import ConstantRate, PiecewiseAcceleration, Pulse, Waypoints
-from .errors import require
 from .harmonics import SINUSOIDS
 from .table import Family, Key, Module, join
+from .traced import require
 from .values import ACCELERATION, ANGLE, INCREASING, RATE, TIME, Numbers, key_error
 
 THETA = Key(Numbers(dimension=ANGLE))

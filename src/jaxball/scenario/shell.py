@@ -12,8 +12,8 @@ from ..physics.confinement import confined
 from ..physics.reach import surely_stay
 from ..physics.state import BallState, DiskState
 from ..simulation.trajectory import Trajectory
-from .errors import any_traced, leave_open
 from .table import join
+from .traced import any_traced, leave_open
 from .values import ScenarioError
 
 

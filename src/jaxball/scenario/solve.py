@@ -1,33 +1,12 @@
 """The solver of a scenario file."""
 
-import functools
-from collections.abc import Callable, Mapping
-
-import diffrax
-
 from ..classical import NonholonomicParticle, VakonomicParticle
 from ..physics.body import Disk
 from ..physics.system import AbstractSystem
 from ..simulation.simulate import DEFAULT_TOLERANCE
-from ..solvers import TRBDF2, Gauss, RadauIIA, Trapezoidal
+from .solvers import KNOW_MASS_MATRICES, SOLVERS
 from .table import Key
 from .values import POSITIVE, Choice, Flag, Integer, Numbers, ScenarioError
-
-# Those of jaxball have their order in their name, as the codes of Hairer & Wanner do.
-KNOW_MASS_MATRICES: Mapping[str, Callable[[], RadauIIA]] = {
-    f"radau{2 * stages - 1}": functools.partial(RadauIIA, stages=stages) for stages in (3, 5, 7)
-}
-SOLVERS: Mapping[str, Callable[[], diffrax.AbstractAdaptiveSolver]] = {
-    "dopri5": diffrax.Dopri5,
-    "dopri8": diffrax.Dopri8,
-    "tsit5": diffrax.Tsit5,
-    "kvaerno3": diffrax.Kvaerno3,
-    "kvaerno5": diffrax.Kvaerno5,
-    **KNOW_MASS_MATRICES,
-    "gauss16": functools.partial(Gauss, stages=8),
-    "trapezoidal": Trapezoidal,
-    "tr-bdf2": TRBDF2,
-}
 
 SOLVE = {
     "solver": Key(Choice(tuple(SOLVERS)), "dopri8"),

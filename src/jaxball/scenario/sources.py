@@ -1,16 +1,14 @@
 """Texts, documents and names of scenarios, also of those that studies and problems hold."""
 
 import contextlib
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from .errors import ScenarioError, key_error, shown
 from .library import builtin_scenarios, builtin_text, nearest_builtin
-from .values import ScenarioError, key_error, shown, unread
 
-# A scenario in such a file: a table, the name of a built-in one, or the path of a file.
-SCENARIO = unread("a table, a name or a file")
+SCENARIO = "a table, a name or a file"  # which a study or a problem holds or names
 
 
 @contextlib.contextmanager
@@ -32,6 +30,20 @@ def naming_scenario(value: Any, what: str, error: type[ScenarioError]) -> Iterat
     except ScenarioError as cause:
         name = f', "{value}",' if isinstance(value, str) else ""
         raise error(f"The scenario of the {what}{name} is wrong: {cause}") from None
+
+
+def scenario_text(source: str | Path) -> str:
+    """The text of a scenario file, or of the built-in scenario of that name.
+
+    **Arguments:**
+
+    - ``source``: the path of a file, or the name of a built-in scenario.
+
+    **Raises:** :class:`ScenarioError` when there is no such file or name.
+    """
+    if isinstance(source, str) and source in builtin_scenarios():
+        return builtin_text(source)
+    return text_of(source, "scenario file, or the name of a built-in one", ScenarioError, nearest_builtin(str(source)))
 
 
 def text_of(source: str | Path, what: str, error: type[ScenarioError], hint: str = ".") -> str:
@@ -66,7 +78,7 @@ def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> d
     if isinstance(value, dict):
         return value
     if not isinstance(value, str):
-        raise key_error("scenario", SCENARIO.words, shown(value))
+        raise key_error("scenario", SCENARIO, shown(value))
     try:
         known = value in builtin_scenarios()
         return _parsed(builtin_text(value) if known else (folder / value).read_text(encoding="utf-8"))
@@ -79,6 +91,8 @@ def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> d
 
 def _parsed(text: str) -> dict[str, Any]:
     """Some editors put a byte-order mark at the beginning, which TOML does not know."""
+    import tomllib  # here, as below, because it takes as long as Python itself to start
+
     return tomllib.loads(text.removeprefix("\ufeff"))
 
 
@@ -90,4 +104,6 @@ def _reason(cause: Exception) -> str:
         return "it is not UTF-8 text"
     if isinstance(cause, RecursionError):
         return "it is nested too deeply"
+    import tomllib
+
     return str(cause) if isinstance(cause, tomllib.TOMLDecodeError) else "it has a number of too many digits"

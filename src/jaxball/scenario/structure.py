@@ -7,10 +7,10 @@ import jax
 from jaxtyping import Array, Bool, Float
 
 from ..physics.system import AbstractState, AbstractSystem
-from .errors import Conditions, traced_conditions
 from .files import Contents, read_contents
 from .paths import with_numbers
 from .times import SaveTimes
+from .traced import Conditions, traced_conditions
 
 
 class Parts(NamedTuple):

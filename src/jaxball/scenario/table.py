@@ -67,7 +67,8 @@ Family = Mapping[str, Module]
 
 
 def join(path: str, name: str) -> str:
-    """The path of the key ``name`` in the table at ``path``."""
+    """The path of the key ``name`` in the table at ``path``; a key without letters is quoted, as in a file."""
+    name = name or '""'
     return f"{path}.{name}" if path else name
 
 

@@ -4,8 +4,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .errors import namespace, number, require
 from .table import Key, read_one_of
+from .traced import namespace, number, require
 from .values import INCREASING, POSITIVE, TIME, Integer, Numbers, key_error
 
 MOST_SAVES = 10_000_000

@@ -16,14 +16,8 @@ from jaxtyping import Array, Float
 
 from ..interface.wording import did_you_mean, nearest, one_of
 from ..numerics.arrays import is_traced
-from .errors import (
-    ScenarioError as ScenarioError,
-    key_error as key_error,
-    namespace,
-    number,
-    require,
-    shown as shown,
-)
+from .errors import ScenarioError as ScenarioError, key_error as key_error, shown as shown
+from .traced import namespace, number, require
 
 
 @runtime_checkable

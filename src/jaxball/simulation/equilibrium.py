@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 
 from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
+from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import apply
 from ..physics.body import Ball, Disk, PointMass, System, with_masses
@@ -192,7 +192,7 @@ def _starts(rails, radius, guess):
     return np.concatenate([guess[None], low + unit * width])
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _search(rails, masses, offset, total, Lambda, starts):
     def places(theta):
         return jnp.stack([rail(angle) for rail, angle in zip(rails, theta, strict=True)])

@@ -2,22 +2,24 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.arguments import require
 from ..interface.printing import Printed, is_single, shown
 from ..interface.status import Status
+from ..numerics import programs
+from ..numerics.calculus import with_derivatives
 from ..numerics.masks import differentiated_where
 from ..numerics.modes import once
 from ..physics.body import AbstractBody
-from ..physics.contact import reaction
-from ..solvers.dense.maxima import maxima
+from ..physics.contact import Reaction, reaction
+from ..physics.packing import Packing
+from ..solvers.dense.maxima import maxima, moved
 from ..solvers.dense.steps import Steps
 from .trajectory import Interpolant, Trajectory
-from .watch import room_for
 
 
 class ContactExtremes(Printed):
@@ -64,8 +66,8 @@ class ContactExtremes(Printed):
         if not is_single(self.least_normal_force):
             return shown(self)
         least, at = float(self.least_normal_force), float(self.least_normal_force_time)
-        lines = [f"least normal force {least:.10g} at t = {at:.6g}, {float(self.margin):.4g} of the weight"]
-        if bool(jnp.isfinite(self.friction_needed)):
+        lines = [f"least normal force {least:.10g} at t = {at:.6g}, {least / float(self.weight):.4g} of the weight"]
+        if np.isfinite(self.friction_needed):
             mu, at = float(self.friction_needed), float(self.friction_needed_time)
             lines.append(f"friction needed, max |f|/N, {mu:.10g} at t = {at:.6g}")
         else:
@@ -104,28 +106,33 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
             "Argument `trajectory` must have dense output; call simulate(..., dense=True). The forces at the saved "
             "times are in `observables`."
         )
-    return _extremes(trajectory.interpolant, trajectory.reached, trajectory.status, room_for(trajectory))
+    return _extremes(trajectory.interpolant, trajectory.reached, trajectory.status)
 
 
-@eqx.filter_jit
-def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array, room: int) -> ContactExtremes:
+@programs.filter_jit
+def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array) -> ContactExtremes:
     started = status != Status.IMPOSSIBLE
     interpolant, reached = differentiated_where(started, (interpolant, reached))
-    packing = interpolant.packing
-    kinks = jnp.concatenate([packing.system.motion_kinks(), packing.system.driving_kinks()])
+    packing, steps = interpolant.packing, Steps.of(interpolant.solution, reached)
 
-    def at(t, x):
-        return reaction(packing.system, t, packing.unpack(t, x))
-
-    def forces(t, x):
-        force = at(t, x)
+    def forces_and_rates(t, x):
+        force = reaction(packing.system, t, packing.unpack(t, x))
         # The angle is largest where |f| / N is, and has no spike where N is small.
-        return jnp.stack([-force.normal, force.angle, force.friction])
+        return jnp.concatenate([jnp.stack([-force.normal, force.angle, force.friction]), packing.field(t, x)])
 
-    steps = Steps.of(interpolant.solution, room, reached)
-    times, vectors = maxima(steps, forces, packing.field, kinks, 3)
-    values = jax.lax.map(lambda where: at(*where), (times, vectors))
-    extremes = (values.normal[0], times[0], values.ratio[1], times[1], values.friction[2], times[2])
+    found = maxima(steps, forces_and_rates, 3)
+    N, _, f = jnp.diagonal(found.values)
+    mu = Reaction(-found.values[1, 0], found.values[1, 2] ** 2).ratio
+    extremes = (-N, found.time[0], mu, found.time[1], f, found.time[2])
+    extremes = with_derivatives(extremes, _at, steps, packing, found.step, found.time)
     extremes = once("extremes of the contact force", extremes)
     weight = packing.system.total_mass * packing.system.gravity
     return ContactExtremes(*(jnp.where(started, value, jnp.nan) for value in (*extremes, weight)))
+
+
+def _at(steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]) -> tuple[Array, ...]:
+    """N, |f| / N and |f|, each with its time, at three times in steps, with their derivatives."""
+    kinks = jnp.concatenate([packing.system.motion_kinks(), packing.system.driving_kinks()])
+    times, vectors = jax.vmap(lambda i, t: moved(steps, kinks, i, t))(index, times)
+    force = jax.lax.map(lambda at: reaction(packing.system, at[0], packing.unpack(*at)), (times, vectors))
+    return force.normal[0], times[0], force.ratio[1], times[1], force.friction[2], times[2]

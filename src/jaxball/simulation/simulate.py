@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, cast, overload
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,8 +13,10 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from ..interface.arguments import refusal, require
+from ..interface.errors import UserError
 from ..interface.printing import is_array
 from ..interface.status import Status
+from ..numerics import programs
 from ..numerics.arrays import Numbers, default_dtype, require_numbers, to_array
 from ..numerics.masks import differentiated_where
 from ..numerics.modes import forward_only, reverse_only
@@ -28,6 +29,7 @@ from ..physics.system import AbstractState, AbstractSystem, default_of, require_
 from ..physics.validity import possible_start
 from ..solvers import Projected, RadauIIA, SwitchingMassMatrixTerm
 from .events import AbstractEvent
+from .loop import SolveLoop
 from .step_size import by_tolerances, kinks_of, to_kinks
 from .trajectory import Interpolant, Trajectory
 from .watch import checked, locate, stop
@@ -40,7 +42,7 @@ FEW_STEPS = (256, 2048)
 FINEST = {name: 8 * float(np.finfo(name).eps) for name in ("float32", "float64")}
 
 
-class PrecisionError(ValueError):
+class PrecisionError(UserError):
     """A tolerance was asked for that the floating-point type in use cannot reach."""
 
 
@@ -117,10 +119,11 @@ def simulate(
     >>> run.message
     'The solve reached t = 2.'
     """
-    times = _checked_times(times)
+    times = checked_times(times)
     if state is None:
         state = at_rest(system)
-    _check_state(system, state)
+    else:
+        _check_state(system, state)
     rtol, atol = checked_tolerances(rtol, atol)
     if dae:
         _check_dae(state, solver)
@@ -149,7 +152,7 @@ class _Method(NamedTuple):
     """What a program is compiled for; everything else may change from call to call."""
 
     solver: diffrax.AbstractAdaptiveSolver
-    adjoint: diffrax.AbstractAdjoint
+    adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode
     progress: diffrax.AbstractProgressMeter
     max_steps: int
     dense: bool
@@ -163,17 +166,16 @@ def _run(
     method: _Method, system: AbstractSystem, times: Any, state: AbstractState, *others: Any
 ) -> Trajectory[Any, Any]:
     """A trajectory. Dense output has room for few steps at first, because room that is not used costs time as well."""
-    staged = isinstance(jnp.zeros(()), Tracer)
 
     def trajectory_by(method: _Method) -> Trajectory[Any, Any]:
         solved = _program(method)(system, times, state, *others)
-        return Trajectory(system, times, *solved, start=state)
+        return Trajectory.of(system, times, *solved, {}, state)
 
-    rooms = [room for room in FEW_STEPS if room < method.max_steps and method.dense and not staged]
-    for room in rooms:
-        trajectory = trajectory_by(method._replace(max_steps=room))
-        if not isinstance(trajectory.status, Tracer) and int(jnp.max(trajectory.steps)) < room:
-            return trajectory
+    if method.dense and not isinstance(jnp.zeros(()), Tracer):
+        for room in (room for room in FEW_STEPS if room < method.max_steps):
+            trajectory = trajectory_by(method._replace(max_steps=room))
+            if not isinstance(trajectory.status, Tracer) and np.max(trajectory.steps) < room:
+                return trajectory
     return trajectory_by(method)
 
 
@@ -186,7 +188,7 @@ def _program(method: _Method) -> Callable[..., tuple]:
 
 @functools.cache
 def _compiled(method: _Method) -> Callable[..., tuple]:
-    return jax.jit(functools.partial(_solve, method))
+    return programs.jit(functools.partial(_solve, method))
 
 
 def _solve(
@@ -203,19 +205,18 @@ def _solve(
         system, times, state, rtol, atol, events = reverse_only((system, times, state, rtol, atol, events))
     startable = _startable(system, times, state, method.inside)
     system, times, state, events = differentiated_where(startable, (system, times, state, events))
-    packing = Packing.of(system.prepare(), state)
-    initial = packing.pack(times[0], state)
+    packing, initial = _packed(system, times[0], state)
     # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
     parameters, unpack_parameters = ravel_pytree((packing, events))
 
     # Compiled on their own, they are traced once; diffrax traces a step several times.
     @jax.jit
     def field(t, x, parameters):
-        return jnp.where(startable, unpack_parameters(parameters)[0].field(t, x), 0.0)
+        return unpack_parameters(parameters)[0].field(t, x)
 
     @jax.jit
     def dae_field(t, x, parameters, component):
-        return jnp.where(startable, unpack_parameters(parameters)[0].dae_field(t, x, component), 0.0)
+        return unpack_parameters(parameters)[0].dae_field(t, x, component)
 
     term = diffrax.ODETerm(field)
     if method.dae:
@@ -228,13 +229,13 @@ def _solve(
         term,
         Projected(method.solver, packing.projected) if method.project else method.solver,
         times[0],
-        times[-1],
+        jnp.where(startable, times[-1], times[0]),
         None,
         jnp.where(startable, initial, 0.0),
         args=parameters,
-        saveat=diffrax.SaveAt(subs=[diffrax.SubSaveAt(ts=times), diffrax.SubSaveAt(t1=True)], dense=method.dense),
+        saveat=diffrax.SaveAt(t1=True, dense=method.dense),
         stepsize_controller=_controller(method, system, times, rtol, atol),
-        adjoint=method.adjoint,
+        adjoint=SolveLoop.of(method.adjoint, times),
         event=stop(events, unpack_parameters),
         max_steps=method.max_steps,
         progress_meter=method.progress,
@@ -242,27 +243,45 @@ def _solve(
     )
     if isinstance(method.adjoint, diffrax.ForwardMode):
         solution = forward_only(solution)
-    (_, ended), (states, _) = cast(tuple, solution.ts), cast(tuple, solution.ys)
-    saved = jax.vmap(packing.unpack_where)(startable & jnp.all(jnp.isfinite(states), axis=1), times, states)
-    reached, status = jnp.where(startable, ended[0], times[0]), status_of(solution.result)
+    states, ended = cast(Array, solution.ys), cast(Array, solution.ts)
+    saved = _unpacked(packing, startable & jnp.all(jnp.isfinite(states), axis=1), times, states)
+    reached, status = ended[0], status_of(solution.result)
     if method.inside:
         reached, status = until_left(packing.system, times, saved, reached, status)
     return (
         saved,
         reached,
         jnp.where(startable, status, Status.IMPOSSIBLE),
-        jnp.where(startable, solution.stats["num_steps"], 0),
-        jnp.where(startable, solution.stats["num_rejected_steps"], 0),
+        cast(Array, solution.stats["num_steps"]),
+        cast(Array, solution.stats["num_rejected_steps"]),
         Interpolant(solution, packing) if method.dense else None,
     )
 
 
 def _startable(system: AbstractSystem, times: Array, state: AbstractState, inside: bool) -> Array:
-    initial = Packing.of(system.prepare(), state).pack(times[0], state)
-    return possible_start(system, times, state, inside) & jnp.all(jnp.isfinite(initial))
+    """Whether a solve can start: whether all numbers can be, and none of the initial vector is too large to be one."""
+    packing, initial = _packed(system, times[0], state)
+    return possible_start(system, packing.system, times, state, inside) & jnp.all(jnp.isfinite(initial))
 
 
-_solve_filtered = eqx.filter_jit(_solve)
+@jax.jit
+def _packed(system: AbstractSystem, t: Array, state: AbstractState) -> tuple[Packing[Any, Any], Array]:
+    """The packing of a system with its initial vector. Compiled on its own, it is traced once."""
+    packing = Packing.of(system.prepare(), state)
+    return packing, packing.pack(t, state)
+
+
+def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Array) -> Any:
+    """The states of the vectors that are ``known``; of the others NaN, and nothing that has derivatives."""
+    times, states = jnp.where(known, times, times[0]), jnp.where(known[:, None], states, states[0])
+
+    def cut(leaf):
+        return jnp.where(known.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, jnp.nan)
+
+    return jax.tree.map(cut, jax.vmap(packing.unpack)(times, states))
+
+
+_solve_filtered = programs.filter_jit(_solve)
 
 
 def _controller(
@@ -312,7 +331,11 @@ def _as_array(name: str, x: Numbers) -> Array | np.ndarray:
         raise refusal(name, "numbers", x) from None
 
 
-def _checked_times(times: Numbers) -> Array | np.ndarray:
+def checked_times(times: Numbers) -> Array | np.ndarray:
+    """The times as an array.
+
+    **Raises:** ``ValueError`` where they are not two or more in one axis or, where that is known, do not increase.
+    """
     array = _as_array("times", times)
     if array.ndim != 1 or array.size < 2:
         raise ValueError(
@@ -355,17 +378,23 @@ def checked_steps(max_steps: int) -> int:
     return int(max_steps)
 
 
-def _checked_adjoint(adjoint: diffrax.AbstractAdjoint | None) -> diffrax.AbstractAdjoint:
+def _checked_adjoint(
+    adjoint: diffrax.AbstractAdjoint | None,
+) -> diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode:
     if adjoint is None:
         return DEFAULT_ADJOINT
+    if isinstance(adjoint, diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode):
+        return adjoint
     require("adjoint", adjoint, diffrax.AbstractAdjoint, "an adjoint, such as diffrax.ForwardMode()")
-    if isinstance(adjoint, diffrax.DirectAdjoint):
-        raise TypeError(
-            "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint(), the default, for reverse mode or "
-            "diffrax.ForwardMode() for forward mode, but it is diffrax.DirectAdjoint(), which takes steps of other "
-            "lengths on the way back where rounding decides them, and is then wrong in reverse mode."
-        )
-    return adjoint
+    why = (
+        "which takes steps of other lengths on the way back where rounding decides them, and is wrong in reverse mode"
+        if isinstance(adjoint, diffrax.DirectAdjoint)
+        else "which brings a loop of its own, where simulate has its own"
+    )
+    raise TypeError(
+        "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint(), the default, for reverse mode or "
+        f"diffrax.ForwardMode() for forward mode, but it is diffrax.{type(adjoint).__name__}(), {why}."
+    )
 
 
 def _checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax.AbstractProgressMeter:
@@ -378,12 +407,7 @@ def _checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax
 
 def _check_state(system: AbstractSystem, state: AbstractState) -> None:
     require_state(system, state)
-    default = default_of(type(state), default_dtype())
-    shapes = (
-        {name: np.shape(value) for name, value in vars(default).items() if is_array(value)}
-        if default is not None
-        else {}
-    )
+    shapes = _shapes_of(type(state), default_dtype())
     for name, shape in shapes.items():
         given = np.shape(getattr(state, name))
         # Of a sized field the system has checked the length, and not that it is of one state.
@@ -393,6 +417,17 @@ def _check_state(system: AbstractSystem, state: AbstractState) -> None:
                 f"Argument `state` must be one state, with `{name}` of shape {shape}, but its shape is {given}; "
                 "for many runs use jax.vmap or jaxball.ensemble.simulate_ensemble."
             )
+
+
+@functools.cache
+def _shapes_of(kind: type[AbstractState], dtype: np.dtype) -> dict[str, tuple[int, ...]]:
+    """The shapes of the arrays of one state, where its kind has a default."""
+    default = default_of(kind, dtype)
+    return (
+        {name: np.shape(value) for name, value in vars(default).items() if is_array(value)}
+        if default is not None
+        else {}
+    )
 
 
 def _check_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> None:

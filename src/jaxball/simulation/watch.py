@@ -1,5 +1,6 @@
 """Events in a solve: where it may stop, and when exactly each of them happened."""
 
+import functools
 import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, cast
@@ -14,6 +15,7 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require
 from ..interface.status import Status
+from ..numerics import programs
 from ..numerics.modes import once
 from ..physics.body import AbstractBody
 from ..physics.packing import Packing
@@ -52,19 +54,30 @@ def stop(events: Mapping[str, AbstractEvent], unpack: Callable[[Array], tuple[Pa
     ``unpack`` takes a solve's parameters to its packing and its events.
     """
 
+    def levels(t, x, parameters):
+        packing, events = unpack(parameters)
+        state = packing.unpack(t, x)
+        return lambda name: events[name].value(packing.system, t, state)
+
+    def limit(t, x, parameters, *, t0, **_):
+        # Together, because they have long formulas in common; in a branch, so that XLA computes these once.
+        def least(x):
+            level = levels(t, x, parameters)
+            return functools.reduce(jnp.minimum, [level(name) for name in limits])
+
+        # diffrax looks at the start before its loop.
+        return jnp.ones_like(t) if t is t0 else jax.lax.cond(t > t0, least, lambda x: jnp.ones_like(t), x)
+
     def condition(name: str) -> Callable:
-        def value(t, x, parameters, *, t0, **_):
-            packing, events = unpack(parameters)
-            level = events[name].value(packing.system, t, packing.unpack(t, x))
-            # The start is not a crossing, whatever rounding makes of a zero; what is not a number has no sign.
-            return jnp.where(t == t0, jnp.nan, level)
+        # The start is not a crossing, whatever rounding makes of a zero; what is not a number has no sign.
+        return lambda t, x, parameters, *, t0, **_: jnp.where(t == t0, jnp.nan, levels(t, x, parameters)(name))
 
-        return value
-
-    conditions, directions = {}, {}
-    for name, event in events.items():
+    terminal = {name: event for name, event in events.items() if event.terminal}
+    limits = [name for name, event in terminal.items() if event.from_start and event.direction == DOWN]
+    conditions, directions = ({"limits": limit}, {"limits": False}) if limits else ({}, {})
+    for name, event in terminal.items():
         for direction in (UP, DOWN):
-            if event.terminal and event.direction != -direction:
+            if name not in limits and event.direction != -direction:
                 conditions[f"{name} {direction}"], directions[f"{name} {direction}"] = condition(name), direction == UP
     return diffrax.Event(conditions, direction=directions) if conditions else None
 
@@ -84,12 +97,12 @@ def room_for(trajectory: Trajectory[Any, Any]) -> int:
     return min(largest, STEPS_AT_A_TIME * -(-max(accepted, 1) // STEPS_AT_A_TIME))
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], room: int) -> Trajectory[Any, Any]:
     interpolant = trajectory.interpolant
     assert interpolant is not None
     packing, started = interpolant.packing, trajectory.status != Status.IMPOSSIBLE
-    steps = Steps.of(interpolant.solution, room, trajectory.reached)
+    steps = Steps.of(interpolant.solution, trajectory.reached, room)
     located = _crossings(steps, packing, events)
     end, status = jnp.full_like(trajectory.reached, jnp.inf), trajectory.status
     for name, event in events.items():
@@ -105,7 +118,7 @@ def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], 
     def cut(leaf):
         return jnp.where((times <= reached).reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, jnp.nan)
 
-    occurrences = {name: _occurrences(packing, located[name], started, reached) for name in events}
+    occurrences = _occurrences(packing, located, started, reached)
     return eqx.tree_at(
         lambda t: (t.state, t.reached, t.status, t.events),
         trajectory,
@@ -125,15 +138,24 @@ def _crossings(steps: Steps, packing: Packing, events: dict[str, AbstractEvent])
     return dict(zip(events, located, strict=True))
 
 
-def _occurrences(packing: Packing, crossings: Crossings, started: Array, reached: Float[Array, ""]) -> Occurrences:
-    within = (crossings.times <= reached) & started
-    late = jnp.sum(jnp.isfinite(crossings.times) & ~within)
-    states = jax.vmap(packing.unpack_where)(within, crossings.times, crossings.vectors)
-
-    return Occurrences(
-        count=jnp.where(started, crossings.count - late, 0),
-        times=jnp.where(within, crossings.times, jnp.nan),
-        state=states,
-        least=crossings.least,
-        largest=crossings.largest,
+def _occurrences(
+    packing: Packing, located: dict[str, Crossings], started: Array, reached: Float[Array, ""]
+) -> dict[str, Occurrences]:
+    """Those up to the end of the run. The states of all events are made of their vectors together."""
+    times, vectors = (
+        jnp.concatenate([getattr(one, name) for one in located.values()]) for name in ("times", "vectors")
     )
+    states = jax.vmap(packing.unpack_where)((times <= reached) & started, times, vectors)
+    occurrences, begin = {}, 0
+    for name, one in located.items():
+        part = slice(begin, begin + one.times.size)
+        within, begin = (one.times <= reached) & started, part.stop
+        late = jnp.sum(jnp.isfinite(one.times) & ~within)
+        occurrences[name] = Occurrences(
+            count=jnp.where(started, one.count - late, 0),
+            times=jnp.where(within, one.times, jnp.nan),
+            state=jax.tree.map(lambda leaf, part=part: leaf[part], states),
+            least=one.least,
+            largest=one.largest,
+        )
+    return occurrences

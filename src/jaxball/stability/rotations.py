@@ -2,7 +2,6 @@
 
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +9,7 @@ import optimistix
 from jaxtyping import Array, Float
 
 from ..interface.arguments import require
+from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..physics.body import Ball
 from ..physics.state import ReducedState
@@ -64,7 +64,7 @@ def permanent_rotations(
     return tuple(sorted((motion for motion in motions if motion.steady), key=lambda motion: motion.growth))
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _search(ball: Ball, rate, t, starts) -> Float[Array, "n 3"]:
     prepared = ball.prepare()
 

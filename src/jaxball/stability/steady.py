@@ -1,13 +1,15 @@
 """Steady motions and their stability by the eigenvalues of the linearised equations."""
 
-import equinox as eqx
+import math
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Complex
+from jaxtyping import Array, Complex
 
 from ..interface.printing import Printed, shown
+from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..numerics.vectors import cross
 from ..physics.body import System
@@ -85,11 +87,11 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
     state = phase_point(system, state)
     if system.force is not None:
         raise ValueError("Argument `system` must have no force, because its direction changes in the body.")
-    rates, derivative = _linearised(system, state, to_array(turning), to_array(t))
-    eigenvalues = np.linalg.eigvals(_on_tangent(np.asarray(derivative), state)).astype(complex)
+    rates, derivative, normal = _linearised(system, state, to_array(turning), to_array(t))
+    eigenvalues = np.linalg.eigvals(_on_tangent(np.asarray(derivative), normal)).astype(complex)
     eigenvalues = eigenvalues[np.lexsort((-np.imag(eigenvalues), -np.real(eigenvalues).round(12)))]
-    size = max(float(np.max(np.abs(eigenvalues))), float(np.sqrt(abs(system.gravity) / system.radius)))
-    residual = float(jnp.max(jnp.abs(rates)))
+    size = max(float(np.max(np.abs(eigenvalues))), math.sqrt(abs(float(system.gravity)) / float(system.radius)))
+    residual = float(np.max(np.abs(rates)))
     steady = residual <= STEADY * size
     kind = _kind(eigenvalues / size)
     return SteadyMotion(
@@ -97,9 +99,9 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
     )
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _linearised(system: System, state: State, turning, t):
-    """The rates beside the turning, and their derivative."""
+    """The rates beside the turning, their derivative, and the normal of the sphere of Γ; None where there is none."""
     prepared = system.prepare()
     x, unravel = ravel_pytree(state)
 
@@ -112,16 +114,15 @@ def _linearised(system: System, state: State, turning, t):
         turned = jnp.zeros_like(x).at[:6].set(jnp.concatenate([cross(axis, point.Omega), cross(axis, point.Gamma)]))
         return rates - turned
 
-    return field(x), jax.jacfwd(field)(x)
-
-
-def _on_tangent(matrix: np.ndarray, state: State) -> np.ndarray:
-    """``matrix`` on the vectors orthogonal to the normal of the sphere of Γ."""
     normal = normal_of(state)
+    return field(x), jax.jacfwd(field)(x), None if normal is None else normal(x)
+
+
+def _on_tangent(matrix: np.ndarray, normal: Array | None) -> np.ndarray:
+    """``matrix`` on the vectors orthogonal to the normal of the sphere of Γ."""
     if normal is None:
         return matrix
-    n = np.asarray(normal(ravel_pytree(state)[0]))
-    basis = np.linalg.svd(n[None])[2][1:]
+    basis = np.linalg.svd(np.asarray(normal)[None])[2][1:]
     return basis @ matrix @ basis.T
 
 

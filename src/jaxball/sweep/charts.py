@@ -12,7 +12,7 @@ from ..chaos import chart
 from ..interface.status import Status
 from ..scenario import read_document
 from ..scenario.paths import check_number
-from ..scenario.solve import SOLVERS
+from ..scenario.solvers import SOLVERS
 from .axes import Ranged
 from .rows import read_rows
 from .study import Study

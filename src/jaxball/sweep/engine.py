@@ -8,7 +8,7 @@ import numpy as np
 from ..ensemble import AbstractReduction, simulate_ensemble
 from ..ensemble.quantities import CONTACT
 from ..physics.body import AbstractBody
-from ..scenario.solve import SOLVERS
+from ..scenario.solvers import SOLVERS
 from .batch import Batch, Wanted
 from .reductions import solved_in_lanes
 from .vmap import solve_by_vmap

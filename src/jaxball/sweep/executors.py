@@ -7,8 +7,10 @@ import multiprocessing.util
 import threading
 import time
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
+from .. import cache
 from ..interface import interruption
 from .chunk import Done, Task, solve_chunk, solve_chunk_elsewhere
 from .errors import WorkerError
@@ -46,8 +48,15 @@ def executor_of(workers: int) -> concurrent.futures.Executor:
     if workers == 1:
         return _Here()
     return concurrent.futures.ProcessPoolExecutor(
-        workers, mp_context=_Context(), initializer=interruption.ignore_ctrl_c
+        workers, mp_context=_Context(), initializer=_begin, initargs=(cache.in_use(),)
     )
+
+
+def _begin(folder: Path | None) -> None:
+    """What a worker does first: it leaves Ctrl-C to its parent, and keeps programs where this does."""
+    interruption.ignore_ctrl_c()
+    if folder is not None:
+        cache.enable(folder)
 
 
 def kill_workers() -> None:

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+from ..interface.activity import ERASE
 from .chunk import Done
 from .tally import Tally
 
@@ -62,7 +63,7 @@ class Progress:
     def show(self) -> None:
         """Shows the line now."""
         self.shown, self.told = self.clock(), self.line()
-        self.stream.write(f"\r\x1b[K{self.told}" if self.terminal else f"{self.told}\n")
+        self.stream.write(f"{ERASE}{self.told}" if self.terminal else f"{self.told}\n")
         self.stream.flush()
 
     def close(self, after: Tally | None = None) -> None:

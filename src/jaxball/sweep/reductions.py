@@ -10,7 +10,7 @@ from ..ensemble.runge_kutta import fits
 from ..interface.wording import did_you_mean
 from ..physics.body import AbstractBody
 from ..scenario import Scenario
-from ..scenario.solve import SOLVERS
+from ..scenario.solvers import SOLVERS
 from ..scenario.table import Key, read_one_of
 from ..scenario.values import Text, key_error, shown
 from .errors import StudyError

@@ -31,7 +31,7 @@ ENOUGH_CHUNKS = 16  # of a small study
 KEYS = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
-    "scenario": Key(SCENARIO),
+    "scenario": Key(unread(SCENARIO)),
     "axes": Key(unread("a list of tables", AXES)),
     "save": Key(Choice(("end", "times")), "end"),
     "contact": Key(Flag(), False),

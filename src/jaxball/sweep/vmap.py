@@ -9,7 +9,7 @@ import numpy as np
 
 from ..numerics.batches import in_batches
 from ..physics.body import AbstractBody
-from ..scenario.solve import SOLVERS
+from ..scenario.solvers import SOLVERS
 from ..simulation.events import Detachment
 from ..simulation.extremes import contact_extremes
 from ..simulation.simulate import FEW_STEPS, simulate

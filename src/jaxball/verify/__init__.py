@@ -3,9 +3,15 @@
 No figures are drawn and no files written here.
 """
 
-from ..interface.names import interface as _interface
-from .report import Report as Report, Row as Row
-from .run import LAWS as LAWS, verify as verify
-from .trust import Trust as Trust
+TYPE_CHECKING = False
 
-__all__, __dir__ = _interface(globals())
+if TYPE_CHECKING:  # for type checkers and editors, the same interface
+    from .laws import LAWS as LAWS
+    from .report import Report as Report, Row as Row
+    from .run import verify as verify
+    from .trust import Trust as Trust
+else:
+    from ..interface.names import lazy_interface
+
+    _NAMES = {"laws": "LAWS", "report": "Report Row", "run": "verify", "trust": "Trust"}
+    __all__, __dir__, __getattr__ = lazy_interface(__name__, _NAMES)

@@ -13,19 +13,10 @@ from ..physics.state import DiskState
 from ..scenario import Scenario
 from ..simulation.extremes import contact_extremes
 from .case import SAFETY, Case
+from .laws import BALANCES
 from .report import Row
 from .symmetry import MASSES_MOVE, PLANAR, why_no_revolution, why_not_chaplygin, why_not_routh
 
-BALANCES: dict[str, str] = {
-    "energy": "E(t) − E(t0) = ∫ of the power of the actuation and the force",
-    "momentum": "the momentum about the contact point changes by the moments of weight and force and by −ċ × P",
-    "chaplygin": "ΛΠ is constant where the centre of mass is the geometric centre and no force acts",
-    "jellett-rate": "d/dt (L·s) = L·(Ω × χ + χ̇) − s·(χ × F̃), for any ball",
-    "jellett": "L·s is constant for a body of revolution with fixed masses and no force",
-    "routh": "Routh's integral is constant for the same bodies",
-    "norm": "|q| = 1",
-    "rolling": "z(t) − z(t0) = ∫ (ω × r e3)₁₂, no slip at the contact point",
-}
 NO_VERSOR = "a disk's state holds no versor"
 MEANINGLESS = (MASSES_MOVE, PLANAR, NO_VERSOR)  # reasons for which there is no quantity that could change
 

@@ -1,7 +1,7 @@
 """The runs that a verification compares, each computed when it is first needed and then kept."""
 
 import dataclasses
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import diffrax
@@ -12,9 +12,11 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
 from ..chaos.tangent import generic_vectors
+from ..interface.status import Status
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
-from ..simulation.simulate import FINEST, simulate
+from ..scenario.solvers import SOLVERS
+from ..simulation.simulate import FEW_STEPS, FINEST, simulate
 from ..simulation.trajectory import Trajectory
 from .samples import Samples, sample
 
@@ -77,16 +79,22 @@ class Case:
     ) -> Trajectory[Any, Any]:
         """The run with other settings; ``tolerance`` replaces the larger of rtol and atol, the other in proportion."""
         factor = 1.0 if tolerance is None else tolerance / self.tolerance
-        return simulate(
+        solve = partial(
+            simulate,
             self.scenario.system if system is None else system,
             self.scenario.times,
             self.scenario.state if state is None else state,
             solver=solver,
             rtol=factor * self.scenario.rtol,
             atol=factor * self.scenario.atol,
-            max_steps=MOST_STEPS,
             dae=dae,
         )
+        if system is None and not dae and solver == SOLVERS[self.scenario.solver]():
+            # With dense output it is the program of the run itself, which is compiled already.
+            trajectory = solve(dense=True, max_steps=FEW_STEPS[-1])
+            if trajectory.status != Status.MAX_STEPS:
+                return trajectory
+        return solve(max_steps=MOST_STEPS)
 
     @cached_property
     def weights(self) -> Float[np.ndarray, " size"]:

@@ -13,7 +13,7 @@ from ..classical import NonholonomicParticle
 from ..physics.body import Disk
 from ..physics.dae import WITH_UNIT
 from ..physics.state import DiskState
-from ..scenario.solve import SOLVERS
+from ..scenario.solvers import SOLVERS
 from ..simulation.trajectory import Trajectory
 from ..solvers import Gauss, RadauIIA
 from .case import Case
@@ -25,14 +25,6 @@ SATURATED = 1e-1
 INTERPOLATION_FACTOR = 100  # the reference's interpolation error over its tolerance
 LOOSEST = 1e-2
 
-COMPARISONS: dict[str, str] = {
-    "error": "the run agrees with one at a tolerance of 1e-13",
-    "convergence": "the error falls with the tolerance",
-    "solvers": "the run agrees with one by a solver of another family",
-    "dae": "the run agrees with that of the differential-algebraic equations",
-    "embedding": "a disk rolls like the ball in which it is embedded",
-    "closed-form": "the run agrees with the solution in closed form",
-}
 SLOW = ("solvers", "dae", "embedding")  # each compiles a program of its own
 
 

@@ -1,6 +1,7 @@
 """The entry function: it takes a scenario, or a system with times and a state, and returns a report."""
 
-from collections.abc import Mapping, Sequence
+import concurrent.futures
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,18 +12,12 @@ from ..physics.state import ReducedState, RotationState
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
 from ..simulation.simulate import at_rest
-from .balances import BALANCES, laws_along
+from .balances import laws_along
 from .case import Case
-from .comparisons import CHECKS, COMPARISONS, SLOW
+from .comparisons import CHECKS, SLOW
+from .laws import LAWS
 from .report import Report, Row
 from .trust import trust
-
-LAWS: Mapping[str, str] = {
-    **BALANCES,
-    "contact": "N > 0: the plane holds the ball",
-    **COMPARISONS,
-}
-"""Every law by its name. A classical system has its own ``laws`` instead of the balances."""
 
 ROLLING_ONLY = "it is for a ball or a disk"
 
@@ -56,12 +51,27 @@ def verify(
     chosen = [name for name in known if not (quick and name in SLOW)] if laws is None else _checked(laws, known)
     if not case.run.ok:
         return Report(case.scenario.title, (), failure=case.run.message)
-    rows = tuple(known[name](case) if name in known else Row(name, reason=ROLLING_ONLY) for name in chosen)
+    rows = _rows(case, chosen, known)
     # By default, no row says only that there is no closed form.
     if laws is None:
         rows = tuple(row for row in rows if row.applies or row.law != "closed-form")
     needs_trust = laws is None or any(name in CHECKS for name in chosen)
     return Report(case.scenario.title, rows, trust(case) if needs_trust else None)
+
+
+def _rows(case: Case, chosen: Sequence[str], known: Mapping[str, Callable[[Case], Row]]) -> tuple[Row, ...]:
+    """The rows of the chosen laws. One core compiles what they share, the other the programs of single rows."""
+    slow = [name for name in chosen if name in SLOW and name in known]
+    if slow:
+        _ = case.expected  # which they compare with, so that no two threads simulate the same
+    beside = concurrent.futures.ThreadPoolExecutor(1)
+    try:
+        later = {name: beside.submit(known[name], case) for name in slow}
+        rows = {name: known[name](case) for name in chosen if name in known and name not in later}
+        rows |= {name: row.result() for name, row in later.items()}
+    finally:
+        beside.shutdown(wait=False, cancel_futures=True)  # Ctrl-C does not wait for what is being compiled
+    return tuple(rows.get(name, Row(name, reason=ROLLING_ONLY)) for name in chosen)
 
 
 def _scenario(system: Scenario | AbstractSystem, times: Any, state: Any, settings: dict[str, Any]) -> Scenario:

@@ -3,12 +3,12 @@
 import dataclasses
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..numerics import programs
 from ..physics.moments import Moments
 from ..physics.packing import Packing
 from ..simulation.trajectory import Interpolant, Trajectory
@@ -95,12 +95,12 @@ def drift(
     return float(np.max(np.abs(end - start[:1] - integrals)))
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _nodes(trajectory: Trajectory[Any, Any], room: int) -> tuple[Array, Array, Array]:
     """Times and vectors at the ends and Gauss's nodes of each step, and which steps were taken."""
     interpolant = trajectory.interpolant
     assert isinstance(interpolant, Interpolant)
-    steps = Steps.of(interpolant.solution, room, trajectory.reached)
+    steps = Steps.of(interpolant.solution, trajectory.reached, room)
     fractions = jnp.asarray(FRACTIONS, steps.start.dtype)
     times = steps.start[:, None] + (steps.end - steps.start)[:, None] * fractions[None]
 
@@ -112,7 +112,7 @@ def _nodes(trajectory: Trajectory[Any, Any], room: int) -> tuple[Array, Array, A
     return times, states.reshape(*times.shape, -1), steps.taken
 
 
-@eqx.filter_jit
+@programs.filter_jit
 def _evaluate(packing: Packing[Any, Any], times: Float[Array, " rows"], vectors: Float[Array, "rows size"]) -> Any:
     # One after another: as a batch, a long formula on small vectors takes XLA several times as long to compile.
     return jax.lax.map(lambda row: quantities(packing.system, row[0], packing.unpack(*row)), (times, vectors))

@@ -1,18 +1,17 @@
 """``jaxball chaos``: the Lyapunov exponents of a scenario, charts of the largest one, and Poincaré maps."""
 
 import argparse
-import sys
+import math
 from pathlib import Path
+from typing import NamedTuple
 
-import numpy as np
+from ..input import add_scenario, scenario_document
+from ..jax_setup import set_up_jax
+from ..options import BadInputError, number, positive
+from ..output import add_output, check_outputs
 
-from ...chaos import LyapunovSpectrum, lyapunov_spectrum
-from ...scenario import Scenario
-from ...scenario.solve import SOLVERS
-from .. import chaos_chart, poincare
-from ..input import add_scenario, scenario_of
-from ..options import FAILED_SOLVE, BadInputError, number, positive
-from ..output import add_output, check_outputs, say, write_csv, write_json, write_outputs
+DIRECTIONS = {"rising": 1, "falling": -1, "both": 0}
+MOST_VALUES = 10_000  # of one number
 
 
 def add(commands) -> None:
@@ -29,18 +28,31 @@ def add(commands) -> None:
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw them: .png, .pdf or .svg")
     add_output(parser)
     kinds = parser.add_mutually_exclusive_group()
-    chaos_chart.add_options(parser, kinds)
-    poincare.add_options(parser, kinds)
+    kinds.add_argument(
+        "--chart",
+        nargs=2,
+        metavar="PATH=FROM:TO:COUNT",
+        help="a chart instead: the largest exponent over two numbers, as in 'initial.Omega[0]=0:3:30' body.mass=1:2:20",
+    )
+    kinds.add_argument(
+        "--poincare",
+        metavar="COMPONENT=VALUE",
+        help="a Poincaré map instead: the states in which a component has a value, as in 'Omega[0]=0'",
+    )
+    parser.add_argument("--direction", choices=DIRECTIONS, help="of the crossings of --poincare (default: rising)")
+    parser.add_argument(
+        "--axes", nargs=2, metavar="COMPONENT", help="the axes of --poincare's figure, as in 'Omega[1]' 'Gamma[2]'"
+    )
     parser.set_defaults(run=_run)
 
 
 def _run(options: argparse.Namespace) -> int:
-    poincare.check_options(options)
+    _check_options(options)
     try:
         if options.chart is not None:
-            return chaos_chart.run(options)
+            return _chart(options)
         if options.poincare is not None:
-            return poincare.run(options)
+            return _poincare(options)
         return _exponents(options)
     except ValueError as error:
         raise BadInputError(str(error)) from None
@@ -48,51 +60,81 @@ def _run(options: argparse.Namespace) -> int:
 
 def _exponents(options: argparse.Namespace) -> int:
     check_outputs(options, (".csv",))
-    scenario = scenario_of(options)
-    end = scenario.times[-1] if options.end is None else options.end
-    if end <= scenario.times[0]:
-        raise BadInputError(f"Argument `--end` must be after the start, {scenario.times[0]:g}, but it is {end:g}.")
-    spectrum = lyapunov_spectrum(
-        scenario.system,
-        (scenario.times[0], end),
-        scenario.state,
-        exponents=options.exponents,
-        transient=options.transient,
-        interval=options.interval or 1.0,
-        solver=SOLVERS[scenario.solver](),
-        rtol=scenario.rtol,
-        atol=scenario.atol,
-    )
-    write_json(options, _content(scenario, spectrum))
-    if not spectrum.ok:
-        print(f"jaxball: {spectrum.message}", file=sys.stderr)
-        return FAILED_SOLVE
-    written = write_outputs(
-        options, scenario, lambda path: _save(spectrum, path), lambda plot: plot.lyapunov_convergence(spectrum)
-    )
-    say(options, scenario.title, spectrum, written)
-    return 0
+    document = scenario_document(options)
+    set_up_jax()
+    from ..work.chaos import run
+
+    return run(options, document)
 
 
-def _content(scenario: Scenario, spectrum: LyapunovSpectrum) -> dict:
-    limits = spectrum.limits
-    force = spectrum.least_normal_force
-    return {
-        "title": scenario.title,
-        "ok": spectrum.ok,
-        "message": spectrum.message,
-        "reached": float(spectrum.reached),
-        "exponents": np.asarray(spectrum.exponents),
-        "standard_error": np.asarray(spectrum.standard_error),
-        "told_from_zero": limits.told,
-        "limits": limits.limits,
-        "dimension": spectrum.dimension,
-        "least_normal_force": None if force is None else float(force),
-    }
+def _chart(options: argparse.Namespace) -> int:
+    check_outputs(options, (".nc", ".csv"))
+    if options.exponents is not None:
+        raise BadInputError("Argument `--exponents` must be left out with --chart, which shows the largest one.")
+    first, second = (_axis(text) for text in options.chart)
+    if first.path == second.path:
+        raise BadInputError(f"Argument `--chart` must name two numbers, but it names `{first.path}` twice.")
+    document = scenario_document(options)
+    set_up_jax()
+    from ..work.chaos_chart import run
+
+    return run(options, document, first, second)
 
 
-def _save(spectrum: LyapunovSpectrum, path: Path) -> None:
-    """The running means of the exponents, one row for each interval."""
-    times, means = np.asarray(spectrum.times), np.asarray(spectrum.running)
-    header = ["time", *(f"exponent[{k}]" for k in range(means.shape[1]))]
-    write_csv(path, header, np.column_stack([times, means]).tolist())
+def _poincare(options: argparse.Namespace) -> int:
+    check_outputs(options, (".csv", ".npz"))
+    path, value = _section(options.poincare)
+    document = scenario_document(options)
+    set_up_jax()
+    from ..work.poincare import run
+
+    return run(options, document, path, value)
+
+
+def _check_options(options: argparse.Namespace) -> None:
+    """Raises an :class:`BadInputError` for options that do not go together."""
+    for name in ("direction", "axes"):
+        if getattr(options, name) is not None and options.poincare is None:
+            raise BadInputError(f"Argument `--{name}` is for a Poincaré map; give --poincare COMPONENT=VALUE with it.")
+    for name in ("exponents", "interval"):
+        if options.poincare is not None and getattr(options, name) is not None:
+            raise BadInputError(f"Argument `--{name}` is for Lyapunov exponents; leave it out with --poincare.")
+    if options.poincare is not None and options.transient:
+        raise BadInputError("Argument `--transient` is for Lyapunov exponents; leave it out with --poincare.")
+
+
+class Axis(NamedTuple):
+    """An axis of a chart: ``values`` of them of the number at ``path``, equally spaced from ``low`` to ``high``."""
+
+    path: str
+    low: float
+    high: float
+    values: int
+
+
+def _axis(text: str) -> Axis:
+    path, _, values = text.partition("=")
+    parts = values.split(":")
+    try:
+        low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
+    except (ValueError, IndexError):
+        low, high, count = math.nan, math.nan, 0
+    if len(parts) != 3 or not math.isfinite(low + high) or low == high or not 2 <= count <= MOST_VALUES:
+        raise BadInputError(
+            "Argument `--chart` must be PATH=FROM:TO:COUNT, with two different numbers and a count from 2 to "
+            f"{MOST_VALUES:,}, such as 'initial.Omega[0]=0:3:30', but it is \"{text}\"."
+        )
+    return Axis(path.strip(), low, high, count)
+
+
+def _section(text: str) -> tuple[str, float]:
+    path, equals, value = text.partition("=")
+    try:
+        number = float(value) if equals else math.nan
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise BadInputError(
+            f"Argument `--poincare` must be COMPONENT=VALUE, such as 'Omega[0]=0', but it is \"{text}\"."
+        )
+    return path.strip(), number

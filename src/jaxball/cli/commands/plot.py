@@ -3,8 +3,9 @@
 import argparse
 from pathlib import Path
 
-from ...results import load_run, saved_scenario
-from ..output import add_formats, add_quiet, check_figures_folder, draw_figures
+from ...results.files import check_saved
+from ..jax_setup import set_up_jax
+from ..output import add_formats, add_quiet, check_figures_folder
 
 
 def add(commands) -> None:
@@ -13,7 +14,7 @@ def add(commands) -> None:
         "plot",
         description="Draws the figures of a saved run, the same as `jaxball simulate --plot` draws.",
     )
-    parser.add_argument("saved", metavar="RUN", help="a run that jaxball saved: .nc or .npz")
+    parser.add_argument("saved", type=Path, metavar="RUN", help="a run that jaxball saved: .nc or .npz")
     parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where the figures go")
     add_formats(parser, "--format")
     add_quiet(parser)
@@ -22,8 +23,8 @@ def add(commands) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     check_figures_folder(options, "out", "format")
-    run = load_run(options.saved)
-    written = draw_figures(run, options.out, options.format, saved_scenario(options.saved).title)
-    if not options.quiet:
-        print(f"{run}\n  written: {written}")
-    return 0
+    check_saved(options.saved)
+    set_up_jax()
+    from ..work.plot import run
+
+    return run(options)

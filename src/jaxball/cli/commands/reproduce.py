@@ -4,6 +4,8 @@ import argparse
 from pathlib import Path
 
 from ...interface.output import check_folder
+from ..jax_setup import set_up_jax
+from ..output import working
 
 
 def add(commands) -> None:
@@ -14,9 +16,10 @@ def add(commands) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    # Imported here, because matplotlib takes longer to import than the other commands need.
+    check_folder(options.out, "--out")
+    set_up_jax()
     from ...paper.reproduce import reproduce
 
-    check_folder(options.out, "--out")
-    reproduce(options.out)
+    with working(options, "measuring and drawing") as line:
+        reproduce(options.out, echo=line.print)
     return 0

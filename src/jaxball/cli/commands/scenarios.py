@@ -2,7 +2,7 @@
 
 import argparse
 
-from ...scenario import builtin_scenarios, builtin_text, builtin_title
+from ...scenario.library import builtin_scenarios, builtin_text, builtin_title
 
 
 def add(commands) -> None:

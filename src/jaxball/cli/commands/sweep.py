@@ -2,13 +2,14 @@
 
 import argparse
 import importlib.util
-import sys
 from pathlib import Path
 
-from ...interface.interruption import INTERRUPTED, STOPPED, interrupt_message
 from ...interface.output import check_folder
-from ...interface.wording import all_of, counted
-from ..options import FAILED_SOLVE, BadInputError, count
+from ...interface.wording import all_of
+from ...scenario.errors import ScenarioError
+from ...scenario.sources import document_of, naming, text_of
+from ..jax_setup import set_up_jax
+from ..options import BadInputError, count
 
 NEEDED = ("zarr", "pandas", "pyarrow", "scipy")
 
@@ -37,14 +38,13 @@ def add(commands) -> None:
 
 
 def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
-    # Imported here, because the other commands have no use for it.
-    from ... import sweep
-
     if options.study == "status":
         if options.store is None:
             parser.error("the following argument is required after status: STORE")
-        print(sweep.describe(options.store))
-        return 0
+        set_up_jax()
+        from ..work.sweep import status
+
+        return status(options)
     if options.study == "plot":
         return _plot(parser, options)
     for name in ("result", "against"):
@@ -54,60 +54,27 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
         parser.error("argument --measure is for --dry-run")
     if options.store is not None:
         parser.error(f"unrecognized argument: {options.store}")
-    _require(NEEDED)
-    study = sweep.load_study(options.study)
-    if options.dry_run:
-        if options.measure:
-            print("jaxball: compiling, then solving a few rows", file=sys.stderr)
-        estimate = sweep.estimate(study, measure=options.measure).sentence(options.workers)
-        print(estimate if options.measure else f"{estimate}; --measure solves a few rows to estimate the time")
-        return 0
-    if options.out is None:
+    if options.out is None and not options.dry_run:
         parser.error("the following argument is required: --out")
-    return _sweep(study, options)
+    _require(NEEDED)
+    text = text_of(options.study, "study file", ScenarioError)
+    with naming(options.study):
+        document_of(text, "study", ScenarioError)
+    set_up_jax()
+    from ..work.sweep import run
 
-
-def _sweep(study, options: argparse.Namespace) -> int:
-    from ... import sweep
-
-    try:
-        with interrupt_message(lambda: _stopped(options.out)):
-            outcome = sweep.sweep(study, options.out, workers=options.workers, shard=options.shard, stream=sys.stderr)
-    except sweep.WorkerError as error:
-        print(f"jaxball: {error}", file=sys.stderr)
-        return FAILED_SOLVE
-    if outcome.interrupted:
-        print(
-            f"jaxball: Stopped with {outcome.done:,} of {outcome.rows:,} rows done; run the same command to resume.",
-            file=sys.stderr,
-        )
-        return INTERRUPTED
-    print(sweep.describe(outcome.store))
-    written = f"{outcome.store}, {outcome.table}" if outcome.finished else f"{outcome.store}; other shards are not done"
-    print(f"  written: {written}")
-    return 0
+    return run(options, text)
 
 
 def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     if options.store is None or options.out is None:
         parser.error("the following arguments are required after plot: STORE, --out")
     _require(("zarr",))
-    from ... import plot, sweep
-
-    data = sweep.open_dataset(options.store)
     check_folder(options.out, "--out")
-    try:
-        paths = plot.sweep_figures(data, options.out, options.result, options.against)
-    except plot.PictureError as error:
-        raise BadInputError(str(error)) from None
-    print(f"{counted(len(paths), 'figure')} of {options.store}")
-    for path in paths:
-        print(f"  written: {path}")
-    return 0
+    set_up_jax()
+    from ..work.sweep import plot
 
-
-def _stopped(out: Path) -> str:
-    return f'Stopped; the rows in "{out}" are complete; run the same command to resume.' if out.exists() else STOPPED
+    return plot(options)
 
 
 def _require(packages: tuple[str, ...]) -> None:

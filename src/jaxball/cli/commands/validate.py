@@ -2,16 +2,17 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from ...interface.wording import counted
-from ...scenario import Scenario, ScenarioError, builtin_scenarios, read_document, scenario_text
-from ...scenario.errors import all_problems
+from ...scenario.errors import ScenarioError, all_problems
+from ...scenario.library import builtin_scenarios, builtin_text
 from ...scenario.sources import document_of, text_of
-from ..input import STDIN, input_text, source_name
+from ..input import input_text, source_name
+from ..jax_setup import set_up_jax
 from ..options import BAD_INPUT
+
+WHAT = "scenario, study or problem"
 
 
 def add(commands) -> None:
@@ -33,7 +34,7 @@ def _run(options: argparse.Namespace) -> int:
     for source in options.files:
         description = ""
         with all_problems() as problems:
-            description = _described(source)
+            description = _described(source, options)
         name = source_name(source)
         for problem in problems:
             print(f"{name}: {problem}", file=sys.stderr)
@@ -43,72 +44,21 @@ def _run(options: argparse.Namespace) -> int:
     return 0 if all_valid else BAD_INPUT
 
 
-def _described(source: str) -> str:
+def _described(source: str, options: argparse.Namespace) -> str:
     """The contents of a file, in one line.
 
     **Raises:** :class:`~jaxball.ScenarioError` for a file that is not valid.
     """
+    document = _document(source)
+    set_up_jax()
+    from ..work.validate import described
+
+    return described(document, Path(source).parent)
+
+
+def _document(source: str) -> dict[str, Any]:
     if source in builtin_scenarios():
-        return _scenario(document_of(scenario_text(source), "scenario", ScenarioError), Path())
+        return document_of(builtin_text(source), "scenario", ScenarioError)
     text = input_text(source)
-    text = text_of(source, "scenario, study or problem", ScenarioError) if text is None else text
-    document = document_of(text, "scenario, study or problem", ScenarioError)
-    return _reader(document)(document, Path() if source == STDIN else Path(source).parent)
-
-
-def _reader(document: dict[str, Any]) -> Callable[[dict[str, Any], Path], str]:
-    """The function that reads a document, chosen by its keys; a document is taken for a scenario by default."""
-    if "axes" in document:
-        return _study
-    if "control" in document:
-        return _control
-    return _problem if document.keys() & {"objectives", "variables"} else _scenario
-
-
-def _scenario(document: dict[str, Any], folder: Path) -> str:
-    return _titled("a scenario", _of_scenario(read_document(document)), document)
-
-
-def _of_scenario(scenario: Scenario) -> str:
-    system, times = scenario.system, scenario.times
-    return f"{system.described()}, {len(times)} times from {times[0]:g} to {times[-1]:g} by {scenario.solver}"
-
-
-def _study(document: dict[str, Any], folder: Path) -> str:
-    # Imported here, as below, because the other commands have no use for it.
-    import tomli_w
-
-    from ...sweep import read_study
-
-    study = read_study(tomli_w.dumps(document), folder)
-    shape = " × ".join(f"{size:,}" for size in study.shape)
-    rows = counted(study.rows, "row")
-    return _titled(
-        "a study", f"{rows}{f' ({shape})' if len(study.shape) > 1 else ''} of {', '.join(study.paths)}", document
-    )
-
-
-def _problem(document: dict[str, Any], folder: Path) -> str:
-    from ...design.files import problem_of
-
-    problem = problem_of(document, folder).problem
-    size = problem.space.size
-    variables = counted(size, "variable")
-    content = (variables, _names("objectives", problem.objectives), _names("constraints", problem.constraints))
-    return _titled("a design problem", "; ".join(content), document)
-
-
-def _control(document: dict[str, Any], folder: Path) -> str:
-    from ...design.control.files import read_control
-
-    problem = read_control(document, folder)
-    return _titled("a problem of optimal control", f"{problem.intervals} intervals to start with", document)
-
-
-def _names(what: str, items: Mapping[str, Any]) -> str:
-    return f"{what} {', '.join(items)}" if items else f"no {what}"
-
-
-def _titled(kind: str, content: str, document: dict[str, Any]) -> str:
-    title = document.get("title", "")
-    return f'{kind}, "{title}": {content}.' if title else f"{kind}: {content}."
+    text = text_of(source, WHAT, ScenarioError) if text is None else text
+    return document_of(text, WHAT, ScenarioError)

@@ -1,16 +1,12 @@
 """``jaxball verify``: the laws of mechanics, checked on runs of scenarios."""
 
 import argparse
-from collections.abc import Mapping
-from typing import Any
 
-from ...scenario import builtin_scenarios
-from ...verify import LAWS, Report, verify
-from ..input import named_scenario
-from ..options import FAILED_SOLVE, BadInputError
-from ..output import STDOUT, add_json, check_json, say, write_json
-
-LAW_BROKEN = 1
+from ...scenario.library import builtin_scenarios
+from ...verify.laws import LAWS
+from ..input import named_document
+from ..jax_setup import set_up_jax
+from ..output import add_json, check_json
 
 
 def add(commands) -> None:
@@ -34,24 +30,9 @@ def add(commands) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     check_json(options)
-    names = options.scenarios or builtin_scenarios()
     # All are read before the first run, so that a misspelt name is not discovered after minutes.
-    scenarios = {name: named_scenario(name) for name in names}
-    reports = {}
-    for name, scenario in scenarios.items():
-        try:
-            reports[name] = verify(scenario, laws=options.laws, quick=options.quick)
-        except ValueError as error:
-            raise BadInputError(str(error)) from None
-        say(options, f"{name}: {reports[name]}")
-        if options.json != STDOUT:
-            write_json(options, _content(reports))
-    if options.json == STDOUT:
-        write_json(options, _content(reports))
-    if any(report.failure for report in reports.values()):
-        return FAILED_SOLVE
-    return 0 if all(report.ok for report in reports.values()) else LAW_BROKEN
+    documents = {name: named_document(name) for name in options.scenarios or builtin_scenarios()}
+    set_up_jax()
+    from ..work.verify import run
 
-
-def _content(reports: Mapping[str, Report]) -> dict[str, Any]:
-    return {name: report.as_dict() for name, report in reports.items()}
+    return run(options, documents)

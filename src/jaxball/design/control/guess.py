@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from ...numerics import versor
+from ...numerics import programs, versor
 from ...numerics.vectors import apply, cross
 from ...physics.dynamics import force_in_body
 from ...physics.moments import velocity_moments
@@ -81,7 +81,7 @@ def _rolled(problem: Rolling, wanted: CubicSpline) -> BallState | DiskState:
     return BallState(q, Omega, z, *still)
 
 
-@jax.jit
+@programs.jit
 def _turned(
     q: Float[Array, "4"], steps: Float[Array, "t_minus_one 4"], omega: Float[Array, "t 3"]
 ) -> tuple[Float[Array, "t 4"], Float[Array, "t 3"]]:
@@ -132,13 +132,13 @@ def _moment(problem: Rolling, t: Float[Array, ""], theta: Float[Array, " m"]) ->
     return velocity_moments(problem.packing.system, t, (theta, jnp.zeros_like(theta))).p
 
 
-@jax.jit
+@programs.jit
 def _hanging(problem: Rolling) -> Float[Array, "3"]:
     """Λp at the start."""
     return apply(problem.state.Lambda, _moment(problem, problem.start, problem.state.theta))
 
 
-@jax.jit
+@programs.jit
 def _angles(problem: Rolling, times, state, p) -> Float[Array, "t m"]:
     """θ by the smallest changes from one time to the next (Levenberg's method), for given Λp."""
 
@@ -156,7 +156,7 @@ def _angles(problem: Rolling, times, state, p) -> Float[Array, "t m"]:
     return jax.lax.scan(step, problem.state.theta, (times, Lambda, p))[1]
 
 
-@jax.jit
+@programs.jit
 def _momenta(problem: Rolling, times, state) -> tuple[Float[Array, "t 3"], Float[Array, "t 3"]]:
     """ΛΠ, and its rate by the equations of motion."""
     system = problem.packing.system
@@ -171,6 +171,6 @@ def _momenta(problem: Rolling, times, state) -> tuple[Float[Array, "t 3"], Float
     return jax.vmap(one)(times, state)
 
 
-@jax.jit
+@programs.jit
 def _packed(problem: Rolling, times, state) -> Float[Array, "t n"]:
     return jax.vmap(problem.packing.pack)(times, state)

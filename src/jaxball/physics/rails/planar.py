@@ -36,9 +36,9 @@ class AbstractPlanarRail(AbstractRail):
         """The curve (x(θ), y(θ)) in its own plane."""
 
     def __call__(self, theta: Float[Array, ""]) -> Float[Array, "3"]:
-        x, y = self.planar(theta)
+        # A sum over an axis, because XLA's CPU compiler computes that once, and other sums wherever they are used.
         B = self.frame.matrix()
-        return self.centre + x * B[:, 0] + y * B[:, 2]
+        return self.centre + jnp.sum(B[:, ::2] * jnp.stack(self.planar(theta))[None], axis=1)
 
     @property
     def period(self) -> float:

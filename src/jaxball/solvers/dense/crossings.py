@@ -1,6 +1,6 @@
 """The times within the steps of a solve at which a function of the state crosses zero, all of them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -10,14 +10,14 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ...numerics.bracketing import Sample, between, other_end
+from ...numerics.calculus import with_derivatives
 from ...numerics.masks import differentiated_where, without_derivatives
 from .sampling import sampling
-from .steps import Steps
+from .steps import Field, Steps, Values
 
 ITERATIONS = 20
-
-Values = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
-Field = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " size"]]
+# How many steps are looked at side by side.
+WIDTH = 8
 
 
 class Kind(NamedTuple):
@@ -66,19 +66,16 @@ def crossings(steps: Steps, values: Values, field: Field, kinds: Sequence[Kind])
     The start is not a crossing, also where a function starts from zero, unless its kind says so. Times and vectors
     are differentiable, by the implicit function theorem, with ẋ by ``field``.
     """
-    values = eqx.filter_closure_convert(values, steps.start[0], steps.state(jnp.asarray(0), steps.start[0]))
-    fixed, fixed_values = without_derivatives((steps, values))
-    samples = jnp.moveaxis(fixed.samples(fixed_values, (len(kinds),)), -1, 0)
-    valid = fixed.taken[None, :, None] & jnp.isfinite(samples)
-    scales = jnp.max(jnp.where(valid, jnp.abs(samples), 0.0), axis=(1, 2))
-    fine = sampling().polynomials(samples)
-    changes = [_changes(fine[k], scales[k], kind) & fixed.taken[:, None] for k, kind in enumerate(kinds)]
-    candidates = _candidates(changes, kinds)
-    times, sizes = _zeros(fixed_values, fixed, fine, candidates)
+    values = eqx.filter_closure_convert(values, *steps.like)
+    search = _search(*without_derivatives((steps, values)), kinds)
+    samples, changes, candidates = search.samples, search.changes, search.candidates
+    valid = jnp.isfinite(samples) & without_derivatives(steps).taken[None, :, None]
     at_start = candidates.place == 0
-    times = jax.lax.stop_gradient(jnp.where(at_start, fixed.start[candidates.step], times))
-    real = candidates.there & (at_start | (sizes <= 1e-6 * scales[candidates.which]))
-    times, vectors = jax.lax.map(lambda at: _moved(steps, values, field, *at), (*candidates[:3], times, real))
+    times = jnp.where(at_start, steps.start[candidates.step], search.zeros.x)
+    scales = jnp.max(jnp.where(valid, jnp.abs(samples), 0.0), axis=(1, 2))
+    real = candidates.there & (at_start | (jnp.abs(search.zeros.f) <= 1e-6 * scales[candidates.which]))
+    times, vectors = jax.lax.stop_gradient((times, steps.states(candidates.step, times[:, None])[:, 0]))
+    times, vectors = with_derivatives((times, vectors), _all_moved, steps, values, field, candidates, times, real)
     return [
         Crossings(
             count=jnp.sum(changes[k]) - jnp.sum(candidates.there[part] & ~real[part]),
@@ -91,21 +88,105 @@ def crossings(steps: Steps, values: Values, field: Field, kinds: Sequence[Kind])
     ]
 
 
+class _Search(NamedTuple):
+    """The functions at the nodes of all steps, where their signs change, and brackets of zeros, newest ends first."""
+
+    samples: Float[Array, "k steps nodes"]
+    changes: Bool[Array, "k steps fractions"]
+    candidates: _Candidates
+    zeros: Sample
+    others: Sample
+    open: Bool[Array, " n"]
+
+
+def _search(steps: Steps, values: Values, kinds: Sequence[Kind]) -> _Search:
+    """Looks at all steps and then for the zeros of the functions, without derivatives.
+
+    All evaluations are made in one loop, because each copy of a long formula takes XLA as long to compile.
+    """
+    at, k, n, room = sampling(), len(kinds), steps.start.size, sum(kind.room for kind in kinds)
+    width = max(WIDTH, -(-room // at.nodes.size))
+    points, rounds = width * at.nodes.size, -(-steps.count // width)
+    every = at.times(steps.start, steps.end, at.nodes).reshape(-1)
+
+    def look(r: Array, search: _Search) -> _Search:
+        looking, last = r < rounds, jnp.maximum(steps.count * at.nodes.size - 1, 0)
+        place = jnp.minimum(r * points + jnp.arange(points), last)
+        next_times = between(search.others, search.zeros)
+        step = jnp.where(looking, place // at.nodes.size, _filled(search.candidates.step, points))
+        times = jnp.where(looking, every[place], _filled(next_times, points))
+        x = steps.states(step, times[:, None])[:, 0]
+        # In a branch, because XLA computes what is outside anew for each of its uses.
+        found = jax.lax.cond(r >= 0, jax.vmap(values), lambda t, x: jnp.zeros((points, k), t.dtype), times, x)
+        search = _nearer(search, Sample(next_times, found[jnp.arange(room), search.candidates.which]))
+        kept = jnp.where(looking, place, n * at.nodes.size)
+        samples = search.samples.reshape(k, -1).at[:, kept].set(found.T, mode="drop").reshape(k, n, -1)
+        search = search._replace(samples=samples)
+        return jax.lax.cond(r == rounds - 1, lambda search: _bracketed(steps, search, kinds), lambda s: s, search)
+
+    def goes_on(carry: tuple[Array, _Search]) -> Array:
+        r, search = carry
+        return (r < rounds) | (r < rounds + ITERATIONS) & jnp.any(search.open)
+
+    zero, none = jnp.zeros(room, steps.start.dtype), jnp.zeros(room, bool)
+    which = jnp.asarray(np.repeat(np.arange(k), [kind.room for kind in kinds]))
+    begin = _Search(
+        samples=jnp.zeros((k, n, at.nodes.size), zero.dtype),
+        changes=jnp.zeros((k, n, at.fractions.size), bool),
+        candidates=_Candidates(which, jnp.zeros_like(which), jnp.zeros_like(which), none),
+        zeros=Sample(zero, zero),
+        others=Sample(zero, zero),
+        open=none,
+    )
+    return jax.lax.while_loop(goes_on, lambda carry: (carry[0] + 1, look(*carry)), (jnp.asarray(0), begin))[1]
+
+
+def _nearer(search: _Search, newest: Sample) -> _Search:
+    """The brackets that are open with a new end each, closed where it is the old one to rounding."""
+    near = 2 * jnp.finfo(newest.x.dtype).eps * jnp.maximum(jnp.abs(newest.x), 1.0)
+    goes_on = search.open & (jnp.abs(newest.x - search.zeros.x) > near)
+    ends = newest, other_end(search.others, search.zeros, newest), goes_on
+    old = search.zeros, search.others, search.open
+    zeros, others, goes_on = jax.tree.map(lambda a, b: jnp.where(search.open, a, b), ends, old)
+    return search._replace(zeros=zeros, others=others, open=goes_on)
+
+
+def _filled(part: Array, size: int) -> Array:
+    """What is left over is looked at in vain."""
+    return jnp.concatenate([part, jnp.repeat(part[:1], size - part.size)])
+
+
+def _bracketed(steps: Steps, search: _Search, kinds: Sequence[Kind]) -> _Search:
+    """The places where the quartics through the samples change their signs, and brackets one place further around."""
+    samples, which = search.samples, search.candidates.which
+    valid = steps.taken[None, :, None] & jnp.isfinite(samples)
+    scales = jnp.max(jnp.where(valid, jnp.abs(samples), 0.0), axis=(1, 2))
+    fine = sampling().polynomials(samples)
+    changes = _changes(fine, scales, kinds) & steps.taken[None, :, None]
+    flat, columns = changes.reshape(len(kinds), -1), changes.shape[2]
+    # The n-th change is the first place up to which there are n of them.
+    counts, order = jnp.cumsum(flat, axis=1), np.concatenate([np.arange(kind.room) for kind in kinds])
+    found = jnp.sum(counts[which] <= order[:, None], axis=1)
+    there = found < flat.shape[1]
+    found = jnp.where(there, found, 0)
+    i, j = found // columns, found % columns
+    fractions = jnp.asarray(sampling().fractions, fine.dtype)
+    left, right = jnp.maximum(j - 2, 0), jnp.minimum(j + 1, columns - 1)
+    old, new = (
+        Sample(steps.start[i] + (steps.end[i] - steps.start[i]) * fractions[at], fine[which, i, at])
+        for at in (left, right)
+    )
+    return _Search(samples, changes, _Candidates(which, i, j, there), new, old, there & (j > 0))
+
+
 def _parts(kinds: Sequence[Kind]) -> list[slice]:
     """Where the candidates of each function are."""
     ends = np.cumsum([kind.room for kind in kinds])
     return [slice(int(end) - kind.room, int(end)) for end, kind in zip(ends, kinds, strict=True)]
 
 
-def _candidates(changes: Sequence[Bool[Array, "steps fractions"]], kinds: Sequence[Kind]) -> _Candidates:
-    columns = changes[0].shape[1]
-    changed = [
-        jnp.nonzero(change.reshape(-1), size=kind.room, fill_value=-1)[0]
-        for change, kind in zip(changes, kinds, strict=True)
-    ]
-    which = np.repeat(np.arange(len(kinds)), [kind.room for kind in kinds])
-    flat = jnp.concatenate(changed)
-    return _Candidates(jnp.asarray(which), flat // columns, flat % columns, flat >= 0)
+def _all_moved(steps: Steps, values: Values, field: Field, candidates: _Candidates, times: Array, real: Array) -> tuple:
+    return jax.lax.map(lambda at: _moved(steps, values, field, *at), (*candidates[:3], times, real))
 
 
 def _moved(steps: Steps, values: Values, field: Field, which, i, j, t, real) -> tuple[Array, Array]:
@@ -127,48 +208,18 @@ def _first(leaf: Float[Array, "room ..."], real: Bool[Array, " room"]) -> Float[
 
 
 def _changes(
-    fine: Float[Array, "steps fractions"], scale: Float[Array, ""], kind: Kind
-) -> Bool[Array, "steps fractions"]:
+    fine: Float[Array, "k steps fractions"], scales: Float[Array, " k"], kinds: Sequence[Kind]
+) -> Bool[Array, "k steps fractions"]:
     """Where the sign changes in the right direction from the place before, the end of the last step included."""
-    flat = fine.reshape(-1)
+    flat = fine.reshape(len(kinds), -1)
     # A start from zero, to rounding, has the sign that comes after it.
-    from_zero = jnp.abs(flat[0]) <= 16 * jnp.finfo(flat.dtype).eps * scale
-    start = jnp.where(from_zero, flat[1], flat[0])
-    flat = flat.at[0].set(start)
-    first = jnp.full_like(start, -kind.direction) if kind.from_start else start
-    before = jnp.concatenate([first[None], flat[:-1]]) > 0
+    from_zero = jnp.abs(flat[:, 0]) <= 16 * jnp.finfo(flat.dtype).eps * scales
+    start = jnp.where(from_zero, flat[:, 1], flat[:, 0])
+    flat = flat.at[:, 0].set(start)
+    directions = np.array([kind.direction for kind in kinds])
+    from_start = np.array([kind.from_start for kind in kinds])
+    first = jnp.where(from_start, -directions.astype(start.dtype), start)
+    before = jnp.concatenate([first[:, None], flat[:, :-1]], axis=1) > 0
     after = flat > 0
-    rises, falls = ~before & after, before & ~after
-    return {1: rises, -1: falls, 0: rises | falls}[kind.direction].reshape(fine.shape)
-
-
-def _zeros(
-    values: Values, steps: Steps, fine: Float[Array, "k steps fractions"], candidates: _Candidates
-) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
-    """The zeros of ``values`` near their candidates, where a quartic changes its sign, and the size of the value there.
-
-    By the Illinois method, from the values of the quartic one place further to either side.
-    """
-    fractions = jnp.asarray(sampling().fractions, fine.dtype)
-
-    def improve(k, bracket):
-        old, new = bracket
-        t = between(old, new)
-        newest = Sample(t, values(t, steps.state(candidates.step[k], t))[candidates.which[k]])
-        return other_end(old, new, newest), newest
-
-    def solve(k):
-        which, i, j = candidates.which[k], candidates.step[k], candidates.place[k]
-        at = steps.start[i] + (steps.end[i] - steps.start[i]) * fractions
-        left, right = jnp.maximum(j - 2, 0), jnp.minimum(j + 1, at.size - 1)
-        bracket = Sample(at[left], fine[which, i, left]), Sample(at[right], fine[which, i, right])
-        _, zero = jax.lax.fori_loop(0, ITERATIONS, lambda _, bracket: improve(k, bracket), bracket)
-        return zero.x, jnp.abs(zero.f)
-
-    def one(k, results):
-        # Nowhere is the loop of iterations needed but where there is a candidate.
-        t, size = jax.lax.cond(candidates.there[k], solve, lambda k: (results[0][k], results[1][k]), k)
-        return results[0].at[k].set(t), results[1].at[k].set(size)
-
-    empty = jnp.zeros(candidates.step.shape, fine.dtype)
-    return jax.lax.fori_loop(0, candidates.step.size, one, (empty, empty))
+    rises, falls = jnp.asarray(directions >= 0)[:, None], jnp.asarray(directions <= 0)[:, None]
+    return (rises & ~before & after | falls & before & ~after).reshape(fine.shape)

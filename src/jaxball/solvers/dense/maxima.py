@@ -1,6 +1,5 @@
 """The largest values that functions of the state take within the steps of a solve."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -8,126 +7,175 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from ...numerics.bracketing import Sample, between, other_end
 from ...numerics.masks import differentiated_where, without_derivatives
-from .sampling import NARROWER, sampling
-from .steps import Steps
+from .sampling import FINENESS, NARROWER, sampling
+from .steps import Steps, Values
 
-# Evaluations: at the ends of a window, at those of one in the next step, and in the Illinois method.
-ENDS, BEYOND, ITERATIONS = 2, 2, 7
+# How many windows are looked at side by side.
+WIDTH = 8
+# What windows around the best places are of their steps, one round after the other; the third ones are places.
+SHARES = (NARROWER, NARROWER**2, 0.0, NARROWER**2)
+PLACES, LINES = 2, 3
 
-Values = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
-Field = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " size"]]
 
+class Largest(NamedTuple):
+    """When each of k functions is largest, in which step, and all functions at these times.
 
-class _Point(NamedTuple):
-    """A time in each of the k steps that are looked at, and the function and its rate there."""
+    - ``size``: its value, a little less where one step ends and another begins, so that the next one is preferred if it
+      grows there.
+    - ``curvature``: its second derivative, where it is smooth.
+    - ``values``: all functions at time i in row i; ``vectors`` are those of the states then, and ``rates`` theirs.
+    """
 
+    size: Float[Array, " k"]
     time: Float[Array, " k"]
-    value: Float[Array, " k"]
-    rate: Float[Array, " k"]
+    step: Int[Array, " k"]
+    curvature: Float[Array, " k"]
+    values: Float[Array, "k k"]
+    vectors: Float[Array, "k size"]
+    rates: Float[Array, "k size"]
 
 
-def maxima(
-    steps: Steps, values: Values, field: Field, kinks: Float[Array, " kinks"], k: int
-) -> tuple[Float[Array, " k"], Float[Array, "k size"]]:
-    """When each of k functions ``values(t, x)`` is largest, and the vector of the state then.
+class _Windows(NamedTuple):
+    """Parts of steps."""
 
-    Each step is looked at in five places. Around the place where the quartic through them is largest, or at the
-    beginning of the next step where the function still grows there, its rate along the motion, with ẋ by ``field``, is
+    step: Int[Array, " n"]
+    low: Float[Array, " n"]
+    high: Float[Array, " n"]
+
+    def times(self, fractions: Float[Array, " m"]) -> Float[Array, "n m"]:
+        """The times at fractions, of which the last is the end."""
+        times = self.low[:, None] + fractions[None] * (self.high - self.low)[:, None]
+        return times.at[:, -1].set(self.high)
+
+
+def maxima(steps: Steps, values: Values, k: int) -> Largest:
+    """When each of k functions is largest, as constants; :func:`moved` has the derivatives of times.
+
+    ``values(t, x)`` are these functions and then ẋ, because what is needed for both is computed once.
+
+    Each step is looked at in five places. Around the best place of the quartics through them, and in the next step
+    where that begins or the one before ends, windows become narrower. At last the rate along the motion is
     solved for its zero: the place of a largest value is good to half the digits, that of a zero to all.
 
-    ``values`` of times and vectors have the right first derivatives. Within a step times have none: there a maximum
-    does not change to first order as its place does. At the end of a step, where a function may be largest because it
-    jumps at one of ``kinks`` or because the run ends, times move with the kink or the end.
+    All evaluations are made in one loop, because each copy of a long formula takes XLA as long to compile.
     """
-    values = eqx.filter_closure_convert(values, steps.start[0], steps.state(jnp.asarray(0), steps.start[0]))
-    fixed, fixed_values, fixed_field = without_derivatives((steps, values, field))
-    samples = jnp.moveaxis(fixed.samples(fixed_values, (k,)), -1, 0)
-    samples = jnp.where(fixed.taken[None, :, None], samples, -jnp.inf)
+    steps, values = without_derivatives((steps, eqx.filter_closure_convert(values, *steps.like)))
+    width, size = max(WIDTH, 2 * k), steps.like[1].size
+    rounds = -(-steps.count // width)
+    nodes, shares = (jnp.asarray(x, steps.start.dtype) for x in (sampling().nodes, SHARES))
 
-    def at(index: Int[Array, " k"], times: Float[Array, " k"]) -> _Point:
-        def one(j, results):
-            t = times[j]
-            x = fixed.state(index[j], t)
-            value, rate = jax.jvp(fixed_values, (t, x), (jnp.ones_like(t), fixed_field(t, x)))
-            return results.at[:, j].set(jnp.stack([value[j], rate[j]]))
+    def look_again(r: Int[Array, ""], best: Largest) -> Largest:
+        looking, lines = r < rounds, r == rounds + LINES
+        whole, around = _whole(steps, r, width), _around(steps, best, shares[jnp.maximum(r - rounds, 0)], width)
+        here = jax.tree.map(lambda a, b: jnp.where(looking, a, b), whole, around)
+        times = here.times(nodes)
+        x = steps.states(here.step, times)
+        tangents = best.vectors[:, None] + (times[:k] - best.time[:, None])[..., None] * best.rates[:, None]
+        x = x.at[:k].set(jnp.where(lines, tangents, x[:k]))
+        both = jax.vmap(values)(times.reshape(-1), x.reshape(-1, size)).reshape(*times.shape, k + size)
+        samples, rates = both[..., :k], both[:, 0, k:]
+        found = _largest(steps, here, samples, x[:, 0], rates)
+        better = ~looking | ~(found.size <= best.size)
+        found = jax.tree.map(lambda a, b: jnp.where(better.reshape(-1, *(1,) * (a.ndim - 1)), a, b), found, best)
+        found = found._replace(curvature=jnp.where(r == rounds + PLACES, best.curvature, found.curvature))
+        exact = best._replace(time=_stationary(steps, best, here, samples[:k]))
+        return jax.tree.map(lambda a, b: jnp.where(lines, a, b), exact, found)
 
-        return _Point(times, *jax.lax.fori_loop(0, k, one, jnp.zeros((2, k), times.dtype)))
-
-    index, times = _stationary(fixed, at, *_best_place(fixed, samples))
-    return jax.vmap(lambda i, t: _moved(steps, kinks, i, t))(index, jax.lax.stop_gradient(times))
-
-
-def _best_place(steps: Steps, samples: Float[Array, "k steps nodes"]) -> tuple[Array, Array]:
-    """In which step, and when in it, quartics through samples are largest."""
-    at = sampling()
-    finite = jnp.all(jnp.isfinite(samples), axis=-1, keepdims=True)
-    # Where a value is infinite, no polynomial says more than the samples do.
-    fine = at.polynomials(jnp.where(finite, samples, 0.0))
-    fine = jnp.where(finite, fine, jnp.max(samples, axis=-1, keepdims=True)).reshape(samples.shape[0], -1)
-    best = jnp.argmax(fine, axis=1)
-    index, place = best // at.fractions.size, best % at.fractions.size
-    length = steps.end[index] - steps.start[index]
-    return index, steps.start[index] + length * jnp.asarray(at.fractions, length.dtype)[place]
+    zero = jnp.zeros(k, steps.start.dtype)
+    nothing = Largest(
+        size=zero - jnp.inf,
+        time=zero,
+        step=jnp.zeros(k, int),
+        curvature=zero,
+        values=jnp.zeros((k, k), zero.dtype),
+        vectors=jnp.zeros((k, size), zero.dtype),
+        rates=jnp.zeros((k, size), zero.dtype),
+    )
+    return jax.lax.fori_loop(0, rounds + len(SHARES), look_again, nothing)
 
 
-def _stationary(
+def _whole(steps: Steps, r: Int[Array, ""], width: int) -> _Windows:
+    """The next steps, whole."""
+    index = jnp.minimum(r * width + jnp.arange(width), jnp.maximum(steps.count - 1, 0))
+    return _Windows(index, steps.start[index], steps.end[index])
+
+
+def _around(steps: Steps, best: Largest, share: Float[Array, ""], width: int) -> _Windows:
+    """Windows around the best places, and at the nearer ends of their steps in the next step or the one before."""
+    start, end = steps.start[best.step], steps.end[best.step]
+    half = share * (end - start)
+    late = best.time - start > end - best.time
+    other = jnp.clip(best.step + jnp.where(late, 1, -1), 0, jnp.maximum(steps.count - 1, 0))
+    first, last = steps.start[other], steps.end[other]
+    length = share * (last - first)
+    own = _Windows(best.step, jnp.maximum(best.time - half, start), jnp.minimum(best.time + half, end))
+    beyond = _Windows(other, jnp.where(late, first, last - length), jnp.where(late, first + length, last))
+    # Those that are left over are looked at in vain.
+    filled = width - 2 * best.time.size
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b, jnp.repeat(a[:1], filled)]), own, beyond)
+
+
+def _largest(
     steps: Steps,
-    at: Callable[[Int[Array, " k"], Float[Array, " k"]], _Point],
-    index: Int[Array, " k"],
-    times: Float[Array, " k"],
-) -> tuple[Int[Array, " k"], Float[Array, " k"]]:
-    """The steps and times near those given at which rates are zero, by the Illinois method.
+    here: _Windows,
+    samples: Float[Array, "n nodes k"],
+    vectors: Float[Array, "n size"],
+    rates: Float[Array, "n size"],
+) -> Largest:
+    """Where the quartics through samples are largest in windows; where a sample is not finite, the largest of them."""
+    at, k = sampling(), samples.shape[2]
+    curves = jnp.transpose(samples, (2, 0, 1))
+    finite = jnp.all(jnp.isfinite(curves), axis=-1, keepdims=True)
+    fine = at.polynomials(jnp.where(finite, curves, 0.0))
+    fine = jnp.where(finite, fine, jnp.max(curves, axis=-1, keepdims=True))
+    fractions = jnp.asarray(at.fractions, samples.dtype)
+    times = here.times(fractions)
+    ends = (times == steps.start[here.step][:, None]) | (times == steps.end[here.step][:, None])
+    ends &= (times != steps.start[0]) & (times != steps.end[jnp.maximum(steps.count - 1, 0)])
+    sizes = fine - jnp.where(ends, 1e-9 * jnp.maximum(jnp.abs(fine), 1.0), 0.0)
+    sizes = jnp.where(jnp.isnan(sizes), jnp.inf, sizes).reshape(k, -1)
+    size, places = jnp.max(sizes, axis=1), jnp.arange(sizes.shape[1])
+    # The first place of the largest, without the search for an index, which XLA's CPU compiler breaks off at in a loop.
+    place = jnp.min(jnp.where(sizes == size[:, None], places, places.size - 1), axis=1)
+    window, p = place // fractions.size, place % fractions.size
+    length = (here.high - here.low)[window]
+    slope, bend = at.rates(jnp.where(finite, curves, 0.0)[jnp.arange(k), window], fractions[p])
+    # A step of Newton's to the zero of the slope, but at the ends.
+    smooth = (p > 0) & (p < fractions.size - 1) & (bend < 0)
+    change = jnp.clip(jnp.where(smooth, -slope / jnp.where(smooth, bend, 1.0), 0.0), -1 / FINENESS, 1 / FINENESS)
+    return Largest(
+        size=size,
+        time=times[window, p] + change * length,
+        step=here.step[window],
+        curvature=jnp.where(smooth, bend / jnp.where(smooth, length, 1.0) ** 2, 0.0),
+        values=samples[window, 0],
+        vectors=vectors[window],
+        rates=rates[window],
+    )
 
-    Where a rate does not change from positive to negative, the function is largest at an end of the step if the window
-    ends there; otherwise the time is kept. All evaluations are made by one loop, because each copy of a long formula
-    takes XLA as long to compile.
+
+def _stationary(steps: Steps, best: Largest, here: _Windows, samples: Float[Array, "k nodes k"]) -> Float[Array, " k"]:
+    """The best times after a step of Newton's, with the slopes of samples along the lines that touch the motion."""
+    k = best.time.size
+    low, length = here.low[:k], (here.high - here.low)[:k]
+    smooth = (best.curvature < 0) & (length > 0)
+    width = jnp.where(smooth, length, 1.0)
+    slope, _ = sampling().rates(samples[jnp.arange(k), :, jnp.arange(k)], (best.time - low) / width)
+    time = best.time - slope / (width * jnp.where(smooth, best.curvature, 1.0))
+    time = jnp.clip(time, steps.start[best.step], steps.end[best.step])
+    return jnp.where(smooth & jnp.isfinite(time), time, best.time)
+
+
+def moved(
+    steps: Steps, kinks: Float[Array, " kinks"], i: Int[Array, ""], t: Float[Array, ""]
+) -> tuple[Float[Array, ""], Float[Array, " size"]]:
+    """A time in a step and the vector then, with the derivatives of the kink or the end of the step that it is at.
+
+    Within a step times have none: there a maximum does not change to first order as its place does. At the end of a
+    step, where a function may be largest because it jumps at one of ``kinks`` or because the run ends, times move with
+    the kink or the end.
     """
-
-    def window(index, times):
-        half = (steps.end[index] - steps.start[index]) * NARROWER
-        return jnp.maximum(times - half, steps.start[index]), jnp.minimum(times + half, steps.end[index])
-
-    def choose(pick, new, old):
-        return jax.tree.map(lambda new, old: jnp.where(pick, new, old), new, old)
-
-    def advance(n, carry):
-        index, moved, a, b, smooth = carry
-        first, last = steps.start[index], steps.end[index]
-        # The step into which the function goes on growing.
-        beyond = jnp.where((b.time == last) & (b.rate > 0), 1, jnp.where((a.time == first) & (a.rate < 0), -1, 0))
-        near = jnp.clip(index + beyond, 0, jnp.maximum(steps.count - 1, 0))
-        edge = jnp.where(beyond == 1, steps.start[near], steps.end[near])
-        old_end, new_end = Sample(a.time, a.rate), Sample(b.time, b.rate)
-        low, high = window(index, jnp.where(moved == 1, first, jnp.where(moved == -1, last, times)))
-        other = jnp.where(moved == -1, low, high)
-        time = jnp.select([n == 0, n == 1, n == 2, n == 3], [low, high, edge, other], between(old_end, new_end))
-        new = at(jnp.where(n == 2, near, index), time)
-        # A function that jumps down at the end of a step is largest there.
-        old = jnp.where(beyond == 1, b.value, a.value)
-        goes_on = (n == 2) & (near != index) & (new.value >= old - 1e-9 * jnp.maximum(jnp.abs(old), 1.0))
-        moved = jnp.where(goes_on, beyond, moved)
-        index = jnp.where(goes_on, near, index)
-        kept = other_end(old_end, new_end, Sample(new.time, new.rate))
-        solving = (n > 3) & smooth & (new.time != b.time)
-        to_a = (n == 0) | goes_on & (moved == 1) | (n == 3) & (moved == -1)
-        to_b = (n == 1) | goes_on & (moved == -1) | (n == 3) & (moved != -1) | solving
-        a = a._replace(time=jnp.where(solving, kept.x, a.time), rate=jnp.where(solving, kept.f, a.rate))
-        a, b = choose(to_a, new, a), choose(to_b, new, b)
-        return index, moved, a, b, jnp.where(n == 3, (a.rate > 0) & (b.rate < 0), smooth)
-
-    nothing = _Point(times, jnp.zeros_like(times), jnp.zeros_like(times))
-    begin = (index, jnp.zeros_like(index), nothing, nothing, jnp.zeros(index.shape, bool))
-    index, moved, a, b, smooth = jax.lax.fori_loop(0, ENDS + BEYOND + ITERATIONS, advance, begin)
-    first, last = steps.start[index], steps.end[index]
-    kept = jnp.where(moved == 1, first, jnp.where(moved == -1, last, times))
-    falls, rises = (a.time == first) & (a.rate <= 0), (b.time == last) & (b.rate >= 0)
-    return index, jnp.where(smooth, b.time, jnp.where(falls, first, jnp.where(rises, last, kept)))
-
-
-def _moved(steps: Steps, kinks: Float[Array, " kinks"], i, t) -> tuple[Array, Array]:
-    """A time in a step and the vector then, with the derivatives of the kink or the end of the step that it is at."""
     taken = steps.taken[i]
     step, (start, end), kinks = differentiated_where(taken, (steps.step(i), steps.ends(i), kinks))
     near = 16 * jnp.finfo(t.dtype).eps * jnp.maximum(jnp.abs(t), 1.0)

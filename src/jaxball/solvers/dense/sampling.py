@@ -19,16 +19,25 @@ class Sampling(NamedTuple):
     """Where in a step a function is looked at: fractions of it, those of Gauss–Lobatto, which hold both ends.
 
     ``matrix`` takes the values at these nodes to those of the polynomial through them at the ``fractions``, among
-    which the nodes are.
+    which the nodes are; ``powers`` takes them to its coefficients, the lowest first, with the step as unit of time.
     """
 
     nodes: np.ndarray
     fractions: np.ndarray
     matrix: np.ndarray
+    powers: np.ndarray
 
     def polynomials(self, samples: Float[Array, "*steps nodes"]) -> Float[Array, "*steps fractions"]:
         """The values of the polynomials at the fractions; exact at the nodes."""
         return jnp.einsum("...n,fn->...f", samples, jnp.asarray(self.matrix, samples.dtype))
+
+    def rates(
+        self, samples: Float[Array, "*steps nodes"], fraction: Float[Array, "*steps"]
+    ) -> tuple[Float[Array, "*steps"], Float[Array, "*steps"]]:
+        """The first and the second derivative of the polynomials at any fraction."""
+        _, a1, a2, a3, a4 = jnp.einsum("...n,mn->m...", samples, jnp.asarray(self.powers, samples.dtype))
+        u = fraction
+        return a1 + u * (2 * a2 + u * (3 * a3 + u * 4 * a4)), 2 * a2 + u * (6 * a3 + u * 12 * a4)
 
     def times(
         self, t0: Float[Array, "*steps"], t1: Float[Array, "*steps"], fractions: np.ndarray
@@ -45,7 +54,7 @@ def sampling() -> Sampling:
     nodes = np.concatenate([[0.0], 0.5 + 0.5 * inner, [1.0]])
     fractions = np.union1d(nodes, np.linspace(0.0, 1.0, FINENESS + 1))
     matrix = np.array([[_lagrange(nodes, k, x) for k in range(NODES)] for x in fractions])
-    return Sampling(nodes, fractions, matrix)
+    return Sampling(nodes, fractions, matrix, np.linalg.inv(np.vander(nodes, increasing=True)))
 
 
 def last_within(start: Float[Array, "*steps"], end: Float[Array, "*steps"]) -> Float[Array, "*steps"]:

@@ -9,7 +9,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from .sampling import last_within, sampling
+from .sampling import last_within
+
+Values = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
+Field = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " size"]]
 
 
 class Steps(eqx.Module):
@@ -28,9 +31,10 @@ class Steps(eqx.Module):
     interpolation: Callable[..., diffrax.AbstractLocalInterpolation] = eqx.field(static=True)
 
     @classmethod
-    def of(cls, solution: Any, room: int, until: Float[Array, ""]) -> "Steps":
-        """The first ``room`` steps of a solution with dense output, cut off at ``until``."""
+    def of(cls, solution: Any, until: Float[Array, ""], room: int | None = None) -> "Steps":
+        """The steps of a solution with dense output, or the first ``room`` of them, cut off at ``until``."""
         dense = solution.interpolation
+        room = int(dense.ts.size) - 1 if room is None else room
         times = dense.ts[: room + 1]
         fixed, last = jax.lax.stop_gradient((times, until))
         start, end = fixed[:-1], jnp.minimum(fixed[1:], last)
@@ -65,22 +69,11 @@ class Steps(eqx.Module):
         """The vector of the state at a time within a step."""
         return self.step(index).evaluate(t)
 
-    def samples(
-        self,
-        value: Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, "*k"]],
-        shape: tuple[int, ...] = (),
-    ) -> Float[Array, "steps nodes *k"]:
-        """``value(t, x)`` at the nodes of all steps that were taken, without derivatives; zero in the others.
+    @property
+    def like(self) -> tuple[Float[Array, ""], Float[Array, " size"]]:
+        """A time and a vector, for their shapes."""
+        return self.start[0], self.state(jnp.asarray(0), self.start[0])
 
-        One by one: as a batch, a long formula on small vectors takes XLA several times as long to compile.
-        """
-        nodes = sampling().nodes.size
-        times = sampling().times(self.start, self.end, sampling().nodes)
-        fixed = jax.lax.stop_gradient(self)
-
-        def one(k, samples):
-            i, j = k // nodes, k % nodes
-            return samples.at[i, j].set(value(times[i, j], fixed.state(i, times[i, j])))
-
-        empty = jnp.zeros((*times.shape, *shape), times.dtype)
-        return jax.lax.fori_loop(0, self.count * nodes, one, empty)
+    def states(self, index: Int[Array, " n"], times: Float[Array, "n m"]) -> Float[Array, "n m size"]:
+        """The vectors of the state at m times in each of n steps."""
+        return jax.vmap(lambda i, times: jax.vmap(self.step(i).evaluate)(times))(index, times)

@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from ..numerics.elements import as_objects, evaluated, inputs
-from ..numerics.expressions import Graph, Node, in_order, is_node
+from .elements import as_objects, evaluated, inputs
+from .expressions import Graph, Node, in_order, is_node
+from .pieces import pieces, separately
 
 Numbers = list[Any]  # arrays of the shape of the lanes, or scalars that all lanes share, one an element
 
@@ -55,13 +56,15 @@ def elements_of(*arrays: Any) -> Numbers:
 
 def _run(results: Sequence[Any], inputs: Sequence[Node], given: Numbers) -> Numbers:
     values: dict[Node, Any] = dict(zip(inputs, given, strict=True))
+    separate = pieces(results, inputs)
     for node in in_order(results, frozenset(inputs)):
         assert node.operation is not None
         operands = [values[item] if is_node(item) else item for item in node.operands]
         if not isinstance(operands[0], tuple):
             shape = np.broadcast_shapes(*(jnp.shape(item) for item in operands))
             operands = [_spread(item, shape) for item in operands]
-        values[node] = node.operation(*operands)
+        value = node.operation(*operands)
+        values[node] = separately(value) if node in separate and value.ndim else value
     return [values[item] if is_node(item) else jnp.asarray(item) for item in results]
 
 

@@ -10,6 +10,7 @@ from ..interface.output import check_destination, replacing
 from ..scenario import Scenario
 from ..scenario.paths import entries
 from ..simulation.trajectory import Trajectory
+from .files import SUFFIXES
 from .provenance import attributes
 from .variables import labels, values
 
@@ -112,9 +113,6 @@ def _write_csv(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario 
     np.savetxt(path, table, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
 
 
-WRITERS: dict[str, Callable[[Trajectory[Any, Any], Path, Scenario | None], None]] = {
-    ".nc": _write_netcdf,
-    ".npz": _write_npz,
-    ".csv": _write_csv,
-}
-SUFFIXES = tuple(WRITERS)
+WRITERS: dict[str, Callable[[Trajectory[Any, Any], Path, Scenario | None], None]] = dict(
+    zip(SUFFIXES, (_write_netcdf, _write_npz, _write_csv), strict=True)
+)

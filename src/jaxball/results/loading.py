@@ -14,13 +14,10 @@ from ..numerics.arrays import to_array
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
+from .files import READ_BACK, RunError, check_saved
 from .provenance import FORMAT
 
 DRIVEN_FIELDS = ("theta", "thetadot")  # left out of a file where no mass is driven
-
-
-class RunError(ScenarioError):
-    """A file is not a run that can be read back; the message is one sentence that names the file."""
 
 
 def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajectory[Any, Any]:
@@ -91,12 +88,7 @@ class _Content(NamedTuple):
 
 
 def _read(path: Path) -> _Content:
-    if path.suffix not in READERS:
-        hint = "; a .csv holds only numbers, not the system that they belong to" if path.suffix == ".csv" else ""
-        raise RunError(f'A run is read back from a {" or ".join(READERS)} file, but this is "{path}"{hint}.')
-    if not path.is_file():
-        what = "is a folder" if path.is_dir() else "does not exist"
-        raise RunError(f'A run is read back from a file, but "{path}" {what}.')
+    check_saved(path)
     try:
         content = READERS[path.suffix](path)
         number = int(content.about["format"])
@@ -155,4 +147,4 @@ def _read_npz(path: Path) -> _Content:
     return _Content(arrays, about)
 
 
-READERS: dict[str, Callable[[Path], _Content]] = {".nc": _read_netcdf, ".npz": _read_npz}
+READERS: dict[str, Callable[[Path], _Content]] = dict(zip(READ_BACK, (_read_netcdf, _read_npz), strict=True))

@@ -1,0 +1,151 @@
+"""Compiled programs kept from one process to the next, so that each is compiled once on a machine.
+
+The command line keeps them, in the user's cache folder. In Python, one line does:
+
+>>> import jaxball
+>>> jaxball.cache.enable()  # doctest: +SKIP
+True
+
+What is kept are jaxball's own programs for jaxball's own systems, rails, laws and the like: whatever has functions or
+classes of yours in it is compiled as ever. A program is found again by jaxball's files, the versions of what it is
+made with, XLA's flags, JAX's settings, the processor and the kinds of its arguments. It is the same machine code, so
+that numbers are the same to the last bit.
+"""
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from . import current
+from .folder import LIMIT, Folder
+from .store import FolderStore
+
+__all__ = ["Contents", "clear", "contents", "disable", "enable"]
+
+OFF, PLACE, OF_JAX = "JAXBALL_NO_CACHE", "JAXBALL_CACHE_DIR", "JAX_COMPILATION_CACHE_DIR"
+# XLA checks preferences of the processor it compiles for as though they were instructions, and complains on stderr.
+SILENT = ("TF_CPP_MIN_LOG_LEVEL", "3")
+
+
+class Contents(NamedTuple):
+    """What is in the cache.
+
+    - ``folder``: where it is.
+    - ``files``: how many there are: of each program one, and of each command the list of its programs.
+    - ``size``, ``limit``: of all files together, in bytes; at the limit, those used longest ago are removed.
+    - ``objection``: why it is not used, as a sentence; None where it is.
+    """
+
+    folder: Path
+    files: int
+    size: int
+    limit: int
+    objection: str | None
+
+
+def enable(folder: str | os.PathLike[str] | None = None) -> bool:
+    """Keeps compiled programs from now on, and uses those that are there already.
+
+    Call it before JAX is imported where XLA complains of the processor's features as programs are loaded.
+
+    **Arguments:**
+
+    - ``folder``: where; by default, what the variable ``JAXBALL_CACHE_DIR`` says, or the user's cache folder.
+
+    **Returns:** whether programs are kept: False where the variable ``JAXBALL_NO_CACHE`` is set, where JAX keeps them
+    itself (``JAX_COMPILATION_CACHE_DIR``), or where the folder
+    belongs to somebody else or can be written by others. :func:`contents` has the reason.
+    """
+    place = _folder(folder)
+    if _objection(place) is not None:
+        return False
+    _silence()
+    current.keep_in(FolderStore(place))
+    return True
+
+
+def disable() -> None:
+    """Neither keeps nor uses programs from now on; those that are there remain."""
+    current.keep_in(None)
+
+
+def contents(folder: str | os.PathLike[str] | None = None) -> Contents:
+    """What is in the cache, and whether it is used. Needs no JAX.
+
+    **Arguments:**
+
+    - ``folder``: as of :func:`enable`.
+    """
+    place = _folder(folder)
+    entries = place.entries()
+    return Contents(place.path, len(entries), sum(entry.size for entry in entries), place.limit, _objection(place))
+
+
+def clear(folder: str | os.PathLike[str] | None = None) -> Contents:
+    """Removes all programs. Returns what was there. Needs no JAX.
+
+    **Arguments:**
+
+    - ``folder``: as of :func:`enable`.
+
+    **Raises:** ``OSError`` where something cannot be removed.
+    """
+    before = contents(folder)
+    _folder(folder).clear()
+    return before
+
+
+@contextlib.contextmanager
+def of_a_command(arguments: Sequence[str]) -> Iterator[None]:
+    """Keeps programs in this block; afterwards all is as before. ``arguments`` are those of the command."""
+    if _objection(_folder(None)) is not None or current.store is not None:
+        yield
+        return
+    _silence()
+    store = FolderStore(_folder(None), arguments)
+    with current.kept_in(store):
+        try:
+            yield
+        finally:
+            store.end()
+
+
+def load_early() -> None:
+    """Begins to load what the same command needed when it ran last, in a thread. JAX must be imported and set up."""
+    if isinstance(current.store, FolderStore):
+        current.store.begin()
+
+
+def in_use() -> Path | None:
+    """The folder in which this process keeps its programs."""
+    return current.store.folder.path if isinstance(current.store, FolderStore) else None
+
+
+def _silence() -> None:
+    if "jax" not in sys.modules:
+        os.environ.setdefault(*SILENT)
+
+
+def _folder(given: str | os.PathLike[str] | None) -> Folder:
+    place = given or os.environ.get(PLACE)
+    if place:
+        return Folder(Path(place).expanduser().absolute(), LIMIT)
+    import platformdirs
+
+    return Folder(platformdirs.user_cache_path("jaxball", appauthor=False) / "programs", LIMIT)
+
+
+def _objection(folder: Folder) -> str | None:
+    if os.environ.get(OFF, "0") not in ("", "0"):
+        return f"The variable {OFF} is set."
+    if os.environ.get(OF_JAX):
+        return f"JAX keeps programs itself, where the variable {OF_JAX} says."
+    objection = folder.objection()
+    return None if objection is None else f'The folder "{folder.path}" {objection}.'
+
+
+def __dir__() -> list[str]:
+    return __all__

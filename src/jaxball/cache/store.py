@@ -1,0 +1,79 @@
+"""The folder as a store of programs, which loads those of a command early."""
+
+import concurrent.futures
+import functools
+import hashlib
+from collections.abc import Sequence
+from typing import Any
+
+from .folder import Folder
+
+
+class FolderStore:
+    """A :class:`~.current.Store` of files.
+
+    - ``folder``: where they are.
+    - ``arguments``: of a command, by which the list of its programs is found.
+    """
+
+    def __init__(self, folder: Folder, arguments: Sequence[str] = ()):
+        self.folder, self._arguments = folder, tuple(arguments)
+        self._used: dict[str, None] = {}
+        self._early: dict[str, concurrent.futures.Future] = {}
+        self._expected: list[str] | None = None
+        # One thread, because the main one is busy; what is loaded waits for no lock of Python's.
+        self._thread = concurrent.futures.ThreadPoolExecutor(1)
+
+    @functools.cached_property
+    def _sources(self) -> str:
+        from . import surroundings
+
+        return surroundings.sources()
+
+    def identity(self) -> str:
+        """The same as long as the store is in use."""
+        from . import surroundings
+
+        return surroundings.identity(self._sources)
+
+    def read(self, key: str) -> bytes | None:
+        """What was written, whole."""
+        content = self.folder.read(key)
+        if content is not None:
+            self._used[key] = None
+        return content
+
+    def write(self, key: str, content: bytes) -> None:
+        """Keeps the content, unless jaxball's files have changed since they were looked at."""
+        from . import surroundings
+
+        if surroundings.sources() == self._sources:
+            self.folder.write(key, content)
+            self._used[key] = None
+
+    def early(self, key: str) -> Any:
+        """The program, where :meth:`begin` has begun to load it."""
+        future = self._early.pop(key, None)
+        loaded = None if future is None else future.result()
+        if loaded is not None:
+            self._used[key] = None
+        return loaded
+
+    def begin(self) -> None:
+        """Begins to load what the command with these arguments used last."""
+        from . import executables
+
+        names = self.folder.read(self._list())
+        self._expected = [] if names is None else names.decode().split()
+        for key in self._expected:
+            self._early[key] = self._thread.submit(lambda key=key: executables.loaded(self.folder.read(key)))
+
+    def end(self) -> None:
+        """Remembers what the command used."""
+        self._thread.shutdown(cancel_futures=True)
+        if self._expected is not None and self._expected != list(self._used):
+            self.folder.write(self._list(), "\n".join(self._used).encode())
+
+    def _list(self) -> str:
+        named = "\0".join(("a command", self.identity(), *self._arguments))
+        return hashlib.blake2b(named.encode(), digest_size=20).hexdigest()

@@ -1,0 +1,36 @@
+"""``jaxball cache``: the compiled programs that are kept, shown or removed."""
+
+import argparse
+
+from ...cache import Contents, clear, contents
+from ...interface.wording import counted
+
+
+def add(commands) -> None:
+    """Adds the command to the subparsers of argparse."""
+    parser = commands.add_parser(
+        "cache",
+        description="Shows where compiled programs are kept, so that each is compiled once, and their size.",
+        epilog="JAXBALL_CACHE_DIR says where they are kept; with JAXBALL_NO_CACHE=1, or --no-cache, none are.",
+    )
+    parser.add_argument("--clear", action="store_true", help="remove all of them")
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.clear:
+        print(f"{_amount(clear())} removed")
+        return 0
+    kept = contents()
+    print(f"Compiled programs in {kept.folder}")
+    print(f"  {_amount(kept)} of at most {_megabytes(kept.limit)}")
+    print(f"  not in use: {kept.objection}" if kept.objection else "  in use")
+    return 0
+
+
+def _amount(kept: Contents) -> str:
+    return f"{counted(kept.files, 'file')}, {_megabytes(kept.size)}"
+
+
+def _megabytes(size: int) -> str:
+    return f"{size / 1e6:.1f} MB"

@@ -1,0 +1,17 @@
+"""The figures of a saved run."""
+
+import argparse
+
+from ...results import load_run, saved_scenario
+from ..output import working
+from .files import draw_figures
+
+
+def run(options: argparse.Namespace) -> int:
+    """Draws the figures, and prints the run."""
+    with working(options, "drawing"):
+        run = load_run(options.saved)
+        written = draw_figures(run, options.out, options.format, saved_scenario(options.saved).title)
+    if not options.quiet:
+        print(f"{run}\n  written: {written}")
+    return 0

@@ -1,0 +1,120 @@
+"""A scenario simulated, saved and drawn."""
+
+import argparse
+import dataclasses
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+
+from ...physics.body import AbstractBody
+from ...results import save
+from ...results.provenance import attributes
+from ...scenario import Scenario, ScenarioError
+from ...scenario.shell import message_in_keys
+from ...scenario.solve import check_dae
+from ...simulation.events import AbstractEvent, Detachment, Slip
+from ...simulation.extremes import contact_extremes
+from ...simulation.trajectory import Trajectory
+from ..input import scenario_of
+from ..options import FAILED_SOLVE
+from ..output import say, working, written_line
+from .animation import check_against, write_animation
+from .files import draw_figures, write_json
+
+
+def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
+    """Simulates the scenario of a document, saves and draws its run, and prints its summary."""
+    changes = {name: getattr(options, name) for name in ("solver", "rtol", "atol")}
+    changes = {name: value for name, value in changes.items() if value is not None}
+    scenario = dataclasses.replace(scenario_of(document, options.scenario), **changes)
+    if options.solver is not None:
+        check_dae(scenario.system, options.solver, scenario.dae, "Argument `--solver`")
+    check_against(options, scenario)
+    touches = isinstance(scenario.system, AbstractBody)
+    events = _events(options, scenario)
+    with working(options, "compiling and simulating"):
+        trajectory = scenario.simulate(dense=touches and _shows_contact(options), events=events)
+    if options.out is not None:
+        with working(options, "evaluating and saving"):
+            _evaluate(trajectory)
+            save(trajectory, options.out, scenario)
+    if not trajectory.ok:
+        write_json(options, _content(scenario, trajectory))
+        saved = "" if options.out is None else f' What was computed is in "{options.out}", marked as failed.'
+        print(f"jaxball: {message_in_keys(trajectory)}{saved}", file=sys.stderr)
+        return FAILED_SOLVE
+    written = [] if options.out is None else [str(options.out)]
+    written += _draw(options, scenario, trajectory)
+    with working(options, "evaluating"):
+        content = {} if options.json is None else _content(scenario, trajectory)
+        checks = [] if options.quiet else _contact(trajectory) if touches else _conservation(trajectory)
+    write_json(options, content)
+    say(options, scenario.title, trajectory, *checks, written_line(written))
+    return 0
+
+
+def _shows_contact(options: argparse.Namespace) -> bool:
+    """Whether anything that is asked for shows how near the ball came to slipping or leaving the plane."""
+    return not options.quiet or any(getattr(options, name) is not None for name in ("out", "json", "plot"))
+
+
+def _evaluate(trajectory: Trajectory[Any, Any]) -> None:
+    """Compiles what a file needs: the observables on one core, and the extremes of contact on the other."""
+    if not isinstance(trajectory.system, AbstractBody):
+        return
+    with ThreadPoolExecutor(1) as beside:
+        beside.submit(lambda: trajectory.observables)  # an error is that of saving, which needs them as well
+        contact_extremes(trajectory)
+
+
+def _draw(options: argparse.Namespace, scenario: Scenario, trajectory: Trajectory) -> list[str]:
+    written = []
+    if options.plot is not None:
+        with working(options, "drawing"):
+            written.append(draw_figures(trajectory, options.plot, options.plot_format, scenario.title))
+    if options.animate is not None:
+        with working(options, "animating"):
+            write_animation(options, scenario)
+        written.append(str(options.animate))
+    return written
+
+
+def _content(scenario: Scenario, trajectory: Trajectory[Any, Any]) -> dict[str, Any]:
+    """The summary as JSON: the attributes of a result file, and the state at the end."""
+    about = {name: value for name, value in attributes(trajectory, scenario).items() if name != "format"}
+    end = {name: np.asarray(leaf)[-1] for name, leaf in vars(trajectory.state).items()}
+    content = {**about, "ok": trajectory.ok, "time": float(trajectory.times[-1]), "state": end}
+    if not isinstance(scenario.system, AbstractBody):
+        content["law_changes"] = _law_changes(trajectory)
+    return content
+
+
+def _events(options: argparse.Namespace, scenario: Scenario) -> dict[str, AbstractEvent]:
+    events: dict[str, AbstractEvent] = {}
+    if options.friction is not None:
+        events["slip"] = Slip(options.friction)
+    if options.detachment:
+        events["detachment"] = Detachment()
+    if events and not isinstance(scenario.system, AbstractBody):
+        raise ScenarioError(
+            "Arguments `--friction` and `--detachment` must be left out for a system that touches no plane, such as "
+            f"the {scenario.system.title} of this scenario."
+        )
+    return events
+
+
+def _contact(trajectory: Trajectory) -> list[str]:
+    return [f"  {line}" for line in str(contact_extremes(trajectory)).splitlines()]
+
+
+def _conservation(trajectory: Trajectory[Any, Any]) -> list[str]:
+    changes = (f"{name} {change:.1e}" for name, change in _law_changes(trajectory).items())
+    return ["  change of conserved quantities: " + ", ".join(changes)]
+
+
+def _law_changes(trajectory: Trajectory[Any, Any]) -> dict[str, float]:
+    """The largest change of each conserved quantity since the start."""
+    laws = {name: np.asarray(values) for name, values in trajectory.laws._asdict().items()}
+    return {name: float(np.max(np.abs(values - values[0]))) for name, values in laws.items()}

@@ -1,0 +1,37 @@
+"""Scenarios simulated, and their runs checked."""
+
+import argparse
+from collections.abc import Mapping
+from typing import Any
+
+from ...verify import Report, verify
+from ..input import scenario_of
+from ..options import FAILED_SOLVE, BadInputError
+from ..output import STDOUT, say, working
+from .files import write_json
+
+LAW_BROKEN = 1
+
+
+def run(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]) -> int:
+    """Prints a report for each document of ``documents``, which are known by what their sources are called."""
+    scenarios = {name: scenario_of(document, name) for name, document in documents.items()}
+    reports = {}
+    for name, scenario in scenarios.items():
+        try:
+            with working(options, f"checking {name}"):
+                reports[name] = verify(scenario, laws=options.laws, quick=options.quick)
+        except ValueError as error:
+            raise BadInputError(str(error)) from None
+        say(options, f"{name}: {reports[name]}")
+        if options.json != STDOUT:
+            write_json(options, _content(reports))
+    if options.json == STDOUT:
+        write_json(options, _content(reports))
+    if any(report.failure for report in reports.values()):
+        return FAILED_SOLVE
+    return 0 if all(report.ok for report in reports.values()) else LAW_BROKEN
+
+
+def _content(reports: Mapping[str, Report]) -> dict[str, Any]:
+    return {name: report.as_dict() for name, report in reports.items()}

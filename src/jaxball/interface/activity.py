@@ -1,0 +1,80 @@
+"""A line on a terminal that says what a command is doing; in a log there is none."""
+
+import contextlib
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from typing import Any, TextIO
+
+DELAY = 0.5  # in seconds; what takes no longer is not worth a line
+ERASE = "\r\x1b[K"
+
+
+@contextlib.contextmanager
+def activity(text: str, *, quiet: bool = False) -> Iterator["Line"]:
+    """Shows ``text`` on standard error while this block runs, from half a second on, and erases it at the end.
+
+    Nothing is shown where standard error is no terminal, or if ``quiet``. What is printed meanwhile is printed by the
+    line, which makes room for it.
+    """
+    line = Line(text, None if quiet or not _is_terminal(sys.stderr) else sys.stderr)
+    # A thread, because the main one compiles, for seconds without a pause.
+    timer = threading.Timer(DELAY, line.show)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield line
+    finally:
+        timer.cancel()
+        line.close()
+
+
+class Line:
+    """The line of an activity on ``stream``, which is None where nothing is to be shown."""
+
+    def __init__(self, text: str, stream: TextIO | None):
+        self._text, self._stream, self._lock = text, stream, threading.Lock()
+        self._shown = self._closed = False
+
+    def show(self) -> None:
+        """Shows the line, unless it is closed."""
+        with self._lock:
+            if self._stream is not None and not self._closed:
+                self._write(f"{ERASE}{self._text} …"[: len(ERASE) + _width(self._stream) - 1])
+                self._shown = True
+
+    def print(self, text: object, file: Any = None) -> None:
+        """Prints above the line."""
+        shown = self._shown
+        self._erase()
+        print(text, file=file, flush=True)
+        if shown:
+            self.show()
+
+    def close(self) -> None:
+        """Erases the line; it does not come again."""
+        self._closed = True
+        self._erase()
+
+    def _erase(self) -> None:
+        with self._lock:
+            if self._shown:
+                self._write(ERASE)
+            self._shown = False
+
+    def _write(self, text: str) -> None:
+        if self._stream is not None:
+            with contextlib.suppress(OSError):
+                self._stream.write(text)
+                self._stream.flush()
+
+
+def _is_terminal(stream: Any) -> bool:
+    return stream is not None and stream.isatty()
+
+
+def _width(stream: TextIO) -> int:
+    with contextlib.suppress(OSError):
+        return os.get_terminal_size(stream.fileno()).columns or 80
+    return 80

@@ -1,0 +1,38 @@
+"""The solvers that a scenario can name. A package is imported when a solver of it is made, and not for its name."""
+
+import functools
+import importlib
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import diffrax
+
+
+def _made(package: str, solver: str, **settings: Any) -> Any:
+    return getattr(importlib.import_module(package), solver)(**settings)
+
+
+def _of_diffrax(solver: str) -> Callable[[], Any]:
+    return functools.partial(_made, "diffrax", solver)
+
+
+def _of_jaxball(solver: str, **settings: Any) -> Callable[[], Any]:
+    return functools.partial(_made, "jaxball.solvers", solver, **settings)
+
+
+# Those of jaxball have their order in their name, as the codes of Hairer & Wanner do.
+KNOW_MASS_MATRICES: "Mapping[str, Callable[[], diffrax.AbstractAdaptiveSolver]]" = {
+    f"radau{2 * stages - 1}": _of_jaxball("RadauIIA", stages=stages) for stages in (3, 5, 7)
+}
+SOLVERS: "Mapping[str, Callable[[], diffrax.AbstractAdaptiveSolver]]" = {
+    "dopri5": _of_diffrax("Dopri5"),
+    "dopri8": _of_diffrax("Dopri8"),
+    "tsit5": _of_diffrax("Tsit5"),
+    "kvaerno3": _of_diffrax("Kvaerno3"),
+    "kvaerno5": _of_diffrax("Kvaerno5"),
+    **KNOW_MASS_MATRICES,
+    "gauss16": _of_jaxball("Gauss", stages=8),
+    "trapezoidal": _of_jaxball("Trapezoidal"),
+    "tr-bdf2": _of_jaxball("TRBDF2"),
+}

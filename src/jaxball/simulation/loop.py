@@ -1,0 +1,221 @@
+"""The loop of steps of a solve: where a step ends, what of it is kept, and when to stop.
+
+diffrax makes ready what the loop needs, and its solvers and controllers do the steps. Its own loop is not used, because
+the program of that is twice as large, and because diffrax checks the times at which to save by calling back to Python,
+which took a third of a solve.
+"""
+
+import dataclasses
+from typing import Any, Literal, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from equinox.internal import while_loop
+from jaxtyping import Array, Bool, Float, Int
+
+# A step that would end this close to the end of the run, relative to it, ends there.
+CLOSE = 100
+RESULTS: Any = diffrax.RESULTS
+
+
+class SavedStates(NamedTuple):
+    """The vectors at the times between the first and the last; the first ``filled`` are known, the others infinite."""
+
+    filled: Int[Array, ""]
+    vectors: Float[Array, "inner size"]
+
+
+class SolveLoop(diffrax.AbstractAdjoint):
+    """The loop of a solve that saves the vectors at ``times``, infinite where it does not come.
+
+    diffrax calls a loop after the way in which it is differentiated. ``kind`` is "checkpointed" for reverse mode, with
+    so many ``checkpoints``, and "lax" for forward mode or none.
+    """
+
+    times: Float[Array, " T"]
+    kind: Literal["checkpointed", "lax"] = eqx.field(static=True)
+    checkpoints: int | None = eqx.field(static=True, default=None)
+
+    @classmethod
+    def of(
+        cls, adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode, times: Float[Array, " T"]
+    ) -> "SolveLoop":
+        """The loop for the mode of differentiation that ``adjoint`` stands for."""
+        if isinstance(adjoint, diffrax.ForwardMode):
+            return cls(times, "lax")
+        return cls(times, "checkpointed", adjoint.checkpoints)
+
+    def loop(
+        self,
+        *,
+        args: Any,
+        terms: Any,
+        solver: Any,
+        stepsize_controller: Any,
+        event: diffrax.Event | None,
+        t0: Float[Array, ""],
+        t1: Float[Array, ""],
+        max_steps: int,
+        init_state: Any,
+        progress_meter: diffrax.AbstractProgressMeter,
+        **_: Any,
+    ) -> tuple[Any, dict[str, Any]]:
+        """The state of diffrax's loop at the end of a solve, with what was saved, and no further statistics."""
+        if self.kind == "lax" and isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
+            solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
+        if init_state.dense_ts is not None:
+            init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0))
+        solve = _Solve(terms, solver, stepsize_controller, args, t0, t1, event, progress_meter)
+
+        def unfinished(carry: tuple[Any, SavedStates]) -> Bool[Array, ""]:
+            state, _ = carry
+            return (state.tprev < t1) & (state.result == RESULTS.successful)
+
+        def advance(carry: tuple[Any, SavedStates]) -> tuple[Any, SavedStates]:
+            state, saved = carry
+            new, info, keep = solve.advanced(state)
+            interpolation = solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
+            return new, self._save(saved, interpolation, jnp.where(keep, state.tnext, -jnp.inf))
+
+        y0 = init_state.y
+        inner = SavedStates(jnp.asarray(0), jnp.full((self.times.size - 2, *y0.shape), jnp.inf, y0.dtype))
+        state, saved = while_loop(
+            unfinished,
+            advance,
+            (init_state, inner),
+            max_steps=max_steps,
+            buffers=lambda carry: (carry[1].vectors, carry[0].dense_ts, carry[0].dense_infos),
+            kind=self.kind,
+            checkpoints=self.checkpoints,
+        )
+        done = state.tprev >= t1
+        last = jnp.where(done, state.y, jnp.inf)
+        states = jnp.concatenate([y0[None], saved.vectors, last[None]])
+        state = dataclasses.replace(
+            state,
+            save_state=dataclasses.replace(state.save_state, ts=state.tprev[None], ys=states),
+            num_rejected_steps=state.num_steps - state.num_accepted_steps,
+            result=RESULTS.where(unfinished((state, saved)), RESULTS.max_steps_reached, state.result),
+        )
+        return state, {}
+
+    def _save(
+        self, saved: SavedStates, interpolation: diffrax.AbstractLocalInterpolation, until: Float[Array, ""]
+    ) -> SavedStates:
+        """What is saved when the vectors up to ``until`` are known as well, by the interpolation of a step."""
+        inner = self.times[1:-1]
+        if not inner.size:
+            return saved
+
+        def due(saved: SavedStates) -> Bool[Array, ""]:
+            return (inner[saved.filled] <= until) & (saved.filled < inner.size)
+
+        def save(saved: SavedStates) -> SavedStates:
+            vector = interpolation.evaluate(inner[saved.filled])
+            return SavedStates(saved.filled + 1, saved.vectors.at[saved.filled].set(vector))
+
+        return while_loop(
+            due,
+            save,
+            saved,
+            max_steps=inner.size,
+            buffers=lambda saved: saved.vectors,
+            kind=self.kind,
+            checkpoints=inner.size,
+        )
+
+
+class _Solve(NamedTuple):
+    """What stays the same from step to step."""
+
+    terms: Any
+    solver: Any
+    controller: Any
+    args: Any
+    t0: Float[Array, ""]
+    t1: Float[Array, ""]
+    event: diffrax.Event | None
+    progress_meter: diffrax.AbstractProgressMeter
+
+    def advanced(self, state: Any) -> tuple[Any, Any, Bool[Array, ""]]:
+        """The state after a step, what the step's interpolation is made of, and whether the step was accepted."""
+        jumps = not isinstance(self.controller, diffrax.PIDController)
+        y, error, info, solver_state, step_result = self.solver.step(
+            self.terms,
+            state.tprev,
+            state.tnext,
+            state.y,
+            self.args,
+            state.solver_state,
+            state.made_jump if jumps else False,
+        )
+        keep, tprev, tnext, made_jump, controller_state, control_result = self.controller.adapt_step_size(
+            state.tprev,
+            state.tnext,
+            state.y,
+            y,
+            self.args,
+            jnp.where(jnp.isnan(error), jnp.inf, error),
+            self.solver.error_order(self.terms),
+            state.controller_state,
+        )
+        tprev = jnp.minimum(tprev, self.t1)
+        almost = self.t1 - CLOSE * float(jnp.finfo(self.t1.dtype).eps) * jnp.abs(self.t1)
+        end = jnp.where(keep, self.t1, tprev + 0.5 * (self.t1 - tprev))
+        y, solver_state = _where(keep, (y, solver_state), (state.y, state.solver_state))
+        result = RESULTS.where(keep, step_result, RESULTS.successful)
+        share = (tprev - self.t0) / (self.t1 - self.t0)
+        state = dataclasses.replace(
+            state,
+            y=y,
+            tprev=tprev,
+            tnext=jnp.where(tnext > almost, end, tnext),
+            made_jump=jnp.where(keep, made_jump, state.made_jump) if jumps else state.made_jump,
+            solver_state=solver_state,
+            controller_state=controller_state,
+            progress_meter_state=self.progress_meter.step(state.progress_meter_state, share),
+            result=RESULTS.where(result == RESULTS.successful, control_result, result),
+            num_steps=state.num_steps + 1,
+            num_accepted_steps=state.num_accepted_steps + jnp.where(keep, 1, 0),
+        )
+        if state.dense_infos is not None:
+            state = _kept_for_dense_output(state, info, keep)
+        if self.event is not None:
+            state = _stopped_by_event(state, self.event, self.args, self.t0)
+        return state, info, keep
+
+
+def _kept_for_dense_output(state: Any, info: Any, keep: Bool[Array, ""]) -> Any:
+    index = state.dense_save_index
+    return dataclasses.replace(
+        state,
+        dense_ts=state.dense_ts.at[index + 1].set(state.tprev, pred=keep),
+        dense_infos=jax.tree.map(
+            lambda kept, new: kept.at[index].set(new, pred=keep),
+            state.dense_infos,
+            info,
+            is_leaf=lambda x: hasattr(x, "at"),
+        ),
+        dense_save_index=index + jnp.where(keep, 1, 0),
+    )
+
+
+def _stopped_by_event(state: Any, event: diffrax.Event, args: Any, start: Float[Array, ""]) -> Any:
+    """The state with the values of an event's functions, and with a result that says whether one has changed sign."""
+    values, happened = {}, jnp.asarray(False)
+    for name, function in event.cond_fn.items():
+        values[name] = function(state.tprev, state.y, args, t0=start)
+        before, now = state.event_values[name], values[name]
+        rose, fell = (before <= 0) & (now > 0), (before > 0) & (now <= 0)
+        happened |= rose if event.direction[name] else fell
+    return dataclasses.replace(
+        state,
+        event_values=values,
+        result=RESULTS.where(happened, RESULTS.event_occurred, state.result),
+    )
+
+
+def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)

@@ -1,0 +1,26 @@
+"""The names of the laws, and what each says."""
+
+BALANCES: dict[str, str] = {
+    "energy": "E(t) − E(t0) = ∫ of the power of the actuation and the force",
+    "momentum": "the momentum about the contact point changes by the moments of weight and force and by −ċ × P",
+    "chaplygin": "ΛΠ is constant where the centre of mass is the geometric centre and no force acts",
+    "jellett-rate": "d/dt (L·s) = L·(Ω × χ + χ̇) − s·(χ × F̃), for any ball",
+    "jellett": "L·s is constant for a body of revolution with fixed masses and no force",
+    "routh": "Routh's integral is constant for the same bodies",
+    "norm": "|q| = 1",
+    "rolling": "z(t) − z(t0) = ∫ (ω × r e3)₁₂, no slip at the contact point",
+}
+COMPARISONS: dict[str, str] = {
+    "error": "the run agrees with one at a tolerance of 1e-13",
+    "convergence": "the error falls with the tolerance",
+    "solvers": "the run agrees with one by a solver of another family",
+    "dae": "the run agrees with that of the differential-algebraic equations",
+    "embedding": "a disk rolls like the ball in which it is embedded",
+    "closed-form": "the run agrees with the solution in closed form",
+}
+LAWS: dict[str, str] = {
+    **BALANCES,
+    "contact": "N > 0: the plane holds the ball",
+    **COMPARISONS,
+}
+"""Every law by its name. A classical system has its own ``laws`` instead of the balances."""

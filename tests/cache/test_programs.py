@@ -1,0 +1,271 @@
+"""A program from a store is the program that was compiled: the same bits; and what may differ is another program."""
+
+import functools
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxball import Disk, DiskState, Fixed, PointMass, Pulse, contact_extremes, simulate
+from jaxball.cache import current, surroundings
+from jaxball.numerics import programs, vectors
+from jaxball.scenario.initial import starting_angles
+
+TIMES = np.linspace(0.0, 2.0, 5)
+A, B = np.array([1.0, 2.0, 3.0]), np.array([0.3, -0.1, 0.7])
+
+
+class Memory:
+    """A store; each is a process of its own, and shares the contents."""
+
+    def __init__(self, contents, surroundings="here"):
+        self.contents, self.surroundings, self.found, self.missed = contents, surroundings, [], []
+
+    def identity(self):
+        return self.surroundings
+
+    def read(self, key):
+        (self.found if key in self.contents else self.missed).append(key)
+        return self.contents.get(key)
+
+    def write(self, key, content):
+        self.contents[key] = content
+
+    def early(self, key):
+        return None
+
+
+@pytest.fixture
+def contents():
+    return {}
+
+
+@pytest.fixture
+def in_process(contents):
+    """Calls a function as in a process of its own, and returns its result and the store."""
+
+    def call(function, *args, surroundings="here", **kwargs):
+        store = Memory(contents, surroundings)
+        with current.kept_in(store):
+            return function(*args, **kwargs), store
+
+    return call
+
+
+def same_bits(a, b):
+    assert jax.tree.structure(a) == jax.tree.structure(b)
+    for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
+        assert type(x) is type(y)
+        assert x.dtype == y.dtype
+        assert np.asarray(x).tobytes() == np.asarray(y).tobytes()
+
+
+cross = programs.jit(jnp.cross)
+
+
+def test_a_program_is_compiled_once_and_found_by_the_next_process(in_process, contents, monkeypatch):
+    first, store = in_process(cross, A, B)
+    assert (len(store.found), len(store.missed), len(contents)) == (0, 1, 1)
+    monkeypatch.setattr(programs._Program, "_made", None)  # nothing is traced any more
+    second, store = in_process(cross, A, B)
+    assert (len(store.found), len(store.missed)) == (1, 0)
+    same_bits(first, second)
+    np.testing.assert_array_equal(second, np.cross(A, B))
+    # Within the process it is not looked for again.
+    with current.kept_in(store):
+        same_bits(cross(B, A), -second)
+    assert len(store.found) == 1
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda: cross(A.astype(np.float32), B.astype(np.float32)),
+        lambda: cross(np.stack([A, A]), np.stack([B, B])),
+        lambda: cross(jnp.asarray(A).astype(int), jnp.asarray(B).astype(int)),
+        lambda: cross(a=A, b=B),
+        lambda: programs.filter_jit(jnp.cross)(A, B),
+        lambda: programs.jit(functools.partial(jnp.cross, A))(B),
+        lambda: programs.jit(functools.partial(jnp.cross, 2 * A))(B),
+    ],
+    ids=["float32", "shape", "integers", "by name", "filtered", "fixed", "otherwise fixed"],
+)
+def test_other_arguments_are_of_another_program(in_process, contents, change):
+    in_process(cross, A, B)
+    in_process(lambda: programs.jit(functools.partial(jnp.cross, 3 * A))(B))
+    result, store = in_process(change)
+    assert (store.found, len(contents)) == ([], 3)
+    same_bits(result, change())
+
+
+def test_weak_types_and_strong_ones_are_told_apart(in_process, contents):
+    square = programs.jit(jnp.square)
+    (weak, _), (strong, _) = in_process(square, 3.0), in_process(square, jnp.asarray(np.float64(3.0)))
+    assert (weak.weak_type, strong.weak_type, len(contents)) == (True, False, 2)
+
+
+def test_static_numbers_of_other_kinds_are_told_apart(in_process, contents):
+    full = programs.filter_jit(jnp.full)
+    values = [1, 1.0, True, np.True_, 1 + 0j]
+    with current.kept_in(Memory(contents)):
+        results = [full((2,), value) for value in values]
+    assert [result.dtype for result in results] == [jnp.full((2,), value).dtype for value in values]
+    assert len(contents) == len(values)
+
+
+def test_settings_are_told_apart(in_process, contents):
+    in_process(cross, A, B)
+    with jax.enable_x64(False):
+        single, _ = in_process(cross, A, B)
+    with jax.default_matmul_precision("float32"):
+        in_process(cross, A, B)
+    assert len(contents) == 3
+    assert single.dtype == jnp.float32
+    # Also within a process.
+    with current.kept_in(Memory(contents)):
+        assert cross(A, B).dtype == jnp.float64
+        with jax.enable_x64(False):
+            assert cross(A, B).dtype == jnp.float32
+
+
+def test_other_surroundings_have_programs_of_their_own(in_process, contents):
+    in_process(cross, A, B)
+    _, store = in_process(cross, A, B, surroundings="there")
+    assert (store.found, len(contents)) == ([], 2)
+
+
+def test_a_changed_file_of_jaxball_is_seen(tmp_path, monkeypatch):
+    monkeypatch.setattr(surroundings, "OWN", tmp_path)
+    seen = []
+    for name, text in (("a.py", "x = 1\n"), ("a.py", "x = 2\n"), ("b.py", ""), ("b.py", "x = 2\n")):
+        (tmp_path / name).write_text(text)
+        seen.append(surroundings.sources())
+    (tmp_path / "a.py").rename(tmp_path / "c.py")
+    seen.append(surroundings.sources())
+    assert len(set(seen)) == len(seen)
+    assert len({surroundings.identity(digest) for digest in seen}) == len(seen)
+
+
+@pytest.mark.parametrize("variable", ["XLA_FLAGS", "EQX_ON_ERROR", "JAX_ENABLE_X64"])
+def test_variables_are_seen(monkeypatch, variable):
+    surroundings.identity.cache_clear()
+    before = surroundings.identity("")
+    monkeypatch.setenv(variable, "something else")
+    surroundings.identity.cache_clear()
+    assert surroundings.identity("") != before
+    surroundings.identity.cache_clear()
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"nonsense", b"\x80\x05N.", b"\x80\x05\x8c\x01ab."], ids=["empty", "text", "None", "cut"]
+)
+def test_what_cannot_be_loaded_is_compiled_again(in_process, contents, content):
+    expected, store = in_process(cross, A, B)
+    contents[store.missed[0]] = content
+    result, _ = in_process(cross, A, B)
+    same_bits(result, expected)
+    assert len(contents[store.missed[0]]) > len(content)
+
+
+def test_functions_of_users_are_compiled_as_ever(in_process, contents):
+    def closure(x):
+        return x + A
+
+    for function in (
+        closure,
+        lambda x: x - A,
+        functools.partial(closure),
+        type("Local", (), {"__call__": lambda _, x: x})(),
+    ):
+        in_process(programs.jit(function), B)
+    in_process(programs.filter_jit(jax.tree.map), closure, B)
+    assert contents == {}
+
+
+def test_systems_of_users_are_compiled_as_ever(in_process, contents):
+    def local(factor):
+        class Motion(Pulse):
+            def position(self, t):
+                return factor * t
+
+        return Motion(theta=0.8, height=2.0)
+
+    _, store = in_process(starting_angles, (local(1.0),), 0.0)
+    assert (contents, store.found, store.missed) == ({}, [], [])
+
+
+def test_programs_that_call_python_are_not_kept(in_process, contents, monkeypatch):
+    calls = []
+    monkeypatch.setattr(vectors, "cross", lambda a, b: (jax.debug.callback(calls.append, a), a)[1])
+    vectors.cross.__module__, vectors.cross.__qualname__ = "jaxball.numerics.vectors", "cross"
+    called = programs.jit(vectors.cross)
+    for _ in range(2):
+        jax.block_until_ready(in_process(called, A, B)[0])
+    jax.effects_barrier()
+    assert len(calls) == 2
+    assert contents == {}
+
+
+def test_within_a_trace_functions_are_traced(in_process, contents):
+    def grow(a):
+        return jnp.sum(cross(a, B) ** 2)
+
+    expected = jax.grad(grow)(A), jax.vmap(cross)(A[None], B[None]), jax.jit(cross)(A, B)
+    result, _ = in_process(lambda: (jax.grad(grow)(A), jax.vmap(cross)(A[None], B[None]), jax.jit(cross)(A, B)))
+    same_bits(result, expected)
+    assert contents == {}
+
+
+def test_the_one_device_may_be_named(in_process, contents):
+    """As where batches go to the devices in turn."""
+    in_process(cross, A, B)
+    with jax.default_device(jax.devices()[0]):
+        _, store = in_process(cross, A, B)
+    assert (len(store.found), len(contents)) == (1, 1)
+
+
+def test_where_jax_keeps_programs_itself_it_is_left_to_it(in_process, contents, tmp_path):
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    in_process(cross, A, B)
+    assert not contents
+    jax.config.update("jax_compilation_cache_dir", None)
+    in_process(cross, A, B)
+    assert contents
+
+
+def test_debugging_sees_its_own_programs(in_process, contents):
+    with jax.debug_nans(True):
+        in_process(cross, A, B)
+    with jax.disable_jit():
+        in_process(cross, A, B)
+    assert contents == {}
+
+
+@pytest.fixture(scope="module")
+def disk():
+    return Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, Fixed((0.5, 0.0, 0.0)))])
+
+
+def test_a_run_and_its_extremes_are_the_same_to_the_last_bit(in_process, contents, disk):
+    """Trajectories hold modules of diffrax and of jaxball, functions and numbers that are no arrays."""
+
+    def run():
+        trajectory = simulate(disk, TIMES, dense=True)
+        failed = simulate(disk, TIMES, dense=True, max_steps=256, rtol=1e-2, atol=jnp.nan)
+        impossible = simulate(disk, TIMES, DiskState(phi=jnp.nan), dense=True)
+        return (
+            trajectory,
+            contact_extremes(trajectory),
+            trajectory.observables,
+            trajectory.at(1.3),
+            [(one.status, one.message, one.state) for one in (failed, impossible)],
+        )
+
+    first, _ = in_process(run)
+    assert contents
+    second, store = in_process(run)
+    assert len(store.found) == len(contents)
+    same_bits(jax.tree.leaves(eqx.filter(first, eqx.is_array)), jax.tree.leaves(eqx.filter(second, eqx.is_array)))
+    assert str(first) == str(second)

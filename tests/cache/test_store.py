@@ -1,0 +1,67 @@
+"""A command loads early what it used last, and gets nothing else than what it would have read."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxball.cache import current, surroundings
+from jaxball.cache.folder import Folder
+from jaxball.cache.store import FolderStore
+from jaxball.numerics import programs
+
+A, B = np.array([1.0, 2.0, 3.0]), np.array([0.3, -0.1, 0.7])
+
+
+@pytest.fixture
+def command(tmp_path):
+    """Runs a function as a command with some arguments, in a process of its own; returns the store."""
+
+    def run(function, *arguments):
+        store = FolderStore(Folder(tmp_path / "programs"), arguments)
+        with current.kept_in(store):
+            store.begin()
+            result = function()
+            store.end()
+        return result, store
+
+    return run
+
+
+cross = programs.jit(jnp.cross)
+
+
+def test_the_programs_of_the_same_command_are_loaded_early(command, monkeypatch):
+    first, store = command(lambda: cross(A, B), "simulate", "ball")
+    assert len(store.folder.entries()) == 2  # the program, and the list
+    read = []
+    monkeypatch.setattr(FolderStore, "read", lambda store, key: read.append(key))
+    second, _ = command(lambda: cross(A, B), "simulate", "ball")
+    assert read == []
+    assert np.asarray(first).tobytes() == np.asarray(second).tobytes()
+    command(lambda: cross(A, B), "simulate", "disk")
+    assert len(read) == 1
+
+
+def test_what_is_expected_in_vain_does_no_harm(command, tmp_path):
+    command(lambda: cross(A, B), "simulate")
+    command(lambda: None, "simulate")
+    for path in (tmp_path / "programs").iterdir():
+        path.write_bytes(path.read_bytes()[:-1])
+    result, store = command(lambda: cross(A, B), "simulate")
+    np.testing.assert_array_equal(result, np.cross(A, B))
+    assert len(store.folder.entries()) == 2
+
+
+def test_nothing_is_kept_when_files_changed_since_they_were_looked_at(command, monkeypatch):
+    def changing():
+        monkeypatch.setattr(surroundings, "sources", lambda: "other")
+        return cross(A, B)
+
+    result, store = command(changing)
+    np.testing.assert_array_equal(result, np.cross(A, B))
+    assert [entry.size for entry in store.folder.entries() if entry.size > 1000] == []
+
+
+def test_a_library_without_files_shares_nothing(tmp_path, monkeypatch):
+    monkeypatch.setattr(surroundings, "OWN", tmp_path)
+    assert surroundings.sources() != surroundings.sources()

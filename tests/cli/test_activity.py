@@ -1,0 +1,78 @@
+"""What a command is doing stands on one line of a terminal while it lasts, and nowhere else."""
+
+import os
+import pty
+import subprocess
+import sys
+
+import pytest
+
+PRELUDE = """
+import sys, time
+from jaxball.interface import activity as module
+from jaxball.interface.activity import activity
+
+module.DELAY = 0.01
+
+def until_shown(line):
+    while line._stream is not None and not line._shown:
+        time.sleep(0.001)
+"""
+SHOWN = "\r\x1b[Kcompiling …"
+ERASED = "\r\x1b[K"
+LONG = 'with activity("compiling") as line:\n    until_shown(line)\n'
+PROGRAMS = {
+    "shown, then erased": (LONG, SHOWN + ERASED),
+    "erased by an error": (
+        'try:\n    with activity("compiling") as line:\n        until_shown(line)\n        1 / 0\n'
+        'except ZeroDivisionError:\n    print("caught", file=sys.stderr)',
+        f"{SHOWN}{ERASED}caught\r\n",
+    ),
+    "one after the other": (LONG + LONG, (SHOWN + ERASED) * 2),
+    "room for what is printed": (
+        LONG + '    line.print("half of it", sys.stderr)\n    line.print("all of it", sys.stderr)',
+        f"{SHOWN}{ERASED}half of it\r\n{SHOWN}{ERASED}all of it\r\n{SHOWN}{ERASED}",
+    ),
+    "what is done at once": ("module.DELAY = 60.0\nwith activity('compiling'):\n    pass", ""),
+    "quiet": ('with activity("compiling", quiet=True) as line:\n    time.sleep(0.1)', ""),
+    "no wider than the terminal": (
+        'with activity("x" * 500) as line:\n    until_shown(line)',
+        f"\r\x1b[K{'x' * 79}{ERASED}",
+    ),
+}
+
+
+def on_a_terminal(program):
+    """What a program writes to standard error, a terminal of 80 columns, and to standard output, which is none."""
+    master, terminal = pty.openpty()
+    os.set_blocking(master, True)
+    environment = {**os.environ, "COLUMNS": "80"}
+    command = [sys.executable, "-c", program]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=terminal, env=environment) as process:
+        os.close(terminal)
+        written = b""
+        while True:
+            try:
+                part = os.read(master, 1024)
+            except OSError:  # on Linux, where nobody has the terminal any more
+                break
+            if not part:
+                break
+            written += part
+        output = process.stdout.read()
+    os.close(master)
+    assert process.returncode == 0, written.decode()
+    return written.decode(), output.decode()
+
+
+@pytest.mark.parametrize(("program", "written"), PROGRAMS.values(), ids=PROGRAMS.keys())
+def test_on_a_terminal(program, written):
+    assert on_a_terminal(PRELUDE + program) == (written, "")
+
+
+@pytest.mark.parametrize("program", ["shown, then erased", "room for what is printed"])
+def test_in_a_log(program):
+    command = [sys.executable, "-c", PRELUDE + PROGRAMS[program][0]]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == ""
+    assert done.stderr == ("half of it\nall of it\n" if "printed" in program else "")
