@@ -32,9 +32,16 @@ def command(*arguments, folder, program="import sys; from jaxball.cli import mai
     return done.returncode, done.stdout, done.stderr
 
 
-@pytest.mark.parametrize("steps", ["", "[solve]\nmax_steps = 3\n"], ids=["succeeds", "fails"])
-def test_a_command_that_finds_its_programs_says_and_writes_the_same(tmp_path, place, steps):
-    (tmp_path / "run.toml").write_text(DISK + steps)
+SOLVES = {
+    "succeeds": "",
+    "fails": "[solve]\nmax_steps = 3\n",
+    "calls LAPACK": "[solve]\nsolver = 'kvaerno3'\nrtol = 1e-5\natol = 1e-5\n",
+}
+
+
+@pytest.mark.parametrize("solve", SOLVES.values(), ids=SOLVES)
+def test_a_command_that_finds_its_programs_says_and_writes_the_same(tmp_path, place, solve):
+    (tmp_path / "run.toml").write_text(DISK + solve)
     first = command("simulate", "run.toml", "--out", "run.npz", folder=tmp_path)
     kept = {path.name for path in place.iterdir()}
     assert kept

@@ -65,6 +65,25 @@ def same_bits(a, b):
 cross = programs.jit(jnp.cross)
 
 
+def test_programs_are_compiled_quickly_within_a_block_alone(in_process, contents):
+    name = "jax_disable_most_optimizations"
+    before = jax.config.values[name]
+    try:
+        jax.config.update(name, False)
+        in_process(cross, A, B)
+        with programs.compiled_quickly(False):
+            assert not jax.config.values[name]
+        with programs.compiled_quickly():
+            assert jax.config.values[name]
+            in_process(cross, A, B)
+            with programs.compiled_quickly(False):
+                assert jax.config.values[name]
+        assert not jax.config.values[name]
+        assert len(contents) == 2
+    finally:
+        jax.config.update(name, before)
+
+
 def test_a_program_is_compiled_once_and_found_by_the_next_process(in_process, contents, monkeypatch):
     first, store = in_process(cross, A, B)
     assert (len(store.found), len(store.missed), len(contents)) == (0, 1, 1)

@@ -1,5 +1,6 @@
 """Compiled programs as bytes, and as programs again."""
 
+import functools
 import io
 import pickle
 import sys
@@ -44,10 +45,18 @@ def loaded(content: bytes | None) -> Loaded | None:
         return None
     try:
         payload, takes, gives, pickled = pickle.loads(content)
+        if b"lapack_" in payload:
+            _set_up_lapack()
         structures = jax.tree.structure((([0] * takes,), {})), jax.tree.structure([0] * gives)
         return Loaded(serialize_executable.deserialize_and_load(payload, *structures), pickled)
     except Exception:  # whatever versions of JAX raise
         return None
+
+
+@functools.cache
+def _set_up_lapack() -> None:
+    """Gives XLA the addresses of LAPACK's functions, which programs call unchecked, as JAX does where it traces one."""
+    jax.jit(jax.lax.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), "float32"))
 
 
 class _Pickler(pickle.Pickler):

@@ -1,5 +1,8 @@
 """JAX as the command line uses it."""
 
+# A run of no more steps than this, a scenario's default, takes less time than optimising its program would.
+FEW_STEPS = 16384
+
 
 def set_up_jax() -> None:
     """Imports JAX, with float64 and the settings for fast solves on a CPU, and begins to load compiled programs.

@@ -7,7 +7,7 @@ results are the same to the last bit. Without a store, and within a trace, the f
 
 import contextlib
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import equinox as eqx
@@ -47,6 +47,20 @@ def filter_jit(function: Callable[P, T]) -> Callable[P, T]:
     ``function`` as of :func:`jit`.
     """
     return _Program(function, eqx.filter_jit(function), eqx.is_array)
+
+
+@contextlib.contextmanager
+def compiled_quickly(wanted: bool = True) -> Iterator[None]:
+    """Programs that are first called in this block compile in half the time, and then take several times as long.
+
+    For what runs once. The results differ by rounding. Threads share the setting.
+    """
+    before = jax.config.values["jax_disable_most_optimizations"]
+    jax.config.update("jax_disable_most_optimizations", wanted or before)
+    try:
+        yield
+    finally:
+        jax.config.update("jax_disable_most_optimizations", before)
 
 
 class _Rest(NamedTuple):

@@ -2,6 +2,7 @@
 
 import argparse
 
+from ...numerics.programs import compiled_quickly
 from ...results import load_run, saved_scenario
 from ..output import working
 from .files import draw_figures
@@ -9,7 +10,7 @@ from .files import draw_figures
 
 def run(options: argparse.Namespace) -> int:
     """Draws the figures, and prints the run."""
-    with working(options, "drawing"):
+    with working(options, "drawing"), compiled_quickly():
         run = load_run(options.saved)
         written = draw_figures(run, options.out, options.format, saved_scenario(options.saved).title)
     if not options.quiet:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ...numerics.programs import compiled_quickly
 from ...physics.body import AbstractBody
 from ...results import save
 from ...results.provenance import attributes
@@ -18,6 +19,7 @@ from ...simulation.events import AbstractEvent, Detachment, Slip
 from ...simulation.extremes import contact_extremes
 from ...simulation.trajectory import Trajectory
 from ..input import scenario_of
+from ..jax_setup import FEW_STEPS
 from ..options import FAILED_SOLVE
 from ..output import say, working, written_line
 from .animation import check_against, write_animation
@@ -32,6 +34,11 @@ def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
     if options.solver is not None:
         check_dae(scenario.system, options.solver, scenario.dae, "Argument `--solver`")
     check_against(options, scenario)
+    with compiled_quickly(scenario.max_steps <= FEW_STEPS):
+        return _simulate(options, scenario)
+
+
+def _simulate(options: argparse.Namespace, scenario: Scenario) -> int:
     touches = isinstance(scenario.system, AbstractBody)
     events = _events(options, scenario)
     with working(options, "compiling and simulating"):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from ...numerics.programs import compiled_quickly
 from ...physics.body import AbstractBody, Ball
 from ...scenario import Scenario, ScenarioError
 from ...scenario.paths import entries
@@ -22,7 +23,7 @@ def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
     """Finds the motions of a document, saves them and draws their eigenvalues."""
     scenario = scenario_of(document, options.scenario)
     try:
-        with working(options, "searching for steady motions"):
+        with working(options, "searching for steady motions"), compiled_quickly():
             motions = _motions(options, scenario)
     except (ValueError, TypeError) as error:
         raise ScenarioError(str(error)) from None

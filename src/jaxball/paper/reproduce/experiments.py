@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ... import paper
+from ...numerics.programs import compiled_quickly
 from ...physics.body import System
 from ...simulation.simulate import simulate
 from ...simulation.trajectory import Trajectory
@@ -108,7 +109,8 @@ def measure(experiment: Experiment, solver_name: str) -> Measurement:
     first, trajectory = _timed(experiment, solver)
     warm = statistics.median(_timed(experiment, solver)[0] for _ in range(WARM_CALLS))
     counter = Counter()
-    counted = experiment.solve(CountingSolver(solver, counter))
+    with compiled_quickly():
+        counted = experiment.solve(CountingSolver(solver, counter))
     errors = experiment.errors(trajectory)
     return Measurement(
         system=experiment.name,

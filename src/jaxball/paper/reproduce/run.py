@@ -5,6 +5,7 @@ from pathlib import Path
 
 from ...interface.output import replacing
 from ...interface.wording import counted
+from ...numerics.programs import compiled_quickly
 from . import table
 from .experiments import SOLVERS, Measurement, ball_experiment, disk_experiment, measure
 
@@ -52,8 +53,9 @@ def reproduce(
     if figures:
         from .figures import draw  # here, so that a table without figures does not load matplotlib
 
-        for experiment in chosen:
-            drawn += draw(experiment, out)
+        with compiled_quickly():
+            for experiment in chosen:
+                drawn += draw(experiment, out)
 
     echo("\n" + "\n".join(table.LEGEND))
     echo(f"\nWrote table.md, table.json and {counted(len(drawn), 'figure')} into {out}.")
