@@ -13,6 +13,5 @@ from .reductions import (
     Minimum as Minimum,
 )
 from .simulate import Ensemble as Ensemble, simulate_ensemble as simulate_ensemble
-from .single import simulate_one as simulate_one
 
 __all__, __dir__ = _interface(globals())

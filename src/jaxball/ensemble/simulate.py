@@ -118,7 +118,7 @@ def simulate_ensemble(
     [2. 4. 6.]
     """
     require_state(system, state)
-    method = checked_method(DEFAULT_SOLVER if solver is None else solver)
+    method = _checked_method(DEFAULT_SOLVER if solver is None else solver)
     rtol, atol = checked_tolerances(rtol, atol)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _checked_reductions(reductions)
@@ -150,7 +150,7 @@ def simulate_ensemble(
     return Ensemble(Trajectory(system, whole, *solved, start=state), reported, executed)
 
 
-def checked_method(solver: diffrax.AbstractSolver) -> diffrax.AbstractERK:
+def _checked_method(solver: diffrax.AbstractSolver) -> diffrax.AbstractERK:
     """The solver.
 
     **Raises:** ``TypeError`` for one that lanes cannot take.
