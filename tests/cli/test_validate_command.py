@@ -79,7 +79,8 @@ def test_all_problems_are_told_in_the_order_of_the_file(folder, capsys):
     named = ["titel", "body.mass", "body.radius", "body.inertia", "time.end", "solve.rtol", "masses[0].rail.radios"]
     assert [line.split("`")[1] for line in errors] == [*named, "masses[1].mas"]
     assert all(line.startswith("wrong.toml: Key `") for line in errors)
-    assert "No such file or directory" in last
+    assert last.startswith("none.toml: FILE must be a scenario, study or problem")
+    assert last.endswith("(No such file or directory).")
 
 
 def test_problems_of_a_study(folder, capsys):

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import BallState, Disk, DiskState, Fixed, PointMass, Status, paper, simulate
+from jaxball import BallState, Disk, DiskState, Fixed, FunctionForce, PointMass, Status, paper, simulate
 from jaxball.classical import FreeRigidBody
 from jaxball.ensemble import Maximum, simulate_ensemble
 
@@ -61,6 +61,23 @@ def test_the_papers_ball(balls):
     assert found.trajectory.state.q.shape == (RUNS, TIMES.size, 4)
     for k in (0, 17, RUNS - 1):
         assert_same(found, k, simulate(ball, TIMES, jax.tree.map(lambda leaf, k=k: jnp.asarray(leaf[k]), state)), 1e-11)
+
+
+def pushed_from(t, start):
+    return jnp.where(t < start, 0.0, 1.0) * jnp.array([3.0, 0.0, 0.0])
+
+
+def test_where_a_force_jumps_the_slope_is_computed_anew():
+    """A disk pushed from a time of its own: phi'' = -F r / (d + M r^2) since then."""
+    starts = np.linspace(1.0, 4.0, 5)
+    jumping = [Disk(mass=1.0, inertia=1.0, force=FunctionForce(pushed_from, t, kink_times=[t])) for t in starts]
+    system, state = stacked(jumping), stacked([DiskState() for _ in starts])
+    found = simulate_ensemble(system, TIMES, state, **SMALL)
+    exact = -0.75 * np.maximum(TIMES - starts[:, None], 0.0) ** 2
+    np.testing.assert_allclose(found.trajectory.state.phi, exact, rtol=0, atol=1e-12)
+    assert not np.any(found.trajectory.rejected)
+    for k in (0, 3):
+        assert_same(found, k, single(system, state, k), 1e-12)
 
 
 def test_what_runs_share_may_be_given_once():

@@ -16,7 +16,7 @@ JUMPS = np.array([1.0, -1.5, 0.8, -0.7])
 START, END = 0.25, 5.0
 TOLERANCE = 1e-10
 REVERSE, FORWARD = diffrax.RecursiveCheckpointAdjoint(), diffrax.ForwardMode()
-DOPRI8, GAUSS = diffrax.Dopri8(), solvers.Gauss(8)
+DOPRI8, GAUSS, RADAU = diffrax.Dopri8(), solvers.Gauss(8), solvers.RadauIIA(stages=3)
 
 
 def closed_form(kinks, start=START, end=END):
@@ -28,6 +28,11 @@ def closed_form(kinks, start=START, end=END):
 def from_the_right(t, y, kinks):
     """The vector field with the value after the jump at each kink."""
     return jnp.sum(jnp.where(t >= kinks, JUMPS, 0.0)) * y
+
+
+def risen(t, y, kinks):
+    """0 before the first kink, 1 after it."""
+    return jnp.where(t >= kinks[0], 1.0, 0.0)
 
 
 def from_the_left(t, y, kinks):
@@ -128,6 +133,15 @@ def test_far_fewer_steps_than_without():
     _, steps = measure(to_kinks, WITHIN)
     _, steps_without = measure(plain, WITHIN)
     assert steps_without > 10 * steps
+
+
+def test_no_stage_at_the_end_of_a_step_is_past_the_kink():
+    """y' jumps from 0 to 1, so that no step has an error. For some of these kinks t0 + (t1 - t0) is past t1."""
+    for kink in (3.25, 3.7530809568010897, 4.0, 4.151022309110887):
+        kinks = jnp.array([kink, 9.0, 9.0, 9.0])
+        y, _, rejected = solve(to_kinks, kinks, jnp.array(0.0), jnp.array(5.0), RADAU, field=risen)
+        assert rejected == 0
+        assert abs(float(y) - (6.0 - kink)) < 1e-13
 
 
 def test_gauss_steps_over_a_jump_unseen_without():

@@ -3,7 +3,6 @@
 import argparse
 import importlib
 import os
-import re
 import sys
 from collections.abc import Sequence
 
@@ -12,6 +11,7 @@ from ..interface.errors import UserError
 from ..interface.interruption import INTERRUPTED, STOPPED
 from ..interface.wording import did_you_mean
 from .options import BAD_INPUT, BROKEN_PIPE, add_no_cache
+from .sentences import sentence
 
 # Only the command that runs is imported.
 COMMANDS = {
@@ -29,15 +29,6 @@ COMMANDS = {
     "cache": "show or remove the compiled programs that are kept",
 }
 WITHOUT_CACHE = ("scenarios", "bench", "cache")
-# Arguments of Python functions that are not options of the same name, as the command line calls them.
-POSITIONAL = {
-    "source": "FILE",
-    "name": "NAME",
-    "problems": "PROBLEM",
-    "data": "STORE",
-    "inclination": "INCLINATION",
-    "precession": "PRECESSION",
-}
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -53,7 +44,7 @@ def run(arguments: Sequence[str]) -> int:
     except BrokenPipeError:  # as from `| head`, which stops reading
         return BROKEN_PIPE
     except (UserError, OSError) as error:
-        print(f"jaxball: {_sentence(error)}", file=sys.stderr)
+        print(f"jaxball: {sentence(error)}", file=sys.stderr)
         return BAD_INPUT
 
 
@@ -76,18 +67,6 @@ def _flush() -> None:
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise
-
-
-def _sentence(error: Exception) -> str:
-    """The message of an error, with arguments named as on the command line."""
-    if isinstance(error, OSError) and error.strerror:
-        place = "The output" if error.filename is None else f'"{error.filename}"'
-        return f"{place} cannot be {'written' if error.filename is None else 'used'}: {error.strerror}."
-
-    def on_command_line(match: re.Match[str]) -> str:
-        return POSITIONAL.get(match[1]) or f"Argument `--{match[1].replace('_', '-')}`"
-
-    return re.sub(r"Argument `(\w+)`", on_command_line, str(error))
 
 
 class _Parser(argparse.ArgumentParser):

@@ -24,11 +24,15 @@ class Limits(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What becomes of a step: whether it is kept, where the next begins and ends, and whether there is one."""
+    """What becomes of a step: whether it is kept, where the next begins and ends, and whether there is one.
+
+    ``jumped`` says whether the next begins past a kink, where the field may be another than just before.
+    """
 
     kept: Bool[Array, " lanes"]
     start: Float[Array, " lanes"]
     end: Float[Array, " lanes"]
+    jumped: Bool[Array, " lanes"]
     memory: Any
     fine: Bool[Array, " lanes"]
 
@@ -47,10 +51,10 @@ def judge(controller: Controller, limits: Limits, step: Any, memory: Any, order:
     """Keeps or rejects a step, and chooses the next."""
 
     def one(limits, start, end, x, y, error, memory):
-        kept, start, end, _, memory, result = controller(*limits).adapt_step_size(
+        kept, start, end, jumped, memory, result = controller(*limits).adapt_step_size(
             start, end, x, y, None, error, order, memory
         )
         fine = result == diffrax.RESULTS.successful
-        return Verdict(jnp.asarray(kept), jnp.asarray(start), jnp.asarray(end), memory, fine)
+        return Verdict(*map(jnp.asarray, (kept, start, end, jumped)), memory, fine)
 
     return jax.vmap(one, in_axes=-1, out_axes=-1)(limits, step.start, step.end, step.x, step.y, step.error, memory)

@@ -217,7 +217,7 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[st
         end=jnp.minimum(verdict.end, problem.t1),
         x=jnp.where(kept[None], taken.y, lanes.x),
         slope=jnp.where(kept[None], taken.last, taken.slopes[0]),
-        fresh=jnp.zeros_like(lanes.fresh),
+        fresh=kept & verdict.jumped,
         memory=verdict.memory,
         steps=steps,
         rejected=lanes.rejected + (~kept).astype(jnp.int32),

@@ -54,7 +54,9 @@ def step(
         slopes, _ = carry
         row = jnp.asarray(lower, x.dtype)[i]
         y = separately(x + h[None] * sum(row[j] * slopes[j] for j in used))
-        slope = jnp.where((i > 0) | fresh, field(start + jnp.asarray(nodes, x.dtype)[i] * h, y), first)
+        # Rounding must not lead past the end, where a kink may be.
+        t = jnp.minimum(start + jnp.asarray(nodes, x.dtype)[i] * h, end)
+        slope = jnp.where((i > 0) | fresh, field(t, y), first)
         return jax.lax.dynamic_update_index_in_dim(slopes, slope, i, 0), y
 
     slopes = jnp.zeros((tableau.num_stages, *x.shape), x.dtype).at[0].set(first)

@@ -63,7 +63,8 @@ class AbstractCollocation(AbstractStageSolver):
             problem.refuse_mass(self)
         if mass is not None:
             x0, fault = start_of_step(problem, mass, t0, self.root_finder, fault, made_jump)
-        times = t0 + (t1 - t0) * jnp.asarray(tableau.c, jnp.result_type(t0))
+        # Rounding must not lead past the end, where a kink may be.
+        times = jnp.minimum(t0 + (t1 - t0) * jnp.asarray(tableau.c, jnp.result_type(t0)), t1)
         f0 = None
         if tableau.c[-1] == 1:
             slope = solver_state.slope * (problem.control / solver_state.control).astype(x0.dtype)

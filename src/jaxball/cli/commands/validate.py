@@ -11,6 +11,7 @@ from ...scenario.sources import document_of, text_of
 from ..input import input_text, source_name
 from ..jax_setup import set_up_jax
 from ..options import BAD_INPUT
+from ..sentences import sentence
 
 WHAT = "scenario, study or problem"
 
@@ -37,7 +38,7 @@ def _run(options: argparse.Namespace) -> int:
             description = _described(source, options)
         name = source_name(source)
         for problem in problems:
-            print(f"{name}: {problem}", file=sys.stderr)
+            print(f"{name}: {sentence(problem)}", file=sys.stderr)
         if not problems and not options.quiet:
             print(f"{name} is valid: {description}", flush=True)
         all_valid &= not problems
