@@ -55,6 +55,7 @@ def judge(controller: Controller, limits: Limits, step: Any, memory: Any, order:
             start, end, x, y, None, error, order, memory
         )
         fine = result == diffrax.RESULTS.successful
-        return Verdict(*map(jnp.asarray, (kept, start, end, jumped)), memory, fine)
+        kept, jumped = jnp.asarray(kept), jnp.asarray(jumped)
+        return Verdict(kept, jnp.asarray(start), jnp.asarray(end), jumped, memory, fine)
 
     return jax.vmap(one, in_axes=-1, out_axes=-1)(limits, step.start, step.end, step.x, step.y, step.error, memory)
