@@ -4,12 +4,13 @@ import os
 import subprocess
 import sys
 
+import jax
 import numpy as np
 import pytest
 import xarray
 
 from jaxball.cli import main
-from jaxball.scenario import builtin_scenarios, builtin_text
+from jaxball.scenario import Scenario, ScenarioError, builtin_scenarios, builtin_text
 from tests.scenario.documents import DISK
 
 ESCAPING = DISK.replace('{ kind = "circle", radius = 0.9 }', '{ kind = "tube", direction = [1, 0, 0] }').replace(
@@ -47,6 +48,26 @@ def test_simulate(folder):
         assert data["phi"].shape == (5,)
         assert data["phi"].dtype == np.float64
         assert "rtol = 1e-08" in data.attrs["scenario"]
+
+
+def test_only_a_run_that_may_be_long_is_optimised(folder, monkeypatch):
+    name, seen = "jax_disable_most_optimizations", []
+
+    def simulate(*_, **__):
+        seen.append(jax.config.values[name])
+        raise ScenarioError("This is as far as it goes.")
+
+    monkeypatch.setattr(Scenario, "simulate", simulate)
+    before = jax.config.values[name]
+    try:
+        jax.config.update(name, False)
+        for steps in (16384, 16385):
+            (folder / "run.toml").write_text(f"{DISK}[solve]\nmax_steps = {steps}\n")
+            assert main(["simulate", str(folder / "run.toml")]) == 2
+        assert jax.config.values[name] is False
+    finally:
+        jax.config.update(name, before)
+    assert seen == [True, False]
 
 
 def test_bad_input_leaves_the_output_as_it_was(folder):

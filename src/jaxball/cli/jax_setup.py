@@ -1,7 +1,7 @@
 """JAX as the command line uses it."""
 
-# A run of no more steps than this, a scenario's default, takes less time than optimising its program would.
-FEW_STEPS = 16384
+# A run of no more steps, the default of `max_steps`, seldom takes as much longer as its program takes less to compile.
+SHORT_RUN = 16384
 
 
 def set_up_jax() -> None:

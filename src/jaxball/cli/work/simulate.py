@@ -19,7 +19,7 @@ from ...simulation.events import AbstractEvent, Detachment, Slip
 from ...simulation.extremes import contact_extremes
 from ...simulation.trajectory import Trajectory
 from ..input import scenario_of
-from ..jax_setup import FEW_STEPS
+from ..jax_setup import SHORT_RUN
 from ..options import FAILED_SOLVE
 from ..output import say, working, written_line
 from .animation import check_against, write_animation
@@ -34,7 +34,7 @@ def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
     if options.solver is not None:
         check_dae(scenario.system, options.solver, scenario.dae, "Argument `--solver`")
     check_against(options, scenario)
-    with compiled_quickly(scenario.max_steps <= FEW_STEPS):
+    with compiled_quickly(scenario.max_steps <= SHORT_RUN):
         return _simulate(options, scenario)
 
 

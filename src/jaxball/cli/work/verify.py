@@ -7,7 +7,7 @@ from typing import Any
 from ...numerics.programs import compiled_quickly
 from ...verify import Report, verify
 from ..input import scenario_of
-from ..jax_setup import FEW_STEPS
+from ..jax_setup import SHORT_RUN
 from ..options import FAILED_SOLVE, BadInputError
 from ..output import STDOUT, say, working
 from .files import write_json
@@ -21,8 +21,8 @@ def run(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]) ->
     reports = {}
     for name, scenario in scenarios.items():
         try:
-            few = scenario.max_steps <= FEW_STEPS
-            with working(options, f"checking {name}"), compiled_quickly(few):
+            short = scenario.max_steps <= SHORT_RUN
+            with working(options, f"checking {name}"), compiled_quickly(short):
                 reports[name] = verify(scenario, laws=options.laws, quick=options.quick)
         except ValueError as error:
             raise BadInputError(str(error)) from None
