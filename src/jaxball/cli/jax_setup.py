@@ -1,7 +1,10 @@
 """JAX as the command line uses it."""
 
-# A run of no more steps, the default of `max_steps`, seldom takes as much longer as its program takes less to compile.
-SHORT_RUN = 16384
+from contextlib import AbstractContextManager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ..scenario import Scenario
 
 
 def set_up_jax() -> None:
@@ -16,3 +19,13 @@ def set_up_jax() -> None:
     cpu.prepare()
     jax.config.update("jax_enable_x64", True)
     cache.load_early()
+
+
+def compiled_for(scenario: "Scenario") -> AbstractContextManager[None]:
+    """Programs of this block are compiled quickly, unless the scenario's run may take more steps than by default.
+
+    Up to these, an optimised program seldom saves the time that optimising it takes.
+    """
+    from ..numerics.programs import compiled_quickly
+
+    return compiled_quickly(scenario.max_steps <= type(scenario).max_steps)

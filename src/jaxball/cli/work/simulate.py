@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from ...numerics.programs import compiled_quickly
 from ...physics.body import AbstractBody
 from ...results import save
 from ...results.provenance import attributes
@@ -19,7 +18,7 @@ from ...simulation.events import AbstractEvent, Detachment, Slip
 from ...simulation.extremes import contact_extremes
 from ...simulation.trajectory import Trajectory
 from ..input import scenario_of
-from ..jax_setup import SHORT_RUN
+from ..jax_setup import compiled_for
 from ..options import FAILED_SOLVE
 from ..output import say, working, written_line
 from .animation import check_against, write_animation
@@ -34,7 +33,7 @@ def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
     if options.solver is not None:
         check_dae(scenario.system, options.solver, scenario.dae, "Argument `--solver`")
     check_against(options, scenario)
-    with compiled_quickly(scenario.max_steps <= SHORT_RUN):
+    with compiled_for(scenario):
         return _simulate(options, scenario)
 
 

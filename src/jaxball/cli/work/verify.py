@@ -4,10 +4,9 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from ...numerics.programs import compiled_quickly
 from ...verify import Report, verify
 from ..input import scenario_of
-from ..jax_setup import SHORT_RUN
+from ..jax_setup import compiled_for
 from ..options import FAILED_SOLVE, BadInputError
 from ..output import STDOUT, say, working
 from .files import write_json
@@ -21,8 +20,7 @@ def run(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]) ->
     reports = {}
     for name, scenario in scenarios.items():
         try:
-            short = scenario.max_steps <= SHORT_RUN
-            with working(options, f"checking {name}"), compiled_quickly(short):
+            with working(options, f"checking {name}"), compiled_for(scenario):
                 reports[name] = verify(scenario, laws=options.laws, quick=options.quick)
         except ValueError as error:
             raise BadInputError(str(error)) from None
