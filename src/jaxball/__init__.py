@@ -69,6 +69,27 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         SphericalFrame as SphericalFrame,
         VersorFrame as VersorFrame,
     )
+    from .physics.ground import Ground as Ground, Turntable as Turntable
+    from .physics.mechanisms import (
+        AbstractJoint as AbstractJoint,
+        AbstractJointForce as AbstractJointForce,
+        AbstractMechanism as AbstractMechanism,
+        Accelerated as Accelerated,
+        Carriage as Carriage,
+        CarriedMass as CarriedMass,
+        Damper as Damper,
+        EndStops as EndStops,
+        FunctionJointForce as FunctionJointForce,
+        FunctionMechanism as FunctionMechanism,
+        Hinge as Hinge,
+        JointForces as JointForces,
+        Mechanism as Mechanism,
+        Motor as Motor,
+        PDServo as PDServo,
+        Slider as Slider,
+        SpeedLimitedMotor as SpeedLimitedMotor,
+        Spring as Spring,
+    )
     from .physics.motion import (
         Driven as Driven,
         Fixed as Fixed,
@@ -88,6 +109,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         SplineRail as SplineRail,
         Tube as Tube,
     )
+    from .physics.resistance import Resistance as Resistance
     from .physics.schedules import (
         AbstractSchedule as AbstractSchedule,
         ConstantRate as ConstantRate,
@@ -96,6 +118,11 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         Pulse as Pulse,
         Sinusoids as Sinusoids,
         Waypoints as Waypoints,
+    )
+    from .physics.signals import (
+        AbstractSignal as AbstractSignal,
+        ConstantSignal as ConstantSignal,
+        PiecewiseSignal as PiecewiseSignal,
     )
     from .physics.state import (
         BallState as BallState,
@@ -140,18 +167,26 @@ else:
         "physics.feedback": "AbstractLaw FollowSchedules FunctionLaw Servo",
         "physics.force": "AbstractForce FunctionForce HarmonicForce",
         "physics.frames": "AbstractFrame MatrixFrame SphericalFrame VersorFrame",
+        "physics.ground": "Ground Turntable",
         "numerics.harmonics": "HarmonicSeries",
+        "physics.mechanisms": (
+            "AbstractJoint AbstractJointForce AbstractMechanism Accelerated Carriage CarriedMass Damper EndStops "
+            "FunctionJointForce FunctionMechanism Hinge JointForces Mechanism Motor PDServo Slider SpeedLimitedMotor "
+            "Spring"
+        ),
         "physics.motion": "Driven Fixed Free OnRail Oscillating",
         "physics.observables": "Observables observe",
         "simulation.occurrences": "Occurrences",
         "physics.rails": (
             "AbstractRail BernoulliEight Circle Ellipse FourierRail FunctionRail GeronoEight SplineRail Tube"
         ),
+        "physics.resistance": "Resistance",
         "results": "load_run save to_dataset",
         "scenario": "Scenario ScenarioError load_scenario read_scenario write_scenario",
         "physics.schedules": (
             "AbstractSchedule ConstantRate FunctionSchedule PiecewiseAcceleration Pulse Sinusoids Waypoints"
         ),
+        "physics.signals": "AbstractSignal ConstantSignal PiecewiseSignal",
         "simulation.simulate": "PrecisionError simulate",
         "physics.state": "BallState DiskState ReducedState RotationState State",
         "physics.system": "AbstractState AbstractSystem vector_field",

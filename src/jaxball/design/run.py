@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..physics.body import System
-from ..physics.dynamics import driven_angles
-from ..physics.energy import accelerations
+from ..physics.dynamics import accelerations, given_angles
+from ..physics.energy import accelerations_of_masses
+from ..physics.load import load
 from ..physics.moments import kinematics, point_mass_values
 from ..physics.motion import Driven, Kinematics, OnRail
 from ..physics.observables import Observables, observe
@@ -94,24 +95,29 @@ class Run(eqx.Module):
     def masses(self) -> Kinematics:
         """χ, χ̇ and χ̈ of the masses, each of shape (t, n, 3)."""
         prepared = self.system.prepare()
-        return jax.vmap(lambda t, x: kinematics(prepared, t, driven_angles(prepared, t, x)))(self.times, self.state)
+
+        def one(t, x):
+            return kinematics(prepared, t, accelerations(prepared, t, x).angles)
+
+        return jax.vmap(one)(self.times, self.state)
 
     @property
     def forces(self) -> Float[Array, "t n 3"]:
-        """m (a + gΓ), the force that each mass needs from its actuator and its rail, in body axes."""
-        seen, m = self.observables, point_mass_values(self.system)
+        """m (a + γ), the force that each mass needs from what carries it, in body axes; γ is gΓ on a level plane."""
+        prepared, m = self.system.prepare(), point_mass_values(self.system)
 
-        def one(masses, Omega, Omegadot, Gamma):
-            a = accelerations(self.system.radius, masses, Omega, Omegadot, Gamma)
-            return m[:, None] * (a + self.system.gravity * Gamma[None])
+        def one(t, x):
+            found, acting = accelerations(prepared, t, x), load(prepared, t, x)
+            masses = kinematics(prepared, t, found.angles)
+            a = accelerations_of_masses(prepared.radius, masses, x.Omega, found.Omegadot, x.Gamma)
+            return m[:, None] * (a + acting.weight[None])
 
-        rates = (seen.angular_velocity_body, seen.angular_acceleration_body, seen.vertical_body)
-        return jax.vmap(one)(self.masses, *rates)
+        return jax.vmap(one)(self.times, self.state)
 
     @property
     def forces_along(self) -> Float[Array, "t n"]:
         """F·τ, the force on each mass along its rail."""
-        return jnp.sum(self.forces * self.on_rails.tangent, axis=-1)
+        return jnp.sum(self.forces[:, : self.system.n_masses] * self.on_rails.tangent, axis=-1)
 
     @property
     def on_rails(self) -> OnRails:
@@ -149,7 +155,7 @@ def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES)
 
 
 def _on_rails(system: System, t: Float[Array, ""], state: BallState | DiskState) -> OnRails:
-    angles = driven_angles(system, t, state)
+    angles = given_angles(system, t, state)
     slots = {index: slot for slot, index in enumerate(system.driven)}
     parts = []
 

@@ -9,13 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-from ..interface.wording import counted
+from ..interface.wording import all_of, counted
 from ..numerics import programs
 from ..numerics.arrays import Numbers, default_dtype, namespace_of, to_array
 from .breaches import breaches, force_in_plane
 from .conditions import Condition, Problem, all_hold, positive, positive_inertia, real_inertia
 from .confinement import beside, confined, time_of_leaving
-from .dynamics import ball_acceleration, disk_acceleration, driven_angles
+from .coupling import moved_masses
+from .dynamics import accelerations
 from .feedback import AbstractLaw, FollowSchedules
 from .locked import from_locked, locked_field, to_locked
 from .moments import kinematics
@@ -36,8 +37,9 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
     __init__ = BodyParameters.__init__  # type checkers would make another of the fields
 
     def described(self) -> str:
-        masses = counted(self.n_masses, "point mass", "point masses") if self.n_masses else "no point masses"
-        return f"{self.title} with {masses}"
+        parts = [counted(self.n_masses, "point mass", "point masses")] if self.n_masses else []
+        parts += [counted(len(self.mechanisms), "mechanism")] if self.mechanisms else []
+        return f"{self.title} with {all_of(parts) if parts else 'no point masses'}"
 
     def conditions(self) -> Iterator[Condition]:
         yield Condition(positive(self.mass), "mass", self.mass, "a positive number")
@@ -59,21 +61,31 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
             names = tuple(f"masses[{index}].mass" for index in indices)
             holds = (group.mass > 0) & namespace_of(group.mass).isfinite(group.mass)
             yield Condition(holds, names, group.mass, "a positive number")
+        for index, mechanism in enumerate(self.mechanisms):
+            yield from mechanism.conditions(f"mechanisms[{index}]")
+        for part in (self.ground, self.resistance):
+            if part is not None:
+                yield from part.conditions()
+
+    def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition]:
+        if any(group.free for group in self.mechanism_groups):
+            yield from moved_masses(self, t, state)
 
     def default_state(self) -> State:
-        if self.driven:
+        if self.coordinates:
             raise ValueError(
-                f"Argument `state` must be given, because the masses {list(self.driven)} are driven by a feedback "
-                "law and their angles belong to the state; pass BallState(theta=..., thetadot=...)."
+                "Argument `state` must be given, because it holds the angles of "
+                f"{all_of(self.coordinates)}; pass {self.state_type.__name__}(theta=..., thetadot=...)."
             )
         return AbstractSystem.default_state(self)
 
     def require_state(self, state: Any) -> None:
         AbstractSystem.require_state(self, state)
-        driven = len(self.driven)
-        if state.theta.shape[-1] != driven or state.thetadot.shape[-1] != driven:
+        names = self.coordinates
+        if state.theta.shape[-1] != len(names) or state.thetadot.shape[-1] != len(names):
+            which = "one for each driven mass" if not self.joints else f"those of {all_of(names)}"
             raise ValueError(
-                f"Argument `state` must have {driven} entries in theta and in thetadot, one for each driven mass, "
+                f"Argument `state` must have {len(names)} entries in theta and in thetadot, {which}, "
                 f"but it has {state.theta.shape[-1]} and {state.thetadot.shape[-1]}."
             )
 
@@ -82,6 +94,8 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
             yield name, getattr(self, name)
         for index, item in enumerate(self.point_masses):
             yield f"masses[{index}].mass", item.mass
+        for index, mechanism in enumerate(self.mechanisms):
+            yield f"mechanisms[{index}].mass", mechanism.mass
 
     def prepare(self: AnyBody) -> AnyBody:
         """The same body with splines solved and frames turned to matrices: once a solve, not once a step."""
@@ -89,22 +103,43 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
             eqx.tree_at(lambda g: g.motion, group, eqx.filter_vmap(lambda motion: motion.prepare())(group.motion))
             for group in self.groups
         )
-        law = None if self.law is None else self.law.prepare()
-        return eqx.tree_at(lambda body: (body.groups, body.law), self, (groups, law), is_leaf=lambda x: x is None)
+        mechanisms = tuple(eqx.filter_vmap(lambda m: m.prepare())(group) for group in self.mechanism_groups)
+        law, ground = (None if part is None else part.prepare() for part in (self.law, self.ground))
+        return eqx.tree_at(
+            lambda body: (body.groups, body.mechanism_groups, body.law, body.ground),
+            self,
+            (groups, mechanisms, law, ground),
+            is_leaf=lambda x: x is None,
+        )
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        """The times, in no order, at which χ̈ of a prescribed motion jumps or bends."""
-        times = [
-            jnp.ravel(eqx.filter_vmap(lambda motion: motion.kinks())(group.motion))
-            for group in self.groups
-            if not isinstance(group.motion, Driven)
-        ]
-        return jnp.concatenate(times) if times else jnp.zeros((0,), dtype=self.mass.dtype)
+        """The times, in no order, at which χ̈ of a prescribed motion jumps or bends, but where dry friction feels it."""
+        return _joined([] if self._is_dry else self._prescribed_kinks())
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
-        """The times, in no order, at which the feedback law or the force jumps or bends."""
-        times = [source.kinks() for source in (self.law, self.force) if source is not None]
-        return jnp.concatenate(times) if times else jnp.zeros((0,), dtype=self.mass.dtype)
+        """The times, in no order, at which a law, a force or the ground's motion jumps or bends.
+
+        Dry friction is proportional to the normal force, which jumps with prescribed accelerations.
+        """
+        sources = (self.law, self.force, self.ground)
+        times = [source.kinks() for source in sources if source is not None]
+        times += [
+            jnp.ravel(eqx.filter_vmap(lambda mechanism: mechanism.driving_kinks())(group))
+            for group in self.mechanism_groups
+        ]
+        return _joined([*times, *self._prescribed_kinks()] if self._is_dry else times)
+
+    @property
+    def _is_dry(self) -> bool:
+        return self.resistance is not None and self.resistance.dry is not None
+
+    def _prescribed_kinks(self) -> list[Float[Array, " kinks"]]:
+        motions = [group.motion for group in self.groups if not isinstance(group.motion, Driven)]
+        times = [jnp.ravel(eqx.filter_vmap(lambda motion: motion.kinks())(motion)) for motion in motions]
+        return times + [
+            jnp.ravel(eqx.filter_vmap(lambda mechanism: mechanism.motion_kinks())(group))
+            for group in self.mechanism_groups
+        ]
 
     def to_packed(self, t: Float[Array, ""], state: Any) -> Any:
         return to_locked(self, t, state)
@@ -142,7 +177,11 @@ class Ball(AbstractBody):
     - ``gravity``: g, length/time².
     - ``force``: Fe(t) at the geometric centre, or None.
     - ``masses``: the point masses, in any number.
-    - ``law``: the feedback law that drives the :class:`~jaxball.Driven` masses, if there are any.
+    - ``law``: the feedback law that drives the :class:`~jaxball.Driven` masses and :class:`~jaxball.Accelerated`
+      joints, if there are any.
+    - ``mechanisms``: joints with masses, such as a :class:`~jaxball.Mechanism`, in any number.
+    - ``ground``: a :class:`~jaxball.Ground`, where the plane is tilted or moves; None for a level one at rest.
+    - ``resistance``: a :class:`~jaxball.Resistance` to the rolling, or None.
 
     Any consistent units will do; the paper rescales so that m = r = g = 1.
 
@@ -169,20 +208,26 @@ class Ball(AbstractBody):
 
     def field(self, t: Float[Array, ""], state: Any) -> Any:
         """``rolling_ball_ode_f``, ``uncon_ball_eqns_explicit_full`` or ``uncon_ball_eqns_explicit``, by the state."""
-        angles = driven_angles(self, t, state)
-        return state.rates(self.radius, ball_acceleration(self, t, state, angles), angles)
+        found = accelerations(self, t, state)
+        return state.rates(self.radius, found.Omegadot, found.angles, self.drift(t, state))
 
     def require_state(self, state: Any) -> None:
         AbstractBody.require_state(self, state)
-        if self.force is not None and isinstance(state, ReducedState):
+        if isinstance(state, ReducedState) and not self.is_reducible:
+            what = "external force" if self.ground is None else "`ground` that is tilted or moves"
             raise ValueError(
-                "Argument `ball` must have no external force in the reduced system, because the force's "
-                "direction in the body is not known from (Omega, Gamma); use a BallState."
+                f"Argument `ball` must have no {what} in the reduced system, because its direction in the body is not "
+                "known from (Omega, Gamma); use a BallState."
             )
 
+    @property
+    def is_reducible(self) -> bool:
+        """Whether (Ω, Γ) and the coordinates determine their own rates: no force and no ground has a direction."""
+        return self.force is None and self.ground is None
+
     def phase_point(self, state: Any) -> BallState | ReducedState:
-        """(Ω, Γ), unless a force acts, which they cannot express."""
-        return state.reduced() if self.force is None else state.in_space()
+        """(Ω, Γ), unless a force acts or the ground is not level and at rest, which they cannot express."""
+        return state.reduced() if self.is_reducible else state.in_space()
 
 
 class Disk(AbstractBody):
@@ -193,7 +238,8 @@ class Disk(AbstractBody):
     - ``inertia``: the one moment d2, about the shell's own centre of mass, mass length².
     - ``offset``: as of a :class:`Ball`, length, shape (3,), in the plane of E1 and E3, as are the rails and the free
       motions of the masses.
-    - ``mass``, ``radius``, ``gravity``, ``force``, ``masses``, ``law``: as of a :class:`Ball`.
+    - ``mass``, ``radius``, ``gravity``, ``force``, ``masses``, ``law``, ``mechanisms``, ``ground``, ``resistance``: as
+      of a :class:`Ball`; no turntable.
 
     **Raises:** as :class:`Ball`.
 
@@ -213,9 +259,9 @@ class Disk(AbstractBody):
     state_type: ClassVar[Any] = DiskState
 
     def field(self, t: Float[Array, ""], state: DiskState) -> DiskState:
-        """``eq_rdisk_dynamics``."""
-        angles = driven_angles(self, t, state)
-        return state.rates(self.radius, disk_acceleration(self, t, state, angles), angles)
+        """``eq_rdisk_dynamics``: φ̈ is −Ω̇₂ of the ball's equation."""
+        found = accelerations(self, t, state)
+        return state.rates(self.radius, found.Omegadot, found.angles)
 
     def embedded(self) -> Ball:
         """The disk as a ball of three equal moments that rolls in the plane of e1 and e3."""
@@ -227,7 +273,7 @@ System = Ball | Disk
 
 
 def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | None = None) -> System:
-    """The same shell, gravity and force with other point masses, and the law that drives them.
+    """The same body with other point masses, and the law that drives them.
 
     **Arguments:**
 
@@ -266,8 +312,9 @@ def with_integrated_angles(system: System, t0: Numbers = 0.0) -> tuple[System, d
     >>> DiskState(**angles)
     DiskState(phi=0.0, phidot=0.0, z=0.0, theta=(2.0,), thetadot=(2.0,))
     """
-    if system.law is not None:
-        raise ValueError("Argument `system` must have prescribed motions only, but it has a feedback law already.")
+    if system.coordinates:
+        moving = all_of(system.coordinates)
+        raise ValueError(f"Argument `system` must have prescribed motions only, but its states hold those of {moving}.")
     masses, schedules = [], []
     for item in system.point_masses:
         if isinstance(item.motion, OnRail):
@@ -281,6 +328,10 @@ def with_integrated_angles(system: System, t0: Numbers = 0.0) -> tuple[System, d
     }
     law = FollowSchedules(tuple(schedules)) if schedules else None
     return with_masses(system, masses, law), angles
+
+
+def _joined(times: list[Float[Array, " kinks"]]) -> Float[Array, " kinks"]:
+    return jnp.concatenate(times) if times else jnp.zeros((0,), dtype=default_dtype())
 
 
 def _wild_masses(system: AbstractBody, t: float, state: State) -> Iterator[Problem]:

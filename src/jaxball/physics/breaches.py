@@ -6,12 +6,14 @@ A force that would turn a disk out of its plane is told here too.
 from collections.abc import Iterator
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from ..numerics import programs
+from ..numerics.arrays import to_array
 from ..numerics.calculus import Furthest
 from ..numerics.norms import length
 from .conditions import Condition, Problem
@@ -21,12 +23,14 @@ from .confinement import (
     beyond,
     course,
     is_bounded,
+    mechanism_positions,
     rail_of,
     rail_points,
     rounding,
     time_of_crossing,
     time_samples,
 )
+from .mechanisms import AbstractMechanism
 from .motion import AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating
 from .parameters import BodyParameters
 from .rails import AbstractRail
@@ -64,6 +68,10 @@ def _breaches(
             yield from _of_motion(system, index, motion, inside, times)
         elif isinstance(motion, Driven) and rail is not None and rail.period is None and theta is not None:
             yield from _of_driven(system, index, rail, inside, times, np.asarray(theta))
+    for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        if theta is not None or not group.in_state:
+            count = len(times) if theta is None else len(theta)
+            yield from _of_mechanisms(system, group, order, inside, times[:count], theta)
 
 
 def _of_position(system: BodyParameters, index: int, motion: Fixed, inside: str) -> Iterator[Problem]:
@@ -125,6 +133,28 @@ def _of_driven(
         yield Problem("law", f"keep mass {index} {inside}", but)
 
 
+def _of_mechanisms(
+    system: BodyParameters,
+    group: AbstractMechanism,
+    order: tuple[int, ...],
+    inside: str,
+    times: Float[np.ndarray, " T"],
+    theta: Float[np.ndarray, "T coordinates"] | None,
+) -> Iterator[Problem]:
+    known = np.zeros((len(times), len(system.coordinates))) if theta is None else np.asarray(theta)
+    chi = np.asarray(_places_of_mechanisms(system, group, order, times, known))
+    outside = beyond(system, length(chi))
+    for k, index in enumerate(order):
+        yield from _out_of_plane(system, f"mechanisms[{index}]", chi[:, k].reshape(-1, 3))
+        when = np.flatnonzero(np.any(outside[:, k], axis=1))
+        if when.size:
+            first = int(when[0])
+            mass = int(np.flatnonzero(outside[first, k])[0])
+            distance = f"{length(chi[first, k, mass]):.6g} from the centre at t = {times[first]:.6g}"
+            must = f"keep its masses {inside}, with end stops if need be"
+            yield Problem(f"mechanisms[{index}]", must, f"mass {mass} of it is {distance}")
+
+
 def _out_of_plane(system: BodyParameters, name: str, chi: Float[np.ndarray, "n 3"]) -> Iterator[Problem]:
     if np.any(beside(system, chi)):
         worst = chi[int(np.nanargmax(np.abs(chi[:, 1])))]
@@ -156,6 +186,12 @@ def known_points(rail: AbstractRail, radius: Float[ArrayLike, ""]) -> Float[Arra
 @programs.filter_jit
 def _points(rail: AbstractRail, theta):
     return rail.points(theta)
+
+
+@programs.filter_jit
+def _places_of_mechanisms(system: BodyParameters, group: AbstractMechanism, order, times, theta):
+    prepared = eqx.filter_vmap(lambda mechanism: mechanism.prepare())(group)
+    return mechanism_positions(system, prepared, order, to_array(times), to_array(theta))
 
 
 @programs.filter_jit

@@ -1,7 +1,7 @@
 """Whether the masses stay in the body: inside the shell, and those of a disk in its plane.
 
 The rule. A closed rail must lie in the body as a whole, wherever on it the mass goes. On an open rail, and in free
-motion, it is the mass that must stay, as long as a run lasts. On the shell is inside it. What is not finite is nowhere,
+motion, it is the mass that must stay, as long as a run lasts, and so must those of mechanisms. On the shell is inside it. What is not finite is nowhere,
 and so not outside.
 
 All of it can be traced; derivatives stop here, because nothing here has any.
@@ -18,6 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.status import Status
 from ..numerics.arrays import AnyArray, namespace_of
 from ..numerics.calculus import Furthest, furthest
+from .mechanisms import AbstractMechanism
 from .motion import AbstractMotion, AbstractPrescribedMotion, Driven, Fixed, OnRail
 from .parameters import BodyParameters
 from .rails import AbstractRail
@@ -87,6 +88,9 @@ def confined(system: BodyParameters, times: Float[Array, " T"], state: State) ->
         if system.planar and not (isinstance(group.motion, Driven) or is_bounded(group.motion)):
             chi = _positions(group.motion, time_samples(times), state.theta[None, places])
             astray |= jnp.any(beside(system, chi))
+    for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        chi = mechanism_positions(system, group, order, times[:1], state.theta[None])
+        astray |= jnp.any(beyond(system, norm(chi)) | beside(system, chi))
     return ~astray
 
 
@@ -95,8 +99,8 @@ def time_of_leaving(
 ) -> Float[Array, ""]:
     """The first time at which a mass is seen outside the shell; infinite where none is.
 
-    A prescribed motion is looked at between all of ``times``, and the time found to rounding; what a law drives is
-    known at ``times`` alone. ``system`` is prepared.
+    A prescribed motion is looked at between all of ``times``, and the time found to rounding; what a law drives and
+    what a mechanism carries is known at ``times`` alone. ``system`` is prepared.
     """
     system, times, theta = jax.lax.stop_gradient((system, times, theta))
     first = jnp.asarray(jnp.inf, system.radius.dtype)
@@ -110,6 +114,9 @@ def time_of_leaving(
             outside = jnp.any(beyond(system, norm(_positions(motion, times, theta[:, places]))), axis=1)
             leaving = jnp.where(outside, times, jnp.inf)
         first = jnp.minimum(first, jnp.min(leaving))
+    for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        outside = jnp.any(beyond(system, norm(mechanism_positions(system, group, order, times, theta))), axis=(1, 2))
+        first = jnp.minimum(first, jnp.min(jnp.where(outside, times, jnp.inf)))
     return first
 
 
@@ -190,6 +197,22 @@ def _positions(motion: Any, t: Float[Array, " n"], theta: Float[Array, "_ driven
     if isinstance(motion, Driven):
         return jax.vmap(lambda theta: eqx.filter_vmap(lambda rail, at: rail(at))(motion.rail, theta))(theta)
     return jax.vmap(lambda t: eqx.filter_vmap(lambda motion: motion(t))(motion))(t)
+
+
+def mechanism_positions(
+    system: BodyParameters,
+    group: AbstractMechanism,
+    order: tuple[int, ...],
+    t: Float[Array, " n"],
+    theta: Float[Array, "n coordinates"],
+) -> Float[Array, "n mechanisms masses 3"]:
+    """χ of the masses of a group of mechanisms at n times, with the coordinates ``theta`` at these."""
+    slots = system.slots(order, group.in_state)
+
+    def one(mechanism, t, own):
+        return mechanism.places(mechanism.rates(t, (own, own, own))[0]).chi
+
+    return jax.vmap(lambda t, theta: eqx.filter_vmap(one, in_axes=(0, None, 0))(group, t, theta[slots]))(t, theta)
 
 
 def norm(chi: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:

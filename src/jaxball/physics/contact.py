@@ -8,7 +8,8 @@ from jaxtyping import Array, Float
 from ..numerics.norms import root
 from ..numerics.vectors import apply, cross, dot
 from .body import AbstractBody
-from .dynamics import driven_angles, force_in_body
+from .dynamics import accelerations
+from .load import Load, load
 from .moments import Moments, moments
 from .state import State
 
@@ -25,22 +26,24 @@ class ContactForce(NamedTuple):
         return _ratio(jnp.sqrt(jnp.sum(self.friction**2, axis=-1)), self.normal)
 
 
-def contact_force(
-    at: Moments,
-    r: Float[Array, ""],
-    g: Float[Array, ""],
-    Lambda: Float[Array, "3 3"],
-    Omega: Float[Array, "3"],
-    Omegadot: Float[Array, "3"],
-    Fe: Float[Array, "3"],
-) -> ContactForce:
-    """R = Λ Σ m a − Fe + M g e3 by Newton's second law for the whole system, in space axes.
+def contact_force(R: Float[Array, "3"], Lambda: Float[Array, "3 3"]) -> ContactForce:
+    """N and f in space axes, where R̃ is that of :func:`reaction_in_body`.
 
-    With a_i = Ω̇ × s_i + Ω × (Ω × χ_i + 2χ̇_i) + χ̈_i, Σ m a depends on the moments alone. The paper's
-    disk (section 3.3) writes the friction as −f_s e1.
+    The paper's disk (section 3.3) writes the friction as −f_s e1.
     """
-    R = apply(Lambda, total_inertial_force(at, r, Lambda[2], Omega, Omegadot)) - Fe
-    return ContactForce(normal=R[2] + at.M * g, friction=R[:2])
+    in_space = apply(Lambda, R)
+    return ContactForce(normal=in_space[2], friction=in_space[:2])
+
+
+def reaction_in_body(
+    at: Moments, r: Float[Array, ""], acting: Load, Omega: Float[Array, "3"], Omegadot: Float[Array, "3"]
+) -> Float[Array, "3"]:
+    """R̃ = Σ m a + Mγ − F̃ by Newton's second law for the whole system, in body axes.
+
+    With a_i = Ω̇ × s_i + Ω × (Ω × χ_i + 2χ̇_i) + χ̈_i, Σ m a depends on the moments alone.
+    """
+    R = total_inertial_force(at, r, acting.Gamma, Omega, Omegadot) + at.M * acting.weight
+    return R if acting.force is None else R - acting.force
 
 
 class Reaction(NamedTuple):
@@ -68,15 +71,12 @@ class Reaction(NamedTuple):
 def reaction(system: AbstractBody, t: Float[Array, ""], state: State) -> Reaction:
     """N and |f|² from any kind of state, in body axes, so that the heading need not be known.
 
-    R̃ = Σ m a − F̃ + M g Γ is the reaction in body axes, N = R̃·Γ, and f̃ = R̃ − NΓ.
+    N = R̃·Γ, and f̃ = R̃ − NΓ.
     """
-    at = moments(system, t, driven_angles(system, t, state))
-    Gamma, Omegadot = state.Gamma, system.field(t, state).Omega
-    R = total_inertial_force(at, system.radius, Gamma, state.Omega, Omegadot) + at.M * system.gravity * Gamma
-    Ftilde = force_in_body(system, t, state)
-    R = R if Ftilde is None else R - Ftilde
-    normal = dot(R, Gamma)
-    friction = R - normal * Gamma
+    found, acting = accelerations(system, t, state), load(system, t, state)
+    R = reaction_in_body(moments(system, t, found.angles), system.radius, acting, state.Omega, found.Omegadot)
+    normal = dot(R, state.Gamma)
+    friction = R - normal * state.Gamma
     return Reaction(normal, dot(friction, friction))
 
 

@@ -1,43 +1,85 @@
-"""The equations of motion of the rolling ball and disk: their angular acceleration.
+"""The equations of motion of the rolling ball and disk: their accelerations.
 
-With it, a state knows its rates (``state``). A solve advances the equations of ``locked``, which are equivalent. Labels
+With these, a state knows its rates (``state``). A solve advances the equations of ``locked``, which are equivalent. Labels
 are those of the equations in Putkaradze & Rogers (2018).
 """
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..interface.arguments import require_value
-from ..numerics.trigonometry import sine_cosine
-from ..numerics.vectors import apply, cross, dot, outer, solve
+from ..numerics.vectors import apply, cross, dot, outer
+from .coupling import FreeJoints, Joints, along, free_joints, inertia, joined, joint_forces
+from .load import Load, load
 from .moments import AbstractMoments, Moments, moments
 from .parameters import BodyParameters
-from .state import BallState, DiskState, Rates, ReducedState, RotationState, State
+from .state import Rates, State
 
 
-def angular_acceleration(
-    at: Moments,
-    r: Float[Array, ""],
-    g: Float[Array, ""],
-    Omega: Float[Array, "3"],
-    Gamma: Float[Array, "3"],
-    Ftilde: Float[Array, "3"] | None = None,
-) -> Float[Array, "3"]:
-    """Ω̇ from the moments of the masses: ``uncon_ball_eqns_explicit``, its sums over masses carried out.
+class Accelerations(NamedTuple):
+    """Ω̇ in body axes, θ, θ̇, θ̈ of all that a state's ``theta`` holds, and the torque of dry friction, body axes."""
 
-    ``Ftilde`` is the external force in body axes, F̃ = Λ⁻¹Fe.
+    Omegadot: Float[Array, "3"]
+    angles: Rates
+    dry: Float[Array, "3"] | None
+
+
+def accelerations(system: BodyParameters, t: Float[Array, ""], state: State) -> Accelerations:
+    """Ω̇ and θ̈ at a state.
+
+    With the free joints' accelerations left out of p̈ and ℓ̇, the equations for Ω̇ and for the free θ̈ are linear with
+    the matrix of ``coupling``. Dry friction, proportional to a normal force that is linear in Ω̇ and θ̈ as well, adds one
+    solution with the same factors.
     """
-    rGamma = r * Gamma
-    torque = (
-        cross(Omega, apply(at.J, Omega) + at.l)
-        + apply(at.Jdot, Omega)
-        + at.ldot
-        + cross(rGamma, cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot)
-        + g * cross(at.p, Gamma)
-    )
-    if Ftilde is not None:
-        torque = torque + r * cross(Ftilde, Gamma)
-    return -solve(inertia_about_contact(at, r, Gamma), torque)
+    angles = given_angles(system, t, state)
+    at, acting, joints = moments(system, t, angles), load(system, t, state), free_joints(system, t, angles)
+    r, Omega, Gamma = system.radius, state.Omega, state.Gamma
+    apparent = cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot
+    inertial = cross(Omega, apply(at.J, Omega) + at.l) + apply(at.Jdot, Omega) + at.ldot + cross(r * Gamma, apparent)
+    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, joints).factored()
+    efforts = [
+        Q - _inertial_efforts(joint, acting, Omega)
+        for joint, Q in zip(joints, joint_forces(system, t, state, joints), strict=True)
+    ]
+    Omegadot, thetaddot = matrix.solve(acting.about_contact(at, r) - inertial, efforts)
+    dry = None if system.resistance is None else system.resistance.dry_torque(r, Omega, Gamma)
+    if dry is not None:
+        resting = apparent + at.M * acting.weight
+        resting = resting if acting.force is None else resting - acting.force
+        change, joint_changes = matrix.solve(dry, [jnp.zeros_like(effort) for effort in efforts])
+        # N = N(without dry friction) + N times what a unit of N changes; nothing where N would be negative.
+        without = dot(Gamma, resting) + _normal(at, Gamma, joints, Omegadot, thetaddot)
+        slope = _normal(at, Gamma, joints, change, joint_changes)
+        N = jnp.maximum(without, 0.0) / jnp.where(slope < 1, 1 - slope, jnp.nan)
+        Omegadot = Omegadot + N * change
+        thetaddot = [x + N * y for x, y in zip(thetaddot, joint_changes, strict=True)]
+        dry = N * dry
+    theta, thetadot, given = angles
+    return Accelerations(Omegadot, (theta, thetadot, joined(given, joints, thetaddot)), dry)
+
+
+def _inertial_efforts(joint: FreeJoints, acting: Load, Omega: Float[Array, "3"]) -> Float[Array, "mechanisms joints"]:
+    """h_a = Σ m χ_a·(Ω × (Ω × χ + 2χ̇) + β + γ), where β is χ̈ without the accelerations of free joints."""
+    _, thetadot, thetaddot = joint.rates
+    chidot = along(joint.partial, thetadot)
+    beta = along(joint.slope, thetadot) + along(joint.partial, thetaddot)
+    turning = jnp.broadcast_to(Omega, joint.chi.shape)
+    a = cross(turning, cross(turning, joint.chi) + 2 * chidot) + beta + acting.weight[None, None]
+    return jnp.sum((joint.m[..., None] * a)[:, None] * joint.partial[:, joint.free], axis=(-2, -1))
+
+
+def _normal(
+    at: Moments, Gamma: Float[Array, "3"], joints: list[FreeJoints], Omegadot: Float[Array, "3"], thetaddot: Joints
+) -> Float[Array, ""]:
+    """What Ω̇ and θ̈ of free joints add to the normal force: (p × Γ)·Ω̇ + Σ Γ·p_a θ̈_a."""
+    normal = dot(cross(at.p, Gamma), Omegadot)
+    for joint, rate in zip(joints, thetaddot, strict=True):
+        pushed = jnp.sum(joint.m[:, None, :, None] * joint.partial[:, joint.free], axis=2)
+        normal = normal + jnp.sum(rate * jnp.sum(pushed * Gamma[None, None], axis=-1))
+    return normal
 
 
 def inertia_about_contact(at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"]) -> Float[Array, "3 3"]:
@@ -49,58 +91,14 @@ def inertia_about_contact(at: AbstractMoments, r: Float[Array, ""], Gamma: Float
     )
 
 
-def driven_angles(system: BodyParameters, t: Float[Array, ""], state: State) -> Rates:
-    """θ, θ̇ and θ̈ = u(t, state) of the driven masses."""
+def given_angles(system: BodyParameters, t: Float[Array, ""], state: State) -> Rates:
+    """θ, θ̇ and θ̈ of what a state's ``theta`` holds: θ̈ = u(t, state) of what a law drives, 0 of free joints."""
     if system.law is None:
-        return state.theta, state.thetadot, state.theta
-    thetaddot = system.law(t, state)
-    require_value("law", thetaddot, (len(system.driven),))
+        return state.theta, state.thetadot, jnp.zeros_like(state.theta)
+    thetaddot, driven = system.law(t, state), system.accelerated
+    require_value("law", thetaddot, (len(driven),))
+    if len(driven) < len(system.coordinates):
+        places = np.full(len(system.coordinates), -1)
+        places[np.asarray(driven)] = np.arange(len(driven))
+        thetaddot = jnp.where(places >= 0, thetaddot[np.maximum(places, 0)], 0.0)
     return state.theta, state.thetadot, thetaddot
-
-
-def ball_acceleration(
-    ball: BodyParameters, t: Float[Array, ""], state: BallState | RotationState | ReducedState, angles: Rates
-) -> Float[Array, "3"]:
-    """Ω̇ of a ball at time ``t``."""
-    Ftilde = force_in_body(ball, t, state)
-    at = moments(ball, t, angles)
-    return angular_acceleration(at, ball.radius, ball.gravity, state.Omega, state.Gamma, Ftilde)
-
-
-def disk_acceleration(disk: BodyParameters, t: Float[Array, ""], state: DiskState, angles: Rates) -> Float[Array, "3"]:
-    """Ω̇ = −φ̈ E2 of a disk at time ``t``."""
-    force = None if disk.force is None else disk.force(t)[0]
-    phiddot = rolling_acceleration(moments(disk, t, angles), disk.radius, disk.gravity, state.phi, state.phidot, force)
-    zero = jnp.zeros_like(phiddot)
-    return jnp.stack([zero, -phiddot, zero])
-
-
-def force_in_body(system: BodyParameters, t: Float[Array, ""], state: State) -> Float[Array, "3"] | None:
-    """F̃ = Λ⁻¹Fe, or None where no force acts. Reduced states, which do not know Λ, are refused where one does."""
-    if system.force is None:
-        return None
-    assert not isinstance(state, ReducedState)
-    return apply(state.Lambda.T, system.force(t))
-
-
-def rolling_acceleration(
-    at: Moments,
-    r: Float[Array, ""],
-    g: Float[Array, ""],
-    phi: Float[Array, ""],
-    phidot: Float[Array, ""],
-    force: Float[Array, ""] | None = None,
-) -> Float[Array, ""]:
-    """φ̈ = κ, ``eqmo_chap_disk_4``, its sums over masses carried out; ``force`` is Fe along e1."""
-    s, c = sine_cosine(phi)
-    p, pdot, pddot = at.p, at.pdot, at.pddot
-    # Σ m K_i of eq_K_i, term by term; Σ m (ζ3 ζ̈1 − ζ1 ζ̈3) is the second component of ldot.
-    K = (
-        (g + r * phidot**2) * (p[2] * s - p[0] * c)
-        + r * c * (-2 * phidot * pdot[2] + pddot[0])
-        - r * s * (2 * phidot * pdot[0] + pddot[2])
-        + at.ldot[1]
-        - phidot * at.Jdot[1, 1]
-    )
-    inertia = at.J[1, 1] + at.M * r**2 + 2 * r * (p[0] * s + p[2] * c)
-    return (K if force is None else K - r * force) / inertia

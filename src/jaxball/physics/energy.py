@@ -1,10 +1,11 @@
-"""Energy of the ball and the power that the actuation and the force put into it (section 3.1)."""
+"""Energy of the ball, and the power that is put into it and taken from it (section 3.1)."""
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..numerics.vectors import apply, cross, dot
+from .load import Load
 from .motion import Kinematics
 
 
@@ -15,9 +16,14 @@ def kinetic_energy(
     masses: Kinematics,
     Omega: Float[Array, "3"],
     Gamma: Float[Array, "3"],
+    drift: Float[Array, "3"] | None = None,
 ) -> Float[Array, ""]:
-    """T = ½ Ω·𝕀Ω + ½ Σ m |Ω × s + χ̇|², over the shell (first) and the point masses."""
+    """T = ½ Ω·𝕀Ω + ½ Σ m |Ω × s + χ̇ + Λ⁻¹u|², over the shell (first) and the point masses.
+
+    ``drift`` is Λ⁻¹u, where a turntable carries the body.
+    """
     Y = velocities(r, masses, Omega, Gamma)
+    Y = Y if drift is None else Y + drift[None]
     return 0.5 * dot(Omega, apply(inertia, Omega)) + 0.5 * jnp.sum(m * jnp.sum(Y**2, axis=1))
 
 
@@ -28,7 +34,7 @@ def velocities(
     return jax.vmap(lambda chi, chidot: cross(Omega, r * Gamma + chi) + chidot)(masses.chi, masses.chidot)
 
 
-def accelerations(
+def accelerations_of_masses(
     r: Float[Array, ""],
     masses: Kinematics,
     Omega: Float[Array, "3"],
@@ -44,27 +50,40 @@ def accelerations(
 
 
 def potential_energy(
-    m: Float[Array, " n_plus_one"], g: Float[Array, ""], masses: Kinematics, Gamma: Float[Array, "3"]
+    m: Float[Array, " n_plus_one"],
+    g: Float[Array, ""],
+    masses: Kinematics,
+    up: Float[Array, "3"],
+    height: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """V = g Σ m χ·Γ, zero where every mass is at the height of the geometric centre."""
-    return g * jnp.sum(m * jnp.sum(masses.chi * Gamma[None], axis=1))
+    """V = g Σ m (χ·Λ⁻¹up + height): zero where every mass is at the height of the origin of space.
+
+    ``up`` is the vertical in body axes, which is Γ on a level plane, and ``height`` that of the geometric centre.
+    """
+    return g * jnp.sum(m * (jnp.sum(masses.chi * up[None], axis=1) + height))
 
 
 def actuation_power(
-    m: Float[Array, " n_plus_one"],
-    g: Float[Array, ""],
-    r: Float[Array, ""],
-    masses: Kinematics,
-    Omega: Float[Array, "3"],
-    Omegadot: Float[Array, "3"],
-    Gamma: Float[Array, "3"],
+    m: Float[Array, " n_plus_one"], masses: Kinematics, a: Float[Array, "n_plus_one 3"], weight: Float[Array, "3"]
 ) -> Float[Array, ""]:
-    """Σ m χ̇·(gΓ + a), the rate at which the actuators do work on the masses."""
-    a = accelerations(r, masses, Omega, Omegadot, Gamma)
-    return jnp.sum(m * jnp.sum(masses.chidot * (g * Gamma[None] + a), axis=1))
+    """Σ m χ̇·(γ + a), the rate at which motors and all other forces within the body do work; ``weight`` is γ."""
+    return jnp.sum(m * jnp.sum(masses.chidot * (weight[None] + a), axis=1))
 
 
-def force_power(Fe: Float[Array, "3"], r: Float[Array, ""], omega: Float[Array, "3"]) -> Float[Array, ""]:
-    """Fe·(ω × r e3), the rate at which the external force does work at the geometric centre."""
-    velocity = cross(omega, jnp.stack([jnp.zeros_like(r), jnp.zeros_like(r), r]))
-    return dot(Fe, velocity)
+def dissipation(
+    acting: Load,
+    dry: Float[Array, "3"] | None,
+    force: Float[Array, "3"],
+    Lambda: Float[Array, "3 3"],
+    velocity: Float[Array, "3"],
+    omega: Float[Array, "3"],
+) -> Float[Array, ""]:
+    """The rate at which resistance takes energy: −T·ω − F_m·ż.
+
+    ``dry`` is the torque of dry friction in body axes, ``force`` the external force, which is no resistance, and
+    ``velocity`` ż.
+    """
+    lost = jnp.zeros_like(acting.g)
+    for torque in (acting.torque, dry):
+        lost = lost if torque is None else lost - dot(apply(Lambda, torque), omega)
+    return lost if acting.force is None else lost - dot(apply(Lambda, acting.force) - force, velocity)

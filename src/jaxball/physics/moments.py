@@ -4,17 +4,18 @@ Sums run over the shell (i = 0) and the point masses. The paper's equations, whi
 one by one, depend on these sums alone, so the cost of the ball's equation does not grow with n.
 """
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..numerics.vectors import outer
+from .mechanisms import AbstractMechanism
 from .motion import Driven, Kinematics
-from .parameters import BodyParameters, PointMass
+from .parameters import BodyParameters
 from .state import Angles, Rates
 
 
@@ -54,13 +55,11 @@ class Moments(AbstractMoments):
 
 
 def velocity_moments(system: BodyParameters, t: Float[Array, ""], angles: Angles) -> VelocityMoments:
-    """The moments without accelerations at time ``t``, where ``angles`` are θ, θ̇ of the driven masses."""
-    parts = _by_group(system, angles, lambda motion: motion.velocity(t), lambda motion, *x: motion.velocity(*x))
+    """The moments without accelerations at time ``t``, where ``angles`` are θ, θ̇ of the state."""
     m0, chi0 = system.mass, system.offset
     M, p, S = m0, m0 * chi0, m0 * outer(chi0, chi0)
     pdot, V = jnp.zeros_like(chi0), jnp.zeros_like(S)
-    for group, (chi, chidot) in parts:
-        m = group.mass
+    for m, (chi, chidot) in _velocities_by_group(system, t, angles):
         M = M + jnp.sum(m)
         p = p + jnp.sum(m[:, None] * chi, axis=0)
         pdot = pdot + jnp.sum(m[:, None] * chidot, axis=0)
@@ -72,32 +71,67 @@ def velocity_moments(system: BodyParameters, t: Float[Array, ""], angles: Angles
 
 
 def moments(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Moments:
-    """All moments at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the driven masses."""
+    """All moments at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the state."""
     at = velocity_moments(system, t, angles[:2])
     pddot = ldot = jnp.zeros_like(system.offset)
-    for group, (chi, _, chiddot) in _kinematics_by_group(system, t, angles):
-        m = group.mass
+    for m, (chi, _, chiddot) in _kinematics_by_group(system, t, angles):
         pddot = pddot + jnp.sum(m[:, None] * chiddot, axis=0)
         ldot = ldot + _axial(_second_moment(m, chi, chiddot))
     return Moments(M=at.M, p=at.p, pdot=at.pdot, J=at.J, Jdot=at.Jdot, l=at.l, pddot=pddot, ldot=ldot)
 
 
 def kinematics(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Kinematics:
-    """χ_i, χ̇_i and χ̈_i of the point masses i = 1 … n, in their own order, each of shape (n, 3)."""
+    """χ_i, χ̇_i and χ̈_i of the point masses i = 1 … n, in their own order, then those of mechanisms, each (n, 3)."""
     parts = [part for _, part in _kinematics_by_group(system, t, angles)]
     if not parts:
         nothing = jnp.zeros((0, 3), dtype=system.mass.dtype)
         return Kinematics(nothing, nothing, nothing)
-    places = np.argsort(np.concatenate([np.asarray(indices) for indices in system.order]))
+    places = _places(system)
     return Kinematics(*(jnp.concatenate(arrays)[places] for arrays in zip(*parts, strict=True)))
 
 
 def point_mass_values(system: BodyParameters) -> Float[Array, " n"]:
-    """m_i of the point masses i = 1 … n, in their own order."""
-    if not system.groups:
+    """m_i of the point masses i = 1 … n, in the order of :func:`kinematics`."""
+    groups = (*system.groups, *system.mechanism_groups)
+    if not groups:
         return jnp.zeros((0,), dtype=system.mass.dtype)
-    places = np.argsort(np.concatenate([np.asarray(indices) for indices in system.order]))
-    return jnp.concatenate([group.mass for group in system.groups])[places]
+    return jnp.concatenate([jnp.ravel(group.mass) for group in groups])[_places(system)]
+
+
+class JointMotion(NamedTuple):
+    """θ, θ̇ and the effort of every joint of every mechanism, in their order."""
+
+    theta: Float[Array, " joints"]
+    thetadot: Float[Array, " joints"]
+    effort: Float[Array, " joints"]
+
+
+def joint_motion(
+    system: BodyParameters, t: Float[Array, ""], angles: Rates, lifted: Float[Array, "n 3"]
+) -> JointMotion:
+    """The joints, with efforts Q_a = Σ m χ_a·(a + γ), where ``lifted`` has a + γ in the order of :func:`kinematics`."""
+    if not system.mechanism_groups:
+        nothing = jnp.zeros((0,), dtype=system.mass.dtype)
+        return JointMotion(nothing, nothing, nothing)
+    back = np.argsort(_places(system))  # from the order of kinematics to that of the groups
+    start, parts, keys = sum(len(indices) for indices in system.order), [], []
+    for group, indices in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        own = tuple(values[system.slots(indices, group.in_state)] for values in angles)
+        count = group.mass.size
+        forces = group.mass[..., None] * lifted[back[start : start + count]].reshape(*group.mass.shape, 3)
+        rates, partial = eqx.filter_vmap(lambda mechanism, own: _joint_rates(mechanism, t, own))(group, own)
+        parts.append((rates[0], rates[1], jnp.sum(partial * forces[:, None], axis=(-2, -1))))
+        keys += [(index, a) for index in indices for a in range(group.n_joints)]
+        start += count
+    places = np.asarray(sorted(range(len(keys)), key=keys.__getitem__), dtype=int)
+    return JointMotion(
+        *(jnp.concatenate([jnp.ravel(x) for x in column])[places] for column in zip(*parts, strict=True))
+    )
+
+
+def _joint_rates(mechanism: AbstractMechanism, t, own):
+    rates = mechanism.rates(t, own)
+    return rates, mechanism.places(rates[0]).partial
 
 
 def principal_inertia(system: BodyParameters) -> Float[Array, "3 3"]:
@@ -105,21 +139,50 @@ def principal_inertia(system: BodyParameters) -> Float[Array, "3 3"]:
     return jnp.broadcast_to(system.inertia, (3,))[:, None] * jnp.eye(3, dtype=system.mass.dtype)
 
 
-def _kinematics_by_group(system: BodyParameters, t, angles: Rates) -> list[tuple[PointMass, Kinematics]]:
-    return _by_group(system, angles, lambda motion: motion.kinematics(t), lambda motion, *x: motion.kinematics(*x))
+def _places(system: BodyParameters) -> Int[np.ndarray, " n"]:
+    """Where each mass is in the arrays of the groups, one after the other."""
+    keys = [(0, index, 0) for indices in system.order for index in indices]
+    for group, indices in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        keys += [(1, index, i) for index in indices for i in range(group.mass.shape[-1])]
+    return np.asarray(sorted(range(len(keys)), key=keys.__getitem__), dtype=int)
 
 
-def _by_group(system: BodyParameters, angles, prescribed: Callable[..., Any], driven: Callable[..., Any]) -> list:
-    """Each group with what ``prescribed`` finds of its motion, or ``driven`` of its motion and its own angles."""
+Part = tuple[Float[Array, " m"], Any]
+
+
+def _velocities_by_group(system: BodyParameters, t: Float[Array, ""], angles: Angles) -> list[Part]:
+    """The masses of each group, and their χ and χ̇."""
+    rates = (*angles, angles[1])  # the accelerations are not used
+    parts = _by_group(system, rates[:2], lambda motion: motion.velocity(t), lambda motion, *x: motion.velocity(*x))
+    return [*parts, *((m, part[:2]) for m, part in _of_mechanisms(system, t, rates))]
+
+
+def _kinematics_by_group(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> list[Part]:
+    """The masses of each group, and their χ, χ̇ and χ̈."""
+    parts = _by_group(system, angles, lambda motion: motion.kinematics(t), lambda motion, *x: motion.kinematics(*x))
+    return [*parts, *_of_mechanisms(system, t, angles)]
+
+
+def _by_group(system: BodyParameters, angles, prescribed: Callable[..., Any], driven: Callable[..., Any]) -> list[Part]:
+    """Each group's masses with what ``prescribed`` finds of its motion, or ``driven`` of its motion and its own angles."""
     slots = {index: slot for slot, index in enumerate(system.driven)}
     parts = []
     for group, indices in zip(system.groups, system.order, strict=True):
         if isinstance(group.motion, Driven):
             places = np.asarray([slots[index] for index in indices])
-            parts.append((group, eqx.filter_vmap(driven)(group.motion, *(values[places] for values in angles))))
+            found = eqx.filter_vmap(driven)(group.motion, *(values[places] for values in angles))
         else:
-            parts.append((group, eqx.filter_vmap(prescribed)(group.motion)))
+            found = eqx.filter_vmap(prescribed)(group.motion)
+        parts.append((group.mass, found))
     return parts
+
+
+def _of_mechanisms(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Iterator[Part]:
+    for group, indices in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        slots = system.slots(indices, group.in_state)
+        own = tuple(values[slots] for values in angles)
+        found = eqx.filter_vmap(lambda mechanism, own: mechanism.kinematics(mechanism.rates(t, own)))(group, own)
+        yield jnp.ravel(group.mass), Kinematics(*(jnp.reshape(x, (-1, 3)) for x in found))
 
 
 def _second_moment(m, a, b):

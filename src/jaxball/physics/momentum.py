@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 
 from ..numerics.vectors import apply, cross
 from .dynamics import inertia_about_contact
+from .load import Load
 from .moments import AbstractMoments
 
 
@@ -30,19 +31,12 @@ def internal_momentum(at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Arr
 
 
 def contact_momentum_rate(
-    at: AbstractMoments,
-    r: Float[Array, ""],
-    g: Float[Array, ""],
-    Pi: Float[Array, "3"],
-    Omega: Float[Array, "3"],
-    Gamma: Float[Array, "3"],
-    Ftilde: Float[Array, "3"] | None = None,
+    at: AbstractMoments, r: Float[Array, ""], acting: Load, Pi: Float[Array, "3"], Omega: Float[Array, "3"]
 ) -> Float[Array, "3"]:
-    """Π̇ = Π × Ω + g Γ × p + rΓ × F̃ + (rΓ × Ω) × P.
+    """Π̇ = Π × Ω + T + (rΓ × Ω) × P, with T the torque of the load about the contact point, gΓ × p + rΓ × F̃ and more.
 
     The last term is there because the contact point moves along the plane. Where p = 0 at all times
     and no force acts, ΛΠ is constant (Chaplygin's sphere), also while the masses move.
     """
-    push = g * at.p if Ftilde is None else g * at.p + r * Ftilde
-    P = linear_momentum(at, r, Omega, Gamma)
-    return cross(Pi, Omega) + cross(Gamma, push) + cross(r * cross(Gamma, Omega), P)
+    P = linear_momentum(at, r, Omega, acting.Gamma)
+    return cross(Pi, Omega) + acting.about_contact(at, r) + cross(r * cross(acting.Gamma, Omega), P)

@@ -4,14 +4,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..interface.printing import Printed, in_short
-from ..numerics.vectors import apply
+from ..numerics.vectors import apply, dot
 from .body import AbstractBody
-from .contact import contact_force
-from .dynamics import driven_angles
-from .energy import actuation_power, force_power, kinetic_energy, potential_energy
-from .moments import kinematics, moments, point_mass_values, principal_inertia
+from .contact import contact_force, reaction_in_body
+from .dynamics import accelerations
+from .energy import accelerations_of_masses, actuation_power, dissipation, kinetic_energy, potential_energy
+from .load import in_three, load
+from .moments import joint_motion, kinematics, moments, point_mass_values, principal_inertia
+from .momentum import linear_momentum
 from .motion import Kinematics
-from .state import BallState, DiskState
+from .state import BallState, DiskState, centre_velocity
 
 
 class Observables(Printed):
@@ -30,9 +32,14 @@ class Observables(Printed):
     - ``angular_velocity_body``, ``angular_velocity_space``, ``angular_acceleration_body``: Ω, ω = ΛΩ and Ω̇, in
       rad/time and rad/time², shape (3,).
     - ``kinetic_energy``, ``potential_energy``: T and V, mass length²/time².
-    - ``power``: Ė, of the actuation and the external force together, mass length²/time³.
+    - ``power``: Ė, of all that does work together: the actuation, the external force, resistance and the ground's
+      motion, mass length²/time³.
+    - ``dissipation``: what of it resistance takes away, 0 or positive unless a coefficient is negative.
     - ``normal_force``, ``friction``: N, and the two components of f, shape (2,), mass length/time².
     - ``friction_ratio``: |f| / N.
+    - ``joint_angles``, ``joint_rates``: θ and θ̇ of every joint of every mechanism, in their order, shape (joints,).
+    - ``joint_efforts``: Q of each, the torque of a hinge and the force along a slider; that of the motor that a joint
+      needs which a schedule or a law moves. Its power is Q θ̇.
 
     **Example:**
 
@@ -55,10 +62,14 @@ class Observables(Printed):
     angular_acceleration_body: Float[Array, "*t 3"]  # Ω̇
     kinetic_energy: Float[Array, "*t"]
     potential_energy: Float[Array, "*t"]
-    power: Float[Array, "*t"]  # Ė, of the actuation and the external force together
+    power: Float[Array, "*t"]  # Ė
+    dissipation: Float[Array, "*t"]
     normal_force: Float[Array, "*t"]  # N
     friction: Float[Array, "*t 2"]  # f
     friction_ratio: Float[Array, "*t"]  # |f| / N
+    joint_angles: Float[Array, "*t joints"]
+    joint_rates: Float[Array, "*t joints"]
+    joint_efforts: Float[Array, "*t joints"]
 
     def __repr__(self) -> str:
         return "\n".join(["Observables", *(f"  {name}: {in_short(value)}" for name, value in vars(self).items())])
@@ -86,18 +97,11 @@ def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskSt
     >>> observe(ball, jnp.array(0.0), BallState(z=(3.0, 4.0))).contact_point
     Array([ 3. ,  4. , -0.5], dtype=float64)
     """
-    angles = driven_angles(system, t, state)
-    rates = system.field(t, state)
-    return _observe(system, t, state.in_space(), rates.in_space().Omega, angles)
-
-
-def _observe(system: AbstractBody, t, state: BallState, Omegadot, angles) -> Observables:
-    r, g, Omega, Lambda = system.radius, system.gravity, state.Omega, state.Lambda
-    Gamma, omega = Lambda[2], apply(Lambda, Omega)
-    Fe = jnp.zeros_like(Omega) if system.force is None else system.force(t)
-
-    at = moments(system, t, angles)
-    points = kinematics(system, t, angles)
+    found, acting = accelerations(system, t, state), load(system, t, state)
+    in_space = state.in_space()
+    r, g, Omega, Lambda = system.radius, system.gravity, in_space.Omega, in_space.Lambda
+    Gamma, omega, Omegadot = Lambda[2], apply(Lambda, Omega), found.Omegadot
+    at, points = moments(system, t, found.angles), kinematics(system, t, found.angles)
     still = jnp.zeros((1, 3), dtype=Omega.dtype)
     with_shell = Kinematics(
         jnp.concatenate([system.offset[None], points.chi]),
@@ -105,8 +109,22 @@ def _observe(system: AbstractBody, t, state: BallState, Omegadot, angles) -> Obs
         jnp.concatenate([still, points.chiddot]),
     )
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
-    contact = contact_force(at, r, g, Lambda, Omega, Omegadot, Fe)
-    centre = jnp.concatenate([state.z, jnp.zeros_like(state.z[:1])])
+    a = accelerations_of_masses(r, with_shell, Omega, Omegadot, Gamma)
+    contact = contact_force(reaction_in_body(at, r, acting, Omega, Omegadot), Lambda)
+    u = system.drift(t, in_space)
+    drift = None if u is None else apply(Lambda.T, in_three(u))
+    up = jnp.zeros_like(Omega).at[2].set(1.0) if system.ground is None else system.ground.up()
+    centre = in_three(in_space.z)
+    force = jnp.zeros_like(Omega) if system.force is None else system.force(t)
+    velocity = in_three(centre_velocity(Lambda, Omega, r, u))
+    lost = dissipation(acting, found.dry, force, Lambda, velocity, omega)
+    power = actuation_power(m, with_shell, a, acting.weight) + dot(force, velocity) - lost
+    if u is not None:
+        power = power + jnp.sum(contact.friction * u)
+    if system.ground is not None and system.ground.motion is not None:
+        P = apply(Lambda, linear_momentum(at, r, Omega, Gamma) + (0.0 if drift is None else at.M * drift))
+        power = power - dot(system.ground.motion.kinematics(t).chiddot, P)
+    joints = joint_motion(system, t, found.angles, a[1:] + acting.weight[None])
     return Observables(
         mass_positions_body=points.chi,
         mass_positions_space=jnp.sum(Lambda[None] * points.chi[:, None, :], axis=-1),
@@ -118,10 +136,14 @@ def _observe(system: AbstractBody, t, state: BallState, Omegadot, angles) -> Obs
         angular_velocity_body=Omega,
         angular_velocity_space=omega,
         angular_acceleration_body=Omegadot,
-        kinetic_energy=kinetic_energy(m, principal_inertia(system), r, with_shell, Omega, Gamma),
-        potential_energy=potential_energy(m, g, with_shell, Gamma),
-        power=actuation_power(m, g, r, with_shell, Omega, Omegadot, Gamma) + force_power(Fe, r, omega),
+        kinetic_energy=kinetic_energy(m, principal_inertia(system), r, with_shell, Omega, Gamma, drift),
+        potential_energy=potential_energy(m, g, with_shell, apply(Lambda.T, up), dot(up, centre)),
+        power=power,
+        dissipation=lost,
         normal_force=contact.normal,
         friction=contact.friction,
         friction_ratio=contact.ratio,
+        joint_angles=joints.theta,
+        joint_rates=joints.thetadot,
+        joint_efforts=joints.effort,
     )

@@ -1,25 +1,29 @@
-"""The parameters of a rolling body: a shell, gravity, a force, and the point masses that it carries.
+"""The parameters of a rolling body: a shell, what acts on it, and the point masses and mechanisms that it carries.
 
 The equations of motion (``moments``, ``dynamics``, ``locked``) are functions of these; ``body`` has the systems.
 """
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Any, ClassVar
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ..interface.arguments import require, require_each, require_function
 from ..interface.printing import Printed, entry, shown, shown_fields
+from ..interface.wording import all_of
 from ..numerics.arrays import Numbers, a_number, is_traced, numbers
 from .feedback import AbstractLaw
 from .force import AbstractForce, FunctionForce, HarmonicForce
+from .ground import Ground
+from .mechanisms import AbstractMechanism
 from .motion import AbstractMotion, Driven
 from .rails import AbstractRail
+from .resistance import Resistance
 from .schedules import AbstractSchedule
 
 MOST_PRINTED = 12
@@ -56,6 +60,8 @@ class BodyParameters(Printed):
     Masses whose motions have the same structure are stacked into one group with a leading axis, so
     that the cost of compiling does not grow with their number. ``point_masses`` undoes it; ``order``
     holds the indices of each group's masses, and ``driven`` those whose θ and θ̇ belong to the state.
+    Mechanisms are grouped likewise. The state has θ of the driven masses first, and then those of each
+    mechanism's joints that are not prescribed.
 
     ``inertia_shape`` is (3,) for three principal moments, () for the one of a ``planar`` body, which lies in the plane
     of E1 and E3.
@@ -74,6 +80,10 @@ class BodyParameters(Printed):
     order: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     driven: tuple[int, ...] = eqx.field(static=True)
     law: AbstractLaw | None
+    mechanism_groups: tuple[AbstractMechanism, ...]
+    mechanism_order: tuple[tuple[int, ...], ...] = eqx.field(static=True)
+    ground: Ground | None
+    resistance: Resistance | None
 
     def __init__(
         self,
@@ -86,6 +96,9 @@ class BodyParameters(Printed):
         force: AbstractForce | None = None,
         masses: Sequence[PointMass] = (),
         law: AbstractLaw | None = None,
+        mechanisms: Sequence[AbstractMechanism] = (),
+        ground: Ground | None = None,
+        resistance: Resistance | None = None,
     ):
         self.mass, self.radius, self.gravity = (
             numbers(name)(x) for name, x in (("mass", mass), ("radius", radius), ("gravity", gravity))
@@ -93,37 +106,79 @@ class BodyParameters(Printed):
         self.inertia = numbers("inertia", self.inertia_shape)(inertia)
         self.offset = numbers("offset", (3,))(offset)
         self.force, self.law = force, law
-        self.groups, self.order, self.driven = _grouped(masses)
+        require_each("masses", masses, PointMass, "a PointMass")
+        require_each("mechanisms", mechanisms, AbstractMechanism, "a mechanism, such as Mechanism(...)")
+        self.groups, self.order = grouped(masses)
+        self.driven = tuple(index for index, item in enumerate(masses) if isinstance(item.motion, Driven))
+        self.mechanism_groups, self.mechanism_order = grouped(mechanisms)
+        self.ground, self.resistance = ground, resistance
+        require("ground", ground, (Ground, type(None)), "a Ground or None")
+        require("resistance", resistance, (Resistance, type(None)), "a Resistance or None")
+        if self.planar and ground is not None and ground.turntable is not None:
+            raise ValueError(
+                "Argument `ground` must have no turntable under a disk, which rolls on a line; use a Ball."
+            )
         _require_force(force)
-        _require_law(law, self.driven)
+        _require_law(self)
 
     def __repr__(self) -> str:
-        own = [field for field in dataclasses.fields(self) if field.name not in ("groups", "order", "driven")]
-        lines: dict[int, str] = {}
-        for group, indices in zip(vars(self).get("groups", ()), vars(self).get("order", ()), strict=True):
-            axis = max(np.ndim(group.mass) - 1, 0)  # the axes before it are those of a batch
-            for k, index in enumerate(indices):
-                item = jax.tree.map(lambda leaf, k=k, axis=axis: entry(leaf, axis, k), group)
-                lines[index] = f"  masses[{index}]: {shown(item)}"
-        masses = [lines[index] for index in sorted(lines)]
-        if len(masses) > MOST_PRINTED:
-            masses = [*masses[:MOST_PRINTED], f"  and {len(masses) - MOST_PRINTED} masses more"]
-        return "\n".join([shown_fields(self, own), *masses])
+        hidden = ("groups", "order", "driven", "mechanism_groups", "mechanism_order")
+        own = [field for field in dataclasses.fields(self) if field.name not in hidden]
+        known = vars(self)  # some are missing while the body is being made
+        masses = _lines("masses", known.get("groups", ()), known.get("order", ()))
+        mechanisms = _lines("mechanisms", known.get("mechanism_groups", ()), known.get("mechanism_order", ()))
+        return "\n".join([shown_fields(self, own), *masses, *mechanisms])
 
     @property
     def point_masses(self) -> tuple[PointMass, ...]:
         """The masses one by one, in the order in which they were given."""
-        masses: dict[int, PointMass] = {}
-        for group, indices in zip(self.groups, self.order, strict=True):
-            for k, index in enumerate(indices):
-                masses[index] = jax.tree.map(lambda leaf, k=k: _entry(leaf, k), group)
-        return tuple(masses[i] for i in range(self.n_masses))
+        return ungrouped(self.groups, self.order)
+
+    @property
+    def mechanisms(self) -> tuple[AbstractMechanism, ...]:
+        """The mechanisms one by one, in the order in which they were given."""
+        return ungrouped(self.mechanism_groups, self.mechanism_order)
+
+    @property
+    def joints(self) -> tuple[tuple[int, int], ...]:
+        """The joints whose θ and θ̇ belong to the state: the indices of each one's mechanism and of the joint in it."""
+        kinds = {index: group for group, order in self._mechanism_items for index in order}
+        return tuple((index, a) for index in sorted(kinds) for a in kinds[index].in_state)
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """What ``theta`` and ``thetadot`` of a state hold, by name."""
+        masses = (f"masses[{index}]" for index in self.driven)
+        return (*masses, *(f"mechanisms[{index}].joints[{a}]" for index, a in self.joints))
+
+    @property
+    def accelerated(self) -> tuple[int, ...]:
+        """The places in a state's ``theta`` of what the feedback law drives."""
+        free = {(i, a) for group, order in self._mechanism_items for i in order for a in group.free}
+        joints = (len(self.driven) + slot for slot, joint in enumerate(self.joints) if joint not in free)
+        return (*range(len(self.driven)), *joints)
+
+    def slots(self, order: tuple[int, ...], joints: Sequence[int]) -> Int[np.ndarray, "mechanisms joints"]:
+        """The places in a state's ``theta`` of some joints of each mechanism of a group."""
+        places = {joint: len(self.driven) + slot for slot, joint in enumerate(self.joints)}
+        return np.asarray([[places[index, a] for a in joints] for index in order], dtype=int).reshape(len(order), -1)
+
+    @property
+    def _mechanism_items(self) -> Iterator[tuple[AbstractMechanism, tuple[int, ...]]]:
+        return zip(self.mechanism_groups, self.mechanism_order, strict=True)
 
     @property
     def arguments(self) -> dict[str, Any]:
         """The arguments that make this body, by name."""
-        names = ("mass", "inertia", "radius", "offset", "gravity", "force", "law")
-        return {name: getattr(self, name) for name in names} | {"masses": self.point_masses}
+        names = ("mass", "inertia", "radius", "offset", "gravity", "force", "law", "ground", "resistance")
+        items = {"masses": self.point_masses, "mechanisms": self.mechanisms}
+        return {name: getattr(self, name) for name in names} | items
+
+    def drift(self, t: Float[Array, ""], state: Any) -> Float[Array, "2"] | None:
+        """The velocity u of a turntable under the body's centre; None without one."""
+        if self.ground is None or self.ground.turntable is None:
+            return None
+        return self.ground.velocity(t, state.z)
 
     @property
     def n_masses(self) -> int:
@@ -133,24 +188,45 @@ class BodyParameters(Printed):
     @property
     def total_mass(self) -> Float[Array, ""]:
         """M = Σ m_i, the shell included."""
-        return self.mass + sum(jnp.sum(group.mass) for group in self.groups)
+        return self.mass + sum(jnp.sum(group.mass) for group in (*self.groups, *self.mechanism_groups))
 
 
-def _grouped(
-    masses: Sequence[PointMass],
-) -> tuple[tuple[PointMass, ...], tuple[tuple[int, ...], ...], tuple[int, ...]]:
-    """The masses stacked by structure, the indices of each group's masses, and those of the driven ones."""
-    require_each("masses", masses, PointMass, "a PointMass")
+Item = TypeVar("Item", PointMass, AbstractMechanism)
+
+
+def grouped(items: Sequence[Item]) -> tuple[tuple[Item, ...], tuple[tuple[int, ...], ...]]:
+    """The items stacked by structure, and the indices of those in each group."""
     members: dict[Any, list[int]] = {}
-    for index, item in enumerate(masses):
+    for index, item in enumerate(items):
         leaves, structure = jax.tree.flatten(item)
         members.setdefault((structure, tuple(np.shape(leaf) for leaf in leaves)), []).append(index)
     order = tuple(tuple(indices) for indices in members.values())
-    groups = tuple(
-        jax.tree.map(lambda *leaves: _stacked(leaves), *(masses[index] for index in indices)) for indices in order
-    )
-    driven = tuple(index for index, item in enumerate(masses) if isinstance(item.motion, Driven))
-    return groups, order, driven
+    return tuple(
+        jax.tree.map(lambda *leaves: _stacked(leaves), *(items[index] for index in indices)) for indices in order
+    ), order
+
+
+def ungrouped(groups: Sequence[Item], order: Sequence[tuple[int, ...]]) -> tuple[Item, ...]:
+    """The items one by one, in the order in which they were before :func:`grouped`."""
+    items: dict[int, Item] = {}
+    for group, indices in zip(groups, order, strict=True):
+        for k, index in enumerate(indices):
+            items[index] = jax.tree.map(lambda leaf, k=k: _entry(leaf, k), group)
+    return tuple(items[index] for index in range(len(items)))
+
+
+def _lines(name: str, groups: Sequence[PointMass | AbstractMechanism], order: Sequence[tuple[int, ...]]) -> list[str]:
+    """Lines that show the items one by one."""
+    lines: dict[int, str] = {}
+    for group, indices in zip(groups, order, strict=True):
+        axis = max(np.ndim(group.mass) - (2 if isinstance(group, AbstractMechanism) else 1), 0)
+        for k, index in enumerate(indices):  # the axes before are those of a batch
+            item = jax.tree.map(lambda leaf, k=k, axis=axis: entry(leaf, axis, k), group)
+            lines[index] = f"  {name}[{index}]: {shown(item)}"
+    shortened = [lines[index] for index in sorted(lines)]
+    if len(shortened) > MOST_PRINTED:
+        return [*shortened[:MOST_PRINTED], f"  and {len(shortened) - MOST_PRINTED} {name} more"]
+    return shortened
 
 
 def _stacked(leaves: Sequence[Any]) -> Array:
@@ -176,16 +252,20 @@ def _require_force(force: AbstractForce | None) -> None:
         require_function("force", force, (3,), t=a_number())
 
 
-def _require_law(law: AbstractLaw | None, driven: tuple[int, ...]) -> None:
+def _require_law(body: "BodyParameters") -> None:
+    law, driven = body.law, [body.coordinates[slot] for slot in body.accelerated]
     if law is None:
         if driven:
             raise ValueError(
-                f"Argument `law` must be a feedback law, because the masses {list(driven)} are driven by "
-                "one, but it is None; give a law, or put those masses on a rail with a schedule."
+                f"Argument `law` must be a feedback law, because one drives {all_of(driven)}, but it is None; "
+                "give a law, or a schedule to each of these."
             )
         return
     remedy = "FunctionLaw(function) is one" if callable(law) else ""
     require("law", law, AbstractLaw, "a feedback law or None", remedy)
     if not driven:
-        raise ValueError("Argument `law` must be None, because no mass is driven by it; use `Driven(rail)`.")
+        raise ValueError(
+            "Argument `law` must be None, because it drives nothing; use `Driven(rail)` for a mass, or "
+            "`Accelerated()` for a joint."
+        )
     law.require_driven(len(driven))

@@ -39,8 +39,13 @@ class AbstractBodyState(AbstractState):
         return eqx.tree_at(lambda state: state.Omega, self, Omega)  # pyright: ignore
 
     @abc.abstractmethod
-    def rates(self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates) -> "AbstractBodyState":
-        """ẋ where Ω̇ is known, and θ, θ̇, θ̈ of driven masses: the kinematics of rolling, for a body of radius r."""
+    def rates(
+        self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
+    ) -> "AbstractBodyState":
+        """ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling, for a body of radius r.
+
+        ``drift`` is the velocity u of a turntable under the body's centre, if there is one.
+        """
 
 
 class BallState(AbstractBodyState):
@@ -82,12 +87,14 @@ class BallState(AbstractBodyState):
         """Γ = Λ⁻¹ e3."""
         return versor.vertical_in_body(self.q)
 
-    def rates(self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates) -> "BallState":
+    def rates(
+        self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
+    ) -> "BallState":
         """q̇ = ½ q Ω♯ and the rolling constraint."""
         return BallState(
             q=versor.derivative(self.q, self.Omega),
             Omega=Omegadot,
-            z=rolling_velocity(self.Lambda, self.Omega, r),
+            z=centre_velocity(self.Lambda, self.Omega, r, drift),
             theta=angles[1],
             thetadot=angles[2],
         )
@@ -135,12 +142,14 @@ class RotationState(AbstractBodyState):
         """Γ = Λ⁻¹ e3."""
         return self.Lambda[2]
 
-    def rates(self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates) -> "RotationState":
+    def rates(
+        self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
+    ) -> "RotationState":
         """Λ̇ = Λ Ω̂ and the rolling constraint."""
         return RotationState(
             Lambda=jnp.sum(self.Lambda[:, :, None] * hat(self.Omega)[None, :, :], axis=1),
             Omega=Omegadot,
-            z=rolling_velocity(self.Lambda, self.Omega, r),
+            z=centre_velocity(self.Lambda, self.Omega, r, drift),
             theta=angles[1],
             thetadot=angles[2],
         )
@@ -196,7 +205,9 @@ class ReducedState(AbstractBodyState):
 
     unit_vector = "Gamma"
 
-    def rates(self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates) -> "ReducedState":
+    def rates(
+        self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
+    ) -> "ReducedState":
         """Γ̇ = Γ × Ω."""
         return ReducedState(Omega=Omegadot, Gamma=cross(self.Gamma, self.Omega), theta=angles[1], thetadot=angles[2])
 
@@ -262,7 +273,9 @@ class DiskState(AbstractBodyState):
         """The state with φ̇ = −Ω₂."""
         return eqx.tree_at(lambda state: state.phidot, self, -Omega[1])
 
-    def rates(self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates) -> "DiskState":
+    def rates(
+        self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
+    ) -> "DiskState":
         """φ̈ = −Ω̇₂ and ż = −r φ̇ of ``eq_disk_GC``."""
         return DiskState(phi=self.phidot, phidot=-Omegadot[1], z=-r * self.phidot, theta=angles[1], thetadot=angles[2])
 
@@ -287,3 +300,11 @@ def rolling_velocity(Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: F
     omega1 = dot(Lambda[0], Omega)
     omega2 = dot(Lambda[1], Omega)
     return jnp.stack([r * omega2, -r * omega1])
+
+
+def centre_velocity(
+    Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: Float[Array, ""], drift: Float[Array, "2"] | None
+) -> Float[Array, "2"]:
+    """ż over a plane that moves with the velocity ``drift`` under the centre, if it does."""
+    rolling = rolling_velocity(Lambda, Omega, r)
+    return rolling if drift is None else rolling + drift

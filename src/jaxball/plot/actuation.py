@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..physics.body import System
-from ..physics.dynamics import driven_angles
+from ..physics.dynamics import given_angles
 from ..physics.motion import OnRail
 from ..simulation.trajectory import Trajectory
 from .record import finite_rows, require_one
@@ -109,7 +109,7 @@ def _driven(trajectory: Trajectory) -> dict[int, Curve]:
 @programs.filter_jit
 def _feedback(system, times, states):
     prepared = system.prepare()
-    return jax.vmap(lambda t, state: driven_angles(prepared, t, state)[2])(times, states)
+    return jax.vmap(lambda t, state: given_angles(prepared, t, state)[2])(times, states)
 
 
 def _are_equal(curve: Curve, other: Curve) -> bool:

@@ -115,10 +115,11 @@ def _draw(ax: Axes, system: System, positions: Positions, columns: list[int]) ->
 
 def _positions(system: System, t: Numbers, theta: Numbers) -> Positions:
     angles = to_array(theta)
-    if angles.shape != (len(system.driven),):
+    names = system.coordinates
+    if angles.shape != (len(names),):
         raise ValueError(
-            f"Argument `theta` must have {counted(len(system.driven), 'entry', 'entries')}, one for each driven mass, "
-            f"but its shape is {angles.shape}."
+            f"Argument `theta` must have {counted(len(names), 'entry', 'entries')}, as many as the body's coordinates "
+            f"{list(names)}, but its shape is {angles.shape}."
         )
     return Positions(*map(np.asarray, _evaluate(system, to_array(t), angles)))
 

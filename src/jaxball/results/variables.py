@@ -26,7 +26,7 @@ STATE = {
     "z": Variable(("direction",), "length", "place of the geometric centre on the plane"),
     "phi": Variable((), "rad", "angle of the disk"),
     "phidot": Variable((), "rad/time", "rate of the disk's angle"),
-    "theta": Variable(("driven",), "rad or length", "parameter of a driven mass on its rail"),
+    "theta": Variable(("driven",), "rad or length", "parameter of a driven mass on its rail, or of a joint"),
     "thetadot": Variable(("driven",), "rad or length / time", "rate of theta"),
 }
 
@@ -70,10 +70,14 @@ OBSERVABLES = {
     "kinetic_energy": Variable((), "energy", "kinetic energy"),
     "potential_energy": Variable((), "energy", "potential energy, 0 at the height of the centre"),
     "energy": Variable((), "energy", "total energy"),
-    "power": Variable((), "power", "power of the actuation and of the external force"),
+    "power": Variable((), "power", "power of the actuation, the external force and all else that does work"),
+    "dissipation": Variable((), "power", "power that resistance takes"),
     "normal_force": Variable((), "force", "normal force of the plane"),
     "friction": Variable(("direction",), "force", "friction force of the plane"),
     "friction_ratio": Variable((), "1", "friction over normal force"),
+    "joint_angles": Variable(("joint",), "rad or length", "parameter of each joint of the mechanisms"),
+    "joint_rates": Variable(("joint",), "rad or length / time", "rate of joint_angles"),
+    "joint_efforts": Variable(("joint",), "torque or force", "generalised force on each joint"),
 }
 
 
@@ -106,7 +110,8 @@ def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.nda
     for name, variable in OBSERVABLES.items():
         array = np.array(getattr(observables, name))
         array[missing] = np.nan
-        variables[name] = (variable, array)
+        if array.size or "joint" not in variable.dimensions:
+            variables[name] = (variable, array)
     return variables
 
 
@@ -125,6 +130,11 @@ def undescribed(name: str, dimensions: int) -> Variable:
 
 
 def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """The coordinate along each dimension: 0, 1, …, and along ``driven`` the numbers of the driven masses."""
+    """The coordinate along each dimension: 0, 1, …, and along ``driven`` the numbers of the driven masses.
+
+    Where joints are among what is driven, these are the names of all of it.
+    """
     indices = {name: np.arange(size) for name, size in sizes.items()}
-    return indices | ({"driven": np.asarray(system.driven)} if "driven" in sizes else {})
+    if "driven" not in sizes:
+        return indices
+    return indices | {"driven": np.asarray(system.coordinates if system.joints else system.driven)}

@@ -15,7 +15,7 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import apply
 from ..physics.body import Ball, Disk, PointMass, System, with_masses
-from ..physics.dynamics import driven_angles
+from ..physics.dynamics import given_angles
 from ..physics.moments import kinematics, point_mass_values
 from ..physics.motion import Driven, OnRail
 from ..physics.state import DiskState, State
@@ -169,11 +169,11 @@ def _others(system, free, state, t):
     """Σ m χ of all but the free masses, the free masses' m, M, and Λ."""
     t = to_array(t)
     if state is None:
-        nothing = jnp.zeros(len(system.driven))
+        nothing = jnp.zeros(len(system.coordinates))
         state = system.state_type(theta=nothing, thetadot=nothing)
-    chi = kinematics(system, t, driven_angles(system, t, state)).chi
+    chi = kinematics(system, t, given_angles(system, t, state)).chi
     m = point_mass_values(system)
-    held = np.setdiff1d(np.arange(system.n_masses), np.asarray(free))
+    held = np.setdiff1d(np.arange(chi.shape[0]), np.asarray(free))
     offset = system.mass * system.offset + jnp.sum(m[held, None] * chi[held], axis=0)
     space = state.in_space() if isinstance(state, DiskState) else state
     return offset, m[np.asarray(free)], system.total_mass, space.Lambda

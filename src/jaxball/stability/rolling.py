@@ -8,7 +8,7 @@ from ..numerics.arrays import Numbers, to_array
 from ..physics.body import Ball
 from ..physics.moments import moments
 from ..physics.state import ReducedState
-from .steady import SteadyMotion, stability
+from .steady import SteadyMotion, require_prescribed, stability
 
 ROUND = 1e-9
 
@@ -44,10 +44,7 @@ def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numb
     'The motion is spectrally stable, a centre: its eigenvalues are all on the imaginary axis.'
     """
     require("ball", ball, Ball, "a Ball")
-    if ball.driven:
-        raise ValueError(
-            f"Argument `ball` must have no driven masses, but {list(ball.driven)} are; hold them with a schedule."
-        )
+    require_prescribed(ball)
     if precession == 0:
         raise ValueError("Argument `precession` must not be zero, because the axis then stands or rolls straight on.")
     nothing = jnp.zeros((0,))

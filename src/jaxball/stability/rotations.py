@@ -14,7 +14,7 @@ from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..physics.body import Ball
 from ..physics.state import ReducedState
 from ..physics.system import vector_field
-from .steady import SteadyMotion, stability
+from .steady import SteadyMotion, require_prescribed, stability
 
 STARTS = 128
 SAME = 1e-6
@@ -48,10 +48,7 @@ def permanent_rotations(
     [('centre', 1.0), ('saddle', -1.0)]
     """
     require("ball", ball, Ball, "a Ball")
-    if ball.driven:
-        raise ValueError(
-            f"Argument `ball` must have no driven masses, but {list(ball.driven)} are; hold them with a schedule."
-        )
+    require_prescribed(ball)
     starts = _sphere(STARTS) if guess is None else np.atleast_2d(to_numpy(guess, "guess"))
     if starts.shape[1:] != (3,):
         raise ValueError(f"Argument `guess` must be directions of shape (n, 3), but its shape is {starts.shape}.")

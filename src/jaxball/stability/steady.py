@@ -9,10 +9,11 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Complex
 
 from ..interface.printing import Printed, shown
+from ..interface.wording import all_of
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..numerics.vectors import cross
-from ..physics.body import System
+from ..physics.body import Ball, System
 from ..physics.phase_space import normal_of, phase_point
 from ..physics.state import ReducedState, State
 from ..physics.system import vector_field
@@ -85,8 +86,11 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
     'The motion is unstable, a saddle: deviations grow as exp(0.308607 t).'
     """
     state = phase_point(system, state)
-    if system.force is not None:
-        raise ValueError("Argument `system` must have no force, because its direction changes in the body.")
+    if system.force is not None or system.ground is not None:
+        raise ValueError(
+            "Argument `system` must have no force and a level ground at rest, because their directions change in the "
+            "body."
+        )
     rates, derivative, normal = _linearised(system, state, to_array(turning), to_array(t))
     eigenvalues = np.linalg.eigvals(_on_tangent(np.asarray(derivative), normal)).astype(complex)
     eigenvalues = eigenvalues[np.lexsort((-np.imag(eigenvalues), -np.real(eigenvalues).round(12)))]
@@ -97,6 +101,21 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
     return SteadyMotion(
         state, turning, residual, steady, eigenvalues, kind, _message(steady, residual, kind, eigenvalues)
     )
+
+
+def require_prescribed(ball: Ball) -> None:
+    """Raises a ``ValueError`` where something of the ball moves as the state or resistance has it."""
+    if ball.coordinates:
+        moving = all_of(ball.coordinates)
+        raise ValueError(
+            f"Argument `ball` must have nothing that moves by a law or freely, but {moving} do; hold these with a "
+            "schedule."
+        )
+    if ball.ground is not None or ball.resistance is not None:
+        raise ValueError(
+            "Argument `ball` must roll on a level ground at rest without resistance, but it has a `ground` or a "
+            "`resistance`; `stability` takes any steady motion."
+        )
 
 
 @programs.filter_jit

@@ -72,7 +72,7 @@ def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
 
 def solved_in_lanes(template: Scenario) -> bool:
     """Whether the rows of a study are computed in lanes."""
-    driven = isinstance(template.system, AbstractBody) and template.system.driven
+    driven = isinstance(template.system, AbstractBody) and template.system.coordinates
     plain = template.step_to_times or template.dae or template.project or driven
     return not plain and fits(SOLVERS[template.solver]())
 

@@ -42,7 +42,7 @@ def read_rows(
     possible = np.flatnonzero(together.possible)
     if not possible.size:
         return possible, None
-    driven = isinstance(template.system, AbstractBody) and template.system.driven
+    driven = isinstance(template.system, AbstractBody) and template.system.coordinates
     ends_only = study.save == "end" and not template.step_to_times and not driven
     parts = together.parts
     for k in () if ends_only else possible[parts.times.count[possible] != template.times.size]:

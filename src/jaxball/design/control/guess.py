@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ...numerics import programs, versor
 from ...numerics.vectors import apply, cross
-from ...physics.dynamics import force_in_body
+from ...physics.load import load
 from ...physics.moments import velocity_moments
 from ...physics.momentum import contact_momentum, contact_momentum_rate
 from ...physics.state import BallState, DiskState
@@ -164,8 +164,7 @@ def _momenta(problem: Rolling, times, state) -> tuple[Float[Array, "t 3"], Float
     def one(t, state):
         at, Omega, Gamma = velocity_moments(system, t, (state.theta, state.thetadot)), state.Omega, state.Gamma
         Pi = contact_momentum(at, system.radius, Omega, Gamma)
-        force = force_in_body(system, t, state)
-        rate = contact_momentum_rate(at, system.radius, system.gravity, Pi, Omega, Gamma, force)
+        rate = contact_momentum_rate(at, system.radius, load(system, t, state), Pi, Omega)
         return apply(state.Lambda, Pi), apply(state.Lambda, rate + cross(Omega, Pi))
 
     return jax.vmap(one)(times, state)

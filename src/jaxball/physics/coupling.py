@@ -1,0 +1,187 @@
+"""How the body and the free joints of its mechanisms move each other.
+
+With c_a = rΓ × p_a + ℓ_a and H_ab = Σ m χ_a·χ_b of the free joints, Ω and θ̇ together have the inertia
+
+    [ B   c ]
+    [ cᵀ  H ]
+
+symmetric positive definite, with a block of H for each mechanism. The joints are eliminated: what remains for Ω is
+the three by three matrix B − Σ c H⁻¹ cᵀ, so that the cost grows with the number of mechanisms and not faster.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..numerics.factorisation import Factors, factored
+from ..numerics.vectors import apply, cross, inverse
+from .conditions import Condition
+from .mechanisms import AbstractMechanism
+from .parameters import BodyParameters
+from .state import Rates, State
+
+SINGULAR = 1e-10  # of a joint's inertia, what those before it must leave to it
+MOVES = "a joint that moves some mass as those before it do not, with an inertia of its own above 0"
+
+# One array for each group that has free joints, with axes (mechanisms, joints).
+Joints = list[Float[Array, "_ _"]]
+
+
+class FreeJoints(NamedTuple):
+    """The free joints of a group of mechanisms, at a state. The first axis of arrays is that of the mechanisms."""
+
+    group: AbstractMechanism
+    slots: Int[np.ndarray, "mechanisms joints"]  # where in a state's theta they are
+    m: Float[Array, "mechanisms n"]
+    rates: Rates  # of all joints
+    chi: Float[Array, "mechanisms n 3"]
+    partial: Float[Array, "mechanisms k n 3"]  # χ_a, of all joints
+    slope: Float[Array, "mechanisms k n 3"]  # their rates
+
+    @property
+    def free(self) -> Int[np.ndarray, " joints"]:
+        return np.asarray(self.group.free, dtype=int)
+
+    def own(self, values: Float[Array, " coordinates"]) -> Float[Array, "mechanisms joints"]:
+        """The entries of these joints in an array of all coordinates."""
+        return values[self.slots]
+
+
+def free_joints(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> list[FreeJoints]:
+    """The free joints of a body, group by group, where ``angles`` are θ, θ̇, θ̈ of the state."""
+    found = []
+    for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        if group.free:
+            own = tuple(values[system.slots(order, group.in_state)] for values in angles)
+            rates, at, slope = eqx.filter_vmap(lambda mechanism, own: _motion(mechanism, t, own))(group, own)
+            slots = system.slots(order, group.free)
+            found.append(FreeJoints(group, slots, group.mass, rates, at.chi, at.partial, slope))
+    return found
+
+
+def _motion(mechanism: AbstractMechanism, t, own):
+    rates = mechanism.rates(t, own)
+    return rates, *mechanism.motion(rates)
+
+
+class Inertia(NamedTuple):
+    """The inertia of the body and its free joints about the contact point."""
+
+    B: Float[Array, "3 3"]
+    c: list[Float[Array, "_ _ 3"]]
+    H: list[Float[Array, "_ _ _"]]
+
+    def times(self, Omega: Float[Array, "3"], thetadot: Joints) -> tuple[Float[Array, "3"], Joints]:
+        """The product with Ω and θ̇."""
+        torque, efforts = apply(self.B, Omega), []
+        for c, H, rate in zip(self.c, self.H, thetadot, strict=True):
+            torque = torque + jnp.sum(c * rate[..., None], axis=(0, 1))
+            efforts.append(jnp.sum(c * Omega[None, None], axis=-1) + jnp.sum(H * rate[:, None, :], axis=-1))
+        return torque, efforts
+
+    def factored(self) -> "FactoredInertia":
+        """The same, ready to be solved with many right-hand sides."""
+        rest, eliminated = self.B, []
+        for c, H in zip(self.c, self.H, strict=True):
+            factors = jax.vmap(factored)(H)
+            reduced = jax.vmap(Factors.reduced)(factors, c)
+            divided = jax.vmap(Factors.divided)(factors, reduced)
+            rest = rest - jnp.sum(reduced[..., :, None] * divided[..., None, :], axis=(0, 1))
+            eliminated.append((factors, reduced, divided))
+        return FactoredInertia(inverse(rest), eliminated)
+
+
+class FactoredInertia(NamedTuple):
+    """The inertia with its joints eliminated."""
+
+    inverse: Float[Array, "3 3"]  # of B − Σ c H⁻¹ cᵀ
+    eliminated: list[tuple[Factors, Array, Array]]  # the factors of H, L⁻¹cᵀ and D⁻¹L⁻¹cᵀ
+
+    def solve(self, torque: Float[Array, "3"], efforts: Joints) -> tuple[Float[Array, "3"], Joints]:
+        """Ω̇ and θ̈, or other rates, whose product with the inertia is ``torque`` and ``efforts``."""
+        reduced = []
+        for (factors, _, divided), effort in zip(self.eliminated, efforts, strict=True):
+            y = jax.vmap(Factors.reduced)(factors, effort)
+            torque = torque - jnp.sum(divided * y[..., None], axis=(0, 1))
+            reduced.append(y)
+        Omega, rates = apply(self.inverse, torque), []
+        for (factors, coupled, _), y in zip(self.eliminated, reduced, strict=True):
+            rest = y - jnp.sum(coupled * Omega[None, None], axis=-1)
+            rates.append(jax.vmap(lambda f, x: f.completed(f.divided(x)))(factors, rest))
+        return Omega, rates
+
+
+def inertia(B: Float[Array, "3 3"], r: Float[Array, ""], Gamma: Float[Array, "3"], joints: list[FreeJoints]) -> Inertia:
+    """The inertia, with B that of the body about the contact point, all masses in their places."""
+    c, H = [], []
+    for at in joints:
+        weighted = at.m[:, None, :, None] * at.partial[:, at.free]
+        s = r * Gamma[None, None] + at.chi
+        c.append(jnp.sum(_cross(s[:, None], weighted), axis=2))
+        H.append(jnp.sum(weighted[:, :, None] * at.partial[:, None, at.free], axis=(-2, -1)))
+    return Inertia(B, c, H)
+
+
+def inertia_rate(
+    Bdot: Float[Array, "3 3"],
+    r: Float[Array, ""],
+    Gamma: Float[Array, "3"],
+    Gammadot: Float[Array, "3"],
+    joints: list[FreeJoints],
+) -> Inertia:
+    """The rate of the inertia."""
+    c, H = [], []
+    for at in joints:
+        m = at.m[:, None, :, None]
+        partial, slope = at.partial[:, at.free], at.slope[:, at.free]
+        s = r * Gamma[None, None] + at.chi
+        sdot = r * Gammadot[None, None] + along(at.partial, at.rates[1])
+        c.append(jnp.sum(_cross(sdot[:, None], m * partial) + _cross(s[:, None], m * slope), axis=2))
+        mixed = jnp.sum((m * slope)[:, :, None] * partial[:, None], axis=(-2, -1))
+        H.append(mixed + jnp.swapaxes(mixed, 1, 2))
+    return Inertia(Bdot, c, H)
+
+
+def joint_forces(system: BodyParameters, t: Float[Array, ""], state: State, joints: list[FreeJoints]) -> Joints:
+    """Q of the free joints."""
+    return [
+        eqx.filter_vmap(lambda mechanism, rates: mechanism.forces(t, rates, state))(at.group, at.rates) for at in joints
+    ]
+
+
+def joined(coordinates: Float[Array, " coordinates"], joints: list[FreeJoints], values: Joints):
+    """An array of all coordinates, with the values of free joints in their places."""
+    for at, value in zip(joints, values, strict=True):
+        places = np.full(coordinates.shape[0], -1)
+        places[at.slots.ravel()] = np.arange(at.slots.size)
+        spread = jnp.ravel(value)[np.maximum(places, 0)]
+        coordinates = jnp.where(places >= 0, spread, coordinates)
+    return coordinates
+
+
+def along(partial: Float[Array, "mechanisms k n 3"], rate: Float[Array, "mechanisms k"]):
+    """Σ_a χ_a θ̇_a, or another sum over joints."""
+    return jnp.sum(partial * rate[:, :, None, None], axis=1)
+
+
+def _cross(a: Float[Array, "*some 3"], b: Float[Array, "*others 3"]) -> Float[Array, "*all 3"]:
+    return cross(*jnp.broadcast_arrays(a, b))
+
+
+def moved_masses(system: BodyParameters, t: Float[Array, ""], state: State) -> Iterator[Condition]:
+    """The condition on each free joint that it moves some mass, beside those that carry it; traceable.
+
+    The pivots of H say so: that of a joint is the inertia that is left to it when the joints before it give way.
+    """
+    for joints in free_joints(system.prepare(), t, (state.theta, state.thetadot, state.thetadot)):
+        H = inertia(jnp.eye(3, dtype=joints.m.dtype), system.radius, state.Gamma, [joints]).H[0]
+        pivots, alone = jax.vmap(factored)(H).pivots, jnp.diagonal(H, axis1=1, axis2=2)
+        least = SINGULAR**2 * jnp.sum(joints.m, axis=1, keepdims=True) * system.radius**2
+        names = tuple(system.coordinates[slot] for slot in joints.slots.ravel())
+        holds = jnp.ravel((pivots > SINGULAR * alone) & (alone > least))
+        yield Condition(holds, names, jnp.ravel(pivots), MOVES)

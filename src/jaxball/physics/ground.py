@@ -1,0 +1,141 @@
+"""The ground: a plane that may be tilted, that may move without turning, and that may carry a turntable.
+
+Space axes move with the plane and never turn; e3 is its normal, and the place z and all velocities are relative to
+these axes.
+"""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..interface.arguments import require
+from ..interface.printing import Printed
+from ..numerics.arrays import namespace_of, numbers
+from ..numerics.trigonometry import sine_cosine
+from .conditions import Condition
+from .motion import AbstractPrescribedMotion
+from .schedules import AbstractSchedule
+
+
+class Turntable(Printed):
+    """A part of the plane that turns about its normal, without end.
+
+    **Arguments:**
+
+    - ``turning``: the angle by which it has turned, rad, as a schedule: its rate is W(t), so that
+      ``ConstantRate(0.0, rate=2.0)`` turns it at W = 2.
+    - ``centre``: the point c about which it turns, length, shape (2,); the origin if not given.
+
+    **Example:**
+
+    >>> from jaxball import Ball, ConstantRate, Ground, Turntable
+    >>> ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=Ground(turntable=Turntable(ConstantRate(0.0, rate=2.0))))
+    """
+
+    turning: AbstractSchedule
+    centre: Float[Array, "*group 2"] = eqx.field(converter=numbers("centre", (2,)), default=(0.0, 0.0))
+
+    def __check_init__(self):
+        must = "a schedule of the angle by which it has turned, such as ConstantRate(0.0, rate=2.0)"
+        require("turning", self.turning, AbstractSchedule, must)
+
+    def prepare(self) -> "Turntable":
+        return Turntable(self.turning.prepare(), self.centre)
+
+
+class TableMotion(NamedTuple):
+    """What a turntable does to the body's centre: its rate W, the velocity u, and u̇ in space axes."""
+
+    W: Float[Array, ""]
+    velocity: Float[Array, "2"]
+    acceleration: Float[Array, "2"]
+
+
+class Ground(Printed):
+    """The plane on which a body rolls, where it is not level and at rest.
+
+    **Arguments:**
+
+    - ``angle``: by which the plane is tilted, rad, less than a right angle either way.
+    - ``heading``: the direction of steepest descent, from e1 to e2, rad.
+    - ``motion``: the displacement X(t) of the plane, with its axes, as a motion: an :class:`~jaxball.Oscillating` of
+      sinusoids, an :class:`~jaxball.OnRail` of a rail and a schedule, or a :class:`~jaxball.Free` of a function.
+    - ``turntable``: a :class:`~jaxball.Turntable` in the plane, for a ball.
+
+    Gravity is g (sin a cos b, sin a sin b, −cos a), with a the angle and b the heading. The weight, the plane's
+    acceleration and the turntable act together on the masses as γ = Λ⁻¹(Ẍ + u̇ − **g**) does in the place of gΓ.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Ball, Ground, simulate
+    >>> slope = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=Ground(angle=0.1))
+    >>> path = simulate(slope, jnp.array([0.0, 2.0])).state.z  # ½ t² g sin a / (1 + 2/5)
+    >>> print(path[-1].round(6))
+    [0.142619 0.      ]
+    """
+
+    angle: Float[Array, "*group"] = eqx.field(converter=numbers("angle"), default=0.0)
+    heading: Float[Array, "*group"] = eqx.field(converter=numbers("heading"), default=0.0)
+    motion: AbstractPrescribedMotion | None = None
+    turntable: Turntable | None = None
+
+    def __check_init__(self):
+        must = "a motion of the plane, such as Oscillating(HarmonicSeries(...)), or None"
+        require("motion", self.motion, (AbstractPrescribedMotion, type(None)), must)
+        require("turntable", self.turntable, (Turntable, type(None)), "a Turntable or None")
+
+    def conditions(self) -> Iterator[Condition]:
+        """What the tilt must be; traceable."""
+        number = namespace_of(self.angle)
+        tilted = "an angle of less than a right angle, π/2, either way"
+        yield Condition(abs(self.angle) < number.pi / 2, "ground.angle", self.angle, tilted)
+        yield Condition(number.isfinite(self.heading), "ground.heading", self.heading, "a finite number")
+
+    def up(self) -> Float[Array, "3"]:
+        """The vertical −**g**/g, space axes."""
+        (sine, cosine), (sine_b, cosine_b) = sine_cosine(self.angle), sine_cosine(self.heading)
+        return jnp.stack([-sine * cosine_b, -sine * sine_b, cosine])
+
+    def lift(self, t: Float[Array, ""], g: Float[Array, ""]) -> Float[Array, "3"]:
+        """Ẍ − **g**, space axes."""
+        weight = g * self.up()
+        return weight if self.motion is None else weight + self.motion.kinematics(t).chiddot
+
+    def rate(self, t: Float[Array, ""]) -> Float[Array, ""] | None:
+        """W of the turntable; None without one."""
+        return None if self.turntable is None else self.turntable.turning.derivatives(t)[1]
+
+    def velocity(self, t: Float[Array, ""], z: Float[Array, "2"]) -> Float[Array, "2"] | None:
+        """u = W e3 × (z − c), with which the turntable carries the body's centre; None without one."""
+        W = self.rate(t)
+        return None if self.turntable is None or W is None else W * _turned(z - self.turntable.centre)
+
+    def table_motion(self, t: Float[Array, ""], z: Float[Array, "2"], rolling: Float[Array, "2"]) -> TableMotion | None:
+        """W, u and u̇ where the body's centre is at z and rolls over the table at ``rolling``; None without one."""
+        if self.turntable is None:
+            return None
+        _, W, Wdot = self.turntable.turning.derivatives(t)
+        aside = _turned(z - self.turntable.centre)
+        return TableMotion(W, W * aside, Wdot * aside + W * _turned(rolling + W * aside))
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which Ẍ or Ẇ jumps or bends."""
+        sources = [self.motion, None if self.turntable is None else self.turntable.turning]
+        times = [source.kinks() for source in sources if source is not None]
+        return jnp.concatenate(times) if times else jnp.zeros((0,), dtype=self.angle.dtype)
+
+    def prepare(self) -> "Ground":
+        motion = None if self.motion is None else self.motion.prepare()
+        turntable = None if self.turntable is None else self.turntable.prepare()
+        return eqx.tree_at(
+            lambda ground: (ground.motion, ground.turntable), self, (motion, turntable), is_leaf=lambda x: x is None
+        )
+
+
+def _turned(v: Float[Array, "2"]) -> Float[Array, "2"]:
+    """e3 × v."""
+    return jnp.stack([-v[1], v[0]])

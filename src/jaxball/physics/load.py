@@ -1,0 +1,74 @@
+"""What acts on the body from outside: weight, the motion of the ground, the external force, and resistance."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..numerics.vectors import apply, cross
+from .moments import AbstractMoments
+from .parameters import BodyParameters
+from .state import ReducedState, State, rolling_velocity
+
+
+class Load(NamedTuple):
+    """The load on a body, in body axes.
+
+    ``gamma`` is γ = Λ⁻¹(Ẍ + u̇ − **g**), and None on a level plane at rest, where it is gΓ. ``force`` is F̃ of all forces
+    at the geometric centre, ``torque`` T̃ of all torques, each None where there are none.
+    """
+
+    g: Float[Array, ""]
+    Gamma: Float[Array, "3"]
+    gamma: Float[Array, "3"] | None
+    force: Float[Array, "3"] | None
+    torque: Float[Array, "3"] | None
+
+    @property
+    def weight(self) -> Float[Array, "3"]:
+        """γ: what a unit of mass at rest in the space axes weighs, upward."""
+        return self.g * self.Gamma if self.gamma is None else self.gamma
+
+    def about_contact(self, at: AbstractMoments, r: Float[Array, ""]) -> Float[Array, "3"]:
+        """The torque of the load about the contact point: γ × (MrΓ + p) + rΓ × F̃ + T̃."""
+        if self.gamma is None:
+            push = self.g * at.p if self.force is None else self.g * at.p + r * self.force
+            torque = cross(self.Gamma, push)
+        else:
+            torque = cross(self.gamma, at.M * r * self.Gamma + at.p)
+            torque = torque if self.force is None else torque + r * cross(self.Gamma, self.force)
+        return torque if self.torque is None else torque + self.torque
+
+
+def load(system: BodyParameters, t: Float[Array, ""], state: State) -> Load:
+    """The load at a state, but for dry friction, which depends on the normal force.
+
+    Reduced states, which do not know Λ, are refused where an external force acts or the ground is not level and at
+    rest.
+    """
+    r, g, Gamma = system.radius, system.gravity, state.Gamma
+    gamma = force = torque = velocity = W = None
+    if system.force is not None:
+        assert not isinstance(state, ReducedState)
+        force = apply(state.Lambda.T, system.force(t))
+    if system.ground is not None:
+        assert not isinstance(state, ReducedState)
+        lift = system.ground.lift(t, g)
+        if system.ground.turntable is not None:
+            table = system.ground.table_motion(t, state.z, rolling_velocity(state.Lambda, state.Omega, r))
+            assert table is not None
+            W, velocity = table.W, apply(state.Lambda.T, in_three(table.velocity))
+            lift = lift + in_three(table.acceleration)
+        gamma = apply(state.Lambda.T, lift)
+    if system.resistance is not None:
+        resistance, Omega = system.resistance, state.Omega
+        rolling = r * cross(Omega, Gamma)
+        drag = -resistance.drag * (rolling if velocity is None else rolling + velocity)
+        force = drag if force is None else force + drag
+        torque = resistance.contact_torque(Omega, Gamma, W) - resistance.rotational_drag * Omega
+    return Load(g, Gamma, gamma, force, torque)
+
+
+def in_three(v: Float[Array, "2"]) -> Float[Array, "3"]:
+    """A horizontal vector with its third component, 0."""
+    return jnp.concatenate([v, jnp.zeros_like(v[:1])])

@@ -1,0 +1,346 @@
+"""Generalised forces Q on joints: motors, springs, dampers, servos, end stops, and their sums."""
+
+import abc
+from collections.abc import Callable, Iterator
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PyTree
+
+from ...interface.arguments import require, require_callable, require_value
+from ...interface.printing import Printed
+from ...numerics.arrays import Numbers, default_dtype, namespace_of, numbers, to_array
+from ..conditions import Condition
+from ..schedules import AbstractSchedule
+from ..signals import AbstractSignal, as_signal
+from ..state import State
+
+
+class AbstractJointForce(Printed):
+    """The generalised force Q on a free joint, between the link that carries it and the one that it carries.
+
+    It is a torque about a hinge and a force along a slider. Forces add up: ``Motor(...) + Damper(0.1)``.
+    """
+
+    @abc.abstractmethod
+    def __call__(
+        self, t: Float[Array, ""], theta: Float[Array, ""], thetadot: Float[Array, ""], state: State
+    ) -> Float[Array, ""]:
+        """Q, where ``theta`` and ``thetadot`` are those of the joint and ``state`` is that of the body."""
+
+    def __add__(self, other: "AbstractJointForce") -> "JointForces":
+        return JointForces((*_terms(self), *_terms(other)))
+
+    def conditions(self, name: str) -> Iterator[Condition]:
+        """Every condition that its numbers must meet; ``name`` is that of the force in sentences."""
+        yield from ()
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which Q or one of its derivatives jumps."""
+        return jnp.zeros((0,), dtype=default_dtype())
+
+    def prepare(self) -> "AbstractJointForce":
+        """The same force, ready to be evaluated many times."""
+        return self
+
+
+class JointForces(AbstractJointForce):
+    """The sum of several forces on one joint.
+
+    **Arguments:**
+
+    - ``terms``: the forces.
+
+    **Example:**
+
+    >>> from jaxball import Damper, Spring
+    >>> Spring(stiffness=2.0) + Damper(0.1)
+    JointForces(terms=(Spring(stiffness=2.0), Damper(coefficient=0.1)))
+    """
+
+    terms: tuple[AbstractJointForce, ...]
+
+    def __check_init__(self):
+        for index, term in enumerate(self.terms):
+            require(f"terms[{index}]", term, AbstractJointForce, "a force on a joint, such as Spring(...)")
+
+    def __call__(self, t, theta, thetadot, state):
+        return sum((term(t, theta, thetadot, state) for term in self.terms), jnp.zeros_like(theta))
+
+    def conditions(self, name: str) -> Iterator[Condition]:
+        for index, term in enumerate(self.terms):
+            yield from term.conditions(f"{name}.terms[{index}]")
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        times = [term.kinks() for term in self.terms]
+        return jnp.concatenate(times) if times else AbstractJointForce.kinks(self)
+
+    def prepare(self) -> "JointForces":
+        return JointForces(tuple(term.prepare() for term in self.terms))
+
+
+def _terms(force: AbstractJointForce) -> tuple[AbstractJointForce, ...]:
+    return force.terms if isinstance(force, JointForces) else (force,)
+
+
+class Spring(AbstractJointForce):
+    """Q = −stiffness (θ − rest). Its energy is not part of the body's: a spring does work as a motor does.
+
+    **Arguments:**
+
+    - ``stiffness``: torque per rad, or force per length.
+    - ``rest``: the θ at which it pulls nowhere.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BallState, Spring
+    >>> float(Spring(stiffness=2.0, rest=0.5)(jnp.array(0.0), jnp.array(1.0), jnp.array(0.0), BallState()))
+    -1.0
+    """
+
+    stiffness: Float[Array, "*group"] = eqx.field(converter=numbers("stiffness"))
+    rest: Float[Array, "*group"] = eqx.field(converter=numbers("rest"), default=0.0)
+
+    def __call__(self, t, theta, thetadot, state):
+        return -self.stiffness * (theta - self.rest)
+
+
+class Damper(AbstractJointForce):
+    """Q = −coefficient θ̇.
+
+    **Arguments:**
+
+    - ``coefficient``: torque or force per rate; 0 or positive unless ``negative``.
+    - ``negative``: whether it may be negative, and so put energy in.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BallState, Damper
+    >>> float(Damper(0.5)(jnp.array(0.0), jnp.array(0.0), jnp.array(2.0), BallState()))
+    -1.0
+    """
+
+    coefficient: Float[Array, "*group"] = eqx.field(converter=numbers("coefficient"))
+    negative: bool = eqx.field(static=True, default=False)
+
+    def __call__(self, t, theta, thetadot, state):
+        return -self.coefficient * thetadot
+
+    def conditions(self, name: str) -> Iterator[Condition]:
+        if not self.negative:
+            yield _not_negative(f"{name}.coefficient", self.coefficient, "0 or positive, unless `negative` allows it")
+
+
+class Motor(AbstractJointForce):
+    """Q(t) = signal(t), as far as the ``limit`` goes.
+
+    **Arguments:**
+
+    - ``signal``: the torque of a hinge or the force along a slider: a number, a :class:`~jaxball.PiecewiseSignal`, or
+      a schedule, whose value it is.
+    - ``limit``: the largest |Q|; none if not given.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BallState, Motor, Sinusoids
+    >>> motor = Motor(Sinusoids(0.0, amplitude=[3.0], frequency=[jnp.pi]), limit=2.0)
+    >>> float(motor(jnp.array(0.5), jnp.array(0.0), jnp.array(0.0), BallState()))
+    2.0
+    """
+
+    signal: AbstractSignal | AbstractSchedule
+    limit: Float[Array, "*group"] | None
+
+    def __init__(self, signal: "AbstractSignal | AbstractSchedule | Numbers", limit: Numbers | None = None):
+        self.signal = as_signal("signal", signal)
+        self.limit = None if limit is None else to_array(limit, "limit")
+
+    def __call__(self, t, theta, thetadot, state):
+        return _limited(self.signal(t), self.limit)
+
+    def conditions(self, name: str) -> Iterator[Condition]:
+        if self.limit is not None:
+            yield _not_negative(f"{name}.limit", self.limit, "0 or positive")
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.signal.kinks()
+
+    def prepare(self) -> "Motor":
+        return Motor(self.signal.prepare(), self.limit)
+
+
+class SpeedLimitedMotor(AbstractJointForce):
+    """A motor with a torque–speed line: Q = stall (command(t) − θ̇ / free_speed), as an electric motor at a voltage.
+
+    **Arguments:**
+
+    - ``command``: the voltage over the full one, from −1 to 1: a number, a :class:`~jaxball.PiecewiseSignal` or a
+      schedule.
+    - ``stall``: the torque of a hinge, or the force along a slider, that it has at full command and no speed.
+    - ``free_speed``: θ̇ at full command and no torque.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BallState, SpeedLimitedMotor
+    >>> motor = SpeedLimitedMotor(1.0, stall=2.0, free_speed=10.0)
+    >>> float(motor(jnp.array(0.0), jnp.array(0.0), jnp.array(5.0), BallState()))
+    1.0
+    """
+
+    command: AbstractSignal | AbstractSchedule
+    stall: Float[Array, "*group"]
+    free_speed: Float[Array, "*group"]
+
+    def __init__(self, command: "AbstractSignal | AbstractSchedule | Numbers", stall: Numbers, free_speed: Numbers):
+        self.command = as_signal("command", command)
+        self.stall, self.free_speed = to_array(stall, "stall"), to_array(free_speed, "free_speed")
+
+    def __call__(self, t, theta, thetadot, state):
+        return self.stall * (self.command(t) - thetadot / self.free_speed)
+
+    def conditions(self, name: str) -> Iterator[Condition]:
+        yield _not_negative(f"{name}.stall", self.stall, "0 or positive")
+        yield Condition(self.free_speed > 0, f"{name}.free_speed", self.free_speed, "a positive number")
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.command.kinks()
+
+    def prepare(self) -> "SpeedLimitedMotor":
+        return SpeedLimitedMotor(self.command.prepare(), self.stall, self.free_speed)
+
+
+class PDServo(AbstractJointForce):
+    """Q = −stiffness (θ − target(t)) − damping (θ̇ − target rate), as far as the ``limit`` goes.
+
+    A :class:`~jaxball.Servo` gives accelerations, whatever force these take; this one gives forces.
+
+    **Arguments:**
+
+    - ``target``: a schedule of θ.
+    - ``stiffness``: torque per rad, or force per length.
+    - ``damping``: torque or force per rate.
+    - ``limit``: the largest |Q|; none if not given.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BallState, ConstantRate, PDServo
+    >>> servo = PDServo(ConstantRate(1.0), stiffness=4.0, damping=2.0)
+    >>> float(servo(jnp.array(0.0), jnp.array(0.0), jnp.array(0.5), BallState()))  # −4 (0 − 1) − 2 · 0.5
+    3.0
+    """
+
+    target: AbstractSchedule
+    stiffness: Float[Array, "*group"] = eqx.field(converter=numbers("stiffness"))
+    damping: Float[Array, "*group"] = eqx.field(converter=numbers("damping"), default=0.0)
+    limit: Float[Array, "*group"] | None = eqx.field(
+        converter=lambda x: None if x is None else to_array(x, "limit"), default=None
+    )
+
+    def __check_init__(self):
+        require("target", self.target, AbstractSchedule, "a schedule, such as Waypoints(...)")
+
+    def __call__(self, t, theta, thetadot, state):
+        target, rate, _ = self.target.derivatives(t)
+        return _limited(-self.stiffness * (theta - target) - self.damping * (thetadot - rate), self.limit)
+
+    def conditions(self, name: str) -> Iterator[Condition]:
+        if self.limit is not None:
+            yield _not_negative(f"{name}.limit", self.limit, "0 or positive")
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.target.kinks()
+
+    def prepare(self) -> "PDServo":
+        return PDServo(self.target.prepare(), self.stiffness, self.damping, self.limit)
+
+
+class EndStops(AbstractJointForce):
+    """Stiff springs, with dampers, at both ends of a joint's way; no force between them.
+
+    Beyond an end by x > 0, the force back is stiffness x (1 + damping ẋ), and never outward: it grows from 0, as that
+    of Hunt and Crossley's contact (*J. Appl. Mech.* 42, 1975, 440) with an exponent of 1.
+
+    **Arguments:**
+
+    - ``lower``, ``upper``: θ at the ends.
+    - ``stiffness``: torque per rad, or force per length. A mass m that meets a stop at speed v goes beyond it by about
+      v √(m / stiffness).
+    - ``damping``: time over an angle or a length.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BallState, EndStops
+    >>> stops = EndStops(-1.0, 1.0, stiffness=100.0)
+    >>> float(stops(jnp.array(0.0), jnp.array(1.25), jnp.array(0.0), BallState()))
+    -25.0
+    """
+
+    lower: Float[Array, "*group"] = eqx.field(converter=numbers("lower"))
+    upper: Float[Array, "*group"] = eqx.field(converter=numbers("upper"))
+    stiffness: Float[Array, "*group"] = eqx.field(converter=numbers("stiffness"))
+    damping: Float[Array, "*group"] = eqx.field(converter=numbers("damping"), default=0.0)
+
+    def __call__(self, t, theta, thetadot, state):
+        back = self._push(self.lower - theta, -thetadot)
+        return back - self._push(theta - self.upper, thetadot)
+
+    def _push(self, beyond, rate):
+        return self.stiffness * jnp.maximum(beyond, 0.0) * jnp.maximum(1.0 + self.damping * rate, 0.0)
+
+    def conditions(self, name: str) -> Iterator[Condition]:
+        yield Condition(self.lower < self.upper, f"{name}.lower", self.lower, "less than `upper`")
+        yield _not_negative(f"{name}.stiffness", self.stiffness, "0 or positive")
+        yield _not_negative(f"{name}.damping", self.damping, "0 or positive")
+
+
+class FunctionJointForce(AbstractJointForce):
+    """Q = function(t, theta, thetadot, state, parameters), for any function that JAX can trace.
+
+    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew. It may know the body's
+    Ω, Γ and place from ``state``, but no acceleration and no reaction.
+
+    **Arguments:**
+
+    - ``function``: of (t, theta, thetadot, state, parameters), with θ and θ̇ of the joint, to Q, shape ().
+    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
+    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BallState, FunctionJointForce
+    >>> def hardening(t, theta, thetadot, state, stiffness):
+    ...     return -stiffness * theta**3
+    >>> force = FunctionJointForce(hardening, 2.0)
+    >>> float(force(jnp.array(0.0), jnp.array(1.0), jnp.array(0.0), BallState()))
+    -2.0
+    """
+
+    function: Callable[..., Float[Array, ""]] = eqx.field(static=True)
+    parameters: PyTree = None
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
+
+    def __check_init__(self):
+        require_callable("function", self.function, "t", "theta", "thetadot", "state", "parameters")
+
+    def __call__(self, t, theta, thetadot, state):
+        force = self.function(t, theta, thetadot, state, self.parameters)
+        require_value("function", force, ())
+        return force
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.kink_times
+
+
+def _limited(force: Float[Array, ""], limit: Float[Array, ""] | None) -> Float[Array, ""]:
+    return force if limit is None else jnp.clip(force, -limit, limit)
+
+
+def _not_negative(name: str, value: Float[Array, "*group"], must: str) -> Condition:
+    return Condition((value >= 0) & namespace_of(value).isfinite(value), name, value, must)

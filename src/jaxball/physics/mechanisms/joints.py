@@ -1,0 +1,197 @@
+"""Joints: how one link of a mechanism moves on another, and what drives it."""
+
+import abc
+from typing import TYPE_CHECKING, NamedTuple, cast
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ...interface.arguments import require
+from ...interface.printing import Printed
+from ...numerics.arrays import numbers
+from ...numerics.trigonometry import sine_cosine
+from ...numerics.vectors import apply, cross, dot, hat, outer
+from ..rails import AbstractRail
+from ..schedules import AbstractSchedule
+from .forces import AbstractJointForce
+
+
+class Accelerated(Printed):
+    """The drive of a joint whose θ̈ the body's feedback law gives, as it does of :class:`~jaxball.Driven` masses.
+
+    **Example:**
+
+    >>> from jaxball import Accelerated, Hinge
+    >>> Hinge((0.0, 1.0, 0.0), drive=Accelerated())
+    Hinge(axis=(0.0, 1.0, 0.0), point=(0.0, 0.0, 0.0), drive=Accelerated())
+    """
+
+
+Drive = AbstractSchedule | Accelerated | AbstractJointForce | None
+
+
+def require_drive(name: str, drive: Drive) -> None:
+    """Raises a ``TypeError`` unless ``drive`` is what may drive a joint."""
+    must = "a schedule of θ, a force on the joint such as Motor(...), Accelerated() for a feedback law, or None"
+    require(name, drive, (AbstractSchedule, Accelerated, AbstractJointForce, type(None)), must)
+
+
+class Placement(NamedTuple):
+    """Where a link is in the body: its points x are at ``turn`` x + ``shift``, where x is the place at θ = 0."""
+
+    turn: Float[Array, "3 3"]
+    shift: Float[Array, "3"]
+
+    def of_point(self, x: Float[Array, "3"]) -> Float[Array, "3"]:
+        return apply(self.turn, x) + self.shift
+
+    def of_points(self, x: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+        return jnp.sum(self.turn[None] * x[:, None, :], axis=-1) + self.shift[None]
+
+
+def in_place(like: Float[Array, "..."]) -> Placement:
+    """The placement of the body itself."""
+    return Placement(jnp.eye(3, dtype=like.dtype), jnp.zeros((3,), dtype=like.dtype))
+
+
+class Moved(NamedTuple):
+    """What a joint does: where it places its link, and the velocities that a rate θ̇ = 1 gives to what it carries.
+
+    A point at χ gets w × (χ − c) + v.
+    """
+
+    placement: Placement
+    w: Float[Array, "3"]
+    c: Float[Array, "3"]
+    v: Float[Array, "3"]
+
+
+class AbstractJoint(Printed):
+    """A joint of one degree of freedom, θ. Axes and points are given where every θ is 0, in body axes.
+
+    ``drive`` says how it moves: by a schedule of θ; by a force on the joint, with its own inertia and that of all that
+    it carries; by a feedback law that gives θ̈ (:class:`~jaxball.Accelerated`); or freely, for None. ``on`` is the index
+    of the joint that carries it, −1 for the body itself; if not given, the joint before it in the list.
+    """
+
+    if TYPE_CHECKING:  # to a type checker, fields declared here would come before `axis` among the arguments
+        drive, on = cast(Drive, None), cast(int | None, None)
+    else:
+        drive: eqx.AbstractVar[Drive]
+        on: eqx.AbstractVar[int | None]
+
+    def __check_init__(self):
+        require_drive("drive", self.drive)
+        require("on", self.on, (int, type(None)), "the index of a joint before it, -1 for the body, or None")
+
+    @abc.abstractmethod
+    def moved(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
+        """What the joint does at ``theta``, on a link that is placed at ``carrier``."""
+
+    def prepare(self) -> "AbstractJoint":
+        """The same joint, ready to be evaluated many times."""
+        return self
+
+
+class Hinge(AbstractJoint):
+    """A hinge: it turns what it carries by θ about an axis.
+
+    **Arguments:**
+
+    - ``axis``: its direction, of any length but 0, shape (3,).
+    - ``point``: a point on the axis, from the geometric centre, length, shape (3,); the geometric centre if not given.
+    - ``drive``: what drives it: a schedule of θ in rad, a force such as :class:`~jaxball.Motor`, whose Q is a torque,
+      :class:`~jaxball.Accelerated`, or None.
+    - ``on``: the index of the joint that carries it, −1 for the body; the joint before it if not given.
+
+    **Example:**
+
+    >>> from jaxball import Hinge, Motor
+    >>> Hinge((0.0, 1.0, 0.0), point=(0.0, 0.0, 0.2), drive=Motor(0.1))
+    Hinge(axis=(0.0, 1.0, 0.0), point=(0.0, 0.0, 0.2), drive=Motor(signal=ConstantSignal(value=0.1)))
+    """
+
+    axis: Float[Array, "*group 3"] = eqx.field(converter=numbers("axis", (3,)))
+    point: Float[Array, "*group 3"] = eqx.field(converter=numbers("point", (3,)), default=(0.0, 0.0, 0.0))
+    drive: Drive = None
+    on: int | None = eqx.field(static=True, default=None)
+
+    def moved(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
+        n = _direction(self.axis)
+        sine, cosine = sine_cosine(theta)
+        turn = cosine * jnp.eye(3, dtype=n.dtype) + sine * hat(n) + (1 - cosine) * outer(n, n)
+        w, c = apply(carrier.turn, n), carrier.of_point(self.point)
+        turned = jnp.sum(carrier.turn[:, :, None] * turn[None], axis=1)
+        return Moved(Placement(turned, c - apply(turned, self.point)), w, c, jnp.zeros_like(w))
+
+
+class Slider(AbstractJoint):
+    """A slider: it moves what it carries by θ, a length, along an axis.
+
+    **Arguments:**
+
+    - ``axis``: its direction, of any length but 0, shape (3,).
+    - ``drive``: what drives it: a schedule of θ, a force such as :class:`~jaxball.Spring`,
+      :class:`~jaxball.Accelerated`, or None.
+    - ``on``: the index of the joint that carries it, −1 for the body; the joint before it if not given.
+
+    **Example:**
+
+    >>> from jaxball import Slider, Spring
+    >>> Slider((1.0, 0.0, 0.0), drive=Spring(stiffness=5.0))
+    Slider(axis=(1.0, 0.0, 0.0), drive=Spring(stiffness=5.0))
+    """
+
+    axis: Float[Array, "*group 3"] = eqx.field(converter=numbers("axis", (3,)))
+    drive: Drive = None
+    on: int | None = eqx.field(static=True, default=None)
+
+    def moved(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
+        v = apply(carrier.turn, _direction(self.axis))
+        zero = jnp.zeros_like(v)
+        return Moved(Placement(carrier.turn, carrier.shift + theta * v), zero, zero, v)
+
+
+class Carriage(AbstractJoint):
+    """A carriage on a rail: it moves what it carries by ζ(θ), without turning it.
+
+    A mass at (0, 0, 0) on it is on the rail itself.
+
+    **Arguments:**
+
+    - ``rail``: such as a :class:`~jaxball.Circle`, drawn where every θ is 0.
+    - ``drive``: what drives it: a schedule of θ, a force such as :class:`~jaxball.Motor`, whose power is Q θ̇,
+      :class:`~jaxball.Accelerated`, or None.
+    - ``on``: the index of the joint that carries it, −1 for the body; the joint before it if not given.
+
+    **Example:**
+
+    >>> from jaxball import Carriage, Circle
+    >>> Carriage(Circle(0.5))
+    Carriage(rail=Circle(radius=0.5))
+    """
+
+    rail: AbstractRail
+    drive: Drive = None
+    on: int | None = eqx.field(static=True, default=None)
+
+    def __check_init__(self):
+        require("rail", self.rail, AbstractRail, "a rail, such as Circle(...)")
+
+    def moved(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
+        zeta, slope, _ = self.rail.derivatives(theta)
+        zero = jnp.zeros_like(zeta)
+        return Moved(Placement(carrier.turn, carrier.of_point(zeta)), zero, zero, apply(carrier.turn, slope))
+
+    def prepare(self) -> "Carriage":
+        return Carriage(self.rail.prepare(), self.drive, self.on)
+
+
+def _direction(axis: Float[Array, "3"]) -> Float[Array, "3"]:
+    return axis / jnp.sqrt(dot(axis, axis))
+
+
+def velocity(moved: Moved, chi: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
+    """∂χ/∂θ of points that a joint carries."""
+    return cross(jnp.broadcast_to(moved.w, chi.shape), chi - moved.c[None]) + moved.v[None]

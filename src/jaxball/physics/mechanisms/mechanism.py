@@ -1,0 +1,325 @@
+"""Mechanisms: point masses that joints carry, which move by schedules, laws and forces."""
+
+import abc
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+
+from ...interface.arguments import require_each, require_function
+from ...interface.printing import Printed
+from ...numerics.arrays import Numbers, default_dtype, numbers
+from ..conditions import Condition, positive
+from ..motion import Kinematics
+from ..schedules import AbstractSchedule
+from ..state import Rates, State
+from .forces import AbstractJointForce
+from .joints import AbstractJoint, Accelerated, Drive, Moved, in_place, require_drive, velocity
+
+
+class Places(NamedTuple):
+    """Where a mechanism's masses are, χ_i, and how each joint moves them, χ_a = ∂χ/∂θ_a."""
+
+    chi: Float[Array, "n 3"]
+    partial: Float[Array, "k n 3"]
+
+
+class CarriedMass(Printed):
+    """A point mass that a joint of a mechanism carries.
+
+    **Arguments:**
+
+    - ``mass``: in units of mass.
+    - ``place``: where it is when every θ is 0, from the geometric centre, body axes, length, shape (3,).
+    - ``joint``: the index of the joint that carries it; the last one if not given.
+
+    **Example:**
+
+    >>> from jaxball import CarriedMass, Hinge, Mechanism
+    >>> Mechanism([Hinge((0.0, 1.0, 0.0))], [CarriedMass(0.5, (0.0, 0.0, -0.6))])
+    Mechanism(joints=(Hinge(axis=(0.0, 1.0, 0.0)),), mass=(0.5,), place=((0.0, 0.0, -0.6),), carrier=(0,))
+    """
+
+    mass: Float[Array, ""] = eqx.field(converter=numbers("mass"))
+    place: Float[Array, "3"] = eqx.field(converter=numbers("place", (3,)), default=(0.0, 0.0, 0.0))
+    joint: int = eqx.field(static=True, default=-1)
+
+
+class AbstractMechanism(Printed):
+    """Point masses placed by joints: χ_i(θ), with θ of every joint.
+
+    A kind of mechanism implements ``drives`` and ``places``. A joint's drive decides whose its θ is: a schedule's,
+    which prescribes it; or the state's, where a law accelerates it (``Accelerated``) or it is free under a force.
+    """
+
+    mass: eqx.AbstractVar[Float[Array, "*group n"]]
+
+    @property
+    @abc.abstractmethod
+    def drives(self) -> tuple[Drive, ...]:
+        """What drives each joint."""
+
+    @abc.abstractmethod
+    def places(self, theta: Float[Array, " k"]) -> Places:
+        """χ of each mass, and its derivatives with respect to each θ."""
+
+    @property
+    def n_joints(self) -> int:
+        """The number k of joints."""
+        return len(self.drives)
+
+    @property
+    def in_state(self) -> tuple[int, ...]:
+        """The joints whose θ and θ̇ belong to the state."""
+        return tuple(a for a, drive in enumerate(self.drives) if not isinstance(drive, AbstractSchedule))
+
+    @property
+    def accelerated(self) -> tuple[int, ...]:
+        """The joints whose θ̈ the feedback law gives."""
+        return tuple(a for a, drive in enumerate(self.drives) if isinstance(drive, Accelerated))
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        """The joints that move under forces."""
+        return tuple(a for a in self.in_state if a not in self.accelerated)
+
+    def rates(self, t: Float[Array, ""], own: Rates) -> Rates:
+        """θ, θ̇ and θ̈ of every joint, where ``own`` has those that belong to the state."""
+        columns = []
+        for a, drive in enumerate(self.drives):
+            if isinstance(drive, AbstractSchedule):
+                columns.append(drive.derivatives(t))
+            else:
+                columns.append(tuple(values[self.in_state.index(a)] for values in own))
+        theta, thetadot, thetaddot = (jnp.stack(values) for values in zip(*columns, strict=True))
+        return theta, thetadot, thetaddot
+
+    def kinematics(self, rates: Rates) -> Kinematics:
+        """χ, χ̇ and χ̈ of the masses, for the rates of every joint."""
+        _, thetadot, thetaddot = rates
+        at, slope = self.motion(rates)
+        chidot = _along(at.partial, thetadot)
+        return Kinematics(at.chi, chidot, _along(slope, thetadot) + _along(at.partial, thetaddot))
+
+    def motion(self, rates: Rates) -> tuple[Places, Float[Array, "k n 3"]]:
+        """The places, and the rates of ∂χ/∂θ_a."""
+        theta, thetadot, _ = rates
+        at, slopes = jax.jvp(self.places, (theta,), (thetadot,))
+        return at, slopes.partial
+
+    def forces(self, t: Float[Array, ""], rates: Rates, state: State) -> Float[Array, " free"]:
+        """Q of the free joints."""
+        theta, thetadot, _ = rates
+        return jnp.stack([_force(self.drives[a], t, theta[a], thetadot[a], state) for a in self.free])
+
+    def conditions(self, name: str) -> Iterator[Condition]:
+        """Every condition that its numbers must meet, with the name that it has in sentences; traceable."""
+        yield Condition(positive(self.mass), f"{name}.masses", self.mass, "positive numbers")
+        for a, drive in enumerate(self.drives):
+            if isinstance(drive, AbstractJointForce):
+                yield from drive.conditions(f"{name}.joints[{a}].drive")
+
+    def motion_kinks(self) -> Float[Array, " kinks"]:
+        """The times at which θ̈ of a schedule jumps or bends."""
+        return _joined([drive.kinks() for drive in self.drives if isinstance(drive, AbstractSchedule)])
+
+    def driving_kinks(self) -> Float[Array, " kinks"]:
+        """The times at which a force jumps or bends."""
+        return _joined([drive.kinks() for drive in self.drives if isinstance(drive, AbstractJointForce)])
+
+    def prepare(self) -> "AbstractMechanism":
+        """The same mechanism, ready to be evaluated many times."""
+        return self
+
+
+def _along(partial: Float[Array, "k n 3"], rate: Float[Array, " k"]) -> Float[Array, "n 3"]:
+    return jnp.sum(partial * rate[:, None, None], axis=0)
+
+
+def _force(drive: Any, t, theta, thetadot, state) -> Float[Array, ""]:
+    return jnp.zeros_like(theta) if drive is None else drive(t, theta, thetadot, state)
+
+
+def _joined(times: Sequence[Float[Array, " kinks"]]) -> Float[Array, " kinks"]:
+    return jnp.concatenate(times) if times else jnp.zeros((0,), dtype=default_dtype())
+
+
+def _prepared(drive: Drive) -> Drive:
+    return drive.prepare() if isinstance(drive, AbstractSchedule | AbstractJointForce) else drive
+
+
+class Mechanism(AbstractMechanism):
+    """Joints in a chain, or in branches, and the point masses that they carry.
+
+    **Arguments:**
+
+    - ``joints``: each a :class:`~jaxball.Hinge`, a :class:`~jaxball.Slider` or a :class:`~jaxball.Carriage`, on the one
+      before it, unless its ``on`` says otherwise.
+    - ``masses``: each a :class:`~jaxball.CarriedMass`, in any number; a rigid body is six of them.
+
+    Every joint must move some mass: where H_aa = Σ m |∂χ/∂θ_a|² is 0, its θ̈ is not determined. It is 0 for a mass on
+    the hinge's axis, and for two hinges one after the other where the second has brought its masses onto the axis of
+    the first: there, another order of axes helps.
+
+    **Raises:** ``ValueError`` when joints form a circle, or a mass is on a joint that does not exist.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Ball, BallState, CarriedMass, Hinge, Mechanism, simulate
+    >>> pendulum = Mechanism([Hinge((0.0, 1.0, 0.0))], [CarriedMass(0.5, (0.0, 0.0, -0.6))])
+    >>> ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), mechanisms=[pendulum])
+    >>> ball.coordinates  # what `theta` of its states holds
+    ('mechanisms[0].joints[0]',)
+    >>> run = simulate(ball, jnp.array([0.0, 1.0]), BallState(theta=[0.3], thetadot=[0.0]))
+    >>> run.state.theta.shape
+    (2, 1)
+    """
+
+    joints: tuple[AbstractJoint, ...]
+    mass: Float[Array, "*group n"]
+    place: Float[Array, "*group n 3"]
+    carrier: tuple[int, ...] = eqx.field(static=True)
+
+    def __init__(self, joints: Sequence[AbstractJoint], masses: Sequence[CarriedMass]):
+        require_each("joints", joints, AbstractJoint, "a joint, such as Hinge(...)")
+        require_each("masses", masses, CarriedMass, "a CarriedMass")
+        self.joints = tuple(joints)
+        for a, joint in enumerate(self.joints):
+            if joint.on is not None and not -1 <= joint.on < a:
+                raise ValueError(
+                    f"Argument `joints[{a}].on` must be the index of a joint before it, or -1 for the body, but it is "
+                    f"{joint.on}, so that joints would carry each other in a circle; list a joint after the one that "
+                    "carries it."
+                )
+        self.carrier = tuple(_carrier(index, item.joint, len(joints)) for index, item in enumerate(masses))
+        self.mass = jnp.stack([item.mass for item in masses]) if masses else jnp.zeros((0,), default_dtype())
+        self.place = jnp.stack([item.place for item in masses]) if masses else jnp.zeros((0, 3), default_dtype())
+        _require_moved(self)
+
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        return tuple(joint.drive for joint in self.joints)
+
+    @property
+    def masses(self) -> tuple[CarriedMass, ...]:
+        """The masses one by one."""
+        return tuple(CarriedMass(m, x, a) for m, x, a in zip(self.mass, self.place, self.carrier, strict=True))
+
+    def carriers(self, a: int) -> tuple[int, ...]:
+        """The joints that carry joint ``a``, and itself."""
+        before = [a]
+        while (on := self._on(before[0])) >= 0:
+            before.insert(0, on)
+        return tuple(before)
+
+    def _on(self, a: int) -> int:
+        on = self.joints[a].on
+        return a - 1 if on is None else on
+
+    def places(self, theta: Float[Array, " k"]) -> Places:
+        links: list[Moved] = []
+        for a, joint in enumerate(self.joints):
+            on = self._on(a)
+            links.append(joint.moved(links[on].placement if on >= 0 else in_place(theta), theta[a]))
+        loaded = tuple(dict.fromkeys(self.carrier))  # the links that have masses, each once
+        order = [np.flatnonzero(np.asarray(self.carrier) == link) for link in loaded]
+        chi = [links[link].placement.of_points(self.place[which]) for link, which in zip(loaded, order, strict=True)]
+        partial = []
+        for a, moved in enumerate(links):
+            rows = [
+                velocity(moved, points) if a in self.carriers(link) else jnp.zeros_like(points)
+                for link, points in zip(loaded, chi, strict=True)
+            ]
+            partial.append(jnp.concatenate(rows))
+        back = np.argsort(np.concatenate(order))
+        return Places(jnp.concatenate(chi)[back], jnp.stack(partial)[:, back])
+
+    def prepare(self) -> "Mechanism":
+        joints = []
+        for joint in self.joints:
+            prepared = joint.prepare()
+            joints.append(eqx.tree_at(lambda j: j.drive, prepared, _prepared(joint.drive), is_leaf=lambda x: x is None))
+        return eqx.tree_at(lambda m: m.joints, self, tuple(joints))
+
+
+class FunctionMechanism(AbstractMechanism):
+    """Masses at χ_i = function(θ, parameters), for any function that JAX can trace.
+
+    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+
+    **Arguments:**
+
+    - ``function``: of (theta, parameters), with θ of every joint, shape (k,), to χ, from the geometric centre, body
+      axes, length, shape (n, 3).
+    - ``mass``: of each mass, shape (n,).
+    - ``drives``: what drives each θ, as of a :class:`~jaxball.Hinge`; k of them.
+    - ``parameters``: arrays, in any PyTree, that the function is given; they can be swept and differentiated.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import FunctionMechanism
+    >>> def on_a_sphere(theta, radius):
+    ...     a, b = theta
+    ...     return radius * jnp.stack([jnp.sin(a), jnp.cos(a) * jnp.sin(b), -jnp.cos(a) * jnp.cos(b)])[None]
+    >>> puck = FunctionMechanism(on_a_sphere, mass=[0.2], drives=[None, None], parameters=0.8)
+    >>> puck.n_joints
+    2
+    """
+
+    function: Callable[[Float[Array, " k"], PyTree], Float[Array, "n 3"]] = eqx.field(static=True)
+    mass: Float[Array, "*group n"]
+    given: tuple[Drive, ...]
+    parameters: PyTree
+
+    def __init__(
+        self,
+        function: Callable[[Float[Array, " k"], PyTree], Float[Array, "n 3"]],
+        mass: Numbers,
+        drives: Sequence[Drive],
+        parameters: PyTree = None,
+    ):
+        self.function, self.parameters = function, parameters
+        self.mass = numbers("mass", ("n",))(mass)
+        for a, drive in enumerate(drives):
+            require_drive(f"drives[{a}]", drive)
+        self.given = tuple(drives)
+        theta = jax.ShapeDtypeStruct((len(self.given),), default_dtype())
+        require_function("function", function, (self.mass.shape[0], 3), theta=theta, parameters=parameters)
+
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        return self.given
+
+    def places(self, theta: Float[Array, " k"]) -> Places:
+        def at(theta):
+            return self.function(theta, self.parameters)
+
+        units = jnp.eye(len(self.given), dtype=theta.dtype)
+        return Places(at(theta), jnp.stack([jax.jvp(at, (theta,), (unit,))[1] for unit in units]))
+
+    def prepare(self) -> "FunctionMechanism":
+        given = tuple(_prepared(drive) for drive in self.given)
+        return eqx.tree_at(lambda m: m.given, self, given, is_leaf=lambda x: x is None)
+
+
+def _carrier(index: int, joint: int, count: int) -> int:
+    if not -count <= joint < count:
+        raise ValueError(
+            f"Argument `masses[{index}].joint` must be the index of one of the {count} joints, but it is {joint}."
+        )
+    return joint % count
+
+
+def _require_moved(mechanism: Mechanism) -> None:
+    carrying = {a for link in mechanism.carrier for a in mechanism.carriers(link)}
+    for a in range(mechanism.n_joints):
+        if a not in carrying:
+            raise ValueError(
+                f"Argument `joints[{a}]` must move some mass, but it carries none; give it a mass, or leave it out."
+            )

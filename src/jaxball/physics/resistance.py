@@ -1,0 +1,84 @@
+"""What resists the rolling: viscous and dry friction of rolling, friction of spinning, and the drag of the medium."""
+
+from collections.abc import Iterator
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..interface.printing import Printed
+from ..numerics.arrays import namespace_of, numbers, to_array
+from ..numerics.vectors import dot
+from .conditions import Condition
+
+ROLLING_PER_RADIUS = 1e-3  # the default smoothing of dry friction, in rad/time
+
+
+class Resistance(Printed):
+    """Torques at the contact, and the drag of a medium that is at rest over the plane.
+
+    With ω_h the horizontal part of ω, over a plane whose turntable turns at W,
+
+    - at the contact T = −rolling ω_h − spinning (ω₃ − W) e3 − N dry r ω_h / √(ω_h² + smoothing²);
+    - of the medium, the force −drag ż at the geometric centre and the torque −rotational_drag ω.
+
+    Dry friction grows with the normal force N, which friction changes in turn; both are solved for together. Smoothed,
+    it holds nothing at rest: on a slope whose tangent is s times ``dry``, with s < 1, the body creeps at
+    ω = smoothing s / √(1 − s²).
+
+    **Arguments:**
+
+    - ``rolling``, ``spinning``: of viscous friction at the contact, mass length²/time.
+    - ``drag``: of the medium, mass/time.
+    - ``rotational_drag``: of the medium, mass length²/time.
+    - ``dry``: the coefficient of rolling friction, a length over the radius; None, for none, costs least.
+    - ``smoothing``: rad/time, far below the rates of interest; the smaller, the stiffer the equations.
+    - ``negative``: whether coefficients may be negative, and so put energy in.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Ball, BallState, Resistance, simulate
+    >>> slowed = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), resistance=Resistance(rolling=0.14))
+    >>> run = simulate(slowed, jnp.array([0.0, 10.0]), BallState(Omega=(0.0, 1.0, 0.0)))
+    >>> print(run.state.Omega[-1, 1].round(6))  # exp(−0.14 t / (0.4 + m r²))
+    0.367879
+    """
+
+    rolling: Float[Array, "*group"] = eqx.field(converter=numbers("rolling"), default=0.0)
+    spinning: Float[Array, "*group"] = eqx.field(converter=numbers("spinning"), default=0.0)
+    drag: Float[Array, "*group"] = eqx.field(converter=numbers("drag"), default=0.0)
+    rotational_drag: Float[Array, "*group"] = eqx.field(converter=numbers("rotational_drag"), default=0.0)
+    dry: Float[Array, "*group"] | None = eqx.field(
+        converter=lambda x: None if x is None else to_array(x, "dry"), default=None
+    )
+    smoothing: Float[Array, "*group"] = eqx.field(converter=numbers("smoothing"), default=ROLLING_PER_RADIUS)
+    negative: bool = eqx.field(static=True, default=False)
+
+    def conditions(self) -> Iterator[Condition]:
+        """What the coefficients must be; traceable."""
+        for name in ("rolling", "spinning", "drag", "rotational_drag", "dry"):
+            value = getattr(self, name)
+            if value is not None:
+                finite = namespace_of(value).isfinite(value)
+                must = "a finite number" if self.negative else "0 or positive, unless `negative` allows it"
+                yield Condition(finite if self.negative else finite & (value >= 0), f"resistance.{name}", value, must)
+        holds = (self.smoothing > 0) & namespace_of(self.smoothing).isfinite(self.smoothing)
+        yield Condition(holds, "resistance.smoothing", self.smoothing, "a positive number")
+
+    def contact_torque(
+        self, Omega: Float[Array, "3"], Gamma: Float[Array, "3"], W: Float[Array, ""] | None
+    ) -> Float[Array, "3"]:
+        """The viscous part of T at the contact, body axes; ``W`` is that of a turntable."""
+        spin = dot(Omega, Gamma)
+        over = spin if W is None else spin - W
+        return -self.rolling * (Omega - spin * Gamma) - self.spinning * over * Gamma
+
+    def dry_torque(
+        self, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+    ) -> Float[Array, "3"] | None:
+        """The dry torque over N, body axes; None where there is none."""
+        if self.dry is None:
+            return None
+        rolling = Omega - dot(Omega, Gamma) * Gamma
+        return -self.dry * r * rolling / jnp.sqrt(dot(rolling, rolling) + self.smoothing**2)

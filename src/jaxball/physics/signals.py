@@ -1,0 +1,109 @@
+"""Signals: numbers prescribed as functions of time, which may jump, such as the torque of a motor."""
+
+import abc
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..interface.arguments import refusal
+from ..interface.printing import Printed
+from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
+from ..numerics.piecewise import PiecewisePolynomial
+from .schedules import AbstractSchedule
+
+
+class AbstractSignal(Printed):
+    """A prescribed number s(t), which may jump at its kinks."""
+
+    @abc.abstractmethod
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        """s(t); at a jump, that of the later side."""
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which s or one of its derivatives jumps."""
+        return jnp.zeros((0,), dtype=default_dtype())
+
+    def prepare(self) -> "AbstractSignal":
+        """The same signal, ready to be evaluated many times."""
+        return self
+
+
+class ConstantSignal(AbstractSignal):
+    """s(t) = value.
+
+    **Arguments:**
+
+    - ``value``: a number.
+
+    **Example:**
+
+    >>> from jaxball import Motor
+    >>> Motor(0.5).signal
+    ConstantSignal(value=0.5)
+    """
+
+    value: Float[Array, "*group"] = eqx.field(converter=numbers("value"))
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.value
+
+
+class PiecewiseSignal(AbstractSignal):
+    """s(t) as polynomials in pieces: steps, where there is one number a piece.
+
+    On times[j] ≤ t < times[j + 1], s = Σ_k values[j, k] (t − times[j])ᵏ; before the first time and after the last, 0.
+
+    **Arguments:**
+
+    - ``times``: increasing, shape (n + 1,).
+    - ``values``: shape (n, k), or (n,) for steps.
+
+    **Raises:** ``ValueError`` when ``values`` does not have one row for each interval.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import PiecewiseSignal
+    >>> steps = PiecewiseSignal(times=[0.0, 1.0, 2.0], values=[0.5, -0.5])
+    >>> [float(steps(jnp.array(t))) for t in (0.0, 1.0, 2.0)]
+    [0.5, -0.5, 0.0]
+    """
+
+    times: Float[Array, "*group n_plus_one"] = eqx.field(converter=numbers("times", ("n_plus_one",)))
+    values: Float[Array, "*group n k"]
+
+    def __init__(self, times: Numbers, values: Numbers):
+        self.times = numbers("times", ("n_plus_one",))(times)
+        rows = to_array(values, "values")
+        self.values = rows[:, None] if rows.ndim == 1 else rows
+        if self.values.ndim != 2 or self.times.shape[0] != self.values.shape[0] + 1:
+            raise ValueError(
+                "Argument `values` must have the shape (n,) or (n, k), a row for each of the n intervals between the "
+                f"n + 1 `times`, but the shapes are {self.values.shape} and {self.times.shape}."
+            )
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        nothing = jnp.zeros_like(self.values[:1])
+        return PiecewisePolynomial(
+            breaks=self.times,
+            origins=jnp.concatenate([self.times[:1], self.times]),
+            coefficients=jnp.concatenate([nothing, self.values, nothing]),
+        )(t)
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.times
+
+
+def as_signal(name: str, given: Any) -> AbstractSignal | AbstractSchedule:
+    """A signal, a schedule, or the signal that is a number always.
+
+    **Raises:** ``TypeError`` for anything else.
+    """
+    if isinstance(given, AbstractSignal | AbstractSchedule):
+        return given
+    try:
+        return ConstantSignal(numbers(name)(given))
+    except TypeError:
+        raise refusal(name, "a number, a signal such as PiecewiseSignal(...), or a schedule", given) from None

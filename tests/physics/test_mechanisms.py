@@ -1,0 +1,145 @@
+"""Bodies with mechanisms on a moving, tilted ground, with resistance, against two independent formulations."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball.physics.dynamics import accelerations
+from tests.support import lagrange, newton_euler, robots
+
+MOMENTS = 5  # of each robot, by one compiled program
+SEEDS = [*range(3), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 15))]
+
+
+def constant_acceleration(t, acceleration):
+    """A motion of the ground that starts at rest."""
+    return 0.5 * acceleration * t**2
+
+
+def given(value):
+    """The drive of a joint that moves as an oracle says: by a law where its acceleration is given, else by a force."""
+    return jaxball.Accelerated() if value is None else jaxball.Motor(value)
+
+
+def mechanism_of(chain, forces):
+    joints = []
+    for joint, force in zip(chain.joints, forces, strict=True):
+        drive = given(force if joint.free else None)
+        if joint.kind == "hinge":
+            joints.append(jaxball.Hinge(joint.axis, joint.point, drive=drive))
+        else:
+            joints.append(jaxball.Slider(joint.axis, drive=drive))
+    masses = [jaxball.CarriedMass(item.mass, item.place, item.link - 1) for item in chain.masses if item.link]
+    return jaxball.Mechanism(joints, masses)
+
+
+def follow(t, state, accelerations):
+    return accelerations
+
+
+def ball_of(robot, setting, moment):
+    """The oracle's robot as a ball: what is given is accelerated by a law, what is free has a motor."""
+    tilt = -setting.g_space / np.linalg.norm(setting.g_space)
+    angle, heading = np.arccos(tilt[2]), np.arctan2(-tilt[1], -tilt[0])
+    ground = jaxball.Ground(
+        angle,
+        heading,
+        motion=jaxball.Free(constant_acceleration, jnp.asarray(setting.X2)),
+        turntable=jaxball.Turntable(
+            jaxball.PiecewiseAcceleration(0.0, times=[0.0, 9.0], accelerations=[[setting.Wdot]], rate=setting.W),
+            setting.centre,
+        ),
+    )
+    resistance = jaxball.Resistance(
+        rolling=setting.c_r,
+        spinning=setting.c_s,
+        drag=setting.c_v,
+        rotational_drag=setting.c_w,
+        dry=setting.mu_r,
+        smoothing=setting.epsilon,
+    )
+    still = [*robot.still, *((m.mass, m.place) for chain in robot.chains for m in chain.masses if m.link == 0)]
+    pairs = list(zip(robot.chains, moment.given, strict=True))
+    driven = [a for chain, values in pairs for joint, a in zip(chain.joints, values, strict=True) if not joint.free]
+    return jaxball.Ball(
+        mass=robot.mass,
+        inertia=robot.inertia,
+        radius=robot.radius,
+        offset=robot.offset,
+        gravity=np.linalg.norm(setting.g_space),
+        force=jaxball.HarmonicForce(setting.Fe),
+        masses=[jaxball.PointMass(m, jaxball.Fixed(x)) for m, x in still],
+        mechanisms=[mechanism_of(chain, values) for chain, values in pairs],
+        law=jaxball.FunctionLaw(follow, jnp.asarray(driven)) if driven else None,
+        ground=ground,
+        resistance=resistance,
+    )
+
+
+def state_of(moment):
+    theta, thetadot = np.concatenate(moment.theta), np.concatenate(moment.thetadot)
+    return jaxball.BallState(moment.q, moment.Omega, moment.z, theta, thetadot)
+
+
+@pytest.fixture(scope="module", params=SEEDS)
+def cases(request):
+    """A robot in several settings and states in which the plane holds it."""
+    rng = np.random.default_rng(request.param)
+    robot, cases = robots.random_robot(rng), []
+    while len(cases) < MOMENTS:
+        setting, moment = robots.random_setting(rng), robots.random_moment(rng, robot)
+        answer = newton_euler.solve(robot, setting, moment)
+        if answer.R[2] > 0:
+            cases.append((robot, setting, moment, answer))
+    return cases
+
+
+def scaled(found, expected):
+    expected = np.asarray(expected)
+    return np.max(np.abs(np.asarray(found) - expected), initial=0.0) / max(1.0, np.max(np.abs(expected), initial=0.0))
+
+
+@jax.jit
+def all_of(ball, t, state):
+    """What the tests of random robots look at, as one program."""
+
+    def seen(t, state):
+        return jaxball.observe(ball, t, state)
+
+    found = accelerations(ball, t, state)
+    rates, one = ball.field(t, state), jnp.ones_like(t)
+    observed, changes = jax.jvp(seen, (t, state), (one, rates))
+    packed, packed_rates = jax.jvp(ball.to_packed, (t, state), (one, rates))
+    advanced, back = ball.packed_field(t, packed), ball.from_packed(t, packed)
+    return found, observed, changes.energy, packed_rates, advanced, back
+
+
+@pytest.fixture(scope="module")
+def evaluated(cases):
+    return [all_of(ball_of(*case[:3]).prepare(), jnp.array(0.0), state_of(case[2])) for case in cases]
+
+
+def test_accelerations_and_efforts_are_those_of_two_other_formulations(cases, evaluated):
+    for (robot, setting, moment, expected), (found, seen, *_) in zip(cases, evaluated, strict=True):
+        for oracle in (expected, lagrange.solve(robot, setting, moment)):
+            assert scaled(found.Omegadot, oracle.Omegadot) < 1e-11
+            assert scaled(found.angles[2], np.concatenate(oracle.thetaddot)) < 1e-11
+            assert scaled(np.append(seen.friction, seen.normal_force), oracle.R) < 1e-11
+            assert scaled(seen.joint_efforts, np.concatenate(oracle.efforts)) < 1e-11
+
+
+def test_what_a_solve_advances_has_the_rates_of_these_equations(cases, evaluated):
+    """The locked velocities' rates are those of the state, seen through the change of coordinates."""
+    for (_, _, moment, _), (*_, expected, found, back) in zip(cases, evaluated, strict=True):
+        for x, y in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+            assert scaled(x, y) < 1e-11
+        for x, y in zip(jax.tree.leaves(back), jax.tree.leaves(state_of(moment)), strict=True):
+            assert scaled(x, y) < 1e-12
+
+
+def test_energy_changes_by_the_power_of_all_that_acts(cases, evaluated):
+    for case, (_, seen, rate, *_) in zip(cases, evaluated, strict=True):
+        assert float(seen.energy) == pytest.approx(lagrange.energy(*case[:3]), rel=1e-12, abs=1e-12)
+        assert float(rate) == pytest.approx(float(seen.power), rel=1e-10, abs=1e-10)
