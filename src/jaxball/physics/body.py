@@ -69,7 +69,7 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
 
     def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition]:
         if any(group.free for group in self.mechanism_groups):
-            yield from moved_masses(self, t, state)
+            yield from moved_masses(self.prepare(), t, state)
 
     def default_state(self) -> State:
         if self.coordinates:

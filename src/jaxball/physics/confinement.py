@@ -1,8 +1,8 @@
 """Whether the masses stay in the body: inside the shell, and those of a disk in its plane.
 
 The rule. A closed rail must lie in the body as a whole, wherever on it the mass goes. On an open rail, and in free
-motion, it is the mass that must stay, as long as a run lasts, and so must those of mechanisms. On the shell is inside it. What is not finite is nowhere,
-and so not outside.
+motion, it is the mass that must stay, as long as a run lasts, and so must those of mechanisms. On the shell is inside
+it. What is not finite is nowhere, and so not outside.
 
 All of it can be traced; derivatives stop here, because nothing here has any.
 """

@@ -177,8 +177,9 @@ def moved_masses(system: BodyParameters, t: Float[Array, ""], state: State) -> I
     """The condition on each free joint that it moves some mass, beside those that carry it; traceable.
 
     The pivots of H say so: that of a joint is the inertia that is left to it when the joints before it give way.
+    ``system`` is prepared.
     """
-    for joints in free_joints(system.prepare(), t, (state.theta, state.thetadot, state.thetadot)):
+    for joints in free_joints(system, t, (state.theta, state.thetadot, state.thetadot)):
         H = inertia(jnp.eye(3, dtype=joints.m.dtype), system.radius, state.Gamma, [joints]).H[0]
         pivots, alone = jax.vmap(factored)(H).pivots, jnp.diagonal(H, axis1=1, axis2=2)
         least = SINGULAR**2 * jnp.sum(joints.m, axis=1, keepdims=True) * system.radius**2

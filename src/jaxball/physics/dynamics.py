@@ -1,7 +1,7 @@
 """The equations of motion of the rolling ball and disk: their accelerations.
 
-With these, a state knows its rates (``state``). A solve advances the equations of ``locked``, which are equivalent. Labels
-are those of the equations in Putkaradze & Rogers (2018).
+With these, a state knows its rates (``state``). A solve advances the equations of ``locked``, which are equivalent.
+Labels are those of the equations in Putkaradze & Rogers (2018).
 """
 
 from typing import NamedTuple

@@ -33,14 +33,18 @@ def jellett_rate(
     r: Float[Array, ""],
     Omega: Float[Array, "3"],
     Gamma: Float[Array, "3"],
-    Ftilde: Float[Array, "3"],
+    force: Float[Array, "3"] | None = None,
+    torque: Float[Array, "3"] | None = None,
 ) -> Float[Array, ""]:
-    """d/dt (L·s) = L·(Ω × χ + χ̇) − s·(χ × F̃) with χ that of the centre of mass of the whole.
+    """d/dt (L·s) = L·(Ω × χ + χ̇) − s·(χ × F̃) + s·T̃ with χ that of the centre of mass of the whole.
 
-    The reaction of the plane, friction included, has no moment along s and does not appear.
+    The reaction of the plane, friction included, has no moment along s and does not appear; nor do gravity and the
+    motion of the plane, which act at the centre of mass. ``force`` is F̃, at the geometric centre, and ``torque`` T̃.
     """
     L, s, velocity = _about_centre_of_mass(at, r, Omega, Gamma)
-    return dot(L, velocity) - dot(s, cross(at.p / at.M, Ftilde))
+    rate = dot(L, velocity)
+    rate = rate if force is None else rate - dot(s, cross(at.p / at.M, force))
+    return rate if torque is None else rate + dot(s, torque)
 
 
 def routh_integrals(

@@ -29,6 +29,12 @@ class Load(NamedTuple):
         """γ: what a unit of mass at rest in the space axes weighs, upward."""
         return self.g * self.Gamma if self.gamma is None else self.gamma
 
+    def with_torque(self, torque: Float[Array, "3"] | None) -> "Load":
+        """The load with one more torque, body axes, if there is one."""
+        if torque is None:
+            return self
+        return self._replace(torque=torque if self.torque is None else self.torque + torque)
+
     def about_contact(self, at: AbstractMoments, r: Float[Array, ""]) -> Float[Array, "3"]:
         """The torque of the load about the contact point: γ × (MrΓ + p) + rΓ × F̃ + T̃."""
         if self.gamma is None:

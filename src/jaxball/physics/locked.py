@@ -103,13 +103,10 @@ def _given_momenta(
     at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], joints: list[FreeJoints]
 ) -> tuple[Float[Array, "3"], Joints]:
     """The parts of Π and π_a that what is not free has by moving in the ball; the free joints are still."""
-    pi = [
-        jnp.sum(
-            (joint.m[..., None] * along(joint.partial, joint.rates[1]))[:, None] * joint.partial[:, joint.free],
-            (-2, -1),
-        )
-        for joint in joints
-    ]
+    pi = []
+    for joint in joints:
+        momenta = joint.m[..., None] * along(joint.partial, joint.rates[1])
+        pi.append(jnp.sum(momenta[:, None] * joint.partial[:, joint.free], axis=(-2, -1)))
     return internal_momentum(at, r, Gamma), pi
 
 

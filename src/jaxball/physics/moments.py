@@ -164,7 +164,7 @@ def _kinematics_by_group(system: BodyParameters, t: Float[Array, ""], angles: Ra
 
 
 def _by_group(system: BodyParameters, angles, prescribed: Callable[..., Any], driven: Callable[..., Any]) -> list[Part]:
-    """Each group's masses with what ``prescribed`` finds of its motion, or ``driven`` of its motion and its own angles."""
+    """Each group's masses, with what ``prescribed`` finds of its motion, or ``driven`` of it and its own angles."""
     slots = {index: slot for slot, index in enumerate(system.driven)}
     parts = []
     for group, indices in zip(system.groups, system.order, strict=True):

@@ -1,14 +1,14 @@
 """The names of the laws, and what each says."""
 
 BALANCES: dict[str, str] = {
-    "energy": "E(t) − E(t0) = ∫ of the power of the actuation and the force",
-    "momentum": "the momentum about the contact point changes by the moments of weight and force and by −ċ × P",
+    "energy": "E(t) − E(t0) = ∫ of the power of all that does work: actuation, force, resistance, ground",
+    "momentum": "the momentum about the contact point changes by the moments of all that acts and by −ċ × P",
     "chaplygin": "ΛΠ is constant where the centre of mass is the geometric centre and no force acts",
-    "jellett-rate": "d/dt (L·s) = L·(Ω × χ + χ̇) − s·(χ × F̃), for any ball",
+    "jellett-rate": "d/dt (L·s) = L·(Ω × χ + χ̇) − s·(χ × F̃) + s·T̃, for any ball",
     "jellett": "L·s is constant for a body of revolution with fixed masses and no force",
     "routh": "Routh's integral is constant for the same bodies",
     "norm": "|q| = 1",
-    "rolling": "z(t) − z(t0) = ∫ (ω × r e3)₁₂, no slip at the contact point",
+    "rolling": "z(t) − z(t0) = ∫ (ω × r e3 + u)₁₂, no slip at the contact point",
 }
 COMPARISONS: dict[str, str] = {
     "error": "the run agrees with one at a tolerance of 1e-13",

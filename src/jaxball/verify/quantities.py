@@ -13,9 +13,10 @@ from jaxtyping import Array, Float
 from ..numerics.vectors import apply, cross
 from ..physics import integrals
 from ..physics.body import AbstractBody
-from ..physics.dynamics import driven_angles
+from ..physics.dynamics import accelerations
 from ..physics.energy import velocities
 from ..physics.frames import frisvad
+from ..physics.load import in_three, load
 from ..physics.moments import Moments, kinematics, moments, point_mass_values, principal_inertia
 from ..physics.motion import Kinematics
 from ..physics.observables import observe
@@ -51,52 +52,66 @@ def _of_laws(system: AbstractSystem, t: Float[Array, ""], state: AbstractState) 
 
 def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Quantities:
     observables, in_space = observe(system, t, state), state.in_space()
-    Lambda, Omega, r = in_space.Lambda, in_space.Omega, system.radius
-    Gamma, omega = Lambda[2], apply(Lambda, Omega)
-    at = moments(system, t, driven_angles(system, t, state))
-    Fe = jnp.zeros_like(Omega) if system.force is None else system.force(t)
+    found, r = accelerations(system, t, state), system.radius
+    acting = load(system, t, state).with_torque(found.dry)
+    Lambda, Omega = in_space.Lambda, in_space.Omega
+    Gamma = Lambda[2]
+    at = moments(system, t, found.angles)
     arguments = at, r, Omega, Gamma
     axis = axis_of(at)
     axial = integrals.routh_integrals(*_about(axis, *arguments))
-    vertical = jnp.zeros_like(Omega).at[2].set(1.0)
-    rolling = cross(omega, r * vertical)
     momentum = contact_momentum_balance(system, t, state)
+    jellett_rate = integrals.jellett_rate(*arguments, acting.force, acting.torque)
     balances = {
         "energy": Balance(observables.energy, observables.power),
         "momentum": momentum,
         "chaplygin": _constant(momentum.value),
-        "jellett-rate": Balance(integrals.jellett(*arguments), integrals.jellett_rate(*arguments, apply(Lambda.T, Fe))),
+        "jellett-rate": Balance(integrals.jellett(*arguments), jellett_rate),
         "jellett": _constant(axial.jellett),
         "routh": _constant(axial.routh),
         "norm": _constant(jnp.sqrt(jnp.sum(in_space.q**2))),
-        "rolling": Balance(in_space.z, rolling[:2]),
+        "rolling": Balance(in_space.z, _centre_velocity(system, t, in_space)[:2]),
     }
     return Quantities(balances, at, axis)
+
+
+def _centre_velocity(system: AbstractBody, t: Float[Array, ""], state: BallState) -> Float[Array, "3"]:
+    """ż = ω × r e3 + u, with u that of a turntable."""
+    vertical = jnp.zeros_like(state.Omega).at[2].set(1.0)
+    rolling = cross(apply(state.Lambda, state.Omega), system.radius * vertical)
+    drift = system.drift(t, state)
+    return rolling if drift is None else rolling + in_three(drift)
 
 
 def contact_momentum_balance(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Balance:
     """The angular momentum about the contact point in space axes, ΛΠ, and its rate, mass by mass.
 
-    About a point that moves with the velocity ċ, L̇ = Σ s × (−m g e3) + r e3 × Fe − ċ × P, with s from the contact
-    point to a mass, and here ċ = ω × r e3: Goldstein, Poole & Safko, Classical Mechanics, 3rd edition, section 1.2,
-    with a moving point of reference.
+    About a point that moves with the velocity ċ, L̇ = Σ s × m(**g** − Ẍ) + r e3 × F + T − ċ × P, with s from the contact
+    point to a mass, and here ċ = ω × r e3 + u: Goldstein, Poole & Safko, Classical Mechanics, 3rd edition, section 1.2,
+    with a moving point of reference, in axes that move by X.
     """
-    in_space, angles, r = state.in_space(), driven_angles(system, t, state), system.radius
+    in_space, found, r = state.in_space(), accelerations(system, t, state), system.radius
+    acting = load(system, t, state).with_torque(found.dry)
     Lambda, Omega = in_space.Lambda, in_space.Omega
     Gamma = Lambda[2]
     vertical = jnp.zeros_like(Omega).at[2].set(1.0)
-    points = kinematics(system, t, angles)
+    points = kinematics(system, t, found.angles)
     chi = jnp.concatenate([system.offset[None], points.chi])
     chidot = jnp.concatenate([jnp.zeros((1, 3), dtype=Omega.dtype), points.chidot])
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])[:, None]
     s = r * Gamma[None] + chi
-    Y = velocities(r, Kinematics(chi, chidot, jnp.zeros_like(chi)), Omega, Gamma)
+    cdot = _centre_velocity(system, t, in_space)
+    slide = cdot - cross(apply(Lambda, Omega), r * vertical)
+    Y = velocities(r, Kinematics(chi, chidot, jnp.zeros_like(chi)), Omega, Gamma) + apply(Lambda.T, slide)[None]
     Pi = apply(principal_inertia(system), Omega) + jnp.sum(m * jax.vmap(cross)(s, Y), axis=0)
     P = jnp.sum(m * Y, axis=0)
-    weight = cross(apply(Lambda, jnp.sum(m * s, axis=0)), -system.gravity * vertical)
-    force = jnp.zeros_like(weight) if system.force is None else cross(r * vertical, system.force(t))
-    cdot = cross(apply(Lambda, Omega), r * vertical)
-    return Balance(apply(Lambda, Pi), weight + force - cross(cdot, apply(Lambda, P)))
+    lift = system.gravity * vertical if system.ground is None else system.ground.lift(t, system.gravity)
+    rate = cross(apply(Lambda, jnp.sum(m * s, axis=0)), -lift) - cross(cdot, apply(Lambda, P))
+    if acting.force is not None:
+        rate = rate + cross(r * vertical, apply(Lambda, acting.force))
+    if acting.torque is not None:
+        rate = rate + apply(Lambda, acting.torque)
+    return Balance(apply(Lambda, Pi), rate)
 
 
 def axis_of(at: Moments) -> Float[Array, "3"]:

@@ -12,9 +12,9 @@ PLANAR = "a disk rolls in a plane, where it is zero"
 
 
 def why_not_chaplygin(system: AbstractBody, at: Moments) -> str:
-    """Why ΛΠ is not constant; empty where it is, for p = 0 at all times and no force."""
-    if system.force is not None:
-        return "a force acts"
+    """Why ΛΠ is not constant; empty where it is, for p = 0 at all times and no force or resistance on level ground."""
+    if reason := _what_acts(system):
+        return reason
     distance = float(np.max(np.linalg.norm(at.p, axis=-1) / np.asarray(at.M)))
     if distance > ZERO * float(system.radius):
         return f"the centre of mass is up to {distance:.3g} from the geometric centre"
@@ -29,8 +29,8 @@ def why_not_routh(system: AbstractBody, at: Moments, axis: Float[np.ndarray, "st
     """
     if isinstance(system, Disk):
         return PLANAR
-    if system.force is not None:
-        return "a force acts"
+    if reason := _what_acts(system):
+        return reason
     J, p = np.asarray(at.J), np.asarray(at.p)
     moved = max(np.ptp(J, axis=(0, 1)).max(), np.ptp(p, axis=(0, 1)).max() * float(system.radius))
     # Two equal masses that circle the axis opposite each other change neither J nor p.
@@ -39,6 +39,15 @@ def why_not_routh(system: AbstractBody, at: Moments, axis: Float[np.ndarray, "st
     J, p = J[0, 0], p[0, 0]
     about_centre_of_mass = J - (p @ p * np.eye(3) - np.outer(p, p)) / float(at.M[0, 0])
     return why_no_revolution(about_centre_of_mass, axis[0, 0])
+
+
+def _what_acts(system: AbstractBody) -> str:
+    """What acts on a body beside a level plane at rest; empty where nothing does."""
+    if system.force is not None:
+        return "a force acts"
+    if system.ground is not None:
+        return "the ground is tilted or moves"
+    return "resistance acts" if system.resistance is not None else ""
 
 
 def why_no_revolution(J: Float[np.ndarray, "3 3"], axis: Float[np.ndarray, "3"]) -> str:
