@@ -10,7 +10,7 @@ from ..numerics.vectors import apply, cross, dot
 from .body import AbstractBody
 from .dynamics import accelerations
 from .load import Load, load
-from .moments import Moments, moments
+from .moments import Moments
 from .state import State
 
 
@@ -73,8 +73,9 @@ def reaction(system: AbstractBody, t: Float[Array, ""], state: State) -> Reactio
 
     N = R̃·Γ, and f̃ = R̃ − NΓ.
     """
-    found, acting = accelerations(system, t, state), load(system, t, state)
-    R = reaction_in_body(moments(system, t, found.angles), system.radius, acting, state.Omega, found.Omegadot)
+    acting = load(system, t, state)
+    found = accelerations(system, t, state, acting)
+    R = reaction_in_body(found.at, system.radius, acting, state.Omega, found.Omegadot)
     normal = dot(R, state.Gamma)
     friction = R - normal * state.Gamma
     return Reaction(normal, dot(friction, friction))

@@ -16,57 +16,20 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from ..numerics.factorisation import Factors, factored
 from ..numerics.vectors import apply, cross, inverse
 from .conditions import Condition
-from .mechanisms import AbstractMechanism
+from .linkage import Linkage, linkages
 from .parameters import BodyParameters
-from .state import Rates, State
+from .state import State
 
 SINGULAR = 1e-10  # of a joint's inertia, what those before it must leave to it
 MOVES = "a joint that moves some mass as those before it do not, with an inertia of its own above 0"
 
 # One array for each group that has free joints, with axes (mechanisms, joints).
 Joints = list[Float[Array, "_ _"]]
-
-
-class FreeJoints(NamedTuple):
-    """The free joints of a group of mechanisms, at a state. The first axis of arrays is that of the mechanisms."""
-
-    group: AbstractMechanism
-    slots: Int[np.ndarray, "mechanisms joints"]  # where in a state's theta they are
-    m: Float[Array, "mechanisms n"]
-    rates: Rates  # of all joints
-    chi: Float[Array, "mechanisms n 3"]
-    partial: Float[Array, "mechanisms k n 3"]  # χ_a, of all joints
-    slope: Float[Array, "mechanisms k n 3"]  # their rates
-
-    @property
-    def free(self) -> Int[np.ndarray, " joints"]:
-        return np.asarray(self.group.free, dtype=int)
-
-    def own(self, values: Float[Array, " coordinates"]) -> Float[Array, "mechanisms joints"]:
-        """The entries of these joints in an array of all coordinates."""
-        return values[self.slots]
-
-
-def free_joints(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> list[FreeJoints]:
-    """The free joints of a body, group by group, where ``angles`` are θ, θ̇, θ̈ of the state."""
-    found = []
-    for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
-        if group.free:
-            own = tuple(values[system.slots(order, group.in_state)] for values in angles)
-            rates, at, slope = eqx.filter_vmap(lambda mechanism, own: _motion(mechanism, t, own))(group, own)
-            slots = system.slots(order, group.free)
-            found.append(FreeJoints(group, slots, group.mass, rates, at.chi, at.partial, slope))
-    return found
-
-
-def _motion(mechanism: AbstractMechanism, t, own):
-    rates = mechanism.rates(t, own)
-    return rates, *mechanism.motion(rates)
 
 
 class Inertia(NamedTuple):
@@ -116,14 +79,14 @@ class FactoredInertia(NamedTuple):
         return Omega, rates
 
 
-def inertia(B: Float[Array, "3 3"], r: Float[Array, ""], Gamma: Float[Array, "3"], joints: list[FreeJoints]) -> Inertia:
+def inertia(B: Float[Array, "3 3"], r: Float[Array, ""], Gamma: Float[Array, "3"], links: list[Linkage]) -> Inertia:
     """The inertia, with B that of the body about the contact point, all masses in their places."""
     c, H = [], []
-    for at in joints:
-        weighted = at.m[:, None, :, None] * at.partial[:, at.free]
-        s = r * Gamma[None, None] + at.chi
+    for link in with_free_joints(links):
+        weighted = link.m[:, None, :, None] * link.partial
+        s = r * Gamma[None, None] + link.chi
         c.append(jnp.sum(_cross(s[:, None], weighted), axis=2))
-        H.append(jnp.sum(weighted[:, :, None] * at.partial[:, None, at.free], axis=(-2, -1)))
+        H.append(jnp.sum(weighted[:, :, None] * link.partial[:, None], axis=(-2, -1)))
     return Inertia(B, c, H)
 
 
@@ -132,45 +95,42 @@ def inertia_rate(
     r: Float[Array, ""],
     Gamma: Float[Array, "3"],
     Gammadot: Float[Array, "3"],
-    joints: list[FreeJoints],
+    links: list[Linkage],
 ) -> Inertia:
     """The rate of the inertia."""
     c, H = [], []
-    for at in joints:
-        m = at.m[:, None, :, None]
-        partial, slope = at.partial[:, at.free], at.slope[:, at.free]
-        s = r * Gamma[None, None] + at.chi
-        sdot = r * Gammadot[None, None] + along(at.partial, at.rates[1])
+    for link in with_free_joints(links):
+        m = link.m[:, None, :, None]
+        partial, slope = link.partial, link.slope[:, link.free]
+        s = r * Gamma[None, None] + link.chi
+        sdot = r * Gammadot[None, None] + link.chidot
         c.append(jnp.sum(_cross(sdot[:, None], m * partial) + _cross(s[:, None], m * slope), axis=2))
         mixed = jnp.sum((m * slope)[:, :, None] * partial[:, None], axis=(-2, -1))
         H.append(mixed + jnp.swapaxes(mixed, 1, 2))
     return Inertia(Bdot, c, H)
 
 
-def joint_forces(system: BodyParameters, t: Float[Array, ""], state: State, joints: list[FreeJoints]) -> Joints:
+def joint_forces(t: Float[Array, ""], state: State, links: list[Linkage]) -> Joints:
     """Q of the free joints."""
     return [
-        eqx.filter_vmap(lambda mechanism, rates: mechanism.forces(t, rates, state))(at.group, at.rates) for at in joints
+        eqx.filter_vmap(lambda mechanism, rates: mechanism.forces(t, rates, state))(link.group, link.rates)
+        for link in with_free_joints(links)
     ]
 
 
-def joined(coordinates: Float[Array, " coordinates"], joints: list[FreeJoints], values: Joints):
+def with_free_joints(links: list[Linkage]) -> list[Linkage]:
+    """The groups that have free joints, which are those of :data:`Joints`."""
+    return [link for link in links if link.group.free]
+
+
+def joined(coordinates: Float[Array, " coordinates"], links: list[Linkage], values: Joints):
     """An array of all coordinates, with the values of free joints in their places."""
-    for at, value in zip(joints, values, strict=True):
+    for link, value in zip(with_free_joints(links), values, strict=True):
         places = np.full(coordinates.shape[0], -1)
-        places[at.slots.ravel()] = np.arange(at.slots.size)
+        places[link.slots.ravel()] = np.arange(link.slots.size)
         spread = jnp.ravel(value)[np.maximum(places, 0)]
         coordinates = jnp.where(places >= 0, spread, coordinates)
     return coordinates
-
-
-def along(partial: Float[Array, "mechanisms k n 3"], rate: Float[Array, "mechanisms k"]):
-    """Σ_a χ_a θ̇_a, or another sum over joints."""
-    return jnp.sum(partial * rate[:, :, None, None], axis=1)
-
-
-def _cross(a: Float[Array, "*some 3"], b: Float[Array, "*others 3"]) -> Float[Array, "*all 3"]:
-    return cross(*jnp.broadcast_arrays(a, b))
 
 
 def moved_masses(system: BodyParameters, t: Float[Array, ""], state: State) -> Iterator[Condition]:
@@ -179,10 +139,14 @@ def moved_masses(system: BodyParameters, t: Float[Array, ""], state: State) -> I
     The pivots of H say so: that of a joint is the inertia that is left to it when the joints before it give way.
     ``system`` is prepared.
     """
-    for joints in free_joints(system, t, (state.theta, state.thetadot, state.thetadot)):
-        H = inertia(jnp.eye(3, dtype=joints.m.dtype), system.radius, state.Gamma, [joints]).H[0]
+    for link in with_free_joints(linkages(system, t, (state.theta, state.thetadot, state.thetadot))):
+        H = inertia(jnp.eye(3, dtype=link.m.dtype), system.radius, state.Gamma, [link]).H[0]
         pivots, alone = jax.vmap(factored)(H).pivots, jnp.diagonal(H, axis1=1, axis2=2)
-        least = SINGULAR**2 * jnp.sum(joints.m, axis=1, keepdims=True) * system.radius**2
-        names = tuple(system.coordinates[slot] for slot in joints.slots.ravel())
+        least = SINGULAR**2 * jnp.sum(link.m, axis=1, keepdims=True) * system.radius**2
+        names = tuple(system.coordinates[slot] for slot in link.slots.ravel())
         holds = jnp.ravel((pivots > SINGULAR * alone) & (alone > least))
         yield Condition(holds, names, jnp.ravel(pivots), MOVES)
+
+
+def _cross(a: Float[Array, "*some 3"], b: Float[Array, "*others 3"]) -> Float[Array, "*all 3"]:
+    return cross(*jnp.broadcast_arrays(a, b))

@@ -4,6 +4,7 @@ With these, a state knows its rates (``state``). A solve advances the equations 
 Labels are those of the equations in Putkaradze & Rogers (2018).
 """
 
+import dataclasses
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -12,7 +13,8 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require_value
 from ..numerics.vectors import apply, cross, dot, outer
-from .coupling import FreeJoints, Joints, along, free_joints, inertia, joined, joint_forces
+from .coupling import Joints, inertia, joined, joint_forces, with_free_joints
+from .linkage import Linkage, along, linkages
 from .load import Load, load
 from .moments import AbstractMoments, Moments, moments
 from .parameters import BodyParameters
@@ -20,29 +22,37 @@ from .state import Rates, State
 
 
 class Accelerations(NamedTuple):
-    """Ω̇ in body axes, θ, θ̇, θ̈ of all that a state's ``theta`` holds, and the torque of dry friction, body axes."""
+    """Ω̇ in body axes, with θ, θ̇ and θ̈ of all that a state's ``theta`` holds.
+
+    ``at`` are all moments, ``dry`` is the torque of dry friction in body axes.
+    """
 
     Omegadot: Float[Array, "3"]
     angles: Rates
+    at: Moments
     dry: Float[Array, "3"] | None
 
 
-def accelerations(system: BodyParameters, t: Float[Array, ""], state: State) -> Accelerations:
-    """Ω̇ and θ̈ at a state.
+def accelerations(
+    system: BodyParameters, t: Float[Array, ""], state: State, acting: Load | None = None
+) -> Accelerations:
+    """Ω̇ and θ̈ at a state, where the load is ``acting``.
 
     With the free joints' accelerations left out of p̈ and ℓ̇, the equations for Ω̇ and for the free θ̈ are linear with
     the matrix of ``coupling``. Dry friction, proportional to a normal force that is linear in Ω̇ and θ̈ as well, adds one
     solution with the same factors.
     """
+    acting = load(system, t, state) if acting is None else acting
     angles = given_angles(system, t, state)
-    at, acting, joints = moments(system, t, angles), load(system, t, state), free_joints(system, t, angles)
+    links = linkages(system, t, angles)
+    at = moments(system, t, angles, links)
     r, Omega, Gamma = system.radius, state.Omega, state.Gamma
     apparent = cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot
     inertial = cross(Omega, apply(at.J, Omega) + at.l) + apply(at.Jdot, Omega) + at.ldot + cross(r * Gamma, apparent)
-    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, joints).factored()
+    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factored()
+    free = with_free_joints(links)
     efforts = [
-        Q - _inertial_efforts(joint, acting, Omega)
-        for joint, Q in zip(joints, joint_forces(system, t, state, joints), strict=True)
+        Q - _inertial_efforts(link, acting, Omega) for link, Q in zip(free, joint_forces(t, state, links), strict=True)
     ]
     Omegadot, thetaddot = matrix.solve(acting.about_contact(at, r) - inertial, efforts)
     dry = None if system.resistance is None else system.resistance.dry_torque(r, Omega, Gamma)
@@ -51,33 +61,42 @@ def accelerations(system: BodyParameters, t: Float[Array, ""], state: State) -> 
         resting = resting if acting.force is None else resting - acting.force
         change, joint_changes = matrix.solve(dry, [jnp.zeros_like(effort) for effort in efforts])
         # N = N(without dry friction) + N times what a unit of N changes; nothing where N would be negative.
-        without = dot(Gamma, resting) + _normal(at, Gamma, joints, Omegadot, thetaddot)
-        slope = _normal(at, Gamma, joints, change, joint_changes)
+        without = dot(Gamma, resting) + _normal(at, Gamma, free, Omegadot, thetaddot)
+        slope = _normal(at, Gamma, free, change, joint_changes)
         N = jnp.maximum(without, 0.0) / jnp.where(slope < 1, 1 - slope, jnp.nan)
         Omegadot = Omegadot + N * change
         thetaddot = [x + N * y for x, y in zip(thetaddot, joint_changes, strict=True)]
         dry = N * dry
     theta, thetadot, given = angles
-    return Accelerations(Omegadot, (theta, thetadot, joined(given, joints, thetaddot)), dry)
+    return Accelerations(
+        Omegadot, (theta, thetadot, joined(given, links, thetaddot)), _completed(at, free, thetaddot), dry
+    )
 
 
-def _inertial_efforts(joint: FreeJoints, acting: Load, Omega: Float[Array, "3"]) -> Float[Array, "mechanisms joints"]:
+def _completed(at: Moments, free: list[Linkage], thetaddot: Joints) -> Moments:
+    """The moments with the accelerations of free joints: p̈ + Σ p_a θ̈_a and ℓ̇ + Σ ℓ_a θ̈_a."""
+    pddot, ldot = at.pddot, at.ldot
+    for link, rate in zip(free, thetaddot, strict=True):
+        momenta = link.m[..., None] * along(link.partial, rate)
+        pddot = pddot + jnp.sum(momenta, axis=(0, 1))
+        ldot = ldot + jnp.sum(cross(link.chi, momenta), axis=(0, 1))
+    return dataclasses.replace(at, pddot=pddot, ldot=ldot)
+
+
+def _inertial_efforts(link: Linkage, acting: Load, Omega: Float[Array, "3"]) -> Float[Array, "mechanisms free"]:
     """h_a = Σ m χ_a·(Ω × (Ω × χ + 2χ̇) + β + γ), where β is χ̈ without the accelerations of free joints."""
-    _, thetadot, thetaddot = joint.rates
-    chidot = along(joint.partial, thetadot)
-    beta = along(joint.slope, thetadot) + along(joint.partial, thetaddot)
-    turning = jnp.broadcast_to(Omega, joint.chi.shape)
-    a = cross(turning, cross(turning, joint.chi) + 2 * chidot) + beta + acting.weight[None, None]
-    return jnp.sum((joint.m[..., None] * a)[:, None] * joint.partial[:, joint.free], axis=(-2, -1))
+    turning = jnp.broadcast_to(Omega, link.chi.shape)
+    a = cross(turning, cross(turning, link.chi) + 2 * link.chidot) + link.chiddot + acting.weight[None, None]
+    return jnp.sum((link.m[..., None] * a)[:, None] * link.partial, axis=(-2, -1))
 
 
 def _normal(
-    at: Moments, Gamma: Float[Array, "3"], joints: list[FreeJoints], Omegadot: Float[Array, "3"], thetaddot: Joints
+    at: Moments, Gamma: Float[Array, "3"], free: list[Linkage], Omegadot: Float[Array, "3"], thetaddot: Joints
 ) -> Float[Array, ""]:
     """What Ω̇ and θ̈ of free joints add to the normal force: (p × Γ)·Ω̇ + Σ Γ·p_a θ̈_a."""
     normal = dot(cross(at.p, Gamma), Omegadot)
-    for joint, rate in zip(joints, thetaddot, strict=True):
-        pushed = jnp.sum(joint.m[:, None, :, None] * joint.partial[:, joint.free], axis=2)
+    for link, rate in zip(free, thetaddot, strict=True):
+        pushed = jnp.sum(link.m[:, None, :, None] * link.partial, axis=2)
         normal = normal + jnp.sum(rate * jnp.sum(pushed * Gamma[None, None], axis=-1))
     return normal
 

@@ -16,19 +16,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..numerics.vectors import cross, dot, outer
-from .coupling import (
-    FreeJoints,
-    Joints,
-    along,
-    free_joints,
-    inertia,
-    inertia_rate,
-    joined,
-    joint_forces,
-)
+from .coupling import Joints, inertia, inertia_rate, joined, joint_forces, with_free_joints
 from .dynamics import accelerations, given_angles, inertia_about_contact
+from .linkage import Linkage, linkages
 from .load import Load, load
-from .moments import AbstractMoments, velocity_moments
+from .moments import AbstractMoments, VelocityMoments, velocity_moments
 from .momentum import contact_momentum_rate, internal_momentum
 from .parameters import BodyParameters
 from .state import BallState, DiskState, ReducedState, RotationState, State
@@ -49,26 +41,27 @@ def from_locked(system: BodyParameters, t: Float[Array, ""], state: AnyState) ->
 def locked_field(system: BodyParameters, t: Float[Array, ""], packed: AnyState) -> AnyState:
     """The rates of a state that holds (W, ϑ̇): with 𝔐 the inertia of ``coupling``, 𝔐⁻¹ ((Π̇, π̇) − 𝔐̇ (W, ϑ̇))."""
     r, W, Gamma = system.radius, packed.Omega, packed.Gamma
-    at, joints = _stopped(system, t, packed)
-    locked = [joint.own(packed.thetadot) for joint in joints]
-    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, joints)
+    at, links = _stopped(system, t, packed)
+    free = with_free_joints(links)
+    locked = [link.own(packed.thetadot) for link in free]
+    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links)
     factors = matrix.factored()
-    state = _with_velocities(packed, joints, -1.0, *factors.solve(*_given_momenta(at, r, Gamma, joints)))
-    Omega = state.Omega
-    angles = given_angles(system, t, state)
-    if joints:
-        at, joints = velocity_moments(system, t, angles[:2]), free_joints(system, t, angles)
+    state = _with_velocities(packed, links, -1.0, *factors.solve(*_given_momenta(at, r, Gamma, free)))
+    Omega, angles = state.Omega, given_angles(system, t, state)
+    if free:
+        links = [link.moving(link.own(state.thetadot)) if link.group.free else link for link in links]
+        at, free = velocity_moments(system, t, angles[:2], links), with_free_joints(links)
     acting = _with_dry_friction(system, t, state, load(system, t, state))
     Pi, _ = matrix.times(W, locked)
     Pidot = contact_momentum_rate(at, r, acting, Pi, Omega)
-    efforts = joint_forces(system, t, state, joints)
-    pidot = [Q + _momentum_rate(joint, r, acting, Omega) for joint, Q in zip(joints, efforts, strict=True)]
+    forces = joint_forces(t, state, links)
+    pidot = [Q + _momentum_rate(link, r, acting, Omega) for link, Q in zip(free, forces, strict=True)]
     Gammadot = cross(Gamma, Omega)
-    changing = inertia_rate(inertia_about_contact_rate(at, r, Gamma, Gammadot), r, Gamma, Gammadot, joints)
+    changing = inertia_rate(inertia_about_contact_rate(at, r, Gamma, Gammadot), r, Gamma, Gammadot, links)
     turned, pulled = changing.times(W, locked)
     Wdot, rates = factors.solve(Pidot - turned, [x - y for x, y in zip(pidot, pulled, strict=True)])
     theta, thetadot, given = angles
-    return state.rates(r, Wdot, (theta, thetadot, joined(given, joints, rates)), system.drift(t, state))
+    return state.rates(r, Wdot, (theta, thetadot, joined(given, links, rates)), system.drift(t, state))
 
 
 def inertia_about_contact_rate(
@@ -83,57 +76,56 @@ def inertia_about_contact_rate(
 
 
 def _moved(system: BodyParameters, t: Float[Array, ""], state: AnyState, sign: float) -> AnyState:
-    at, joints = _stopped(system, t, state)
+    at, links = _stopped(system, t, state)
     r, Gamma = system.radius, state.Gamma
-    factors = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, joints).factored()
-    return _with_velocities(state, joints, sign, *factors.solve(*_given_momenta(at, r, Gamma, joints)))
+    factors = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factored()
+    momenta = _given_momenta(at, r, Gamma, with_free_joints(links))
+    return _with_velocities(state, links, sign, *factors.solve(*momenta))
 
 
-def _stopped(system: BodyParameters, t: Float[Array, ""], state: State) -> tuple[AbstractMoments, list[FreeJoints]]:
-    """Moments and joints as they would be if the free joints were still."""
+def _stopped(system: BodyParameters, t: Float[Array, ""], state: State) -> tuple[VelocityMoments, list[Linkage]]:
+    """Moments and mechanisms as they would be if the free joints were still."""
     still = state.thetadot
     if len(system.accelerated) < len(system.coordinates):
         moving = np.zeros(len(system.coordinates), dtype=bool)
         moving[list(system.accelerated)] = True
         still = jnp.where(moving, still, 0.0)
-    return velocity_moments(system, t, (state.theta, still)), free_joints(system, t, (state.theta, still, still))
+    links = linkages(system, t, (state.theta, still, still))  # θ̈ is not used
+    return velocity_moments(system, t, (state.theta, still), links), links
 
 
 def _given_momenta(
-    at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], joints: list[FreeJoints]
+    at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], free: list[Linkage]
 ) -> tuple[Float[Array, "3"], Joints]:
     """The parts of Π and π_a that what is not free has by moving in the ball; the free joints are still."""
-    pi = []
-    for joint in joints:
-        momenta = joint.m[..., None] * along(joint.partial, joint.rates[1])
-        pi.append(jnp.sum(momenta[:, None] * joint.partial[:, joint.free], axis=(-2, -1)))
+    pi = [jnp.sum((link.m[..., None] * link.chidot)[:, None] * link.partial, axis=(-2, -1)) for link in free]
     return internal_momentum(at, r, Gamma), pi
 
 
 def _with_velocities(
-    state: AnyState, joints: list[FreeJoints], sign: float, Omega: Float[Array, "3"], thetadot: Joints
+    state: AnyState, links: list[Linkage], sign: float, Omega: Float[Array, "3"], thetadot: Joints
 ) -> AnyState:
     """The state with changes of Ω and of free joints' θ̇ added, times ``sign``."""
     moved = state.with_Omega(state.Omega + sign * Omega)
-    if not joints:
+    if not thetadot:
         return moved
-    changes = joined(jnp.zeros_like(state.thetadot), joints, thetadot)
+    changes = joined(jnp.zeros_like(state.thetadot), links, thetadot)
     return eqx.tree_at(lambda s: s.thetadot, moved, state.thetadot + sign * changes)
 
 
 def _momentum_rate(
-    joint: FreeJoints, r: Float[Array, ""], acting: Load, Omega: Float[Array, "3"]
-) -> Float[Array, "mechanisms joints"]:
+    link: Linkage, r: Float[Array, ""], acting: Load, Omega: Float[Array, "3"]
+) -> Float[Array, "mechanisms free"]:
     """π̇_a − Q_a = Σ m [ v·(Ω × χ_a + d/dt χ_a) − χ_a·γ ], with v = Ω × s + χ̇."""
-    turning = jnp.broadcast_to(Omega, joint.chi.shape)
-    v = cross(turning, r * acting.Gamma[None, None] + joint.chi) + along(joint.partial, joint.rates[1])
-    partial, slope = joint.partial[:, joint.free], joint.slope[:, joint.free]
-    carried = cross(jnp.broadcast_to(Omega, partial.shape), partial) + slope
+    turning = jnp.broadcast_to(Omega, link.chi.shape)
+    v = cross(turning, r * acting.Gamma[None, None] + link.chi) + link.chidot
+    partial = link.partial
+    carried = cross(jnp.broadcast_to(Omega, partial.shape), partial) + link.slope[:, link.free]
     power = jnp.sum(v[:, None] * carried, axis=-1) - jnp.sum(partial * acting.weight[None, None, None], axis=-1)
-    return jnp.sum(joint.m[:, None] * power, axis=-1)
+    return jnp.sum(link.m[:, None] * power, axis=-1)
 
 
 def _with_dry_friction(system: BodyParameters, t: Float[Array, ""], state: State, acting: Load) -> Load:
     if system.resistance is None or system.resistance.dry is None:
         return acting
-    return acting._replace(torque=acting.torque + accelerations(system, t, state).dry)
+    return acting.with_torque(accelerations(system, t, state, acting).dry)

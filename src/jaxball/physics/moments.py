@@ -4,7 +4,7 @@ Sums run over the shell (i = 0) and the point masses. The paper's equations, whi
 one by one, depend on these sums alone, so the cost of the ball's equation does not grow with n.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..numerics.vectors import outer
-from .mechanisms import AbstractMechanism
+from .linkage import Linkage, linkages
 from .motion import Driven, Kinematics
 from .parameters import BodyParameters
 from .state import Angles, Rates
@@ -54,12 +54,17 @@ class Moments(AbstractMoments):
     ldot: Float[Array, "3"]  # Σ m χ × χ̈
 
 
-def velocity_moments(system: BodyParameters, t: Float[Array, ""], angles: Angles) -> VelocityMoments:
-    """The moments without accelerations at time ``t``, where ``angles`` are θ, θ̇ of the state."""
+def velocity_moments(
+    system: BodyParameters, t: Float[Array, ""], angles: Angles, links: list[Linkage] | None = None
+) -> VelocityMoments:
+    """The moments without accelerations at time ``t``, where ``angles`` are θ, θ̇ of the state.
+
+    ``links`` are the mechanisms then, if they have been found.
+    """
     m0, chi0 = system.mass, system.offset
     M, p, S = m0, m0 * chi0, m0 * outer(chi0, chi0)
     pdot, V = jnp.zeros_like(chi0), jnp.zeros_like(S)
-    for m, (chi, chidot) in _velocities_by_group(system, t, angles):
+    for m, (chi, chidot) in _velocities_by_group(system, t, angles, links):
         M = M + jnp.sum(m)
         p = p + jnp.sum(m[:, None] * chi, axis=0)
         pdot = pdot + jnp.sum(m[:, None] * chidot, axis=0)
@@ -70,11 +75,15 @@ def velocity_moments(system: BodyParameters, t: Float[Array, ""], angles: Angles
     )
 
 
-def moments(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Moments:
-    """All moments at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the state."""
-    at = velocity_moments(system, t, angles[:2])
+def moments(system: BodyParameters, t: Float[Array, ""], angles: Rates, links: list[Linkage] | None = None) -> Moments:
+    """All moments at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the state.
+
+    ``links`` are the mechanisms then, if they have been found.
+    """
+    links = linkages(system, t, angles) if links is None else links
+    at = velocity_moments(system, t, angles[:2], links)
     pddot = ldot = jnp.zeros_like(system.offset)
-    for m, (chi, _, chiddot) in _kinematics_by_group(system, t, angles):
+    for m, (chi, _, chiddot) in _kinematics_by_group(system, t, angles, links):
         pddot = pddot + jnp.sum(m[:, None] * chiddot, axis=0)
         ldot = ldot + _axial(_second_moment(m, chi, chiddot))
     return Moments(M=at.M, p=at.p, pdot=at.pdot, J=at.J, Jdot=at.Jdot, l=at.l, pddot=pddot, ldot=ldot)
@@ -82,7 +91,8 @@ def moments(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Momen
 
 def kinematics(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Kinematics:
     """χ_i, χ̇_i and χ̈_i of the point masses i = 1 … n, in their own order, then those of mechanisms, each (n, 3)."""
-    parts = [part for _, part in _kinematics_by_group(system, t, angles)]
+    links = linkages(system, t, angles)
+    parts = [part for _, part in _kinematics_by_group(system, t, angles, links)]
     if not parts:
         nothing = jnp.zeros((0, 3), dtype=system.mass.dtype)
         return Kinematics(nothing, nothing, nothing)
@@ -115,23 +125,16 @@ def joint_motion(
         return JointMotion(nothing, nothing, nothing)
     back = np.argsort(_places(system))  # from the order of kinematics to that of the groups
     start, parts, keys = sum(len(indices) for indices in system.order), [], []
-    for group, indices in zip(system.mechanism_groups, system.mechanism_order, strict=True):
-        own = tuple(values[system.slots(indices, group.in_state)] for values in angles)
-        count = group.mass.size
-        forces = group.mass[..., None] * lifted[back[start : start + count]].reshape(*group.mass.shape, 3)
-        rates, partial = eqx.filter_vmap(lambda mechanism, own: _joint_rates(mechanism, t, own))(group, own)
-        parts.append((rates[0], rates[1], jnp.sum(partial * forces[:, None], axis=(-2, -1))))
-        keys += [(index, a) for index in indices for a in range(group.n_joints)]
+    for link, indices in zip(linkages(system, t, angles), system.mechanism_order, strict=True):
+        count = link.m.size
+        forces = link.m[..., None] * lifted[back[start : start + count]].reshape(*link.m.shape, 3)
+        parts.append((link.rates[0], link.rates[1], jnp.sum(link.at.partial * forces[:, None], axis=(-2, -1))))
+        keys += [(index, a) for index in indices for a in range(link.group.n_joints)]
         start += count
     places = np.asarray(sorted(range(len(keys)), key=keys.__getitem__), dtype=int)
     return JointMotion(
         *(jnp.concatenate([jnp.ravel(x) for x in column])[places] for column in zip(*parts, strict=True))
     )
-
-
-def _joint_rates(mechanism: AbstractMechanism, t, own):
-    rates = mechanism.rates(t, own)
-    return rates, mechanism.places(rates[0]).partial
 
 
 def principal_inertia(system: BodyParameters) -> Float[Array, "3 3"]:
@@ -150,17 +153,24 @@ def _places(system: BodyParameters) -> Int[np.ndarray, " n"]:
 Part = tuple[Float[Array, " m"], Any]
 
 
-def _velocities_by_group(system: BodyParameters, t: Float[Array, ""], angles: Angles) -> list[Part]:
+def _velocities_by_group(
+    system: BodyParameters, t: Float[Array, ""], angles: Angles, links: list[Linkage] | None
+) -> list[Part]:
     """The masses of each group, and their χ and χ̇."""
-    rates = (*angles, angles[1])  # the accelerations are not used
-    parts = _by_group(system, rates[:2], lambda motion: motion.velocity(t), lambda motion, *x: motion.velocity(*x))
-    return [*parts, *((m, part[:2]) for m, part in _of_mechanisms(system, t, rates))]
+    links = linkages(system, t, (*angles, angles[1])) if links is None else links  # θ̈ is not used
+    parts = _by_group(system, angles, lambda motion: motion.velocity(t), lambda motion, *x: motion.velocity(*x))
+    carried = (
+        (jnp.ravel(link.m), (jnp.reshape(link.chi, (-1, 3)), jnp.reshape(link.chidot, (-1, 3)))) for link in links
+    )
+    return [*parts, *carried]
 
 
-def _kinematics_by_group(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> list[Part]:
+def _kinematics_by_group(
+    system: BodyParameters, t: Float[Array, ""], angles: Rates, links: list[Linkage]
+) -> list[Part]:
     """The masses of each group, and their χ, χ̇ and χ̈."""
     parts = _by_group(system, angles, lambda motion: motion.kinematics(t), lambda motion, *x: motion.kinematics(*x))
-    return [*parts, *_of_mechanisms(system, t, angles)]
+    return [*parts, *((jnp.ravel(link.m), link.kinematics()) for link in links)]
 
 
 def _by_group(system: BodyParameters, angles, prescribed: Callable[..., Any], driven: Callable[..., Any]) -> list[Part]:
@@ -175,14 +185,6 @@ def _by_group(system: BodyParameters, angles, prescribed: Callable[..., Any], dr
             found = eqx.filter_vmap(prescribed)(group.motion)
         parts.append((group.mass, found))
     return parts
-
-
-def _of_mechanisms(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> Iterator[Part]:
-    for group, indices in zip(system.mechanism_groups, system.mechanism_order, strict=True):
-        slots = system.slots(indices, group.in_state)
-        own = tuple(values[slots] for values in angles)
-        found = eqx.filter_vmap(lambda mechanism, own: mechanism.kinematics(mechanism.rates(t, own)))(group, own)
-        yield jnp.ravel(group.mass), Kinematics(*(jnp.reshape(x, (-1, 3)) for x in found))
 
 
 def _second_moment(m, a, b):

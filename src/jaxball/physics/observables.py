@@ -10,7 +10,7 @@ from .contact import contact_force, reaction_in_body
 from .dynamics import accelerations
 from .energy import accelerations_of_masses, actuation_power, dissipation, kinetic_energy, potential_energy
 from .load import in_three, load
-from .moments import joint_motion, kinematics, moments, point_mass_values, principal_inertia
+from .moments import joint_motion, kinematics, point_mass_values, principal_inertia
 from .momentum import linear_momentum
 from .motion import Kinematics
 from .state import BallState, DiskState, centre_velocity
@@ -97,11 +97,12 @@ def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskSt
     >>> observe(ball, jnp.array(0.0), BallState(z=(3.0, 4.0))).contact_point
     Array([ 3. ,  4. , -0.5], dtype=float64)
     """
-    found, acting = accelerations(system, t, state), load(system, t, state)
+    acting = load(system, t, state)
+    found = accelerations(system, t, state, acting)
     in_space = state.in_space()
     r, g, Omega, Lambda = system.radius, system.gravity, in_space.Omega, in_space.Lambda
     Gamma, omega, Omegadot = Lambda[2], apply(Lambda, Omega), found.Omegadot
-    at, points = moments(system, t, found.angles), kinematics(system, t, found.angles)
+    at, points = found.at, kinematics(system, t, found.angles)
     still = jnp.zeros((1, 3), dtype=Omega.dtype)
     with_shell = Kinematics(
         jnp.concatenate([system.offset[None], points.chi]),

@@ -17,7 +17,7 @@ from ..physics.dynamics import accelerations
 from ..physics.energy import velocities
 from ..physics.frames import frisvad
 from ..physics.load import in_three, load
-from ..physics.moments import Moments, kinematics, moments, point_mass_values, principal_inertia
+from ..physics.moments import Moments, kinematics, point_mass_values, principal_inertia
 from ..physics.motion import Kinematics
 from ..physics.observables import observe
 from ..physics.state import BallState, DiskState
@@ -56,7 +56,7 @@ def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: BallState | Di
     acting = load(system, t, state).with_torque(found.dry)
     Lambda, Omega = in_space.Lambda, in_space.Omega
     Gamma = Lambda[2]
-    at = moments(system, t, found.angles)
+    at = found.at
     arguments = at, r, Omega, Gamma
     axis = axis_of(at)
     axial = integrals.routh_integrals(*_about(axis, *arguments))

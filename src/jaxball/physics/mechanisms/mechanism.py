@@ -14,7 +14,6 @@ from ...interface.arguments import require_each, require_function
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, default_dtype, numbers
 from ..conditions import Condition, positive
-from ..motion import Kinematics
 from ..schedules import AbstractSchedule
 from ..state import Rates, State
 from .forces import AbstractJointForce
@@ -98,19 +97,6 @@ class AbstractMechanism(Printed):
         theta, thetadot, thetaddot = (jnp.stack(values) for values in zip(*columns, strict=True))
         return theta, thetadot, thetaddot
 
-    def kinematics(self, rates: Rates) -> Kinematics:
-        """χ, χ̇ and χ̈ of the masses, for the rates of every joint."""
-        _, thetadot, thetaddot = rates
-        at, slope = self.motion(rates)
-        chidot = _along(at.partial, thetadot)
-        return Kinematics(at.chi, chidot, _along(slope, thetadot) + _along(at.partial, thetaddot))
-
-    def motion(self, rates: Rates) -> tuple[Places, Float[Array, "k n 3"]]:
-        """The places, and the rates of ∂χ/∂θ_a."""
-        theta, thetadot, _ = rates
-        at, slopes = jax.jvp(self.places, (theta,), (thetadot,))
-        return at, slopes.partial
-
     def forces(self, t: Float[Array, ""], rates: Rates, state: State) -> Float[Array, " free"]:
         """Q of the free joints."""
         theta, thetadot, _ = rates
@@ -134,10 +120,6 @@ class AbstractMechanism(Printed):
     def prepare(self) -> "AbstractMechanism":
         """The same mechanism, ready to be evaluated many times."""
         return self
-
-
-def _along(partial: Float[Array, "k n 3"], rate: Float[Array, " k"]) -> Float[Array, "n 3"]:
-    return jnp.sum(partial * rate[:, None, None], axis=0)
 
 
 def _force(drive: Any, t, theta, thetadot, state) -> Float[Array, ""]:

@@ -1,0 +1,96 @@
+"""The mechanisms of a body at a state, group by group: where they are, and how their joints move them."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .mechanisms import AbstractMechanism
+from .mechanisms.mechanism import Places
+from .motion import Kinematics
+from .parameters import BodyParameters
+from .state import Rates
+
+
+class Linkage(NamedTuple):
+    """A group of mechanisms at a state. The first axis of arrays is that of the mechanisms."""
+
+    group: AbstractMechanism
+    slots: Int[np.ndarray, "mechanisms free"]  # where the free joints are in a state's theta
+    rates: Rates  # θ, θ̇ and θ̈ of all joints
+    at: Places
+    change: Callable[[Float[Array, "mechanisms k"]], Places]  # the rates of `at` for rates of θ
+
+    @property
+    def m(self) -> Float[Array, "mechanisms n"]:
+        """The masses."""
+        return self.group.mass
+
+    @property
+    def free(self) -> Int[np.ndarray, " free"]:
+        """The indices of the free joints."""
+        return np.asarray(self.group.free, dtype=int)
+
+    @property
+    def chi(self) -> Float[Array, "mechanisms n 3"]:
+        """χ."""
+        return self.at.chi
+
+    @property
+    def partial(self) -> Float[Array, "mechanisms free n 3"]:
+        """χ_a of the free joints."""
+        return self.at.partial[:, self.free]
+
+    @property
+    def chidot(self) -> Float[Array, "mechanisms n 3"]:
+        """χ̇."""
+        return along(self.at.partial, self.rates[1])
+
+    @property
+    def slope(self) -> Float[Array, "mechanisms k n 3"]:
+        """The rates of χ_a of all joints."""
+        return self.change(self.rates[1]).partial
+
+    @property
+    def chiddot(self) -> Float[Array, "mechanisms n 3"]:
+        """χ̈."""
+        return along(self.slope, self.rates[1]) + along(self.at.partial, self.rates[2])
+
+    def own(self, values: Float[Array, " coordinates"]) -> Float[Array, "mechanisms free"]:
+        """The entries of the free joints in an array of all coordinates."""
+        return values[self.slots]
+
+    def moving(self, thetadot: Float[Array, "mechanisms free"]) -> "Linkage":
+        """The same in the same place, with other θ̇ of the free joints."""
+        columns = [self.rates[1][:, a] for a in range(self.group.n_joints)]
+        for slot, a in enumerate(self.group.free):
+            columns[a] = thetadot[:, slot]
+        return self._replace(rates=(self.rates[0], jnp.stack(columns, axis=1), self.rates[2]))
+
+    def kinematics(self) -> Kinematics:
+        """χ, χ̇ and χ̈, of all masses along one axis."""
+        return Kinematics(*(jnp.reshape(x, (-1, 3)) for x in (self.chi, self.chidot, self.chiddot)))
+
+
+def linkages(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> list[Linkage]:
+    """The mechanisms of a body at time ``t``, where ``angles`` are θ, θ̇, θ̈ of the state."""
+    found = []
+    for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
+        own = tuple(values[system.slots(order, group.in_state)] for values in angles)
+        rates = eqx.filter_vmap(lambda mechanism, own: mechanism.rates(t, own))(group, own)
+
+        def places(theta, group=group):
+            return eqx.filter_vmap(lambda mechanism, theta: mechanism.places(theta))(group, theta)
+
+        at, change = jax.linearize(places, rates[0])
+        found.append(Linkage(group, system.slots(order, group.free), rates, at, change))
+    return found
+
+
+def along(partial: Float[Array, "mechanisms k n 3"], rate: Float[Array, "mechanisms k"]):
+    """Σ_a χ_a θ̇_a, or another sum over joints."""
+    return jnp.sum(partial * rate[:, :, None, None], axis=1)
