@@ -1,10 +1,8 @@
 """The mechanisms of a body at a state, group by group: where they are, and how their joints move them."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -23,7 +21,6 @@ class Linkage(NamedTuple):
     slots: Int[np.ndarray, "mechanisms free"]  # where the free joints are in a state's theta
     rates: Rates  # θ, θ̇ and θ̈ of all joints
     at: Places
-    change: Callable[[Float[Array, "mechanisms k"]], Places]  # the rates of `at` for rates of θ
 
     @property
     def m(self) -> Float[Array, "mechanisms n"]:
@@ -53,7 +50,7 @@ class Linkage(NamedTuple):
     @property
     def slope(self) -> Float[Array, "mechanisms k n 3"]:
         """The rates of χ_a of all joints."""
-        return self.change(self.rates[1]).partial
+        return eqx.filter_vmap(lambda group, at, rate: group.slopes(at, rate))(self.group, self.at, self.rates[1])
 
     @property
     def chiddot(self) -> Float[Array, "mechanisms n 3"]:
@@ -82,12 +79,8 @@ def linkages(system: BodyParameters, t: Float[Array, ""], angles: Rates) -> list
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
         own = tuple(values[system.slots(order, group.in_state)] for values in angles)
         rates = eqx.filter_vmap(lambda mechanism, own: mechanism.rates(t, own))(group, own)
-
-        def places(theta, group=group):
-            return eqx.filter_vmap(lambda mechanism, theta: mechanism.places(theta))(group, theta)
-
-        at, change = jax.linearize(places, rates[0])
-        found.append(Linkage(group, system.slots(order, group.free), rates, at, change))
+        at = eqx.filter_vmap(lambda mechanism, theta: mechanism.places(theta))(group, rates[0])
+        found.append(Linkage(group, system.slots(order, group.free), rates, at))
     return found
 
 

@@ -15,10 +15,18 @@ from ..simulation.extremes import contact_extremes
 from .case import SAFETY, Case
 from .laws import BALANCES
 from .report import Row
-from .symmetry import MASSES_MOVE, PLANAR, why_no_revolution, why_not_chaplygin, why_not_routh
+from .symmetry import (
+    MASSES_MOVE,
+    NO_TURNTABLE,
+    PLANAR,
+    why_no_revolution,
+    why_not_chaplygin,
+    why_not_moving_energy,
+    why_not_routh,
+)
 
 NO_VERSOR = "a disk's state holds no versor"
-MEANINGLESS = (MASSES_MOVE, PLANAR, NO_VERSOR)  # reasons for which there is no quantity that could change
+MEANINGLESS = (MASSES_MOVE, PLANAR, NO_VERSOR, NO_TURNTABLE)  # reasons for which there is no quantity that could change
 
 
 def balance(name: str, case: Case) -> Row:
@@ -29,9 +37,10 @@ def balance(name: str, case: Case) -> Row:
     well. So the expected residual is the number of steps × the change of the quantity for a change of the state by its
     tolerance, times a safety factor of 10.
     """
-    drift, reason = case.samples.drifts[name], _why_not(name, case)
+    reason = _why_not(name, case)
     if reason in MEANINGLESS:
         return Row(name, reason=reason)
+    drift = case.samples.drifts[name]
     return Row(name, drift.residual, SAFETY * case.steps * drift.sensitivity, reason=reason)
 
 
@@ -61,6 +70,8 @@ def _why_not(name: str, case: Case) -> str:
         return _why_not_classical(name, case)
     assert samples.moments is not None
     assert samples.axis is not None
+    if name == "moving-energy":
+        return why_not_moving_energy(system)
     if name == "chaplygin":
         return why_not_chaplygin(system, samples.moments)
     if name in ("jellett", "routh"):

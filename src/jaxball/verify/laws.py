@@ -8,6 +8,7 @@ BALANCES: dict[str, str] = {
     "jellett": "L·s is constant for a body of revolution with fixed masses and no force",
     "routh": "Routh's integral is constant for the same bodies",
     "norm": "|q| = 1",
+    "moving-energy": "E − W L changes by the work of what is inside, on a level turntable at the rate W",
     "rolling": "z(t) − z(t0) = ∫ (ω × r e3 + u)₁₂, no slip at the contact point",
 }
 COMPARISONS: dict[str, str] = {

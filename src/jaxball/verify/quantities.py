@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..numerics.vectors import apply, cross
+from ..numerics.vectors import apply, cross, dot
 from ..physics import integrals
 from ..physics.body import AbstractBody
 from ..physics.dynamics import accelerations
@@ -19,7 +19,7 @@ from ..physics.frames import frisvad
 from ..physics.load import in_three, load
 from ..physics.moments import Moments, kinematics, point_mass_values, principal_inertia
 from ..physics.motion import Kinematics
-from ..physics.observables import observe
+from ..physics.observables import Observables, observe
 from ..physics.state import BallState, DiskState
 from ..physics.system import AbstractState, AbstractSystem
 
@@ -72,6 +72,8 @@ def _of_rolling(system: AbstractBody, t: Float[Array, ""], state: BallState | Di
         "norm": _constant(jnp.sqrt(jnp.sum(in_space.q**2))),
         "rolling": Balance(in_space.z, _centre_velocity(system, t, in_space)[:2]),
     }
+    if system.ground is not None and system.ground.turntable is not None:
+        balances["moving-energy"] = moving_energy_balance(system, t, in_space, observables)
     return Quantities(balances, at, axis)
 
 
@@ -90,28 +92,66 @@ def contact_momentum_balance(system: AbstractBody, t: Float[Array, ""], state: B
     point to a mass, and here ċ = ω × r e3 + u: Goldstein, Poole & Safko, Classical Mechanics, 3rd edition, section 1.2,
     with a moving point of reference, in axes that move by X.
     """
-    in_space, found, r = state.in_space(), accelerations(system, t, state), system.radius
-    acting = load(system, t, state).with_torque(found.dry)
-    Lambda, Omega = in_space.Lambda, in_space.Omega
-    Gamma = Lambda[2]
-    vertical = jnp.zeros_like(Omega).at[2].set(1.0)
-    points = kinematics(system, t, found.angles)
-    chi = jnp.concatenate([system.offset[None], points.chi])
-    chidot = jnp.concatenate([jnp.zeros((1, 3), dtype=Omega.dtype), points.chidot])
-    m = jnp.concatenate([system.mass[None], point_mass_values(system)])[:, None]
-    s = r * Gamma[None] + chi
-    cdot = _centre_velocity(system, t, in_space)
-    slide = cdot - cross(apply(Lambda, Omega), r * vertical)
-    Y = velocities(r, Kinematics(chi, chidot, jnp.zeros_like(chi)), Omega, Gamma) + apply(Lambda.T, slide)[None]
-    Pi = apply(principal_inertia(system), Omega) + jnp.sum(m * jax.vmap(cross)(s, Y), axis=0)
-    P = jnp.sum(m * Y, axis=0)
+    in_space, r = state.in_space(), system.radius
+    acting = load(system, t, state).with_torque(accelerations(system, t, state).dry)
+    Lambda, vertical = in_space.Lambda, jnp.zeros_like(in_space.Omega).at[2].set(1.0)
+    seen = _in_space(system, t, state)
     lift = system.gravity * vertical if system.ground is None else system.ground.lift(t, system.gravity)
-    rate = cross(apply(Lambda, jnp.sum(m * s, axis=0)), -lift) - cross(cdot, apply(Lambda, P))
+    rate = cross(seen.moment, -lift) - cross(_centre_velocity(system, t, in_space), seen.P)
     if acting.force is not None:
         rate = rate + cross(r * vertical, apply(Lambda, acting.force))
     if acting.torque is not None:
         rate = rate + apply(Lambda, acting.torque)
-    return Balance(apply(Lambda, Pi), rate)
+    return Balance(seen.Pi, rate)
+
+
+def moving_energy_balance(
+    system: AbstractBody, t: Float[Array, ""], state: BallState, observables: Observables
+) -> Balance:
+    """The moving energy E − W L on a level turntable at the rate W, and its rate of change.
+
+    L = e3·(ΛΠ + (z − c) × ΛP) is the angular momentum about the turntable's axis. What does work on E at the velocity u
+    of the table does none on E − W L: Ė less (f + F)·u and W T₃, and less ẆL. It is constant for steady W and what is
+    passive inside (Bizyaev, Borisov & Mamaev, arXiv:1807.08438).
+    """
+    ground = system.ground
+    assert ground is not None
+    assert ground.turntable is not None
+    _, W, Wdot = ground.turntable.turning.derivatives(t)
+    acting = load(system, t, state).with_torque(accelerations(system, t, state).dry)
+    seen, aside = _in_space(system, t, state), in_three(state.z - ground.turntable.centre)
+    L = seen.Pi[2] + cross(aside, seen.P)[2]
+    push = observables.friction
+    if acting.force is not None:
+        push = push + apply(state.Lambda, acting.force)[:2]
+    rate = observables.power - jnp.sum(push * system.drift(t, state)) - Wdot * L
+    if acting.torque is not None:
+        rate = rate - W * dot(acting.torque, state.Gamma)
+    return Balance(observables.energy - W * L, rate)
+
+
+class _InSpace(NamedTuple):
+    """ΛP, ΛΠ, and Σ m Λs with s from the contact point, over all masses one by one; velocities are over the plane."""
+
+    P: Float[Array, "3"]
+    Pi: Float[Array, "3"]
+    moment: Float[Array, "3"]
+
+
+def _in_space(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> _InSpace:
+    in_space, r = state.in_space(), system.radius
+    Lambda, Omega = in_space.Lambda, in_space.Omega
+    Gamma = Lambda[2]
+    points = kinematics(system, t, (state.theta, state.thetadot, state.thetadot))  # accelerations are not used
+    chi = jnp.concatenate([system.offset[None], points.chi])
+    chidot = jnp.concatenate([jnp.zeros((1, 3), dtype=Omega.dtype), points.chidot])
+    m = jnp.concatenate([system.mass[None], point_mass_values(system)])[:, None]
+    s = r * Gamma[None] + chi
+    drift = system.drift(t, in_space)
+    Y = velocities(r, Kinematics(chi, chidot, jnp.zeros_like(chi)), Omega, Gamma)
+    Y = Y if drift is None else Y + apply(Lambda.T, in_three(drift))[None]
+    Pi = apply(principal_inertia(system), Omega) + jnp.sum(m * jax.vmap(cross)(s, Y), axis=0)
+    return _InSpace(*(apply(Lambda, v) for v in (jnp.sum(m * Y, axis=0), Pi, jnp.sum(m * s, axis=0))))
 
 
 def axis_of(at: Moments) -> Float[Array, "3"]:

@@ -9,6 +9,7 @@ from ..physics.moments import Moments
 ZERO = 1e-9  # relative to the scale
 MASSES_MOVE = "masses move"
 PLANAR = "a disk rolls in a plane, where it is zero"
+NO_TURNTABLE = "the ground has no turntable"
 
 
 def why_not_chaplygin(system: AbstractBody, at: Moments) -> str:
@@ -18,6 +19,15 @@ def why_not_chaplygin(system: AbstractBody, at: Moments) -> str:
     distance = float(np.max(np.linalg.norm(at.p, axis=-1) / np.asarray(at.M)))
     if distance > ZERO * float(system.radius):
         return f"the centre of mass is up to {distance:.3g} from the geometric centre"
+    return ""
+
+
+def why_not_moving_energy(system: AbstractBody) -> str:
+    """Why there is no balance of the moving energy; empty where there is, on a level turntable."""
+    if system.ground is None or system.ground.turntable is None:
+        return NO_TURNTABLE
+    if system.ground.motion is not None or float(system.ground.angle) != 0:
+        return "the ground is tilted or moves"
     return ""
 
 

@@ -11,7 +11,7 @@ from ...interface.arguments import require
 from ...interface.printing import Printed
 from ...numerics.arrays import numbers
 from ...numerics.trigonometry import sine_cosine
-from ...numerics.vectors import apply, cross, dot, hat, outer
+from ...numerics.vectors import apply, dot, hat, outer
 from ..rails import AbstractRail
 from ..schedules import AbstractSchedule
 from .forces import AbstractJointForce
@@ -56,15 +56,16 @@ def in_place(like: Float[Array, "..."]) -> Placement:
 
 
 class Moved(NamedTuple):
-    """What a joint does: where it places its link, and the velocities that a rate θ̇ = 1 gives to what it carries.
+    """What a joint does: where it places its link, and how fast a rate θ̇ = 1 moves what it carries.
 
-    A point at χ gets w × (χ − c) + v.
+    A point at χ gets the velocity w × (χ − c) + v, and v changes by ``bend`` for a unit of θ.
     """
 
     placement: Placement
     w: Float[Array, "3"]
     c: Float[Array, "3"]
     v: Float[Array, "3"]
+    bend: Float[Array, "3"]
 
 
 class AbstractJoint(Printed):
@@ -123,7 +124,8 @@ class Hinge(AbstractJoint):
         turn = cosine * jnp.eye(3, dtype=n.dtype) + sine * hat(n) + (1 - cosine) * outer(n, n)
         w, c = apply(carrier.turn, n), carrier.of_point(self.point)
         turned = jnp.sum(carrier.turn[:, :, None] * turn[None], axis=1)
-        return Moved(Placement(turned, c - apply(turned, self.point)), w, c, jnp.zeros_like(w))
+        zero = jnp.zeros_like(w)
+        return Moved(Placement(turned, c - apply(turned, self.point)), w, c, zero, zero)
 
 
 class Slider(AbstractJoint):
@@ -150,7 +152,7 @@ class Slider(AbstractJoint):
     def moved(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
         v = apply(carrier.turn, _direction(self.axis))
         zero = jnp.zeros_like(v)
-        return Moved(Placement(carrier.turn, carrier.shift + theta * v), zero, zero, v)
+        return Moved(Placement(carrier.turn, carrier.shift + theta * v), zero, zero, v, zero)
 
 
 class Carriage(AbstractJoint):
@@ -180,9 +182,9 @@ class Carriage(AbstractJoint):
         require("rail", self.rail, AbstractRail, "a rail, such as Circle(...)")
 
     def moved(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
-        zeta, slope, _ = self.rail.derivatives(theta)
-        zero = jnp.zeros_like(zeta)
-        return Moved(Placement(carrier.turn, carrier.of_point(zeta)), zero, zero, apply(carrier.turn, slope))
+        zeta, slope, curvature = self.rail.derivatives(theta)
+        placement, zero = Placement(carrier.turn, carrier.of_point(zeta)), jnp.zeros_like(zeta)
+        return Moved(placement, zero, zero, apply(carrier.turn, slope), apply(carrier.turn, curvature))
 
     def prepare(self) -> "Carriage":
         return Carriage(self.rail.prepare(), self.drive, self.on)
@@ -190,8 +192,3 @@ class Carriage(AbstractJoint):
 
 def _direction(axis: Float[Array, "3"]) -> Float[Array, "3"]:
     return axis / jnp.sqrt(dot(axis, axis))
-
-
-def velocity(moved: Moved, chi: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-    """∂χ/∂θ of points that a joint carries."""
-    return cross(jnp.broadcast_to(moved.w, chi.shape), chi - moved.c[None]) + moved.v[None]

@@ -8,23 +8,28 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Bool, Float, PyTree
 
 from ...interface.arguments import require_each, require_function
 from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, default_dtype, numbers
+from ...numerics.vectors import cross
 from ..conditions import Condition, positive
 from ..schedules import AbstractSchedule
 from ..state import Rates, State
 from .forces import AbstractJointForce
-from .joints import AbstractJoint, Accelerated, Drive, Moved, in_place, require_drive, velocity
+from .joints import AbstractJoint, Accelerated, Drive, Moved, in_place, require_drive
 
 
 class Places(NamedTuple):
-    """Where a mechanism's masses are, χ_i, and how each joint moves them, χ_a = ∂χ/∂θ_a."""
+    """Where a mechanism's masses are, χ_i, and how each joint moves them, χ_a = ∂χ/∂θ_a.
+
+    ``details`` are what the kind of mechanism wants to know again for the rates of these.
+    """
 
     chi: Float[Array, "n 3"]
     partial: Float[Array, "k n 3"]
+    details: PyTree
 
 
 class CarriedMass(Printed):
@@ -51,8 +56,9 @@ class CarriedMass(Printed):
 class AbstractMechanism(Printed):
     """Point masses placed by joints: χ_i(θ), with θ of every joint.
 
-    A kind of mechanism implements ``drives`` and ``places``. A joint's drive decides whose its θ is: a schedule's,
-    which prescribes it; or the state's, where a law accelerates it (``Accelerated``) or it is free under a force.
+    A kind of mechanism implements ``drives``, ``places`` and ``slopes``. A joint's drive decides whose its θ is: a
+    schedule's, which prescribes it; or the state's, where a law accelerates it (``Accelerated``) or it is free under a
+    force.
     """
 
     mass: eqx.AbstractVar[Float[Array, "*group n"]]
@@ -65,6 +71,10 @@ class AbstractMechanism(Printed):
     @abc.abstractmethod
     def places(self, theta: Float[Array, " k"]) -> Places:
         """χ of each mass, and its derivatives with respect to each θ."""
+
+    @abc.abstractmethod
+    def slopes(self, at: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
+        """The rates of the derivatives, Σ_b χ_ab θ̇_b, at places that :meth:`places` gave."""
 
     @property
     def n_joints(self) -> int:
@@ -210,16 +220,32 @@ class Mechanism(AbstractMechanism):
             links.append(joint.moved(links[on].placement if on >= 0 else in_place(theta), theta[a]))
         loaded = tuple(dict.fromkeys(self.carrier))  # the links that have masses, each once
         order = [np.flatnonzero(np.asarray(self.carrier) == link) for link in loaded]
-        chi = [links[link].placement.of_points(self.place[which]) for link, which in zip(loaded, order, strict=True)]
-        partial = []
-        for a, moved in enumerate(links):
-            rows = [
-                velocity(moved, points) if a in self.carriers(link) else jnp.zeros_like(points)
-                for link, points in zip(loaded, chi, strict=True)
-            ]
-            partial.append(jnp.concatenate(rows))
-        back = np.argsort(np.concatenate(order))
-        return Places(jnp.concatenate(chi)[back], jnp.stack(partial)[:, back])
+        points = [links[link].placement.of_points(self.place[which]) for link, which in zip(loaded, order, strict=True)]
+        chi = jnp.concatenate(points)[np.argsort(np.concatenate(order))]
+        w, c, v, bend = (jnp.stack(column) for column in zip(*(link[1:] for link in links), strict=True))
+        return Places(chi, jnp.where(self._moved, _velocity(w, c, v, chi), 0.0), (w, c, v, bend))
+
+    def slopes(self, at: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
+        w, c, v, bend = at.details
+        rate = jnp.where(self._before, thetadot[None, :], 0.0)[..., None]  # of each joint's carriers
+        omega = jnp.sum(rate * w[None], axis=1)
+        cdot = jnp.sum(rate * jnp.swapaxes(_velocity(w, c, v, c), 0, 1), axis=1)
+        vdot = cross(omega, v) + thetadot[:, None] * bend
+        chidot = jnp.sum(at.partial * thetadot[:, None, None], axis=0)
+        turned = _velocity(cross(omega, w), c, vdot, at.chi)
+        return jnp.where(self._moved, turned + _velocity(w, cdot, jnp.zeros_like(v), chidot), 0.0)
+
+    @property
+    def _before(self) -> Bool[np.ndarray, "k k"]:
+        """Whether the joint of a column is among those that carry the joint of a row."""
+        k = self.n_joints
+        return np.asarray([[b in self.carriers(a)[:-1] for b in range(k)] for a in range(k)], dtype=bool).reshape(k, k)
+
+    @property
+    def _moved(self) -> Bool[np.ndarray, "k n 1"]:
+        """Whether each joint moves each mass."""
+        rows = [[a in self.carriers(link) for link in self.carrier] for a in range(self.n_joints)]
+        return np.asarray(rows, dtype=bool)[..., None]
 
     def prepare(self) -> "Mechanism":
         joints = []
@@ -283,11 +309,22 @@ class FunctionMechanism(AbstractMechanism):
             return self.function(theta, self.parameters)
 
         units = jnp.eye(len(self.given), dtype=theta.dtype)
-        return Places(at(theta), jnp.stack([jax.jvp(at, (theta,), (unit,))[1] for unit in units]))
+        return Places(at(theta), jnp.stack([jax.jvp(at, (theta,), (unit,))[1] for unit in units]), theta)
+
+    def slopes(self, at: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
+        return jax.jvp(lambda theta: self.places(theta).partial, (at.details,), (thetadot,))[1]
 
     def prepare(self) -> "FunctionMechanism":
         given = tuple(_prepared(drive) for drive in self.given)
         return eqx.tree_at(lambda m: m.given, self, given, is_leaf=lambda x: x is None)
+
+
+def _velocity(
+    w: Float[Array, "k 3"], c: Float[Array, "k 3"], v: Float[Array, "k 3"], x: Float[Array, "n 3"]
+) -> Float[Array, "k n 3"]:
+    """w × (x − c) + v of every joint, at every point."""
+    arms = x[None] - c[:, None]
+    return cross(jnp.broadcast_to(w[:, None], arms.shape), arms) + v[:, None]
 
 
 def _carrier(index: int, joint: int, count: int) -> int:
