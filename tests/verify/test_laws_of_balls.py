@@ -109,10 +109,10 @@ def test_a_loose_tolerance_is_not_believed():
 def thousandth_wrong(monkeypatch):
     """The term (rΓ × Ω) × P of the momentum's rate too small by a thousandth."""
 
-    def rate(at, r, g, Pi, Omega, Gamma, Ftilde=None):
-        P = momentum.linear_momentum(at, r, Omega, Gamma)
-        right = momentum.contact_momentum_rate(at, r, g, Pi, Omega, Gamma, Ftilde)
-        return right - 1e-3 * cross(r * cross(Gamma, Omega), P)
+    def rate(at, r, acting, Pi, Omega):
+        P = momentum.linear_momentum(at, r, Omega, acting.Gamma)
+        right = momentum.contact_momentum_rate(at, r, acting, Pi, Omega)
+        return right - 1e-3 * cross(r * cross(acting.Gamma, Omega), P)
 
     monkeypatch.setattr(locked, "contact_momentum_rate", rate)
     # Programs that were compiled from right equations are set aside.

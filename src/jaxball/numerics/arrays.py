@@ -69,6 +69,11 @@ def to_numpy(x: Numbers, name: str = "x") -> Float[np.ndarray, "..."]:
         raise refusal(name, "numbers", x) from None
 
 
+def concatenated(parts: Sequence[Float[Array, "_"]]) -> Float[Array, " n"]:
+    """The parts one after the other; an empty array of the default type where there are none."""
+    return jnp.concatenate(parts) if parts else jnp.zeros((0,), dtype=default_dtype())
+
+
 def a_number() -> jax.ShapeDtypeStruct:
     """A number of the default floating type, of which no more is known: to try what a function makes of one."""
     return jax.ShapeDtypeStruct((), default_dtype())

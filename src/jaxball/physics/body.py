@@ -11,7 +11,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 
 from ..interface.wording import all_of, counted
 from ..numerics import programs
-from ..numerics.arrays import Numbers, default_dtype, namespace_of, to_array
+from ..numerics.arrays import Numbers, concatenated, default_dtype, namespace_of, to_array
 from .breaches import breaches, force_in_plane
 from .conditions import Condition, Problem, all_hold, positive, positive_inertia, real_inertia
 from .confinement import beside, confined, time_of_leaving
@@ -114,7 +114,7 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
         """The times, in no order, at which χ̈ of a prescribed motion jumps or bends, but where dry friction feels it."""
-        return _joined([] if self._is_dry else self._prescribed_kinks())
+        return concatenated([] if self._is_dry else self._prescribed_kinks())
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
         """The times, in no order, at which a law, a force or the ground's motion jumps or bends.
@@ -127,7 +127,7 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
             jnp.ravel(eqx.filter_vmap(lambda mechanism: mechanism.driving_kinks())(group))
             for group in self.mechanism_groups
         ]
-        return _joined([*times, *self._prescribed_kinks()] if self._is_dry else times)
+        return concatenated([*times, *self._prescribed_kinks()] if self._is_dry else times)
 
     @property
     def _is_dry(self) -> bool:
@@ -328,10 +328,6 @@ def with_integrated_angles(system: System, t0: Numbers = 0.0) -> tuple[System, d
     }
     law = FollowSchedules(tuple(schedules)) if schedules else None
     return with_masses(system, masses, law), angles
-
-
-def _joined(times: list[Float[Array, " kinks"]]) -> Float[Array, " kinks"]:
-    return jnp.concatenate(times) if times else jnp.zeros((0,), dtype=default_dtype())
 
 
 def _wild_masses(system: AbstractBody, t: float, state: State) -> Iterator[Problem]:

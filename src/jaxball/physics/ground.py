@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require
 from ..interface.printing import Printed
-from ..numerics.arrays import namespace_of, numbers
+from ..numerics.arrays import concatenated, namespace_of, numbers
 from ..numerics.trigonometry import sine_cosine
 from .conditions import Condition
 from .motion import AbstractPrescribedMotion
@@ -31,8 +31,12 @@ class Turntable(Printed):
 
     **Example:**
 
-    >>> from jaxball import Ball, ConstantRate, Ground, Turntable
-    >>> ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=Ground(turntable=Turntable(ConstantRate(0.0, rate=2.0))))
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Ball, BallState, ConstantRate, Ground, Turntable, vector_field
+    >>> ground = Ground(turntable=Turntable(ConstantRate(0.0, rate=2.0)))
+    >>> ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=ground)
+    >>> vector_field(ball, jnp.array(0.0), BallState(z=(1.0, 0.0))).z  # without rolling, carried along
+    Array([0., 2.], dtype=float64)
     """
 
     turning: AbstractSchedule
@@ -125,8 +129,7 @@ class Ground(Printed):
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which Ẍ or Ẇ jumps or bends."""
         sources = [self.motion, None if self.turntable is None else self.turntable.turning]
-        times = [source.kinks() for source in sources if source is not None]
-        return jnp.concatenate(times) if times else jnp.zeros((0,), dtype=self.angle.dtype)
+        return concatenated([source.kinks() for source in sources if source is not None])
 
     def prepare(self) -> "Ground":
         motion = None if self.motion is None else self.motion.prepare()

@@ -46,8 +46,9 @@ def locked_field(system: BodyParameters, t: Float[Array, ""], packed: AnyState) 
     locked = [link.own(packed.thetadot) for link in free]
     matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links)
     factors = matrix.factored()
-    state = _with_velocities(packed, links, -1.0, *factors.solve(*_given_momenta(at, r, Gamma, free)))
-    Omega, angles = state.Omega, given_angles(system, t, state)
+    excess = factors.solve(*_given_momenta(at, r, Gamma, free))
+    state = _with_velocities(packed, links, -1.0, *excess)
+    Omega, angles = W - excess[0], given_angles(system, t, state)
     if free:
         links = [link.moving(link.own(state.thetadot)) if link.group.free else link for link in links]
         at, free = velocity_moments(system, t, angles[:2], links), with_free_joints(links)

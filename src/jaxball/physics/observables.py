@@ -38,8 +38,8 @@ class Observables(Printed):
     - ``normal_force``, ``friction``: N, and the two components of f, shape (2,), mass length/time².
     - ``friction_ratio``: |f| / N.
     - ``joint_angles``, ``joint_rates``: θ and θ̇ of every joint of every mechanism, in their order, shape (joints,).
-    - ``joint_efforts``: Q of each, the torque of a hinge and the force along a slider; that of the motor that a joint
-      needs which a schedule or a law moves. Its power is Q θ̇.
+    - ``joint_efforts``: Q of each, the torque of a hinge and the force along a slider, shape (joints,); that of the
+      motor that a joint needs which a schedule or a law moves. Its power is Q θ̇.
 
     **Example:**
 

@@ -41,7 +41,7 @@ class Resistance(Printed):
     >>> from jaxball import Ball, BallState, Resistance, simulate
     >>> slowed = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), resistance=Resistance(rolling=0.14))
     >>> run = simulate(slowed, jnp.array([0.0, 10.0]), BallState(Omega=(0.0, 1.0, 0.0)))
-    >>> print(run.state.Omega[-1, 1].round(6))  # exp(−0.14 t / (0.4 + m r²))
+    >>> round(float(run.state.Omega[-1, 1]), 6)  # exp(−0.14 t / (0.4 + m r²))
     0.367879
     """
 

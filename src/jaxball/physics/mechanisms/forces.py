@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, PyTree
 
 from ...interface.arguments import require, require_callable, require_value
 from ...interface.printing import Printed
-from ...numerics.arrays import Numbers, default_dtype, namespace_of, numbers, to_array
+from ...numerics.arrays import Numbers, concatenated, default_dtype, namespace_of, numbers, to_array
 from ..conditions import Condition
 from ..schedules import AbstractSchedule
 from ..signals import AbstractSignal, as_signal
@@ -72,8 +72,7 @@ class JointForces(AbstractJointForce):
             yield from term.conditions(f"{name}.terms[{index}]")
 
     def kinks(self) -> Float[Array, " kinks"]:
-        times = [term.kinks() for term in self.terms]
-        return jnp.concatenate(times) if times else AbstractJointForce.kinks(self)
+        return concatenated([term.kinks() for term in self.terms])
 
     def prepare(self) -> "JointForces":
         return JointForces(tuple(term.prepare() for term in self.terms))

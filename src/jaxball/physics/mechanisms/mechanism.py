@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, PyTree
 
 from ...interface.arguments import require_each, require_function
 from ...interface.printing import Printed
-from ...numerics.arrays import Numbers, default_dtype, numbers
+from ...numerics.arrays import Numbers, concatenated, default_dtype, numbers
 from ...numerics.vectors import cross
 from ..conditions import Condition, positive
 from ..schedules import AbstractSchedule
@@ -121,11 +121,11 @@ class AbstractMechanism(Printed):
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
         """The times at which θ̈ of a schedule jumps or bends."""
-        return _joined([drive.kinks() for drive in self.drives if isinstance(drive, AbstractSchedule)])
+        return concatenated([drive.kinks() for drive in self.drives if isinstance(drive, AbstractSchedule)])
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
         """The times at which a force jumps or bends."""
-        return _joined([drive.kinks() for drive in self.drives if isinstance(drive, AbstractJointForce)])
+        return concatenated([drive.kinks() for drive in self.drives if isinstance(drive, AbstractJointForce)])
 
     def prepare(self) -> "AbstractMechanism":
         """The same mechanism, ready to be evaluated many times."""
@@ -134,10 +134,6 @@ class AbstractMechanism(Printed):
 
 def _force(drive: Any, t, theta, thetadot, state) -> Float[Array, ""]:
     return jnp.zeros_like(theta) if drive is None else drive(t, theta, thetadot, state)
-
-
-def _joined(times: Sequence[Float[Array, " kinks"]]) -> Float[Array, " kinks"]:
-    return jnp.concatenate(times) if times else jnp.zeros((0,), dtype=default_dtype())
 
 
 def _prepared(drive: Drive) -> Drive:
