@@ -16,6 +16,7 @@ from ..physics.body import Disk, System
 from ..physics.moments import kinematics, moments
 from ..simulation.trajectory import Trajectory
 from .labels import name_points
+from .mechanisms import arms, looks
 from .record import require_one
 from .shapes import outline, rails_of, split, view, wireframe
 from .style import (
@@ -41,6 +42,7 @@ class Positions(NamedTuple):
     """Body vectors from the geometric centre."""
 
     masses: Float[np.ndarray, "n 3"]
+    arms: list[Float[np.ndarray, "n points 3"]]  # of each mechanism
     shell: Float[np.ndarray, "3"]
     system: Float[np.ndarray, "3"]
 
@@ -104,12 +106,17 @@ def _draw(ax: Axes, system: System, positions: Positions, columns: list[int]) ->
             ax.plot(*rail[:, columns].T, **mass_line(i, linewidth=1.0, zorder=2, **sharing(k, len(sharers))))
     mark(np.zeros(3), "+", 11, INK, mew=0.8, zorder=3, label="GC")
     mark(positions.shell, "s", 6, SHELL, mew=1.2, markerfacecolor="none", zorder=3.5, label="$m_0$")
+    shown = looks(system)
     finite = [i for i, point in enumerate(positions.masses) if np.all(np.isfinite(point))]
+    for j, mechanism in enumerate(positions.arms, start=system.n_masses + 1):
+        for arm in mechanism:
+            ax.plot(*arm[:, columns].T, color=mass_colour(j), linewidth=1.6, zorder=3.8)
     for i in finite:
-        mark(positions.masses[i], "o", DOT, mass_colour(i + 1), mew=0.8, markeredgecolor="white", zorder=4)
+        mark(positions.masses[i], "o", DOT, shown[i].colour, mew=0.8, markeredgecolor="white", zorder=4)
     mark(positions.system, "*", 8, INK, mew=0.6, markeredgecolor="white", zorder=5, label="CM")
-    names, colours = [f"$m_{{{i + 1}}}$" for i in finite], [mass_colour(i + 1) for i in finite]
-    name_points(ax, positions.masses[finite][:, columns], names, colours, DOT / 2, path_effects=HALO, zorder=6)
+    first = [i for i in finite if i == 0 or shown[i] != shown[i - 1]]
+    names, colours = [shown[i].name for i in first], [shown[i].colour for i in first]
+    name_points(ax, positions.masses[first][:, columns], names, colours, DOT / 2, path_effects=HALO, zorder=6)
     legend_above(ax)
 
 
@@ -121,7 +128,9 @@ def _positions(system: System, t: Numbers, theta: Numbers) -> Positions:
             f"Argument `theta` must have {counted(len(names), 'entry', 'entries')}, as many as the body's coordinates "
             f"{list(names)}, but its shape is {angles.shape}."
         )
-    return Positions(*map(np.asarray, _evaluate(system, to_array(t), angles)))
+    masses, shell, whole = map(np.asarray, _evaluate(system, to_array(t), angles))
+    moved = arms(system, np.atleast_1d(np.asarray(t)), np.asarray(angles)[None]) if system.mechanisms else []
+    return Positions(masses, [arm[0] for arm in moved], shell, whole)
 
 
 @programs.filter_jit

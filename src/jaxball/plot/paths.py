@@ -10,6 +10,7 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from ..physics.body import Disk
 from ..simulation.trajectory import Trajectory
+from .mechanisms import looks
 from .record import record
 from .shapes import outline, parallel, rails_of, view
 from .style import (
@@ -115,10 +116,13 @@ def _paths(
     system = trajectory.system
     r = float(system.radius)
     dashes = {i: sharing(k, len(sharers)) for sharers, _ in rails_of(system) for k, i in enumerate(sharers)}
-    curves = [
-        (masses[:, i - 1], mass_line(i, label=f"$m_{{{i}}}$", **(dashes.get(i, {}) if frame == "E" else {})))
-        for i in range(1, masses.shape[1] + 1)
-    ]
+    curves, named_already = [], set()
+    for i, look in enumerate(looks(system), start=1):
+        label = {} if look.name in named_already else {"label": look.name}
+        named_already.add(look.name)
+        curves.append(
+            (masses[:, i - 1], mass_line(look.number, **label, **(dashes.get(i, {}) if frame == "E" else {})))
+        )
     curves.append((centre, {"color": INK, "linestyle": "-", "linewidth": 1.6, "label": "CM"}))
     over_time = False
     if not isinstance(system, Disk):

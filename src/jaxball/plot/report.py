@@ -14,6 +14,7 @@ from ..simulation.trajectory import Trajectory
 from .actuation import acceleration, accelerations
 from .classical import classical_motion, law_errors
 from .configuration import configuration
+from .mechanisms import joint_angles, joint_efforts
 from .paths import body_paths, centre_path, space_paths
 from .record import record
 from .style import LABEL, caption
@@ -32,6 +33,7 @@ STANDARD = (
     contact_force,
     friction_ratio,
 )
+OF_JOINTS = (joint_angles, joint_efforts)
 
 
 def figures(
@@ -58,7 +60,8 @@ def figures(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     kind, paths = trajectory.system.title.lower().replace(" ", "_"), []
-    for draw in CLASSICAL if classical else STANDARD:
+    joints = OF_JOINTS if not classical and trajectory.system.mechanisms else ()
+    for draw in CLASSICAL if classical else (*STANDARD, *joints):
         if (draw is acceleration and not accelerations(trajectory)) or (draw is law_errors and not trajectory.laws):
             continue
         drawn = draw(trajectory)

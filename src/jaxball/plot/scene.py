@@ -14,6 +14,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..physics.body import Disk, System
 from ..simulation.trajectory import Trajectory
+from .mechanisms import arms_of_run, looks
 from .record import Record
 from .shapes import outline, rail_points, split, towards, wireframe
 from .style import CAPTION, FAINT, INK, SHELL, SMALL, TRAIL, mass_colour, mass_line, subject
@@ -32,10 +33,13 @@ class Scene(NamedTuple):
 def scene(trajectory: Trajectory, run: Record) -> Scene:
     """The scene of a ball in space, or of a disk in its plane."""
     make = _disk_scene if isinstance(trajectory.system, Disk) else _ball_scene
-    return make(trajectory.system, run)
+    return make(trajectory.system, run, arms_of_run(trajectory))
 
 
-def _ball_scene(system: System, run: Record) -> Scene:
+Arms = list[Float[np.ndarray, "T n points 3"]]  # of each mechanism
+
+
+def _ball_scene(system: System, run: Record, arms: Arms) -> Scene:
     r = float(system.radius)
     viewer = towards(ELEVATION, AZIMUTH)
     wire, silhouette = wireframe(r), outline(r, viewer)
@@ -51,7 +55,7 @@ def _ball_scene(system: System, run: Record) -> Scene:
     back = _line(ax, color=FAINT, linewidth=0.6, zorder=4)
     front = _line(ax, color="0.6", linewidth=0.6, zorder=7)
     edge = _line(ax, color=SHELL, linewidth=1.2, zorder=7)
-    show_contents = _contents(figure, ax, system, run)
+    show_contents = _contents(figure, ax, system, run, arms)
 
     def show(k: int) -> None:
         near, far = split(wire @ run.Lambda[k].T, viewer)
@@ -112,7 +116,7 @@ def _multiples(r: float, low: float, high: float) -> Float[np.ndarray, " n"]:
     return r * np.arange(int(np.ceil(low / r)), int(np.floor(high / r)) + 1)
 
 
-def _disk_scene(system: System, run: Record) -> Scene:
+def _disk_scene(system: System, run: Record, arms: Arms) -> Scene:
     r = float(system.radius)
     centres, path = run.observables.geometric_centre, run.observables.contact_point
     z = centres[:, 0]
@@ -129,7 +133,7 @@ def _disk_scene(system: System, run: Record) -> Scene:
     shell = Ring((0.0, 0.0), r, facecolor="0.985", edgecolor=SHELL, linewidth=1.4, zorder=3)
     ax.add_patch(shell)
     spokes = _line(ax, color="0.75", linewidth=0.8, zorder=3)
-    show_contents = _contents(figure, ax, system, run)
+    show_contents = _contents(figure, ax, system, run, arms)
 
     def show(k: int) -> None:
         shell.set_center((centres[k, 0], centres[k, 2]))
@@ -150,7 +154,7 @@ def _spokes(r: float) -> Float[np.ndarray, "points 3"]:
     return np.stack(points)
 
 
-def _contents(figure: Figure, ax: Axes, system: System, run: Record) -> Callable[[int], None]:
+def _contents(figure: Figure, ax: Axes, system: System, run: Record, arms: Arms) -> Callable[[int], None]:
     """Draws rails, masses, centre of mass and a clock, and returns what moves them to the k-th saved time."""
     masses = list(enumerate(system.point_masses, start=1))
     curves = ((i, rail_points(mass.motion, float(system.radius))) for i, mass in masses)
@@ -163,9 +167,16 @@ def _contents(figure: Figure, ax: Axes, system: System, run: Record) -> Callable
         "linestyle": "none",
         "zorder": 6,
     }
-    dots = [_line(ax, **dot, color=mass_colour(i), label=f"$m_{{{i}}}$") for i, _ in masses]
+    rods = [
+        (points[:, i], _line(ax, color=mass_colour(j), linewidth=1.4, zorder=5.5))
+        for j, points in enumerate(arms, start=system.n_masses + 1)
+        for i in range(points.shape[1])
+    ]
+    shown = looks(system)
+    names = [look.name if look not in shown[:k] else "" for k, look in enumerate(shown)]
+    dots = [_line(ax, **dot, color=look.colour, label=name) for look, name in zip(shown, names, strict=True)]
     star = _line(ax, **(dot | {"marker": "*", "ms": 10}), color=INK, label="CM")
-    figure.legend(loc="upper right", ncols=min(len(dots) + 1, 7), frameon=False, prop=SMALL, handletextpad=0.2)
+    figure.legend(loc="upper right", ncols=min(len(set(shown)) + 1, 7), frameon=False, prop=SMALL, handletextpad=0.2)
     figure.text(0.5, 0.02 / figure.get_figheight(), subject(system), ha="center", va="bottom", **CAPTION)
     clock = figure.text(0.02, 0.98, "", fontproperties=SMALL, ha="left", va="top")
 
@@ -173,6 +184,8 @@ def _contents(figure: Figure, ax: Axes, system: System, run: Record) -> Callable
         centre = run.observables.geometric_centre[k]
         for points, artist in rails:
             _move(artist, centre + points @ run.Lambda[k].T)
+        for points, artist in rods:
+            _move(artist, centre + points[k] @ run.Lambda[k].T)
         for artist, point in zip(dots, run.observables.mass_positions_space[k], strict=True):
             _move(artist, centre + point[None])
         _move(star, centre + run.observables.centre_of_mass_space[k][None])

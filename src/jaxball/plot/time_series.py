@@ -72,7 +72,7 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Ė, the power of the actuation and the external force.
+    """Ė, the power of the actuation, the external force and all else that does work.
 
     **Arguments:**
 

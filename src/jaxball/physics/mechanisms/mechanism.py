@@ -18,7 +18,7 @@ from ..conditions import Condition, positive
 from ..schedules import AbstractSchedule
 from ..state import Rates, State
 from .forces import AbstractJointForce
-from .joints import AbstractJoint, Accelerated, Drive, Moved, in_place, require_drive
+from .joints import AbstractJoint, Accelerated, Drive, Hinge, Moved, in_place, require_drive
 
 
 class Places(NamedTuple):
@@ -75,6 +75,10 @@ class AbstractMechanism(Printed):
     @abc.abstractmethod
     def slopes(self, at: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
         """The rates of the derivatives, Σ_b χ_ab θ̇_b, at places that :meth:`places` gave."""
+
+    def arms(self, theta: Float[Array, " k"]) -> Float[Array, "n points 3"]:
+        """For each mass, the points of the line that is drawn from the hinges that carry it to where it is."""
+        return self.places(theta).chi[:, None]
 
     @property
     def n_joints(self) -> int:
@@ -230,6 +234,13 @@ class Mechanism(AbstractMechanism):
         chidot = jnp.sum(at.partial * thetadot[:, None, None], axis=0)
         turned = _velocity(cross(omega, w), c, vdot, at.chi)
         return jnp.where(self._moved, turned + _velocity(w, cdot, jnp.zeros_like(v), chidot), 0.0)
+
+    def arms(self, theta: Float[Array, " k"]) -> Float[Array, "n points 3"]:
+        at = self.places(theta)
+        hinges = [a for a, joint in enumerate(self.joints) if isinstance(joint, Hinge)]
+        carried = self._moved[hinges].swapaxes(0, 1)
+        points = jnp.where(carried, at.details[1][np.asarray(hinges, dtype=int)][None], jnp.nan)
+        return jnp.concatenate([points, at.chi[:, None]], axis=1)
 
     @property
     def _before(self) -> Bool[np.ndarray, "k k"]:
