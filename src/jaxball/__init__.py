@@ -89,6 +89,14 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         Slider as Slider,
         SpeedLimitedMotor as SpeedLimitedMotor,
         Spring as Spring,
+        double_pendulum as double_pendulum,
+        gyroscopic_pendulum as gyroscopic_pendulum,
+        mass_in_tube as mass_in_tube,
+        planar_pendulum as planar_pendulum,
+        rigid_body_masses as rigid_body_masses,
+        ring_rotor as ring_rotor,
+        spherical_pendulum as spherical_pendulum,
+        turning_rail as turning_rail,
     )
     from .physics.motion import (
         Driven as Driven,
@@ -172,7 +180,8 @@ else:
         "physics.mechanisms": (
             "AbstractJoint AbstractJointForce AbstractMechanism Accelerated Carriage CarriedMass Damper EndStops "
             "FunctionJointForce FunctionMechanism Hinge JointForces Mechanism Motor PDServo Slider SpeedLimitedMotor "
-            "Spring"
+            "Spring double_pendulum gyroscopic_pendulum mass_in_tube planar_pendulum rigid_body_masses ring_rotor "
+            "spherical_pendulum turning_rail"
         ),
         "physics.motion": "Driven Fixed Free OnRail Oscillating",
         "physics.observables": "Observables observe",

@@ -25,3 +25,13 @@ from .mechanism import (
     FunctionMechanism as FunctionMechanism,
     Mechanism as Mechanism,
 )
+from .robots import (
+    double_pendulum as double_pendulum,
+    gyroscopic_pendulum as gyroscopic_pendulum,
+    mass_in_tube as mass_in_tube,
+    planar_pendulum as planar_pendulum,
+    rigid_body_masses as rigid_body_masses,
+    ring_rotor as ring_rotor,
+    spherical_pendulum as spherical_pendulum,
+    turning_rail as turning_rail,
+)
