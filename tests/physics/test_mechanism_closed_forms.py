@@ -453,7 +453,6 @@ def chebyshev(t, theta, thetadot, state, p):
     return jnp.sum(p["coefficients"] * jnp.cos(angle * jnp.arange(p["coefficients"].size, dtype=t.dtype)))
 
 
-@pytest.mark.usefixtures("no_type_checks")
 def test_efforts_of_a_prescribed_run_move_free_joints_alike():
     """Read off at 65 Chebyshev points, the efforts are known to 1e-11 between them."""
     until, rail = 3.0, jaxball.Circle(0.5, centre=(0.0, 0.0, -0.1))

@@ -333,9 +333,12 @@ def with_integrated_angles(system: System, t0: Numbers = 0.0) -> tuple[System, d
 def _wild_masses(system: AbstractBody, t: float, state: State) -> Iterator[Problem]:
     """The masses whose places or velocities are not finite at the start."""
     places, rates = jax.tree.map(np.asarray, _at_start(system, state, t))
+    names = [f"masses[{index}].motion" for index in range(system.n_masses)]
+    for index, mechanism in enumerate(system.mechanisms):
+        names += [f"mechanisms[{index}]"] * mechanism.mass.shape[-1]
     for index in np.flatnonzero(~np.all(np.isfinite(places) & np.isfinite(rates), axis=1)):
         given = f"it gives {places[index].tolist()} and {rates[index].tolist()}"
-        yield Problem(f"masses[{index}].motion", f"give a finite place and a finite velocity at t = {t:g}", given)
+        yield Problem(names[index], f"give a finite place and a finite velocity at t = {t:g}", given)
 
 
 @programs.filter_jit

@@ -24,6 +24,7 @@ from .confinement import (
     course,
     is_bounded,
     mechanism_positions,
+    pushed_aside,
     rail_of,
     rail_points,
     rounding,
@@ -144,7 +145,13 @@ def _of_mechanisms(
     known = np.zeros((len(times), len(system.coordinates))) if theta is None else np.asarray(theta)
     chi = np.asarray(_places_of_mechanisms(system, group, order, times, known))
     outside = beyond(system, length(chi))
+    aside = (
+        np.asarray(_pushed_aside(system, group, order, times[0], known[0])) if system.planar else np.zeros(len(order))
+    )
     for k, index in enumerate(order):
+        if aside[k]:
+            must = "move its masses in the plane of a disk, with hinges about E2"
+            yield Problem(f"mechanisms[{index}]", must, "a joint of it pushes one aside")
         yield from _out_of_plane(system, f"mechanisms[{index}]", chi[:, k].reshape(-1, 3))
         when = np.flatnonzero(np.any(outside[:, k], axis=1))
         if when.size:
@@ -186,6 +193,12 @@ def known_points(rail: AbstractRail, radius: Float[ArrayLike, ""]) -> Float[Arra
 @programs.filter_jit
 def _points(rail: AbstractRail, theta):
     return rail.points(theta)
+
+
+@programs.filter_jit
+def _pushed_aside(system: BodyParameters, group: AbstractMechanism, order, t, theta):
+    prepared = eqx.filter_vmap(lambda mechanism: mechanism.prepare())(group)
+    return pushed_aside(system, prepared, order, to_array(t), to_array(theta))
 
 
 @programs.filter_jit

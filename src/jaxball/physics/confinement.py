@@ -91,6 +91,8 @@ def confined(system: BodyParameters, times: Float[Array, " T"], state: State) ->
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
         chi = mechanism_positions(system, group, order, times[:1], state.theta[None])
         astray |= jnp.any(beyond(system, norm(chi)) | beside(system, chi))
+        if system.planar:
+            astray |= jnp.any(pushed_aside(system, group, order, times[0], state.theta))
     return ~astray
 
 
@@ -130,7 +132,7 @@ def until_left(
     left = system.time_of_leaving(times, states)
     if left is None:
         return reached, status
-    return jnp.minimum(reached, left), jnp.where(left < reached, int(Status.LEFT_SHELL), status)
+    return jnp.minimum(reached, left), jnp.where(left <= reached, int(Status.LEFT_SHELL), status)
 
 
 class Course(NamedTuple):
@@ -213,6 +215,26 @@ def mechanism_positions(
         return mechanism.places(mechanism.rates(t, (own, own, own))[0]).chi
 
     return jax.vmap(lambda t, theta: eqx.filter_vmap(one, in_axes=(0, None, 0))(group, t, theta[slots]))(t, theta)
+
+
+def pushed_aside(
+    system: BodyParameters,
+    group: AbstractMechanism,
+    order: tuple[int, ...],
+    t: Float[Array, ""],
+    theta: Float[Array, " coordinates"],
+) -> Bool[Array, " mechanisms"]:
+    """Whether a joint of a mechanism would move a mass out of the plane of a disk."""
+    own = theta[system.slots(order, group.in_state)]
+
+    def one(mechanism, own):
+        at = mechanism.places(mechanism.rates(t, (own, own, own))[0])
+        slopes = mechanism.slopes(at, jnp.ones_like(at.partial[:, 0, 0]))
+        size = jnp.maximum(jnp.max(jnp.abs(at.partial)), jnp.max(jnp.abs(slopes)))
+        aside = jnp.maximum(jnp.max(jnp.abs(at.partial[..., 1])), jnp.max(jnp.abs(slopes[..., 1])))
+        return aside > rounding(at.chi) * size
+
+    return eqx.filter_vmap(one)(group, own)
 
 
 def norm(chi: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:

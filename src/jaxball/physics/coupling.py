@@ -110,12 +110,17 @@ def inertia_rate(
     return Inertia(Bdot, c, H)
 
 
-def joint_forces(t: Float[Array, ""], state: State, links: list[Linkage]) -> Joints:
-    """Q of the free joints."""
+def joint_forces(t: Float[Array, ""], state: State, links: list[Linkage], impulses: bool = True) -> Joints:
+    """Q of the free joints; without ``impulses``, what :func:`joint_impulses` does not integrate of it."""
     return [
-        eqx.filter_vmap(lambda mechanism, rates: mechanism.forces(t, rates, state))(link.group, link.rates)
+        eqx.filter_vmap(lambda mechanism, rates: mechanism.forces(t, rates, state, impulses))(link.group, link.rates)
         for link in with_free_joints(links)
     ]
+
+
+def joint_impulses(t: Float[Array, ""], links: list[Linkage]) -> Joints:
+    """∫ Q up to ``t`` of the parts of Q that are known in closed form."""
+    return [eqx.filter_vmap(lambda mechanism: mechanism.impulses(t))(link.group) for link in with_free_joints(links)]
 
 
 def with_free_joints(links: list[Linkage]) -> list[Linkage]:

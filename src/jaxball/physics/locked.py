@@ -1,11 +1,14 @@
 """The equations of motion for the locked velocities, which a solve advances in the place of Ω and of free joints' θ̇.
 
 Locked velocities (W, ϑ̇) are those that the ball and its free joints would have if all that is prescribed or driven by a
-law were stopped in it at once, for that leaves the momenta as they are: Π about the contact point, and of each
-free joint π_a = Σ m χ_a·v. Without mechanisms, W = B⁻¹Π. Their rates hold no acceleration of a prescribed
-mass, where Ω̇ and θ̈ do. So where a prescribed θ̈ jumps, Ω̇ jumps and Ẇ does not, and the derivative of a
-solve with respect to the time of the jump is right for each mass, also when several masses jump at once. Where a force
-jumps, Π̇ or π̇ jumps with it: a solve steps there, and its step carries the derivative.
+law were stopped in it at once, for that leaves the momenta as they are: Π about the contact point, and π_a = Σ m χ_a·v
+of each free joint. Without mechanisms, W = B⁻¹Π. Their rates hold no acceleration of a prescribed mass, where Ω̇ and θ̈
+do. So where a prescribed θ̈ jumps, Ω̇ jumps and Ẇ does not, and the derivative of a solve with respect to the time of
+the jump is right for each mass, also when several masses jump at once.
+
+What a torque gives whose integral I_a is known in closed form is taken out in the same way: locked velocities belong to
+the momenta Π and π_a − I_a, whose rates do not hold it. Where any other force jumps, they jump with it. A solve steps
+there, and its step carries the derivative; where several of those jump at once, it belongs to all of them together.
 """
 
 from typing import TypeVar
@@ -16,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ..numerics.vectors import cross, dot, outer
-from .coupling import Joints, inertia, inertia_rate, joined, joint_forces, with_free_joints
+from .coupling import Joints, inertia, inertia_rate, joined, joint_forces, joint_impulses, with_free_joints
 from .dynamics import accelerations, given_angles, inertia_about_contact
 from .linkage import Linkage, linkages
 from .load import Load, load
@@ -46,7 +49,7 @@ def locked_field(system: BodyParameters, t: Float[Array, ""], packed: AnyState) 
     locked = [link.own(packed.thetadot) for link in free]
     matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links)
     factors = matrix.factored()
-    excess = factors.solve(*_given_momenta(at, r, Gamma, free))
+    excess = factors.solve(*_given_momenta(t, at, r, Gamma, free))
     state = _with_velocities(packed, links, -1.0, *excess)
     Omega, angles = W - excess[0], given_angles(system, t, state)
     if free:
@@ -55,7 +58,7 @@ def locked_field(system: BodyParameters, t: Float[Array, ""], packed: AnyState) 
     acting = _with_dry_friction(system, t, state, load(system, t, state))
     Pi, _ = matrix.times(W, locked)
     Pidot = contact_momentum_rate(at, r, acting, Pi, Omega)
-    forces = joint_forces(t, state, links)
+    forces = joint_forces(t, state, links, impulses=False)
     pidot = [Q + _momentum_rate(link, r, acting, Omega) for link, Q in zip(free, forces, strict=True)]
     Gammadot = cross(Gamma, Omega)
     changing = inertia_rate(inertia_about_contact_rate(at, r, Gamma, Gammadot), r, Gamma, Gammadot, links)
@@ -80,7 +83,7 @@ def _moved(system: BodyParameters, t: Float[Array, ""], state: AnyState, sign: f
     at, links = _stopped(system, t, state)
     r, Gamma = system.radius, state.Gamma
     factors = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factored()
-    momenta = _given_momenta(at, r, Gamma, with_free_joints(links))
+    momenta = _given_momenta(t, at, r, Gamma, with_free_joints(links))
     return _with_velocities(state, links, sign, *factors.solve(*momenta))
 
 
@@ -96,11 +99,14 @@ def _stopped(system: BodyParameters, t: Float[Array, ""], state: State) -> tuple
 
 
 def _given_momenta(
-    at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], free: list[Linkage]
+    t: Float[Array, ""], at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], free: list[Linkage]
 ) -> tuple[Float[Array, "3"], Joints]:
-    """The parts of Π and π_a that what is not free has by moving in the ball; the free joints are still."""
+    """The parts of Π and π_a that are known: what is not free has them by moving in the ball, or a force gave them.
+
+    The free joints are still.
+    """
     pi = [jnp.sum((link.m[..., None] * link.chidot)[:, None] * link.partial, axis=(-2, -1)) for link in free]
-    return internal_momentum(at, r, Gamma), pi
+    return internal_momentum(at, r, Gamma), [x - I for x, I in zip(pi, joint_impulses(t, free), strict=True)]
 
 
 def _with_velocities(

@@ -10,8 +10,7 @@ from jaxtyping import Array, Float
 from ..interface.arguments import refusal
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
-from ..numerics.piecewise import PiecewisePolynomial
-from .schedules import AbstractSchedule
+from .schedules import AbstractSchedule, PiecewiseAcceleration
 
 
 class AbstractSignal(Printed):
@@ -20,6 +19,14 @@ class AbstractSignal(Printed):
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         """s(t); at a jump, that of the later side."""
+
+    def impulse(self, t: Float[Array, ""]) -> Float[Array, ""] | None:
+        """The integral of s up to t, where it is known in closed form; else None.
+
+        With it, derivatives with respect to the times of jumps are right for each signal, also when several jump at
+        once.
+        """
+        return None
 
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which s or one of its derivatives jumps."""
@@ -85,15 +92,38 @@ class PiecewiseSignal(AbstractSignal):
             )
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        nothing = jnp.zeros_like(self.values[:1])
-        return PiecewisePolynomial(
-            breaks=self.times,
-            origins=jnp.concatenate([self.times[:1], self.times]),
-            coefficients=jnp.concatenate([nothing, self.values, nothing]),
-        )(t)
+        return self.prepare()(t)
+
+    def impulse(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.prepare().impulse(t)
 
     def kinks(self) -> Float[Array, " kinks"]:
         return self.times
+
+    def limited(self, limit: Float[Array, ""]) -> "PiecewiseSignal | None":
+        """The same signal within ±limit, where it consists of steps; else None, because the pieces would change."""
+        if self.values.shape[-1] > 1:
+            return None
+        return eqx.tree_at(lambda signal: signal.values, self, jnp.clip(self.values, -limit, limit))
+
+    def prepare(self) -> "IntegratedSignal":
+        zero = jnp.zeros_like(self.times[0])
+        return IntegratedSignal(PiecewiseAcceleration(zero, self.times, self.values, zero).prepare())
+
+
+class IntegratedSignal(AbstractSignal):
+    """The second derivative of a schedule, whose first is its integral."""
+
+    schedule: AbstractSchedule
+
+    def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.schedule.derivatives(t)[2]
+
+    def impulse(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        return self.schedule.derivatives(t)[1]
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.schedule.kinks()
 
 
 def as_signal(name: str, given: Any) -> AbstractSignal | AbstractSchedule:

@@ -25,6 +25,8 @@ def kinks_of(system: AbstractSystem) -> Float[Array, " kinks"]:
     """The kinks of motions and of what drives.
 
     At the kinks of motions the field is continuous, so that moving the end of a step there moves nothing, and they
-    have no derivatives.
+    have no derivatives. One that coincides with a kink of what drives is left out, which would share its derivative.
     """
-    return jnp.concatenate([jax.lax.stop_gradient(system.motion_kinks()), system.driving_kinks()])
+    smooth, driving = jax.lax.stop_gradient(system.motion_kinks()), system.driving_kinks()
+    shared = jnp.any(smooth[:, None] == jax.lax.stop_gradient(driving)[None], axis=1)
+    return jnp.concatenate([jnp.where(shared, jnp.inf, smooth), driving])

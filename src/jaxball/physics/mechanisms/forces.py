@@ -12,7 +12,7 @@ from ...interface.printing import Printed
 from ...numerics.arrays import Numbers, concatenated, default_dtype, namespace_of, numbers, to_array
 from ..conditions import Condition
 from ..schedules import AbstractSchedule
-from ..signals import AbstractSignal, as_signal
+from ..signals import AbstractSignal, IntegratedSignal, PiecewiseSignal, as_signal
 from ..state import State
 
 
@@ -35,8 +35,22 @@ class AbstractJointForce(Printed):
         """Every condition that its numbers must meet; ``name`` is that of the force in sentences."""
         yield from ()
 
+    def impulse(self, t: Float[Array, ""]) -> Float[Array, ""] | None:
+        """∫ Q up to t of the part of Q that is known in closed form; None where there is none."""
+        return None
+
+    def without_impulse(
+        self, t: Float[Array, ""], theta: Float[Array, ""], thetadot: Float[Array, ""], state: State
+    ) -> Float[Array, ""]:
+        """Q without the part that :meth:`impulse` integrates."""
+        return self(t, theta, thetadot, state)
+
+    def motion_kinks(self) -> Float[Array, " kinks"]:
+        """The times at which the part that :meth:`impulse` integrates jumps or bends."""
+        return jnp.zeros((0,), dtype=default_dtype())
+
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which Q or one of its derivatives jumps."""
+        """The times at which the rest of Q or one of its derivatives jumps."""
         return jnp.zeros((0,), dtype=default_dtype())
 
     def prepare(self) -> "AbstractJointForce":
@@ -66,6 +80,16 @@ class JointForces(AbstractJointForce):
 
     def __call__(self, t, theta, thetadot, state):
         return sum((term(t, theta, thetadot, state) for term in self.terms), jnp.zeros_like(theta))
+
+    def impulse(self, t):
+        parts = [part for term in self.terms if (part := term.impulse(t)) is not None]
+        return sum(parts[1:], parts[0]) if parts else None
+
+    def without_impulse(self, t, theta, thetadot, state):
+        return sum((term.without_impulse(t, theta, thetadot, state) for term in self.terms), jnp.zeros_like(theta))
+
+    def motion_kinks(self) -> Float[Array, " kinks"]:
+        return concatenated([term.motion_kinks() for term in self.terms])
 
     def conditions(self, name: str) -> Iterator[Condition]:
         for index, term in enumerate(self.terms):
@@ -164,11 +188,33 @@ class Motor(AbstractJointForce):
         if self.limit is not None:
             yield _not_negative(f"{name}.limit", self.limit, "0 or positive")
 
+    def impulse(self, t):
+        return self.signal.impulse(t) if self._is_integrable else None
+
+    def without_impulse(self, t, theta, thetadot, state):
+        return jnp.zeros_like(theta) if self._is_integrable else self(t, theta, thetadot, state)
+
+    def motion_kinks(self) -> Float[Array, " kinks"]:
+        limited = self._within_limit()
+        return limited.signal.kinks() if limited._is_integrable else AbstractJointForce.motion_kinks(self)
+
     def kinks(self) -> Float[Array, " kinks"]:
-        return self.signal.kinks()
+        return AbstractJointForce.kinks(self) if self._within_limit()._is_integrable else self.signal.kinks()
 
     def prepare(self) -> "Motor":
-        return Motor(self.signal.prepare(), self.limit)
+        limited = self._within_limit()
+        return Motor(limited.signal.prepare(), limited.limit)
+
+    def _within_limit(self) -> "Motor":
+        """The same without a limit, where the signal can be limited itself."""
+        if self.limit is None or not isinstance(self.signal, PiecewiseSignal):
+            return self
+        signal = self.signal.limited(self.limit)
+        return self if signal is None else Motor(signal)
+
+    @property
+    def _is_integrable(self) -> bool:
+        return self.limit is None and isinstance(self.signal, PiecewiseSignal | IntegratedSignal)
 
 
 class SpeedLimitedMotor(AbstractJointForce):

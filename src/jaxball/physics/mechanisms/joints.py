@@ -1,6 +1,7 @@
 """Joints: how one link of a mechanism moves on another, and what drives it."""
 
 import abc
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple, cast
 
 import equinox as eqx
@@ -9,9 +10,10 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import require
 from ...interface.printing import Printed
-from ...numerics.arrays import numbers
+from ...numerics.arrays import namespace_of, numbers
 from ...numerics.trigonometry import sine_cosine
 from ...numerics.vectors import apply, dot, hat, outer
+from ..conditions import Condition
 from ..rails import AbstractRail
 from ..schedules import AbstractSchedule
 from .forces import AbstractJointForce
@@ -90,6 +92,10 @@ class AbstractJoint(Printed):
     def moved(self, carrier: Placement, theta: Float[Array, ""]) -> Moved:
         """What the joint does at ``theta``, on a link that is placed at ``carrier``."""
 
+    def conditions(self, name: str) -> Iterator[Condition]:
+        """Every condition that its numbers must meet; ``name`` is that of the joint in sentences."""
+        yield from ()
+
     def prepare(self) -> "AbstractJoint":
         """The same joint, ready to be evaluated many times."""
         return self
@@ -127,6 +133,9 @@ class Hinge(AbstractJoint):
         zero = jnp.zeros_like(w)
         return Moved(Placement(turned, c - apply(turned, self.point)), w, c, zero, zero)
 
+    def conditions(self, name: str) -> Iterator[Condition]:
+        yield _a_direction(f"{name}.axis", self.axis)
+
 
 class Slider(AbstractJoint):
     """A slider: it moves what it carries by θ, a length, along an axis.
@@ -153,6 +162,9 @@ class Slider(AbstractJoint):
         v = apply(carrier.turn, _direction(self.axis))
         zero = jnp.zeros_like(v)
         return Moved(Placement(carrier.turn, carrier.shift + theta * v), zero, zero, v, zero)
+
+    def conditions(self, name: str) -> Iterator[Condition]:
+        yield _a_direction(f"{name}.axis", self.axis)
 
 
 class Carriage(AbstractJoint):
@@ -188,6 +200,12 @@ class Carriage(AbstractJoint):
 
     def prepare(self) -> "Carriage":
         return Carriage(self.rail.prepare(), self.drive, self.on)
+
+
+def _a_direction(name: str, axis: Float[Array, "3"]) -> Condition:
+    number = namespace_of(axis)
+    holds = number.all(number.isfinite(axis)) & number.any(axis != 0)
+    return Condition(holds, name, axis, "a direction, three finite numbers that are not all 0")
 
 
 def _direction(axis: Float[Array, "3"]) -> Float[Array, "3"]:

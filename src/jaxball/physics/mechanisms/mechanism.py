@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -16,9 +16,11 @@ from ...numerics.arrays import Numbers, concatenated, default_dtype, numbers
 from ...numerics.vectors import cross
 from ..conditions import Condition, positive
 from ..schedules import AbstractSchedule
-from ..state import Rates, State
+from ..state import State
 from .forces import AbstractJointForce
 from .joints import AbstractJoint, Accelerated, Drive, Hinge, Moved, in_place, require_drive
+
+EachJoint = tuple[Float[Array, "_"], Float[Array, "_"], Float[Array, "_"]]  # θ, θ̇ and θ̈ of some or all joints
 
 
 class Places(NamedTuple):
@@ -100,7 +102,7 @@ class AbstractMechanism(Printed):
         """The joints that move under forces."""
         return tuple(a for a in self.in_state if a not in self.accelerated)
 
-    def rates(self, t: Float[Array, ""], own: Rates) -> Rates:
+    def rates(self, t: Float[Array, ""], own: EachJoint) -> EachJoint:
         """θ, θ̇ and θ̈ of every joint, where ``own`` has those that belong to the state."""
         columns = []
         for a, drive in enumerate(self.drives):
@@ -111,33 +113,47 @@ class AbstractMechanism(Printed):
         theta, thetadot, thetaddot = (jnp.stack(values) for values in zip(*columns, strict=True))
         return theta, thetadot, thetaddot
 
-    def forces(self, t: Float[Array, ""], rates: Rates, state: State) -> Float[Array, " free"]:
-        """Q of the free joints."""
+    def forces(
+        self, t: Float[Array, ""], rates: EachJoint, state: State, impulses: bool = True
+    ) -> Float[Array, " free"]:
+        """Q of the free joints; without ``impulses``, what :meth:`impulses` does not integrate of it."""
         theta, thetadot, _ = rates
-        return jnp.stack([_force(self.drives[a], t, theta[a], thetadot[a], state) for a in self.free])
+        forces = []
+        for a in self.free:
+            drive = self.drives[a]
+            if isinstance(drive, AbstractJointForce):
+                force = drive if impulses else drive.without_impulse
+                forces.append(force(t, theta[a], thetadot[a], state))
+            else:
+                forces.append(jnp.zeros_like(theta[a]))
+        return jnp.stack(forces)
+
+    def impulses(self, t: Float[Array, ""]) -> Float[Array, " free"]:
+        """∫ Q up to t of the parts of forces on free joints that are known in closed form."""
+        drives = (self.drives[a] for a in self.free)
+        known = [drive.impulse(t) if isinstance(drive, AbstractJointForce) else None for drive in drives]
+        return jnp.stack([jnp.zeros_like(t) if one is None else one for one in known])
 
     def conditions(self, name: str) -> Iterator[Condition]:
         """Every condition that its numbers must meet, with the name that it has in sentences; traceable."""
-        yield Condition(positive(self.mass), f"{name}.masses", self.mass, "positive numbers")
+        yield Condition(positive(self.mass), f"{name}.mass", self.mass, "positive numbers")
         for a, drive in enumerate(self.drives):
             if isinstance(drive, AbstractJointForce):
                 yield from drive.conditions(f"{name}.joints[{a}].drive")
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        """The times at which θ̈ of a schedule jumps or bends."""
-        return concatenated([drive.kinks() for drive in self.drives if isinstance(drive, AbstractSchedule)])
+        """The times at which θ̈ of a schedule, or a force whose impulse is known, jumps or bends."""
+        times = [drive.kinks() for drive in self.drives if isinstance(drive, AbstractSchedule)]
+        times += [drive.motion_kinks() for drive in self.drives if isinstance(drive, AbstractJointForce)]
+        return concatenated(times)
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
-        """The times at which a force jumps or bends."""
+        """The times at which any other force jumps or bends."""
         return concatenated([drive.kinks() for drive in self.drives if isinstance(drive, AbstractJointForce)])
 
     def prepare(self) -> "AbstractMechanism":
         """The same mechanism, ready to be evaluated many times."""
         return self
-
-
-def _force(drive: Any, t, theta, thetadot, state) -> Float[Array, ""]:
-    return jnp.zeros_like(theta) if drive is None else drive(t, theta, thetadot, state)
 
 
 def _prepared(drive: Drive) -> Drive:
@@ -253,6 +269,11 @@ class Mechanism(AbstractMechanism):
         """Whether each joint moves each mass."""
         rows = [[a in self.carriers(link) for link in self.carrier] for a in range(self.n_joints)]
         return np.asarray(rows, dtype=bool)[..., None]
+
+    def conditions(self, name: str) -> Iterator[Condition]:
+        yield from AbstractMechanism.conditions(self, name)
+        for a, joint in enumerate(self.joints):
+            yield from joint.conditions(f"{name}.joints[{a}]")
 
     def prepare(self) -> "Mechanism":
         joints = []
