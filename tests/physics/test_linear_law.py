@@ -24,10 +24,14 @@ def by_hand(t, state, _):
 
 
 def ball(law):
-    arm = jaxball.Mechanism(
-        [jaxball.Hinge((0.0, 1.0, 0.0), drive=Accelerated())], [jaxball.CarriedMass(0.3, (0.0, 0.0, -0.5))]
-    )
+    masses = [jaxball.PointMass(0.2, jaxball.Driven(jaxball.Circle(radius))) for radius in (0.4, 0.6)]
+    return jaxball.Ball(mass=1.0, inertia=(0.4, 0.45, 0.5), masses=masses, law=law)
+
+
+def with_an_arm(law):
+    joint, carried = jaxball.Hinge((0.0, 1.0, 0.0), drive=Accelerated()), jaxball.CarriedMass(0.3, (0.0, 0.0, -0.5))
     mass = jaxball.PointMass(0.2, jaxball.Driven(jaxball.Circle(0.6)))
+    arm = jaxball.Mechanism([joint], [carried])
     return jaxball.Ball(mass=1.0, inertia=(0.4, 0.45, 0.5), masses=[mass], mechanisms=[arm], law=law)
 
 
@@ -41,6 +45,12 @@ def test_a_run_is_that_of_the_same_function():
     for name in ("theta", "thetadot", "Omega", "z"):
         ours, theirs = (getattr(run.state, name) for run in runs)
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-9)
+
+
+def test_joints_have_rows_after_the_masses():
+    state = BallState(theta=(0.2, -0.1), thetadot=(0.0, 0.1))
+    rates = jaxball.vector_field(with_an_arm(LinearLaw(signals=[0.25, -0.5])), jnp.array(0.0), state)
+    np.testing.assert_array_equal(rates.thetadot, [0.25, -0.5])
 
 
 def test_its_kinks_are_those_of_the_signals():
