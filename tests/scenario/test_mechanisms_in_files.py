@@ -10,7 +10,7 @@ import tomli_w
 
 import jaxball
 from jaxball import Accelerated, BallState, CarriedMass, ConstantRate, Hinge, Mechanism, PiecewiseSignal
-from jaxball.scenario import Scenario, ScenarioError, builtin_text, load_scenario, read_scenario, write_scenario
+from jaxball.scenario import Scenario, ScenarioError, builtin_text, read_scenario, write_scenario
 from jaxball.scenario.paths import with_numbers
 from jaxball.scenario.structure import Structure
 from tests.support import corpus
@@ -257,14 +257,6 @@ def test_balance_counts_the_masses_of_mechanisms():
     text = with_parts(mass, joint, "[initial]\nbalance = { masses = [0] }")
     (item,) = read_scenario(text).system.point_masses
     np.testing.assert_allclose(item.motion.schedule.theta, 2 * np.pi / 3, rtol=0, atol=1e-9)
-
-
-def test_a_slope_with_a_pendulum():
-    """It rolls down, and straight."""
-    run = load_scenario("pendulum-on-a-slope").simulate()
-    assert run.ok
-    assert float(run.state.z[-1, 0]) > 1.0
-    np.testing.assert_array_equal(run.state.z[:, 1], 0.0)
 
 
 CHANGED = {
