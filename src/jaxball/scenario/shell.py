@@ -45,7 +45,9 @@ def check_moved(system: System, start: Any, state: BallState | DiskState) -> Non
         return
     if any_traced((system.mechanism_groups, system.radius, start, state.theta)):
         leave_open("mechanisms", lambda: all_hold(system.start_conditions(to_array(start), state)))
-    elif not bool(_all_moved(system, to_array(start), state)):
+    if any_traced((system, start, state)):
+        return
+    if not bool(_all_moved(system, to_array(start), state)):
         for condition in system.start_conditions(to_array(start), state):
             for problem in condition.problems():
                 raise ScenarioError(problem.sentence("Key", key_of(problem.name)))
