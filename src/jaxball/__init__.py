@@ -56,6 +56,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         AbstractLaw as AbstractLaw,
         FollowSchedules as FollowSchedules,
         FunctionLaw as FunctionLaw,
+        LinearLaw as LinearLaw,
         Servo as Servo,
     )
     from .physics.force import (
@@ -172,7 +173,7 @@ else:
         "simulation.equilibrium": "Balance balance with_angles",
         "simulation.events": "AbstractEvent Detachment Event Slip",
         "simulation.extremes": "ContactExtremes contact_extremes",
-        "physics.feedback": "AbstractLaw FollowSchedules FunctionLaw Servo",
+        "physics.feedback": "AbstractLaw FollowSchedules FunctionLaw LinearLaw Servo",
         "physics.force": "AbstractForce FunctionForce HarmonicForce",
         "physics.frames": "AbstractFrame MatrixFrame SphericalFrame VersorFrame",
         "physics.ground": "Ground Turntable",

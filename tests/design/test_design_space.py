@@ -1,6 +1,7 @@
 """Numbers by their paths, as functions of unbounded variables: beside the scenario reader, which is not traced."""
 
 import math
+import tomllib
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +10,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 from jaxball.design import Bounds, DesignError, DesignSpace, Variable
+from jaxball.scenario import builtin_text
 from tests.design.documents import builtin
+from tests.support import corpus
 
 PATHS = (
     "masses[2].rail.radius",
@@ -41,6 +44,17 @@ def with_servo():
     return document, ["masses[0].schedule.theta", "masses[1].schedule.theta"]
 
 
+def with_a_mechanism():
+    numbers = ("masses[0].mass", "masses[0].place[2]", "joints[0].force[0].stiffness")
+    paths = ["ground.angle", "resistance.rolling", "initial.theta[0]", *(f"mechanisms[0].{path}" for path in numbers)]
+    return tomllib.loads(builtin_text("pendulum-on-a-slope")), paths
+
+
+def with_a_linear_law():
+    document = tomllib.loads(corpus.EVERY_MECHANISM)
+    return document, ["actuation.theta[0][1]", "actuation.z[0][0]", "actuation.signals[0]"]
+
+
 def assert_same(candidate, scenario, bound):
     found, read = jax.tree.leaves(candidate), jax.tree.leaves((scenario.system, scenario.state, scenario.times))
     for a, b in zip(found, read, strict=True):
@@ -49,8 +63,15 @@ def assert_same(candidate, scenario, bound):
 
 @pytest.mark.parametrize(
     ("document", "paths"),
-    [(builtin("ball", start=0.0, end=5.0, saves=11), list(PATHS)), with_versor(), with_axis(), with_servo()],
-    ids=["ball", "versor", "axis", "driven"],
+    [
+        (builtin("ball", start=0.0, end=5.0, saves=11), list(PATHS)),
+        with_versor(),
+        with_axis(),
+        with_servo(),
+        with_a_mechanism(),
+        with_a_linear_law(),
+    ],
+    ids=["ball", "versor", "axis", "driven", "mechanism", "linear law"],
 )
 def test_candidate_is_what_the_reader_reads(document, paths):
     space = DesignSpace(document, [Variable((path,)) for path in paths])

@@ -40,6 +40,11 @@ def test_free_motions():
     assert_reached(Oscillating(series), excess=0.4, aside=0.4)
 
 
+def test_free_motions_with_powers():
+    series = HarmonicSeries([0.1, 0.2, 0.3], powers=[[0.3, 0.0, 0.2], [0.0, 0.1, 0.0]])
+    assert_reached(Oscillating(series), excess=1e-12, aside=1.2)
+
+
 def test_tubes():
     tube = Tube([1.0, 0.0, -0.5], [0.1, 0.0, -0.2])
     assert_reached(OnRail(tube, ConstantRate(0.3, 0.4)), excess=1e-12, aside=1e-12)

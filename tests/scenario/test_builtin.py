@@ -18,6 +18,7 @@ NAMES = (
     "disk-in-ball",
     "ellipse-and-eight",
     "pendulum",
+    "pendulum-on-a-slope",
     "rolling-robot",
     "routh-sphere",
     "six-tubes",
@@ -122,6 +123,16 @@ def test_rolling_robot_is_driven_round_at_a_constant_rate(runs):
     angle = 1.5 * np.asarray(trajectory.times)
     place = 0.8 * np.stack([np.sin(angle), 0 * angle, -np.cos(angle)], axis=1)
     np.testing.assert_allclose(seen.mass_positions_body[:, 0], place, atol=1e-13)
+
+
+def test_pendulum_on_a_slope_holds_the_ball(runs):
+    """Where the ball rests, M g r sin a = m g l sin ψ of the pendulum is the torque of the spring, κ (φ − ψ), but for
+    what dry friction may hold, 0.02 M g r."""
+    trajectory, _ = runs("pendulum-on-a-slope")
+    low, high = 1.5 * np.sin(0.1) + np.array([-1, 1]) * 0.02 * 1.5
+    assert np.arcsin(low / 0.3) + low / 0.2 < trajectory.state.z[-1, 0] < np.arcsin(high / 0.3) + high / 0.2
+    assert np.linalg.norm(trajectory.state.Omega[-1]) < 0.01
+    np.testing.assert_array_equal(trajectory.state.z[:, 1], 0.0)
 
 
 @pytest.mark.parametrize(

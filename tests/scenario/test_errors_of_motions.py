@@ -128,7 +128,7 @@ SERVO = '[actuation]\nform = "servo"\n'
 RUNS = {
     "unknown form": (
         BALL + '[actuation]\nform = "magic"',
-        'Key `actuation.form` must be one of "prescribed", "integrated", "servo", but it is "magic".',
+        'Key `actuation.form` must be one of "prescribed", "integrated", "servo", "linear", but it is "magic".',
     ),
     "gains of a prescribed motion": (
         BALL + '[actuation]\nform = "prescribed"\nstiffness = [1.0]',

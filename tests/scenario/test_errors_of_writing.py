@@ -60,8 +60,8 @@ FUNCTIONS = {
     ),
     "law": (
         {"masses": on_circle(Driven(Circle(0.5))), "law": FunctionLaw(coasting)},
-        "Key `actuation` must be a FollowSchedules or a Servo to be written to a file, but the law is a "
-        "FunctionLaw" + SCRIPT,
+        "Key `actuation` must be a FollowSchedules, a Servo or a LinearLaw to be written to a file, but the "
+        "law is a FunctionLaw" + SCRIPT,
     ),
     "force": (
         {"force": FunctionForce(nowhere)},

@@ -15,6 +15,8 @@ from jaxball.scenario import builtin_scenarios, builtin_text, read_scenario
 from jaxball.scenario.sources import document_of
 from jaxball.sweep import read_study
 
+from .every_mechanism import EVERY_MECHANISM
+
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
 
@@ -85,10 +87,25 @@ position = [0.1, 0.0, -0.5]
 mass = 0.2
 free = { constant = [0.0, 0.0, 0.3], amplitude = [[0.2, 0.0, 0.0]], frequency = [1.0], phase = [0.2] }
 
+[ground.motion]
+free = { constant = [0.0, 0.0, 0.0], powers = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]] }
+
+[[mechanisms]]
+
+[[mechanisms.joints]]
+kind = "hinge"
+axis = [0.0, 1.0, 0.0]
+accelerated = true
+schedule = { kind = "constant-rate", theta = 0.1, rate = 0.2 }
+
+[[mechanisms.masses]]
+mass = 0.1
+place = [0.0, 0.0, -0.5]
+
 [actuation]
 form = "servo"
-stiffness = [20.0, 10.0]
-damping = [6.0, 3.0]
+stiffness = [20.0, 10.0, 5.0]
+damping = [6.0, 3.0, 2.0]
 masses = [0, 4]
 
 [initial]
@@ -96,8 +113,8 @@ axis = [0.0, 1.0, 0.0]
 angle = 0.1
 Omega = [0.0, 0.1, 0.0]
 z = [0.0, 0.0]
-theta = [0.4, 0.1]
-thetadot = [0.0, 0.0]
+theta = [0.4, 0.1, 0.2]
+thetadot = [0.0, 0.0, 0.1]
 
 [time]
 start = 0.0
@@ -328,9 +345,10 @@ def every_kind(body: dict[str, str], controlled: bool) -> str:
 
 
 def scenarios() -> dict[str, dict[str, Any]]:
-    """The built-in scenarios, those of the documentation, and one with every rail, frame and schedule."""
+    """The built-in scenarios, those of the documentation, and two with everything that a body can have."""
     texts = {name: builtin_text(name) for name in builtin_scenarios()}
     texts |= _blocks("scenario-files.md", "```toml\n(.*?)```") | {"every motion": EVERY_MOTION}
+    texts["every mechanism"] = EVERY_MECHANISM
     return {name: tomllib.loads(text) for name, text in texts.items()}
 
 
@@ -355,7 +373,7 @@ def with_everything() -> list[dict[str, Any]]:
     classical = ("free-rigid-body", "heavy-top", "suslov", "nonholonomic-particle", "vakonomic-particle")
     named = [name for name in problems() if name.startswith("every kind")]
     return [
-        *(scenarios()[name] for name in (*classical, "disk", "every motion")),
+        *(scenarios()[name] for name in (*classical, "disk", "every motion", "every mechanism")),
         studies()["every axis"],
         *(problems()[name] for name in named),
     ]

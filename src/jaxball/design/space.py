@@ -1,6 +1,6 @@
 """The space of designs: a scenario as a function of a vector z of unbounded variables of order one."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -104,10 +104,8 @@ class DesignSpace:
         if self._moves("initial.versor"):
             q = np.asarray(document["initial"]["versor"])
             document["initial"] = {**document["initial"], "versor": (q / np.linalg.norm(q)).tolist()}
-        for item in document.get("masses", []):
-            frame = item.get("rail", {}).get("frame", {})
-            if "elevation" in frame:
-                frame["azimuth"], frame["elevation"] = principal_angles(frame["azimuth"], frame["elevation"])
+        for frame in _frames_by_angles(document):
+            frame["azimuth"], frame["elevation"] = principal_angles(frame["azimuth"], frame["elevation"])
         if self._moves("time") and "step" in document["time"]:
             document["time"] = {**document["time"], "saves": self.scenario.times.size}
             del document["time"]["step"]
@@ -148,6 +146,15 @@ class DesignSpace:
         column = np.repeat(np.arange(self.size), [len(variable.paths) for variable in self.variables])
         factors = np.concatenate([np.asarray(variable.factors, dtype=float) for variable in self.variables])
         return x[column] * jnp.asarray(factors, dtype=x.dtype)
+
+
+def _frames_by_angles(value: Any) -> Iterator[dict[str, Any]]:
+    """The frames of rails anywhere in a document that are given by spherical angles."""
+    if isinstance(value, dict) and "elevation" in value:
+        yield value
+    elif isinstance(value, dict | list):
+        for item in value.values() if isinstance(value, dict) else value:
+            yield from _frames_by_angles(item)
 
 
 def _check_paths(paths: tuple[str, ...], document: Mapping[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""A constant plus sinusoids: the form shared by forces, schedules and free motions."""
+"""A constant plus sinusoids, and powers of the time: the form shared by forces, schedules and free motions."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -9,7 +9,7 @@ from .trigonometry import sine_cosine
 
 
 class HarmonicSeries(Printed):
-    """f(t) = constant + Σ amplitude_k sin(frequency_k t + phase_k).
+    """f(t) = constant + Σ powers_j t^(j + 1) + Σ amplitude_k sin(frequency_k t + phase_k).
 
     **Arguments:**
 
@@ -17,6 +17,8 @@ class HarmonicSeries(Printed):
     - ``amplitude``: in the same unit, one entry a sinusoid, shape (terms, ...).
     - ``frequency``: rad/time, shape (terms,).
     - ``phase``: rad, shape (terms,); zero if not given.
+    - ``powers``: the coefficients of t, t², …, in the unit of ``constant`` over powers of time, shape (degree, ...);
+      none if not given, at no cost.
 
     **Raises:** ``ValueError`` when the shapes do not fit each other.
 
@@ -27,12 +29,16 @@ class HarmonicSeries(Printed):
     >>> series = HarmonicSeries((0.0, 0.0, 0.3), amplitude=[(0.2, 0.0, 0.0)], frequency=[2.0], phase=[jnp.pi / 2])
     >>> series(jnp.array(0.0))
     Array([0.2, 0. , 0.3], dtype=float64)
+    >>> fall = HarmonicSeries(1.0, powers=[0.0, -0.5])  # 1 − t²/2
+    >>> float(fall(jnp.array(2.0)))
+    -1.0
     """
 
     constant: Float[Array, "..."]
     amplitude: Float[Array, "..."]
     frequency: Float[Array, "*group terms"]
     phase: Float[Array, "*group terms"]
+    powers: Float[Array, "..."] | None
 
     def __init__(
         self,
@@ -40,6 +46,7 @@ class HarmonicSeries(Printed):
         amplitude: Numbers | None = None,
         frequency: Numbers = (),
         phase: Numbers | None = None,
+        powers: Numbers | None = None,
     ):
         self.constant = to_array(constant, "constant")
         self.frequency = to_array(frequency, "frequency")
@@ -57,8 +64,20 @@ class HarmonicSeries(Printed):
                 f"sinusoid, but their shapes are {self.amplitude.shape}, {self.frequency.shape} and "
                 f"{self.phase.shape}, beside a constant of shape {self.constant.shape}."
             )
+        self.powers = None if powers is None else to_array(powers, "powers")
+        if self.powers is not None and (self.powers.ndim == 0 or self.powers.shape[1:] != shape[1:]):
+            raise ValueError(
+                "Argument `powers` must have one entry for each power of the time, each of the shape "
+                f"{self.constant.shape} of the constant, but its shape is {self.powers.shape}."
+            )
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "*shape"]:
         waves, _ = sine_cosine(self.frequency * t + self.phase)
         waves = waves.reshape(waves.shape + (1,) * self.constant.ndim)
-        return self.constant + jnp.sum(self.amplitude * waves, axis=0)
+        value = self.constant + jnp.sum(self.amplitude * waves, axis=0)
+        if self.powers is None:
+            return value
+        polynomial = jnp.zeros_like(self.constant)
+        for row in self.powers[::-1]:  # by Horner's rule
+            polynomial = (polynomial + row) * t
+        return value + polynomial

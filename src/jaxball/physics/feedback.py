@@ -1,7 +1,7 @@
-"""Feedback laws: θ̈ = u(t, state) for the masses whose θ and θ̇ belong to the state."""
+"""Feedback laws: θ̈ = u(t, state) for the masses and joints whose θ̈ nothing else gives."""
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,13 +9,17 @@ from jaxtyping import Array, Float, PyTree
 
 from ..interface.arguments import require_callable, require_each
 from ..interface.printing import Printed
-from ..numerics.arrays import default_dtype, numbers, require_shape
+from ..numerics.arrays import Numbers, default_dtype, numbers, require_shape
 from .schedules import AbstractSchedule
+from .signals import AbstractSignal, as_signal
 from .state import State
 
 
 class AbstractLaw(Printed):
-    """A law that gives θ̈ of every :class:`~jaxball.Driven` mass, in the order of the masses."""
+    """A law that gives θ̈ of every :class:`~jaxball.Driven` mass and :class:`~jaxball.Accelerated` joint.
+
+    They have the order of ``coordinates`` of the body: the masses, then the joints of each mechanism.
+    """
 
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
@@ -148,6 +152,117 @@ class Servo(AbstractLaw):
 
     def prepare(self) -> "Servo":
         return Servo(tuple(s.prepare() for s in self.targets), self.stiffness, self.damping)
+
+
+class LinearLaw(AbstractLaw):
+    """u = theta θ + thetadot θ̇ + Omega Ω + Gamma Γ + z (z) + signals(t): linear in the state, each factor a matrix.
+
+    It has a row for each driven coordinate: the :class:`~jaxball.Driven` masses and :class:`~jaxball.Accelerated`
+    joints, in the order of ``coordinates`` of the body. Ω and Γ are in body axes, the place z in space axes.
+
+    **Arguments:**
+
+    - ``theta``: the factors of every θ of the state, 1/time², shape (driven, coordinates).
+    - ``thetadot``: those of every θ̇, 1/time, shape (driven, coordinates).
+    - ``Omega``: those of Ω, rad/time² over rad/time, shape (driven, 3).
+    - ``Gamma``: those of Γ, rad/time², shape (driven, 3).
+    - ``z``: those of the place, rad/time² over length, shape (driven, 2), and (driven, 1) for a disk.
+    - ``signals``: what is added: for each driven coordinate a number, a :class:`~jaxball.PiecewiseSignal` or a
+      schedule, rad/time².
+
+    A factor that is not given is 0. For a mass in a tube or a slider, read length for rad in θ, θ̇ and θ̈.
+
+    **Raises:** ``ValueError`` when a factor does not have a row for each driven coordinate, and, where it is evaluated,
+    a column for each number of the state that it multiplies; ``TypeError`` for ``z`` where the state has no place.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BallState, LinearLaw
+    >>> law = LinearLaw(theta=[[-4.0]], thetadot=[[-2.0]], Gamma=[[3.0, 0.0, 0.0]], signals=[0.5])
+    >>> law(jnp.array(0.0), BallState(theta=[1.0], thetadot=[0.25]))  # −4 · 1 − 2 · 0.25 + 0.5
+    Array([-4.], dtype=float64)
+    """
+
+    theta: Float[Array, "*group driven coordinates"] | None
+    thetadot: Float[Array, "*group driven coordinates"] | None
+    Omega: Float[Array, "*group driven 3"] | None
+    Gamma: Float[Array, "*group driven 3"] | None
+    z: Float[Array, "*group driven place"] | None
+    signals: tuple[AbstractSignal | AbstractSchedule, ...]
+
+    def __init__(
+        self,
+        theta: Numbers | None = None,
+        thetadot: Numbers | None = None,
+        Omega: Numbers | None = None,
+        Gamma: Numbers | None = None,
+        z: Numbers | None = None,
+        signals: "Sequence[AbstractSignal | AbstractSchedule | Numbers]" = (),
+    ):
+        self.theta, self.thetadot = _factor("theta", theta, "coordinates"), _factor("thetadot", thetadot, "coordinates")
+        self.Omega, self.Gamma, self.z = _factor("Omega", Omega, 3), _factor("Gamma", Gamma, 3), _factor("z", z, "n")
+        self.signals = tuple(as_signal(f"signals[{index}]", signal) for index, signal in enumerate(signals))
+        counts = self._counts()
+        if len(set(counts.values())) != 1:
+            has = ", ".join(f"{count} in `{name}`" for name, count in counts.items()) or "none in any of them"
+            raise ValueError(
+                "Arguments `theta`, `thetadot`, `Omega`, `Gamma`, `z` and `signals`, as far as they are given, must "
+                f"have one row or entry for each driven coordinate, but there are {has}."
+            )
+
+    def _factors(self) -> dict[str, Array]:
+        names = ("theta", "thetadot", "Omega", "Gamma", "z")
+        return {name: value for name in names if (value := getattr(self, name)) is not None}
+
+    def _counts(self) -> dict[str, int]:
+        """The number of driven coordinates, by each argument that is given."""
+        signals = {"signals": len(self.signals)} if self.signals else {}
+        return {name: factor.shape[0] for name, factor in self._factors().items()} | signals
+
+    def require_driven(self, count: int) -> None:
+        for name, own in self._counts().items():
+            if own != count:
+                raise ValueError(
+                    f"Argument `{name}` of the law must have one entry for each driven coordinate, {count} in all, "
+                    f"but it has {own}."
+                )
+
+    def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
+        u = jnp.stack([signal(t) for signal in self.signals]) if self.signals else None
+        for name, factor in self._factors().items():
+            term = jnp.sum(factor * _numbers_of(state, name, factor)[None], axis=1)
+            u = term if u is None else u + term
+        assert u is not None
+        return u
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return jnp.concatenate([signal.kinks() for signal in self.signals]) if self.signals else AbstractLaw.kinks(self)
+
+    def prepare(self) -> "LinearLaw":
+        signals = tuple(signal.prepare() for signal in self.signals)
+        return LinearLaw(self.theta, self.thetadot, self.Omega, self.Gamma, self.z, signals)
+
+
+def _factor(name: str, given: Numbers | None, columns: int | str) -> Float[Array, "driven columns"] | None:
+    return None if given is None else numbers(name, ("driven", columns))(given)
+
+
+def _numbers_of(state: State, name: str, factor: Float[Array, "driven columns"]) -> Float[Array, " columns"]:
+    """What a factor of a linear law multiplies: the entry ``name`` of the state."""
+    value = getattr(state, name, None)
+    if value is None:
+        raise TypeError(
+            f"Argument `{name}` of the law must be None for a {type(state).__name__}, which has no place; use a state "
+            "with `z`."
+        )
+    value = jnp.atleast_1d(value)
+    if factor.shape[1] != value.shape[0]:
+        raise ValueError(
+            f"Argument `{name}` of the law must have {value.shape[0]} columns, one for each number in `{name}` of a "
+            f"{type(state).__name__}, but it has {factor.shape[1]}."
+        )
+    return value
 
 
 def _require_count(name: str, schedules: tuple[AbstractSchedule, ...], count: int) -> None:

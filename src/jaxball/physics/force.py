@@ -26,7 +26,7 @@ class AbstractForce(Printed):
 
 
 class HarmonicForce(AbstractForce):
-    """A constant force plus sinusoids: Fe(t) = constant + Σ amplitude_k sin(frequency_k t + phase_k).
+    """Fe(t) = constant + Σ powers_j t^(j + 1) + Σ amplitude_k sin(frequency_k t + phase_k).
 
     **Arguments:**
 
@@ -34,6 +34,7 @@ class HarmonicForce(AbstractForce):
     - ``amplitude``: the same of each sinusoid, shape (terms, 3).
     - ``frequency``: rad/time, shape (terms,).
     - ``phase``: rad, shape (terms,); zero if not given.
+    - ``powers``: the coefficients of t, t², …, shape (degree, 3); none if not given.
 
     **Raises:** ``ValueError`` when ``amplitude``, ``frequency`` and ``phase`` differ in length.
 
@@ -54,9 +55,10 @@ class HarmonicForce(AbstractForce):
         amplitude: Numbers | None = None,
         frequency: Numbers = (),
         phase: Numbers | None = None,
+        powers: Numbers | None = None,
     ):
         require_shape("constant", to_array(constant, "constant"), (3,))
-        self.series = HarmonicSeries(constant, amplitude, frequency, phase)
+        self.series = HarmonicSeries(constant, amplitude, frequency, phase, powers)
 
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         return self.series(t)

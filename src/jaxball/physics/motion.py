@@ -176,11 +176,12 @@ class Fixed(AbstractPrescribedMotion):
 
 
 class Oscillating(AbstractPrescribedMotion):
-    """A free motion in space whose coordinates are constants plus sinusoids.
+    """A free motion in space whose coordinates are constants plus sinusoids, and powers of the time.
 
     **Arguments:**
 
-    - ``path``: χ(t), body axes: a :class:`~jaxball.HarmonicSeries` with a constant of shape (3,), length.
+    - ``path``: χ(t), body axes: a :class:`~jaxball.HarmonicSeries` with a constant of shape (3,), length, and, where
+      it is to grow, with ``powers``.
 
     **Example:**
 

@@ -55,6 +55,9 @@ def _unknown(t: Time) -> Reach:
 def _(motion: Oscillating, start: Time, end: Time) -> Reach:
     size = jnp.abs(motion.path.constant) + jnp.sum(jnp.abs(motion.path.amplitude), axis=0)
     size += _beyond_sines(motion.path, start, end)
+    if motion.path.powers is not None:
+        latest = jnp.maximum(jnp.abs(start), jnp.abs(end))
+        size += HarmonicSeries(jnp.zeros_like(size), powers=jnp.abs(motion.path.powers))(latest)
     return Reach(jnp.sqrt(jnp.sum(size**2)), size[1])
 
 

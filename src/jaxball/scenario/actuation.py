@@ -1,15 +1,19 @@
-"""Who moves the masses on rails, in a scenario file: their schedules, or a law."""
+"""Who moves the masses on rails and the joints, in a scenario file: their schedules, or a law."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-from ..interface.wording import counted
+from ..interface.wording import all_of, counted
 from ..physics.body import PointMass, System
-from ..physics.feedback import AbstractLaw, FollowSchedules, Servo
+from ..physics.feedback import AbstractLaw, FollowSchedules, LinearLaw, Servo
 from ..physics.motion import Driven, OnRail
 from ..physics.schedules import AbstractSchedule
+from .linear_law import LINEAR, check_factors
+from .mechanisms import JointInState, ReadMechanism, joints_in_state
 from .table import Family, Key, Module, join, read_family
 from .values import NOT_NEGATIVE, Indices, Numbers, ScenarioError, key_error
+
+Targets = tuple[AbstractSchedule | None, ...]
 
 
 class Actuation(NamedTuple):
@@ -31,62 +35,122 @@ def _servo(stiffness, damping, masses=None) -> Actuation:
     return Actuation(masses, lambda targets: Servo(targets, stiffness, damping))
 
 
-_WHICH = Key(Indices(), None)
+def _linear(**factors: Any) -> Actuation:
+    return Actuation(None, lambda targets: LinearLaw(**factors))
+
+
+_WHICH = Key(Indices(empty=True), None)
 _GAINS = Key(Numbers((None,), NOT_NEGATIVE))
 FORMS: Family = {
     "prescribed": Module(type(None), {}, build=_prescribed),
     "integrated": Module(FollowSchedules, {"masses": _WHICH}, build=_integrated),
     "servo": Module(Servo, {"stiffness": _GAINS, "damping": _GAINS, "masses": _WHICH}, build=_servo),
+    "linear": Module(LinearLaw, LINEAR, build=_linear),
 }
 
 
+class Actuated(NamedTuple):
+    """Masses of which some are driven, the law that drives them, and what the coordinates of the state follow.
+
+    ``targets`` has the schedule of each coordinate, in the order of a state's, or None where it has none.
+    """
+
+    masses: list[PointMass]
+    law: AbstractLaw | None
+    targets: Targets
+
+
+def is_linear(values: Any) -> bool:
+    """Whether the table [actuation] asks for a linear law, under which masses on rails may have no schedule."""
+    return isinstance(values, dict) and values.get("form") == "linear"
+
+
 def apply_actuation(
-    values: Any, path: str, masses: Sequence[PointMass]
-) -> tuple[list[PointMass], AbstractLaw | None, tuple[AbstractSchedule, ...]]:
-    """The masses with those that a law drives made so, the law, and the schedules that it follows."""
+    values: Any, path: str, masses: Sequence[PointMass], mechanisms: Sequence[ReadMechanism], kind: str
+) -> Actuated:
+    """The masses with those that a law drives made so, the law, and what they follow."""
     chosen, make_law = read_family(values, path, FORMS, key="form")
+    joints = joints_in_state(mechanisms)
+    accelerated = [joint for joint in joints if joint.accelerated]
     if make_law is None:
-        return list(masses), None, ()
-    driven = _driven(chosen, values["form"], path, masses)
-    for name in ("stiffness", "damping"):
-        if name in values and len(values[name]) != len(driven):
-            raise key_error(
-                join(path, name),
-                f"a list of {counted(len(driven), 'number')}, one for each driven mass",
-                f"one of {len(values[name])}",
-            )
-    schedules, changed = [], list(masses)
+        if accelerated:
+            names = ", ".join(f'"{form}"' for form in FORMS if form != "prescribed")
+            must = f"one of {names}, because a law accelerates {all_of([joint.path for joint in accelerated])}"
+            raise key_error(join(path, "form"), must, '"prescribed"')
+        return Actuated(list(masses), None, tuple(None for _ in joints))
+    linear = values["form"] == "linear"
+    driven = _driven_masses(chosen, values["form"], path, masses, bool(accelerated))
+    names = [*(f"masses[{index}]" for index in driven), *(joint.path for joint in accelerated)]
+    check = check_factors if linear else _check_targets
+    check(values, path, names, joints=joints, kind=kind)
+    changed, schedules = list(masses), [None if linear else _schedule_of(masses[index]) for index in driven]
     for index in driven:
-        motion = masses[index].motion
-        assert isinstance(motion, OnRail)
-        schedules.append(motion.schedule)
-        changed[index] = PointMass(masses[index].mass, Driven(motion.rail))
-    return changed, make_law(tuple(schedules)), tuple(schedules)
+        rail = masses[index].motion.rail  # pyright: ignore[reportAttributeAccessIssue]: it is on one
+        changed[index] = PointMass(masses[index].mass, Driven(rail))
+    followed = (*schedules, *(joint.target for joint in accelerated))
+    law = make_law(tuple(schedule for schedule in followed if schedule is not None))
+    return Actuated(changed, law, (*schedules, *(joint.target for joint in joints)))
 
 
-def _driven(chosen: tuple[int, ...] | None, form: str, path: str, masses: Sequence[PointMass]) -> list[int]:
+def _schedule_of(item: PointMass) -> AbstractSchedule:
+    assert isinstance(item.motion, OnRail)
+    return item.motion.schedule
+
+
+def _driven_masses(
+    chosen: tuple[int, ...] | None, form: str, path: str, masses: Sequence[PointMass], others: bool
+) -> list[int]:
+    """The masses that the law drives; ``others`` says whether it drives joints as well."""
+    if form == "linear":
+        driven = [index for index, item in enumerate(masses) if isinstance(item.motion, Driven)]
+        if not driven and not others:
+            raise key_error(join(path, "form"), '"prescribed" where every mass and joint has what moves it', '"linear"')
+        return driven
     on_rails = [index for index, item in enumerate(masses) if isinstance(item.motion, OnRail)]
-    if not on_rails:
+    if not on_rails and not others:
         raise key_error(join(path, "form"), '"prescribed" where no mass is on a rail', f'"{form}"')
     driven = on_rails if chosen is None else list(chosen)
     if not set(driven) <= set(on_rails):
         raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(driven))
+    if not driven and not others:
+        raise key_error(join(path, "masses"), Indices().words, "[]")
     return driven
 
 
-def targets_of(law: AbstractLaw | None) -> tuple[AbstractSchedule, ...]:
-    """The schedules that a law follows, one for each driven mass.
+def _check_targets(values: Any, path: str, names: Sequence[str], joints: Sequence[JointInState], kind: str) -> None:
+    """Raises unless what a servo drives, or what is integrated, has schedules, and gains."""
+    for joint in joints:
+        if joint.accelerated and joint.target is None:
+            must = f'a table where `{path}.form` is "{values["form"]}", which follows it'
+            raise ScenarioError(f"Key `{joint.path}.schedule` must be {must}, but it is missing.")
+    if values["form"] != "servo":
+        return
+    free = [joint.path for joint in joints if not joint.accelerated]
+    if free:
+        must = f'"integrated" or "linear" where joints move under forces, as {all_of(free)}'
+        raise key_error(join(path, "form"), must, '"servo"')
+    for name in ("stiffness", "damping"):
+        if len(values[name]) != len(names):
+            each = "one for each driven mass" if not joints else f"one for each of {all_of(names)}"
+            raise key_error(
+                join(path, name), f"a list of {counted(len(names), 'number')}, {each}", f"one of {len(values[name])}"
+            )
+
+
+def targets_of(system: System) -> dict[str, AbstractSchedule | None]:
+    """The schedules that the law of a system follows, by the paths of what it drives.
 
     **Raises:** :class:`ScenarioError` for a law that a file cannot hold.
     """
-    if law is None:
-        return ()
+    law, driven = system.law, [system.coordinates[slot] for slot in system.accelerated]
+    if law is None or type(law) is LinearLaw:
+        return dict.fromkeys(driven)
     if type(law) is FollowSchedules:
-        return law.schedules
+        return dict(zip(driven, law.schedules, strict=True))
     if type(law) is Servo:
-        return law.targets
+        return dict(zip(driven, law.targets, strict=True))
     raise ScenarioError(
-        "Key `actuation` must be a FollowSchedules or a Servo to be written to a file, but the law is a "
+        "Key `actuation` must be a FollowSchedules, a Servo or a LinearLaw to be written to a file, but the law is a "
         f"{type(law).__name__}; keep a scenario that has Python functions as a Python script."
     )
 
@@ -96,8 +160,11 @@ def write_actuation(system: System) -> dict[str, Any]:
     law = system.law
     if law is None:
         return {}
+    form = {FollowSchedules: "integrated", Servo: "servo", LinearLaw: "linear"}[type(law)]
+    if isinstance(law, LinearLaw):
+        return {"form": form, **FORMS[form].write(law, "actuation")}
     on_rails = [i for i, item in enumerate(system.point_masses) if isinstance(item.motion, OnRail | Driven)]
-    table: dict[str, Any] = {"form": "servo" if isinstance(law, Servo) else "integrated"}
+    table: dict[str, Any] = {"form": form}
     if isinstance(law, Servo):
         table |= {name: _GAINS.kind.write(getattr(law, name), name) for name in ("stiffness", "damping")}
     if list(system.driven) != on_rails:

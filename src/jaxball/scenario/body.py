@@ -2,13 +2,12 @@
 
 from typing import Any
 
-import jax
-import numpy as np
-
 from ..physics.body import Ball, Disk, System
+from .ground import GROUND
 from .harmonics import FORCE
+from .resistance import RESISTANCE
 from .table import Key, join, read_table, write_member, write_table
-from .traced import any_traced, namespace, require, require_condition
+from .traced import namespace, require, require_conditions
 from .values import LENGTH, POSITIVE, Numbers
 
 SHELL = {
@@ -28,31 +27,33 @@ def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
     make, keys = BODIES[kind]
     shell = read_table(values, path, keys)
     system = make(**shell)
-    # Of known numbers NumPy's conditions, for which nothing is compiled.
-    system = system if any_traced(system) else jax.tree.map(np.asarray, system)
-    with np.errstate(all="ignore"):  # what overflows is infinite, as JAX has it
-        for condition in system.conditions():
-            require_condition(condition, join(path, str(condition.name)))
+    require_conditions(system, under=f"{path}.")
     return shell
 
 
 def read_force(values: Any, path: str, kind: str) -> Any:
     """The external force; that on a disk must lie in the disk's plane."""
     force = FORCE.read(values, path)
-    for name in ("constant", "amplitude"):
+    for name in ("constant", "amplitude", "powers"):
         array = getattr(force.series, name)
+        if array is None:
+            continue
         flat = kind != "disk" or (namespace(array).asarray(array)[..., 1] == 0).all()
         require(flat, join(path, name), FLAT, lambda name=name: repr(values[name]))
     return force
 
 
 def write_body(system: System) -> dict[str, Any]:
-    """The tables [body] and [force], the latter where there is a force."""
+    """The table [body], and [force], [ground] and [resistance] where there are such."""
     kind = kind_of(system)
     keys = BODIES[kind][1]
     tables = {"body": write_table({name: getattr(system, name) for name in keys}, "body", keys)}
-    if system.force is not None:
-        tables["force"] = write_member(system.force, "force", {"force": FORCE})[1]
+    surroundings = {"force": FORCE, "ground": GROUND, "resistance": RESISTANCE}
+    for name, module in surroundings.items():
+        if getattr(system, name) is not None:
+            table = write_member(getattr(system, name), name, {name: module})[1]
+            first, key = next(iter(module.keys.items()))
+            tables[name] = table or {first: key.kind.write(key.default, name)}  # lest it be taken for none at all
     return tables
 
 

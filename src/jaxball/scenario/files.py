@@ -1,5 +1,6 @@
 """Scenario files: text to scenario and back."""
 
+import functools
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,15 +10,18 @@ import tomli_w
 
 from ..physics.body import Ball, Disk
 from ..physics.system import AbstractSystem
-from .actuation import FORMS, apply_actuation, write_actuation
+from .actuation import FORMS, apply_actuation, is_linear, targets_of, write_actuation
 from .body import BALL, DISK, kind_of, read_force, read_shell, write_body
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, read_classical, write_classical
 from .errors import each_of
+from .ground import GROUND, read_ground
 from .harmonics import FORCE
 from .initial import INITIAL, balanced, initial_state, read_initial, write_initial
 from .masses import CHOICES as MASSES, read_masses, write_masses
+from .mechanisms import MECHANISM, read_mechanisms, write_mechanisms
+from .resistance import RESISTANCE, read_resistance
 from .scenario import Scenario
-from .shell import check_confined
+from .shell import check_confined, check_moved
 from .solve import SOLVE, check_dae
 from .sources import document_of, naming, scenario_text
 from .table import Key, keys_of, read_table, write_table
@@ -40,7 +44,10 @@ KEYS = {
     **_SHARED,
     "body": Key(unread(tables={"ball": BALL, "disk": DISK})),
     "force": Key(unread(tables={"": FORCE.keys}), None),
+    "ground": Key(unread(tables={"": GROUND.keys}), None),
+    "resistance": Key(unread(tables={"": RESISTANCE.keys}), None),
     "masses": Key(unread(tables=MASSES), []),
+    "mechanisms": Key(unread(tables={"": MECHANISM}), []),
     "actuation": Key(unread(tables=keys_of(FORMS)), None),
     "initial": Key(unread(tables=INITIAL), None),
 }
@@ -143,26 +150,43 @@ def read_contents(document: dict[str, Any]) -> Contents:
     kind = str(document.get("kind"))
     if kind not in BODIES:
         read_table(document, "", KEYS)
-    table, shell, force, times, solve, masses, initial = each_of(
+    table, shell, surroundings, times, solve, masses, mechanisms, initial = each_of(
         lambda: read_table(document, "", KEYS),
         lambda: "body" in document and read_shell(document["body"], "body", kind),
-        lambda: read_force(document["force"], "force", kind) if "force" in document else None,
+        lambda: _read_surroundings(document, kind),
         lambda: "time" in document and read_times(document["time"], "time"),
         lambda: read_table(document.get("solve", {}), "solve", SOLVE),
-        lambda: read_masses(document.get("masses", []), "masses"),
+        lambda: read_masses(document.get("masses", []), "masses", not is_linear(document.get("actuation"))),
+        lambda: read_mechanisms(document.get("mechanisms", []), "mechanisms"),
         lambda: read_initial(document.get("initial", {}), "initial", kind),
     )
-    if force is not None:
-        shell["force"] = force
     start = times.start
-    masses = balanced(masses, shell, initial, "initial", kind, start)
+    masses = balanced(masses, mechanisms, shell, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]
-    masses, law, followed = apply_actuation(actuation, "actuation", masses)
-    system = (Disk if kind == "disk" else Ball)(**shell, masses=masses, law=law)
-    state = initial_state(initial, "initial", kind, followed, start)
+    actuated = apply_actuation(actuation, "actuation", masses, mechanisms, kind)
+    system = (Disk if kind == "disk" else Ball)(
+        **shell,
+        **surroundings,
+        masses=actuated.masses,
+        law=actuated.law,
+        mechanisms=[item.mechanism for item in mechanisms],
+    )
+    state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     check_dae(system, solve["solver"], solve["dae"])
     check_confined(system, namespace(times.start, times.end).stack([times.start, times.end]), state)
+    check_moved(system, start, state)
     return Contents(table["title"], system, state, times, solve)
+
+
+def _read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
+    """The arguments of a body for what acts on it from outside, as far as the document has them."""
+    readers = {
+        "force": lambda values, path: read_force(values, path, kind),
+        "ground": lambda values, path: read_ground(values, path, kind),
+        "resistance": read_resistance,
+    }
+    given = {name: functools.partial(read, document[name], name) for name, read in readers.items() if name in document}
+    return dict(zip(given, each_of(*given.values()), strict=True))
 
 
 def _read_classical(document: dict[str, Any]) -> Contents:
@@ -210,10 +234,12 @@ def _tables(system: AbstractSystem, state: Any) -> dict[str, Any]:
     """The kind of a system, and the tables of its parameters and of its state."""
     if not isinstance(system, Ball | Disk):
         return write_classical(system, state)
+    targets = targets_of(system)
     return {
         "kind": kind_of(system),
         **write_body(system),
-        "masses": write_masses(system, "masses"),
+        "masses": write_masses(system, targets, "masses"),
+        "mechanisms": write_mechanisms(system, targets, "mechanisms"),
         "actuation": write_actuation(system),
         "initial": write_initial(system, state),
     }

@@ -1,4 +1,4 @@
-"""Constants plus sinusoids in a scenario file: forces, free motions and schedules have them."""
+"""Constants plus sinusoids, and powers of the time, in a scenario file: of forces, free motions and schedules."""
 
 from typing import Any
 
@@ -16,8 +16,9 @@ WAVES = {
     "phase": Key(Numbers((None,), dimension=ANGLE), ()),
 }
 WAVES_IN_SPACE = {**WAVES, "amplitude": Key(Numbers((None, 3)), ())}
+POWERS = {"powers": Key(Numbers((None, 3)), None)}
 SERIES = {name: f"series.{name}" for name in ("constant", *WAVES)}
-PATH = {name: f"path.{name}" for name in ("constant", *WAVES)}
+PATH = {name: f"path.{name}" for name in ("constant", *WAVES, "powers")}
 
 
 def check_lengths(table: dict[str, Any], path: str) -> None:
@@ -32,15 +33,15 @@ def check_lengths(table: dict[str, Any], path: str) -> None:
             )
 
 
-def series_of(constant, amplitude, frequency, phase) -> HarmonicSeries:
-    """A series of which a file may leave out the phases, or every sinusoid."""
+def series_of(constant, amplitude, frequency, phase, powers=None) -> HarmonicSeries:
+    """A series of which a file may leave out the phases, every sinusoid, or the powers."""
     still = len(frequency) == 0
-    return HarmonicSeries(constant, None if still else amplitude, frequency, None if len(phase) == 0 else phase)
+    return HarmonicSeries(constant, None if still else amplitude, frequency, None if len(phase) == 0 else phase, powers)
 
 
 def _force(**keys: Any) -> HarmonicForce:
     series = series_of(**keys)
-    return HarmonicForce(series.constant, series.amplitude, series.frequency, series.phase)
+    return HarmonicForce(series.constant, series.amplitude, series.frequency, series.phase, series.powers)
 
 
 def _oscillating(**keys: Any) -> Oscillating:
@@ -54,14 +55,14 @@ def _sinusoids(theta, rate, **waves: Any) -> Sinusoids:
 
 FORCE = Module(
     HarmonicForce,
-    {"constant": Key(Numbers((3,)), (0.0, 0.0, 0.0)), **WAVES_IN_SPACE},
+    {"constant": Key(Numbers((3,)), (0.0, 0.0, 0.0)), **WAVES_IN_SPACE, **POWERS},
     build=_force,
-    attributes=SERIES,
+    attributes={**SERIES, "powers": "series.powers"},
     check=check_lengths,
 )
 OSCILLATING = Module(
     Oscillating,
-    {"constant": Key(Numbers((3,))), **WAVES_IN_SPACE},
+    {"constant": Key(Numbers((3,))), **WAVES_IN_SPACE, **POWERS},
     build=_oscillating,
     attributes=PATH,
     check=check_lengths,

@@ -7,16 +7,17 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
-from ..interface.wording import counted
+from ..interface.wording import all_of, counted
 from ..numerics import programs
 from ..numerics.arrays import is_traced, to_array
 from ..numerics.norms import length
 from ..physics.body import Ball, Disk, PointMass, System
-from ..physics.motion import OnRail
+from ..physics.motion import Driven, OnRail
 from ..physics.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, State
 from ..simulation.equilibrium import balance, with_angles
 from .errors import UntraceableError
+from .mechanisms import ReadMechanism, joints_in_state
 from .table import Key, join, read_one_of, read_table, write_table
 from .traced import namespace, outside_of_traces, require
 from .values import ANGLE, LENGTH, NOT_ALL_ZERO, RATE, Flag, Indices, Nested, Numbers, ScenarioError, key_error
@@ -88,21 +89,39 @@ def _length(x: Any) -> Any:
 
 
 def initial_state(
-    fields: dict[str, Any], path: str, kind: str, schedules: Sequence[AbstractSchedule], start: Any
+    fields: dict[str, Any],
+    path: str,
+    kind: str,
+    coordinates: Sequence[str],
+    targets: Sequence[AbstractSchedule | None],
+    start: Any,
 ) -> BallState | DiskState:
-    """The state; θ and θ̇ of driven masses are those of their schedules unless they are given."""
+    """The state; θ and θ̇ of its ``coordinates`` are those of their schedules, or 0, unless they are given."""
     fields = {name: value for name, value in fields.items() if name != "balance"}
     for name in ("theta", "thetadot"):
         given = fields[name]
         if given is None:
-            fields[name] = starting_angles(tuple(schedules), to_array(start))[name] if schedules else ()
-        elif len(given) != len(schedules):
-            raise key_error(
-                join(path, name),
-                f"a list of {counted(len(schedules), 'number')}, one for each mass that a law drives",
-                f"one of {len(given)}",
-            )
+            fields[name] = _starting(name, targets, start)
+        elif len(given) != len(coordinates):
+            joints = any(path.startswith("mechanisms") for path in coordinates)
+            each = f"those of {all_of(coordinates)}" if joints else "one for each mass that a law drives"
+            must = f"a list of {counted(len(coordinates), 'number')}, {each}"
+            raise key_error(join(path, name), must, f"one of {len(given)}")
     return (DiskState if kind == "disk" else BallState)(**fields)
+
+
+def _starting(name: str, targets: Sequence[AbstractSchedule | None], start: Any) -> Any:
+    """θ or θ̇ of each target at the start, and 0 where there is none."""
+    places = [place for place, target in enumerate(targets) if target is not None]
+    if not places:
+        return (0.0,) * len(targets)
+    values = starting_angles(tuple(target for target in targets if target is not None), to_array(start))[name]
+    if len(places) == len(targets):
+        return values
+    rest = [jnp.zeros_like(values[0])] * len(targets)
+    for place, value in zip(places, values, strict=True):
+        rest[place] = value
+    return jnp.stack(rest)
 
 
 @programs.jit
@@ -115,7 +134,13 @@ def starting_angles(
 
 
 def balanced(
-    masses: list[PointMass], shell: dict[str, Any], fields: dict[str, Any], path: str, kind: str, start: Any
+    masses: list[PointMass],
+    mechanisms: Sequence[ReadMechanism],
+    shell: dict[str, Any],
+    fields: dict[str, Any],
+    path: str,
+    kind: str,
+    start: Any,
 ) -> list[PointMass]:
     """The masses, their schedules moved so that the centre of mass starts above or below the centre."""
     wanted = fields["balance"]
@@ -127,8 +152,14 @@ def balanced(
         raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(wanted["masses"])))
     if fields["theta"] is not None:
         raise ScenarioError(f"Key `{path}` cannot stand beside `theta`, because it finds the angles.")
-    system = (Disk if kind == "disk" else Ball)(**shell, masses=masses)
-    state = initial_state({**fields, "thetadot": None}, path, kind, (), start)
+    for index, item in enumerate(masses):
+        if isinstance(item.motion, Driven):
+            must = f"masses with schedules, but `masses[{index}]` has none; give `initial.theta` instead"
+            raise ScenarioError(f"Key `{path}` must stand beside {must}.")
+    still = [item.without_law() for item in mechanisms]
+    system = (Disk if kind == "disk" else Ball)(**shell, masses=masses, mechanisms=still)
+    targets = [joint.target for joint in joints_in_state(mechanisms)]
+    state = initial_state({**fields, "thetadot": None}, path, kind, system.coordinates, targets, start)
     try:
         answer = outside_of_traces(
             lambda: balance(system, wanted["masses"], above=wanted["above"], state=state, t=start)
@@ -152,7 +183,7 @@ def write_initial(system: System, state: State) -> dict[str, Any]:
             "Key `initial` must be a BallState or a DiskState to be written to a file, but it is a "
             f"{type(state).__name__}."
         )
-    driven = {name: getattr(state, name) if system.driven else None for name in ("theta", "thetadot")}
+    driven = {name: getattr(state, name) if system.coordinates else None for name in ("theta", "thetadot")}
     if isinstance(state, DiskState):
         fields = {name: getattr(state, name) for name in ("phi", "phidot", "z")}
         return write_table({**fields, **driven, "balance": None}, "initial", _DISK)

@@ -1,11 +1,12 @@
 """The schedules that a scenario file can hold, and their keys."""
 
+from collections.abc import Callable
 from typing import Any
 
 from ..interface.wording import counted
 from ..physics.schedules import ConstantRate, PiecewiseAcceleration, Pulse, Waypoints
 from .harmonics import SINUSOIDS
-from .table import Family, Key, Module, join
+from .table import Family, Key, Module, join, member_of
 from .traced import require
 from .values import ACCELERATION, ANGLE, INCREASING, RATE, TIME, Numbers, key_error
 
@@ -21,14 +22,16 @@ def _check_pulse(table: dict[str, Any], path: str) -> None:
         require(holds, join(path, later), f"{must} `{earlier}` = {first!r}", lambda second=second: repr(second))
 
 
-def _check_pieces(table: dict[str, Any], path: str) -> None:
-    times, rows = len(table["times"]), len(table["accelerations"])
-    if times != rows + 1:
-        raise key_error(
-            join(path, "accelerations"),
-            f"a list with a row for each interval between the {times} `times`",
-            f"one of {counted(rows, 'row')}",
-        )
+def row_for_each_interval(name: str, entry: str = "row") -> Callable[[dict[str, Any], str], None]:
+    """The check that the list ``name`` of a table has an ``entry`` for each interval between its ``times``."""
+
+    def check(table: dict[str, Any], path: str) -> None:
+        times, rows = len(table["times"]), len(table[name])
+        if times != rows + 1:
+            must = f"a list with a {entry} for each interval between the {times} `times`"
+            raise key_error(join(path, name), must, f"one of {counted(rows, entry)}")
+
+    return check
 
 
 def _check_waypoints(table: dict[str, Any], path: str) -> None:
@@ -66,7 +69,7 @@ SCHEDULES: Family = {
             "times": Key(TIMES),
             "accelerations": Key(Numbers((None, None), dimension=ACCELERATION)),
         },
-        check=_check_pieces,
+        check=row_for_each_interval("accelerations"),
     ),
     "waypoints": Module(
         Waypoints,
@@ -78,3 +81,4 @@ SCHEDULES: Family = {
         check=_check_waypoints,
     ),
 }
+SCHEDULE = Key(member_of(SCHEDULES))

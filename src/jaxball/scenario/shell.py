@@ -5,9 +5,13 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float
 
+from ..numerics import programs
+from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.breaches import breaches
+from ..physics.conditions import all_hold
 from ..physics.confinement import confined
 from ..physics.reach import surely_stay
 from ..physics.state import BallState, DiskState
@@ -23,13 +27,35 @@ def check_confined(system: System, times: Any, state: BallState | DiskState) -> 
     Where they are traced, it is a condition, which leaves those in doubt that may leave an open rail or the shell.
     """
     motions = [group.motion for group in system.groups]
-    if any_traced((system.radius, motions, times, state.theta)):
+    if any_traced((system.radius, motions, system.mechanism_groups, times, state.theta)):
         span = jnp.asarray(times)
         leave_open("masses", lambda: confined(system.prepare(), span, state), lambda: surely_stay(system, *span))
     if any_traced((system, times, state)):
         return
     for problem in breaches(system, times, np.asarray(state.theta)[None]):
         raise ScenarioError(problem.sentence("Key", key_of(problem.name)))
+
+
+def check_moved(system: System, start: Any, state: BallState | DiskState) -> None:
+    """Raises a :class:`ScenarioError` for the first free joint that moves no mass, so that nothing tells its θ̈.
+
+    Where it depends on traced numbers, it is a condition.
+    """
+    if not any(group.free for group in system.mechanism_groups):
+        return
+    if any_traced((system.mechanism_groups, system.radius, start, state.theta)):
+        leave_open("mechanisms", lambda: all_hold(system.start_conditions(to_array(start), state)))
+    if any_traced((system, start, state)):
+        return
+    if not bool(_all_moved(system, to_array(start), state)):
+        for condition in system.start_conditions(to_array(start), state):
+            for problem in condition.problems():
+                raise ScenarioError(problem.sentence("Key", key_of(problem.name)))
+
+
+@programs.filter_jit
+def _all_moved(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Bool[Array, ""]:
+    return all_hold(system.start_conditions(t, state))
 
 
 def message_in_keys(trajectory: Trajectory[Any, Any]) -> str:
@@ -43,4 +69,8 @@ def key_of(name: str) -> str:
         return "initial." + re.sub(r"^q\b", "versor", name.removeprefix("state."))
     if name.startswith("masses["):
         return re.sub(r"\.motion$", ".free", name).replace(".motion.", ".")
+    if name.startswith("mechanisms["):
+        return re.sub(r"\.mass$", ".masses", name).replace(".drive", ".force").replace(".terms[", "[")
+    if name.startswith(("ground.", "resistance.")):
+        return name
     return {"force": "force", "law": "actuation"}.get(name, join("body", name))

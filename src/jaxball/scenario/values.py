@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 from ..interface.wording import did_you_mean, nearest, one_of
 from ..numerics.arrays import is_traced
 from .errors import ScenarioError as ScenarioError, key_error as key_error, shown as shown
+from .paths import key_of
 from .traced import namespace, number, require
 
 
@@ -108,7 +109,7 @@ class Numbers:
         require(holds, path, self.words, lambda: shown(value))
         seen = _SEEN.get()
         if seen is not None:
-            seen[path] = self
+            seen[key_of(path)] = self
         return array if self.shape else number(array)
 
     def write(self, value: Any, path: str) -> Any:
@@ -140,7 +141,7 @@ _SEEN: ContextVar[dict[str, Numbers] | None] = ContextVar("_SEEN", default=None)
 
 @contextlib.contextmanager
 def kinds_of_numbers() -> Iterator[dict[str, Numbers]]:
-    """The kind of every number, and of every list of numbers, that is read within, by its path."""
+    """The kind of every number, and of every list of numbers, that is read within, by the path of its key."""
     seen: dict[str, Numbers] = {}
     token = _SEEN.set(seen)
     try:
@@ -186,13 +187,14 @@ class Flag:
 
 @dataclass(frozen=True)
 class Indices:
-    """Masses by their numbers, counted from 0."""
+    """Masses by their numbers, counted from 0; there may be none of them only if that is said."""
 
     words: str = "a list of increasing whole numbers, one or more, each the number of a mass counted from 0"
+    empty: bool = False
 
     def read(self, value: Any, path: str) -> tuple[int, ...]:
-        good = isinstance(value, list) and value and all(_is_integer(item) and item >= 0 for item in value)
-        if not good or sorted(set(value)) != value:
+        good = isinstance(value, list) and all(_is_integer(item) and item >= 0 for item in value)
+        if not good or sorted(set(value)) != value or not (value or self.empty):
             raise key_error(path, self.words, shown(value))
         return tuple(value)
 
