@@ -234,8 +234,7 @@ def test_masses_that_are_prescribed_beside_joints_that_are_driven():
     assert same_objects(scenario, read_scenario(write_scenario(scenario)))
 
 
-def test_prescribed_joints(monkeypatch):
-    monkeypatch.setattr("jaxball.scenario.files.check_confined", lambda system, times, state: None)
+def test_prescribed_joints():
     text = with_drive('schedule = { kind = "pulse", theta = 0.2 }')
     assert_reads(text, ball(mechanisms=[pendulum(jaxball.Pulse(0.2))]), BallState())
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, ArrayLike, Bool, Float
 from ..interface.wording import all_of, counted
 from ..numerics import programs
 from ..numerics.arrays import Numbers, concatenated, default_dtype, namespace_of, to_array
-from .breaches import breaches, force_in_plane
+from .breaches import breaches, in_plane
 from .conditions import Condition, Problem, all_hold, positive, positive_inertia, real_inertia
 from .confinement import beside, confined, time_of_leaving
 from .coupling import moved_masses
@@ -63,9 +63,10 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
             yield Condition(holds, names, group.mass, "a positive number")
         for index, mechanism in enumerate(self.mechanisms):
             yield from mechanism.conditions(f"mechanisms[{index}]")
-        for part in (self.ground, self.resistance):
-            if part is not None:
-                yield from part.conditions()
+        if self.ground is not None:
+            yield from self.ground.conditions(self.planar)
+        if self.resistance is not None:
+            yield from self.resistance.conditions()
 
     def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition]:
         if any(group.free for group in self.mechanism_groups):
@@ -151,13 +152,13 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
         return locked_field(self, t, packed)
 
     def confined(self, times: Float[Array, " T"], state: Any) -> Bool[Array, ""]:
-        return confined(self, times, state) & all_hold(force_in_plane(self, times))
+        return confined(self, times, state) & all_hold(in_plane(self, times))
 
     def time_of_leaving(self, times: Float[Array, " T"], states: Any) -> Float[Array, ""]:
         return time_of_leaving(self, times, states.theta)
 
     def breaches(self, times: Float[np.ndarray, " T"], state: Any | None, states: Any | None) -> Iterator[Problem]:
-        for condition in force_in_plane(self, jnp.asarray(times, default_dtype())):
+        for condition in in_plane(self, jnp.asarray(times, default_dtype())):
             yield from condition.problems()
         theta = states.theta if states is not None else None if state is None else state.theta[None]
         yield from breaches(self, times, None if theta is None else np.asarray(theta))

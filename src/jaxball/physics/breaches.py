@@ -1,6 +1,6 @@
 """What of a body breaks the rule of ``confinement``: which mass, where and when, and how far it is from the centre.
 
-A force that would turn a disk out of its plane is told here too.
+A force or a ground that would turn a disk out of its plane is told here too.
 """
 
 from collections.abc import Iterator
@@ -215,11 +215,13 @@ def _course(system: BodyParameters, motion: Any, t):
     return seen, time_of_crossing(system, prepared, seen)
 
 
-def force_in_plane(system: BodyParameters, times: Float[Array, " T"]) -> Iterator[Condition]:
-    """The condition on the force on a disk, as far as it is seen; traceable."""
-    if not system.planar or system.force is None:
-        return
-    forces = jax.vmap(system.force)(time_samples(times))
-    largest = jnp.max(jnp.abs(forces), axis=0)
-    holds = ~(largest[1] > rounding(forces) * jnp.max(largest))
-    yield Condition(holds, "force", forces[0], "in the plane of a disk, E1 and E3, at all times")
+def in_plane(system: BodyParameters, times: Float[Array, " T"]) -> Iterator[Condition]:
+    """The conditions on a disk's force and on the motion of its ground, as far as they are seen; traceable."""
+    motion = None if system.ground is None else system.ground.motion
+    for name, vector in (("force", system.force), ("ground.motion", motion)):
+        if not system.planar or vector is None:
+            continue
+        seen = jax.vmap(vector)(time_samples(times))
+        largest = jnp.max(jnp.abs(seen), axis=0)
+        holds = ~(largest[1] > rounding(seen) * jnp.max(largest))
+        yield Condition(holds, name, seen[0], "in the plane of a disk, E1 and E3, at all times")

@@ -114,7 +114,8 @@ def given_angles(system: BodyParameters, t: Float[Array, ""], state: State) -> R
     """θ, θ̇ and θ̈ of what a state's ``theta`` holds: θ̈ = u(t, state) of what a law drives, 0 of free joints."""
     if system.law is None:
         return state.theta, state.thetadot, jnp.zeros_like(state.theta)
-    thetaddot, driven = system.law(t, state), system.accelerated
+    driven = system.accelerated
+    thetaddot = system.law.among(driven, t, state)
     require_value("law", thetaddot, (len(driven),))
     if len(driven) < len(system.coordinates):
         places = np.full(len(system.coordinates), -1)

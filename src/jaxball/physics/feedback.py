@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from ..interface.arguments import require_callable, require_each
@@ -24,6 +25,10 @@ class AbstractLaw(Printed):
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
         """u(t, state)."""
+
+    def among(self, driven: Sequence[int], t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
+        """u(t, state), where ``driven`` are the places in the state's ``theta`` of what the law drives."""
+        return self(t, state)
 
     def require_driven(self, count: int) -> None:
         """Raises a ``ValueError`` where it is known that the law is not one for ``count`` driven masses."""
@@ -142,10 +147,15 @@ class Servo(AbstractLaw):
         _require_count("targets", self.targets, count)
 
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
+        return self.among(range(state.theta.shape[-1]), t, state)
+
+    def among(self, driven: Sequence[int], t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
+        places = np.asarray(driven, dtype=int)
         target, rate, acceleration = (
             jnp.stack(values) for values in zip(*(s.derivatives(t) for s in self.targets), strict=True)
         )
-        return acceleration - self.stiffness * (state.theta - target) - self.damping * (state.thetadot - rate)
+        theta, thetadot = state.theta[places], state.thetadot[places]
+        return acceleration - self.stiffness * (theta - target) - self.damping * (thetadot - rate)
 
     def kinks(self) -> Float[Array, " kinks"]:
         return jnp.concatenate([schedule.kinks() for schedule in self.targets])

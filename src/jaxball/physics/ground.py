@@ -19,6 +19,8 @@ from .conditions import Condition
 from .motion import AbstractPrescribedMotion
 from .schedules import AbstractSchedule
 
+ALONG = 1e-6  # how far the sine of a disk's heading may be from 0
+
 
 class Turntable(Printed):
     """A part of the plane that turns about its normal, without end.
@@ -92,12 +94,15 @@ class Ground(Printed):
         require("motion", self.motion, (AbstractPrescribedMotion, type(None)), must)
         require("turntable", self.turntable, (Turntable, type(None)), "a Turntable or None")
 
-    def conditions(self) -> Iterator[Condition]:
-        """What the tilt must be; traceable."""
+    def conditions(self, planar: bool = False) -> Iterator[Condition]:
+        """What the tilt must be; traceable. ``planar``: for a disk, which rolls along e1."""
         number = namespace_of(self.angle)
         tilted = "an angle of less than a right angle, π/2, either way"
         yield Condition(abs(self.angle) < number.pi / 2, "ground.angle", self.angle, tilted)
         yield Condition(number.isfinite(self.heading), "ground.heading", self.heading, "a finite number")
+        if planar:
+            along = abs(number.sin(self.heading)) < ALONG
+            yield Condition(along, "ground.heading", self.heading, "0 or π for a disk, which rolls along e1")
 
     def up(self) -> Float[Array, "3"]:
         """The vertical −**g**/g, space axes."""

@@ -125,10 +125,6 @@ def _check_targets(values: Any, path: str, names: Sequence[str], joints: Sequenc
             raise ScenarioError(f"Key `{joint.path}.schedule` must be {must}, but it is missing.")
     if values["form"] != "servo":
         return
-    free = [joint.path for joint in joints if not joint.accelerated]
-    if free:
-        must = f'"integrated" or "linear" where joints move under forces, as {all_of(free)}'
-        raise key_error(join(path, "form"), must, '"servo"')
     for name in ("stiffness", "damping"):
         if len(values[name]) != len(names):
             each = "one for each driven mass" if not joints else f"one for each of {all_of(names)}"

@@ -85,8 +85,8 @@ def balance(
     - ``state``: gives the orientation, and θ of the driven masses; upright if not given.
     - ``t``: the time at which the schedules and free motions are read.
 
-    **Raises:** ``ValueError`` when ``free`` names a mass that is not on a rail, or none, and when
-    ``guess`` has another length.
+    **Raises:** ``ValueError`` when ``free`` names a mass that is not on a rail, or none, when ``guess`` has another
+    length, and where the ground is tilted or moves.
 
     **Example:**
 
@@ -97,6 +97,11 @@ def balance(
       and one other solution, in `solutions`
     """
     require("system", system, (Ball, Disk), "a Ball or a Disk")
+    if system.ground is not None:
+        raise ValueError(
+            "Argument `system` must be on a level plane at rest, where the centre of mass is above or below the "
+            "geometric centre in equilibrium, but it has a `ground`."
+        )
     if isinstance(free, str) or not isinstance(free, Sequence | np.ndarray):
         raise refusal("free", "a list of indices of masses", free)
     rails, now = _free_rails(system, free, state, t)

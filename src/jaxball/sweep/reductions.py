@@ -63,7 +63,7 @@ def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
     if finds and not solved_in_lanes(template):
         raise StudyError(
             "Key `find` must be empty where runs are not computed in lanes, but it is not, and the scenario has an "
-            "implicit solver, driven masses, `dae`, `project` or `step_to_times`."
+            "implicit solver, `dae`, `project` or `step_to_times`."
         )
     for find in finds:
         find.reduction()
@@ -72,8 +72,7 @@ def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
 
 def solved_in_lanes(template: Scenario) -> bool:
     """Whether the rows of a study are computed in lanes."""
-    driven = isinstance(template.system, AbstractBody) and template.system.coordinates
-    plain = template.step_to_times or template.dae or template.project or driven
+    plain = template.step_to_times or template.dae or template.project
     return not plain and fits(SOLVERS[template.solver]())
 
 

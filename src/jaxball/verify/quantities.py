@@ -121,10 +121,11 @@ def moving_energy_balance(
     acting = load(system, t, state).with_torque(accelerations(system, t, state).dry)
     seen, aside = _in_space(system, t, state), in_three(state.z - ground.turntable.centre)
     L = seen.Pi[2] + cross(aside, seen.P)[2]
-    push = observables.friction
+    push, drift = observables.friction, ground.velocity(t, state.z)
     if acting.force is not None:
         push = push + apply(state.Lambda, acting.force)[:2]
-    rate = observables.power - jnp.sum(push * system.drift(t, state)) - Wdot * L
+    assert drift is not None
+    rate = observables.power - jnp.sum(push * drift) - Wdot * L
     if acting.torque is not None:
         rate = rate - W * dot(acting.torque, state.Gamma)
     return Balance(observables.energy - W * L, rate)

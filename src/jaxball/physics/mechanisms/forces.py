@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, PyTree
 
 from ...interface.arguments import require, require_callable, require_value
 from ...interface.printing import Printed
-from ...numerics.arrays import Numbers, concatenated, default_dtype, namespace_of, numbers, to_array
+from ...numerics.arrays import AnyArray, Numbers, concatenated, default_dtype, namespace_of, numbers, to_array
 from ..conditions import Condition
 from ..schedules import AbstractSchedule
 from ..signals import AbstractSignal, IntegratedSignal, PiecewiseSignal, as_signal
@@ -189,7 +189,7 @@ class Motor(AbstractJointForce):
             yield _not_negative(f"{name}.limit", self.limit, "0 or positive")
 
     def impulse(self, t):
-        return self.signal.impulse(t) if self._is_integrable else None
+        return self.signal.impulse(t) if self._is_integrable and isinstance(self.signal, AbstractSignal) else None
 
     def without_impulse(self, t, theta, thetadot, state):
         return jnp.zeros_like(theta) if self._is_integrable else self(t, theta, thetadot, state)
@@ -387,5 +387,5 @@ def _limited(force: Float[Array, ""], limit: Float[Array, ""] | None) -> Float[A
     return force if limit is None else jnp.clip(force, -limit, limit)
 
 
-def _not_negative(name: str, value: Float[Array, "*group"], must: str) -> Condition:
+def _not_negative(name: str, value: Float[AnyArray, "*group"], must: str) -> Condition:
     return Condition((value >= 0) & namespace_of(value).isfinite(value), name, value, must)

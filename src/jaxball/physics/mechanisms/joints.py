@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ...interface.arguments import require
 from ...interface.printing import Printed
-from ...numerics.arrays import namespace_of, numbers
+from ...numerics.arrays import AnyArray, namespace_of, numbers
 from ...numerics.trigonometry import sine_cosine
 from ...numerics.vectors import apply, dot, hat, outer
 from ..conditions import Condition
@@ -202,7 +202,7 @@ class Carriage(AbstractJoint):
         return Carriage(self.rail.prepare(), self.drive, self.on)
 
 
-def _a_direction(name: str, axis: Float[Array, "3"]) -> Condition:
+def _a_direction(name: str, axis: Float[AnyArray, "3"]) -> Condition:
     number = namespace_of(axis)
     holds = number.all(number.isfinite(axis)) & number.any(axis != 0)
     return Condition(holds, name, axis, "a direction, three finite numbers that are not all 0")
