@@ -2,8 +2,9 @@
 masses moving inside it, after Putkaradze & Rogers (2018).
 
 A body (``Ball``, ``Disk``) holds point masses (``PointMass``), each with a motion (``OnRail``, ``Driven``, ``Fixed``,
-``Free``, ``Oscillating``); ``simulate`` takes a body and times to a ``Trajectory``. Nothing is imported before its name
-is used, and neither are the packages:
+``Free``, ``Oscillating``), and mechanisms (``Mechanism``) of joints (``Hinge``, ``Slider``, ``Carriage``) under forces
+(``Motor``, ``Spring``); a ``Ground`` and a ``Resistance`` act on it. ``simulate`` takes a body and times to a
+``Trajectory``. Nothing is imported before its name is used, and neither are the packages:
 
 - ``chaos``, ``stability``: Lyapunov exponents, Poincaré maps; steady motions.
 - ``classical``: the heavy top, Suslov's problem and other systems.

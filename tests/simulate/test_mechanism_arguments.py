@@ -1,0 +1,185 @@
+"""Sentences for mechanisms, grounds and resistances that cannot be, and for states that are not theirs."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import CarriedMass, Hinge, Mechanism, Slider
+
+SHELL = {"mass": 1.0, "inertia": (0.4, 0.45, 0.5)}
+BOB = CarriedMass(0.5, (0.0, 0.0, -0.6))
+SWINGING = jaxball.BallState(theta=[0.3], thetadot=[0.0])
+
+
+def hinge(axis=(0.0, 1.0, 0.0), drive=None, on=None):
+    return Hinge(axis, drive=drive, on=on)
+
+
+@pytest.mark.parametrize(
+    ("make", "kind", "sentence"),
+    [
+        (
+            lambda: Mechanism([hinge(), hinge()], [CarriedMass(0.5, joint=0)]),
+            ValueError,
+            r"`joints\[1\]` must move some",
+        ),
+        (lambda: Mechanism([hinge(on=1), hinge(on=0)], [BOB]), ValueError, r"`joints\[0\].on` must .* in a circle"),
+        (
+            lambda: Mechanism([hinge()], [CarriedMass(0.5, joint=1)]),
+            ValueError,
+            r"`masses\[0\].joint` must be the index",
+        ),
+        (lambda: Mechanism([BOB], [BOB]), TypeError, r"`joints\[0\]` must be a joint"),
+        (lambda: hinge(drive=3.0), TypeError, "`drive` must be a schedule of θ, a force on the joint"),
+        (lambda: jaxball.Motor("fast"), TypeError, "`signal` must be a number, a signal"),
+        (lambda: jaxball.PiecewiseSignal([0.0, 1.0], [1.0, 2.0]), ValueError, "`values` must have the shape"),
+        (lambda: jaxball.Ground(motion=3.0), TypeError, "`motion` must be a motion of the plane"),
+        (lambda: jaxball.Turntable(2.0), TypeError, "`turning` must be a schedule"),
+        (lambda: jaxball.Ball(**SHELL, ground=0.1), TypeError, "`ground` must be a Ground or None"),
+        (lambda: jaxball.Ball(**SHELL, mechanisms=[hinge()]), TypeError, r"`mechanisms\[0\]` must be a mechanism"),
+        (
+            lambda: jaxball.Ball(**SHELL, mechanisms=[Mechanism([hinge(drive=jaxball.Accelerated())], [BOB])]),
+            ValueError,
+            r"`law` must be a feedback law, because one drives mechanisms\[0\].joints\[0\]",
+        ),
+        (
+            lambda: jaxball.Disk(
+                mass=1.0, inertia=0.5, ground=jaxball.Ground(turntable=jaxball.Turntable(jaxball.ConstantRate(0.0)))
+            ),
+            ValueError,
+            "`ground` must have no turntable under a disk",
+        ),
+    ],
+)
+@pytest.mark.usefixtures("no_type_checks")
+def test_what_cannot_be_made(make, kind, sentence):
+    with pytest.raises(kind, match=sentence):
+        make()
+
+
+def ball(drive=None, **parts):
+    return jaxball.Ball(**SHELL, mechanisms=[Mechanism([hinge(drive=drive)], [BOB])], **parts)
+
+
+@pytest.mark.parametrize(
+    ("system", "sentence"),
+    [
+        (ball(jaxball.Damper(-0.1)), r"`mechanisms\[0\].joints\[0\].drive.coefficient` must be 0 or positive"),
+        (ball(jaxball.Spring(1.0) + jaxball.Damper(-0.1)), r"joints\[0\].drive.terms\[1\].coefficient` must be"),
+        (ball(jaxball.Motor(1.0, limit=-1.0)), r"joints\[0\].drive.limit` must be 0 or positive"),
+        (ball(jaxball.EndStops(1.0, -1.0, stiffness=1.0)), r"joints\[0\].drive.lower` must be less than `upper`"),
+        (ball(resistance=jaxball.Resistance(rolling=-0.1)), "`resistance.rolling` must be 0 or positive, unless"),
+        (ball(resistance=jaxball.Resistance(dry=0.1, smoothing=0.0)), "`resistance.smoothing` must be a positive"),
+        (ball(ground=jaxball.Ground(angle=2.0)), "`ground.angle` must be an angle of less than a right angle"),
+    ],
+)
+def test_numbers_that_cannot_be(system, sentence):
+    run = jaxball.simulate(system, [0.0, 1.0], SWINGING)
+    assert run.status == jaxball.Status.IMPOSSIBLE
+    with pytest.raises(jaxball.SolveError, match=sentence):
+        run.raise_if_failed()
+
+
+def test_what_is_allowed_if_it_is_said():
+    system = ball(jaxball.Damper(-0.1, negative=True), resistance=jaxball.Resistance(rolling=-0.1, negative=True))
+    assert jaxball.problems(system, SWINGING) == []
+
+
+def test_joints_whose_inertia_is_singular_are_named():
+    on_the_axis = Mechanism([hinge()], [CarriedMass(0.5, (0.0, 0.3, 0.0))])
+    (problem,) = jaxball.problems(jaxball.Ball(**SHELL, mechanisms=[on_the_axis]), SWINGING)
+    assert problem.startswith("Argument `mechanisms[0].joints[0]` must be a joint that moves some mass")
+    pendulum = jaxball.Ball(**SHELL, mechanisms=[jaxball.spherical_pendulum(0.5, 0.6)])
+    aligned = jaxball.BallState(theta=[0.0, np.pi / 2], thetadot=[0.0, 0.0])
+    (problem,) = jaxball.problems(pendulum, aligned)
+    assert problem.startswith("Argument `mechanisms[0].joints[0]` must be a joint that moves some mass")
+    assert jaxball.simulate(pendulum, [0.0, 1.0], aligned).status == jaxball.Status.IMPOSSIBLE
+    assert jaxball.problems(pendulum, jaxball.BallState(theta=[0.0, 1.5], thetadot=[0.0, 0.0])) == []
+
+
+def test_states_need_the_angles_of_joints():
+    with pytest.raises(ValueError, match=r"it holds the angles of mechanisms\[0\].joints\[0\]"):
+        jaxball.simulate(ball(), [0.0, 1.0])
+    with pytest.raises(ValueError, match=r"must have 1 entries in theta and in thetadot, those of mechanisms\[0\]"):
+        jaxball.simulate(ball(), [0.0, 1.0], jaxball.BallState())
+
+
+def test_a_reduced_ball_knows_no_ground():
+    reduced = jaxball.ReducedState(theta=[0.3], thetadot=[0.0])
+    with pytest.raises(ValueError, match="must have no `ground` that is tilted or moves in the reduced system"):
+        jaxball.simulate(ball(ground=jaxball.Ground(angle=0.1)), [0.0, 1.0], reduced)
+    slowed = ball(resistance=jaxball.Resistance(rolling=0.1, dry=0.05))
+    full = jaxball.simulate(slowed, [0.0, 1.0], SWINGING).state
+    found = jaxball.simulate(slowed, [0.0, 1.0], reduced).state
+    np.testing.assert_allclose(found.theta, full.theta, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.Omega, full.Omega, rtol=0, atol=1e-9)
+
+
+def test_a_mass_that_a_force_pushes_out_is_told():
+    pushed = jaxball.Ball(**SHELL, mechanisms=[jaxball.mass_in_tube(0.5, (1.0, 0.0, 0.0), drive=jaxball.Motor(1.0))])
+    run = jaxball.simulate(pushed, np.linspace(0.0, 1.0, 11), jaxball.BallState(theta=[0.9], thetadot=[0.0]))
+    assert run.status == jaxball.Status.LEFT_SHELL
+    assert "`mechanisms[0]` must keep its masses inside the shell of radius 1, with end stops" in run.message
+    stops = jaxball.Motor(1.0) + jaxball.EndStops(-0.9, 0.9, stiffness=1e3, damping=1.0)
+    held = jaxball.Ball(**SHELL, mechanisms=[jaxball.mass_in_tube(0.5, (1.0, 0.0, 0.0), drive=stops)])
+    run = jaxball.simulate(held, np.linspace(0.0, 1.0, 11), jaxball.BallState(theta=[0.8], thetadot=[0.0]))
+    assert run.ok
+
+
+def test_a_disk_turns_in_its_plane():
+    aside = jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=[jaxball.planar_pendulum(0.5, 0.6, axis=(1.0, 0.0, 0.0))])
+    still = jaxball.DiskState(theta=[0.0], thetadot=[0.0])
+    (problem,) = jaxball.problems(aside, still)
+    assert "`mechanisms[0]` must move its masses in the plane of a disk" in problem
+    for ground in (jaxball.Ground(0.1, heading=0.5), jaxball.Ground(motion=jaxball.Free(sideways))):
+        tilted = jaxball.Disk(mass=1.0, inertia=0.5, ground=ground)
+        (problem,) = jaxball.problems(tilted, jaxball.DiskState(), t=[0.0, 1.0])
+        assert problem.startswith("Argument `ground.")
+
+
+def sideways(t, parameters):
+    return jnp.stack([jnp.zeros_like(t), jnp.sin(t), jnp.zeros_like(t)])
+
+
+def test_a_disk_with_mechanisms_rolls_like_the_ball_in_which_it_is_embedded():
+    disk = jaxball.Disk(
+        mass=1.0,
+        inertia=0.5,
+        mechanisms=[
+            jaxball.double_pendulum((0.3, 0.2), (0.4, 0.3)),
+            Mechanism([Slider((1.0, 0.0, 0.3))], [CarriedMass(0.1)]),
+        ],
+        ground=jaxball.Ground(angle=0.1),
+        resistance=jaxball.Resistance(rolling=0.05, drag=0.02),
+    )
+    start = jaxball.DiskState(phi=0.2, phidot=-0.3, theta=[0.4, -0.2, 0.1], thetadot=[0.1, 0.3, 0.0])
+    flat = jaxball.simulate(disk, [0.0, 1.0], start).raise_if_failed().state
+    space = jaxball.simulate(disk.embedded(), [0.0, 1.0], start.in_space()).raise_if_failed().state
+    np.testing.assert_allclose(flat.theta, space.theta, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(flat.z, space.z[:, 0], rtol=0, atol=1e-9)
+
+
+def test_a_servo_drives_a_mass_beside_a_free_joint():
+    target = jaxball.ConstantRate(1.0)
+    system = jaxball.Ball(
+        **SHELL,
+        masses=[jaxball.PointMass(0.1, jaxball.Driven(jaxball.Circle(0.5)))],
+        mechanisms=[Mechanism([hinge()], [BOB])],
+        law=jaxball.Servo((target,), stiffness=[9.0], damping=[6.0]),
+    )
+    start = jaxball.BallState(theta=[0.0, 0.3], thetadot=[0.0, 0.0])
+    run = jaxball.simulate(system, [0.0, 2.0], start).raise_if_failed()
+    exact = 1.0 - (1.0 + 3.0 * 2.0) * np.exp(-3.0 * 2.0)  # critically damped
+    np.testing.assert_allclose(run.state.theta[-1, 0], exact, rtol=0, atol=1e-9)
+
+
+def test_an_event_at_a_joint_ends_a_run():
+    hanging = jaxball.Event(first_angle, terminal=True)
+    run = jaxball.simulate(ball(), [0.0, 5.0], SWINGING, events={"hangs": hanging})
+    assert run.status == jaxball.Status.EVENT
+    np.testing.assert_allclose(run.events["hangs"].state.theta[0], 0.0, rtol=0, atol=1e-9)
+
+
+def first_angle(system, t, state):
+    return state.theta[0]
