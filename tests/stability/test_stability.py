@@ -125,8 +125,10 @@ def test_a_disk_rocks():
 def test_wrong_arguments(lopsided):
     force = jaxball.HarmonicForce(np.zeros(3), np.ones((1, 3)), [1.0], [0.0])
     pushed = jaxball.Ball(mass=1.0, inertia=D, force=force)
-    with pytest.raises(ValueError, match="must have no force"):
-        stability(pushed, jaxball.BallState())
+    with pytest.raises(ValueError, match="must have no external force in the reduced system"):
+        stability(pushed, jaxball.ReducedState())
+    with pytest.raises(ValueError, match="on a level ground at rest, without force and resistance"):
+        permanent_rotations(pushed)
     with pytest.raises(ValueError, match="must be a body of revolution about E3"):
         steady_rolling(lopsided, 0.3, 1.0)
     with pytest.raises(ValueError, match="`precession` must not be zero"):

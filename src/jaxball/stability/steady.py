@@ -26,7 +26,8 @@ ZERO = 1e-5  # the size that counts as zero: a threefold zero is found as the cu
 class SteadyMotion(Printed):
     """A motion whose state is constant, or turns about E3 at a constant rate, and its linear stability.
 
-    - ``state``: the point of the phase space: a :class:`~jaxball.ReducedState`, or the state of a disk.
+    - ``state``: the point of the phase space: a :class:`~jaxball.ReducedState`, the state of a disk, or a
+      :class:`~jaxball.BallState` where a force acts or the ground is tilted or moves.
     - ``turning``: the rate at which Ω and Γ turn about E3 in the body, rad/time; not zero for a body of revolution
       only.
     - ``residual``: the largest rate of change of the state beside this turning.
@@ -71,11 +72,12 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
 
     **Arguments:**
 
-    - ``state``: of any kind; place and heading do not matter.
+    - ``state``: of any kind; place and heading do not matter, unless a force acts or the ground is tilted or moves:
+      there, it is a state at rest, and the zeros among the eigenvalues are those of the place and of |q| = 1.
     - ``turning``: the rate at which Ω and Γ turn about E3, for a body of revolution; see :func:`steady_rolling`.
     - ``t``: the time at which schedules are read; the masses must be at rest in the body then, and stay so.
 
-    **Raises:** ``TypeError`` for a state of another kind of system, and ``ValueError`` where a force acts.
+    **Raises:** ``TypeError`` for a state of another kind of system.
 
     **Example:**
 
@@ -86,11 +88,6 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
     'The motion is unstable, a saddle: deviations grow as exp(0.308607 t).'
     """
     state = phase_point(system, state)
-    if system.force is not None or system.ground is not None:
-        raise ValueError(
-            "Argument `system` must have no force and a level ground at rest, because their directions change in the "
-            "body."
-        )
     rates, derivative, normal = _linearised(system, state, to_array(turning), to_array(t))
     eigenvalues = np.linalg.eigvals(_on_tangent(np.asarray(derivative), normal)).astype(complex)
     eigenvalues = eigenvalues[np.lexsort((-np.imag(eigenvalues), -np.real(eigenvalues).round(12)))]
@@ -111,10 +108,10 @@ def require_prescribed(ball: Ball) -> None:
             f"Argument `ball` must have nothing that moves by a law or freely, but {moving} do; hold these with a "
             "schedule."
         )
-    if ball.ground is not None or ball.resistance is not None:
+    if not ball.is_reducible or ball.resistance is not None:
         raise ValueError(
-            "Argument `ball` must roll on a level ground at rest without resistance, but it has a `ground` or a "
-            "`resistance`; `stability` takes any steady motion."
+            "Argument `ball` must roll on a level ground at rest, without force and resistance, but it has a `force`, a "
+            "`ground` or a `resistance`; `stability` takes any steady motion."
         )
 
 
