@@ -110,8 +110,8 @@ def require_prescribed(ball: Ball) -> None:
         )
     if not ball.is_reducible or ball.resistance is not None:
         raise ValueError(
-            "Argument `ball` must roll on a level ground at rest, without force and resistance, but it has a `force`, a "
-            "`ground` or a `resistance`; `stability` takes any steady motion."
+            "Argument `ball` must roll on a level ground at rest, without force and resistance, but it has a `force`, "
+            "a `ground` or a `resistance`; `stability` takes any steady motion."
         )
 
 
