@@ -41,7 +41,8 @@ _SENTENCES = {
     ),
     Status.NOT_FINITE: (
         "The solve stopped at t = {reached:.10g} before t = {end:.10g}, because the equations of motion "
-        "give a number that is not finite there; look at the schedules, rails and forces at that time."
+        "give a number that is not finite there; look at the schedules, rails and forces at that time, and at "
+        "dry friction, which may be too large for the normal force to have a solution (Painlevé's paradox)."
     ),
     Status.IMPOSSIBLE: "The solve did not start, because no body can have these parameters or this initial state.",
     Status.SOLVER_FAILED: (
