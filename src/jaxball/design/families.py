@@ -107,6 +107,7 @@ def objectives_of(plane: Plane) -> Family:
         "acceleration-effort": Module(objectives.AccelerationEffort, WEIGHT),
         "power-effort": Module(objectives.PowerEffort, WEIGHT),
         "force-effort": Module(objectives.ForceEffort, WEIGHT),
+        "joint-effort": Module(objectives.JointEffort, WEIGHT),
     }
 
 
@@ -120,6 +121,7 @@ def constraints_of(plane: Plane) -> Family:
         "speed-limit": Module(constraints.SpeedLimit, {"most": Key(SIZE)}),
         "acceleration-limit": Module(constraints.AccelerationLimit, {"most": Key(SIZE)}),
         "force-limit": Module(constraints.ForceLimit, {"most": Key(SIZE)}),
+        "joint-effort-limit": Module(constraints.JointEffortLimit, {"most": Key(SIZE)}),
         "normal-force": Module(constraints.NormalForce, {"least": Key(NUMBER)}),
         "friction": Module(constraints.Friction, {"mu": Key(SIZE)}),
         "clear-of-obstacles": Module(constraints.ClearOfObstacles, _discs(plane), check=_check_discs),

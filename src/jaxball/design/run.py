@@ -13,6 +13,7 @@ from ..physics.body import System
 from ..physics.dynamics import accelerations, given_angles
 from ..physics.energy import accelerations_of_masses
 from ..physics.load import load
+from ..physics.mechanisms import AbstractMechanism, Mechanism, Slider
 from ..physics.moments import kinematics, point_mass_values
 from ..physics.motion import Driven, Kinematics, OnRail
 from ..physics.observables import Observables, observe
@@ -120,6 +121,13 @@ class Run(eqx.Module):
         return jnp.sum(self.forces[:, : self.system.n_masses] * self.on_rails.tangent, axis=-1)
 
     @property
+    def joint_efforts(self) -> Float[Array, "t joints"]:
+        """Q of every joint: the force of a slider in units of M g, the torque of any other in units of M g r."""
+        joints = [joint for mechanism in self.system.mechanisms for joint in _kinds(mechanism)]
+        lengths = jnp.stack([jnp.ones_like(self.length) if joint is Slider else self.length for joint in joints])
+        return self.observables.joint_efforts / (self.weight * lengths)[None]
+
+    @property
     def on_rails(self) -> OnRails:
         """θ and its rates."""
         prepared = self.system.prepare()
@@ -179,6 +187,13 @@ def _on_rails(system: System, t: Float[Array, ""], state: BallState | DiskState)
         return OnRails(nothing, nothing, nothing, jnp.zeros_like(t, shape=(0, 3)))
     order = np.argsort(np.concatenate([np.asarray(indices) for indices in system.order]))
     return OnRails(*(jnp.concatenate(arrays)[order] for arrays in zip(*parts, strict=True)))
+
+
+def _kinds(mechanism: AbstractMechanism) -> list[type | None]:
+    """The kinds of a mechanism's joints; None where they are not known."""
+    if isinstance(mechanism, Mechanism):
+        return [type(joint) for joint in mechanism.joints]
+    return [None] * mechanism.n_joints
 
 
 def _curves(system: System, samples: int) -> Curves:

@@ -10,6 +10,7 @@ from .contact import (
 from .masses import (
     AccelerationLimit as AccelerationLimit,
     ForceLimit as ForceLimit,
+    JointEffortLimit as JointEffortLimit,
     MassesApart as MassesApart,
     SpeedLimit as SpeedLimit,
 )

@@ -76,6 +76,21 @@ class AccelerationLimit(_Limit):
         return jnp.abs(run.system.gravity)
 
 
+class JointEffortLimit(_Limit):
+    """|Q| ≤ most for every joint of the mechanisms, a torque or the force along a slider; shape (t, joints).
+
+    **Arguments:**
+
+    - ``most``: mass length²/time² of a torque, mass length/time² of a force.
+    """
+
+    def vectors(self, run: Run):
+        return run.observables.joint_efforts[..., None]
+
+    def unit(self, run: Run):
+        return run.weight * run.length
+
+
 class ForceLimit(_Limit):
     """|F·τ| ≤ most, the force on each mass along its rail; shape (t, n).
 

@@ -3,6 +3,7 @@
 from .actuation import (
     AccelerationEffort as AccelerationEffort,
     ForceEffort as ForceEffort,
+    JointEffort as JointEffort,
     MassesNearCentre as MassesNearCentre,
     PowerEffort as PowerEffort,
 )

@@ -44,6 +44,18 @@ class ForceEffort(AbstractRunningObjective):
         return jnp.sum(run.forces_along**2, axis=-1) / run.weight**2
 
 
+class JointEffort(AbstractRunningObjective):
+    """The mean of Σ Q² over the joints of mechanisms, a torque in units of M g r and a force in units of M g.
+
+    **Arguments:**
+
+    - ``weight``: by what it is multiplied in the sum of objectives.
+    """
+
+    def integrand(self, run: Run):
+        return jnp.sum(run.joint_efforts**2, axis=-1)
+
+
 class MassesNearCentre(AbstractRunningObjective):
     """The mean of Σ |χ|² / r² over the point masses: it keeps them from the ends of straight tubes.
 
