@@ -22,6 +22,9 @@ NAMES = (
     "rolling-robot",
     "routh-sphere",
     "six-tubes",
+    "three-rotors",
+    "turntable",
+    "vibrating-plane",
 )
 CLASSICAL = ("free-rigid-body", "heavy-top", "nonholonomic-particle", "suslov", "vakonomic-particle")
 
