@@ -71,3 +71,91 @@ def test_a_shaken_ball_rocks_up_as_mathieus_equation_says():
     halves = times < 10
     assert np.max(np.abs(angle[~halves])) > 3 * np.max(np.abs(angle[halves]))
     assert np.max(np.abs(angle)) < 0.1
+
+
+def test_an_axisymmetric_pendulum_goes_round_steadily():
+    """w is that of the document, and the radius of the centre's circle is m l sin a / (m + mc).
+
+    By Newton and Euler in the axes of the common centre of mass, in which the pivot is a sled of mass mc = m0 + d / r².
+    """
+    trajectory, times, seen = run("axisymmetric-pendulum")
+    m, l, a, s, mc, C, i = 0.6, 0.5, 0.6, 4.0, 1.0 + 0.4, 0.6 * 0.3**2, 0.6 * 0.3**2 / 2
+    A, B = (i + m * l**2 * mc / (m + mc)) * np.cos(a), C * s
+    turn = np.exp(1j * (-B + np.sqrt(B**2 + 4 * A * m * l)) / (2 * A) * times)
+    ring = np.mean(np.asarray(seen.mass_positions_space), axis=1)
+    np.testing.assert_allclose(ring[:, 2], -l * np.cos(a), atol=1e-7)
+    np.testing.assert_allclose(ring[:, 0] + 1j * ring[:, 1], l * np.sin(a) * turn, atol=1e-7)
+    z = np.asarray(trajectory.state.z)
+    np.testing.assert_allclose(z[:, 0] + 1j * z[:, 1], m * l * np.sin(a) / (m + mc) * (1 - turn), atol=1e-7)
+
+
+def test_the_spin_of_a_gyroscopic_pendulum_is_the_impulse_of_its_motor():
+    """C (n·ω) = ∫Q, with the rod n and ω = Ω + θ̇₁ E₂ + θ̇₂ w₂ + θ̇₃ n of the ring, all in body axes."""
+    trajectory, times, seen = run("gyroscopic-pendulum")
+    (t1, t2, _), rates = np.asarray(seen.joint_angles).T, np.asarray(seen.joint_rates)
+    second = np.stack([np.cos(t1), 0 * t1, -np.sin(t1)], axis=1)
+    rod = -np.stack([np.sin(t1) * np.cos(t2), -np.sin(t2), np.cos(t1) * np.cos(t2)], axis=1)
+    omega = trajectory.state.Omega + rates[:, :1] * [0, 1, 0] + rates[:, 1:2] * second + rates[:, 2:] * rod
+    impulse = np.interp(times, [0, 5, 10], [0, 1.0, 0.75])
+    np.testing.assert_allclose(0.8 * 0.4**2 * np.sum(omega * rod, axis=1), impulse, atol=1e-7)
+    ring = np.mean(np.asarray(seen.mass_positions_body), axis=1)
+    np.testing.assert_allclose(ring, 0.4 * rod, atol=1e-12)
+    assert np.linalg.norm(trajectory.state.z[-1]) > 0.2
+
+
+def test_moball_rests_where_the_sum_of_its_forces_points_down():
+    """At rest κ θ_j = Q_j − m g Γ·n_j, and Σ m θ_j n_j points down. With Σ n_j n_j = 2·1, so does Σ Q_j n_j.
+
+    The ball is damped almost as much as makes it rest soonest, and its swing dies at a rate of about 0.4.
+    """
+    trajectory, _, seen = run("moball")
+    f = np.array([4.0, 2.0, -3.0])
+    G = np.asarray(seen.vertical_body)[-1]
+    np.testing.assert_allclose(G, -f / np.linalg.norm(f), atol=1e-3)
+    along = np.stack([f, -f], axis=1).ravel() / 2
+    weight = 0.3 * 10 * np.stack([G, -G], axis=1).ravel()
+    np.testing.assert_allclose(seen.joint_angles[-1], (along - weight) / 20, atol=1e-3)
+    assert np.linalg.norm(trajectory.state.Omega[-1]) < 1e-3
+
+
+def test_roboball_rolls_at_the_speed_at_which_motor_weight_and_resistance_balance():
+    """3 (1 − v/4) = v + 0.02 M g r, and the pendulum stays where its weight has this torque; M g r = 18.
+
+    The ball nears this at a rate of about (1 + 3/4) / (0.6 + 1.8), so e^−14 of it is missing; the smoothing of the dry
+    friction leaves out 1e-6 / (2 v²) of it.
+    """
+    trajectory, _, seen = run("roboball")
+    v = (3 - 0.02 * 18) / (1 + 3 / 4)
+    torque = 3 * (1 - v / 4)
+    np.testing.assert_allclose(trajectory.state.Omega[-1], [0, v, 0], atol=1e-5)
+    np.testing.assert_allclose(seen.mass_positions_space[-1, 0, 0], torque / (0.8 * 10), atol=1e-5)
+    np.testing.assert_allclose(seen.joint_efforts[-1], [-torque], atol=1e-5)
+
+
+def test_spokes_keep_the_momentum_of_a_balanced_ball():
+    """(J + M r²) ω_h and J ω₃ stay, with J = 0.4 + 4/3 θ² of the four masses of 0.5 at θ from the centre."""
+    trajectory, times, seen = run("spokes")
+    theta = 0.5 + 0.4 * np.sin(times)
+    J, omega = 0.4 + 4 / 3 * theta[:, None] ** 2, np.asarray(seen.angular_velocity_space)
+    momentum = (J + np.array([3.0, 3.0, 0.0])) * omega
+    at_start = (0.4 + 1 / 3 + np.array([3.0, 3.0, 0.0])) * [0.2, 0.5, 0.3]
+    np.testing.assert_allclose(momentum - at_start, 0.0, atol=1e-8)
+    np.testing.assert_allclose(np.asarray(trajectory.state.z) @ np.array([0.2, 0.5]), 0.0, atol=1e-8)
+
+
+def test_a_pendulum_held_to_the_side_leads_the_ball_round_a_circle():
+    """Of radius ρ, with the pendulum at s < 0 outward of the centre and h below it, and no spin about the vertical.
+
+    The yoke's axis is along e3 + (ρ / r) e_ρ, and the torques about the tangent are in balance where
+    s m g = W² ((m h − m r)(ρ + s) − (d / r + m0 r) ρ).
+    """
+    trajectory, times, seen = run("pendulum-and-yoke")
+    s, h, rho, m = -0.5 * np.sin(0.3), 0.5 * np.cos(0.3), 2.0, 0.8
+    W = np.sqrt(s * m * 10 / ((m * h - m) * (rho + s) - (0.4 + 1) * rho))
+    turn = 1j * np.exp(1j * W * times)
+    z, place = np.asarray(trajectory.state.z), np.asarray(seen.mass_positions_space)[:, 0]
+    np.testing.assert_allclose(z[:, 0] + 1j * z[:, 1], rho * (turn - 1j), atol=1e-7)
+    np.testing.assert_allclose(place[:, 0] + 1j * place[:, 1], s * turn, atol=1e-7)
+    np.testing.assert_allclose(place[:, 2], -h, atol=1e-7)
+    np.testing.assert_allclose(seen.angular_velocity_space[:, 2], 0.0, atol=1e-7)
+    assert W * times[-1] > 2 * np.pi
