@@ -11,17 +11,26 @@ import pytest
 from jaxball.scenario import builtin_scenarios, builtin_text, builtin_title, load_scenario
 
 NAMES = (
+    "axisymmetric-pendulum",
     "ball",
     "chaplygin-sphere",
     "chaplygin-top",
     "disk",
     "disk-in-ball",
     "ellipse-and-eight",
+    "gyroscopic-pendulum",
+    "moball",
     "pendulum",
+    "pendulum-and-yoke",
     "pendulum-on-a-slope",
+    "roboball",
     "rolling-robot",
     "routh-sphere",
     "six-tubes",
+    "spokes",
+    "three-rotors",
+    "turntable",
+    "vibrating-plane",
 )
 CLASSICAL = ("free-rigid-body", "heavy-top", "nonholonomic-particle", "suslov", "vakonomic-particle")
 
