@@ -10,7 +10,7 @@ from jaxball.physics.dynamics import accelerations
 from tests.support import lagrange, newton_euler, robots
 
 MOMENTS = 5  # of each robot, by one compiled program
-SEEDS = [*range(3), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 15))]
+SEEDS = [*range(3), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(3, 8))]
 
 
 def constant_acceleration(t, acceleration):

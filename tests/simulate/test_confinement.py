@@ -115,7 +115,8 @@ def test_a_mass_that_leaves_the_shell_does_so_at_its_time(motion, when, furthest
     # The equations do not know where the shell is.
     unbounded = simulate(body, TIMES, inside=False)
     assert unbounded.ok
-    np.testing.assert_allclose(unbounded.state.z, run.state.z, rtol=0, atol=1e-14)
+    # Two programs, whose steps differ by rounding.
+    np.testing.assert_allclose(unbounded.state.z, run.state.z, rtol=0, atol=1e-13)
     # It is the mass that counts on an open rail, and it is inside for as long as that.
     assert simulate(body, TIMES[when > TIMES]).ok
 

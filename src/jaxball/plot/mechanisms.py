@@ -88,7 +88,7 @@ def joint_efforts(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
 
-    **Raises:** as :func:`joint_angles`.
+    **Raises:** as :func:`joint_angles`, also for a three-dimensional ``ax``.
     """
     run = _record(trajectory)
     ax = _over_time(trajectory, run.times, run.observables.joint_efforts, "Q", "joint effort", ax)

@@ -17,7 +17,7 @@ def builtin_scenarios() -> tuple[str, ...]:
 
     >>> from jaxball.scenario import builtin_scenarios
     >>> builtin_scenarios()[:3]
-    ('ball', 'chaplygin-sphere', 'chaplygin-top')
+    ('axisymmetric-pendulum', 'ball', 'chaplygin-sphere')
     """
     return tuple(sorted(name.removesuffix(".toml") for name in os.listdir(_FOLDER) if name.endswith(".toml")))
 
