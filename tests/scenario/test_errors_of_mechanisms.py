@@ -116,12 +116,6 @@ CASES = {
         with_law('form = "integrated"'),
         f'{JOINT}.schedule` must be a table where `actuation.form` is "integrated", which follows it, but it is ',
     ),
-    "a servo beside a free joint": (
-        with_parts(PENDULUM, PENDULUM.replace("axis = [0, 1, 0]", f"axis = [0, 1, 0], {TURNING}"))
-        + '[actuation]\nform = "servo"\nstiffness = [1]\ndamping = [1]\n',
-        'Key `actuation.form` must be "integrated" or "linear" where joints move under forces, as '
-        'mechanisms[0].joints[0], but it is "servo".',
-    ),
     "gains for joints": (
         with_law('form = "servo"\nstiffness = [1, 2]\ndamping = [1]', TURNING),
         "Key `actuation.stiffness` must be a list of 1 number, one for each of mechanisms[0].joints[0], but it is one ",

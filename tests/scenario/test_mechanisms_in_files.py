@@ -225,6 +225,15 @@ def test_accelerated_joints_follow_schedules():
     assert_reads(servo, ball(mechanisms=[pendulum(Accelerated())], law=law), BallState(theta=[0.1], thetadot=[0.5]))
 
 
+def test_a_servo_beside_a_free_joint():
+    text = BALL + PENDULUM.replace("axis = [0, 1, 0]", f"axis = [0, 1, 0], {TURNING}") + PENDULUM
+    text += '[actuation]\nform = "servo"\nstiffness = [4]\ndamping = [2]\nmasses = []\n[initial]\ntheta = [0.1, 0.2]\n'
+    scenario = read_scenario(text)
+    assert len(scenario.system.accelerated) == 1
+    assert len(scenario.system.coordinates) == 2
+    assert same_objects(scenario, read_scenario(write_scenario(scenario)))
+
+
 def test_masses_that_are_prescribed_beside_joints_that_are_driven():
     text = BALL + PENDULUM.replace("axis = [0, 1, 0]", f"axis = [0, 1, 0], {TURNING}")
     every, none = (text + f'[actuation]\nform = "integrated"\n{which}' for which in ("", "masses = []\n"))
