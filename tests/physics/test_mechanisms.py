@@ -96,6 +96,63 @@ def cases(request):
     return cases
 
 
+def turned(axis, point, angle, x):
+    """x turned about an axis through a point: Rodrigues' formula."""
+    n, arm = axis / jnp.linalg.norm(axis), x - point
+    along = jnp.dot(n, arm) * n
+    return point + along + jnp.cos(angle) * (arm - along) + jnp.sin(angle) * jnp.cross(n, arm)
+
+
+AXIS, POINT, SLIDE, BACK = (
+    jnp.asarray(v) for v in ((0.2, 1.0, 0.3), (0.1, 0.0, 0.2), (0.6, 0.0, 0.8), (1.0, 0.0, 0.4))
+)
+BRANCHES = (0.3, 0.2, 0.4)
+
+
+def of_branches(theta, _):
+    """A hinge that carries a mass on a circle and one in a tube, and another hinge beside it."""
+    circle = 0.4 * jnp.stack([jnp.cos(theta[1]), jnp.zeros(()), jnp.sin(theta[1])])
+    tube = jnp.asarray((0.0, 0.1, -0.3)) + theta[2] * SLIDE
+    return jnp.stack(
+        [
+            turned(AXIS, POINT, theta[0], circle),
+            turned(AXIS, POINT, theta[0], tube),
+            turned(BACK, jnp.zeros(3), theta[3], jnp.asarray((0.0, 0.5, 0.1))),
+        ]
+    )
+
+
+def test_branches_are_what_a_function_of_their_places_makes_of_them():
+    """One of the branches has a law; derivatives of the function are automatic, those of the joints written out."""
+    drives = [jaxball.Spring(1.0), None, jaxball.Damper(0.1), jaxball.Accelerated()]
+    masses = [jaxball.CarriedMass(0.3, joint=1), jaxball.CarriedMass(0.2, (0.0, 0.1, -0.3), 2)]
+    branches = jaxball.Mechanism(
+        [
+            jaxball.Hinge(AXIS, POINT, drives[0]),
+            jaxball.Carriage(jaxball.Circle(0.4), drives[1]),
+            jaxball.Slider(SLIDE, drives[2], on=0),
+            jaxball.Hinge(BACK, drive=drives[3], on=-1),
+        ],
+        [*masses, jaxball.CarriedMass(0.4, (0.0, 0.5, 0.1), 3)],
+    )
+    function = jaxball.FunctionMechanism(of_branches, BRANCHES, drives)
+    state = jaxball.BallState(Omega=(0.3, -0.5, 0.7), theta=[0.4, 0.9, 0.2, -0.3], thetadot=[0.6, -0.8, 0.3, 0.5])
+    law = jaxball.FunctionLaw(follow, jnp.asarray([0.7]))
+    found, wanted = (
+        jax.tree.leaves(rates(jaxball.Ball(mass=1.0, inertia=(0.4, 0.5, 0.6), mechanisms=[one], law=law), state))
+        for one in (branches, function)
+    )
+    for x, y in zip(found, wanted, strict=True):
+        assert scaled(x, y) < 1e-12
+
+
+@jax.jit
+def rates(ball, state):
+    """What the equations of motion give, and what a solve advances."""
+    prepared, t = ball.prepare(), jnp.array(0.0)
+    return prepared.field(t, state), prepared.packed_field(t, prepared.to_packed(t, state))
+
+
 def scaled(found, expected):
     expected = np.asarray(expected)
     return np.max(np.abs(np.asarray(found) - expected), initial=0.0) / max(1.0, np.max(np.abs(expected), initial=0.0))

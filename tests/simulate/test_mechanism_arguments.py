@@ -127,6 +127,19 @@ def test_a_mass_that_a_force_pushes_out_is_told():
     assert run.ok
 
 
+def test_a_prescribed_joint_is_looked_at_between_saved_times():
+    """0.5 + 0.6 sin² t is over 1 between t = 1.13 and 2.01, and under it at all saved times."""
+    swing = jaxball.Sinusoids(0.3, [-0.3], [2.0], [np.pi / 2])
+    tube = jaxball.mass_in_tube(0.5, (1.0, 0.0, 0.0), centre=(0.5, 0.0, 0.0), drive=swing)
+    body = jaxball.Ball(**SHELL, mechanisms=[tube])
+    (problem,) = jaxball.problems(body, jaxball.BallState(), t=[0.0, np.pi])
+    assert "`mechanisms[0]` must keep its masses inside the shell" in problem
+    run = jaxball.simulate(body, [0.0, np.pi])
+    assert run.status == jaxball.Status.LEFT_SHELL
+    first = np.arcsin(np.sqrt(0.5 / 0.6))
+    assert first <= run.reached <= first + np.pi / 256
+
+
 def test_a_disk_turns_in_its_plane():
     aside = jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=[jaxball.planar_pendulum(0.5, 0.6, axis=(1.0, 0.0, 0.0))])
     still = jaxball.DiskState(theta=[0.0], thetadot=[0.0])

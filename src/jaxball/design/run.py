@@ -121,11 +121,10 @@ class Run(eqx.Module):
         return jnp.sum(self.forces[:, : self.system.n_masses] * self.on_rails.tangent, axis=-1)
 
     @property
-    def joint_efforts(self) -> Float[Array, "t joints"]:
-        """Q of every joint: the force of a slider in units of M g, the torque of any other in units of M g r."""
-        joints = [joint for mechanism in self.system.mechanisms for joint in _kinds(mechanism)]
-        lengths = jnp.stack([jnp.ones_like(self.length) if joint is Slider else self.length for joint in joints])
-        return self.observables.joint_efforts / (self.weight * lengths)[None]
+    def effort_units(self) -> Float[Array, " joints"]:
+        """What efforts of joints are measured by: the force of a slider by M g, the torque of any other by M g r."""
+        slides = [one for mechanism in self.system.mechanisms for one in _slides(mechanism)]
+        return self.weight * jnp.where(np.asarray(slides, dtype=bool), 1.0, self.length)
 
     @property
     def on_rails(self) -> OnRails:
@@ -189,11 +188,11 @@ def _on_rails(system: System, t: Float[Array, ""], state: BallState | DiskState)
     return OnRails(*(jnp.concatenate(arrays)[order] for arrays in zip(*parts, strict=True)))
 
 
-def _kinds(mechanism: AbstractMechanism) -> list[type | None]:
-    """The kinds of a mechanism's joints; None where they are not known."""
+def _slides(mechanism: AbstractMechanism) -> list[bool]:
+    """Whether each joint of a mechanism is a slider."""
     if isinstance(mechanism, Mechanism):
-        return [type(joint) for joint in mechanism.joints]
-    return [None] * mechanism.n_joints
+        return [isinstance(joint, Slider) for joint in mechanism.joints]
+    return [False] * mechanism.n_joints
 
 
 def _curves(system: System, samples: int) -> Curves:

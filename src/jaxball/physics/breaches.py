@@ -70,9 +70,11 @@ def _breaches(
         elif isinstance(motion, Driven) and rail is not None and rail.period is None and theta is not None:
             yield from _of_driven(system, index, rail, inside, times, np.asarray(theta))
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
-        if theta is not None or not group.in_state:
-            count = len(times) if theta is None else len(theta)
-            yield from _of_mechanisms(system, group, order, inside, times[:count], theta)
+        if not group.in_state:
+            t = np.asarray(time_samples(jnp.asarray(times)))
+            yield from _of_mechanisms(system, group, order, inside, t, np.zeros((len(t), len(system.coordinates))))
+        elif theta is not None:
+            yield from _of_mechanisms(system, group, order, inside, times[: len(theta)], np.asarray(theta))
 
 
 def _of_position(system: BodyParameters, index: int, motion: Fixed, inside: str) -> Iterator[Problem]:
@@ -140,16 +142,13 @@ def _of_mechanisms(
     order: tuple[int, ...],
     inside: str,
     times: Float[np.ndarray, " T"],
-    theta: Float[np.ndarray, "T coordinates"] | None,
+    theta: Float[np.ndarray, "T coordinates"],
 ) -> Iterator[Problem]:
-    known = np.zeros((len(times), len(system.coordinates))) if theta is None else np.asarray(theta)
-    chi = np.asarray(_places_of_mechanisms(system, group, order, times, known))
+    chi = np.asarray(_places_of_mechanisms(system, group, order, times, theta))
     outside = beyond(system, length(chi))
-    aside = (
-        np.asarray(_pushed_aside(system, group, order, times[0], known[0])) if system.planar else np.zeros(len(order))
-    )
+    aside = np.asarray(_pushed_aside(system, group, order, times[0], theta[0]))
     for k, index in enumerate(order):
-        if aside[k]:
+        if system.planar and aside[k]:
             must = "move its masses in the plane of a disk, with hinges about E2"
             yield Problem(f"mechanisms[{index}]", must, "a joint of it pushes one aside")
         yield from _out_of_plane(system, f"mechanisms[{index}]", chi[:, k].reshape(-1, 3))

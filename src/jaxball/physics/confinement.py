@@ -101,8 +101,9 @@ def time_of_leaving(
 ) -> Float[Array, ""]:
     """The first time at which a mass is seen outside the shell; infinite where none is.
 
-    A prescribed motion is looked at between all of ``times``, and the time found to rounding; what a law drives and
-    what a mechanism carries is known at ``times`` alone. ``system`` is prepared.
+    A prescribed motion is looked at between all of ``times``, and the time found to rounding, that of a mechanism whose
+    joints are all prescribed to one of ``time_samples``; what a law drives and what free joints carry is known at
+    ``times`` alone. ``system`` is prepared.
     """
     system, times, theta = jax.lax.stop_gradient((system, times, theta))
     first = jnp.asarray(jnp.inf, system.radius.dtype)
@@ -117,8 +118,12 @@ def time_of_leaving(
             leaving = jnp.where(outside, times, jnp.inf)
         first = jnp.minimum(first, jnp.min(leaving))
     for group, order in zip(system.mechanism_groups, system.mechanism_order, strict=True):
-        outside = jnp.any(beyond(system, norm(mechanism_positions(system, group, order, times, theta))), axis=(1, 2))
-        first = jnp.minimum(first, jnp.min(jnp.where(outside, times, jnp.inf)))
+        t, own = times, theta
+        if not group.in_state:  # known between them too
+            t = time_samples(times)
+            own = jnp.zeros((t.shape[0], theta.shape[1]), theta.dtype)
+        outside = jnp.any(beyond(system, norm(mechanism_positions(system, group, order, t, own))), axis=(1, 2))
+        first = jnp.minimum(first, jnp.min(jnp.where(outside, t, jnp.inf)))
     return first
 
 

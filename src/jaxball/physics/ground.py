@@ -114,14 +114,11 @@ class Ground(Printed):
         weight = g * self.up()
         return weight if self.motion is None else weight + self.motion.kinematics(t).chiddot
 
-    def rate(self, t: Float[Array, ""]) -> Float[Array, ""] | None:
-        """W of the turntable; None without one."""
-        return None if self.turntable is None else self.turntable.turning.derivatives(t)[1]
-
     def velocity(self, t: Float[Array, ""], z: Float[Array, "2"]) -> Float[Array, "2"] | None:
         """u = W e3 × (z − c), with which the turntable carries the body's centre; None without one."""
-        W = self.rate(t)
-        return None if self.turntable is None or W is None else W * _turned(z - self.turntable.centre)
+        if self.turntable is None:
+            return None
+        return self.turntable.turning.derivatives(t)[1] * _turned(z - self.turntable.centre)
 
     def table_motion(self, t: Float[Array, ""], z: Float[Array, "2"], rolling: Float[Array, "2"]) -> TableMotion | None:
         """W, u and u̇ where the body's centre is at z and rolls over the table at ``rolling``; None without one."""

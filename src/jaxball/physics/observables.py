@@ -25,7 +25,8 @@ class Observables(Printed):
 
     **Arguments:** each with the times, if there are many, as leading axes.
 
-    - ``mass_positions_body``, ``mass_positions_space``: length, shape (n, 3).
+    - ``mass_positions_body``, ``mass_positions_space``: of the point masses, and then of those of mechanisms, length,
+      shape (n, 3).
     - ``centre_of_mass_body``, ``centre_of_mass_space``: length, shape (3,).
     - ``geometric_centre``, ``contact_point``: length, shape (3,).
     - ``vertical_body``: Γ, shape (3,).

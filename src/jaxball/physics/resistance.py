@@ -11,7 +11,7 @@ from ..numerics.arrays import namespace_of, numbers, to_array
 from ..numerics.vectors import dot
 from .conditions import Condition
 
-ROLLING_PER_RADIUS = 1e-3  # the default smoothing of dry friction, in rad/time
+SMOOTHING = 1e-3  # of dry friction by default, rad/time
 
 
 class Resistance(Printed):
@@ -52,7 +52,7 @@ class Resistance(Printed):
     dry: Float[Array, "*group"] | None = eqx.field(
         converter=lambda x: None if x is None else to_array(x, "dry"), default=None
     )
-    smoothing: Float[Array, "*group"] = eqx.field(converter=numbers("smoothing"), default=ROLLING_PER_RADIUS)
+    smoothing: Float[Array, "*group"] = eqx.field(converter=numbers("smoothing"), default=SMOOTHING)
     negative: bool = eqx.field(static=True, default=False)
 
     def conditions(self) -> Iterator[Condition]:

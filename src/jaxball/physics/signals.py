@@ -1,7 +1,7 @@
 """Signals: numbers prescribed as functions of time, which may jump, such as the torque of a motor."""
 
 import abc
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,19 +14,21 @@ from .schedules import AbstractSchedule, PiecewiseAcceleration
 
 
 class AbstractSignal(Printed):
-    """A prescribed number s(t), which may jump at its kinks."""
+    """A prescribed number s(t), which may jump at its kinks.
+
+    Where ``integrable`` is true, ``impulse`` is its integral, and derivatives of a solve with respect to the times of
+    jumps of a motor's signal are right for each motor, also when several jump at once.
+    """
+
+    integrable: ClassVar[bool] = False
 
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         """s(t); at a jump, that of the later side."""
 
-    def impulse(self, t: Float[Array, ""]) -> Float[Array, ""] | None:
-        """The integral of s up to t, where it is known in closed form; else None.
-
-        With it, derivatives with respect to the times of jumps are right for each signal, also when several jump at
-        once.
-        """
-        return None
+    def impulse(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        """The integral of s up to t, of a signal that is ``integrable``."""
+        raise NotImplementedError
 
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which s or one of its derivatives jumps."""
@@ -78,6 +80,8 @@ class PiecewiseSignal(AbstractSignal):
     [0.5, -0.5, 0.0]
     """
 
+    integrable: ClassVar[bool] = True
+
     times: Float[Array, "*group n_plus_one"] = eqx.field(converter=numbers("times", ("n_plus_one",)))
     values: Float[Array, "*group n k"]
 
@@ -113,6 +117,8 @@ class PiecewiseSignal(AbstractSignal):
 
 class IntegratedSignal(AbstractSignal):
     """The second derivative of a schedule, whose first is its integral."""
+
+    integrable: ClassVar[bool] = True
 
     schedule: AbstractSchedule
 

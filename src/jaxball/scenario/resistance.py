@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from ..physics.resistance import ROLLING_PER_RADIUS, Resistance
+from ..physics.resistance import SMOOTHING, Resistance
 from .table import Key, Module
 from .traced import require_conditions
 from .values import RATE, Flag, Numbers
@@ -16,7 +16,7 @@ RESISTANCE = Module(
         "drag": _NONE,
         "rotational_drag": _NONE,
         "dry": Key(Numbers(), None),
-        "smoothing": Key(Numbers(dimension=RATE), ROLLING_PER_RADIUS),
+        "smoothing": Key(Numbers(dimension=RATE), SMOOTHING),
         "negative": Key(Flag(), False),
     },
 )

@@ -36,8 +36,8 @@ class _Limit(AbstractRunningConstraint):
         """v."""
 
     @abc.abstractmethod
-    def unit(self, run: Run) -> Float[Array, ""]:
-        """What violations are measured by."""
+    def unit(self, run: Run) -> Float[Array, "..."]:
+        """What violations are measured by; for all vectors, or for each of shape (1, n)."""
 
     def __call__(self, run: Run):
         return (norm(self.vectors(run)) - self.most) / self.unit(run)
@@ -88,7 +88,7 @@ class JointEffortLimit(_Limit):
         return run.observables.joint_efforts[..., None]
 
     def unit(self, run: Run):
-        return run.weight * run.length
+        return run.effort_units[None]
 
 
 class ForceLimit(_Limit):

@@ -12,7 +12,7 @@ from ...interface.printing import Printed
 from ...numerics.arrays import AnyArray, Numbers, concatenated, default_dtype, namespace_of, numbers, to_array
 from ..conditions import Condition
 from ..schedules import AbstractSchedule
-from ..signals import AbstractSignal, IntegratedSignal, PiecewiseSignal, as_signal
+from ..signals import AbstractSignal, PiecewiseSignal, as_signal
 from ..state import State
 
 
@@ -189,17 +189,18 @@ class Motor(AbstractJointForce):
             yield _not_negative(f"{name}.limit", self.limit, "0 or positive")
 
     def impulse(self, t):
-        return self.signal.impulse(t) if self._is_integrable and isinstance(self.signal, AbstractSignal) else None
+        signal = self._integrable
+        return None if signal is None else signal.impulse(t)
 
     def without_impulse(self, t, theta, thetadot, state):
-        return jnp.zeros_like(theta) if self._is_integrable else self(t, theta, thetadot, state)
+        return self(t, theta, thetadot, state) if self._integrable is None else jnp.zeros_like(theta)
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        limited = self._within_limit()
-        return limited.signal.kinks() if limited._is_integrable else AbstractJointForce.motion_kinks(self)
+        signal = self._within_limit()._integrable
+        return AbstractJointForce.motion_kinks(self) if signal is None else signal.kinks()
 
     def kinks(self) -> Float[Array, " kinks"]:
-        return AbstractJointForce.kinks(self) if self._within_limit()._is_integrable else self.signal.kinks()
+        return self.signal.kinks() if self._within_limit()._integrable is None else AbstractJointForce.kinks(self)
 
     def prepare(self) -> "Motor":
         limited = self._within_limit()
@@ -213,8 +214,11 @@ class Motor(AbstractJointForce):
         return self if signal is None else Motor(signal)
 
     @property
-    def _is_integrable(self) -> bool:
-        return self.limit is None and isinstance(self.signal, PiecewiseSignal | IntegratedSignal)
+    def _integrable(self) -> AbstractSignal | None:
+        """The signal where its integral is that of the force; else None."""
+        if self.limit is not None or not isinstance(self.signal, AbstractSignal) or not self.signal.integrable:
+            return None
+        return self.signal
 
 
 class SpeedLimitedMotor(AbstractJointForce):
