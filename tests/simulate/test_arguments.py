@@ -58,7 +58,7 @@ def test_driven_masses_need_their_angles():
     )
     with pytest.raises(ValueError, match="`state` must be given"):
         jaxball.simulate(system, [0.0, 1.0])
-    with pytest.raises(ValueError, match=r"states hold those of masses\[0\]"):
+    with pytest.raises(ValueError, match=r"no feedback law, but one drives masses\[0\]"):
         jaxball.with_integrated_angles(system)
 
 

@@ -128,5 +128,6 @@ def newton(
         y = y + share * change
     raise DesignError(
         f"Newton's method must come to a solution at λ = {parameter:g}, but it does not; start from a better guess, or "
-        "come to this λ by continuation from one at which the problem is easier."
+        "come to this λ by continuation from one at which the problem is easier. Conditions "
+        "at the end of a motion that follow from each other need some `softness`."
     )

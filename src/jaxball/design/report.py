@@ -240,7 +240,14 @@ def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any
     if after.system.n_masses:
         theta = np.asarray(jax.jit(lambda: _run(after).on_rails.theta)())
         axes["angles"] = plot.rail_angles(np.asarray(after.times), theta)
-    return axes
+    return axes | joint_figures(after)
+
+
+def joint_figures(trajectory: Trajectory[Any, Any]) -> dict[str, Axes]:
+    """Angles and efforts of the joints of mechanisms, if there are any."""
+    if not trajectory.system.mechanisms:
+        return {}
+    return {"joint-angles": plot.joint_angles(trajectory), "joint-efforts": plot.joint_efforts(trajectory)}
 
 
 def _path(trajectory: Trajectory[Any, Any]) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, "t *d"]]:

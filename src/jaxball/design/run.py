@@ -10,8 +10,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..physics.body import System
+from ..physics.coupling import joined, joint_forces
 from ..physics.dynamics import accelerations, given_angles
 from ..physics.energy import accelerations_of_masses
+from ..physics.linkage import linkages
 from ..physics.load import load
 from ..physics.mechanisms import AbstractMechanism, Mechanism, Slider
 from ..physics.moments import kinematics, point_mass_values
@@ -119,6 +121,19 @@ class Run(eqx.Module):
     def forces_along(self) -> Float[Array, "t n"]:
         """F·τ, the force on each mass along its rail."""
         return jnp.sum(self.forces[:, : self.system.n_masses] * self.on_rails.tangent, axis=-1)
+
+    @property
+    def joint_efforts(self) -> Float[Array, "t joints"]:
+        """Q of every joint of the mechanisms; where all are free, known without the motion's accelerations."""
+        if any(mechanism.n_joints > len(mechanism.free) for mechanism in self.system.mechanisms):
+            return self.observables.joint_efforts
+        prepared = self.system.prepare()
+
+        def one(t, x):
+            links = linkages(prepared, t, (x.theta, x.thetadot, x.thetadot))
+            return joined(x.theta, links, joint_forces(t, x, links))[len(prepared.driven) :]
+
+        return jax.vmap(one)(self.times, self.state)
 
     @property
     def effort_units(self) -> Float[Array, " joints"]:

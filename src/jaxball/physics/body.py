@@ -19,9 +19,11 @@ from .coupling import moved_masses
 from .dynamics import accelerations
 from .feedback import AbstractLaw, FollowSchedules
 from .locked import from_locked, locked_field, to_locked
+from .mechanisms import Accelerated
 from .moments import kinematics
 from .motion import Driven, OnRail
 from .parameters import BodyParameters, PointMass
+from .schedules import AbstractSchedule
 from .state import BallState, DiskState, ReducedState, RotationState, State
 from .system import AbstractSystem
 
@@ -292,18 +294,21 @@ def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | 
     return type(system)(**{**system.arguments, "masses": masses, "law": law})
 
 
-def with_integrated_angles(system: System, t0: Numbers = 0.0) -> tuple[System, dict[str, Array]]:
-    """The same system in the paper's own form, with θ and θ̇ of the scheduled masses in the state.
+def with_integrated_angles(
+    system: System, t0: Numbers = 0.0, state: State | None = None
+) -> tuple[System, dict[str, Array]]:
+    """The same system in the paper's own form, with θ and θ̇ of what has schedules in the state.
 
     **Arguments:**
 
     - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
     - ``t0``: the time of the state.
+    - ``state``: a state of the system then; only where some of its joints are free, whose θ and θ̇ are kept.
 
-    **Returns:** the system whose :class:`~jaxball.OnRail` masses have become driven ones that
-    follow θ̈(t) of their schedules, and the entries ``theta`` and ``thetadot`` of its state at ``t0``.
+    **Returns:** the system whose :class:`~jaxball.OnRail` masses have become driven ones that follow θ̈(t) of their
+    schedules, as do its joints with schedules, and the entries ``theta`` and ``thetadot`` of its state at ``t0``.
 
-    **Raises:** ``ValueError`` when the system has a feedback law already.
+    **Raises:** ``ValueError`` when the system has a feedback law already, and without a state of its free joints.
 
     **Example:**
 
@@ -313,22 +318,46 @@ def with_integrated_angles(system: System, t0: Numbers = 0.0) -> tuple[System, d
     >>> DiskState(**angles)
     DiskState(phi=0.0, phidot=0.0, z=0.0, theta=(2.0,), thetadot=(2.0,))
     """
-    if system.coordinates:
-        moving = all_of(system.coordinates)
-        raise ValueError(f"Argument `system` must have prescribed motions only, but its states hold those of {moving}.")
-    masses, schedules = [], []
+    if system.accelerated:
+        driven = all_of([system.coordinates[slot] for slot in system.accelerated])
+        raise ValueError(f"Argument `system` must have no feedback law, but one drives {driven}.")
+    masses, mechanisms, schedules = [], [], []
     for item in system.point_masses:
         if isinstance(item.motion, OnRail):
             schedules.append(item.motion.schedule)
             item = PointMass(item.mass, Driven(item.motion.rail))
         masses.append(item)
-    rates = [schedule.derivatives(to_array(t0)) for schedule in schedules]
-    angles = {
-        "theta": to_array([rate[0] for rate in rates]),
-        "thetadot": to_array([rate[1] for rate in rates]),
-    }
+    for mechanism in system.mechanisms:
+        drives = list(mechanism.drives)
+        for a, drive in enumerate(drives):
+            if isinstance(drive, AbstractSchedule):
+                schedules.append(drive)
+                drives[a] = Accelerated()
+        mechanisms.append(mechanism.driven_by(drives))
     law = FollowSchedules(tuple(schedules)) if schedules else None
-    return with_masses(system, masses, law), angles
+    driven = type(system)(**{**system.arguments, "masses": masses, "law": law, "mechanisms": mechanisms})
+    given = _free_angles(system, state)
+    rates = [schedule.derivatives(to_array(t0)) for schedule in schedules]
+    accelerated = driven.accelerated
+    places = [*accelerated, *(slot for slot in range(len(driven.coordinates)) if slot not in accelerated)]
+    angles = {}
+    for order, name in enumerate(("theta", "thetadot")):
+        values = jnp.concatenate([to_array([rate[order] for rate in rates]), given[name]])
+        angles[name] = values[np.argsort(places)] if given[name].size else values
+    return driven, angles
+
+
+def _free_angles(system: System, state: State | None) -> dict[str, Array]:
+    """θ and θ̇ of a state of the system, if it has any."""
+    if not system.coordinates:
+        return dict.fromkeys(("theta", "thetadot"), jnp.zeros((0,), default_dtype()))
+    if state is None:
+        raise ValueError(
+            f"Argument `state` must be given, because it holds the angles of {all_of(system.coordinates)}, which are "
+            "free."
+        )
+    system.require_state(state)
+    return {"theta": state.theta, "thetadot": state.thetadot}
 
 
 def _wild_masses(system: AbstractBody, t: float, state: State) -> Iterator[Problem]:

@@ -26,7 +26,7 @@ class MassesApart(AbstractRunningConstraint):
         return -room(_between(run), self.distance) / run.length
 
 
-class _Limit(AbstractRunningConstraint):
+class Limit(AbstractRunningConstraint):
     """|v| ≤ most, for a vector v of each mass."""
 
     most: Float[Array, ""] = eqx.field(converter=numbers("most"))
@@ -46,7 +46,7 @@ class _Limit(AbstractRunningConstraint):
         return room(self.vectors(run), self.most) / self.unit(run)
 
 
-class SpeedLimit(_Limit):
+class SpeedLimit(Limit):
     """|χ̇| ≤ most for every mass; shape (t, n).
 
     **Arguments:**
@@ -61,7 +61,7 @@ class SpeedLimit(_Limit):
         return run.length / unit_of_time(run)
 
 
-class AccelerationLimit(_Limit):
+class AccelerationLimit(Limit):
     """|χ̈| ≤ most for every mass; shape (t, n).
 
     **Arguments:**
@@ -76,7 +76,7 @@ class AccelerationLimit(_Limit):
         return jnp.abs(run.system.gravity)
 
 
-class JointEffortLimit(_Limit):
+class JointEffortLimit(Limit):
     """|Q| ≤ most for every joint of the mechanisms, a torque or the force along a slider; shape (t, joints).
 
     **Arguments:**
@@ -85,13 +85,13 @@ class JointEffortLimit(_Limit):
     """
 
     def vectors(self, run: Run):
-        return run.observables.joint_efforts[..., None]
+        return run.joint_efforts[..., None]
 
     def unit(self, run: Run):
         return run.effort_units[None]
 
 
-class ForceLimit(_Limit):
+class ForceLimit(Limit):
     """|F·τ| ≤ most, the force on each mass along its rail; shape (t, n).
 
     **Arguments:**

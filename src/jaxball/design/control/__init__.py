@@ -16,10 +16,13 @@ from .refine import finer_mesh as finer_mesh, mesh_errors as mesh_errors, solved
 from .rolling import Rolling as Rolling, between as between
 from .schedules import (
     Resimulated as Resimulated,
+    holding as holding,
     places as places,
     resimulated as resimulated,
     scenario_of as scenario_of,
     schedules_of as schedules_of,
+    signals_of as signals_of,
+    system_of as system_of,
 )
 from .solution import (
     Solution as Solution,

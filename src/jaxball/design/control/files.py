@@ -12,7 +12,7 @@ from ...physics.state import BallState, DiskState
 from ...scenario import read_document
 from ...scenario.sources import naming_scenario, scenario_document
 from ...scenario.table import Family, Key, Keys, read_table
-from ...scenario.values import POSITIVE, Choice, Integer, Numbers, key_error, shown, unread
+from ...scenario.values import NOT_NEGATIVE, POSITIVE, Choice, Integer, Numbers, key_error, shown, unread
 from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
 from ..families import PLANE, Plane, constraints_of, objectives_of, plane_of
@@ -31,6 +31,7 @@ _CONTROL = {
     "tolerance": Key(Numbers(rule=POSITIVE), 1e-6),
     "violation": Key(Numbers(rule=POSITIVE), VIOLATION),
     "barrier": Key(Numbers(rule=POSITIVE), BARRIER),
+    "softness": Key(Numbers(rule=NOT_NEGATIVE), 0.0),
     "guess": Key(Choice(tuple(GUESSES)), "rest"),
     "first_weights": Key(unread("a table of weights"), None),
 }
@@ -87,7 +88,7 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     times = (scenario.times[0], scenario.times[-1])
     state = scenario.state
     assert isinstance(state, BallState | DiskState)
-    ends = {"place": control["place"], "depth": control["depth"]}
+    ends = {name: control[name] for name in ("place", "depth", "softness")}
     problem = Rolling(system, times, objectives, state, **ends, constraints=constraints)
     return ControlFile(
         title=given["title"],

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ...numerics import programs, versor
 from ...numerics.vectors import apply, cross
+from ...physics.equilibrium import imbalance
 from ...physics.load import load
 from ...physics.moments import velocity_moments
 from ...physics.momentum import contact_momentum, contact_momentum_rate
@@ -26,16 +27,16 @@ from .rolling import Rolling
 TIMES = 10
 # Corrections of the angles at each of them, and how much they are damped where the rails cannot follow.
 CORRECTIONS, DAMPING = 3, 1e-4
-UP = np.array([0.0, 0.0, 1.0])
 
 
 def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
     """The path on which the geometric centre is where it is wanted, and the masses where gravity turns the ball so.
 
-    The ball rolls without spin: ω = e3 × ż / r. At first the centre of mass hangs below the geometric centre, or above
-    it, as at the start. Then the balance of the momentum about the contact point, g e3 × Λp = d(ΛΠ)/dt + ż × ΛP,
-    says how far it must be beside the centre; it stays at its distance from there. θ follows by the smallest changes.
-    The path so fulfils the equations of motion but for spin, and what the masses do by moving to where they lean.
+    The ball rolls without spin: ω = e3 × ż / r. At first the centre of mass is where it is at the start, in space axes.
+    Then the balance of the momentum about the contact point, γ × Λp = d(ΛΠ)/dt + ż × ΛP − Mr γ × e3, with γ = g e3 on a
+    level plane, says how far it must be beside the vertical through the centre; it stays at its distance from there. θ
+    follows by the smallest changes, and the controls are those that come nearest to such a motion. The path so fulfils
+    the equations of motion but for spin, and what the masses do by moving to where they lean.
 
     **Arguments:**
 
@@ -54,7 +55,29 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     state = _moved(problem, times, state, p)
     x = CubicSpline(times, _packed(problem, times, state))
     nodes = mesh[:-1, None] + np.diff(mesh)[:, None] * gauss(stages).c
-    return Path(mesh, x(mesh), x(nodes), CubicSpline(times, state.thetadot)(nodes, 1))
+    size = x(mesh).shape[1]
+    u = driving(problem, np.ravel(nodes), x(nodes).reshape(-1, size), x(nodes, 1).reshape(-1, size))
+    return Path(mesh, x(mesh), x(nodes), u.reshape(*nodes.shape, -1))
+
+
+def driving(
+    problem: Rolling, times: Float[np.ndarray, " k"], states: Float[np.ndarray, "k n"], rates: Float[np.ndarray, "k n"]
+) -> Float[np.ndarray, "k m"]:
+    """The controls with which ẋ comes nearest to ``rates``."""
+    free, columns = (np.asarray(part) for part in _affine(problem, *map(jnp.asarray, (times, states))))
+    return np.einsum("kmn,kn->km", np.linalg.pinv(columns), rates - free)
+
+
+@programs.jit
+def _affine(problem: Rolling, times, states) -> tuple[Float[Array, "k n"], Float[Array, "k n m"]]:
+    """ẋ without controls, and its derivative by them."""
+    off = jnp.zeros(problem.controls, states.dtype)
+
+    def one(t, x):
+        rate, change = jax.linearize(lambda u: problem.rate(t, x, u), off)
+        return rate, jax.vmap(change, out_axes=1)(jnp.eye(problem.controls, dtype=states.dtype))
+
+    return jax.vmap(one)(times, states)
 
 
 def _wanted(problem: Rolling, times: Float[np.ndarray, " t"]) -> CubicSpline:
@@ -102,8 +125,12 @@ def _across(v: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 3"]:
 
 def _leaning(problem: Rolling, hanging, imbalance) -> Float[np.ndarray, "t 3"]:
     """Λp of the length that it has, moved sideways so that gravity's moment takes up the ``imbalance``."""
-    beside = hanging + np.cross(imbalance, UP) / float(problem.system.gravity)
-    size, side = np.linalg.norm(hanging, axis=1), np.linalg.norm(beside[:, :2], axis=1)
+    weight = np.asarray(_weight(problem))
+    up = weight / np.linalg.norm(weight)
+    moved = hanging + np.cross(imbalance, weight) / np.sum(weight**2)
+    size, height = np.linalg.norm(hanging, axis=1), hanging @ up
+    beside = moved - (moved @ up)[:, None] * up
+    side = np.linalg.norm(beside, axis=1)
     if np.any(side >= size):
         unit = float(problem.system.total_mass * problem.system.radius)
         raise DesignError(
@@ -111,8 +138,7 @@ def _leaning(problem: Rolling, hanging, imbalance) -> Float[np.ndarray, "t 3"]:
             f"would have to be {np.max(side) / unit:.3g} r beside the geometric centre, and it is {size[0] / unit:.3g} "
             "r away from it; give the motion more time, or start with the centre of mass farther below."
         )
-    beside[:, 2] = np.copysign(np.sqrt(size**2 - side**2), hanging[:, 2])
-    return beside
+    return beside + np.copysign(np.sqrt(size**2 - side**2), height)[:, None] * up
 
 
 def _imbalance(problem: Rolling, times, state: BallState | DiskState) -> Float[np.ndarray, "t 3"]:
@@ -130,6 +156,12 @@ def _moved(problem: Rolling, times, state, p: Float[np.ndarray, "t 3"]) -> BallS
 def _moment(problem: Rolling, t: Float[Array, ""], theta: Float[Array, " m"]) -> Float[Array, "3"]:
     """p = Σ m χ."""
     return velocity_moments(problem.packing.system, t, (theta, jnp.zeros_like(theta))).p
+
+
+@programs.jit
+def _weight(problem: Rolling) -> Float[Array, "3"]:
+    """γ at the start, space axes."""
+    return imbalance(problem.packing.system, problem.start, problem.state).weight
 
 
 @programs.jit

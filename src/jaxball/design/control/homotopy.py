@@ -10,6 +10,8 @@ from ..continuation import Branch, follow
 from ..equations import newton
 from ..errors import DesignError
 from .collocation import BARRIER, SHARP, Collocation
+from .guess import driving
+from .inputs import VIOLATION
 from .path import Path
 from .refine import finer_mesh, mesh_errors, near, solved
 from .rolling import Rolling, between
@@ -19,8 +21,6 @@ from .solution import Solution, violations
 FIRST_STEP, LONGEST_STEP = 0.05, 0.2
 # A branch that turns may go back past its start and still come to its end, but seldom from far away.
 WITHIN = (-0.5, 1.5)
-# By how much an inequality may be violated between the nodes.
-VIOLATION = 1e-4
 # The barrier with which a solution is begun on a finer mesh, and by what it is multiplied: at first, and where it can
 # fall no further.
 AGAIN, STEP, SHORTEST_STEP = 1e-4, 0.1, 0.95
@@ -30,7 +30,7 @@ Guess = Callable[[Rolling, Float[np.ndarray, " N_plus_one"], int], Path]
 
 
 def at_rest(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
-    """The path on which nothing moves.
+    """The path on which nothing moves, with the controls that leave the body as nearly at rest there as they can.
 
     **Arguments:**
 
@@ -40,11 +40,12 @@ def at_rest(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: in
     """
     initial = np.asarray(problem.initial)
     shape = (len(mesh) - 1, stages)
+    u = driving(problem, mesh[:1], initial[None], np.zeros((1, initial.size)))[0]
     return Path(
         mesh,
         np.tile(initial, (len(mesh), 1)),
         np.tile(initial, (*shape, 1)),
-        np.zeros((*shape, problem.controls)),
+        np.tile(u, (*shape, 1)),
     )
 
 

@@ -8,13 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ... import plot
-from ...interface.wording import counted
+from ...interface.wording import all_of, counted
 from ...scenario import Scenario, write_scenario
-from ..report import REPORT, UNITS, along, figure_links, in_units, path_figure, table, violation
+from ..report import REPORT, UNITS, along, figure_links, in_units, joint_figures, path_figure, table, violation
 from ..search.design import SCENARIO
 from ..source import Source, made, write_text
 from .rolling import rolling
-from .schedules import places, scenario_of, schedules_of
+from .schedules import holding, places, scenario_of, schedules_of
 from .solution import PLACES, Solution, means
 from .solve import Controlled
 
@@ -31,8 +31,10 @@ def write_report(controlled: Controlled, title: str, saves: int, folder: Path, s
         source.copy(folder)
     system = rolling(controlled.solution.problem).system
     lines = [f"# {title or 'An optimal control'}", "", _verdict(controlled), "", *_objectives(controlled), ""]
-    lines += [*_constraints(controlled), *along(scenario.simulate(dense=True, throw=True)), ""]
-    lines += [*figure_links(_figures(controlled), folder, system, title), "", *made(source, controlled.elapsed)]
+    run = scenario.simulate(dense=True, throw=True)
+    lines += [*_constraints(controlled), *along(run), ""]
+    figures = _figures(controlled) | joint_figures(run)
+    lines += [*figure_links(figures, folder, system, title), "", *made(source, controlled.elapsed)]
     return write_text(folder / REPORT, "\n".join(lines))
 
 
@@ -47,13 +49,21 @@ def write_design(solution: Solution, title: str, saves: int, folder: Path) -> Sc
 def _verdict(controlled: Controlled) -> str:
     seen, errors = controlled.seen, controlled.solution.errors
     return (
-        f"{'The masses can be moved so' if controlled.good else 'This is not what was asked for'}: the least curvature "
+        f"{'The robot can be driven so' if controlled.good else 'This is not what was asked for'}: the least curvature "
         f"of the cost is {controlled.curvature:.3g}, positive at a minimum; no interval of {errors.size} has an error "
         f"above {np.max(errors):.1e}. Simulated again by a solver of another kind, the path is {seen.apart:.1e} r away "
         f"at most; at the end the speed is {seen.speed:.1e}, the place is missed by {seen.missed:.1e} r, and the "
-        f"centre of mass is {seen.away:.1e} r beside the geometric centre and {seen.below:.4g} r below it. "
-        f"`{SCENARIO}` is the scenario."
+        f"centre of mass is {seen.away:.1e} r beside the vertical through the contact point and {seen.below:.4g} r "
+        f"below the geometric centre. {_holding(controlled)}`{SCENARIO}` is the scenario."
     )
+
+
+def _holding(controlled: Controlled) -> str:
+    """What the motors must do for the robot to stay, if it has motors."""
+    values = [f"{value:.4g}" for value in holding(controlled.solution)]
+    if not values:
+        return ""
+    return f"There {'its motors hold' if values[1:] else 'its motor holds'} it by {all_of(values)}, for as long again. "
 
 
 def _objectives(controlled: Controlled) -> list[str]:
@@ -87,12 +97,13 @@ def _figures(controlled: Controlled) -> dict[str, Axes]:
     problem = rolling(solution.problem)
     times = np.linspace(float(problem.start), float(problem.end), DRAWN)
     requirements = [*problem.objectives.values(), *problem.constraints.values()]
-    angles = np.stack([jax.vmap(schedule)(jnp.asarray(times)) for schedule in schedules_of(solution)], axis=1)
-    axes = {
-        "path": path_figure(requirements, *((times, places(one, times)) for one in (controlled.first, solution))),
-        "angles": plot.rail_angles(times, angles),
-        "accelerations": plot.rail_accelerations(times, solution.path.inputs(times)),
-    }
+    axes = {"path": path_figure(requirements, *((times, places(one, times)) for one in (controlled.first, solution)))}
+    masses = problem.system.driven
+    if masses:
+        schedules = schedules_of(solution)[: len(masses)]
+        angles = np.stack([jax.vmap(schedule)(jnp.asarray(times)) for schedule in schedules], axis=1)
+        axes["angles"] = plot.rail_angles(times, angles)
+        axes["accelerations"] = plot.rail_accelerations(times, solution.path.inputs(times)[:, : len(masses)])
     first, last = branch[0].weights, branch[-1].weights
     for name in [name for name in first if 0 < first[name] != last[name] > 0][:1]:
         weights = np.asarray([point.weights[name] for point in branch])

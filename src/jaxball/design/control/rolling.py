@@ -1,4 +1,4 @@
-"""The optimal control of a rolling ball or disk: its masses on rails are accelerated, u = θ̈."""
+"""The optimal control of a rolling ball or disk, by accelerations of its masses and forces of its motors."""
 
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -8,45 +8,42 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from ...interface.status import Status
 from ...numerics.arrays import Numbers, to_array
-from ...numerics.vectors import apply
-from ...physics.body import PointMass, System, with_integrated_angles, with_masses
-from ...physics.feedback import AbstractLaw
-from ...physics.moments import velocity_moments
-from ...physics.motion import Driven, OnRail
+from ...physics.body import System
+from ...physics.equilibrium import Imbalance, imbalance
 from ...physics.packing import Packing
 from ...physics.schedules import AbstractSchedule
+from ...physics.signals import AbstractSignal
 from ...physics.state import BallState, DiskState
 from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
 from ..objectives import AbstractRunningObjective, FollowTrajectory
 from ..plane import require_reach
 from ..run import Run
+from .inputs import MotorPlace, inputs, motor_limits, with_free_joints, with_inputs, with_schedules
 from .problem import AbstractControlProblem
-
-
-class Given(AbstractLaw):
-    """θ̈ = u, given numbers."""
-
-    u: Float[Array, " driven"]
-
-    def __call__(self, t, state):
-        return self.u
 
 
 class Rolling(AbstractControlProblem):
     """A ball or a disk that rolls from its initial state to rest, in equilibrium.
 
+    Controlled are θ̈ of the masses on rails and of joints with schedules, and then the force or torque Q of every joint
+    that has a :class:`~jaxball.Motor`, whatever their schedules and signals are in the system that is given. Springs
+    and dampers stay, as do joints without a motor, which move freely.
+
     The running cost is the sum of the ``objectives``, and the state the vector of
-    :class:`~jaxball.physics.packing.Packing`, with θ and θ̇ of the masses on rails. The conditions at the end are
-    θ̇ = 0, Ω = 0, that the centre of mass is straight above or below the geometric centre, and what ``place`` and
-    ``depth`` ask for, if they are given. The inequalities are the ``constraints``.
+    :class:`~jaxball.physics.packing.Packing`. The conditions at the end are θ̇ = 0, Ω = 0, that the centre of mass is on
+    the vertical through the contact point (on a level plane, straight above or below the geometric centre), that
+    nothing moves the joints that have no motor, and what ``place`` and ``depth`` ask for, if they are given. The
+    inequalities are the ``constraints``, and the limits of motors.
     """
 
+    robot: System
     system: System
+    motors: tuple[MotorPlace, ...] = eqx.field(static=True)
     state: BallState | DiskState
     start: Float[Array, ""]
     end: Float[Array, ""]
@@ -67,33 +64,38 @@ class Rolling(AbstractControlProblem):
         softness: Numbers = 0.0,
         constraints: Mapping[str, AbstractRunningConstraint] | None = None,
     ):
-        """The problem for a system whose masses on rails have schedules.
+        """The problem for a robot.
 
         **Arguments:**
 
-        - ``system``: a ball or a disk with masses on rails.
+        - ``system``: a ball or a disk with masses on rails, joints with schedules, or motors.
         - ``times``: of the start and of the end.
-        - ``state``: at the start; at rest at the origin if not given. θ and θ̇ are those of the schedules.
+        - ``state``: at the start; at rest at the origin if not given. θ and θ̇ of what has schedules are those of the
+          schedules, so that the state has only those of free joints.
         - ``place``: of the geometric centre at the end, (z1, z2) of a ball or z of a disk; free if not given.
-        - ``depth``: by how much the centre of mass is below the geometric centre at the end, in radii; free if not
-          given, and where it comes to be negative it is above, and the equilibrium unstable.
-        - ``softness``: of the conditions at the end, see :class:`AbstractControlProblem`.
+        - ``depth``: by how much the centre of mass is below the geometric centre at the end, along the vertical, in
+          radii; free if not given, and where it comes to be negative it is above, and the equilibrium unstable.
+        - ``softness``: of the conditions at the end, see :class:`AbstractControlProblem`. Where some of them follow
+          from others, as those of a ball with rotors do, which stop when it stops, 1e-8 makes the problem regular.
         - ``constraints``: what holds at all times.
 
-        **Raises:** :class:`DesignError` for a system without masses on rails, for a disk that cannot meet an objective
-        or a constraint, and for a place of another size, and ``ValueError`` for a system with a feedback law.
+        **Raises:** :class:`DesignError` for a system in which nothing can be controlled, for one on a turntable, where
+        nothing can rest, for a disk that cannot meet an objective or a constraint, and for a place of another size, and
+        ``ValueError`` for a system with a feedback law, and without a state of free joints.
         """
         start, end = (to_array(t) for t in to_array(times))
-        driven, angles = with_integrated_angles(system, start)
-        if not driven.driven:
-            raise DesignError("Argument `system` must have a mass on a rail to be controlled, but it has none.")
+        if system.ground is not None and system.ground.turntable is not None:
+            raise DesignError(
+                "Argument `system` must be on a plane on which it can come to rest, but it is on a turntable."
+            )
+        found = inputs(system, start, state)
         given = system.state_type() if state is None else state
         fields = {field.name: getattr(given, field.name) for field in dataclasses.fields(given)}
-        self.system = eqx.tree_at(lambda s: s.law, driven, Given(angles["theta"]))
-        self.state = system.state_type(**fields | angles)
+        self.robot, self.system, self.motors = system, found.system, found.motors
+        self.state = system.state_type(**fields | {"theta": found.theta, "thetadot": found.thetadot})
         self.start, self.end = start, end
         self.objectives = {name: _in_time(one, start, end) for name, one in objectives.items()}
-        self.constraints = dict(constraints or {})
+        self.constraints = dict(constraints or {}) | motor_limits(system, found.motors)
         self.depth = None if depth is None else to_array(depth)
         self.softness = to_array(softness)
         self.place = None if place is None else jnp.atleast_1d(to_array(place))
@@ -106,8 +108,8 @@ class Rolling(AbstractControlProblem):
 
     @property
     def controls(self) -> int:
-        """The number of masses on rails."""
-        return len(self.system.driven)
+        """The number of accelerations and of motors."""
+        return len(self.system.accelerated) + len(self.motors)
 
     @property
     def initial(self) -> Float[Array, " n"]:
@@ -136,26 +138,47 @@ class Rolling(AbstractControlProblem):
         return jnp.concatenate([super().inequalities(t, x, u), *parts])
 
     def conditions(self, x):
-        packing = self.packing
-        state = packing.unpack(self.end, x)
-        at = velocity_moments(packing.system, self.end, (state.theta, state.thetadot))
-        away = apply(state.Lambda, at.p) / (at.M * self.system.radius)
+        packing, r = self.packing, self.system.radius
+        state, left = packing.unpack(self.end, x), self.left_at_end(x)
         flat = isinstance(state, DiskState)
-        parts = [state.thetadot, state.phidot[None] if flat else state.Omega, away[:1] if flat else away[:2]]
+        beside = left.beside[:1] if flat else left.beside
+        parts = [state.thetadot, state.phidot[None] if flat else state.Omega, beside / r]
+        if not flat and self.system.ground is not None and self.system.force is not None:
+            parts.append(left.torque[2:] / (left.M * r * self.system.gravity))  # else 0 where the others are
+        parts.append(left.efforts[self._without_motor] / (left.M * r * self.system.gravity))
         if self.depth is not None:
-            parts.append((away[2] + self.depth)[None])
+            parts.append((self.depth - left.below / r)[None])
         if self.place is not None:
-            parts.append((jnp.atleast_1d(state.z) - self.place) / self.system.radius)
+            parts.append((jnp.atleast_1d(state.z) - self.place) / r)
         return jnp.concatenate(parts)
 
-    def with_schedules(self, schedules: Sequence[AbstractSchedule]) -> System:
-        """The system in which the masses on rails follow ``schedules``, in their order."""
-        masses, following = list(self.system.point_masses), iter(schedules)
-        for index in self.system.driven:
-            motion = masses[index].motion
-            assert isinstance(motion, Driven)
-            masses[index] = PointMass(masses[index].mass, OnRail(motion.rail, next(following)))
-        return with_masses(self.system, masses)
+    def left_at_end(self, x: Float[Array, " n"]) -> Imbalance:
+        """What the motors must hold, and what else keeps the body from resting, in the place that it has at the end."""
+        packing = self.packing
+        off = with_inputs(packing.system, self.motors, jnp.zeros(self.controls, x.dtype))
+        return imbalance(off, self.end, packing.unpack(self.end, x))
+
+    @property
+    def motor_slots(self) -> Int[np.ndarray, " motors"]:
+        """The places in θ of the joints that motors drive."""
+        first, joints = len(self.system.driven), self.system.joints
+        return np.asarray([first + joints.index((place.mechanism, place.joint)) for place in self.motors], dtype=int)
+
+    @property
+    def _without_motor(self) -> Int[np.ndarray, " joints"]:
+        """The places in θ of the free joints that no motor drives."""
+        driven = {*self.system.accelerated, *self.motor_slots.tolist()}
+        return np.asarray([k for k in range(len(self.system.coordinates)) if k not in driven], dtype=int)
+
+    def with_schedules(
+        self, schedules: Sequence[AbstractSchedule] = (), signals: Sequence[AbstractSignal] = ()
+    ) -> System:
+        """The robot with other schedules of θ, and signals of its motors, in the order of the controls."""
+        return with_schedules(self.robot, self.motors, schedules, signals)
+
+    def of_robot(self, state: BallState | DiskState) -> BallState | DiskState:
+        """The state that the robot has, in which schedules are not part of it."""
+        return with_free_joints(self.system, state)
 
     def _run(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Run:
         """A run of one time."""
@@ -165,7 +188,7 @@ class Rolling(AbstractControlProblem):
 
     def _packing_with(self, u: Float[Array, " m"]) -> Packing[Any, Any]:
         packing = self.packing
-        return eqx.tree_at(lambda p: p.system.law, packing, Given(u))
+        return eqx.tree_at(lambda p: p.system, packing, with_inputs(packing.system, self.motors, u))
 
 
 def rolling(problem: AbstractControlProblem) -> Rolling:

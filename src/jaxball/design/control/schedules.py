@@ -1,4 +1,4 @@
-"""The schedules of the masses in a solution, as a scenario, and that scenario simulated."""
+"""The schedules and the motors' signals in a solution, as a scenario, and that scenario simulated."""
 
 import dataclasses
 from typing import NamedTuple
@@ -7,35 +7,92 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
+from ...numerics import programs
+from ...physics.body import System
+from ...physics.equilibrium import Imbalance, imbalance
 from ...physics.schedules import PiecewiseAcceleration
+from ...physics.signals import PiecewiseSignal
 from ...scenario import Scenario
 from ...scenario.initial import starting_angles
 from ..constraints import AbstractRunningConstraint
 from ..run import Run
-from .rolling import rolling
+from .rolling import Rolling, rolling
 from .solution import PLACES, Solution
 
 
 def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
-    """θ(t) of each mass: θ̈ is the polynomial u on each interval, so that at the knots θ and θ̇ are the solution's.
+    """θ(t) of what is accelerated, masses first and then joints.
+
+    θ̈ is the polynomial u on each interval, so that at the knots θ and θ̇ are the solution's.
 
     **Arguments:**
 
     - ``solution``: a :class:`Solution` of a :class:`Rolling`.
     """
-    problem, path = rolling(solution.problem), solution.path
-    powers = np.arange(path.controls.shape[1])
-    coefficients = path.control_coefficients / np.diff(path.mesh)[:, None, None] ** powers[:, None]
+    problem, mesh = rolling(solution.problem), solution.path.mesh
+    places = np.asarray(problem.system.accelerated, dtype=int)
+    start = zip(problem.state.theta[places], problem.state.thetadot[places], strict=True)
+    polynomials = _polynomials(solution)[: len(places)]
     return [
-        PiecewiseAcceleration(theta, path.mesh, coefficients[:, :, k], rate)
-        for k, (theta, rate) in enumerate(zip(problem.state.theta, problem.state.thetadot, strict=True))
+        PiecewiseAcceleration(theta, mesh, values, rate)
+        for values, (theta, rate) in zip(polynomials, start, strict=True)
     ]
 
 
+def signals_of(solution: Solution) -> list[PiecewiseSignal]:
+    """Q(t) of each motor: the polynomial u on each interval, and then, for as long again, what :func:`holding` says.
+
+    **Arguments:**
+
+    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
+    """
+    first, mesh = len(rolling(solution.problem).system.accelerated), solution.path.mesh
+    times = np.append(mesh, 2 * mesh[-1] - mesh[0])
+    constant = np.eye(1, solution.path.controls.shape[1])
+    return [
+        PiecewiseSignal(times, np.concatenate([values, value * constant]))
+        for values, value in zip(_polynomials(solution)[first:], holding(solution), strict=True)
+    ]
+
+
+def holding(solution: Solution) -> Float[np.ndarray, " motors"]:
+    """The force or torque of each motor with which the robot stays at rest in the place to which it has come.
+
+    **Arguments:**
+
+    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
+    """
+    problem = rolling(solution.problem)
+    return np.asarray(_holding(problem, jnp.asarray(solution.path.knots[-1])))
+
+
+@programs.jit
+def _holding(problem: Rolling, x: Float[Array, " n"]) -> Float[Array, " motors"]:
+    return -problem.left_at_end(x).efforts[problem.motor_slots]
+
+
+def _polynomials(solution: Solution) -> Float[np.ndarray, "m N s"]:
+    """The coefficients of each control, of the powers of the time since the start of each interval."""
+    path = solution.path
+    powers = np.arange(path.controls.shape[1])
+    coefficients = path.control_coefficients / np.diff(path.mesh)[:, None, None] ** powers[:, None]
+    return np.moveaxis(coefficients, 2, 0)
+
+
+def system_of(solution: Solution) -> System:
+    """The robot that moves as a solution asks for.
+
+    **Arguments:**
+
+    - ``solution``: a :class:`Solution` of a :class:`Rolling`.
+    """
+    return rolling(solution.problem).with_schedules(schedules_of(solution), signals_of(solution))
+
+
 def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenario:
-    """The scenario in which the masses move as the solution asks for, which ``jaxball simulate`` runs.
+    """The scenario in which the robot moves as the solution asks for, which ``jaxball simulate`` runs.
 
     **Arguments:**
 
@@ -44,11 +101,8 @@ def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenar
     - ``saves``: how many times are saved.
     """
     problem = rolling(solution.problem)
-    state = problem.state
-    names = [field.name for field in dataclasses.fields(state) if not field.name.startswith("theta")]
-    fields = {name: getattr(state, name) for name in names}
     times = np.linspace(float(problem.start), float(problem.end), saves)
-    return Scenario(title, problem.with_schedules(schedules_of(solution)), type(state)(**fields), times)
+    return Scenario(title, system_of(solution), problem.of_robot(problem.state), times)
 
 
 class Resimulated(NamedTuple):
@@ -56,8 +110,8 @@ class Resimulated(NamedTuple):
 
     - ``apart``: the largest distance between the simulated path and the solution's.
     - ``speed``: the largest of |Ω| and |θ̇| at the end.
-    - ``away``, ``below``: the horizontal distance of the centre of mass from the geometric centre at the end, and how
-      far it is below.
+    - ``away``, ``below``: at the end, how far the centre of mass is beside the vertical through the contact point, and
+      below the geometric centre.
     - ``missed``: the distance of the geometric centre from its place at the end; 0 where it is free.
     - ``margin``: the least normal force, over M g; ``friction``: the largest |f| / N. Both at the saved times.
     - ``violations``: by how much each constraint is violated at most; negative where it holds everywhere.
@@ -92,22 +146,27 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
     run = scenario.simulate(solver=solver, rtol=tolerance, atol=tolerance, throw=True)
     seen, M, r = run.observables, float(problem.system.total_mass), float(problem.system.radius)
     gap = np.asarray(run.state.z) - places(solution, np.asarray(run.times))
-    thetadot = starting_angles(tuple(schedules_of(solution)), problem.end)["thetadot"]
-    centre = np.asarray(seen.centre_of_mass_space[-1])
+    schedules = schedules_of(solution)
+    rates = [*starting_angles(tuple(schedules), problem.end)["thetadot"]] if schedules else []
+    left = _imbalance(scenario.system, problem.end, jax.tree.map(lambda leaf: leaf[-1], run.state))
     missed = 0.0 if problem.place is None else np.linalg.norm(run.state.z[-1] - problem.place)
-    masses_on_rails = problem.with_schedules(schedules_of(solution))
     return Resimulated(
         apart=float(np.max(np.abs(gap) if gap.ndim == 1 else np.linalg.norm(gap, axis=1))) / r,
-        speed=float(max(np.linalg.norm(seen.angular_velocity_body[-1]), np.max(np.abs(thetadot)))),
-        away=float(np.linalg.norm(centre[:2])) / r,
-        below=-float(centre[2]) / r,
+        speed=float(np.max(np.abs([np.linalg.norm(seen.angular_velocity_body[-1]), *rates, *seen.joint_rates[-1]]))),
+        away=float(np.linalg.norm(left.beside)) / r,
+        below=float(left.below) / r,
         missed=float(missed) / r,
         margin=float(np.min(seen.normal_force)) / (M * float(problem.system.gravity)),
         friction=float(np.max(seen.friction_ratio)),
         violations=_violations(
-            Run(masses_on_rails, jnp.asarray(run.times), run.state, run.status), problem.constraints
+            Run(scenario.system, jnp.asarray(run.times), run.state, run.status), problem.constraints
         ),
     )
+
+
+@programs.filter_jit
+def _imbalance(system: System, t, state) -> Imbalance:
+    return imbalance(system.prepare(), t, state)
 
 
 def _violations(run: Run, constraints: dict[str, AbstractRunningConstraint]) -> dict[str, float]:

@@ -53,7 +53,7 @@ class JointEffort(AbstractRunningObjective):
     """
 
     def integrand(self, run: Run):
-        return jnp.sum((run.observables.joint_efforts / run.effort_units[None]) ** 2, axis=-1)
+        return jnp.sum((run.joint_efforts / run.effort_units[None]) ** 2, axis=-1)
 
 
 class MassesNearCentre(AbstractRunningObjective):

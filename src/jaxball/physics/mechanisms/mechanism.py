@@ -2,7 +2,7 @@
 
 import abc
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -20,6 +20,7 @@ from ..state import State
 from .forces import AbstractJointForce
 from .joints import AbstractJoint, Accelerated, Drive, Hinge, Moved, in_place, require_drive
 
+AnyMechanism = TypeVar("AnyMechanism", bound="AbstractMechanism")
 EachJoint = tuple[Float[Array, "_"], Float[Array, "_"], Float[Array, "_"]]  # θ, θ̇ and θ̈ of some or all joints
 
 
@@ -151,9 +152,13 @@ class AbstractMechanism(Printed):
         """The times at which any other force jumps or bends."""
         return concatenated([drive.kinks() for drive in self.drives if isinstance(drive, AbstractJointForce)])
 
-    def prepare(self) -> "AbstractMechanism":
+    @abc.abstractmethod
+    def driven_by(self: AnyMechanism, drives: Sequence[Drive]) -> AnyMechanism:
+        """The same mechanism with other drives, one for each joint."""
+
+    def prepare(self: AnyMechanism) -> AnyMechanism:
         """The same mechanism, ready to be evaluated many times."""
-        return self
+        return self.driven_by([_prepared(drive) for drive in self.drives])
 
 
 def _prepared(drive: Drive) -> Drive:
@@ -275,12 +280,16 @@ class Mechanism(AbstractMechanism):
         for a, joint in enumerate(self.joints):
             yield from joint.conditions(f"{name}.joints[{a}]")
 
-    def prepare(self) -> "Mechanism":
-        joints = []
-        for joint in self.joints:
-            prepared = joint.prepare()
-            joints.append(eqx.tree_at(lambda j: j.drive, prepared, _prepared(joint.drive), is_leaf=lambda x: x is None))
+    def driven_by(self, drives: Sequence[Drive]) -> "Mechanism":
+        joints = [
+            eqx.tree_at(lambda j: j.drive, joint, drive, is_leaf=lambda x: x is None)
+            for joint, drive in zip(self.joints, drives, strict=True)
+        ]
         return eqx.tree_at(lambda m: m.joints, self, tuple(joints))
+
+    def prepare(self) -> "Mechanism":
+        joints = tuple(joint.prepare() for joint in self.joints)
+        return AbstractMechanism.prepare(eqx.tree_at(lambda m: m.joints, self, joints))
 
 
 class FunctionMechanism(AbstractMechanism):
@@ -342,9 +351,8 @@ class FunctionMechanism(AbstractMechanism):
     def slopes(self, at: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
         return jax.jvp(lambda theta: self.places(theta).partial, (at.details,), (thetadot,))[1]
 
-    def prepare(self) -> "FunctionMechanism":
-        given = tuple(_prepared(drive) for drive in self.given)
-        return eqx.tree_at(lambda m: m.given, self, given, is_leaf=lambda x: x is None)
+    def driven_by(self, drives: Sequence[Drive]) -> "FunctionMechanism":
+        return eqx.tree_at(lambda m: m.given, self, tuple(drives), is_leaf=lambda x: x is None)
 
 
 def _velocity(

@@ -1,0 +1,201 @@
+"""What drives a robot in an optimal control problem: accelerations of masses and joints, and forces of motors."""
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...numerics.arrays import Numbers
+from ...numerics.norms import room
+from ...physics.body import PointMass, System, with_integrated_angles
+from ...physics.feedback import AbstractLaw
+from ...physics.mechanisms import AbstractJointForce, Drive, JointForces, Motor
+from ...physics.motion import OnRail
+from ...physics.schedules import AbstractSchedule
+from ...physics.signals import AbstractSignal
+from ...physics.state import BallState, DiskState, State
+from ..constraints.masses import Limit
+from ..errors import DesignError
+from ..run import Run
+
+MOTOR_LIMITS = "motor-limits"
+# By how much a constraint may be violated between the nodes.
+VIOLATION = 1e-4
+
+
+class Given(AbstractLaw):
+    """θ̈ = u, given numbers."""
+
+    u: Float[Array, " driven"]
+
+    def __call__(self, t, state):
+        return self.u
+
+
+class MotorPlace(NamedTuple):
+    """Which motor: the indices of its mechanism, of its joint there, and of the term in a sum of forces."""
+
+    mechanism: int
+    joint: int
+    term: int | None
+
+    def in_drive(self, drive: Drive) -> Motor:
+        """The motor, of the drive of its joint."""
+        force = drive if self.term is None else drive.terms[self.term]  # pyright: ignore
+        assert isinstance(force, Motor)
+        return force
+
+    def replaced(self, drive: Drive, motor: Motor) -> AbstractJointForce:
+        """The drive of its joint, with another motor."""
+        if self.term is None:
+            return motor
+        assert isinstance(drive, JointForces)
+        return JointForces((*drive.terms[: self.term], motor, *drive.terms[self.term + 1 :]))
+
+
+class Inputs(NamedTuple):
+    """What is controlled: θ̈ of whatever has a schedule, and Q of every motor.
+
+    - ``system``: the same robot, in which u has the place of schedules and signals.
+    - ``theta``, ``thetadot``: of its state at the start.
+    - ``motors``: where the motors are; their entries of u follow those of the schedules.
+    """
+
+    system: System
+    theta: Float[Array, " coordinates"]
+    thetadot: Float[Array, " coordinates"]
+    motors: tuple[MotorPlace, ...]
+
+
+class MotorLimits(Limit):
+    """The force that every motor gives, within the limit that it has; shape (t, motors).
+
+    The search keeps away from the limits by as much as its constraints may be violated between the nodes, because
+    motors give no more, and the motion would be another one.
+    """
+
+    most: Float[Array, "1 motors"]
+    motors: tuple[MotorPlace, ...] = eqx.field(static=True)
+
+    def vectors(self, run: Run):
+        motors = _motors_of(run.system, self.motors)
+        return jnp.stack([jax.vmap(motor.signal)(run.times) for motor in motors], axis=-1)[..., None]
+
+    def margins(self, run: Run):
+        unit = self.unit(run)
+        return room(self.vectors(run), self.most - VIOLATION * unit) / unit
+
+    def unit(self, run: Run):
+        first = np.cumsum([0, *(mechanism.n_joints for mechanism in run.system.mechanisms)])
+        return run.effort_units[np.asarray([first[place.mechanism] + place.joint for place in self.motors])][None]
+
+
+def inputs(system: System, start: Numbers, state: State | None) -> Inputs:
+    """What can be controlled in a system, whose free joints are in ``state`` at the start.
+
+    **Raises:** :class:`DesignError` where nothing can, and for a joint with two motors; ``ValueError`` for a system
+    with a feedback law.
+    """
+    motors = tuple(_motors(system))
+    driven, angles = with_integrated_angles(system, start, state)
+    if not driven.accelerated and not motors:
+        raise DesignError(
+            "Argument `system` must have a mass on a rail, a joint with a schedule, or a joint with a Motor to be "
+            "controlled, but it has none."
+        )
+    still = _with_motors(driven, motors, [Motor(0.0)] * len(motors))
+    if driven.accelerated:
+        still = eqx.tree_at(lambda s: s.law, still, Given(angles["theta"][np.asarray(driven.accelerated)]))
+    return Inputs(still, **angles, motors=motors)
+
+
+def motor_limits(system: System, motors: Sequence[MotorPlace]) -> dict[str, MotorLimits]:
+    """The limits of motors as a constraint, if there are any."""
+    limits = {place: motor.limit for place, motor in zip(motors, _motors_of(system, motors), strict=True)}
+    limited = {place: limit for place, limit in limits.items() if limit is not None}
+    return {MOTOR_LIMITS: MotorLimits(jnp.stack(list(limited.values()))[None], tuple(limited))} if limited else {}
+
+
+def with_inputs(prepared: System, motors: Sequence[MotorPlace], u: Float[Array, " m"]) -> System:
+    """The prepared system of :class:`Inputs` with given u; traceable."""
+    accelerations, forces = jnp.split(u, [len(prepared.accelerated)])
+    if prepared.accelerated:
+        prepared = eqx.tree_at(lambda s: s.law, prepared, Given(accelerations))
+    if not motors:
+        return prepared
+    entries = {place: slot for slot, place in enumerate(motors)}
+    found: list[tuple[int, MotorPlace]] = []
+    values = []
+    for index, order in enumerate(prepared.mechanism_order):
+        for place in [place for place in motors if place.mechanism == order[0]]:
+            found.append((index, place))
+            values.append(forces[np.asarray([entries[place._replace(mechanism=i)] for i in order])])
+
+    def signals(system):
+        drives = [(place, system.mechanism_groups[index].drives[place.joint]) for index, place in found]
+        return [place.in_drive(drive).signal.value for place, drive in drives]
+
+    return eqx.tree_at(signals, prepared, values)
+
+
+def with_schedules(
+    system: System,
+    motors: Sequence[MotorPlace],
+    schedules: Sequence[AbstractSchedule],
+    signals: Sequence[AbstractSignal],
+) -> System:
+    """The robot as it was given, with other schedules of θ and signals of its motors, in the order of u."""
+    following = iter(schedules)
+    masses = [
+        PointMass(item.mass, OnRail(item.motion.rail, next(following))) if isinstance(item.motion, OnRail) else item
+        for item in system.point_masses
+    ]
+    mechanisms = [
+        mechanism.driven_by(
+            [next(following) if isinstance(drive, AbstractSchedule) else drive for drive in mechanism.drives]
+        )
+        for mechanism in system.mechanisms
+    ]
+    moved = type(system)(**{**system.arguments, "masses": masses, "mechanisms": mechanisms})
+    limits = [motor.limit for motor in _motors_of(system, motors)]
+    return _with_motors(moved, motors, [Motor(s, limit) for s, limit in zip(signals, limits, strict=True)])
+
+
+def with_free_joints(system: System, state: BallState | DiskState) -> BallState | DiskState:
+    """The state of a robot whose schedules are given again: θ and θ̇ of its free joints only.
+
+    ``system`` is that of :class:`Inputs`, and ``state`` its state.
+    """
+    free = np.setdiff1d(np.arange(len(system.coordinates)), np.asarray(system.accelerated, dtype=int))
+    return eqx.tree_at(lambda s: (s.theta, s.thetadot), state, (state.theta[..., free], state.thetadot[..., free]))
+
+
+def _motors(system: System) -> Iterator[MotorPlace]:
+    for i, mechanism in enumerate(system.mechanisms):
+        for a, drive in enumerate(mechanism.drives):
+            terms = dict(enumerate(drive.terms)) if isinstance(drive, JointForces) else {None: drive}
+            places = [MotorPlace(i, a, term) for term, force in terms.items() if isinstance(force, Motor)]
+            if len(places) > 1:
+                raise DesignError(
+                    "Argument `system` must have one Motor on a joint to be controlled, but "
+                    f"mechanisms[{i}].joints[{a}] has {len(places)}; give their sum to one."
+                )
+            yield from places
+
+
+def _motors_of(system: System, motors: Sequence[MotorPlace]) -> list[Motor]:
+    mechanisms = system.mechanisms
+    return [place.in_drive(mechanisms[place.mechanism].drives[place.joint]) for place in motors]
+
+
+def _with_motors(system: System, places: Sequence[MotorPlace], motors: Sequence[Motor]) -> System:
+    mechanisms = list(system.mechanisms)
+    for place, motor in zip(places, motors, strict=True):
+        drives = list(mechanisms[place.mechanism].drives)
+        drives[place.joint] = place.replaced(drives[place.joint], motor)
+        mechanisms[place.mechanism] = mechanisms[place.mechanism].driven_by(drives)
+    return type(system)(**{**system.arguments, "mechanisms": mechanisms})

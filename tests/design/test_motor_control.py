@@ -1,0 +1,126 @@
+"""Optimal control by the torques of motors, and by accelerations of joints."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import design
+from jaxball.design import control
+from jaxball.physics.equilibrium import imbalance
+
+END, PLACE = 6.0, -1.0
+SLOPE, MASS, LENGTH = np.radians(5.0), 0.8, 0.6
+LEAN = np.arcsin((1.0 + MASS) * np.sin(SLOPE) / (MASS * LENGTH))  # M r sin a = m l sin(lean), from the vertical
+MESH = np.linspace(0.0, END, 9)
+
+
+def climber(drive):
+    pendulum = jaxball.planar_pendulum(MASS, LENGTH, drive=drive)
+    return jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=[pendulum], ground=jaxball.Ground(angle=SLOPE))
+
+
+def climb(drive, theta, **constraints):
+    state = jaxball.DiskState(theta=theta, thetadot=np.zeros(len(theta)))
+    objectives = {"effort": design.JointEffort()}
+    return control.Rolling(climber(drive), (0.0, END), objectives, state, place=PLACE, constraints=constraints)
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """Up a slope, by the torque on a pendulum."""
+    return control.started(climb(jaxball.Motor(0.0), [LEAN - SLOPE]), MESH)
+
+
+def test_a_pendulum_holds_a_disk_on_a_slope(driven):
+    """The pendulum at the angle and with the torque m g l sin(lean) of its closed form."""
+    robot = climber(jaxball.Motor(0.0))
+    left = imbalance(robot.prepare(), jnp.asarray(0.0), jaxball.DiskState(theta=[LEAN - SLOPE], thetadot=[0.0]))
+    np.testing.assert_allclose(left.torque, 0.0, atol=1e-15)
+    np.testing.assert_allclose(left.beside, 0.0, atol=1e-15)
+    torque = MASS * LENGTH * np.sin(LEAN)
+    np.testing.assert_allclose(jnp.abs(left.efforts), torque, rtol=1e-14)
+    np.testing.assert_allclose(np.abs(control.holding(driven)), torque, rtol=1e-9)
+
+
+def test_motors_take_it_there_and_it_stays(driven):
+    """By a simulation that knows of torques and not of controls, for twice as long."""
+    scenario = control.scenario_of(driven)
+    times = np.linspace(0.0, 2 * END, 201)
+    run = jaxball.simulate(scenario.system, times, scenario.state, rtol=1e-11, atol=1e-11, throw=True)
+    rest = times >= END
+    np.testing.assert_allclose(run.state.z[rest], PLACE, atol=1e-5)
+    np.testing.assert_allclose(run.state.theta[rest, 0], LEAN - SLOPE + run.state.phi[rest], atol=1e-5)
+    found = control.places(driven, times[~rest])
+    np.testing.assert_allclose(run.state.z[~rest], found, atol=1e-5)
+    seen = control.resimulated(driven)
+    assert max(seen.apart, seen.speed, seen.away, seen.missed) < 1e-5
+
+
+@pytest.mark.slow
+def test_a_joint_that_is_accelerated_finds_the_same_torque(driven):
+    """The same optimum by another control, θ̈ of a joint that has a schedule, and its effort."""
+    other = control.started(climb(jaxball.ConstantRate(LEAN - SLOPE), []), MESH)
+    times = np.linspace(0.0, END, 41)
+    np.testing.assert_allclose(control.places(other, times), control.places(driven, times), atol=1e-5)
+    np.testing.assert_allclose(control.means(other)["effort"], control.means(driven)["effort"], rtol=1e-6)
+    run = control.scenario_of(other).simulate(rtol=1e-11, atol=1e-11, throw=True)
+    torque = jax.vmap(control.signals_of(driven)[0])(run.times[:-1])
+    np.testing.assert_allclose(run.observables.joint_efforts[:-1, 0], torque, atol=1e-4)
+
+
+def test_a_rotor_rolls_a_disk_as_a_double_integrator_does():
+    """(D − C + M r²) z̈ = −r Q, with D − C the shell's inertia: Q = −6 (D − C + M r²) z (1 − 2 t/T) / (r T²).
+
+    The rotor stops when the disk does, and the centre of mass is never beside the centre: conditions at the end
+    repeat each other, and are regular with some softness.
+    """
+    m, size, inertia = 0.5, 0.6, 0.7
+    rotor = jaxball.ring_rotor(m, size, axis=(0.0, 1.0, 0.0), drive=jaxball.Motor(0.0))
+    disk = jaxball.Disk(mass=1.0, inertia=inertia, mechanisms=[rotor])
+    start = jaxball.DiskState(theta=[0.0], thetadot=[0.0])
+    problem = control.Rolling(disk, (0.0, END), {"effort": design.JointEffort()}, start, PLACE, softness=1e-8)
+    found = control.started(problem, MESH)
+    times = np.linspace(0.0, END, 21)[:-1]
+    torque = -6 * (inertia + (1.0 + m)) * PLACE * (1 - 2 * times / END) / END**2
+    np.testing.assert_allclose(jax.vmap(control.signals_of(found)[0])(times), torque, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_a_limit_holds_and_is_kept(driven):
+    """A motor has its limit again in the scenario, and never meets it: the simulation is the solution."""
+    free = np.max(np.abs(driven.path.controls))
+    limit = 0.95 * free
+    problem = climb(jaxball.Motor(0.0, limit=limit) + jaxball.Damper(0.0), [LEAN - SLOPE])
+    found = control.sharpened(control.started(problem, MESH))
+    largest = np.max(np.abs(control.system_of(found).mechanisms[0].drives[0].terms[0].signal(jnp.asarray(0.0))))
+    assert 0.99 * limit < largest < limit
+    seen = control.resimulated(found)
+    assert seen.violations["motor-limits"] < 0
+    assert max(seen.apart, seen.speed, seen.away, seen.missed) < 1e-5
+
+
+def test_limits_of_motors_are_constraints():
+    limited = climb(jaxball.Motor(0.3, limit=0.5) + jaxball.Damper(0.1), [0.0])
+    assert list(limited.constraints) == ["motor-limits"]
+    given = limited.with_schedules(signals=[jaxball.Motor(0.2).signal]).mechanisms[0].drives[0]
+    assert [type(term).__name__ for term in given.terms] == ["Motor", "Damper"]
+    np.testing.assert_array_equal([given.terms[0].signal.value, given.terms[0].limit], [0.2, 0.5])
+    off = limited.system.mechanisms[0].drives[0].terms[0]
+    assert float(off.signal.value) == 0.0
+    assert off.limit is None
+
+
+def test_what_cannot_be_controlled():
+    hinge = jaxball.planar_pendulum(0.5, 0.5, drive=jaxball.Motor(0.0) + jaxball.Motor(1.0))
+    twice = jaxball.Disk(mass=1.0, inertia=0.5, mechanisms=[hinge])
+    state = jaxball.DiskState(theta=[0.0], thetadot=[0.0])
+    with pytest.raises(design.DesignError, match=r"mechanisms\[0\]\.joints\[0\] has 2"):
+        control.Rolling(twice, (0.0, 1.0), {}, state)
+    with pytest.raises(ValueError, match=r"`state` must be given.*mechanisms\[0\]\.joints\[0\]"):
+        control.Rolling(climber(jaxball.Motor(0.0)), (0.0, 1.0), {})
+    table = jaxball.Ground(turntable=jaxball.Turntable(jaxball.ConstantRate(0.0, rate=1.0)))
+    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=table, mechanisms=[jaxball.planar_pendulum(0.5, 0.5)])
+    with pytest.raises(design.DesignError, match="turntable"):
+        control.Rolling(ball, (0.0, 1.0), {}, jaxball.BallState(theta=[0.0], thetadot=[0.0]))
