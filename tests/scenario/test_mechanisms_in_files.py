@@ -267,6 +267,18 @@ def test_balance_counts_the_masses_of_mechanisms():
     np.testing.assert_allclose(item.motion.schedule.theta, 2 * np.pi / 3, rtol=0, atol=1e-9)
 
 
+def test_balance_knows_the_slope():
+    """m ρ cos(θ − a) = −M r sin a, as by the moment about the contact point; the ground that moves is refused."""
+    mass = '[[masses]]\nmass = 0.5\nrail = { kind = "circle", radius = 0.6 }\n'
+    mass += 'schedule = { kind = "constant-rate", theta = -1.0 }\n'
+    start = "[initial]\nbalance = { masses = [0] }\n"
+    (item,) = read_scenario(with_parts(mass, start, "[ground]\nangle = 0.1\n")).system.point_masses
+    angle = 0.1 - np.arccos(-1.5 * np.sin(0.1) / 0.3)
+    np.testing.assert_allclose(item.motion.schedule.theta, angle, rtol=0, atol=1e-9)
+    with pytest.raises(ScenarioError, match=r"^Key `initial.balance` cannot stand beside `ground.motion`, because"):
+        read_scenario(with_parts(mass, start, "[ground.motion.free]\nconstant = [0.0, 0.0, 0.0]\n"))
+
+
 CHANGED = {
     "resistance.rolling": 0.3,
     "ground.angle": 0.05,

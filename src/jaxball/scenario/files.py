@@ -161,7 +161,8 @@ def read_contents(document: dict[str, Any]) -> Contents:
         lambda: read_initial(document.get("initial", {}), "initial", kind),
     )
     start = times.start
-    masses = balanced(masses, mechanisms, shell, initial, "initial", kind, start)
+    resting = {**shell, "ground": surroundings.get("ground")}
+    masses = balanced(masses, mechanisms, resting, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]
     actuated = apply_actuation(actuation, "actuation", masses, mechanisms, kind)
     system = (Disk if kind == "disk" else Ball)(
