@@ -310,6 +310,24 @@ def test_traced_numbers_make_what_files_make():
     assert broken == {"resistance.rolling", "ground.angle", *moved}
 
 
+def test_friction_without_a_normal_force_is_refused_in_files():
+    """A light shell and a mass ahead: no solution from B / (m x) = 2.03 on, as in tests/physics/test_painleve.py."""
+    light = SHELL.replace("mass = 1.0", "mass = 0.1").replace(
+        "inertia = [0.9, 1.0, 1.1]", "inertia = [0.01, 0.01, 0.01]"
+    )
+    ahead = "[[masses]]\nmass = 2.0\n[masses.free]\nconstant = [0.9, 0.0, 0.0]\n"
+    rolling = "[initial]\nOmega = [0.0, 2.0, 0.0]\n"
+
+    def text(dry):
+        return "\n".join([light, ahead, f"[resistance]\ndry = {dry}\n", rolling, TIMES])
+
+    structure = Structure(tomllib.loads(text(1.9)), ("resistance.dry",))
+    assert jax.jit(structure.conditions)(jnp.array([2.0]))["resistance.dry"]
+    assert not jax.jit(structure.conditions)(jnp.array([2.1]))["resistance.dry"]
+    with pytest.raises(ScenarioError, match=r"^Key `resistance.dry` must be so small, or the masses so near to above"):
+        read_scenario(text(2.1))
+
+
 def test_every_number_can_be_traced():
     changes = {
         "force.powers[0][1]": 0.02,
