@@ -14,6 +14,8 @@ from .motion import Kinematics
 from .parameters import BodyParameters
 from .state import Rates
 
+RatesOfGroup = tuple[Float[Array, "mechanisms k"], Float[Array, "mechanisms k"], Float[Array, "mechanisms k"]]
+
 
 @dataclasses.dataclass(frozen=True)
 class Linkage:
@@ -24,7 +26,7 @@ class Linkage:
 
     group: AbstractMechanism
     slots: Int[np.ndarray, "mechanisms free"]  # where the free joints are in a state's theta
-    rates: Rates  # θ, θ̇ and θ̈ of all joints
+    rates: RatesOfGroup  # θ, θ̇ and θ̈ of all joints
     at: Places
 
     @property

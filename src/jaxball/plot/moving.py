@@ -22,8 +22,8 @@ def move(artist: Line2D, points: Float[np.ndarray, "points 3"]) -> None:
         artist.set_data(points[:, 0], points[:, 2])
 
 
-def face(ax: Axes3D, **look) -> Poly3DCollection:
-    """A polygon in space that has no corners yet, without an edge unless ``look`` has one."""
-    polygon = Poly3DCollection([np.zeros((3, 3))], **({"edgecolor": "none"} | look))
+def face(ax: Axes3D, edgecolor: str = "none", **look) -> Poly3DCollection:
+    """A polygon in space that has no corners yet."""
+    polygon = Poly3DCollection([np.zeros((3, 3))], edgecolor=edgecolor, **look)
     ax.add_collection3d(polygon)
     return polygon

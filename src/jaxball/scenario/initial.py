@@ -153,12 +153,12 @@ def balanced(
     on_rails = [index for index, item in enumerate(masses) if isinstance(item.motion, OnRail)]
     if not set(wanted["masses"]) <= set(on_rails):
         raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(wanted["masses"])))
+    if fields["theta"] is not None:
+        raise ScenarioError(f"Key `{path}` cannot stand beside `theta`, because it finds the angles.")
     ground = resting["ground"]
     if ground is not None and ground.moving:
         part = "motion" if ground.turntable is None else "turntable"
         raise ScenarioError(f"Key `{path}` cannot stand beside `ground.{part}`, because it is for a plane at rest.")
-    if fields["theta"] is not None:
-        raise ScenarioError(f"Key `{path}` cannot stand beside `theta`, because it finds the angles.")
     for index, item in enumerate(masses):
         if isinstance(item.motion, Driven):
             must = f"masses with schedules, but `masses[{index}]` has none; give `initial.theta` instead"
