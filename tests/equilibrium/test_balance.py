@@ -5,7 +5,24 @@ import numpy as np
 import pytest
 
 import jaxball
-from jaxball import Ball, BallState, Circle, ConstantRate, Driven, Fixed, FunctionLaw, OnRail, PointMass, Tube, balance
+from jaxball import (
+    Ball,
+    BallState,
+    Circle,
+    ConstantRate,
+    Disk,
+    Driven,
+    Fixed,
+    FunctionLaw,
+    Ground,
+    HarmonicSeries,
+    OnRail,
+    Oscillating,
+    PointMass,
+    Tube,
+    Turntable,
+    balance,
+)
 from jaxball.paper.systems import ball as paper_ball
 
 
@@ -74,6 +91,69 @@ def test_the_angle_of_a_driven_mass():
     found = balance(ball, free=[0], above=False, state=BallState(theta=[-1.0], thetadot=[0.0]))
     assert found.found
     assert float(found.theta[0]) == pytest.approx(-np.pi / 2, abs=1e-12)
+
+
+def disk_on_a_slope(angle, mass=0.5):
+    """A disk with one mass on a circle of radius 0.6."""
+    return Disk(
+        mass=1.0,
+        inertia=0.5,
+        ground=Ground(angle),
+        masses=[PointMass(mass, OnRail(Circle(0.6), ConstantRate(-1.0, rate=0.0)))],
+    )
+
+
+@pytest.mark.parametrize("angle", [0.1, -0.15])
+def test_on_a_slope_the_mass_takes_up_the_moment_of_the_weight(angle):
+    """m ρ cos(θ − a) = −M r sin a, about the contact point."""
+    answer = balance(disk_on_a_slope(angle), [0], above=False)
+    away = np.arccos(-1.5 * np.sin(angle) / 0.3)
+    np.testing.assert_allclose(answer.theta, [angle - away], atol=1e-12)
+    assert "on the vertical through the contact point, lower than the centre" in answer.message
+    upper = balance(disk_on_a_slope(angle), [0], above=True)
+    np.testing.assert_allclose(np.exp(1j * np.asarray(upper.theta)), [np.exp(1j * (angle + away))], atol=1e-12)
+    assert answer.solutions_above.tolist() == [False]
+
+
+def test_a_slope_can_be_too_steep():
+    """The vertical through the contact point is r sin a from the centre, and the centre of mass at most 0.2."""
+    answer = balance(disk_on_a_slope(0.5), [0])
+    assert not answer.found
+    assert answer.residual == pytest.approx(np.sin(0.5) - 0.2, abs=1e-9)
+    assert "put the centre of mass on the vertical through the contact point; the angles" in answer.message
+
+
+def test_a_balanced_ball_on_a_slope_has_no_acceleration():
+    """By the equations of motion, however the ball is turned, the slope heads, and its shell is out of balance."""
+    frame = jaxball.SphericalFrame(1.4, 0.2)
+    still = ConstantRate(0.4, rate=0.0)
+    ball = Ball(
+        mass=1.0,
+        inertia=(0.9, 1.0, 1.1),
+        offset=(0.05, -0.02, 0.1),
+        gravity=2.0,
+        masses=[PointMass(0.7, OnRail(Circle(0.9), still)), PointMass(0.8, OnRail(Circle(0.8, frame=frame), still))],
+        ground=Ground(0.2, 0.7),
+    )
+    state = BallState(q=np.array([0.9, 0.3, 0.3, -0.1]))
+    answer = balance(ball, [0, 1], state=state)
+    assert len(answer.solutions) >= 2
+    for theta in np.asarray(answer.solutions):
+        moved = jaxball.with_angles(ball, [0, 1], theta)
+        np.testing.assert_allclose(jaxball.vector_field(moved, jnp.array(0.0), state).Omega, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("ground", "part"),
+    [
+        (Ground(0.1, motion=Oscillating(HarmonicSeries((0.0, 0.0, 0.0)))), "motion"),
+        (Ground(turntable=Turntable(ConstantRate(0.0))), "turntable"),
+    ],
+)
+def test_nothing_rests_on_a_plane_that_moves(ground, part):
+    ball = Ball(mass=1.0, inertia=(1.0, 1.0, 1.0), ground=ground)
+    with pytest.raises(ValueError, match=rf"^Argument `system` must be on a plane at rest, .* has a {part}\.$"):
+        balance(ball, [0])
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from jaxball.scenario import builtin_scenarios, builtin_text, builtin_title, loa
 
 NAMES = (
     "axisymmetric-pendulum",
+    "axisymmetric-pendulum-on-a-slope",
     "ball",
     "chaplygin-sphere",
     "chaplygin-top",

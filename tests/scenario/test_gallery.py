@@ -89,6 +89,25 @@ def test_an_axisymmetric_pendulum_goes_round_steadily():
     np.testing.assert_allclose(z[:, 0] + 1j * z[:, 1], m * l * np.sin(a) / (m + mc) * (1 - turn), atol=1e-7)
 
 
+def test_an_axisymmetric_pendulum_drives_a_ball_up_a_slope():
+    """z = −½ A t², with the rod at the angle b uphill from the normal, by Newton and Euler.
+
+    On the ball as a sled of mass mc = m0 + d / r² pull the pendulum's weight and the motor's Q / r. In the axes of the
+    sled gravity is (g sin a + A, 0, −g cos a), whose torque on the pendulum is Q, so that nothing turns the spin.
+    """
+    trajectory, times, seen = run("axisymmetric-pendulum-on-a-slope")
+    m, l, a, A = 0.6, 0.5, 0.1, 0.02
+    Q = (m + 1.4) * A + (m + 1.0) * np.sin(a)
+    tilt = np.arctan2(np.sin(a) + A, np.cos(a))
+    b = np.arcsin(Q / (m * l * np.hypot(np.sin(a) + A, np.cos(a)))) - tilt
+    np.testing.assert_allclose(trajectory.state.z, np.outer(-A / 2 * times**2, [1, 0]), atol=1e-7)
+    ring = np.mean(np.asarray(seen.mass_positions_space), axis=1)
+    np.testing.assert_allclose(ring - l * np.array([-np.sin(b), 0, -np.cos(b)]), 0, atol=1e-7)
+    np.testing.assert_allclose(seen.joint_rates[:, 2], 4.0, atol=1e-7)
+    np.testing.assert_allclose(seen.joint_efforts[:, 0], Q, atol=1e-12)
+    assert trajectory.state.z[-1, 0] < -3.9
+
+
 def test_the_spin_of_a_gyroscopic_pendulum_is_the_impulse_of_its_motor():
     """C (n·ω) = ∫Q, with the rod n and ω = Ω + θ̇₁ E₂ + θ̇₂ w₂ + θ̇₃ n of the ring, all in body axes."""
     trajectory, times, seen = run("gyroscopic-pendulum")

@@ -267,6 +267,18 @@ def test_balance_counts_the_masses_of_mechanisms():
     np.testing.assert_allclose(item.motion.schedule.theta, 2 * np.pi / 3, rtol=0, atol=1e-9)
 
 
+def test_balance_knows_the_slope():
+    """m ρ cos(θ − a) = −M r sin a, as by the moment about the contact point; the ground that moves is refused."""
+    mass = '[[masses]]\nmass = 0.5\nrail = { kind = "circle", radius = 0.6 }\n'
+    mass += 'schedule = { kind = "constant-rate", theta = -1.0 }\n'
+    start = "[initial]\nbalance = { masses = [0] }\n"
+    (item,) = read_scenario(with_parts(mass, start, "[ground]\nangle = 0.1\n")).system.point_masses
+    angle = 0.1 - np.arccos(-1.5 * np.sin(0.1) / 0.3)
+    np.testing.assert_allclose(item.motion.schedule.theta, angle, rtol=0, atol=1e-9)
+    with pytest.raises(ScenarioError, match=r"^Key `initial.balance` cannot stand beside `ground.motion`, because"):
+        read_scenario(with_parts(mass, start, "[ground.motion.free]\nconstant = [0.0, 0.0, 0.0]\n"))
+
+
 CHANGED = {
     "resistance.rolling": 0.3,
     "ground.angle": 0.05,
@@ -296,6 +308,24 @@ def test_traced_numbers_make_what_files_make():
     broken = {path for path, value in hold(bad).items() if not bool(value)}
     moved = {"mechanisms[0].masses[0].mass", "masses", "mechanisms"}  # out of the shell, and with an inertia below 0
     assert broken == {"resistance.rolling", "ground.angle", *moved}
+
+
+def test_friction_without_a_normal_force_is_refused_in_files():
+    """A light shell and a mass ahead: no solution from B / (m x) = 2.03 on, as in tests/physics/test_painleve.py."""
+    light = SHELL.replace("mass = 1.0", "mass = 0.1").replace(
+        "inertia = [0.9, 1.0, 1.1]", "inertia = [0.01, 0.01, 0.01]"
+    )
+    ahead = "[[masses]]\nmass = 2.0\n[masses.free]\nconstant = [0.9, 0.0, 0.0]\n"
+    rolling = "[initial]\nOmega = [0.0, 2.0, 0.0]\n"
+
+    def text(dry):
+        return "\n".join([light, ahead, f"[resistance]\ndry = {dry}\n", rolling, TIMES])
+
+    structure = Structure(tomllib.loads(text(1.9)), ("resistance.dry",))
+    assert jax.jit(structure.conditions)(jnp.array([2.0]))["resistance.dry"]
+    assert not jax.jit(structure.conditions)(jnp.array([2.1]))["resistance.dry"]
+    with pytest.raises(ScenarioError, match=r"^Key `resistance.dry` must be so small, or the masses so near to above"):
+        read_scenario(text(2.1))
 
 
 def test_every_number_can_be_traced():

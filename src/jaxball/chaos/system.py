@@ -34,10 +34,10 @@ def lyapunov_spectrum(
     """The Lyapunov exponents of the motion of ``system`` from ``times[0]`` to ``times[1]``, in 1/time.
 
     The phase space is that of (Ω, Γ) with |Γ| = 1 (``uncon_ball_eqns_explicit``), of dimension 5; each mass that a
-    feedback law drives adds its θ and θ̇. Place and heading follow by integration and would add zeros. Where a force
-    acts, which (Ω, Γ) cannot express, the phase space is that of (q, Ω, z) with |q| = 1, of dimension 8. For a disk
-    it is that of (φ, φ̇, z), and for a classical system that of its own state. Time adds no exponent, because the motion
-    of the masses is prescribed.
+    feedback law drives, and each joint without a schedule, adds its θ and θ̇. Place and heading follow by integration
+    and would add zeros. Where a force acts or the ground is not level and at rest, which (Ω, Γ) cannot express, it
+    is the phase space of (q, Ω, z) with |q| = 1, of dimension 8. For a disk it is that of (φ, φ̇, z), and for a
+    classical system that of its own state. Time adds no exponent, because what is prescribed is no part of the state.
 
     Deviations of Γ are tangent to the sphere: Γ̇ = Γ × Ω keeps Γ·δΓ = 0, and rounding is removed after each interval.
     The vector that is advanced holds the locked angular velocity W for Ω (module ``locked``); the exponents are those

@@ -16,7 +16,7 @@ from .breaches import breaches, in_plane
 from .conditions import Condition, Problem, all_hold, positive, positive_inertia, real_inertia
 from .confinement import beside, confined, time_of_leaving
 from .coupling import moved_masses
-from .dynamics import accelerations
+from .dynamics import accelerations, solvable_friction
 from .feedback import AbstractLaw, FollowSchedules
 from .locked import from_locked, locked_field, to_locked
 from .mechanisms import Accelerated
@@ -73,6 +73,8 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
     def start_conditions(self, t: Float[Array, ""], state: Any) -> Iterator[Condition]:
         if any(group.free for group in self.mechanism_groups):
             yield from moved_masses(self.prepare(), t, state)
+        if self._is_dry:
+            yield from solvable_friction(self.prepare(), t, state)
 
     def default_state(self) -> State:
         if self.coordinates:

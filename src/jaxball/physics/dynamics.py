@@ -5,6 +5,7 @@ Labels are those of the equations in Putkaradze & Rogers (2018).
 """
 
 import dataclasses
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -13,12 +14,18 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import require_value
 from ..numerics.vectors import apply, cross, dot, outer
-from .coupling import Joints, inertia, joined, joint_forces, with_free_joints
+from .conditions import Condition
+from .coupling import FactoredInertia, Joints, inertia, joined, joint_forces, with_free_joints
 from .linkage import Linkage, along, linkages
 from .load import Load, load
-from .moments import AbstractMoments, Moments, moments
+from .moments import AbstractMoments, Moments, moments, velocity_moments
 from .parameters import BodyParameters
 from .state import Rates, State
+
+SOLVABLE = (
+    "so small, or the masses so near to above the contact point, that friction at the start adds less to the normal "
+    "force than this force itself (Painlevé's paradox)"
+)
 
 
 class Accelerations(NamedTuple):
@@ -59,10 +66,9 @@ def accelerations(
     if dry is not None:
         resting = apparent + at.M * acting.weight
         resting = resting if acting.force is None else resting - acting.force
-        change, joint_changes = matrix.solve(dry, [jnp.zeros_like(effort) for effort in efforts])
+        change, joint_changes, slope = _rubbed(at, Gamma, free, matrix, dry)
         # N = N(without dry friction) + N times what a unit of N changes; nothing where N would be negative.
         without = dot(Gamma, resting) + _normal(at, Gamma, free, Omegadot, thetaddot)
-        slope = _normal(at, Gamma, free, change, joint_changes)
         N = jnp.maximum(without, 0.0) / jnp.where(slope < 1, 1 - slope, jnp.nan)
         Omegadot = Omegadot + N * change
         thetaddot = [x + N * y for x, y in zip(thetaddot, joint_changes, strict=True)]
@@ -71,6 +77,33 @@ def accelerations(
     return Accelerations(
         Omegadot, (theta, thetadot, joined(given, links, thetaddot)), _completed(at, free, thetaddot), dry
     )
+
+
+def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State) -> Iterator[Condition]:
+    """The condition on dry friction that there is a normal force with it: that a unit of N adds less than itself to N.
+
+    It adds more where much of the mass is far ahead of the contact point and friction is great. ``system`` is prepared.
+    """
+    if system.resistance is None or system.resistance.dry is None:
+        return
+    r, Omega, Gamma = system.radius, state.Omega, state.Gamma
+    links = linkages(system, t, (state.theta, state.thetadot, state.thetadot))  # no rates are used
+    at = velocity_moments(system, t, (state.theta, state.thetadot), links)
+    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factored()
+    dry = system.resistance.dry_torque(r, Omega, Gamma)
+    assert dry is not None
+    *_, slope = _rubbed(at, Gamma, with_free_joints(links), matrix, dry)
+    # What is not a number is told by other conditions.
+    yield Condition(~(slope >= 1), "resistance.dry", system.resistance.dry, SOLVABLE)
+
+
+def _rubbed(
+    at: AbstractMoments, Gamma: Float[Array, "3"], free: list[Linkage], matrix: FactoredInertia, dry: Float[Array, "3"]
+) -> tuple[Float[Array, "3"], Joints, Float[Array, ""]]:
+    """Ω̇ and free θ̈ that the torque ``dry`` of a unit of normal force has, and the normal force that these add."""
+    still = [jnp.zeros(link.slots.shape, dtype=Gamma.dtype) for link in free]
+    change, joint_changes = matrix.solve(dry, still)
+    return change, joint_changes, _normal(at, Gamma, free, change, joint_changes)
 
 
 def _completed(at: Moments, free: list[Linkage], thetaddot: Joints) -> Moments:
@@ -91,7 +124,7 @@ def _inertial_efforts(link: Linkage, acting: Load, Omega: Float[Array, "3"]) -> 
 
 
 def _normal(
-    at: Moments, Gamma: Float[Array, "3"], free: list[Linkage], Omegadot: Float[Array, "3"], thetaddot: Joints
+    at: AbstractMoments, Gamma: Float[Array, "3"], free: list[Linkage], Omegadot: Float[Array, "3"], thetaddot: Joints
 ) -> Float[Array, ""]:
     """What Ω̇ and θ̈ of free joints add to the normal force: (p × Γ)·Ω̇ + Σ Γ·p_a θ̈_a."""
     normal = dot(cross(at.p, Gamma), Omegadot)

@@ -104,6 +104,11 @@ class Ground(Printed):
             along = abs(number.sin(self.heading)) < ALONG
             yield Condition(along, "ground.heading", self.heading, "0 or π for a disk, which rolls along e1")
 
+    @property
+    def moving(self) -> bool:
+        """Whether it has a motion or a turntable, even one that does not turn."""
+        return not (self.motion is None and self.turntable is None)
+
     def up(self) -> Float[Array, "3"]:
         """The vertical −**g**/g, space axes."""
         (sine, cosine), (sine_b, cosine_b) = sine_cosine(self.angle), sine_cosine(self.heading)

@@ -1,6 +1,7 @@
 """The mechanisms of a body at a state, group by group: where they are, and how their joints move them."""
 
-from typing import NamedTuple
+import dataclasses
+import functools
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -13,13 +14,19 @@ from .motion import Kinematics
 from .parameters import BodyParameters
 from .state import Rates
 
+RatesOfGroup = tuple[Float[Array, "mechanisms k"], Float[Array, "mechanisms k"], Float[Array, "mechanisms k"]]
 
-class Linkage(NamedTuple):
-    """A group of mechanisms at a state. The first axis of arrays is that of the mechanisms."""
+
+@dataclasses.dataclass(frozen=True)
+class Linkage:
+    """A group of mechanisms at a state. The first axis of arrays is that of the mechanisms.
+
+    What is computed of it is kept, so that it is traced once.
+    """
 
     group: AbstractMechanism
     slots: Int[np.ndarray, "mechanisms free"]  # where the free joints are in a state's theta
-    rates: Rates  # θ, θ̇ and θ̈ of all joints
+    rates: RatesOfGroup  # θ, θ̇ and θ̈ of all joints
     at: Places
 
     @property
@@ -37,22 +44,22 @@ class Linkage(NamedTuple):
         """χ."""
         return self.at.chi
 
-    @property
+    @functools.cached_property
     def partial(self) -> Float[Array, "mechanisms free n 3"]:
         """χ_a of the free joints."""
         return self.at.partial[:, self.free]
 
-    @property
+    @functools.cached_property
     def chidot(self) -> Float[Array, "mechanisms n 3"]:
         """χ̇."""
         return along(self.at.partial, self.rates[1])
 
-    @property
+    @functools.cached_property
     def slope(self) -> Float[Array, "mechanisms k n 3"]:
         """The rates of χ_a of all joints."""
         return eqx.filter_vmap(lambda group, at, rate: group.slopes(at, rate))(self.group, self.at, self.rates[1])
 
-    @property
+    @functools.cached_property
     def chiddot(self) -> Float[Array, "mechanisms n 3"]:
         """χ̈."""
         return along(self.slope, self.rates[1]) + along(self.at.partial, self.rates[2])
@@ -66,7 +73,7 @@ class Linkage(NamedTuple):
         columns = [self.rates[1][:, a] for a in range(self.group.n_joints)]
         for slot, a in enumerate(self.group.free):
             columns[a] = thetadot[:, slot]
-        return self._replace(rates=(self.rates[0], jnp.stack(columns, axis=1), self.rates[2]))
+        return dataclasses.replace(self, rates=(self.rates[0], jnp.stack(columns, axis=1), self.rates[2]))
 
     def kinematics(self) -> Kinematics:
         """χ, χ̇ and χ̈, of all masses along one axis."""

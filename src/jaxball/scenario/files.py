@@ -21,7 +21,7 @@ from .masses import CHOICES as MASSES, read_masses, write_masses
 from .mechanisms import MECHANISM, read_mechanisms, write_mechanisms
 from .resistance import RESISTANCE, read_resistance
 from .scenario import Scenario
-from .shell import check_confined, check_moved
+from .shell import check_confined, check_start
 from .solve import SOLVE, check_dae
 from .sources import document_of, naming, scenario_text
 from .table import Key, keys_of, read_table, write_table
@@ -161,7 +161,8 @@ def read_contents(document: dict[str, Any]) -> Contents:
         lambda: read_initial(document.get("initial", {}), "initial", kind),
     )
     start = times.start
-    masses = balanced(masses, mechanisms, shell, initial, "initial", kind, start)
+    resting = {**shell, "ground": surroundings.get("ground")}
+    masses = balanced(masses, mechanisms, resting, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]
     actuated = apply_actuation(actuation, "actuation", masses, mechanisms, kind)
     system = (Disk if kind == "disk" else Ball)(
@@ -174,7 +175,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     check_dae(system, solve["solver"], solve["dae"])
     check_confined(system, namespace(times.start, times.end).stack([times.start, times.end]), state)
-    check_moved(system, start, state)
+    check_start(system, start, state)
     return Contents(table["title"], system, state, times, solve)
 
 

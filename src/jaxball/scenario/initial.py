@@ -136,13 +136,16 @@ def starting_angles(
 def balanced(
     masses: list[PointMass],
     mechanisms: Sequence[ReadMechanism],
-    shell: dict[str, Any],
+    resting: dict[str, Any],
     fields: dict[str, Any],
     path: str,
     kind: str,
     start: Any,
 ) -> list[PointMass]:
-    """The masses, their schedules moved so that the centre of mass starts above or below the centre."""
+    """The masses, their schedules moved so that the centre of mass starts where a body can rest.
+
+    ``resting`` has the numbers of the shell, and the ground.
+    """
     wanted = fields["balance"]
     if wanted is None:
         return masses
@@ -152,12 +155,16 @@ def balanced(
         raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(wanted["masses"])))
     if fields["theta"] is not None:
         raise ScenarioError(f"Key `{path}` cannot stand beside `theta`, because it finds the angles.")
+    ground = resting["ground"]
+    if ground is not None and ground.moving:
+        part = "motion" if ground.turntable is None else "turntable"
+        raise ScenarioError(f"Key `{path}` cannot stand beside `ground.{part}`, because it is for a plane at rest.")
     for index, item in enumerate(masses):
         if isinstance(item.motion, Driven):
             must = f"masses with schedules, but `masses[{index}]` has none; give `initial.theta` instead"
             raise ScenarioError(f"Key `{path}` must stand beside {must}.")
     still = [item.without_law() for item in mechanisms]
-    system = (Disk if kind == "disk" else Ball)(**shell, masses=masses, mechanisms=still)
+    system = (Disk if kind == "disk" else Ball)(**resting, masses=masses, mechanisms=still)
     targets = [joint.target for joint in joints_in_state(mechanisms)]
     state = initial_state({**fields, "thetadot": None}, path, kind, system.coordinates, targets, start)
     try:

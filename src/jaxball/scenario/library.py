@@ -17,7 +17,7 @@ def builtin_scenarios() -> tuple[str, ...]:
 
     >>> from jaxball.scenario import builtin_scenarios
     >>> builtin_scenarios()[:3]
-    ('axisymmetric-pendulum', 'ball', 'chaplygin-sphere')
+    ('axisymmetric-pendulum', 'axisymmetric-pendulum-on-a-slope', 'ball')
     """
     return tuple(sorted(name.removesuffix(".toml") for name in os.listdir(_FOLDER) if name.endswith(".toml")))
 

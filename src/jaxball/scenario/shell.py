@@ -13,6 +13,8 @@ from ..physics.body import System
 from ..physics.breaches import breaches
 from ..physics.conditions import all_hold
 from ..physics.confinement import confined
+from ..physics.coupling import moved_masses
+from ..physics.dynamics import solvable_friction
 from ..physics.reach import surely_stay
 from ..physics.state import BallState, DiskState
 from ..simulation.trajectory import Trajectory
@@ -36,25 +38,31 @@ def check_confined(system: System, times: Any, state: BallState | DiskState) -> 
         raise ScenarioError(problem.sentence("Key", key_of(problem.name)))
 
 
-def check_moved(system: System, start: Any, state: BallState | DiskState) -> None:
-    """Raises a :class:`ScenarioError` for the first free joint that moves no mass, so that nothing tells its θ̈.
+def check_start(system: System, start: Any, state: BallState | DiskState) -> None:
+    """Raises a :class:`ScenarioError` where nothing tells how the body starts to move.
 
-    Where it depends on traced numbers, it is a condition.
+    That is for the first free joint that moves no mass, and for dry friction with which there is no normal force. What
+    depends on traced numbers is a condition.
     """
-    if not any(group.free for group in system.mechanism_groups):
+    rules = []
+    if any(group.free for group in system.mechanism_groups):
+        decisive = (system.mechanism_groups, system.radius, start, state.theta)
+        rules.append(("mechanisms", moved_masses, decisive))
+    if system.resistance is not None and system.resistance.dry is not None:
+        rules.append(("resistance.dry", solvable_friction, (system, start, state)))
+    for path, rule, decisive in rules:
+        if any_traced(decisive):
+            leave_open(path, lambda rule=rule: all_hold(rule(system.prepare(), to_array(start), state)))
+    if not rules or any_traced((system, start, state)):
         return
-    if any_traced((system.mechanism_groups, system.radius, start, state.theta)):
-        leave_open("mechanisms", lambda: all_hold(system.start_conditions(to_array(start), state)))
-    if any_traced((system, start, state)):
-        return
-    if not bool(_all_moved(system, to_array(start), state)):
+    if not bool(_can_start(system, to_array(start), state)):
         for condition in system.start_conditions(to_array(start), state):
             for problem in condition.problems():
                 raise ScenarioError(problem.sentence("Key", key_of(problem.name)))
 
 
 @programs.filter_jit
-def _all_moved(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Bool[Array, ""]:
+def _can_start(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Bool[Array, ""]:
     return all_hold(system.start_conditions(t, state))
 
 

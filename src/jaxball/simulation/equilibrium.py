@@ -1,4 +1,4 @@
-"""Where the masses must be for the system's centre of mass to be exactly above or below the geometric centre."""
+"""Where the masses must be for the body to rest: its centre of mass is on the vertical through the contact point."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from ..interface.arguments import refusal, require
 from ..interface.printing import Printed
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
-from ..numerics.vectors import apply
+from ..numerics.vectors import apply, cross, dot
 from ..physics.body import Ball, Disk, PointMass, System, with_masses
 from ..physics.dynamics import given_angles
 from ..physics.moments import kinematics, point_mass_values
@@ -30,8 +30,9 @@ class Balance(Printed):
     - ``found``: whether there is a solution.
     - ``theta``: the angles of the free masses, rad on a closed rail and length in a tube, shape (k,); without a
       solution, those that come nearest.
-    - ``above``: whether the centre of mass is then above the geometric centre.
-    - ``residual``: the distance of the centre of mass from the vertical through the geometric centre, length.
+    - ``above``: whether the centre of mass is then above the geometric centre; on a slope, higher than it.
+    - ``residual``: the distance of the centre of mass from the vertical through the contact point, which on a level
+      plane is that through the geometric centre, length.
     - ``solutions``, ``solutions_above``: every solution found, shape (n, k), and its ``above``, shape (n,); the
       chosen one first.
     - ``message``: a sentence that says all this.
@@ -71,6 +72,10 @@ def balance(
 ) -> Balance:
     """Solves for angles that put the system's centre of mass above or below the geometric centre.
 
+    On a slope they put it on the vertical through the contact point instead, where the weight has no moment about this
+    point, so that a body can rest whose masses do not move. Nothing does where the slope is so steep that r sin a is
+    more than the greatest distance of the centre of mass from the geometric centre.
+
     This is how section 5 finds its θ_a: the paper fixes θ1 = 0 and solves for θ2 and θ3. The search
     starts from many points at once and reports all solutions that it comes to: those of the paper's ball
     are two. Where more than two angles are free, solutions are not isolated, and there are as many as starts.
@@ -81,12 +86,13 @@ def balance(
     - ``free``: the indices (from 0) of the masses whose θ is free; each must be on a rail.
     - ``guess``: the solution nearest to it is chosen; otherwise the one nearest to the angles that
       the masses have at ``t``.
-    - ``above``: True or False to accept only a centre of mass above, or below, the geometric centre.
+    - ``above``: True or False to accept only a centre of mass above, or below, the geometric centre; on a slope, only
+      one that is higher, or lower, than it.
     - ``state``: gives the orientation, and θ of the driven masses; upright if not given.
     - ``t``: the time at which the schedules and free motions are read.
 
     **Raises:** ``ValueError`` when ``free`` names a mass that is not on a rail, or none, when ``guess`` has another
-    length, and where the ground is tilted or moves.
+    length, and where the ground moves or has a turntable.
 
     **Example:**
 
@@ -97,11 +103,13 @@ def balance(
       and one other solution, in `solutions`
     """
     require("system", system, (Ball, Disk), "a Ball or a Disk")
-    if system.ground is not None:
+    ground = system.ground
+    if ground is not None and ground.moving:
         raise ValueError(
-            "Argument `system` must be on a level plane at rest, where the centre of mass is above or below the "
-            "geometric centre in equilibrium, but it has a `ground`."
+            "Argument `system` must be on a plane at rest, where the weight alone decides whether a body rests, "
+            f"but its `ground` has a {'motion' if ground.turntable is None else 'turntable'}."
         )
+    up = to_array([0.0, 0.0, 1.0]) if ground is None else ground.up()
     if isinstance(free, str) or not isinstance(free, Sequence | np.ndarray):
         raise refusal("free", "a list of indices of masses", free)
     rails, now = _free_rails(system, free, state, t)
@@ -114,8 +122,9 @@ def balance(
     offset, masses, total, Lambda = _others(system, free, state, t)
     starts = _starts(rails, np.asarray(system.radius), guess)
     prepared = tuple(rail.prepare() for rail in rails)
-    candidates = _search(prepared, masses, offset, total, Lambda, to_array(starts))
-    return _choose(_Candidates(*(np.array(x) for x in candidates)), rails, guess, above, float(system.radius))
+    candidates = _search(prepared, masses, offset, total, Lambda, system.radius, up, to_array(starts))
+    end = _Candidates(*(np.array(x) for x in candidates))
+    return _choose(end, rails, guess, above, float(system.radius), sloping=bool(up[2] < 1))
 
 
 def with_angles(system: System, free: Sequence[int], theta: Numbers, t: Numbers = 0.0) -> System:
@@ -198,25 +207,28 @@ def _starts(rails, radius, guess):
 
 
 @programs.filter_jit
-def _search(rails, masses, offset, total, Lambda, starts):
+def _search(rails, masses, offset, total, Lambda, r, up, starts):
     def places(theta):
         return jnp.stack([rail(angle) for rail, angle in zip(rails, theta, strict=True)])
 
     def centre(theta):
         return apply(Lambda, offset + jnp.sum(masses[:, None] * places(theta), axis=0)) / total
 
+    def aside(theta):
+        """The place of the centre of mass from the contact point × the vertical."""
+        return cross(centre(theta).at[2].add(r), up)
+
     def one(start):
         solution = optimistix.least_squares(
-            lambda theta, _: centre(theta)[:2],
+            lambda theta, _: aside(theta),
             optimistix.LevenbergMarquardt(rtol=1e-14, atol=1e-14),
             start,
             max_steps=200,
             throw=False,
         )
         theta = solution.value
-        middle = centre(theta)
         farthest = jnp.max(jnp.sum(places(theta) ** 2, axis=1))
-        return theta, jnp.sqrt(jnp.sum(middle[:2] ** 2)), middle[2], jnp.sqrt(farthest)
+        return theta, jnp.sqrt(jnp.sum(aside(theta) ** 2)), dot(centre(theta), up), jnp.sqrt(farthest)
 
     return jax.vmap(one)(starts)
 
@@ -230,7 +242,7 @@ class _Candidates(NamedTuple):
     farthest: np.ndarray  # distance of the outermost free mass from the geometric centre
 
 
-def _choose(end: _Candidates, rails, guess, above, radius) -> Balance:
+def _choose(end: _Candidates, rails, guess, above, radius, sloping) -> Balance:
     theta, miss = end.theta, np.where(end.farthest < radius, end.miss, np.inf)
     for j, rail in enumerate(rails):
         if rail.period is not None:
@@ -250,17 +262,21 @@ def _choose(end: _Candidates, rails, guess, above, radius) -> Balance:
         residual=float(miss[best]),
         solutions=to_array(theta[kept]),
         solutions_above=jnp.asarray(end.height[kept] > 0),
-        message=_message(bool(kept), theta[best], miss[best], end.height[best], above),
+        message=_message(bool(kept), theta[best], miss[best], end.height[best], above, sloping),
     )
 
 
-def _message(found, theta, miss, height, above) -> str:
+def _message(found, theta, miss, height, above, sloping) -> str:
     side = "above" if height > 0 else "below"
     angles = ", ".join(f"{angle:.10g}" for angle in theta)
+    wanted = side if found else {None: "above or below", True: "above", False: "below"}[above]
+    goal = f"exactly {wanted} the geometric centre"
+    if sloping:
+        side_wanted = {"above": ", higher than the centre", "below": ", lower than the centre"}.get(wanted, "")
+        goal = f"on the vertical through the contact point{side_wanted}"
     if found:
-        return f"With the angles ({angles}) the centre of mass is exactly {side} the geometric centre."
-    wanted = {None: "above or below", True: "above", False: "below"}[above]
+        return f"With the angles ({angles}) the centre of mass is {goal}."
     return (
-        f"No angles of these masses put the centre of mass exactly {wanted} the geometric centre; the angles "
-        f"({angles}) leave it {miss:.3g} from the vertical, {side} the centre."
+        f"No angles of these masses put the centre of mass {goal}; the angles ({angles}) leave it {miss:.3g} from the "
+        f"vertical, {side} the centre."
     )

@@ -1,0 +1,29 @@
+"""Lines and faces that move from frame to frame, in space or in the plane of a disk."""
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+
+def line(ax: Axes, **look) -> Line2D:
+    """A line that has no points yet."""
+    empty = [[]] * (3 if isinstance(ax, Axes3D) else 2)
+    return ax.plot(*empty, **look)[0]
+
+
+def move(artist: Line2D, points: Float[np.ndarray, "points 3"]) -> None:
+    """Moves a line to ``points``; in a plane figure, to their first and third coordinates."""
+    if isinstance(artist.axes, Axes3D):
+        artist.set_data_3d(*points.T)  # pyright: ignore[reportAttributeAccessIssue]
+    else:
+        artist.set_data(points[:, 0], points[:, 2])
+
+
+def face(ax: Axes3D, edgecolor: str = "none", **look) -> Poly3DCollection:
+    """A polygon in space that has no corners yet."""
+    polygon = Poly3DCollection([np.zeros((3, 3))], edgecolor=edgecolor, **look)
+    ax.add_collection3d(polygon)
+    return polygon
