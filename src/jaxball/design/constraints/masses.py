@@ -26,7 +26,7 @@ class MassesApart(AbstractRunningConstraint):
         return -room(_between(run), self.distance) / run.length
 
 
-class Limit(AbstractRunningConstraint):
+class _Limit(AbstractRunningConstraint):
     """|v| ≤ most, for a vector v of each mass."""
 
     most: Float[Array, ""] = eqx.field(converter=numbers("most"))
@@ -46,7 +46,7 @@ class Limit(AbstractRunningConstraint):
         return room(self.vectors(run), self.most) / self.unit(run)
 
 
-class SpeedLimit(Limit):
+class SpeedLimit(_Limit):
     """|χ̇| ≤ most for every mass; shape (t, n).
 
     **Arguments:**
@@ -61,7 +61,7 @@ class SpeedLimit(Limit):
         return run.length / unit_of_time(run)
 
 
-class AccelerationLimit(Limit):
+class AccelerationLimit(_Limit):
     """|χ̈| ≤ most for every mass; shape (t, n).
 
     **Arguments:**
@@ -76,7 +76,7 @@ class AccelerationLimit(Limit):
         return jnp.abs(run.system.gravity)
 
 
-class JointEffortLimit(Limit):
+class JointEffortLimit(_Limit):
     """|Q| ≤ most for every joint of the mechanisms, a torque or the force along a slider; shape (t, joints).
 
     **Arguments:**
@@ -91,7 +91,7 @@ class JointEffortLimit(Limit):
         return run.effort_units[None]
 
 
-class ForceLimit(Limit):
+class ForceLimit(_Limit):
     """|F·τ| ≤ most, the force on each mass along its rail; shape (t, n).
 
     **Arguments:**

@@ -1,7 +1,7 @@
 """What drives a robot in an optimal control problem: accelerations of masses and joints, and forces of motors."""
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -16,9 +16,9 @@ from ...physics.feedback import AbstractLaw
 from ...physics.mechanisms import AbstractJointForce, Drive, JointForces, Motor
 from ...physics.motion import OnRail
 from ...physics.schedules import AbstractSchedule
-from ...physics.signals import AbstractSignal
+from ...physics.signals import AbstractSignal, ConstantSignal
 from ...physics.state import BallState, DiskState, State
-from ..constraints.masses import Limit
+from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
 from ..run import Run
 
@@ -71,25 +71,28 @@ class Inputs(NamedTuple):
     motors: tuple[MotorPlace, ...]
 
 
-class MotorLimits(Limit):
+class MotorLimits(AbstractRunningConstraint):
     """The force that every motor gives, within the limit that it has; shape (t, motors).
 
     The search keeps away from the limits by as much as its constraints may be violated between the nodes, because
     motors give no more, and the motion would be another one.
     """
 
-    most: Float[Array, "1 motors"]
+    most: Float[Array, " motors"]
     motors: tuple[MotorPlace, ...] = eqx.field(static=True)
 
-    def vectors(self, run: Run):
-        motors = _motors_of(run.system, self.motors)
-        return jnp.stack([jax.vmap(motor.signal)(run.times) for motor in motors], axis=-1)[..., None]
+    def __call__(self, run: Run):
+        return (jnp.abs(self._forces(run)) - self.most[None]) / self._unit(run)
 
     def margins(self, run: Run):
-        unit = self.unit(run)
-        return room(self.vectors(run), self.most - VIOLATION * unit) / unit
+        unit = self._unit(run)
+        return room(self._forces(run)[..., None], self.most[None] - VIOLATION * unit) / unit
 
-    def unit(self, run: Run):
+    def _forces(self, run: Run) -> Float[Array, "t motors"]:
+        motors = _motors_of(run.system, self.motors)
+        return jnp.stack([jax.vmap(motor.signal)(run.times) for motor in motors], axis=-1)
+
+    def _unit(self, run: Run) -> Float[Array, "1 motors"]:
         first = np.cumsum([0, *(mechanism.n_joints for mechanism in run.system.mechanisms)])
         return run.effort_units[np.asarray([first[place.mechanism] + place.joint for place in self.motors])][None]
 
@@ -117,7 +120,7 @@ def motor_limits(system: System, motors: Sequence[MotorPlace]) -> dict[str, Moto
     """The limits of motors as a constraint, if there are any."""
     limits = {place: motor.limit for place, motor in zip(motors, _motors_of(system, motors), strict=True)}
     limited = {place: limit for place, limit in limits.items() if limit is not None}
-    return {MOTOR_LIMITS: MotorLimits(jnp.stack(list(limited.values()))[None], tuple(limited))} if limited else {}
+    return {MOTOR_LIMITS: MotorLimits(jnp.stack(list(limited.values())), tuple(limited))} if limited else {}
 
 
 def with_inputs(prepared: System, motors: Sequence[MotorPlace], u: Float[Array, " m"]) -> System:
@@ -137,7 +140,7 @@ def with_inputs(prepared: System, motors: Sequence[MotorPlace], u: Float[Array, 
 
     def signals(system):
         drives = [(place, system.mechanism_groups[index].drives[place.joint]) for index, place in found]
-        return [place.in_drive(drive).signal.value for place, drive in drives]
+        return [cast(ConstantSignal, place.in_drive(drive).signal).value for place, drive in drives]
 
     return eqx.tree_at(signals, prepared, values)
 

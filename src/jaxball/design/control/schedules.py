@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...numerics import programs
-from ...physics.body import System
+from ...physics.body import Ball, Disk, System
 from ...physics.equilibrium import Imbalance, imbalance
 from ...physics.schedules import PiecewiseAcceleration
 from ...physics.signals import PiecewiseSignal
@@ -143,12 +143,14 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
     problem, scenario = rolling(solution.problem), scenario_of(solution)
     if problem.constraints:
         scenario = dataclasses.replace(scenario, times=np.unique(solution.path.within(PLACES)))
+    system = scenario.system
+    assert isinstance(system, Ball | Disk)
     run = scenario.simulate(solver=solver, rtol=tolerance, atol=tolerance, throw=True)
     seen, M, r = run.observables, float(problem.system.total_mass), float(problem.system.radius)
     gap = np.asarray(run.state.z) - places(solution, np.asarray(run.times))
     schedules = schedules_of(solution)
     rates = [*starting_angles(tuple(schedules), problem.end)["thetadot"]] if schedules else []
-    left = _imbalance(scenario.system, problem.end, jax.tree.map(lambda leaf: leaf[-1], run.state))
+    left = _imbalance(system, problem.end, jax.tree.map(lambda leaf: leaf[-1], run.state))
     missed = 0.0 if problem.place is None else np.linalg.norm(run.state.z[-1] - problem.place)
     return Resimulated(
         apart=float(np.max(np.abs(gap) if gap.ndim == 1 else np.linalg.norm(gap, axis=1))) / r,
@@ -158,9 +160,7 @@ def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 
         missed=float(missed) / r,
         margin=float(np.min(seen.normal_force)) / (M * float(problem.system.gravity)),
         friction=float(np.max(seen.friction_ratio)),
-        violations=_violations(
-            Run(scenario.system, jnp.asarray(run.times), run.state, run.status), problem.constraints
-        ),
+        violations=_violations(Run(system, jnp.asarray(run.times), run.state, run.status), problem.constraints),
     )
 
 

@@ -3,12 +3,14 @@
 import math
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ...numerics.arrays import numbers
 from ...numerics.norms import norm
+from ...physics.equilibrium import imbalance
 from ..plane import beside, place
 from ..run import Run
 from .base import AbstractObjective, unit_of_time
@@ -73,7 +75,10 @@ class StopAtRest(AbstractObjective):
 
 
 class Balanced(AbstractObjective):
-    """The squared horizontal distance of the system's centre of mass from the geometric centre at the end, over r².
+    """The squared distance of the centre of mass from where it could rest at the end, on the same height, over r².
+
+    On a level plane that is its horizontal distance from the geometric centre, on a slope its distance along the plane
+    from the vertical through the contact point.
 
     **Arguments:**
 
@@ -81,7 +86,9 @@ class Balanced(AbstractObjective):
     """
 
     def __call__(self, run: Run):
-        return jnp.sum(run.observables.centre_of_mass_space[-1, :2] ** 2) / run.length**2
+        end = jax.tree.map(lambda leaf: leaf[-1], run.state)
+        beside = imbalance(run.system.prepare(), run.times[-1], end).beside
+        return jnp.sum(beside**2) / run.length**2
 
     def in_units(self, value, length, time):
         return f"horizontal distance {length * math.sqrt(value):.4g}"

@@ -289,7 +289,8 @@ class Mechanism(AbstractMechanism):
 
     def prepare(self) -> "Mechanism":
         joints = tuple(joint.prepare() for joint in self.joints)
-        return AbstractMechanism.prepare(eqx.tree_at(lambda m: m.joints, self, joints))
+        placed: Mechanism = eqx.tree_at(lambda m: m.joints, self, joints)
+        return placed.driven_by([_prepared(drive) for drive in placed.drives])
 
 
 class FunctionMechanism(AbstractMechanism):
