@@ -193,7 +193,7 @@ def multipliers_of(
 ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
     """The multipliers of a motion that is closed, the largest first, and its exponents."""
     state, returned, period = shot.state, shot.returned, float(shot.period)
-    x, back, normal = np.asarray(ravel_pytree(state)[0]), returning(system, state), normal_of(state)
+    x, back, normal = to_array(ravel_pytree(state)[0]), returning(system, state), normal_of(state)
     apart = [] if normal is None else [np.asarray(normal(x))[back]]
     along = np.asarray(returned.before)[back]
     if not forced and np.max(np.abs(along)) * period > STANDING:
