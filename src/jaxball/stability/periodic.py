@@ -1,18 +1,16 @@
 """Periodic motions and their stability by Floquet multipliers."""
 
-from collections.abc import Sequence
-
 import jax
 import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Complex, Float
 
-from ..interface.arguments import refusal
 from ..interface.printing import Printed, shown
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
-from ..physics.phase_space import normal_of, phase_point
+from ..numerics.tangent import generic_vectors
+from ..physics.phase_space import dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.simulate import checked_steps, checked_tolerances
 from .shooting import TURN, Search, Shot, countable, rates_at, returning, shoot
@@ -21,6 +19,7 @@ from .steady import kind_of
 DEFAULT_TOLERANCE = 1e-11
 SAME = 1e-9  # up to which, relative to the largest, rates of change count as the same
 SHARES = np.array([0.0, 0.137, 0.381, 0.733])  # of the period: times at which the equations are compared
+BESIDE = 0.01  # the distance of a state at which the equations are compared as well
 STANDING = 1e-8  # the change over a period at the initial rate, up to which a state counts as steady
 
 
@@ -77,7 +76,7 @@ def periodic_motion(
     state: AbstractState,
     period: Numbers,
     *,
-    turns: Sequence[int] | None = None,
+    turns: Numbers | None = None,
     t: Numbers = 0.0,
     rtol: Numbers = DEFAULT_TOLERANCE,
     atol: Numbers = DEFAULT_TOLERANCE,
@@ -102,8 +101,8 @@ def periodic_motion(
     - ``system``: a body, or a system of :mod:`jaxball.classical`.
     - ``state``: near the motion, of any kind.
     - ``period``: T, or a value near it where time does not enter the equations.
-    - ``turns``: the whole turns that angles gain in a period, as in :class:`PeriodicMotion`; if not given, those that
-      are nearest to what they gain from ``state``.
+    - ``turns``: the whole turns that angles gain in a period, as in :class:`PeriodicMotion`, shape (angles,); if not
+      given, those that are nearest to what they gain from ``state``.
     - ``t``: the time of the start.
     - ``rtol``, ``atol``: tolerances of the solves, for the state and for deviations of size 1.
     - ``iterations``: the most steps of Newton's method.
@@ -146,15 +145,18 @@ def equations_of(
 ) -> tuple[bool, tuple[bool, ...]]:
     """Whether time enters the equations, and which components of a state are angles.
 
+    They are compared at the state and at one beside it, because at a state that stays what is forced may not show.
+
     **Raises:** ``ValueError`` where time enters them, and not with this period.
     """
     x = np.asarray(ravel_pytree(state)[0])
     candidates = countable(state)
-    turned = [x + TURN * np.eye(x.size)[k] for k in np.flatnonzero(candidates)]
+    beside = x + BESIDE * generic_vectors(1, x.size)
+    turned = [beside + TURN * np.eye(x.size)[k] for k in np.flatnonzero(candidates)]
     times = np.concatenate([t + period * SHARES, t + period * (1 + SHARES)])
-    rates = np.asarray(rates_at(system, state, to_array(times), to_array(np.stack([x, *turned]))))
+    rates = np.asarray(rates_at(system, state, to_array(times), to_array(np.concatenate([x[None], beside, *turned]))))
     same = SAME * max(float(np.max(np.abs(rates))), 1e-300)
-    here, later = np.split(rates[:, 0], 2)
+    here, later = np.split(rates[:, :2], 2)
     forced = bool(np.max(np.abs(here - here[0])) > same)
     if forced and np.max(np.abs(later - here)) > same:
         raise ValueError(
@@ -162,29 +164,26 @@ def equations_of(
             f"{period:.10g} the rates of change are other ones."
         )
     angles = candidates.copy()
-    angles[candidates] = [bool(np.max(np.abs(rates[:, 1 + k] - rates[:, 0])) <= same) for k in range(len(turned))]
+    angles[candidates] = [bool(np.max(np.abs(rates[:, 2 + k] - rates[:, 1])) <= same) for k in range(len(turned))]
     return forced, tuple(angles.tolist())
 
 
-def _counts(turns: Sequence[int], state: AbstractState, angles: tuple[bool, ...]) -> Float[np.ndarray, " size"]:
+def _counts(turns: Numbers, state: AbstractState, angles: tuple[bool, ...]) -> Float[np.ndarray, " size"]:
     """``turns`` of all components of a state."""
-    if not isinstance(turns, list | tuple) or not all(isinstance(turn, int | np.integer) for turn in turns):
-        raise refusal("turns", "a list of whole numbers", turns)
-    candidates = countable(state)
-    if len(turns) != np.sum(candidates):
+    given, candidates = to_numpy(turns, "turns"), countable(state)
+    if given.shape != (np.sum(candidates),) or np.any(given != np.round(given)):
         raise ValueError(
-            f"Argument `turns` must have {np.sum(candidates)} entries, one for each angle of the state, but it has "
-            f"{len(turns)}."
+            f"Argument `turns` must be {np.sum(candidates)} whole numbers, one for each angle of the state, but it is "
+            f"{given.tolist()}."
         )
     counts = np.zeros(candidates.size)
-    counts[candidates] = turns
-    for k in np.flatnonzero(candidates):
-        if counts[k] and not angles[k]:
-            index = int(np.sum(candidates[:k]))
-            raise ValueError(
-                f"Argument `turns` must be 0 for a coordinate whose whole turns change the equations, as with a "
-                f"spring, but turns[{index}] is {turns[index]}."
-            )
+    counts[candidates] = given
+    wrong = np.flatnonzero(counts[candidates] * ~np.array(angles)[candidates])
+    if wrong.size:
+        raise ValueError(
+            "Argument `turns` must be 0 for a coordinate whose whole turns change the equations, as with a spring, "
+            f"but turns[{wrong[0]}] is {given[wrong[0]]:g}."
+        )
     return counts
 
 
@@ -210,9 +209,8 @@ def multipliers_of(
 
 def _motion(shot: Shot, system: AbstractSystem, search: Search, counted: bool) -> PeriodicMotion:
     returned, period, closed = shot.returned, float(shot.period), bool(shot.closed)
-    multipliers, exponents = multipliers_of(shot, system, search.forced)
-    kind = "unknown"
     if closed:
+        multipliers, exponents = multipliers_of(shot, system, search.forced)
         finite = np.where(np.isfinite(exponents), exponents, -1 / period)
         kind = kind_of(finite / max(float(np.max(np.abs(finite), initial=0.0)), TURN / period))
         message = _message(kind, multipliers, exponents)
@@ -221,8 +219,8 @@ def _motion(shot: Shot, system: AbstractSystem, search: Search, counted: bool) -
         if returned.least_normal_force <= 0:
             message += f" The normal force falls to {float(returned.least_normal_force):.3g} on the way."
     else:
-        multipliers, exponents = (np.full_like(array, np.nan) for array in (multipliers, exponents))
-        message = _failure(shot, search, counted)
+        unknown = np.full(dimension(shot.state), np.nan + 0j)
+        multipliers, exponents, kind, message = unknown, unknown, "unknown", _failure(shot, search, counted)
     turns = tuple(int(turn) for turn in np.asarray(returned.turns)[countable(shot.state)])
     residual = float(np.max(np.abs(returned.gain)))
     force = float(returned.least_normal_force)

@@ -24,7 +24,7 @@ from ..simulation.step_size import kinks_of, to_kinks
 
 TURN = 2 * np.pi
 CLOSED = 100.0  # the residual, in units of the tolerance, up to which a motion counts as closed
-RANK = 1e-8  # singular values below this share of the largest belong to families of motions, along which nothing moves
+DAMPING = 1e-7  # the least weight of the step against the residual; families of motions have no derivative along them
 BOLDEST = 0.25  # the largest step of the period, as a share of it, and of the state, as a share of its size
 FIRST_STEP = 1 / 64  # of the period; the step-size control corrects it within two or three steps
 LOOKS = 33  # at the normal force in a period
@@ -149,16 +149,20 @@ def _newton(
 ) -> tuple[Float[Array, " size"], Float[Array, ""]]:
     """The changes of the state and of the period.
 
-    With M the derivative of the return P(x), they solve (M − 1) δx + ẋ δT = x − P(x), and δx is orthogonal to the rows
-    that are ``held``. Of all solutions they are the shortest, so that a motion is found also where it belongs to a
-    family.
+    With M the derivative of the return P(x), they are to solve (M − 1) δx + ẋ δT = x − P(x), with δx orthogonal to the
+    rows that are ``held``. Where the motion belongs to a family, or the system has an integral, this is singular at the
+    motion, and close to it what is left in those directions is small over small. So the step is that of Levenberg and
+    Marquardt, damped by the residual, which converges as fast as Newton's to motions that are not isolated (Yamashita
+    and Fukushima 2001).
     """
     count, size = held.shape
-    nothing = jnp.zeros((count,), held.dtype)
     square = jnp.concatenate([returned.monodromy - jnp.eye(size, dtype=held.dtype), held])
+    nothing = jnp.zeros((count,), held.dtype)
     column = jnp.concatenate([jnp.zeros_like(returned.after) if forced else returned.after, nothing])
-    matrix = jnp.concatenate([square, column[:, None]], axis=1)
-    change = jnp.linalg.lstsq(matrix, jnp.concatenate([-returned.gain, nothing]), rcond=RANK)[0]
+    damping = jnp.maximum(returned.residual, DAMPING) * jnp.eye(size + 1, dtype=held.dtype)
+    matrix = jnp.concatenate([jnp.concatenate([square, column[:, None]], axis=1), damping])
+    wanted = jnp.concatenate([-returned.gain, nothing, jnp.zeros((size + 1,), held.dtype)])
+    change = jnp.linalg.lstsq(matrix, wanted)[0]
     return change[:-1], change[-1]
 
 
