@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..numerics import programs
+from ..numerics.least_squares import least_squares
 from ..numerics.tangent import largest_row, tangent_field
 from ..physics.body import AbstractBody
 from ..physics.contact import reaction
@@ -162,7 +163,7 @@ def _newton(
     damping = jnp.maximum(returned.residual, DAMPING) * jnp.eye(size + 1, dtype=held.dtype)
     matrix = jnp.concatenate([jnp.concatenate([square, column[:, None]], axis=1), damping])
     wanted = jnp.concatenate([-returned.gain, nothing, jnp.zeros((size + 1,), held.dtype)])
-    change = jnp.linalg.lstsq(matrix, wanted)[0]
+    change = least_squares(matrix, wanted)
     return change[:-1], change[-1]
 
 
