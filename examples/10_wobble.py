@@ -121,5 +121,5 @@ for ax, (name, (make, values, resistances)) in zip(figure.subplots(1, 2), STUDIE
     for label, grew in zip(MARKS, (seen > 0, seen <= 0), strict=True):
         ax.plot(speeds[grew], of_some[grew], color="black", ms=3.5, mew=0.7, ls="none", label=label, **MARKS[label])
     ax.set(xlabel="angular velocity of rolling", ylabel=f"resistance to {name}")
-    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, fontsize=9)
+    ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, frameon=False, prop={"family": "STIXGeneral"})
 figure.savefig("roboball_wobble.png", dpi=200)

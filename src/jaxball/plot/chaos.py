@@ -83,7 +83,8 @@ def stability_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, larges
         key = Patch(color=LIFTED, label="no periodic motion found")
         ax.legend(handles=[key], loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, prop=SMALL)
     if min(growth.shape) > 1 and np.any(growth > NEUTRAL) and np.any(growth < -NEUTRAL):
-        ax.contour(right, up, growth, levels=[0.0], colors=INK, linewidths=0.8)
+        told = np.where(growth > NEUTRAL, growth, np.minimum(growth, -NEUTRAL))  # what neither grows nor decays is flat
+        ax.contour(right, up, told, levels=[0.0], colors=INK, linewidths=0.8)
     ends = (bool(size and np.min(growth[found]) < -end), bool(size and np.max(growth[found]) > end))
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[ends]
     colour_bar(ax, mesh, "growth rate", extend=extend)

@@ -138,7 +138,7 @@ def _dataset(names, values, shots: Shot, largest: np.ndarray) -> "xarray.Dataset
     # Imported here, because it takes longer than all of jaxball's own modules.
     import xarray
 
-    growth, multiplier = largest[:, 0].real, largest[:, 1]
+    growth, multiplier = np.real(largest[:, 0]), largest[:, 1]
     variables = {
         "growth": (growth, "largest growth rate of deviations", "1/time"),
         "multiplier": (np.abs(multiplier), "size of the largest multiplier", ""),
