@@ -116,12 +116,12 @@ def periodic_motion(
 
     >>> import jax
     >>> jax.config.update("jax_enable_x64", True)
-    >>> from jaxball import Ball, ReducedState
+    >>> from jaxball import Disk, DiskState
     >>> from jaxball.stability import periodic_motion
-    >>> lopsided = Ball(mass=1.0, inertia=(0.3, 0.45, 0.6), offset=(0.0, 0.1, 0.0))
-    >>> spinning = ReducedState(Omega=(0.0, 2.0, 0.01), Gamma=(0.0, 1.0, 0.0))
-    >>> periodic_motion(lopsided, spinning, period=3.1).kind
-    'saddle'
+    >>> low = Disk(mass=1.0, inertia=0.36, offset=(0.0, 0.0, -0.2))
+    >>> rolling = periodic_motion(low, DiskState(phidot=1.2), period=5.5)
+    >>> rolling.turns, rolling.message
+    ((1,), 'The motion is spectrally stable, a centre: its multipliers are all of size 1.')
     """
     state = phase_point(system, state)
     rtol, atol = map(to_array, checked_tolerances(rtol, atol))
