@@ -17,7 +17,7 @@ DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
 # Most of whose time is that of many solvers, of derivatives in both modes, or of long runs.
 LONG_PAGES = ("chaos-and-stability.md", "extending.md", "solvers.md", "sweeps.md")
-LONG_EXAMPLES = ("03_gradient.py", "06_ode_and_dae.py", "08_identification.py")
+LONG_EXAMPLES = ("03_gradient.py", "06_ode_and_dae.py", "08_identification.py", "10_wobble.py")
 
 
 def long_ones_slow(paths, long):

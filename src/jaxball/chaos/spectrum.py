@@ -13,11 +13,19 @@ from ..interface.arguments import refusal, require_callable
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
+from ..numerics.tangent import (
+    Field,
+    Normal,
+    generic_vectors,
+    largest_row,
+    orthonormalised,
+    tangent_field,
+    without_normal,
+)
 from ..simulation.simulate import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances, status_of
 from ..solvers import StepToKinks
 from .monitor import Monitor, Monitored
 from .result import LyapunovSpectrum
-from .tangent import Field, Normal, generic_vectors, orthonormalised, tangent_field, without_normal
 
 BATCHES = 16  # means of the growth rates from which the standard error is estimated
 FIRST_STEP = 1 / 64  # of an interval; the step-size control corrects it within two or three steps
@@ -230,7 +238,7 @@ def _advanced(method: Method, flow: Flow, progress: _Progress, ends, alive: Bool
         return jnp.where(alive, rates_of(t, rows, inner), 0.0)
 
     controller = diffrax.PIDController(
-        rtol=method.rtol, atol=method.atol, norm=_largest_row, dtmin=1e-30, force_dtmin=False
+        rtol=method.rtol, atol=method.atol, norm=largest_row, dtmin=1e-30, force_dtmin=False
     )
     solver, monitor = method.solver, flow.monitor
     if monitor is not None:
@@ -275,11 +283,6 @@ def _result(method: Method, flow: Flow, end: _Progress, growth: Float[Array, "in
         start=flow.edges[0],
         least_normal_force=None if flow.monitor is None else end.least,
     )
-
-
-def _largest_row(rows: Float[Array, "rows size"]) -> Float[Array, ""]:
-    """The root mean square of the worst row: x and each deviation are kept to the tolerances, not their mean."""
-    return jnp.sqrt(jnp.max(jnp.mean(rows**2, axis=1)))
 
 
 def _standard_error(rates: Float[Array, "n k"]) -> Float[Array, " k"]:

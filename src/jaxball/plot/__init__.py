@@ -14,6 +14,7 @@ from .chaos import (
     eigenvalues as eigenvalues,
     lyapunov_convergence as lyapunov_convergence,
     poincare_section as poincare_section,
+    stability_chart as stability_chart,
 )
 from .classical import classical_motion as classical_motion, law_errors as law_errors
 from .configuration import configuration as configuration

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 CHART = (5.2, 4.0)
 LIFTED, FAILED = "0.82", "#BB5566"
+NEUTRAL = 1e-6  # a growth rate, of either sign, that is rounding
 
 
 def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: float | None = None) -> Axes:
@@ -53,6 +54,41 @@ def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: f
     colour_bar(ax, mesh, r"$\lambda_1$", extend="max" if known.size and known.max() > top else "neither")
     first, second = dataset["exponent"].dims
     named(ax, str(second), str(first))
+    return ax
+
+
+def stability_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: float | None = None) -> Axes:
+    """The data set of :func:`jaxball.stability.floquet_chart` in colours, its first parameter on the vertical axis.
+
+    Deviations grow where it is red and decay where it is blue, with a line between; grey is where no periodic motion
+    was found.
+
+    **Arguments:**
+
+    - ``dataset``: what :func:`jaxball.stability.floquet_chart` returns.
+    - ``largest``: the rate at the end of the colours, in 1/time; if not given, the largest size on the chart.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax, CHART)
+    names = [str(name) for name in dataset["growth"].dims]
+    up, right = (dataset[name].values for name in names)
+    growth = dataset["growth"].values
+    found = np.isfinite(growth)
+    size = float(np.max(np.abs(growth[found]), initial=0.0))
+    end = largest if largest is not None else max(size, 1e-12)
+    mesh = ax.pcolormesh(right, up, growth, cmap="RdBu_r", vmin=-end, vmax=end, rasterized=True)
+    if not found.all():
+        ax.pcolormesh(right, up, np.where(found, np.nan, 1.0), cmap=ListedColormap([LIFTED]), rasterized=True)
+        key = Patch(color=LIFTED, label="no periodic motion found")
+        ax.legend(handles=[key], loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, prop=SMALL)
+    if min(growth.shape) > 1 and np.any(growth > NEUTRAL) and np.any(growth < -NEUTRAL):
+        told = np.where(growth > NEUTRAL, growth, np.minimum(growth, -NEUTRAL))  # what neither grows nor decays is flat
+        ax.contour(right, up, told, levels=[0.0], colors=INK, linewidths=0.8)
+    ends = (bool(size and np.min(growth[found]) < -end), bool(size and np.max(growth[found]) > end))
+    extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[ends]
+    colour_bar(ax, mesh, "growth rate", extend=extend)
+    named(ax, names[1], names[0])
     return ax
 
 

@@ -1,9 +1,11 @@
-"""Steady motions of a rolling ball and their linear stability.
+"""Steady and periodic motions and their linear stability.
 
 No figures and no files: :mod:`jaxball.plot` draws what is found here.
 """
 
 from ..interface.names import interface as _interface
+from .chart import floquet_chart as floquet_chart
+from .periodic import PeriodicMotion as PeriodicMotion, periodic_motion as periodic_motion
 from .rolling import steady_rolling as steady_rolling
 from .rotations import permanent_rotations as permanent_rotations
 from .steady import SteadyMotion as SteadyMotion, stability as stability

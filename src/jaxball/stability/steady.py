@@ -94,7 +94,7 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
     size = max(float(np.max(np.abs(eigenvalues))), math.sqrt(abs(float(system.gravity)) / float(system.radius)))
     residual = float(np.max(np.abs(rates)))
     steady = residual <= STEADY * size
-    kind = _kind(eigenvalues / size)
+    kind = kind_of(eigenvalues / size)
     return SteadyMotion(
         state, turning, residual, steady, eigenvalues, kind, _message(steady, residual, kind, eigenvalues)
     )
@@ -142,7 +142,8 @@ def _on_tangent(matrix: np.ndarray, normal: Array | None) -> np.ndarray:
     return basis @ matrix @ basis.T
 
 
-def _kind(eigenvalues: np.ndarray) -> str:
+def kind_of(eigenvalues: np.ndarray) -> str:
+    """The kind, see :class:`SteadyMotion`, by eigenvalues in units of about the largest."""
     real = np.where(np.abs(eigenvalues) > ZERO, np.real(eigenvalues), 0.0)
     growing, falling = bool(np.any(real > NEUTRAL)), bool(np.any(real < -NEUTRAL))
     turning = bool(np.any((np.abs(real) <= NEUTRAL) & (np.abs(eigenvalues) > ZERO)))

@@ -11,8 +11,8 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
 
-from ..chaos.tangent import generic_vectors
 from ..interface.status import Status
+from ..numerics.tangent import generic_vectors
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
 from ..scenario.solvers import SOLVERS

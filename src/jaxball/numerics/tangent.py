@@ -29,6 +29,11 @@ def tangent_field(field: Field) -> Callable[..., Float[Array, "rows size"]]:
     return rates
 
 
+def largest_row(rows: Float[Array, "rows size"]) -> Float[Array, ""]:
+    """The root mean square of the worst row: x and each deviation are kept to the tolerances, not their mean."""
+    return jnp.sqrt(jnp.max(jnp.mean(rows**2, axis=1)))
+
+
 def orthonormalised(vectors: Float[Array, "k size"]) -> tuple[Float[Array, "k size"], Float[Array, " k"]]:
     """Orthonormal rows that span the same subspaces, and the length of each row orthogonal to those before it.
 

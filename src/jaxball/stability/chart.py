@@ -1,0 +1,160 @@
+"""Charts of the stability of periodic motions over two parameters."""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from ..cpu import cores
+from ..interface.arguments import require, require_callable
+from ..interface.status import Status
+from ..numerics import programs
+from ..numerics.arrays import Numbers, to_array, to_numpy
+from ..numerics.batches import in_threads, unpadded
+from ..physics.phase_space import phase_point
+from ..physics.system import AbstractState, AbstractSystem
+from ..simulation.simulate import checked_steps, checked_tolerances
+from .periodic import DEFAULT_TOLERANCE, equations_of, multipliers_of
+from .shooting import Search, Shot, shoot
+
+if TYPE_CHECKING:
+    import xarray
+
+Make = Callable[[Float[Array, ""], Float[Array, ""]], tuple[AbstractSystem, AbstractState, Float[Array, ""]]]
+
+
+def floquet_chart(
+    make: Make,
+    parameters: Mapping[str, Numbers],
+    *,
+    t: Numbers = 0.0,
+    rtol: Numbers = DEFAULT_TOLERANCE,
+    atol: Numbers = DEFAULT_TOLERANCE,
+    iterations: int = 20,
+    max_steps: int = 4096,
+    chunk: int = 128,
+    workers: int | None = None,
+    progress: Callable[[int, int], Any] | None = None,
+) -> "xarray.Dataset":
+    """The stability of a periodic motion at each pair of values of two parameters.
+
+    **Arguments:**
+
+    - ``make``: from the values of both parameters to a system, a state and a period near the motion, as
+      :func:`periodic_motion` takes them; traced, so it must not branch on them.
+    - ``parameters``: two names and the values of each: the first has shape (n,), the second (m,).
+    - ``t``, ``rtol``, ``atol``, ``iterations``, ``max_steps``: as for :func:`periodic_motion`.
+    - ``chunk``: how many cells are solved side by side by one program.
+    - ``workers``: how many chunks are solved at the same time; as many as this process has cores if not given.
+    - ``progress``: called with the number of cells done and the number of all, after each chunk.
+
+    **Returns:** a data set over both parameters with
+
+    - ``growth``: the largest real part of an exponent, in 1/time; NaN where no motion was found;
+    - ``multiplier``: the size of the largest multiplier, and ``angle``, its argument from 0 to π: 0 where deviations
+      keep their sign in a period, π where they change it;
+    - ``period``, ``residual``, ``least_normal_force``: as in :class:`PeriodicMotion`;
+    - ``closed``: whether a motion was found;
+    - ``status``: the number of a :class:`~jaxball.Status`, 0 where the last solve reached its end.
+
+    **Raises:** as :func:`periodic_motion`, and ``ValueError`` for other than two parameters and for values that are not
+    a row of numbers.
+
+    **Example:**
+
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Disk, DiskState, Ground, HarmonicSeries, Oscillating
+    >>> from jaxball.stability import floquet_chart
+    >>> def shaken(amplitude, frequency):
+    ...     motion = Oscillating(HarmonicSeries(jnp.zeros(3), amplitude * jnp.eye(3)[2:], frequency[None]))
+    ...     disk = Disk(mass=1.0, inertia=0.36, offset=(0.0, 0.0, -0.2), ground=Ground(motion=motion))
+    ...     return disk, DiskState(), 2 * jnp.pi / frequency
+    >>> chart = floquet_chart(shaken, {"amplitude": [0.05, 0.3], "frequency": [0.7, 0.894]})  # it rocks at 0.447
+    >>> (chart["growth"] > 1e-6).values.tolist()
+    [[False, True], [False, True]]
+    """
+    names, values = _checked(parameters)
+    require_callable("make", make, "first", "second")
+    rtol, atol = map(to_array, checked_tolerances(rtol, atol))
+    cells = np.stack([grid.ravel() for grid in np.meshgrid(*values, indexing="ij")], axis=1)
+    start = to_array(t)
+    forced, angles = _equations(make, cells, float(start))
+    search = Search(forced, angles, checked_steps(iterations), checked_steps(max_steps), start, rtol, atol)
+
+    def solve(batch: Int[np.ndarray, " size"]) -> Shot:
+        return _solve(make, search, to_array(cells[batch]))
+
+    results = in_threads(solve, len(cells), min(chunk, len(cells)), workers or cores(), progress=progress)
+    shots = unpadded(results, len(cells))
+    system = make(*to_array(cells[0]))[0]
+    largest = [_largest(jax.tree.map(lambda leaf, k=k: leaf[k], shots), system, forced) for k in range(len(cells))]
+    return _dataset(names, values, shots, np.array(largest))
+
+
+@programs.filter_jit
+def _solve(make: Make, search: Search, cells: Float[Array, "cells 2"]) -> Shot:
+    def one(cell):
+        system, state, period = make(cell[0], cell[1])
+        return shoot(search, system, phase_point(system, state), jnp.asarray(period), None)
+
+    return jax.vmap(one)(cells)
+
+
+def _equations(make: Make, cells: Float[np.ndarray, "cells 2"], t: float) -> tuple[bool, tuple[bool, ...]]:
+    """Whether time enters the equations, and which components are angles, by the first cell and the last."""
+    seen = []
+    for cell in cells[[0, -1]]:
+        system, state, period = make(*to_array(cell))
+        seen.append(equations_of(system, phase_point(system, state), t, float(period)))
+    angles = np.all([angles for _, angles in seen], axis=0)
+    return any(forced for forced, _ in seen), tuple(angles.tolist())
+
+
+def _largest(shot: Shot, system: AbstractSystem, forced: bool) -> tuple[float, complex]:
+    """The largest growth rate of one cell, and its multiplier."""
+    if not shot.closed:
+        return np.nan, complex(np.nan)
+    multipliers, exponents = multipliers_of(shot, system, forced)
+    return float(exponents[0].real), complex(multipliers[0])
+
+
+def _checked(parameters: Mapping[str, Numbers]) -> tuple[tuple[str, ...], list[np.ndarray]]:
+    require("parameters", parameters, Mapping, "a dictionary of two parameters, each with its values")
+    values = [to_numpy(value, f"parameters[{name!r}]") for name, value in parameters.items()]
+    if [value.ndim for value in values] != [1, 1] or not all(value.size for value in values):
+        shapes = {name: value.shape for name, value in zip(parameters, values, strict=True)}
+        raise ValueError(
+            f"Argument `parameters` must be two names, each with a row of values, but their shapes are {shapes}."
+        )
+    return tuple(parameters), values
+
+
+def _dataset(names, values, shots: Shot, largest: np.ndarray) -> "xarray.Dataset":
+    # Imported here, because it takes longer than all of jaxball's own modules.
+    import xarray
+
+    growth, multiplier = np.real(largest[:, 0]), largest[:, 1]
+    variables = {
+        "growth": (growth, "largest growth rate of deviations", "1/time"),
+        "multiplier": (np.abs(multiplier), "size of the largest multiplier", ""),
+        "angle": (np.abs(np.angle(multiplier)), "argument of the largest multiplier", "rad"),
+        "period": (shots.period, "period", "time"),
+        "residual": (np.max(np.abs(shots.returned.gain), axis=1), "distance from the start after a period", ""),
+        "least_normal_force": (shots.returned.least_normal_force, "least normal force", "mass length/time^2"),
+        "closed": (shots.closed, "whether a periodic motion was found", ""),
+        "status": (shots.returned.status, "how the last solve ended", ""),
+    }
+    shape = tuple(map(len, values))
+    return xarray.Dataset(
+        {
+            name: (names, np.reshape(array, shape), {"long_name": meaning, "units": units})
+            for name, (array, meaning, units) in variables.items()
+        },
+        dict(zip(names, values, strict=True)),
+        {"statuses": ", ".join(f"{item.value} {item.name}" for item in Status)},
+    )

@@ -1,0 +1,254 @@
+"""Periodic motions and their stability by Floquet multipliers."""
+
+import jax
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Complex, Float
+
+from ..interface.printing import Printed, shown
+from ..interface.status import Status
+from ..numerics import programs
+from ..numerics.arrays import Numbers, to_array, to_numpy
+from ..numerics.tangent import generic_vectors
+from ..physics.phase_space import dimension, normal_of, phase_point
+from ..physics.system import AbstractState, AbstractSystem
+from ..simulation.simulate import checked_steps, checked_tolerances
+from .shooting import TURN, Search, Shot, countable, rates_at, returning, shoot
+from .steady import kind_of
+
+DEFAULT_TOLERANCE = 1e-11
+SAME = 1e-9  # up to which, relative to the largest, rates of change count as the same
+SHARES = np.array([0.0, 0.137, 0.381, 0.733])  # of the period: times at which the equations are compared
+BESIDE = 0.01  # the distance of a state at which the equations are compared as well
+STANDING = 1e-8  # the change over a period at the initial rate, up to which a state counts as steady
+
+
+class PeriodicMotion(Printed):
+    """A motion that returns to its state after a period, and its linear stability.
+
+    - ``state``: the point of the phase space from which it starts.
+    - ``period``: T.
+    - ``turns``: the whole turns that angles gain in it: φ of a disk, and each coordinate θ.
+    - ``residual``: the largest difference between the state after a period, less whole turns, and that at the start.
+    - ``periodic``: whether that is zero up to the errors of the solve.
+    - ``multipliers``: the eigenvalues of the derivative of the return, on the tangent of |Γ| = 1, the largest first.
+      Where time does not enter the equations, a shift along the motion has the multiplier 1, which is left out.
+    - ``exponents``: log(multiplier) / T, in 1/time, in the same order; their imaginary parts are known up to 2π/T.
+    - ``kind``: by the exponents, as of :class:`SteadyMotion`; "unknown" where no motion was found.
+    - ``least_normal_force``: over the period; infinite for a system that does not roll.
+    - ``iterations``: the steps of Newton's method.
+    - ``message``: a sentence that says all this.
+    """
+
+    state: AbstractState
+    period: float
+    turns: tuple[int, ...]
+    residual: float
+    periodic: bool
+    multipliers: Complex[np.ndarray, " n"]
+    exponents: Complex[np.ndarray, " n"]
+    kind: str
+    least_normal_force: float
+    iterations: int
+    message: str
+
+    def __repr__(self) -> str:
+        multipliers = ", ".join(f"{value:.6g}" for value in self.multipliers)
+        turns = f" and turns {self.turns}" if any(self.turns) else ""
+        return (
+            f"Periodic motion of period {self.period:.8g}{turns} from {shown(self.state)}\n"
+            f"  {self.message}\n  multipliers {multipliers}"
+        )
+
+    @property
+    def stable(self) -> bool:
+        """Whether the motion is spectrally stable: no multiplier is larger than 1."""
+        return self.kind in ("centre", "sink")
+
+    @property
+    def growth(self) -> float:
+        """The largest real part of an exponent."""
+        return float(self.exponents[0].real)
+
+
+def periodic_motion(
+    system: AbstractSystem,
+    state: AbstractState,
+    period: Numbers,
+    *,
+    turns: Numbers | None = None,
+    t: Numbers = 0.0,
+    rtol: Numbers = DEFAULT_TOLERANCE,
+    atol: Numbers = DEFAULT_TOLERANCE,
+    iterations: int = 20,
+    max_steps: int = 4096,
+) -> PeriodicMotion:
+    """The periodic motion near a state, and its Floquet multipliers.
+
+    Newton's method finds the state that the equations bring back after a period, up to whole turns of angles; place and
+    heading need not come back where nothing depends on them. The derivative of the return, the monodromy matrix, comes
+    from the equations of deviations, solved along under the same control of the step. Its eigenvalues, the multipliers,
+    are the factors by which deviations change in each period.
+
+    Where time does not enter the equations, the period is found as well. Where it does, as for masses with a schedule
+    or on a shaken plane, the period is held, and must be one of the forcing.
+
+    A family of motions, as of all speeds without resistance, has further multipliers of 1, and so have integrals of
+    motion; that of the family which is nearest to the state is found.
+
+    **Arguments:**
+
+    - ``system``: a body, or a system of :mod:`jaxball.classical`.
+    - ``state``: near the motion, of any kind.
+    - ``period``: T, or a value near it where time does not enter the equations.
+    - ``turns``: the whole turns that angles gain in a period, as in :class:`PeriodicMotion`, shape (angles,); if not
+      given, those that are nearest to what they gain from ``state``.
+    - ``t``: the time of the start.
+    - ``rtol``, ``atol``: tolerances of the solves, for the state and for deviations of size 1.
+    - ``iterations``: the most steps of Newton's method.
+    - ``max_steps``: the number of steps after which the solve of a period is given up.
+
+    **Raises:** ``ValueError`` for a period that is not positive or not one of the forcing, and for turns that are not
+    one for each angle, or are of coordinates that are none; ``TypeError`` for a state of another kind of system, and
+    :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
+
+    **Example:**
+
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> from jaxball import Disk, DiskState
+    >>> from jaxball.stability import periodic_motion
+    >>> low = Disk(mass=1.0, inertia=0.36, offset=(0.0, 0.0, -0.2))
+    >>> rolling = periodic_motion(low, DiskState(phidot=1.2), period=5.5)
+    >>> rolling.turns, rolling.message
+    ((1,), 'The motion is spectrally stable, a centre: its multipliers are all of size 1.')
+    """
+    state = phase_point(system, state)
+    rtol, atol = map(to_array, checked_tolerances(rtol, atol))
+    length, start = float(to_numpy(period, "period")), float(to_numpy(t, "t"))
+    if not (np.isfinite(length) and length > 0):
+        raise ValueError(f"Argument `period` must be a positive time, but it is {length:g}.")
+    forced, angles = equations_of(system, state, start, length)
+    counts = None if turns is None else to_array(_counts(turns, state, angles))
+    search = Search(forced, angles, checked_steps(iterations), checked_steps(max_steps), to_array(start), rtol, atol)
+    shot = _shoot(search, system, state, to_array(length), counts)
+    return _motion(jax.tree.map(np.asarray, shot), system, search, turns is not None)
+
+
+@programs.filter_jit
+def _shoot(search: Search, system: AbstractSystem, state: AbstractState, period, turns) -> Shot:
+    return shoot(search, system, state, period, turns)
+
+
+def equations_of(
+    system: AbstractSystem, state: AbstractState, t: float, period: float
+) -> tuple[bool, tuple[bool, ...]]:
+    """Whether time enters the equations, and which components of a state are angles.
+
+    They are compared at the state and at one beside it, because at a state that stays what is forced may not show.
+
+    **Raises:** ``ValueError`` where time enters them, and not with this period.
+    """
+    x = np.asarray(ravel_pytree(state)[0])
+    candidates = countable(state)
+    beside = x + BESIDE * generic_vectors(1, x.size)
+    turned = [beside + TURN * np.eye(x.size)[k] for k in np.flatnonzero(candidates)]
+    times = np.concatenate([t + period * SHARES, t + period * (1 + SHARES)])
+    rates = np.asarray(rates_at(system, state, to_array(times), to_array(np.concatenate([x[None], beside, *turned]))))
+    same = SAME * max(float(np.max(np.abs(rates))), 1e-300)
+    here, later = np.split(rates[:, :2], 2)
+    forced = bool(np.max(np.abs(here - here[0])) > same)
+    if forced and np.max(np.abs(later - here)) > same:
+        raise ValueError(
+            "Argument `period` must be one of the forcing where time enters the equations, but after "
+            f"{period:.10g} the rates of change are other ones."
+        )
+    angles = candidates.copy()
+    angles[candidates] = [bool(np.max(np.abs(rates[:, 2 + k] - rates[:, 1])) <= same) for k in range(len(turned))]
+    return forced, tuple(angles.tolist())
+
+
+def _counts(turns: Numbers, state: AbstractState, angles: tuple[bool, ...]) -> Float[np.ndarray, " size"]:
+    """``turns`` of all components of a state."""
+    given, candidates = to_numpy(turns, "turns"), countable(state)
+    if given.shape != (np.sum(candidates),) or np.any(given != np.round(given)):
+        raise ValueError(
+            f"Argument `turns` must be {np.sum(candidates)} whole numbers, one for each angle of the state, but it is "
+            f"{given.tolist()}."
+        )
+    counts = np.zeros(candidates.size)
+    counts[candidates] = given
+    wrong = np.flatnonzero(counts[candidates] * ~np.array(angles)[candidates])
+    if wrong.size:
+        raise ValueError(
+            "Argument `turns` must be 0 for a coordinate whose whole turns change the equations, as with a spring, "
+            f"but turns[{wrong[0]}] is {given[wrong[0]]:g}."
+        )
+    return counts
+
+
+def multipliers_of(
+    shot: Shot, system: AbstractSystem, forced: bool
+) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
+    """The multipliers of a motion that is closed, the largest first, and its exponents."""
+    state, returned, period = shot.state, shot.returned, float(shot.period)
+    x, back, normal = to_array(ravel_pytree(state)[0]), returning(system, state), normal_of(state)
+    apart = [] if normal is None else [np.asarray(normal(x))[back]]
+    along = np.asarray(returned.before)[back]
+    if not forced and np.max(np.abs(along)) * period > STANDING:
+        apart.append(along / np.linalg.norm(along))
+    # Deviations along the motion return as they are, so that those of the others are found beside them.
+    basis = np.linalg.svd(np.stack(apart))[2][len(apart) :] if apart else np.eye(int(np.sum(back)))
+    matrix = np.asarray(returned.monodromy)[np.ix_(back, back)]
+    multipliers = np.linalg.eigvals(basis @ matrix @ basis.T).astype(complex)
+    order = np.lexsort((-np.imag(multipliers), -np.abs(multipliers).round(12)))
+    multipliers = multipliers[order]
+    with np.errstate(divide="ignore"):
+        return multipliers, np.log(multipliers) / period
+
+
+def _motion(shot: Shot, system: AbstractSystem, search: Search, counted: bool) -> PeriodicMotion:
+    returned, period, closed = shot.returned, float(shot.period), bool(shot.closed)
+    if closed:
+        multipliers, exponents = multipliers_of(shot, system, search.forced)
+        finite = np.where(np.isfinite(exponents), exponents, -1 / period)
+        kind = kind_of(finite / max(float(np.max(np.abs(finite), initial=0.0)), TURN / period))
+        message = _message(kind, multipliers, exponents)
+        if not search.forced and np.max(np.abs(returned.before)) * period <= STANDING:
+            message += " Its state does not change, so that its period means nothing; see `stability`."
+        if returned.least_normal_force <= 0:
+            message += f" The normal force falls to {float(returned.least_normal_force):.3g} on the way."
+    else:
+        unknown = np.full(dimension(shot.state), np.nan + 0j)
+        multipliers, exponents, kind, message = unknown, unknown, "unknown", _failure(shot, search, counted)
+    turns = tuple(int(turn) for turn in np.asarray(returned.turns)[countable(shot.state)])
+    residual = float(np.max(np.abs(returned.gain)))
+    force = float(returned.least_normal_force)
+    state = jax.tree.map(to_array, shot.state)
+    return PeriodicMotion(
+        state, period, turns, residual, closed, multipliers, exponents, kind, force, int(shot.iterations), message
+    )
+
+
+def _message(kind: str, multipliers: np.ndarray, exponents: np.ndarray) -> str:
+    if kind in ("centre", "sink"):
+        sizes = "all of size 1" if kind == "centre" else "none larger than 1"
+        return f"The motion is spectrally stable, a {kind}: its multipliers are {sizes}."
+    largest, growth = multipliers[0], exponents[0].real
+    how = "" if abs(largest.imag) > 1e-9 * abs(largest) or largest.real > 0 else ", with another sign each period"
+    return f"The motion is unstable, a {kind}: deviations grow as exp({growth:.6g} t){how}."
+
+
+def _failure(shot: Shot, search: Search, counted: bool) -> str:
+    returned, period = shot.returned, float(shot.period)
+    status, start = int(returned.status), float(search.t)
+    if status != Status.SUCCESS:
+        return Status(status).sentence(float(returned.reached), start + period, alone=True)
+    missed = float(np.max(np.abs(returned.gain)))
+    more = np.round(np.where(search.angles, returned.gain, 0.0) / TURN)[countable(shot.state)]
+    turning = f" It gains {tuple(int(k) for k in more)} turns beside those of `turns`." if counted and any(more) else ""
+    return (
+        f"No periodic motion was found near the state: after {int(shot.iterations)} steps of Newton's method it "
+        f"misses itself by {missed:.3g} after the period {period:.6g}.{turning} Start from a state and a period closer "
+        "to one, such as those of a run that has settled."
+    )

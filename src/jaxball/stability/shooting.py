@@ -1,0 +1,271 @@
+"""Newton's method for motions that return to where they began, with the derivative of the return."""
+
+from typing import Any, NamedTuple, cast
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Float, Int
+
+from ..interface.status import Status
+from ..numerics import programs
+from ..numerics.least_squares import least_squares
+from ..numerics.tangent import largest_row, tangent_field
+from ..physics.body import AbstractBody
+from ..physics.contact import reaction
+from ..physics.packing import Packing
+from ..physics.phase_space import normal_of
+from ..physics.state import AbstractBodyState, BallState, DiskState
+from ..physics.system import AbstractState, AbstractSystem, vector_field
+from ..physics.validity import possible_start
+from ..simulation.simulate import DEFAULT_SOLVER, status_of
+from ..simulation.step_size import kinks_of, to_kinks
+
+TURN = 2 * np.pi
+CLOSED = 100.0  # the residual, in units of the tolerance, up to which a motion counts as closed
+DAMPING = 1e-7  # the least weight of the step against the residual; families of motions have no derivative along them
+BOLDEST = 0.25  # the largest step of the period, as a share of it, and of the state, as a share of its size
+FIRST_STEP = 1 / 64  # of the period; the step-size control corrects it within two or three steps
+LOOKS = 33  # at the normal force in a period
+
+
+class Search(NamedTuple):
+    """How a motion is searched for.
+
+    - ``forced``: whether time enters the equations, so that the period is given.
+    - ``angles``: which components of the state are angles, so that whole turns of them change nothing.
+    - ``iterations``: the most steps of Newton's method.
+    - ``max_steps``: the most steps of a solve over one period.
+    - ``t``, ``rtol``, ``atol``: the time at the start, and the tolerances of the solves.
+    """
+
+    forced: bool
+    angles: tuple[bool, ...]
+    iterations: int
+    max_steps: int
+    t: Float[Array, ""]
+    rtol: Float[Array, ""]
+    atol: Float[Array, ""]
+
+
+class Return(NamedTuple):
+    """What a solve over one period tells of a motion.
+
+    - ``turns``: the whole turns that each component gains; zero but for angles.
+    - ``gain``: what each gains beside that; zero for those that need not come back.
+    - ``monodromy``: the derivative of the state after the period with respect to that at the start.
+    - ``before``, ``after``: the state's rates of change at the start and at the end.
+    - ``status``, ``reached``: how the solve ended.
+    - ``least_normal_force``: over the period; infinite for what does not roll.
+    """
+
+    turns: Float[Array, " size"]
+    gain: Float[Array, " size"]
+    monodromy: Float[Array, "size size"]
+    before: Float[Array, " size"]
+    after: Float[Array, " size"]
+    status: Int[Array, ""]
+    reached: Float[Array, ""]
+    least_normal_force: Float[Array, ""]
+
+    @property
+    def residual(self) -> Float[Array, ""]:
+        return jnp.max(jnp.abs(self.gain))
+
+
+class Shot(NamedTuple):
+    """A motion as Newton's method left it: its state and its period, what it gains, and the number of steps.
+
+    ``closed`` says whether it returns up to 100 times the tolerance.
+    """
+
+    state: Any
+    period: Float[Array, ""]
+    returned: Return
+    iterations: Int[Array, ""]
+    closed: Bool[Array, ""]
+
+
+def shoot(
+    search: Search,
+    system: AbstractSystem,
+    state: AbstractState,
+    period: Float[Array, ""],
+    turns: Float[Array, " size"] | None,
+) -> Shot:
+    """The motion near ``state`` that returns after about ``period``; traceable.
+
+    ``turns`` are the whole turns that components gain; those nearest to what the first solve gives, if not given.
+    """
+    x, unravel = ravel_pytree(state)
+    normal = normal_of(state)
+    possible = possible_start(system, system.prepare(), jnp.stack([search.t, search.t + period]), state)
+    possible &= jnp.all(jnp.isfinite(x)) & (period > 0)
+    nothing = jnp.zeros_like(x)
+
+    def limit(x):
+        return search.atol + search.rtol * jnp.max(jnp.abs(x))
+
+    def going(carry):
+        x, _, returned, count = carry
+        away = (count == 0) | (returned.residual > limit(x))
+        return away & (count <= search.iterations) & (returned.status == Status.SUCCESS)
+
+    def body(carry):
+        x, period, returned, count = carry
+        held = jnp.stack([nothing if normal is None else normal(x), nothing if search.forced else returned.before])
+        change, longer = _newton(returned, held, search.forced)
+        bold = jnp.max(jnp.abs(change)) / (BOLDEST * (1 + jnp.max(jnp.abs(x))))
+        share = 1 / jnp.maximum(jnp.maximum(bold, jnp.abs(longer) / (BOLDEST * period)), 1.0)
+        state, period = unravel(x + share * change).projected(), period + share * longer
+        known = (count > 0) | (turns is not None)
+        return (
+            ravel_pytree(state)[0],
+            period,
+            _returned(search, system, state, period, returned.turns, known),
+            count + 1,
+        )
+
+    start = jnp.where(possible, Status.SUCCESS, Status.IMPOSSIBLE)
+    # Nothing is known at first, so that the first step is zero.
+    first = Return(
+        turns=nothing if turns is None else turns,
+        gain=nothing,
+        monodromy=jnp.zeros((x.size, x.size), x.dtype),
+        before=nothing,
+        after=nothing,
+        status=start,
+        reached=search.t,
+        least_normal_force=jnp.full_like(period, jnp.inf),
+    )
+    x, period, returned, count = jax.lax.while_loop(going, body, (x, period, first, jnp.zeros_like(start)))
+    closed = (returned.status == Status.SUCCESS) & (returned.residual <= CLOSED * limit(x))
+    return Shot(unravel(x), period, returned, count - 1, closed)
+
+
+def _newton(
+    returned: Return, held: Float[Array, "held size"], forced: bool
+) -> tuple[Float[Array, " size"], Float[Array, ""]]:
+    """The changes of the state and of the period.
+
+    With M the derivative of the return P(x), they are to solve (M − 1) δx + ẋ δT = x − P(x), with δx orthogonal to the
+    rows that are ``held``. Where the motion belongs to a family, or the system has an integral, this is singular at the
+    motion, and close to it what is left in those directions is small over small. So the step is that of Levenberg and
+    Marquardt, damped by the residual, which converges as fast as Newton's to motions that are not isolated (Yamashita
+    and Fukushima 2001).
+    """
+    count, size = held.shape
+    square = jnp.concatenate([returned.monodromy - jnp.eye(size, dtype=held.dtype), held])
+    nothing = jnp.zeros((count,), held.dtype)
+    column = jnp.concatenate([jnp.zeros_like(returned.after) if forced else returned.after, nothing])
+    damping = jnp.maximum(returned.residual, DAMPING) * jnp.eye(size + 1, dtype=held.dtype)
+    matrix = jnp.concatenate([jnp.concatenate([square, column[:, None]], axis=1), damping])
+    wanted = jnp.concatenate([-returned.gain, nothing, jnp.zeros((size + 1,), held.dtype)])
+    change = least_squares(matrix, wanted)
+    return change[:-1], change[-1]
+
+
+def _returned(
+    search: Search, system: AbstractSystem, state: AbstractState, period: Float[Array, ""], turns, known
+) -> Return:
+    """The motion from ``state`` over a period; whole turns are counted unless they are ``known``."""
+    prepared, (x, unravel) = system.prepare(), ravel_pytree(state)
+    packing, end = Packing.of(prepared, state), search.t + period
+
+    def pack(x):
+        return packing.pack(search.t, unravel(x))
+
+    def unpack(y):
+        return ravel_pytree(packing.unpack(end, y))[0]
+
+    y, into = pack(x), jax.jacfwd(pack)(x)
+    solution, least = _solved(search, system, packing, jnp.concatenate([y[None], into.T]), end)
+    rows = cast(Array, solution.ys)[0][0]
+    arrived, out = unpack(rows[0]), jax.jacfwd(unpack)(rows[0])
+    after = ravel_pytree(vector_field(prepared, end, unravel(arrived)))[0]
+    monodromy = jnp.sum(out[:, :, None] * rows[1:].T[None], axis=1)
+
+    # q and −q are the same orientation.
+    spinor = jnp.asarray(_named(state, ".q"))
+    sign = jnp.where(spinor & (jnp.sum(jnp.where(spinor, x * arrived, 0.0)) < 0), -1.0, 1.0)
+    arrived, after, monodromy = sign * arrived, sign * after, sign[:, None] * monodromy
+    counted = jnp.where(jnp.asarray(search.angles), jnp.round((arrived - x) / TURN), 0.0)
+    turns = jnp.where(known, turns, counted)
+
+    back = jnp.asarray(returning(system, state))
+    return Return(
+        turns=turns,
+        gain=jnp.where(back, arrived - x - TURN * turns, 0.0),
+        monodromy=jnp.where(back[:, None], monodromy, jnp.eye(x.size, dtype=x.dtype)),
+        before=ravel_pytree(vector_field(prepared, search.t, state))[0],
+        after=jnp.where(back, after, 0.0),
+        status=status_of(solution.result),
+        reached=cast(Array, solution.ts)[0][0],
+        least_normal_force=least,
+    )
+
+
+def _solved(search: Search, system: AbstractSystem, packing: Packing, rows, end):
+    """The solve of a packed state with its deviations, and the least normal force on the way."""
+    parameters, unpack = ravel_pytree(packing)
+    moving = jax.jit(tangent_field(lambda t, x, parameters: unpack(parameters).field(t, x)))
+    controller = diffrax.PIDController(
+        rtol=search.rtol, atol=search.atol, norm=largest_row, dtmin=1e-30, force_dtmin=False
+    )
+
+    def normal_force(t, rows, parameters):
+        inner = unpack(parameters)
+        return reaction(inner.system, t, inner.unpack(t, rows[0])).normal
+
+    rolls = isinstance(system, AbstractBody)
+    looks = search.t + jnp.linspace(0.0, 1.0, LOOKS)[:-1] * (end - search.t)
+    ends = [diffrax.SubSaveAt(t1=True)] + [diffrax.SubSaveAt(ts=looks, fn=normal_force)] * rolls
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(moving),
+        DEFAULT_SOLVER,
+        search.t,
+        end,
+        FIRST_STEP * (end - search.t),
+        rows,
+        parameters,
+        saveat=diffrax.SaveAt(subs=ends),
+        stepsize_controller=to_kinks(controller, kinks_of(system)),
+        adjoint=diffrax.ForwardMode(),
+        max_steps=search.max_steps,
+        throw=False,
+    )
+    return solution, jnp.min(cast(Array, solution.ys)[1]) if rolls else jnp.full_like(end, jnp.inf)
+
+
+def returning(system: AbstractSystem, state: AbstractState) -> Bool[np.ndarray, " size"]:
+    """Which components of ``state`` must come back: all but the place, where nothing depends on it."""
+    ground = getattr(system, "ground", None)
+    placed = isinstance(state, BallState | DiskState) and (ground is None or ground.turntable is None)
+    return ~_named(state, ".z") if placed else _named(state)
+
+
+def countable(state: AbstractState) -> Bool[np.ndarray, " size"]:
+    """Which components of ``state`` may be angles that gain whole turns: φ of a disk, and the coordinates θ."""
+    return _named(state, ".phi", ".theta") if isinstance(state, AbstractBodyState) else ~_named(state)
+
+
+def _named(state: AbstractState, *names: str) -> Bool[np.ndarray, " size"]:
+    """Which components belong to the fields of these names, or to any where none is given."""
+    leaves = jax.tree_util.tree_leaves_with_path(state)
+    marks = [np.full(np.size(leaf), not names or jax.tree_util.keystr(path) in names) for path, leaf in leaves]
+    return np.concatenate(marks)
+
+
+@programs.filter_jit
+def rates_at(
+    system: AbstractSystem, state: AbstractState, times: Float[Array, " n"], states: Float[Array, "m size"]
+) -> Float[Array, "n m size"]:
+    """The rates of ``states``, packed as ``state`` is, at ``times``."""
+    prepared, unravel = system.prepare(), ravel_pytree(state)[1]
+
+    def rate(t, x):
+        return ravel_pytree(vector_field(prepared, t, unravel(x)))[0]
+
+    return jax.vmap(lambda t: jax.vmap(lambda x: rate(t, x))(states))(times)
