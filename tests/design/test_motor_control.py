@@ -44,6 +44,25 @@ def test_a_pendulum_holds_a_disk_on_a_slope(driven):
     np.testing.assert_allclose(np.abs(control.holding(driven)), torque, rtol=1e-9)
 
 
+def test_balanced_on_a_slope_is_on_the_vertical_through_the_contact_point():
+    """At right angles to the plane, the pendulum leaves the centre of mass beside it by (r − m l / M) tan a."""
+    states = jaxball.DiskState(
+        phi=np.zeros(2), phidot=np.zeros(2), z=np.zeros(2), theta=[[LEAN - SLOPE], [0.0]], thetadot=np.zeros((2, 1))
+    )
+    beside = jax.jit(
+        lambda k: design.Balanced()(
+            design.Run(
+                climber(jaxball.Motor(0.0)),
+                jnp.zeros(1),
+                jax.tree.map(lambda leaf: leaf[k][None], states),
+                jnp.asarray(0),
+            )
+        )
+    )
+    away = (1.0 - MASS * LENGTH / (1.0 + MASS)) * np.tan(SLOPE)
+    np.testing.assert_allclose([beside(0), beside(1)], [0.0, away**2], atol=1e-16)
+
+
 def test_motors_take_it_there_and_it_stays(driven):
     """By a simulation that knows of torques and not of controls, for twice as long."""
     scenario = control.scenario_of(driven)
