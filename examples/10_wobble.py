@@ -10,6 +10,7 @@ import sys
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from matplotlib.figure import Figure
 
 from jaxball import (
@@ -36,7 +37,7 @@ TURNS = 24  # in a run
 SLIGHT = 0.1  # the resistance to rolling where that to spinning is varied
 
 
-def robot(speed, rolling, spinning=0.0):
+def robot(speed, rolling, spinning: ArrayLike = 0.0):
     """A robot that can roll at this angular velocity, and the state in which it does: the pendulum holds still."""
     torque = rolling * speed
     motor = SpeedLimitedMotor(-(speed / FREE_SPEED + torque / STALL), STALL, FREE_SPEED)

@@ -143,14 +143,20 @@ class Collocation(AbstractEquations):
         return slice(self.unconstrained, self.size - int(np.prod(self.shapes.excess)))
 
     def sizes(self, y):
-        """1 + |y|. Beside inequalities multipliers are not measured: near a boundary rounding changes them much."""
+        """1 + |y|, without multipliers that rounding changes much.
+
+        Those are all of them beside inequalities, near a boundary, and those of the end where its conditions are soft,
+        because some may follow from others.
+        """
         sizes = super().sizes(y)
         if self.inequalities:
             sizes[self.unconstrained :] = np.inf
+        elif self._soft:
+            sizes[self.places.at_end] = np.inf
         return sizes
 
     def length(self, change, y):
-        return super().length(change / self.sizes(y) if self.inequalities else change, y)
+        return super().length(change / self.sizes(y) if self.inequalities or self._soft else change, y)
 
     def residual(self, y, parameter):
         node, end = self._terms(y, parameter)
@@ -178,6 +184,11 @@ class Collocation(AbstractEquations):
         """A function of (t, x, u) that the problem has under this name, such as ``rate``, at times along a path."""
         function = functools.partial(_along, name, self.vary, self.problem, jnp.asarray(parameter))
         return _over_nodes(function, times, path.states(times), path.inputs(times))
+
+    @functools.cached_property
+    def _soft(self) -> bool:
+        """Whether the conditions at the end are soft, and stay so for all λ."""
+        return all(self.vary(self.problem, jnp.asarray(share)).softness > 0 for share in (0.0, 1.0))
 
     @functools.cached_property
     def linear(self) -> scipy.sparse.sparray:

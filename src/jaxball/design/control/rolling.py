@@ -76,7 +76,7 @@ class Rolling(AbstractControlProblem):
         - ``depth``: by how much the centre of mass is below the geometric centre at the end, along the vertical, in
           radii; free if not given, and where it comes to be negative it is above, and the equilibrium unstable.
         - ``softness``: of the conditions at the end, see :class:`AbstractControlProblem`. Where some of them follow
-          from others, as those of a ball with rotors do, which stop when it stops, 1e-8 makes the problem regular.
+          from others, as those of a ball with rotors do, which stop when it stops, 1e-7 makes the problem regular.
         - ``constraints``: what holds at all times.
 
         **Raises:** :class:`DesignError` for a system in which nothing can be controlled, for one on a turntable, where
