@@ -19,6 +19,7 @@ COMMANDS = {
     "validate": "check scenario, study and problem files",
     "simulate": "simulate a scenario",
     "plot": "draw a saved run",
+    "view": "show a saved run in one HTML file",
     "chaos": "Lyapunov exponents, charts of them and Poincaré maps of a scenario",
     "stability": "steady motions of a scenario's ball, and their stability",
     "verify": "check the laws of mechanics on a run",

@@ -43,5 +43,6 @@ from .time_series import (
     friction_ratio as friction_ratio,
     power as power,
 )
+from .view.page import View as View, write_view as write_view
 
 __all__, __dir__ = _interface(globals())

@@ -112,6 +112,23 @@ def _feedback(system, times, states):
     return jax.vmap(lambda t, state: given_angles(prepared, t, state)[2])(times, states)
 
 
+def mass_angles(trajectory: Trajectory) -> dict[int, Float[np.ndarray, " T"]]:
+    """θ of each mass i = 1 … n on a rail, along a run at the times that are drawn."""
+    rows, system = finite_rows(trajectory), trajectory.system
+    times, theta = np.asarray(trajectory.times)[rows], np.asarray(trajectory.state.theta)[rows]
+    angles = {index + 1: theta[:, slot] for slot, index in enumerate(system.driven)}
+    for i, mass in enumerate(system.point_masses, start=1):
+        if isinstance(mass.motion, OnRail):
+            angles[i] = np.asarray(_angle(mass.motion.schedule, to_array(times)))
+    return dict(sorted(angles.items()))
+
+
+@programs.filter_jit
+def _angle(schedule, times):
+    prepared = schedule.prepare()
+    return jax.vmap(lambda t: prepared.derivatives(t)[0])(times)
+
+
 def _are_equal(curve: Curve, other: Curve) -> bool:
     return all(len(a) == len(b) and np.allclose(a, b, atol=1e-12) for a, b in zip(curve, other, strict=True))
 

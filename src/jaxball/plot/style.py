@@ -59,21 +59,27 @@ def caption(figure: Any, system: "AbstractSystem | None" = None, title: str = ""
 
 def subject(system: "AbstractSystem | None", title: str = "") -> str:
     """Which system a figure shows, and in what units."""
-    shown = title.replace("$", r"\$") or ("" if system is None else _described(system))
+    shown = title.replace("$", r"\$") or ("" if system is None else described(system))
     return f"{shown}; {_units(system, title)}" if shown else _units(system, title)
 
 
-def _described(system: "AbstractSystem") -> str:
+def described(system: "AbstractSystem") -> str:
+    """The words for a system, as the beginning of a sentence."""
     words = system.described()
     return words[0].upper() + words[1:]
 
 
 def _units(system: "AbstractSystem | None", title: str) -> str:
-    if isinstance(system, AbstractBody):
-        scales = [np.asarray(getattr(system, name)) for name in ("mass", "radius", "gravity")]
-        if all(np.all(scale == 1.0) for scale in scales):
-            return "dimensionless,\N{NO-BREAK SPACE}$m_0=r=g=1$"
+    if dimensionless(system):
+        return "dimensionless,\N{NO-BREAK SPACE}$m_0=r=g=1$"
     return "in the units of the scenario" if title or system is None else "in the units of its parameters"
+
+
+def dimensionless(system: "AbstractSystem | None") -> bool:
+    """Whether the system is a body with m_0 = r = g = 1."""
+    if not isinstance(system, AbstractBody):
+        return False
+    return all(np.all(np.asarray(getattr(system, name)) == 1.0) for name in ("mass", "radius", "gravity"))
 
 
 def mass_colour(i: int) -> str:

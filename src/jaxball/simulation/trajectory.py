@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     import matplotlib.figure
     import xarray
 
+    from ..plot.view.page import View
+
 
 if TYPE_CHECKING:  # a trajectory is of a ball or a disk unless it is said to be of something else
     AnySystem = TypeVar("AnySystem", bound=AbstractSystem, default=System)
@@ -179,7 +181,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         """The largest |f| / N at the saved times; :func:`~jaxball.contact_extremes` finds μ_min of the whole run."""
         return jnp.max(self.observables.friction_ratio)
 
-    # A user has a trajectory in hand and looks there for what can be done with it. These three import, when called,
+    # A user has a trajectory in hand and looks there for what can be done with it. These four import, when called,
     # modules that are built upon this one; the contracts in pyproject.toml name them as exceptions.
 
     def to_dataset(self) -> "xarray.Dataset":
@@ -207,6 +209,29 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
         body = isinstance(self.system, AbstractBody)
         return plot.overview(self) if body else plot.classical_motion(self).figure  # pyright: ignore
+
+    def view(
+        self, path: str | os.PathLike[str] | None = None, *, title: str = "", friction: float | None = None
+    ) -> "View":
+        """The run as a page: the body in three dimensions, and graphs over time, which a notebook shows in place.
+
+        ``run.view().save("run.html")`` or ``run.view("run.html")`` writes it as one file that opens in any browser,
+        without a network; ``run.view().html`` is its text. Each frame shows the nearest saved time.
+
+        **Arguments:**
+
+        - ``path``: a file that ends in ``.html``, to which it is written as well; see :func:`jaxball.plot.write_view`.
+        - ``title``: a line that says which system it is.
+        - ``friction``: a coefficient μ, whose cone is drawn at the contact point, and whose line beside |f| / N.
+
+        **Raises:** as :func:`jaxball.plot.write_view`.
+        """
+        from .. import plot
+
+        view = plot.View.of(self, title, friction)
+        if path is not None:
+            view.save(path)
+        return view
 
     def __repr__(self) -> str:
         if isinstance(self.status, Tracer):

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from ...interface.output import check_destination
+from ...interface.views import check_view
 from ...results.files import SUFFIXES
 from ...scenario.solvers import SOLVERS
 from ..animation import add_animation, check_animation
@@ -21,6 +22,7 @@ def add(commands) -> None:
     parser.add_argument("--out", type=Path, metavar="FILE", help="save the trajectory: .nc, .npz or .csv")
     parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw the figures into this folder")
     add_formats(parser, "--plot-format")
+    parser.add_argument("--view", type=Path, metavar="FILE", help="show the run in one HTML file: .html")
     add_animation(parser)
     parser.add_argument(
         "--solver", choices=SOLVERS, metavar="SOLVER", help=f"instead of the scenario's: {', '.join(SOLVERS)}"
@@ -38,6 +40,8 @@ def _run(options: argparse.Namespace) -> int:
     if options.out is not None:
         check_destination(options.out, SUFFIXES, "--out")
     check_figures_folder(options, "plot", "plot_format")
+    if options.view is not None:
+        check_view(options.view, "--view")
     check_animation(options)
     document = scenario_document(options, options.end)
     set_up_jax()

@@ -23,6 +23,7 @@ from ..options import FAILED_SOLVE
 from ..output import say, working, written_line
 from .animation import check_against, write_animation
 from .files import draw_figures, write_json
+from .view import check_against as check_view_against, is_known, write_view
 
 
 def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
@@ -33,6 +34,7 @@ def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
     if options.solver is not None:
         check_dae(scenario.system, options.solver, scenario.dae, "Argument `--solver`")
     check_against(options, scenario)
+    check_view_against(options, scenario)
     with compiled_for(scenario):
         return _simulate(options, scenario)
 
@@ -42,16 +44,21 @@ def _simulate(options: argparse.Namespace, scenario: Scenario) -> int:
     events = _events(options, scenario)
     with working(options, "compiling and simulating"):
         trajectory = scenario.simulate(dense=touches and _shows_contact(options), events=events)
+    written = []
     if options.out is not None:
         with working(options, "evaluating and saving"):
             _evaluate(trajectory)
             save(trajectory, options.out, scenario)
+        written.append(str(options.out))
+    if options.view is not None and is_known(trajectory):  # also of a run that failed, to see why
+        with working(options, "writing the view"):
+            write_view(trajectory, options.view, scenario.title, options.friction)
+        written.append(str(options.view))
     if not trajectory.ok:
         write_json(options, _content(scenario, trajectory))
-        saved = "" if options.out is None else f' What was computed is in "{options.out}", marked as failed.'
+        saved = f" What was computed is in {_quoted(written)}, marked as failed." if written else ""
         print(f"jaxball: {message_in_keys(trajectory)}{saved}", file=sys.stderr)
         return FAILED_SOLVE
-    written = [] if options.out is None else [str(options.out)]
     written += _draw(options, scenario, trajectory)
     with working(options, "evaluating"):
         content = {} if options.json is None else _content(scenario, trajectory)
@@ -59,6 +66,10 @@ def _simulate(options: argparse.Namespace, scenario: Scenario) -> int:
     write_json(options, content)
     say(options, scenario.title, trajectory, *checks, written_line(written))
     return 0
+
+
+def _quoted(paths: list[str]) -> str:
+    return " and ".join(f'"{path}"' for path in paths)
 
 
 def _shows_contact(options: argparse.Namespace) -> bool:

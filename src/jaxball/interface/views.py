@@ -1,0 +1,27 @@
+"""Which files are views that jaxball wrote, so that one is written only where there is none or an older one."""
+
+from pathlib import Path
+
+from .output import OutputError, check_destination
+
+SUFFIXES = (".html",)
+MARK = "<!doctype html>\n<!-- jaxball view -->\n"  # what every view begins with
+
+
+def check_view(path: Path, argument: str = "path") -> None:
+    """Raises an :class:`~jaxball.results.OutputError` unless a view can be written at ``path``.
+
+    What is there already must be a view. The message calls the path ``argument``.
+    """
+    check_destination(path, SUFFIXES, argument)
+    if path.exists() and not _is_view(path):
+        raise OutputError(
+            f'Argument `{argument}` must be a new file or a view to replace, but "{path}" is another file; remove it '
+            "first, or write elsewhere."
+        )
+
+
+def _is_view(path: Path) -> bool:
+    mark = MARK.encode()
+    with path.open("rb") as file:
+        return file.read(len(mark)) == mark

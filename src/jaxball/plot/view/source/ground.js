@@ -1,0 +1,106 @@
+// The plane: its floor, which may be the top of a wedge, a grid of one radius, a turntable and the trace of the contact
+// point. All of it moves as the plane does.
+
+import {
+  BufferGeometry, CircleGeometry, Float32BufferAttribute, Group, LineBasicMaterial, LineSegments, Matrix4,
+  Mesh, MeshBasicMaterial,
+} from "three";
+import { row } from "./data.js";
+import { circle, curve, paint, segments } from "./shapes.js";
+import { css, readable } from "./theme.js";
+
+const MOST_LINES = 200;
+const STILL = [0, 0, 0];
+
+export class Ground extends Group {
+  constructor(run) {
+    super();
+    this.run = run;
+    const { floor, radius: r } = run;
+    // The plane's own axes, with its height as origin of the third.
+    this.plane = new Group();
+    this.plane.applyMatrix4(matrixOf(run.axes));
+    this.plane.updateMatrix();
+    const [x0, y0] = floor.low;
+    const [x1, y1] = floor.high;
+    const z = floor.height;
+    const top = [[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]];
+    // Seen from outside alone: in the body frame the plane may come between the ball and the camera.
+    const face = { polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2 };
+    this.plane.add(quads([top], paint(new MeshBasicMaterial(face), () => css("ground"))));
+    if (floor.tilted) {
+      const sides = floor.top.map((corner, j) => {
+        const next = (j + 1) % 4;
+        return [corner, floor.base[j], floor.base[next], floor.top[next]];
+      });
+      this.add(quads(sides, paint(new MeshBasicMaterial(face), () => css("side"))));
+    }
+    if (floor.table > 0) this.plane.add(this.table(floor, r));
+    else this.plane.add(grid(floor, r));
+    this.trace = this.traced();
+    this.add(this.plane, this.trace);
+  }
+
+  // The contact point's path, without the plane's displacement.
+  traced() {
+    const { arrays, radius: r, axes, palette } = this.run;
+    const up = axes.map((line) => line[2]);
+    const points = [];
+    for (let k = 0; k < arrays.time.shape[0]; k++) {
+      const [centre, moved] = [row(arrays.centre, k), row(arrays.moved, k, STILL)];
+      for (let j = 0; j < 3; j++) points.push(centre[j] - moved[j] - (r - 0.004 * r) * up[j]);
+    }
+    // A run of one time has a trace of one point.
+    return segments(curve(points.length > 3 ? points : [...points, ...points]), () => readable(palette.trail), 3);
+  }
+
+  table({ table, centre, height }, r) {
+    const plate = new Mesh(new CircleGeometry(table, 96), paint(new MeshBasicMaterial(), () => css("side")));
+    const lines = [];
+    for (let radius = r; radius <= table; radius += r) {
+      lines.push(...circle((a) => [radius * Math.cos(a), radius * Math.sin(a), 0.002 * r]));
+    }
+    for (let j = 1; j < 12; j++) {
+      const a = (j * Math.PI) / 6;
+      lines.push(0, 0, 0.002 * r, table * Math.cos(a), table * Math.sin(a), 0.002 * r);
+    }
+    const mark = [0, 0, 0.003 * r, table, 0, 0.003 * r];
+    this.turning = new Group();
+    this.turning.position.set(centre[0], centre[1], height + 0.001 * r);
+    this.turning.add(plate, thin(lines), segments(mark, () => css("shell"), 2));
+    return this.turning;
+  }
+
+  show(k) {
+    const { arrays } = this.run;
+    this.position.fromArray(row(arrays.moved, k, STILL));
+    if (this.turning) this.turning.rotation.z = row(arrays.turned, k)[0];
+    this.trace.geometry.instanceCount = k;
+  }
+}
+
+export function matrixOf(rows) {
+  const [a, b, c] = rows;
+  return new Matrix4().set(...a, 0, ...b, 0, ...c, 0, 0, 0, 0, 1);
+}
+
+function grid({ low, high, height }, r) {
+  const lines = [];
+  const z = height + 0.001 * r;
+  let step = r;
+  while (Math.max(high[0] - low[0], high[1] - low[1]) / step > MOST_LINES) step *= 10;
+  for (let j = Math.ceil(low[0] / step); j * step <= high[0]; j++) lines.push(j * step, low[1], z, j * step, high[1], z);
+  for (let j = Math.ceil(low[1] / step); j * step <= high[1]; j++) lines.push(low[0], j * step, z, high[0], j * step, z);
+  return thin(lines);
+}
+
+function thin(points) {
+  const geometry = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(points, 3));
+  return new LineSegments(geometry, paint(new LineBasicMaterial(), () => css("grid")));
+}
+
+function quads(corners, material) {
+  const points = corners.flatMap(([a, b, c, d]) => [...a, ...b, ...c, ...a, ...c, ...d]);
+  const geometry = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(points, 3));
+  return new Mesh(geometry, material);
+}

@@ -1,0 +1,68 @@
+// The time that is shown: played, stepped through, or gone to. Every frame is a saved time, the nearest to the clock.
+
+import { nearest } from "./data.js";
+
+export class Player {
+  constructor(times, show, changed) {
+    this.times = times;
+    this.show = show;
+    this.changed = changed; // whether it plays
+    this.k = 0;
+    this.clock = times[0];
+    this.speed = 1;
+    this.loop = false;
+    this.playing = false;
+  }
+
+  get last() {
+    return this.times.length - 1;
+  }
+
+  goTo(t) {
+    if (!Number.isFinite(t)) throw new RangeError(`goTo needs a time, but it got ${t}.`);
+    this.clock = Math.min(Math.max(t, this.times[0]), this.times[this.last]);
+    this.k = nearest(this.times, this.clock);
+    this.show(this.k);
+  }
+
+  goToFrame(k) {
+    this.goTo(this.times[Math.min(Math.max(k, 0), this.last)]);
+  }
+
+  step(by) {
+    this.pause();
+    this.goToFrame(this.k + by);
+  }
+
+  toggle() {
+    if (this.playing) this.pause();
+    else this.play();
+  }
+
+  pause() {
+    this.playing = false;
+    this.changed(false);
+  }
+
+  play() {
+    if (this.last === 0) return;
+    if (this.clock >= this.times[this.last]) this.clock = this.times[0];
+    this.playing = true;
+    this.before = undefined;
+    this.changed(true);
+    requestAnimationFrame((now) => this.tick(now));
+  }
+
+  tick(now) {
+    if (!this.playing) return;
+    // A page that was hidden goes on from where it was.
+    const elapsed = this.before === undefined ? 0 : Math.min((now - this.before) / 1000, 0.25);
+    this.before = now;
+    const [start, end] = [this.times[0], this.times[this.last]];
+    let t = this.clock + elapsed * this.speed;
+    if (t >= end && this.loop) t = start + ((t - start) % (end - start));
+    this.goTo(t);
+    if (t >= end) this.pause();
+    else requestAnimationFrame((next) => this.tick(next));
+  }
+}

@@ -1,0 +1,91 @@
+// What the scene is made of: lines of some pixels' width, rods and arrows. Every painted thing takes its colour from a
+// function, which is asked again when the theme changes.
+
+import { ConeGeometry, CylinderGeometry, Group, Mesh, MeshStandardMaterial, Quaternion, Vector3 } from "three";
+import { LineMaterial } from "three/addons/lines/LineMaterial.js";
+import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
+import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
+
+const painted = [];
+
+export function paint(material, colour) {
+  painted.push([material, colour]);
+  return material;
+}
+
+export function repaint() {
+  for (const [material, colour] of painted) material.color.set(colour());
+}
+
+export function solid(colour, options = {}) {
+  return paint(new MeshStandardMaterial({ roughness: 0.55, metalness: 0.05, ...options }), colour);
+}
+
+// Segments between the points 2 j and 2 j + 1, each three numbers.
+export function segments(points, colour, width, options = {}) {
+  const geometry = new LineSegmentsGeometry();
+  geometry.setPositions(points);
+  const material = paint(new LineMaterial({ linewidth: width, ...options }), colour);
+  const found = new LineSegments2(geometry, material);
+  found.frustumCulled = false;
+  return found;
+}
+
+// The points of a curve as those of its segments.
+export function curve(points) {
+  const found = [];
+  for (let j = 0; j + 3 < points.length; j += 3) for (let i = 0; i < 6; i++) found.push(points[j + i]);
+  return found;
+}
+
+export function circle(point, count = 96) {
+  const points = [];
+  for (let j = 0; j <= count; j++) points.push(...point((2 * Math.PI * j) / count));
+  return curve(points);
+}
+
+const up = new Vector3(0, 1, 0);
+const turn = new Quaternion();
+
+// A rod of unit length, to be laid between two points.
+export class Rod extends Mesh {
+  constructor(radius, material) {
+    super(new CylinderGeometry(radius, radius, 1, 12), material);
+  }
+
+  between(a, b) {
+    const along = b.clone().sub(a);
+    const length = along.length();
+    this.visible = length > 1e-9;
+    if (!this.visible) return;
+    this.position.copy(a).addScaledVector(along, 0.5);
+    this.scale.set(1, length, 1);
+    this.quaternion.copy(turn.setFromUnitVectors(up, along.divideScalar(length)));
+  }
+}
+
+export class Arrow extends Group {
+  constructor(r, colour) {
+    super();
+    this.r = r;
+    const material = solid(colour, { emissiveIntensity: 0.2 });
+    this.shaft = new Mesh(new CylinderGeometry(0.018 * r, 0.018 * r, 1, 12), material);
+    this.head = new Mesh(new ConeGeometry(0.055 * r, 0.16 * r, 20), material);
+    this.inner = new Group();
+    this.inner.add(this.shaft, this.head);
+    this.add(this.inner);
+  }
+
+  set(from, vector) {
+    const length = vector.length();
+    this.inner.visible = Number.isFinite(length) && length > 0.02 * this.r;
+    if (!this.inner.visible) return;
+    const head = Math.min(0.16 * this.r, 0.6 * length);
+    this.head.scale.setScalar(head / (0.16 * this.r));
+    this.head.position.y = length - head / 2;
+    this.shaft.scale.y = length - head;
+    this.shaft.position.y = (length - head) / 2;
+    this.position.copy(from);
+    this.quaternion.setFromUnitVectors(up, vector.clone().divideScalar(length));
+  }
+}

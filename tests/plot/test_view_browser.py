@@ -1,0 +1,214 @@
+"""A view in a browser, from file://: it runs without an error or a request, and shows the run's numbers."""
+
+import base64
+import io
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+
+from tests.plot.test_view_page import HOSTILE
+
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+# Of a machine without a screen or a graphics card: WebGL is drawn by SwiftShader.
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-dev-shm-usage",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--window-size=1000,900",
+)
+
+pytestmark = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="chromium and chromium-driver are not installed")
+
+
+@pytest.fixture(scope="module")
+def browser():
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    for flag in FLAGS:
+        options.add_argument(flag)
+    driver = webdriver.Chrome(options, Service(DRIVER))
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture(scope="module")
+def opened(browser, ball_trajectory, tmp_path_factory):
+    path = tmp_path_factory.mktemp("view") / "run.html"
+    ball_trajectory.view(path, title=HOSTILE, friction=0.3)
+    browser.get(path.as_uri())
+    return browser
+
+
+@pytest.fixture
+def page(opened):
+    """The page at its first time, seen from the ground."""
+    yield opened
+    choose(opened, "Ground")
+    go_to(opened, 0.0)
+
+
+def picture(page):
+    """The pixels of the scene once it is drawn."""
+    text = page.execute_async_script(
+        "const done = arguments[0], canvas = document.getElementById('scene');"
+        "requestAnimationFrame(() => requestAnimationFrame(() => done(canvas.toDataURL())));"
+    )
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(text.partition(",")[2]))).convert("RGBA"), dtype=int)
+
+
+def go_to(page, t):
+    page.execute_script("jaxball.goTo(arguments[0])", t)
+
+
+def time(page):
+    return page.execute_script("return jaxball.time()")
+
+
+def test_nothing_fails_and_nothing_is_asked_for(page):
+    go_to(page, 7.0)
+    assert page.get_log("browser") == []
+    assert page.execute_script("return performance.getEntriesByType('resource').length") == 0
+
+
+def test_a_hostile_title_is_shown_as_it_is(page):
+    assert page.execute_script("return document.getElementById('title').textContent") == HOSTILE
+    assert page.title.startswith('</script><img src=x onerror="window.hacked = 1"><!-- <script>')
+    assert page.execute_script("return window.hacked") is None
+    assert page.find_elements(By.TAG_NAME, "img") == []
+
+
+def test_a_script_that_is_not_jaxballs_does_not_run(page):
+    """The negative control of the policy: with another, the element would run."""
+    page.execute_script(
+        "const s = document.createElement('script'); s.textContent = 'window.hacked = 1'; document.body.append(s)"
+    )
+    assert page.execute_script("return window.hacked") is None
+    assert "violates the following Content Security Policy" in page.get_log("browser")[0]["message"]
+
+
+def test_the_scene_shows_the_pose_of_the_run(page, ball_trajectory):
+    seen = ball_trajectory.observables
+    for k in (0, 7, 20):
+        go_to(page, float(ball_trajectory.times[k]))
+        pose = page.execute_script("return jaxball.pose()")
+        assert pose["time"] == float(ball_trajectory.times[k])
+        np.testing.assert_allclose(pose["centre"], seen.geometric_centre[k], atol=1e-6)
+        np.testing.assert_allclose(pose["masses"], seen.mass_positions_body[k], atol=1e-6)
+        q = np.roll(pose["quaternion"], 1)  # the scalar first, as the state has it, up to the sign
+        np.testing.assert_allclose(abs(q @ np.asarray(ball_trajectory.state.q[k])), 1.0, atol=1e-12)
+
+
+def test_the_scene_is_drawn_and_moves(page):
+    first = picture(page)
+    assert len(np.unique(first.reshape(-1, 4), axis=0)) > 200
+    go_to(page, 9.0)
+    second = picture(page)
+    assert 0.005 < np.mean(np.any(first != second, axis=-1)) < 0.9
+    go_to(page, 0.0)
+    np.testing.assert_array_equal(picture(page), first)
+
+
+@pytest.mark.parametrize(("frame", "layer"), [("Follow", "Contact point"), ("Body frame", "Axes of the body")])
+def test_a_frame_keeps_in_place_what_is_at_rest_in_it(page, frame, layer):
+    """On a level plane the contact point is straight below the centre; the body's axes turn with the body."""
+
+    def where(t):
+        """The pixels that the layer covers."""
+        go_to(page, t)
+        before = picture(page)
+        choose(page, layer)
+        covered = np.any(picture(page) != before, axis=-1)
+        choose(page, layer)
+        return covered
+
+    def shared():
+        start, later = where(0.0), where(9.0)
+        return np.sum(start & later) / np.sum(start | later)
+
+    assert shared() < 0.3
+    choose(page, frame)
+    assert shared() > 0.5  # masses and rails are in front of it now and then
+
+
+def choose(page, text):
+    page.find_element(By.XPATH, f"//label[contains(., '{text}')]/input").click()
+
+
+def test_graphs_follow_and_lead_the_time(page):
+    plots = page.find_elements(By.CSS_SELECTOR, ".plot canvas")
+    assert len(plots) == 5
+    places = []
+    for t in (0.0, 5.0, 20.0):
+        go_to(page, t)
+        places.append([float(plot.get_attribute("data-cursor")) for plot in plots])
+    start, quarter, end = np.asarray(places)
+    assert np.all(end - start > 100)
+    np.testing.assert_allclose(quarter, start + (end - start) / 4, atol=1e-6)
+    plot = plots[1]
+    across = start[1] + 0.6 * (end[1] - start[1]) - plot.size["width"] / 2  # from the middle: t = 12
+    ActionChains(page).move_to_element_with_offset(plot, round(across), 0).click().perform()
+    assert time(page) == 12.0
+    ActionChains(page).click_and_hold(plot).move_by_offset(400, 0).release().perform()
+    assert time(page) == 20.0
+
+
+def test_keys_step_and_play(page):
+    body = page.find_element(By.TAG_NAME, "body")
+    body.send_keys(Keys.ARROW_RIGHT * 3, Keys.ARROW_LEFT)
+    assert time(page) == 2.0
+    page.execute_script("document.getElementById('speed').value = 16; speed.dispatchEvent(new Event('change'))")
+    body.send_keys(" ")
+    moved = "const done = arguments[0]; const f = () => jaxball.time() > 2 ? done(true) : setTimeout(f, 20); f()"
+    assert page.execute_async_script(moved)
+    assert "playing" in page.find_element(By.ID, "play").get_attribute("class") or time(page) == 20.0
+    go_to(page, 3.0)
+    assert "playing" not in page.find_element(By.ID, "play").get_attribute("class")
+
+
+def test_layers_and_theme_change_what_is_seen(page):
+    go_to(page, 7.0)
+    before = picture(page)
+    for box in page.find_elements(By.CSS_SELECTOR, "#layers input"):
+        box.click()
+        assert np.any(picture(page) != before), box.find_element(By.XPATH, "..").text
+        box.click()
+    np.testing.assert_array_equal(picture(page), before)
+    dark = page.execute_script("return document.documentElement.dataset.theme")
+    page.find_element(By.ID, "theme").click()
+    assert page.execute_script("return document.documentElement.dataset.theme") != dark
+    assert np.any(picture(page) != before)
+    page.find_element(By.ID, "theme").click()
+    np.testing.assert_array_equal(picture(page), before)
+
+
+def test_a_failed_run_says_so(browser, failed_trajectory, tmp_path):
+    browser.get(failed_trajectory.view(tmp_path / "failed.html").save(tmp_path / "failed.html").as_uri())
+    status = browser.find_element(By.ID, "status")
+    assert status.text == failed_trajectory.message
+    assert status.get_attribute("class") == "failed"
+    go_to(browser, 20.0)
+    assert time(browser) == 6.0
+    assert browser.get_log("browser") == []
+
+
+def test_a_notebook_runs_it_in_a_frame(browser, ball_trajectory, tmp_path):
+    notebook = tmp_path / "notebook.html"
+    notebook.write_text(f"<!doctype html><meta charset=utf-8>{ball_trajectory.view()._repr_html_()}", encoding="utf-8")
+    browser.get(notebook.as_uri())
+    browser.switch_to.frame(browser.find_element(By.TAG_NAME, "iframe"))
+    go_to(browser, 7.0)
+    assert time(browser) == 7.0
+    assert len(np.unique(picture(browser).reshape(-1, 4), axis=0)) > 200
+    browser.switch_to.default_content()
+    assert browser.get_log("browser") == []
