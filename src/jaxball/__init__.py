@@ -130,6 +130,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         Waypoints as Waypoints,
     )
     from .physics.signals import (
+        AbstractIntegrableSignal as AbstractIntegrableSignal,
         AbstractSignal as AbstractSignal,
         ConstantSignal as ConstantSignal,
         PiecewiseSignal as PiecewiseSignal,
@@ -197,7 +198,7 @@ else:
         "physics.schedules": (
             "AbstractSchedule ConstantRate FunctionSchedule PiecewiseAcceleration Pulse Sinusoids Waypoints"
         ),
-        "physics.signals": "AbstractSignal ConstantSignal PiecewiseSignal",
+        "physics.signals": "AbstractIntegrableSignal AbstractSignal ConstantSignal PiecewiseSignal",
         "simulation.simulate": "PrecisionError simulate",
         "physics.state": "BallState DiskState ReducedState RotationState State",
         "physics.system": "AbstractState AbstractSystem vector_field",

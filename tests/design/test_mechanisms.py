@@ -1,5 +1,6 @@
 """Designs with mechanisms: torques that are given, and friction that is found from a path."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -25,6 +26,8 @@ def run_with_motors():
 
 def test_efforts_of_joints_are_those_of_their_motors():
     run, weight = run_with_motors(), 2.0 * GRAVITY
+    by_accelerations = jax.jit(lambda run: run.observables.joint_efforts)(run)  # Σ m χ_a·(a + γ)
+    np.testing.assert_allclose(run.joint_efforts, by_accelerations, atol=1e-12)
     squares = (TORQUE * np.sin(TIMES) / (weight * RADIUS)) ** 2 + (FORCE / weight) ** 2
     expected = np.mean((squares[1:] + squares[:-1]) / 2)
     np.testing.assert_allclose(float(design.JointEffort()(run)), expected, rtol=1e-9)

@@ -8,7 +8,7 @@ import pytest
 import jaxball
 from jaxball import design
 from jaxball.design import control
-from jaxball.physics.equilibrium import imbalance
+from jaxball.physics.imbalance import imbalance
 
 END, PLACE = 6.0, -1.0
 SLOPE, MASS, LENGTH = np.radians(5.0), 0.8, 0.6
@@ -40,8 +40,8 @@ def test_a_pendulum_holds_a_disk_on_a_slope(driven):
     np.testing.assert_allclose(left.torque, 0.0, atol=1e-15)
     np.testing.assert_allclose(left.beside, 0.0, atol=1e-15)
     torque = MASS * LENGTH * np.sin(LEAN)
-    np.testing.assert_allclose(jnp.abs(left.efforts), torque, rtol=1e-14)
-    np.testing.assert_allclose(np.abs(control.holding(driven)), torque, rtol=1e-9)
+    np.testing.assert_allclose(left.efforts, -torque, rtol=1e-14)
+    np.testing.assert_allclose(control.holding(driven), torque, rtol=1e-9)
 
 
 def test_balanced_on_a_slope_is_on_the_vertical_through_the_contact_point():
@@ -61,6 +61,20 @@ def test_balanced_on_a_slope_is_on_the_vertical_through_the_contact_point():
     )
     away = (1.0 - MASS * LENGTH / (1.0 + MASS)) * np.tan(SLOPE)
     np.testing.assert_allclose([beside(0), beside(1)], [0.0, away**2], atol=1e-16)
+
+
+def test_a_guess_on_a_slope_begins_and_ends_at_rest():
+    """The pendulum's lean and the torque that holds it are those of the closed forms, at both ends."""
+    target = design.FollowTrajectory(design.Through([[0.0, 0.0], [PLACE, 0.0]]), rest_to_rest=True)
+    state = jaxball.DiskState(theta=[LEAN - SLOPE], thetadot=[0.0])
+    slow = 20 * END
+    problem = control.Rolling(climber(jaxball.Motor(0.0)), (0.0, slow), {"target": target}, state, place=PLACE)
+    path = control.rolling_along(problem, np.linspace(0.0, slow, 41))
+    ends = jax.vmap(problem.packing.unpack)(jnp.asarray([0.0, slow]), jnp.asarray(path.knots[[0, -1]]))
+    np.testing.assert_allclose(ends.z, [0.0, PLACE], atol=1e-12)
+    np.testing.assert_allclose(ends.theta[:, 0] - ends.phi, LEAN - SLOPE, atol=1e-6)
+    torque = MASS * LENGTH * np.sin(LEAN)
+    np.testing.assert_allclose(path.controls[[0, -1], [0, -1], 0], torque, rtol=1e-3)
 
 
 def test_motors_take_it_there_and_it_stays(driven):

@@ -1,7 +1,7 @@
 """Signals: numbers prescribed as functions of time, which may jump, such as the torque of a motor."""
 
 import abc
-from typing import Any, ClassVar
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,21 +14,11 @@ from .schedules import AbstractSchedule, PiecewiseAcceleration
 
 
 class AbstractSignal(Printed):
-    """A prescribed number s(t), which may jump at its kinks.
-
-    Where ``integrable`` is true, ``impulse`` is its integral, and derivatives of a solve with respect to the times of
-    jumps of a motor's signal are right for each motor, also when several jump at once.
-    """
-
-    integrable: ClassVar[bool] = False
+    """A prescribed number s(t), which may jump at its kinks."""
 
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""]) -> Float[Array, ""]:
         """s(t); at a jump, that of the later side."""
-
-    def impulse(self, t: Float[Array, ""]) -> Float[Array, ""]:
-        """The integral of s up to t, of a signal that is ``integrable``."""
-        raise NotImplementedError
 
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which s or one of its derivatives jumps."""
@@ -37,6 +27,18 @@ class AbstractSignal(Printed):
     def prepare(self) -> "AbstractSignal":
         """The same signal, ready to be evaluated many times."""
         return self
+
+
+class AbstractIntegrableSignal(AbstractSignal):
+    """A signal whose integral is known in closed form.
+
+    Derivatives of a solve with respect to the times of jumps of a motor's signal are then right for each motor, also
+    when several jump at once.
+    """
+
+    @abc.abstractmethod
+    def impulse(self, t: Float[Array, ""]) -> Float[Array, ""]:
+        """The integral of s up to t."""
 
 
 class ConstantSignal(AbstractSignal):
@@ -59,7 +61,7 @@ class ConstantSignal(AbstractSignal):
         return self.value
 
 
-class PiecewiseSignal(AbstractSignal):
+class PiecewiseSignal(AbstractIntegrableSignal):
     """s(t) as polynomials in pieces: steps, where there is one number a piece.
 
     On times[j] ≤ t < times[j + 1], s = Σ_k values[j, k] (t − times[j])ᵏ; before the first time and after the last, 0.
@@ -79,8 +81,6 @@ class PiecewiseSignal(AbstractSignal):
     >>> [float(steps(jnp.array(t))) for t in (0.0, 1.0, 2.0)]
     [0.5, -0.5, 0.0]
     """
-
-    integrable: ClassVar[bool] = True
 
     times: Float[Array, "*group n_plus_one"] = eqx.field(converter=numbers("times", ("n_plus_one",)))
     values: Float[Array, "*group n k"]
@@ -115,10 +115,8 @@ class PiecewiseSignal(AbstractSignal):
         return IntegratedSignal(PiecewiseAcceleration(zero, self.times, self.values, zero).prepare())
 
 
-class IntegratedSignal(AbstractSignal):
+class IntegratedSignal(AbstractIntegrableSignal):
     """The second derivative of a schedule, whose first is its integral."""
-
-    integrable: ClassVar[bool] = True
 
     schedule: AbstractSchedule
 

@@ -20,7 +20,8 @@ from ..files import SHARED, objects_of
 from ..objectives import AbstractRunningObjective
 from .collocation import BARRIER
 from .guess import rolling_along
-from .homotopy import VIOLATION, Guess, at_rest
+from .homotopy import Guess, at_rest
+from .problem import VIOLATION
 from .rolling import Rolling
 
 TABLE = "control"

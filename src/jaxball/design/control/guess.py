@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from ...numerics import programs, versor
 from ...numerics.vectors import apply, cross
-from ...physics.equilibrium import imbalance
+from ...physics.imbalance import imbalance
 from ...physics.load import load
 from ...physics.moments import velocity_moments
 from ...physics.momentum import contact_momentum, contact_momentum_rate
@@ -51,7 +51,7 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     state = _rolled(problem, _wanted(problem, times))
     hanging = np.tile(_hanging(problem), (len(times), 1))
     # Only once: each time differentiates twice, and at rest the wanted acceleration has a kink.
-    p = _leaning(problem, hanging, _imbalance(problem, times, _moved(problem, times, state, hanging)))
+    p = _leaning(problem, hanging, _missing_moment(problem, times, _moved(problem, times, state, hanging)))
     state = _moved(problem, times, state, p)
     x = CubicSpline(times, _packed(problem, times, state))
     nodes = mesh[:-1, None] + np.diff(mesh)[:, None] * gauss(stages).c
@@ -123,11 +123,11 @@ def _across(v: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 3"]:
     return np.stack([-v[:, 1], v[:, 0], np.zeros(len(v))], axis=1)
 
 
-def _leaning(problem: Rolling, hanging, imbalance) -> Float[np.ndarray, "t 3"]:
-    """Λp of the length that it has, moved sideways so that gravity's moment takes up the ``imbalance``."""
+def _leaning(problem: Rolling, hanging, moment) -> Float[np.ndarray, "t 3"]:
+    """Λp of the length that it has, moved sideways so that gravity has the ``moment`` as well."""
     weight = np.asarray(_weight(problem))
     up = weight / np.linalg.norm(weight)
-    moved = hanging + np.cross(imbalance, weight) / np.sum(weight**2)
+    moved = hanging + np.cross(moment, weight) / np.sum(weight**2)
     size, height = np.linalg.norm(hanging, axis=1), hanging @ up
     beside = moved - (moved @ up)[:, None] * up
     side = np.linalg.norm(beside, axis=1)
@@ -141,7 +141,7 @@ def _leaning(problem: Rolling, hanging, imbalance) -> Float[np.ndarray, "t 3"]:
     return beside + np.copysign(np.sqrt(size**2 - side**2), height)[:, None] * up
 
 
-def _imbalance(problem: Rolling, times, state: BallState | DiskState) -> Float[np.ndarray, "t 3"]:
+def _missing_moment(problem: Rolling, times, state: BallState | DiskState) -> Float[np.ndarray, "t 3"]:
     """By how much d(ΛΠ)/dt is larger than what the forces and the contact point's motion make of it."""
     Pi, rate = (np.asarray(part) for part in _momenta(problem, jnp.asarray(times), state))
     return CubicSpline(times, Pi)(times, 1) - rate

@@ -11,8 +11,8 @@ from ..equations import newton
 from ..errors import DesignError
 from .collocation import BARRIER, SHARP, Collocation
 from .guess import driving
-from .inputs import VIOLATION
 from .path import Path
+from .problem import VIOLATION
 from .refine import finer_mesh, mesh_errors, near, solved
 from .rolling import Rolling, between
 from .solution import Solution, violations

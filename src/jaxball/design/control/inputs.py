@@ -21,10 +21,9 @@ from ...physics.state import BallState, DiskState, State
 from ..constraints import AbstractRunningConstraint
 from ..errors import DesignError
 from ..run import Run
+from .problem import VIOLATION
 
 MOTOR_LIMITS = "motor-limits"
-# By how much a constraint may be violated between the nodes.
-VIOLATION = 1e-4
 
 
 class Given(AbstractLaw):

@@ -6,6 +6,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+# By how much an inequality may be violated between the nodes.
+VIOLATION = 1e-4
+
 
 class AbstractControlProblem(eqx.Module):
     """Minimise the mean over [start, end] of a running cost, from a given state to one that fulfils end conditions.

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 from ...interface.status import Status
 from ...numerics.arrays import Numbers, to_array
 from ...physics.body import System
-from ...physics.equilibrium import Imbalance, imbalance
+from ...physics.imbalance import Imbalance, imbalance
 from ...physics.packing import Packing
 from ...physics.schedules import AbstractSchedule
 from ...physics.signals import AbstractSignal

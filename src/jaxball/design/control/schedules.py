@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from ...numerics import programs
 from ...physics.body import Ball, Disk, System
-from ...physics.equilibrium import Imbalance, imbalance
+from ...physics.imbalance import Imbalance, imbalance
 from ...physics.schedules import PiecewiseAcceleration
 from ...physics.signals import PiecewiseSignal
 from ...scenario import Scenario

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from ...numerics.arrays import numbers
 from ...numerics.norms import norm
-from ...physics.equilibrium import imbalance
+from ...physics.imbalance import imbalance
 from ..plane import beside, place
 from ..run import Run
 from .base import AbstractObjective, unit_of_time

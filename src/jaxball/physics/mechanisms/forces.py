@@ -12,7 +12,7 @@ from ...interface.printing import Printed
 from ...numerics.arrays import AnyArray, Numbers, concatenated, default_dtype, namespace_of, numbers, to_array
 from ..conditions import Condition
 from ..schedules import AbstractSchedule
-from ..signals import AbstractSignal, PiecewiseSignal, as_signal
+from ..signals import AbstractIntegrableSignal, AbstractSignal, PiecewiseSignal, as_signal
 from ..state import State
 
 
@@ -214,11 +214,9 @@ class Motor(AbstractJointForce):
         return self if signal is None else Motor(signal)
 
     @property
-    def _integrable(self) -> AbstractSignal | None:
+    def _integrable(self) -> AbstractIntegrableSignal | None:
         """The signal where its integral is that of the force; else None."""
-        if self.limit is not None or not isinstance(self.signal, AbstractSignal) or not self.signal.integrable:
-            return None
-        return self.signal
+        return self.signal if self.limit is None and isinstance(self.signal, AbstractIntegrableSignal) else None
 
 
 class SpeedLimitedMotor(AbstractJointForce):
