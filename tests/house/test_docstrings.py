@@ -15,7 +15,7 @@ EXAMPLES = {
     for _, found in everything()
     if (inspect.isclass(found) or inspect.isfunction(found)) and ">>>" in (found.__doc__ or "")
 }
-# Why a name of `jaxball` has no example of its own. Of the contracts, docs/extending.md has one each.
+# Why a name of `jaxball` has no example of its own. Of the contracts, docs/how-to/extending.md has one each.
 WITHOUT = {"Occurrences": "the example of `Event` prints them"}
 
 

@@ -1,4 +1,4 @@
-"""docs/keys.md names every key that a file may have, with its default: held against the readers."""
+"""docs/reference/keys.md names every key that a file may have, with its default: held against the readers."""
 
 import re
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ from jaxball.scenario.values import Nested
 from jaxball.sweep.study import KEYS as STUDY
 from tests.support import corpus
 
-PAGE = Path(__file__).parents[2] / "docs" / "keys.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "keys.md"
 Found = dict[tuple[str, str, str], str]
 
 

@@ -12,7 +12,7 @@ from jaxball.scenario import load_scenario, read_scenario, write_scenario
 
 from .documents import BALL, DISK, with_rail, with_schedule
 
-DOCUMENTATION = Path(__file__).parents[2] / "docs" / "scenario-files.md"
+DOCUMENTATION = Path(__file__).parents[2] / "docs" / "reference" / "scenario-files.md"
 DOCUMENTED = re.findall(r"^```toml\n(.*?)^```", DOCUMENTATION.read_text(), flags=re.DOTALL | re.MULTILINE)
 
 

@@ -347,21 +347,21 @@ def every_kind(body: dict[str, str], controlled: bool) -> str:
 def scenarios() -> dict[str, dict[str, Any]]:
     """The built-in scenarios, those of the documentation, and two with everything that a body can have."""
     texts = {name: builtin_text(name) for name in builtin_scenarios()}
-    texts |= _blocks("scenario-files.md", "```toml\n(.*?)```") | {"every motion": EVERY_MOTION}
+    texts |= _blocks("reference/scenario-files.md", "```toml\n(.*?)```") | {"every motion": EVERY_MOTION}
     texts["every mechanism"] = EVERY_MECHANISM
     return {name: tomllib.loads(text) for name, text in texts.items()}
 
 
 def studies() -> dict[str, dict[str, Any]]:
     """Those of the documentation, and one with every axis."""
-    texts = _blocks("sweeps.md", "```toml\n(.*?)```") | _blocks("sweeps.md", 'read_study\\("""\n(.*?)"""')
+    texts = _blocks("how-to/sweeps.md", "```toml\n(.*?)```") | _blocks("how-to/sweeps.md", 'read_study\\("""\n(.*?)"""')
     return {name: tomllib.loads(text) for name, text in (texts | {"every axis": EVERY_AXIS}).items()}
 
 
 def problems() -> dict[str, dict[str, Any]]:
     """Those of the examples and the documentation, and four with everything that can be asked for."""
     texts = {path.stem: path.read_text() for path in EXAMPLES.glob("problem*.toml")}
-    texts |= _blocks("design.md", 'read_problem\\("""\n(.*?)"""')
+    texts |= _blocks("how-to/design.md", 'read_problem\\("""\n(.*?)"""')
     for body in (OF_A_BALL, OF_A_DISK):
         for controlled in (False, True):
             texts[f"every kind, {body['KIND']}{', controlled' * controlled}"] = every_kind(body, controlled)

@@ -1,0 +1,1 @@
+"""What the site makes of the package itself: its interface, its commands, its scenarios and examples."""

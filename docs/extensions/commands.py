@@ -1,0 +1,42 @@
+"""The reference of the command line: what ``--help`` prints, of each command and of each of its own commands."""
+
+import argparse
+
+from jaxball.cli.dispatch import COMMANDS, _parser
+from sphinx.application import Sphinx
+
+from .links import DOCS, write_page
+
+LEAD = """# The command line
+
+`jaxball COMMAND --help` prints what is here. The exit code is 0 for success, 1 for a run that cannot be believed or a design
+that violates a constraint, 2 for bad input, 3 for a solve that failed, and 130 after Ctrl-C.
+"""
+
+
+def parsers(command: str, parser: argparse.ArgumentParser) -> list[tuple[str, argparse.ArgumentParser]]:
+    """A command, and the commands within it."""
+    within = [action for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
+    return [(command, parser)] + [
+        pair for action in within for name, one in action.choices.items() for pair in parsers(f"{command} {name}", one)
+    ]
+
+
+def write_commands(app: Sphinx) -> None:
+    text = LEAD
+    for name in COMMANDS:
+        whole = next(action for action in _parser([name])._actions if isinstance(action, argparse._SubParsersAction))
+        for command, parser in parsers(name, whole.choices[name]):
+            parser.formatter_class = of_width(parser.formatter_class)
+            text += f"\n{'#' * (1 + len(command.split()))} jaxball {command}\n\n```text\n{parser.format_help().rstrip()}\n```\n"
+    write_page(DOCS / "reference" / "command-line.md", text)
+
+
+def of_width(formatter: type[argparse.HelpFormatter]):
+    """A formatter that is as wide as the page, and not as the terminal in which the site is built."""
+    return lambda prog: formatter(prog, width=100)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    app.connect("builder-inited", write_commands)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
