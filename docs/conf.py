@@ -5,7 +5,9 @@ from pathlib import Path
 
 import jaxball
 
-sys.path.insert(0, str(Path(__file__).parent))
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))
+(HERE / "made" / "site").mkdir(parents=True, exist_ok=True)  # which Sphinx looks for before anything is made
 
 project = "jaxball"
 copyright = "the authors of jaxball"

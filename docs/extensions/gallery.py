@@ -86,7 +86,9 @@ def scenarios() -> list[Entry]:
     def entry(name: str) -> Entry:
         text, title = builtin_text(name), builtin_title(name)
         head = " ".join(line.lstrip("# ") for line in text.partition("format =")[0].splitlines())
-        command = f"```console\njaxball simulate {name} --view {name}.html\njaxball scenarios {name} > my-{name}.toml\n```"
+        command = (
+            f"```console\njaxball simulate {name} --view {name}.html\njaxball scenarios {name} > my-{name}.toml\n```"
+        )
         return Entry(name, title, f"{head}\n\n{command}", text, "toml", draw_scenario, text)
 
     return [entry(name) for name in builtin_scenarios()]
@@ -121,7 +123,9 @@ def stamp(entry: Entry) -> str:
     """A hash of all that what is shown depends on."""
     digest = hashlib.sha256(entry.file.encode())
     package = Path(jaxball.__file__).parent
-    for path in sorted([*package.rglob("*.py"), package / "plot" / "view" / "view.bundle.js", DOCS / "extensions" / "scenes.py"]):
+    for path in sorted(
+        [*package.rglob("*.py"), package / "plot" / "view" / "view.bundle.js", DOCS / "extensions" / "scenes.py"]
+    ):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -167,7 +171,9 @@ def index(of_scenarios: list[Entry], of_examples: list[Entry]) -> str:
     for title, entries in (("Scenarios", of_scenarios), ("Examples", of_examples)):
         cards = "\n".join(card(entry) for entry in entries)
         listed = "\n".join(entry.name for entry in entries)
-        parts.append(f"## {title}\n\n::::{{div}} cards\n{cards}\n::::\n\n```{{toctree}}\n:hidden:\n\n{listed}\n```\n")
+        parts.append(
+            f"## {title}\n\n::::{{container}} cards\n{cards}\n::::\n\n```{{toctree}}\n:hidden:\n\n{listed}\n```\n"
+        )
     return "\n".join(parts)
 
 
@@ -175,7 +181,7 @@ def card(entry: Entry) -> str:
     """A picture that leads to the page, over its title."""
     pictures = [*sorted(entry.folder.glob("*.png")), *(DOCS / "figures" / one for one in entry.kept)]
     picture = f"![](/{pictures[0].relative_to(DOCS)})\n" if pictures else ""
-    return f":::{{div}} card\n{picture}\n[{entry.title}]({entry.name}.md)\n:::\n"
+    return f":::{{container}} card\n{picture}\n[{entry.title}]({entry.name}.md)\n:::\n"
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

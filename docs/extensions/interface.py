@@ -5,7 +5,7 @@ import functools
 import importlib
 import inspect
 import sys
-from types import ModuleType
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jaxball
@@ -22,7 +22,10 @@ logger = logging.getLogger(__name__)
 
 # The names of `jaxball` itself, by the modules that hold them.
 CHAPTERS = {
-    "running": ("Simulating", ["simulation.simulate", "simulation.trajectory", "interface.status", "results", "scenario"]),
+    "running": (
+        "Simulating",
+        ["simulation.simulate", "simulation.trajectory", "interface.status", "results", "scenario"],
+    ),
     "bodies": (
         "Bodies and their surroundings",
         ["physics.body", "physics.motion", "physics.ground", "physics.force", "physics.resistance", "physics.validity"],
@@ -69,20 +72,39 @@ Every public name with its arguments, shapes, units and errors, from its docstri
 batch, if there is one.
 """
 # Their types are named, but live in documents of others, which a site that is read without network cannot link to.
-ELSEWHERE = ("jax", "jaxlib", "jaxtyping", "numpy", "diffrax", "equinox", "optimistix", "lineax", "matplotlib", "xarray")
+ELSEWHERE = (
+    "jax",
+    "jaxlib",
+    "jaxtyping",
+    "numpy",
+    "diffrax",
+    "equinox",
+    "optimistix",
+    "lineax",
+    "matplotlib",
+    "xarray",
+)
 
 
 def entry(found: Any, name: str) -> str:
-    """What autodoc is told of one name."""
-    if inspect.isclass(found):
-        members = sorted(
-            member
-            for member, value in vars(found).items()
-            if not member.startswith("_") and (getattr(value, "__doc__", None) and shows(value))
-        )
-        listed = f"\n   :members: {', '.join(members)}" if members else ""
-        return f".. autoclass:: {name}{listed}\n"
-    return f".. autofunction:: {name}\n" if inspect.isfunction(found) else f".. autodata:: {name}\n   :no-value:\n"
+    """What is said of one name."""
+    if inspect.isfunction(found):
+        return f".. autofunction:: {name}\n"
+    if not inspect.isclass(found):
+        return f".. py:data:: {name}\n\n   {value_of(found)}\n"
+    members = sorted(
+        member
+        for member, value in vars(found).items()
+        if not member.startswith("_") and shows(value) and getattr(value, "__doc__", None)
+    )
+    listed = f"   :members: {', '.join(members)}\n" if members else ""
+    return f".. autoclass:: {name}\n{listed}"
+
+
+def value_of(constant: Any) -> str:
+    if isinstance(constant, Mapping):
+        return "A dictionary with the keys " + ", ".join(f"``{key!r}``" for key in constant) + "."
+    return f"``{constant!r}``"
 
 
 def shows(value: Any) -> bool:
@@ -90,16 +112,26 @@ def shows(value: Any) -> bool:
     return inspect.isfunction(value) or isinstance(value, property | classmethod | staticmethod)
 
 
-def page(title: str, lead: str, module: str, names: list[str], declared: bool) -> str:
+def page(title: str, lead: str, module: str, names: Sequence[str], declared: bool) -> str:
+    """A page of entries; what another page has under another name is only named."""
     package = importlib.import_module(module)
+    first = {name: public_names()[id(getattr(package, name))] for name in names}
+    own = [name for name in names if first[name] == f"{module}.{name}"]
+    others = ", ".join(f":obj:`{first[name]}`" for name in names if name not in own)
     directive = "module" if declared else "currentmodule"
-    entries = "\n".join(entry(getattr(package, name), name) for name in names)
-    return f"# {title}\n\n{lead}\n\n```{{eval-rst}}\n.. py:{directive}:: {module}\n\n{entries}\n```\n"
+    parts = [f".. py:{directive}:: {module}", lead, others and f"Also here: {others}."]
+    parts += [entry(getattr(package, name), name) for name in own]
+    text = "\n\n".join(part for part in parts if part)
+    return f"# {title}\n\n```{{eval-rst}}\n{text}\n```\n"
 
 
-def described(module: ModuleType) -> str:
-    """A package's docstring as Markdown, whose ends of code are single."""
-    return "```{eval-rst}\n" + inspect.getdoc(module) + "\n```"
+def escaped(app: Sphinx, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
+    """A norm is written with bars, which mean something else in reStructuredText outside of code."""
+    lines[:] = ["``".join(bars(part, k) for k, part in enumerate(line.split("``"))) for line in lines]
+
+
+def bars(part: str, k: int) -> str:
+    return part if k % 2 else part.replace("|", "\\|")
 
 
 def write_reference(app: Sphinx) -> None:
@@ -113,7 +145,9 @@ def write_reference(app: Sphinx) -> None:
         write_page(PLACE / f"{stem}.md", page(title, "", "jaxball", names, declared=not k))
     for name in PACKAGES:
         package = importlib.import_module(f"jaxball.{name}")
-        text = page(f"`jaxball.{name}`", described(package), package.__name__, sorted(package.__all__), declared=True)
+        text = page(
+            f"`jaxball.{name}`", inspect.getdoc(package) or "", package.__name__, sorted(package.__all__), declared=True
+        )
         write_page(PLACE / f"{name}.md", text)
     listed = "\n".join([*CHAPTERS, *PACKAGES])
     write_page(PLACE / "index.md", f"{LEAD}\n```{{toctree}}\n:maxdepth: 1\n\n{listed}\n```\n")
@@ -143,6 +177,13 @@ def found_at(path: str) -> Any:
     return None
 
 
+def public_name(target: str) -> str | None:
+    """The name under which the site has what an annotation or a docstring names, with its modules or without."""
+    if "." in target:
+        return public_names().get(id(found_at(target)))
+    return next((name for name in public_names().values() if name.endswith(f".{target}")), None)
+
+
 def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: nodes.TextElement) -> nodes.Element | None:
     """Leads from the module in which an object lives to the name under which it is public.
 
@@ -152,7 +193,7 @@ def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: nodes
     if node.get("refdomain") != "py":
         return None
     target = node["reftarget"]
-    if (name := public_names().get(id(found_at(target)))) and name != target:
+    if (name := public_name(target)) and name != target:
         domain = env.get_domain("py")
         return domain.resolve_xref(env, node["refdoc"], app.builder, "obj", name, node, shown)
     root = target.partition(".")[0]
@@ -163,5 +204,6 @@ def resolve(app: Sphinx, env: BuildEnvironment, node: pending_xref, shown: nodes
 
 def setup(app: Sphinx) -> dict[str, bool]:
     app.connect("builder-inited", write_reference)
+    app.connect("autodoc-process-docstring", escaped)
     app.connect("missing-reference", resolve)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

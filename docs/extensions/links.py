@@ -19,7 +19,7 @@ PAGES = {name: f"docs/{page}" for name, page in COPIES.items()} | {
     "README.md": "docs/index.md",
     "examples": "docs/gallery/index.md",
 }
-LINK = re.compile(r"(?<=\]\()(?!https?:)([^)#\s]+)((?:#[^)\s]*)?\))")
+LINK = re.compile(r"(?<=\]\()(?!https?:|/)([^)#\s]+)((?:#[^)\s]*)?\))")
 
 
 def page_of(target: str) -> str:

@@ -12,7 +12,10 @@ from .links import DOCS
 PLACE = DOCS / "made" / "site" / "tutorials"
 BLOCK = re.compile(r"^```python\n(.*?)^```\n", re.MULTILINE | re.DOTALL)
 # Outputs and pictures are what the cells make, and the link to the notebook leads nowhere in it.
-MADE = re.compile(r"^```output\n.*?^```\n|^!\[[^\]]*\]\([^)]*\)\n|^\{.*\}\n|^\[This page as a notebook.*?\n\n", re.MULTILINE | re.DOTALL)
+MADE = re.compile(
+    r"^```output\n.*?^```\n|^!\[[^\]]*\]\([^)]*\)\n|^\{.*\}\n|^\[This page as a notebook.*?\n\n",
+    re.MULTILINE | re.DOTALL,
+)
 LINK = re.compile(r"\[([^\]]+)\]\((?!https?:)[^)]*\)")
 
 

@@ -46,7 +46,7 @@ class Row:
     - ``time``, ``quartiles``, ``repeats``: the median of warm calls, where their middle half lies, how many.
     - ``build_time``: to build or compile what the solve needs, shared parts included.
     - ``state``: the final state.
-    - ``steps`` and those after it: see :class:`~jaxball.bench.contenders.Work`.
+    - ``steps`` and those after it: see ``Work`` in ``jaxball.bench.contenders``.
     - ``problem``, ``solver``, ``family``, ``tolerance``: what was solved, by which method of which package, and how
       exactly.
     - ``rejected``, ``evaluations``, ``jacobians``, ``decompositions``: the work done; None where the package does not

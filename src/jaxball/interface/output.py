@@ -39,7 +39,7 @@ def atomic_write(path: Path, *, flush: bool = False) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """:func:`atomic_write` with errors as sentences.
+    """A file that is written whole or not at all, with errors as sentences.
 
     **Raises:** :class:`OutputError` when the file cannot be written; ``path`` is then as it was.
     """

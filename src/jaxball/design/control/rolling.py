@@ -34,8 +34,8 @@ class Rolling(AbstractControlProblem):
     that has a :class:`~jaxball.Motor`, whatever their schedules and signals are in the system that is given. Springs
     and dampers stay, as do joints without a motor, which move freely.
 
-    The running cost is the sum of the ``objectives``, and the state the vector of
-    :class:`~jaxball.physics.packing.Packing`. The conditions at the end are θ̇ = 0, Ω = 0, that the centre of mass is on
+    The running cost is the sum of the ``objectives``, and the state the body's,
+    packed into a vector. The conditions at the end are θ̇ = 0, Ω = 0, that the centre of mass is on
     the vertical through the contact point (on a level plane, straight above or below the geometric centre), that
     nothing moves the joints that have no motor, and what ``place`` and ``depth`` ask for, if they are given. The
     inequalities are the ``constraints``, and the limits of motors.

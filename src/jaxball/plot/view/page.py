@@ -29,7 +29,7 @@ class View:
 
     **Arguments:**
 
-    - ``document``: the dictionary that the page shows; :mod:`jaxball.plot.view.document` says what is in it.
+    - ``document``: the dictionary that the page shows; the module ``jaxball.plot.view.document`` says what is in it.
     """
 
     def __init__(self, document: Mapping[str, Any]) -> None:
