@@ -2,8 +2,9 @@
 
 import argparse
 
-from jaxball.cli.dispatch import COMMANDS, _parser
 from sphinx.application import Sphinx
+
+from jaxball.cli.dispatch import COMMANDS, _parser
 
 from .links import DOCS, write_page
 

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-import jaxball
-from jaxball.scenario import builtin_scenarios, builtin_text, builtin_title
 from sphinx.application import Sphinx
 from sphinx.util import logging
+
+import jaxball
+from jaxball.scenario import builtin_scenarios, builtin_text, builtin_title
 
 from .links import DOCS, ROOT, page_name, write_page
 from .scenes import draw_scenario, run_example

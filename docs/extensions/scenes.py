@@ -19,6 +19,7 @@ def draw_scenario(text: str, folder: Path) -> None:
     import dataclasses
 
     import numpy as np
+
     from jaxball import read_scenario
 
     scenario = read_scenario(text)

@@ -3,17 +3,25 @@
 import ast
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
-from sybil import Sybil
-from sybil.parsers.markdown import PythonCodeBlockParser
+from matplotlib.testing.compare import compare_images
+
+from tests.support.documents import agrees, examples_of
 
 ROOT = Path(__file__).parents[2]
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+# Written by hand: what the site makes itself is not kept, and its parts are tested where they come from.
+DOCUMENTS = [
+    ROOT / "README.md",
+    *(ROOT / name for name in ("docs/index.md", "docs/start.md")),
+    *(page for room in ("tutorials", "how-to", "theory") for page in sorted((ROOT / "docs" / room).glob("*.md"))),
+    *(ROOT / "docs" / "reference" / name for name in ("index.md", "files.md", "keys.md", "scenario-files.md")),
+]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
 # Most of whose time is that of many solvers, of derivatives in both modes, or of long runs.
 LONG_PAGES = ("chaos-and-stability.md", "extending.md", "solvers.md", "sweeps.md")
@@ -25,13 +33,38 @@ def long_ones_slow(paths, long):
 
 
 @pytest.mark.parametrize("document", long_ones_slow(DOCUMENTS, LONG_PAGES))
-def test_python_blocks_run(document, tmp_path, monkeypatch):
+def test_blocks_run_and_print_what_the_page_shows(document, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("XLA_FLAGS", "EQX_ON_ERROR"):
         monkeypatch.setenv(name, os.environ.get(name, ""))
-    sybil = Sybil(parsers=[PythonCodeBlockParser()], pattern="*.md", path=str(ROOT))
-    for example in sybil.parse(document):
+    followed = is_followed(document)
+    for example in examples_of(document, followed=followed):
         example.evaluate()
+    if followed:
+        compare_pictures(document, tmp_path)
+
+
+def is_followed(document: Path) -> bool:
+    """Whether a reader types all of it, from the first line to the last."""
+    return document.parent.name == "tutorials" or document.name == "start.md"
+
+
+def compare_pictures(document: Path, made_in: Path) -> None:
+    """A picture that such a page shows is one that its blocks write, under the same name."""
+    for target in re.findall(r"!\[[^\]]*\]\(([^)]*)\)", document.read_text()):
+        shown = document.parent / target
+        made = made_in / shown.name
+        assert made.exists(), f"{document.name} shows {shown.name}, which nothing in it writes"
+        if os.environ.get("JAXBALL_WRITE_FIGURES"):
+            shutil.copy(made, shown)
+        assert compare_images(str(shown), str(made), tol=5.0) is None, f"{shown.name} is another picture"
+
+
+def test_outputs_agree_up_to_the_digits_that_are_shown():
+    assert agrees("steps 12,\n  z = 0.3451, in … s", "steps 12, z = 0.34511 , in 1.2 s".replace(" ,", ","))
+    assert agrees("error 2.1e-09", "error 2.15e-09")
+    for shown, printed in [("12 rows", "13 rows"), ("0.345", "0.349"), ("ok", "failed"), ("1.5e-9", "1.5e-8")]:
+        assert not agrees(shown, printed)
 
 
 @pytest.mark.parametrize("example", long_ones_slow(EXAMPLES, LONG_EXAMPLES))

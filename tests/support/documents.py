@@ -1,0 +1,92 @@
+"""Documents run: their blocks in order, and what they print held against what the page shows."""
+
+import contextlib
+import io
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from sybil import Example, Sybil
+from sybil.evaluators.python import PythonEvaluator
+from sybil.parsers.markdown import CodeBlockParser
+
+ROOT = Path(__file__).parents[2]
+NUMBER = r"[-+−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+ANYTHING = "…"  # in an output, as where a time is shown
+STEPS = re.compile(r"\d+ steps, \d+ of them rejected")
+FILE_NAME = re.compile(r"# ([\w-]+\.toml)\n")
+
+
+def examples_of(document: Path, *, followed: bool) -> list[Example]:
+    """The blocks of a document that run: Python, and what it prints in a block ``output`` right after it.
+
+    A document that is ``followed`` from its first line to its last also has commands, with what they print, in blocks
+    ``console``, and files in blocks ``toml`` whose first line is a comment with the name.
+    """
+    parsers = [CodeBlockParser("python", _run_python), CodeBlockParser("output", _compare_with_printed)]
+    if followed:
+        parsers += [CodeBlockParser("console", _run_commands), CodeBlockParser("toml", _write_file)]
+    return list(Sybil(parsers=parsers, pattern="*.md", path=str(ROOT)).parse(document))
+
+
+def agrees(shown: str, printed: str) -> bool:
+    """Whether two outputs have the same words, and the same numbers up to two units of the last digit shown.
+
+    Any white space counts as one space, and how many steps a solver took does not count: it depends on rounding.
+    """
+    shown, printed = (STEPS.sub(ANYTHING, " ".join(text.split())) for text in (shown, printed))
+    pattern = "".join(_pattern(part) for part in re.split(rf"({ANYTHING}|{NUMBER})", shown))
+    found = re.fullmatch(pattern, printed)
+    numbers = re.findall(NUMBER, shown)
+    return found is not None and all(map(_close, numbers, found.groups()))
+
+
+def _pattern(part: str) -> str:
+    if part == ANYTHING:
+        return ".*?"
+    return f"({NUMBER})" if re.fullmatch(NUMBER, part) else re.escape(part)
+
+
+def _close(shown: str, printed: str) -> bool:
+    expected, got = (float(number.replace("−", "-")) for number in (shown, printed))
+    mantissa, _, exponent = shown.partition("e")
+    decimals = len(mantissa.partition(".")[2])
+    return expected == got or (decimals > 0 and abs(expected - got) <= 2.001 * 10.0 ** (int(exponent or 0) - decimals))
+
+
+def _run_python(example: Example) -> None:
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        PythonEvaluator()(example)
+    example.namespace["_printed"] = printed.getvalue()
+
+
+def _compare_with_printed(example: Example) -> str | None:
+    printed = example.namespace["_printed"]
+    return (
+        None
+        if agrees(example.parsed, printed)
+        else f"The page shows\n{example.parsed}\nbut what is printed is\n{printed}"
+    )
+
+
+def _run_commands(example: Example) -> str | None:
+    """Each line after ``$`` is a command, and the lines up to the next are what it prints."""
+    folder = Path(sys.executable).parent
+    inherited = {name: value for name, value in os.environ.items() if value}  # a page's settings are taken back to ""
+    environment = {**inherited, "PATH": f"{folder}{os.pathsep}{os.environ['PATH']}", "COLUMNS": "120"}
+    for part in re.split(r"^\$ ", example.parsed, flags=re.MULTILINE)[1:]:
+        command, shown = re.fullmatch(r"((?:.*\\\n)*.*)\n([\s\S]*)", part).groups()
+        done = subprocess.run(command, shell=True, env=environment, capture_output=True, text=True, timeout=300)
+        if done.returncode:
+            return f"{command} ended with {done.returncode}: {done.stderr}"
+        if shown.strip() and not agrees(shown, done.stdout):
+            return f"{command}: the page shows\n{shown}\nbut what is printed is\n{done.stdout}"
+    return None
+
+
+def _write_file(example: Example) -> None:
+    name = FILE_NAME.match(example.parsed)
+    if name:
+        Path(name[1]).write_text(example.parsed)
