@@ -41,4 +41,5 @@ html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_extra_path = ["made/site"]
 html_copy_source = False
+html_show_search_summary = False  # which fetches pages, and cannot where they are opened as files
 html_theme_options = {"source_repository": "", "navigation_with_keys": True}

@@ -10,8 +10,8 @@ from .links import DOCS, write_page
 
 LEAD = """# The command line
 
-`jaxball COMMAND --help` prints what is here. The exit code is 0 for success, 1 for a run that cannot be believed or a design
-that violates a constraint, 2 for bad input, 3 for a solve that failed, and 130 after Ctrl-C.
+`jaxball COMMAND --help` prints what is here. The exit code is 0 for success, 1 for a run that cannot be believed or a
+design that violates a constraint, 2 for bad input, 3 for a solve that failed, and 130 after Ctrl-C.
 """
 
 
@@ -29,13 +29,14 @@ def write_commands(app: Sphinx) -> None:
         whole = next(action for action in _parser([name])._actions if isinstance(action, argparse._SubParsersAction))
         for command, parser in parsers(name, whole.choices[name]):
             parser.formatter_class = of_width(parser.formatter_class)
-            text += f"\n{'#' * (1 + len(command.split()))} jaxball {command}\n\n```text\n{parser.format_help().rstrip()}\n```\n"
+            depth = "#" * (1 + len(command.split()))
+            text += f"\n{depth} jaxball {command}\n\n```text\n{parser.format_help().rstrip()}\n```\n"
     write_page(DOCS / "reference" / "command-line.md", text)
 
 
 def of_width(formatter: type[argparse.HelpFormatter]):
     """A formatter that is as wide as the page, and not as the terminal in which the site is built."""
-    return lambda prog: formatter(prog, width=100)
+    return lambda prog: formatter(prog, width=92)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

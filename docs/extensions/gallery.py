@@ -1,7 +1,7 @@
 """The gallery: every scenario that comes with jaxball and every example, with what it shows and the file to copy.
 
-What a page shows is made while the site is built, two at a time: a scenario is simulated, an example is run. It is kept in
-``docs/made`` with a hash of the package and of the file, and made again when either has changed. ``-D gallery=short``
+What a page shows is made while the site is built, two at a time: a scenario is simulated, an example is run. It is kept
+in ``docs/made`` with a hash of the package and of the file, and made again when either has changed. ``-D gallery=short``
 makes that of a few.
 """
 
@@ -69,7 +69,7 @@ class Entry:
     def page(self) -> str:
         parts = [f"# {self.title}", self.text]
         parts += [self._view(one.name) for one in sorted(self.folder.glob("*.html"))]
-        made = [f"/{one.relative_to(DOCS)}" for one in sorted(self.folder.glob("*.png"))]
+        made = [f"/{one.relative_to(DOCS)}" for one in sorted(self.folder.glob("*.png")) if one.stem != "thumbnail"]
         parts += [f"![{self.title}]({picture})" for picture in [*made, *(f"../figures/{one}" for one in self.kept)]]
         printed = self.folder / "printed.txt"
         if printed.exists():
@@ -165,8 +165,8 @@ def write_gallery(app: Sphinx) -> None:
 
 def index(of_scenarios: list[Entry], of_examples: list[Entry]) -> str:
     lead = (
-        "# Gallery\n\nEverything that comes with jaxball, each with what it shows and the file to copy. The views play in the "
-        "page: drag to turn, and press the space bar to stop.\n"
+        "# Gallery\n\nEverything that comes with jaxball, each with what it shows and the file to copy. The views play "
+        "in the page: drag to turn, and press the space bar to stop.\n"
     )
     parts = [lead]
     for title, entries in (("Scenarios", of_scenarios), ("Examples", of_examples)):
@@ -180,7 +180,7 @@ def index(of_scenarios: list[Entry], of_examples: list[Entry]) -> str:
 
 def card(entry: Entry) -> str:
     """A picture that leads to the page, over its title."""
-    pictures = [*sorted(entry.folder.glob("*.png")), *(DOCS / "figures" / one for one in entry.kept)]
+    pictures = [*sorted(entry.folder.glob("*.png"), key=lambda one: one.stem != "thumbnail"), *(DOCS / "figures" / one for one in entry.kept)]
     picture = f"![](/{pictures[0].relative_to(DOCS)})\n" if pictures else ""
     return f":::{{container}} card\n{picture}\n[{entry.title}]({entry.name}.md)\n:::\n"
 

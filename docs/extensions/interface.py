@@ -67,10 +67,10 @@ PACKAGES = [
 ]
 LEAD = """# The Python interface
 
-Every public name with its arguments, shapes, units and errors, from its docstring, which `help()` shows too. The names of
-`jaxball` itself come first, in chapters; then the packages. Shapes are written as
-[jaxtyping](https://docs.kidger.site/jaxtyping/) does: `Float[Array, "*batch T"]` has a row for each time after the axes of a
-batch, if there is one.
+Every public name with its arguments, shapes, units and errors, from its docstring, which `help()` shows too. The names
+of `jaxball` itself come first, in chapters; then the packages. Shapes are written as
+[jaxtyping](https://docs.kidger.site/jaxtyping/) does: `Float[Array, "*batch T"]` has a row for each time after the axes
+of a batch, if there is one.
 """
 # Their types are named, but live in documents of others, which a site that is read without network cannot link to.
 ELSEWHERE = (
@@ -88,10 +88,12 @@ ELSEWHERE = (
 
 
 def entry(found: Any, name: str) -> str:
-    """What is said of one name."""
+    """What is said of one name; a class is shown with what it adds to those it is derived from."""
+    if not (is_constant(found) or inspect.getdoc(found)):
+        logger.warning(f"{name} is public and has no docstring.")
     if inspect.isfunction(found):
         return f".. autofunction:: {name}\n"
-    if not inspect.isclass(found):
+    if is_constant(found):
         return f".. py:data:: {name}\n\n   {value_of(found)}\n"
     members = sorted(
         member
@@ -106,6 +108,10 @@ def value_of(constant: Any) -> str:
     if isinstance(constant, Mapping):
         return "A dictionary with the keys " + ", ".join(f"``{key!r}``" for key in constant) + "."
     return f"``{constant!r}``"
+
+
+def is_constant(found: Any) -> bool:
+    return not (inspect.isclass(found) or inspect.isfunction(found))
 
 
 def shows(value: Any) -> bool:

@@ -20,7 +20,7 @@ def draw_scenario(text: str, folder: Path) -> None:
 
     import numpy as np
 
-    from jaxball import read_scenario
+    from jaxball import System, plot, read_scenario
 
     scenario = read_scenario(text)
     if len(scenario.times) < FRAMES:
@@ -28,6 +28,9 @@ def draw_scenario(text: str, folder: Path) -> None:
         scenario = dataclasses.replace(scenario, times=finer)
     run = scenario.simulate(throw=True)
     run.plot().savefig(folder / "overview.png", dpi=110)
+    if isinstance(scenario.system, System):
+        thumbnail = plot.snapshot(run, np.quantile(scenario.times, 0.7))
+        thumbnail.savefig(folder / "thumbnail.png", dpi=60, bbox_inches="tight")
     run.view(folder / "view.html", title=scenario.title)
 
 

@@ -63,12 +63,8 @@ def _run_python(example: Example) -> None:
 
 
 def _compare_with_printed(example: Example) -> str | None:
-    printed = example.namespace["_printed"]
-    return (
-        None
-        if agrees(example.parsed, printed)
-        else f"The page shows\n{example.parsed}\nbut what is printed is\n{printed}"
-    )
+    shown, printed = example.parsed, example.namespace["_printed"]
+    return None if agrees(shown, printed) else f"The page shows\n{shown}\nbut what is printed is\n{printed}"
 
 
 def _run_commands(example: Example) -> str | None:

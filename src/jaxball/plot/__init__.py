@@ -29,6 +29,7 @@ from .designs import (
 from .mechanisms import joint_angles as joint_angles, joint_efforts as joint_efforts
 from .paths import body_paths as body_paths, centre_path as centre_path, space_paths as space_paths
 from .report import figures as figures, overview as overview
+from .snapshot import snapshot as snapshot
 from .style import caption as caption
 from .sweeps.fans import sweep_fan as sweep_fan
 from .sweeps.maps import sweep_map as sweep_map

@@ -1,0 +1,1 @@
+"""The documentation site, where it was built."""

@@ -1,0 +1,52 @@
+"""The built site: it asks no other place for anything, its files are there, and its views play where they are embedded."""
+
+import html
+import re
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+import pytest
+
+from tests.support.browser import NO_BROWSER, messages
+from tests.support.pages import elements
+
+ROOT = Path(__file__).parents[2]
+SITE = ROOT / "site"
+# What a page loads by itself. An `a` is followed by the reader.
+LOADED = {"script": "src", "img": "src", "iframe": "src", "link": "href", "source": "src"}
+
+pytestmark = pytest.mark.skipif(
+    not (SITE / "index.html").exists(), reason="the site is not built: sphinx-build -W docs site"
+)
+
+
+def pages():
+    return [page for page in sorted(SITE.rglob("*.html")) if "shown" not in page.parts]
+
+
+def test_pages_load_nothing_from_elsewhere_and_what_they_load_is_there():
+    for page in pages():
+        for tag, attributes in elements(page.read_text())[0]:
+            address = urlsplit(attributes.get(LOADED.get(tag, ""), "") or "")
+            if tag == "link" and attributes.get("rel") in ("index", "search", "next", "prev"):
+                continue
+            assert not (address.scheme or address.netloc), f"{page.name} loads {address.geturl()}"
+            if address.path:
+                assert (page.parent / unquote(address.path)).exists(), f"{page.name} lacks {address.path}"
+
+
+def test_style_sheets_load_nothing_from_elsewhere():
+    for sheet in SITE.rglob("*.css"):
+        text = sheet.read_text()
+        assert "url(http" not in text and "@import" not in text, sheet
+
+
+@pytest.mark.parametrize(
+    "path",
+    [*sorted((ROOT / "src/jaxball/scenario/builtin").glob("*.toml")), *sorted((ROOT / "examples").glob("*.*"))],
+    ids=lambda path: path.stem,
+)
+def test_the_gallery_has_every_scenario_and_example_with_its_file(path):
+    name = re.sub(r"^\d+_", "", path.stem).replace("_", "-")
+    shown = html.unescape(re.sub(r"<[^>]*>", "", (SITE / "gallery" / f"{name}.html").read_text()))
+    assert path.read_text().rstrip() in shown
