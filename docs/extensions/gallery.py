@@ -1,8 +1,8 @@
 """The gallery: every scenario that comes with jaxball and every example, with what it shows and the file to copy.
 
 What a page shows is made while the site is built, two at a time: a scenario is simulated, an example is run. It is kept
-in ``docs/made`` with a hash of the package and of the file, and made again when either has changed. ``-D gallery=short``
-makes that of a few.
+in ``docs/made`` with a hash of the package and of the file, and made again when either has changed. With
+``-D gallery=short`` a few are made.
 """
 
 import ast
@@ -180,7 +180,8 @@ def index(of_scenarios: list[Entry], of_examples: list[Entry]) -> str:
 
 def card(entry: Entry) -> str:
     """A picture that leads to the page, over its title."""
-    pictures = [*sorted(entry.folder.glob("*.png"), key=lambda one: one.stem != "thumbnail"), *(DOCS / "figures" / one for one in entry.kept)]
+    made = sorted(entry.folder.glob("*.png"), key=lambda one: one.stem != "thumbnail")
+    pictures = [*made, *(DOCS / "figures" / one for one in entry.kept)]
     picture = f"![](/{pictures[0].relative_to(DOCS)})\n" if pictures else ""
     return f":::{{container}} card\n{picture}\n[{entry.title}]({entry.name}.md)\n:::\n"
 

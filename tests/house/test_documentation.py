@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from matplotlib.testing.compare import compare_images
+from sybil.example import SybilFailure
 
 from tests.support.documents import agrees, examples_of
 
@@ -65,6 +66,14 @@ def test_outputs_agree_up_to_the_digits_that_are_shown():
     assert agrees("error 2.1e-09", "error 2.15e-09")
     for shown, printed in [("12 rows", "13 rows"), ("0.345", "0.349"), ("ok", "failed"), ("1.5e-9", "1.5e-8")]:
         assert not agrees(shown, printed)
+
+
+@pytest.mark.parametrize("text", ["θ = 2.0\nθ + 1.0  # 2.0: wrong", "print('two')\n```\n\n```output\nthree"])
+def test_a_page_that_shows_something_else_is_found(text, tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(f"# Page\n\n```python\n{text}\n```\n")
+    with pytest.raises(SybilFailure, match=r"page (says|shows)"):
+        [example.evaluate() for example in examples_of(page, followed=False)]
 
 
 @pytest.mark.parametrize("example", long_ones_slow(EXAMPLES, LONG_EXAMPLES))

@@ -1,5 +1,6 @@
 """Documents run: their blocks in order, and what they print held against what the page shows."""
 
+import ast
 import contextlib
 import io
 import os
@@ -9,13 +10,13 @@ import sys
 from pathlib import Path
 
 from sybil import Example, Sybil
-from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.markdown import CodeBlockParser
 
 ROOT = Path(__file__).parents[2]
 NUMBER = r"[-+−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 ANYTHING = "…"  # in an output, as where a time is shown
 STEPS = re.compile(r"\d+ steps, \d+ of them rejected")
+VALUE = re.compile(r"[-\d\[({']|True|False")  # how a comment begins that is one
 FILE_NAME = re.compile(r"# ([\w-]+\.toml)\n")
 
 
@@ -56,10 +57,34 @@ def _close(shown: str, printed: str) -> bool:
     return expected == got or (decimals > 0 and abs(expected - got) <= 2.001 * 10.0 ** (int(exponent or 0) - decimals))
 
 
-def _run_python(example: Example) -> None:
+def _run_python(example: Example) -> str | None:
+    """Runs a block; an expression with a comment beside it that begins as a value does must have that value."""
+    names = example.namespace
+    wrong = []
     with contextlib.redirect_stdout(io.StringIO()) as printed:
-        PythonEvaluator()(example)
-    example.namespace["_printed"] = printed.getvalue()
+        for statement in ast.parse(example.parsed).body:
+            ast.increment_lineno(statement, example.line + example.parsed.line_offset)
+            if isinstance(statement, ast.Expr):
+                value = eval(compile(ast.Expression(statement.value), example.path, "eval"), names)
+                comment = _comment_beside(statement, example.path)
+                if VALUE.match(comment) and not _has_value(comment, value):
+                    wrong.append(f"The page says {comment}, but the value is {value!r}.")
+            else:
+                exec(compile(ast.Module([statement], []), example.path, "exec"), names)
+    names["_printed"] = printed.getvalue()
+    return "\n".join(wrong) or None
+
+
+def _comment_beside(statement: ast.Expr, path: str) -> str:
+    line = Path(path).read_bytes().splitlines()[statement.end_lineno - 1]
+    return line[statement.end_col_offset :].decode().strip().removeprefix("# ")
+
+
+def _has_value(comment: str, value: object) -> bool:
+    """Whether a comment is a value, perhaps before a colon or the like and words, or after an equality sign."""
+    ends = [match.start() for match in re.finditer(r"[:;,] |$", comment)]
+    shown = [*(comment[:end] for end in ends), comment.rpartition(" = ")[2]]
+    return any(agrees(one, text) for one in shown for text in (str(value), repr(value)))
 
 
 def _compare_with_printed(example: Example) -> str | None:
