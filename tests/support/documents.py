@@ -16,6 +16,7 @@ ROOT = Path(__file__).parents[2]
 NUMBER = r"[-+−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
 ANYTHING = "…"  # in an output, as where a time is shown
 STEPS = re.compile(r"\d+ steps, \d+ of them rejected")
+BESIDE_BRACKETS = re.compile(r"(?<=\[) | (?=\])")
 VALUE = re.compile(r"[-\d\[({']|True|False")  # how a comment begins that is one
 FILE_NAME = re.compile(r"# ([\w-]+\.toml)\n")
 
@@ -35,9 +36,10 @@ def examples_of(document: Path, *, followed: bool) -> list[Example]:
 def agrees(shown: str, printed: str) -> bool:
     """Whether two outputs have the same words, and the same numbers up to two units of the last digit shown.
 
-    Any white space counts as one space, and how many steps a solver took does not count: it depends on rounding.
+    Any white space counts as one space, or as none within brackets, and how many steps a solver took does not count: it
+    depends on rounding.
     """
-    shown, printed = (STEPS.sub(ANYTHING, " ".join(text.split())) for text in (shown, printed))
+    shown, printed = (STEPS.sub(ANYTHING, BESIDE_BRACKETS.sub("", " ".join(text.split()))) for text in (shown, printed))
     pattern = "".join(_pattern(part) for part in re.split(rf"({ANYTHING}|{NUMBER})", shown))
     found = re.fullmatch(pattern, printed)
     numbers = re.findall(NUMBER, shown)
