@@ -89,6 +89,9 @@ def test_links_between_files_lead_somewhere():
         *(ROOT / name for name in ("CONTRIBUTING.md", "benchmarks/README.md", "tests/README.md")),
     ]:
         for target in re.findall(r"\]\((?!https?:)([^)#]+)", document.read_text()):
+            # What the site makes, it checks itself.
+            if "/gallery/" in f"/{target}" or "/python/" in f"/{target}" or target.endswith("command-line.md"):
+                continue
             assert (document.parent / target).exists(), f"{document.name} links to {target}"
 
 

@@ -154,7 +154,7 @@ def ring_rotor(
 
     **Raises:** ``ValueError`` for a ``count`` below 3.
 
-    **Source:** three rotors in a ball roll it anywhere: Borisov, Kilin and Mamaev, *How to control the Chaplygin ball
+    **Source:** three rotors in a ball roll it anywhere: Borisov, Kilin and Mamaev, *How to control Chaplygin's sphere
     using rotors*, Regular and Chaotic Dynamics 17 (2012), 258.
 
     **Example:**
