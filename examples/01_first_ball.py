@@ -1,9 +1,9 @@
-"""A ball with one mass driven round a circle: build it, simulate it, print what it does."""
+"""A ball with one mass driven round a circle: build it, simulate it, see what it does."""
 
 import jax
 import jax.numpy as jnp
 
-from jaxball import Ball, Circle, ConstantRate, OnRail, PointMass, simulate
+from jaxball import Ball, Circle, ConstantRate, OnRail, PointMass, plot, simulate
 
 jax.config.update("jax_enable_x64", True)
 
@@ -17,3 +17,7 @@ observables = trajectory.observables
 print(f"least normal force     {observables.normal_force.min():.6f}")
 print(f"friction needed, mu    {trajectory.friction_needed:.6f}")
 print(f"energy put in          {observables.energy[-1] - observables.energy[0]:.6f}")
+
+plot.snapshot(trajectory).savefig("first_ball.png", dpi=150)
+trajectory.view("first_ball.html", title="A first ball")
+print("written: first_ball.png, first_ball.html")

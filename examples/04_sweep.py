@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+from matplotlib.figure import Figure
 
 from jaxball import Ball, Circle, ConstantRate, OnRail, PointMass, Status, simulate
 
@@ -24,3 +25,11 @@ z, friction, status = sweep(mass, radius)
 print(f"{int(jnp.sum(status == Status.SUCCESS))} of {status.size} solves reached the end")
 best = int(jnp.argmax(jnp.abs(z[:, 0])))
 print(f"the farthest rolls {z[best, 0]:.4f} with m = {mass[best]:.3f} at {radius[best]:.3f}, mu = {friction[best]:.3f}")
+
+ax = Figure(figsize=(5.0, 3.6), layout="constrained").subplots()
+shape = (25, 40)
+filled = ax.contourf(mass.reshape(shape), radius.reshape(shape), jnp.abs(z[:, 0]).reshape(shape), levels=20)
+ax.figure.colorbar(filled, label="distance at $t = 5$")
+ax.set(xlabel="mass", ylabel="radius of the rail")
+ax.figure.savefig("distances.png", dpi=150)
+print("written: distances.png")

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from jaxball import balance, simulate, with_angles
+from jaxball import balance, plot, simulate, with_angles
 from jaxball.paper.systems import ball as paper_ball
 
 jax.config.update("jax_enable_x64", True)
@@ -17,3 +17,6 @@ for theta, above in zip(balanced.solutions, balanced.solutions_above, strict=Tru
 rounded = simulate(ball, jnp.array([0.0, 20.0]))
 exact = simulate(with_angles(ball, [1, 2], balanced.theta), jnp.array([0.0, 20.0]))
 print(f"rounding theta to four digits moves the end by {jnp.linalg.norm(exact.state.z[-1] - rounded.state.z[-1]):.1e}")
+
+plot.configuration(with_angles(ball, [1, 2], balanced.theta)).figure.savefig("balanced.png", dpi=150)
+print("written: balanced.png")

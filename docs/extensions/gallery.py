@@ -28,9 +28,6 @@ SHOWN = DOCS / "made" / "site" / "gallery" / "shown"
 FEW = ("ball", "heavy-top", "first-ball")  # of a short gallery
 # What takes minutes is not run; a figure that it once wrote stands in the documents, if there is one.
 LONG = {
-    "03_gradient.py": (),
-    "06_ode_and_dae.py": (),
-    "08_identification.py": (),
     "10_wobble.py": ("roboball-wobble.png",),
     "ball_past_a_post.py": (),
     "compare_robust_rails.py": (),
