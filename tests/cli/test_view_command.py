@@ -2,12 +2,15 @@
 
 import os
 
+import numpy as np
 import pytest
 
 from jaxball.cli import main
+from jaxball.design import load_result
 from jaxball.interface.views import MARK
+from jaxball.sweep import open_dataset
 from tests.scenario.documents import DISK
-from tests.support.pages import document_in
+from tests.support.pages import arrays_of, document_in, unpacked
 
 
 @pytest.fixture(autouse=True)
@@ -27,7 +30,7 @@ def test_a_saved_run_has_the_view_of_the_run_itself(folder, capsys):
     assert capsys.readouterr().out == ""
     first, again = (document_in((folder / name).read_text()) for name in ("run.html", "again.html"))
     assert first["title"] == "<b>a test"
-    assert first["arrays"]["time"]["shape"] == [5]
+    assert arrays_of(first)["time"].shape == (5,)
     assert again == first | {"friction": 0.4}
 
     assert main(["view", "run.nc", "--out", "again.html"]) == 0
@@ -65,7 +68,12 @@ def test_a_run_that_failed_is_shown_and_marked(folder, capsys):
             ["view", "notes.nc", "--out", "notes.html"],
             "`--out` must be a new file or a view to replace, but",
         ),
-        (["view", "folder.nc", "--out", "run.html"], 'but "folder.nc" is a folder.'),
+        (
+            ["view", "folder.nc", "--out", "run.html"],
+            "is a folder without a design.toml or a zarr.json.",
+        ),
+        (["view", "notes.nc", "--rows", "1", "--out", "run.html"], "`--rows` is for the store of a sweep, which"),
+        (["view", "notes.nc", "--colour", "x", "--out", "run.html"], "`--colour` is for the store of a sweep, which"),
         (["view", "notes.nc", "--out", "folder.html"], '`--out` must be a file, but "folder.html" is a folder.'),
     ],
 )
@@ -88,3 +96,127 @@ def test_a_saved_run_of_a_classical_system_is_refused(folder, capsys):
     assert main(["view", "top.nc", "--out", "top.html"]) == 2
     assert 'The run "top.nc" is of a free rigid body, which has no shell to show' in capsys.readouterr().err
     assert not (folder / "top.html").exists()
+
+
+PROBLEM = """
+format = 1
+title = "<b>a design"
+
+[scenario]
+%s
+
+[[scenario.masses]]
+mass = 0.5
+rail = { kind = "circle", radius = 0.9 }
+schedule = { kind = "constant-rate", theta = 0.7, rate = 0.2 }
+
+[[variables]]
+path = "masses[0].schedule.rate"
+start = 0.3
+
+[[objectives]]
+kind = "follow-curve"
+curve = { kind = "through", points = [0.0, 1.0] }
+"""
+SCENARIO = """
+format = 1
+kind = "disk"
+body = { mass = 1.0, radius = 1.0, inertia = 1.0, gravity = 1.0 }
+time = { start = 0.0, end = 2.0, saves = 5 }
+"""
+
+
+def test_a_design_is_shown_before_and_after_with_the_path_that_is_wanted(folder, capsys):
+    """Both are known in closed form: the masses' angles are θ + rate t, with the start of the variable and what was
+    found.
+    """
+    result = folder / "result"
+    result.mkdir()
+    (result / "problem.toml").write_text(PROBLEM % SCENARIO)
+    (result / "design.toml").write_text(DISK.replace("rate = 0.2", "rate = -0.4"))
+    assert main(["view", "result", "--out", "design.html", "--friction", "0.4"]) == 0
+    assert "written: design.html" in capsys.readouterr().out
+    document = document_in((folder / "design.html").read_text())
+    assert (document["title"], document["friction"]) == ("<b>a design", 0.4)
+    assert [body["name"] for body in document["bodies"]] == ["before", "after"]
+    for body, rate in enumerate((0.3, -0.4)):
+        arrays = arrays_of(document, body)
+        np.testing.assert_allclose(arrays["mass_angles"][:, 0], 0.7 + rate * arrays["time"], rtol=1e-6)
+    wanted = unpacked(document["arrays"][document["wanted"]])
+    np.testing.assert_allclose(wanted[[0, -1]], [[0.0, 0.0, -1.0], [1.0, 0.0, -1.0]], atol=1e-6)
+
+    (result / "design.toml").write_text(DISK + "\n[ground]\nangle = 0.1\n")
+    assert main(["view", "result", "--out", "other.html"]) == 2
+    assert 'must be on one plane to be shown together, but that of "after" is not' in capsys.readouterr().err
+
+    (result / "problem.toml").unlink()
+    assert main(["view", "result", "--out", "other.html"]) == 2
+    assert 'must be one that jaxball design wrote, but "result" has no problem.toml.' in capsys.readouterr().err
+    (result / "problem.toml").write_text("no document")
+    assert main(["view", "result", "--out", "other.html"]) == 2
+    assert "a problem must be a TOML document" in capsys.readouterr().err
+    assert not (folder / "other.html").exists()
+
+
+def test_a_problem_of_optimal_control_begins_with_its_scenario(folder):
+    problem = (PROBLEM % SCENARIO).partition("[[variables]]")[0]
+    objective = '[[objectives]]\nkind = "acceleration-effort"\n'
+    (folder / "problem.toml").write_text(f"{problem}{objective}[control]\nplace = 1.0\n")
+    (folder / "design.toml").write_text(DISK)
+    result = load_result(folder)
+    assert (result.title, result.wanted) == ("<b>a design", None)
+    assert float(result.before.system.groups[0].motion.schedule.rate[0]) == 0.2
+
+
+@pytest.fixture
+def store(folder):
+    """Disks of which one cannot be, and one is not done."""
+    (folder / "study.toml").write_text(
+        'format = 1\ntitle = "<b>a study"\nscenario = "disk.toml"\nchunk = 3\n'
+        '[[axes]]\npath = "body.mass"\nvalues = [0.5, -1.0, 2.0, 3.0]\n'
+    )
+    assert main(["sweep", "study.toml", "--out", "study.zarr", "--shard", "1/2"]) == 0
+    return folder
+
+
+def test_rows_of_a_sweep_are_shown_in_the_colours_of_a_number(store, capsys):
+    assert main(["view", "study.zarr", "--rows", "2,0", "--out", "rows.html", "--quiet"]) == 0
+    document = document_in((store / "rows.html").read_text())
+    assert document["title"] == "<b>a study"
+    assert [(body["name"], body["value"]) for body in document["bodies"]] == [("row 2", 2.0), ("row 0", 0.5)]
+    assert [document["scale"][key] for key in ("name", "low", "high")] == ["body.mass", 0.5, 2.0]
+    store_ends = open_dataset("study.zarr")["phi"].values[[2, 0]]
+    for body, phi in enumerate(store_ends):
+        z = arrays_of(document, body)["centre"][-1, 0]  # = −r φ
+        assert z == pytest.approx(-phi, abs=1e-6)
+
+    assert main(["view", "study.zarr", "--rows", "2,0", "--colour", "phi", "--out", "rows.html", "--quiet"]) == 0
+    document = document_in((store / "rows.html").read_text())
+    assert [body["value"] for body in document["bodies"]] == store_ends.tolist()
+
+    capsys.readouterr()
+    for arguments, sentence in (
+        (["--rows", "0,9"], 'Rows must be among the 4 rows of "study.zarr", from 0 to 3, but 9 is not.'),
+        (["--rows", "0,3"], 'Rows must be computed, but row 3 of "study.zarr" is not done yet.'),
+        (["--rows", "1"], "Row 1: "),
+        (["--rows", "0", "--colour", "<b>"], "Number `<b>` must be one that the study changes, body.mass, or one of"),
+        ([], '`--rows` must say which rows of "study.zarr" to show, as in 3,17,40.'),
+    ):
+        assert main(["view", "study.zarr", *arguments, "--out", "other.html"]) == 2
+        assert sentence in capsys.readouterr().err
+    assert not (store / "other.html").exists()
+
+
+@pytest.mark.parametrize(
+    ("rows", "sentence"),
+    [
+        ("1,x", "it must be numbers of rows with commas between them, but it is 1,x"),
+        ("1,1", "it must be up to 24 different rows, but it is 2 rows with one twice"),
+        (",".join(map(str, range(25))), "it must be up to 24 different rows, but it is 25 rows"),
+    ],
+)
+def test_rows_that_are_none_are_refused(folder, capsys, rows, sentence):
+    with pytest.raises(SystemExit) as stopped:
+        main(["view", "study.zarr", "--rows", rows, "--out", "rows.html"])
+    assert stopped.value.code == 2
+    assert sentence in capsys.readouterr().err

@@ -1,6 +1,7 @@
 """A view in a browser, from file://: it runs without an error or a request, and shows the run's numbers."""
 
 import base64
+import contextlib
 import io
 import shutil
 
@@ -13,33 +14,35 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
+import jaxball
+from jaxball import BallState, plot
+from jaxball.plot.view.document import view_document
 from tests.plot.test_view_page import HOSTILE
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+FLAGS = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1000,900")
 # Of a machine without a screen or a graphics card: WebGL is drawn by SwiftShader.
-FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-dev-shm-usage",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--window-size=1000,900",
-)
+SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 
 pytestmark = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="chromium and chromium-driver are not installed")
 
 
-@pytest.fixture(scope="module")
-def browser():
+@contextlib.contextmanager
+def chromium(*flags):
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    for flag in FLAGS:
+    for flag in (*FLAGS, *flags):
         options.add_argument(flag)
     driver = webdriver.Chrome(options, Service(DRIVER))
     yield driver
     driver.quit()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium(*SOFTWARE) as driver:
+        yield driver
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +108,7 @@ def test_the_scene_shows_the_pose_of_the_run(page, ball_trajectory):
         assert pose["time"] == float(ball_trajectory.times[k])
         np.testing.assert_allclose(pose["centre"], seen.geometric_centre[k], atol=1e-6)
         np.testing.assert_allclose(pose["masses"], seen.mass_positions_body[k], atol=1e-6)
+        np.testing.assert_allclose(pose["centreOfMass"], seen.centre_of_mass_body[k], atol=1e-6)
         q = np.roll(pose["quaternion"], 1)  # the scalar first, as the state has it, up to the sign
         np.testing.assert_allclose(abs(q @ np.asarray(ball_trajectory.state.q[k])), 1.0, atol=1e-12)
 
@@ -212,3 +216,107 @@ def test_a_notebook_runs_it_in_a_frame(browser, ball_trajectory, tmp_path):
     assert len(np.unique(picture(browser).reshape(-1, 4), axis=0)) > 200
     browser.switch_to.default_content()
     assert browser.get_log("browser") == []
+
+
+@pytest.fixture(scope="module")
+def others():
+    """Two runs of another ball, at times of their own."""
+    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), radius=0.5)
+    times = {HOSTILE: np.linspace(0.0, 4.0, 9), "row 4": np.linspace(0.0, 3.0, 5)}
+    return {
+        name: jaxball.simulate(ball, at, BallState(Omega=(0.0, rate, 0.1)), rtol=1e-6, atol=1e-6)
+        for rate, (name, at) in enumerate(times.items(), start=1)
+    }
+
+
+@pytest.fixture
+def several(browser, ball_trajectory, others, tmp_path):
+    """Three bodies on one plane, coloured by a number whose name is no HTML."""
+    runs = {"row 3": ball_trajectory, **others}
+    wanted = np.array([[0.0, 0.0], [2.0, 1.0]])
+    plot.write_view(runs, tmp_path / "runs.html", wanted=wanted, scale=plot.ColourScale(HOSTILE, [1.0, 2.0, 4.0]))
+    browser.get((tmp_path / "runs.html").as_uri())
+    return browser
+
+
+def pose(page, body):
+    return page.execute_script("return jaxball.pose(arguments[0])", body)
+
+
+def test_each_body_has_the_pose_of_its_run_at_its_own_time(several, ball_trajectory, others):
+    """The last time of a body stays when the clock goes on; the smaller balls are on the plane of the first."""
+    assert several.execute_script("return jaxball.bodies()") == ["row 3", HOSTILE, "row 4"]
+    expected = {0.0: (0, 0, 0), 3.0: (3, 6, 4), 4.0: (4, 8, 4), 20.0: (20, 8, 4)}
+    for t, rows in expected.items():
+        go_to(several, t)
+        for body, (k, run) in enumerate(zip(rows, [ball_trajectory, *others.values()], strict=True)):
+            found, centre = pose(several, body), np.asarray(run.observables.geometric_centre[k])
+            assert found["time"] == float(run.times[k])
+            lower = [0.0, 0.0, 0.0 if body == 0 else -0.5]
+            np.testing.assert_allclose(found["centre"], centre + lower, atol=1e-6)
+            q, versor = np.roll(found["quaternion"], 1), np.asarray(run.state.q[k])
+            np.testing.assert_allclose(abs(q @ versor), np.linalg.norm(versor), atol=1e-12)
+    assert several.get_log("browser") == []
+
+
+def test_names_of_runs_and_numbers_are_text(several):
+    names = [button.text.replace("\n", " ") for button in several.find_elements(By.CSS_SELECTOR, "#names button")]
+    assert [names[0], names[2]] == ["row 3 1", "row 4 4"]
+    assert several.execute_script("return document.querySelector('#scale p').textContent") == HOSTILE
+    ends = [end.text for end in several.find_elements(By.CSS_SELECTOR, "#scale .ends span")]
+    assert ends == ["1", "4"]
+    assert several.execute_script("return window.hacked") is None
+    assert several.find_elements(By.TAG_NAME, "img") == []
+    assert several.execute_script("return performance.getEntriesByType('resource').length") == 0
+
+
+def test_the_body_of_the_pressed_button_is_followed(several):
+    choose(several, "Follow")
+    go_to(several, 2.0)
+    buttons = several.find_elements(By.CSS_SELECTOR, "#names button")
+    seen = []
+    for body, button in enumerate(buttons):
+        button.click()
+        assert [one.get_attribute("aria-pressed") for one in buttons] == [str(body == k).lower() for k in range(3)]
+        assert several.execute_script("return jaxball.pose()") == pose(several, body)
+        seen.append(picture(several))
+    for k in range(3):
+        assert np.mean(np.any(seen[k] != seen[k - 1], axis=-1)) > 0.02
+
+
+def test_the_momentum_and_the_wanted_path_are_switched(several):
+    go_to(several, 2.0)
+    for text, count in (("Angular momentum Π about the contact point", 30), ("Path that is wanted", 20)):
+        before = picture(several)
+        choose(several, text)
+        assert np.sum(np.any(picture(several) != before, axis=-1)) > count
+        choose(several, text)
+        np.testing.assert_array_equal(picture(several), before)
+
+
+def test_a_run_that_was_thinned_says_so(browser, ball_trajectory, tmp_path):
+    document = view_document(ball_trajectory, room=0.0)
+    browser.get(plot.View(document).save(tmp_path / "thin.html").as_uri())
+    assert browser.find_element(By.ID, "note").text.startswith("Shown are 2 of the 21 saved times, evenly spaced")
+    go_to(browser, 3.0)
+    assert time(browser) == 0.0
+    browser.get(ball_trajectory.view().save(tmp_path / "all.html").as_uri())
+    assert not browser.find_element(By.ID, "note").is_displayed()
+
+
+def test_without_webgl_the_graphs_are_shown_and_a_sentence(ball_trajectory, tmp_path):
+    path = tmp_path / "run.html"
+    ball_trajectory.view(path)
+    with chromium("--disable-3d-apis") as page:
+        page.get(path.as_uri())
+        assert page.find_element(By.ID, "apology").text.startswith("This browser has no WebGL, which the scene needs;")
+        assert not page.find_element(By.ID, "scene").is_displayed()
+        plots = page.find_elements(By.CSS_SELECTOR, ".plot canvas")
+        go_to(page, 0.0)
+        start = [float(plot.get_attribute("data-cursor")) for plot in plots]
+        go_to(page, 20.0)
+        assert all(float(plot.get_attribute("data-cursor")) > x + 100 for plot, x in zip(plots, start, strict=True))
+        ActionChains(page).move_to_element(plots[1]).click().perform()
+        assert 4.0 < time(page) < 10.0  # the axis is on the left
+        errors = [one["message"] for one in page.get_log("browser")]
+        assert all("WebGL context" in message for message in errors)

@@ -9,7 +9,8 @@ import re
 import pytest
 
 from jaxball import plot
-from jaxball.plot.view.page import in_element, page
+from jaxball.plot.view.document import in_element
+from jaxball.plot.view.page import page
 from jaxball.results import OutputError
 from tests.support.pages import document_in, elements
 

@@ -41,3 +41,9 @@ def unpacked(array):
     """The numbers of an array of the dictionary."""
     values = np.frombuffer(base64.b64decode(array["data"]), dtype=np.dtype(array["type"]).newbyteorder("<"))
     return values.reshape(array["shape"])
+
+
+def arrays_of(document, body=0):
+    """The arrays of a body of the dictionary, by their names."""
+    places = document["bodies"][body]["arrays"]
+    return {name: unpacked(document["arrays"][place]) for name, place in places.items()}

@@ -3,9 +3,9 @@
 ``problem`` says what is designed: a scenario with variables (``space``, ``variables``, ``scales``, ``bounds``), whose
 runs (``run``) have ``objectives`` and ``constraints``, in the plane (``plane``, ``curves``), and for balls that are a
 little off (``perturbations``). ``search`` solves it, ``verify`` checks the design by other means, ``warnings`` and
-``report`` tell of it, and ``files``, with the ``families`` of its tables, reads it. ``control`` finds motions of any
-shape, by ``equations`` and their ``continuation``; ``identify`` finds a body's numbers from its path. No other room
-knows of designs but the command line.
+``report`` tell of it, and ``files``, with the ``families`` of its tables, reads it; ``result`` reads back what was
+found. ``control`` finds motions of any shape, by ``equations`` and their ``continuation``; ``identify`` finds a body's
+numbers from its path. No other room knows of designs but the command line.
 """
 
 from ..interface.names import interface as _interface
@@ -56,6 +56,7 @@ from .objectives import (
 )
 from .perturbations import Perturbations as Perturbations
 from .problem import Evaluation as Evaluation, Places as Places, Problem as Problem
+from .result import Result as Result, load_result as load_result
 from .run import Run as Run, Solve as Solve, run_of as run_of
 from .search.check import (
     GradientCheck as GradientCheck,

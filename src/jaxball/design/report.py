@@ -20,6 +20,7 @@ from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
 from .constraints import ClearOfObstacles
 from .objectives import AbstractObjective, AvoidObstacles, FollowCurve, FollowTrajectory, LargestDistance
+from .objectives.paths import wanted_path
 from .plane import Requirement
 from .problem import worst
 from .run import Run
@@ -32,7 +33,6 @@ REPORT = "report.md"
 UNITS = "Objectives are dimensionless: lengths over r, times over √(r/g), forces over M g."
 # Less is rounding, of which there is nothing to draw.
 SMALLEST_FRICTION = 1e-9
-ON_A_CURVE = 400
 
 
 def write_report(design: Design, title: str, folder: Path, source: Source | None = None) -> Path:
@@ -125,9 +125,8 @@ def path_figure(
         target = (times, np.asarray(targets[0])[:, 0]) if targets else None
         return plot.place_in_time({"before": before, "after": after}, target)
     obstacles = [item for item in requirements if isinstance(item, AvoidObstacles | ClearOfObstacles)]
-    curve = np.asarray(followed[-1].curve.points(ON_A_CURVE)) if followed else None
     discs = [disc for item in obstacles for disc in zip(np.asarray(item.centres), map(float, item.radii), strict=True)]
-    return plot.designed_path(before[1], path, curve, discs)
+    return plot.designed_path(before[1], path, wanted_path(requirements), discs)
 
 
 def _verdict(design: Design) -> str:

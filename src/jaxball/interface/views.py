@@ -5,6 +5,7 @@ from pathlib import Path
 from .output import OutputError, check_destination
 
 SUFFIXES = (".html",)
+MOST_BODIES = 24  # in a view
 MARK = "<!doctype html>\n<!-- jaxball view -->\n"  # what every view begins with
 
 

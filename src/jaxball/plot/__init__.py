@@ -36,6 +36,7 @@ from .sweeps.maps import sweep_map as sweep_map
 from .sweeps.matrix import sweep_matrix as sweep_matrix
 from .sweeps.report import sweep_figures as sweep_figures
 from .sweeps.rows import PictureError as PictureError
+from .sweeps.scales import sweep_scale as sweep_scale
 from .sweeps.slices import sweep_slice as sweep_slice
 from .time_series import (
     angular_velocity as angular_velocity,
@@ -44,6 +45,7 @@ from .time_series import (
     friction_ratio as friction_ratio,
     power as power,
 )
+from .view.document import ColourScale as ColourScale
 from .view.page import View as View, write_view as write_view
 
 __all__, __dir__ = _interface(globals())

@@ -211,7 +211,12 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return plot.overview(self) if body else plot.classical_motion(self).figure  # pyright: ignore
 
     def view(
-        self, path: str | os.PathLike[str] | None = None, *, title: str = "", friction: float | None = None
+        self,
+        path: str | os.PathLike[str] | None = None,
+        *,
+        title: str = "",
+        friction: float | None = None,
+        all_times: bool = False,
     ) -> "View":
         """The run as a page: the body in three dimensions, and graphs over time, which a notebook shows in place.
 
@@ -223,12 +228,13 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         - ``path``: a file that ends in ``.html``, to which it is written as well; see :func:`jaxball.plot.write_view`.
         - ``title``: a line that says which system it is.
         - ``friction``: a coefficient μ, whose cone is drawn at the contact point, and whose line beside |f| / N.
+        - ``all_times``: whether a page that would be larger than 1 MB shows all saved times, and not some of them.
 
         **Raises:** as :func:`jaxball.plot.write_view`.
         """
         from .. import plot
 
-        view = plot.View.of(self, title, friction)
+        view = plot.View.of(self, title, friction=friction, all_times=all_times)
         if path is not None:
             view.save(path)
         return view

@@ -56,7 +56,7 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
         parser.error(f"unrecognized argument: {options.store}")
     if options.out is None and not options.dry_run:
         parser.error("the following argument is required: --out")
-    _require(NEEDED)
+    require_packages(NEEDED)
     text = text_of(options.study, "study file", ScenarioError)
     with naming(options.study):
         document_of(text, "study", ScenarioError)
@@ -69,7 +69,7 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
 def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     if options.store is None or options.out is None:
         parser.error("the following arguments are required after plot: STORE, --out")
-    _require(("zarr",))
+    require_packages(("zarr",))
     check_folder(options.out, "--out")
     set_up_jax()
     from ..work.sweep import plot
@@ -77,7 +77,7 @@ def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     return plot(options)
 
 
-def _require(packages: tuple[str, ...]) -> None:
+def require_packages(packages: tuple[str, ...]) -> None:
     """Raises where one of the packages is not installed."""
     missing = [name for name in packages if importlib.util.find_spec(name) is None]
     if missing:

@@ -1,33 +1,82 @@
-"""``jaxball view``: a saved run as one HTML file."""
+"""``jaxball view``: a saved run, a design or rows of a sweep as one HTML file."""
 
 import argparse
 from pathlib import Path
 
-from ...interface.views import check_view
-from ...results.files import check_saved
+from ...interface.views import MOST_BODIES, check_view
+from ...interface.wording import counted
+from ...results.files import READ_BACK, RunError, check_saved
 from ..jax_setup import set_up_jax
-from ..options import positive
+from ..options import BadInputError, positive
 from ..output import add_quiet
+from .sweep import require_packages
+
+DESIGN, SWEEP = "design.toml", "zarr.json"  # by which folders are known
 
 
 def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "view",
+        usage=(
+            "jaxball view RUN --out FILE [--friction MU] [--all-times]\n"
+            "       jaxball view DESIGN --out FILE [--friction MU] [--all-times]\n"
+            "       jaxball view STORE --rows K,K,... [--colour NUMBER] --out FILE [--friction MU] [--all-times]"
+        ),
         description="Writes a saved run as one HTML file, the same as `jaxball simulate --view` writes: the body in "
-        "three dimensions, played or stepped through, with graphs over time. It needs no network.",
+        "three dimensions, played or stepped through, with graphs over time. Of the folder of `jaxball design`, it "
+        "shows the runs before and after; of the store of `jaxball sweep`, the rows that --rows names. It needs no "
+        "network.",
     )
-    parser.add_argument("saved", type=Path, metavar="RUN", help="a run that jaxball saved: .nc or .npz")
+    parser.add_argument("saved", type=Path, metavar="RUN", help="a saved run, or the folder of a design or a sweep")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="where the view goes: .html")
     parser.add_argument("--friction", type=positive, metavar="MU", help="draw the cone of this coefficient of friction")
+    parser.add_argument("--rows", type=_rows, metavar="K,K,...", help="the rows of a sweep, as in 3,17,40")
+    parser.add_argument("--colour", metavar="NUMBER", help="by which they are coloured, such as body.mass or z[0]")
+    parser.add_argument(
+        "--all-times", action="store_true", help="show all saved times of a long run; the file is large"
+    )
     add_quiet(parser)
     parser.set_defaults(run=_run)
 
 
 def _run(options: argparse.Namespace) -> int:
     check_view(options.out, "--out")
-    check_saved(options.saved)
+    kind = _kind(options.saved)
+    if kind == SWEEP:
+        if options.rows is None:
+            raise BadInputError(f'Argument `--rows` must say which rows of "{options.saved}" to show, as in 3,17,40.')
+        require_packages(("zarr",))
+    else:
+        for name in ("rows", "colour"):
+            if getattr(options, name) is not None:
+                raise BadInputError(f'Argument `--{name}` is for the store of a sweep, which "{options.saved}" is not.')
     set_up_jax()
-    from ..work.view import run
+    from ..work import view
 
-    return run(options)
+    return {DESIGN: view.of_design, SWEEP: view.of_sweep}.get(kind, view.run)(options)
+
+
+def _kind(path: Path) -> str:
+    """What there is to show: the name of the file by which a folder is known, empty for a file."""
+    if not path.is_dir():
+        check_saved(path)
+        return ""
+    for name in (DESIGN, SWEEP):
+        if (path / name).is_file():
+            return name
+    raise RunError(
+        f"What is shown must be a run in a {' or '.join(READ_BACK)} file, or the folder of a design or of a sweep, but "
+        f'"{path}" is a folder without a {DESIGN} or a {SWEEP}.'
+    )
+
+
+def _rows(text: str) -> tuple[int, ...]:
+    parts = [part.strip() for part in text.split(",")]
+    if not all(part.isdecimal() and part.isascii() for part in parts):
+        raise argparse.ArgumentTypeError(f"it must be numbers of rows with commas between them, but it is {text}")
+    rows = tuple(int(part) for part in parts)
+    if len(set(rows)) < len(rows) or len(rows) > MOST_BODIES:
+        given = counted(len(rows), "row") + " with one twice" * (len(set(rows)) < len(rows))
+        raise argparse.ArgumentTypeError(f"it must be up to {MOST_BODIES} different rows, but it is {given}")
+    return rows

@@ -1,22 +1,24 @@
 """Paths in the plane to be followed, and obstacles to stay away from."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ...numerics.arrays import Numbers, numbers
 from ...numerics.norms import ROUNDING, norm
 from ..curves import AbstractCurve
-from ..plane import beside, places
+from ..plane import Requirement, beside, places
 from ..run import Run
 from .base import AbstractObjective, AbstractRunningObjective
 
 # The least speed with which a stretch of the path counts, in mean speeds along the curve: a ball at rest has no path.
 SLOWEST = 1e-3
+DRAWN = 400  # points of a curve
 
 
 def _or_none(name: str) -> Callable[[Numbers | None], Float[Array, ""] | None]:
@@ -122,6 +124,12 @@ class LargestDistance(FollowCurve):
 
     def in_units(self, value, length, time):
         return f"largest distance {value * length:.4g}"
+
+
+def wanted_path(requirements: Iterable[Requirement]) -> Float[np.ndarray, "k 2"] | None:
+    """Points of the curve that is to be followed, the last one if there are several, and None if there is none."""
+    followed = [item for item in requirements if isinstance(item, FollowTrajectory | FollowCurve)]
+    return np.asarray(followed[-1].curve.points(DRAWN)) if followed else None
 
 
 class AvoidObstacles(AbstractRunningObjective):

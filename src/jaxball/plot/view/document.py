@@ -1,152 +1,225 @@
-"""A run as one plain dictionary of JSON's types: all that a page needs to show it, and nothing else.
+"""Runs as one plain dictionary of JSON's types: all that a page needs to show them, and nothing else.
 
-``format`` and ``version`` say what the dictionary is. ``axes`` are three rows that take space axes to those of the
-page, whose third axis points against gravity; ``floor`` is the plane, in axes of the page. ``arrays`` holds the numbers
-at each saved time that the solve reached, each entry with its ``type``, float32 or float64, its ``shape`` and its
-``data``: the bytes, the least significant first, in base64. They are
+``format`` and ``version`` say what the dictionary is. ``bodies`` are those of the runs, all on one plane and one clock;
+each has its ``name``, what it is made of, and where its ``arrays`` are in the list ``arrays`` of the dictionary. There
+equal ones are once, each with its ``type``, float32 or float64, its ``shape`` and its ``data``: the bytes, the least
+significant first, in base64. They hold numbers at each saved time that the solve reached, or of a long run at evenly
+spaced ones of them, of which there were ``saved``, as ``note`` says. A body has
 
 - ``time`` (T,); ``centre`` (T, 3), of the shell, and ``quaternion`` (T, 4), the scalar last: from body axes to those of
   the page; ``moved`` (T, 3) and ``turned`` (T,), of a plane that moves and of a turntable;
-- ``masses`` (T, n, 3), ``centre_of_mass`` (T, 3) and ``arms_j`` (T, n_j, points, 3), of the j-th mechanism, in body
-  axes from the centre; ``rail_j`` (points, 3), which is at rest there;
-- ``normal_force`` (T,), ``friction`` (T, 2) in space axes, ``angular_velocity`` (T, 3) in body axes, and what else the
-  ``plots`` draw, each of whose ``series`` names an array and the columns of it whose sum is drawn.
+- ``masses`` (T, n, 3) and ``arms_j`` (T, n_j, points, 3), of the j-th mechanism, in body axes from the centre;
+  ``rail_j`` (points, 3), which is at rest there. With the ``shell``, masses give the centre of mass;
+- ``normal_force`` (T,), ``friction`` (T, 2) in space axes, ``angular_velocity`` and ``angular_momentum`` (T, 3) in body
+  axes, the latter Π about the contact point, and what else the ``plots`` draw. Each of their ``series`` names an array
+  and the columns of it whose sum is drawn, or whose ``norm``, divided by the array ``over``, if there is one.
+
+``axes`` are three rows that take space axes to those of the page, whose third axis points against gravity; ``floor`` is
+the plane, in axes of the page. Where radii differ, it is that of the first body. ``wanted`` is the place of an array
+(points, 3) on it, or None. ``scale`` says which number the bodies' colours stand for, by its values at equal steps of
+the colours ``stops``, or is None.
 """
 
-import base64
-from collections.abc import Iterable, Sequence
-from typing import Any
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm, to_hex
 
-from ...physics.body import AbstractBody, Disk, System
-from ...physics.state import ReducedState
+from ...interface.views import MOST_BODIES
+from ...physics.body import Disk, System
 from ...simulation.trajectory import Trajectory
-from ..actuation import mass_angles
-from ..floor import Setting, floor_under, place, setting_of
-from ..mechanisms import arms_of_run
-from ..record import Record, record, require_one
-from ..shapes import rails_of
+from ..floor import Setting, floor_under
 from ..style import COMPONENTS, TRAIL, described, dimensionless, mass_colour
+from ..sweeps.axes import COLOURS, norm_of
+from .body import Shown, body_document, body_numbers, shown
+from .graphs import PAIR, graphs_of
+from .packing import Numbers, Pool, chosen_rows
 
-FORMAT, VERSION = "jaxball view", 1
-CLOSE = 1e-6  # how far from where it is a point may be shown, in radii
-SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+FORMAT, VERSION = "jaxball view", 2
 ELEVATION, AZIMUTH = {False: 20.0, True: 8.0}, {False: -60.0, True: -90.0}  # degrees, of a ball and of a disk
+BEFORE, UNKNOWN = "#8a8a8a", "#8a8a8a"
+MOMENTUM = "#7B3FA0"
+STOPS = 9
+# So that no text of a run ends the element that it stands in, or a line of a program that reads it.
+ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
+Runs = Trajectory[Any, Any] | Mapping[str, Trajectory[Any, Any]]
 
 
-def view_document(trajectory: Trajectory, title: str = "", friction: float | None = None) -> dict[str, Any]:
-    """The dictionary of a run.
+class ColourScale(NamedTuple):
+    """A number by which the bodies of a view are coloured.
 
-    **Raises:** ``ValueError`` for a trajectory that is not of a ball or a disk, for a reduced one, for a batch, for one
-    without a finite state, and for a ``friction`` that is not a positive number.
+    **Arguments:**
+
+    - ``name``: what the number is, such as ``"body.mass"``.
+    - ``values``: that of each body, in their order; NaN, where it is not known, is grey.
+    - ``logarithmic``: whether colours are spaced by its logarithm.
+
+    **Example:**
+
+    >>> from jaxball.plot import ColourScale
+    >>> ColourScale("body.mass", [0.5, 1.0, 2.0], logarithmic=True).values
+    [0.5, 1.0, 2.0]
+    """
+
+    name: str
+    values: Sequence[float]
+    logarithmic: bool = False
+
+
+def view_document(
+    trajectories: Runs,
+    title: str = "",
+    friction: float | None = None,
+    *,
+    wanted: Float[np.ndarray, "k 2"] | None = None,
+    scale: ColourScale | None = None,
+    room: float = np.inf,
+) -> dict[str, Any]:
+    """The dictionary of a run, or of several by their names, in at most ``room`` characters of JSON if that can be.
+
+    **Raises:** ``ValueError`` as :func:`~jaxball.plot.write_view`.
     """
     if friction is not None and not 0 < friction < np.inf:
         raise ValueError(f"Argument `friction` must be a positive number, but it is {friction}.")
-    check_shown(trajectory)
-    run, system = record(trajectory), trajectory.system
-    if not len(run.times):
-        raise ValueError(
-            f"Argument `trajectory` must have a finite state to show, but it has none. {trajectory.message}"
-        )
-    setting, planar = setting_of(system, run.times), isinstance(system, Disk)
-    angles = mass_angles(trajectory)
-    arrays = _pose(trajectory, run, setting) | _quantities(trajectory, run, angles)
-    rails = rails_of(system)
-    arrays |= {f"rail_{j}": packed(points, float(system.radius)) for j, (_, points) in enumerate(rails)}
-    return {
+    named = trajectories if isinstance(trajectories, Mapping) else {"": trajectories}
+    _check_number(len(named), scale)
+    bodies = [shown(trajectory) for trajectory in named.values()]
+    _check_grounds(bodies, list(named))
+    first, setting, planar = bodies[0], bodies[0].setting, isinstance(bodies[0].system, Disk)
+    # On the plane a disk's line is at e2 = 0.
+    goal = None if wanted is None else np.column_stack([wanted, np.full(len(wanted), -first.radius)])
+    looks = _looks(bodies, scale)
+    document = {
         "format": FORMAT,
         "version": VERSION,
-        "title": title or described(system),
-        "units": "dimensionless, m₀ = r = g = 1" if dimensionless(system) else "in the units of its parameters",
-        "ok": trajectory.ok,
-        "message": trajectory.message,
-        "body": "disk" if planar else "ball",
-        "radius": float(system.radius),
+        "title": title or _title(bodies),
+        "units": _units(bodies),
         "friction": friction,
         "axes": setting.page.tolist(),
-        "floor": _floor(system, run, setting),
+        "floor": _floor(bodies, setting, goal),
         "camera": {"elevation": ELEVATION[planar], "azimuth": AZIMUTH[planar] + (0 if planar else setting.downhill)},
-        "masses": _masses(system),
-        "rails": [{"colour": mass_colour(members[0])} for members, _ in rails],
-        "arms": [mass_colour(j) for j in range(system.n_masses + 1, system.n_masses + len(system.mechanisms) + 1)],
-        "palette": {"trail": TRAIL, "components": list(COMPONENTS)},
-        "plots": _plots(system, list(angles)),
-        "arrays": arrays,
+        "palette": {"trail": TRAIL, "components": list(COMPONENTS), "momentum": MOMENTUM},
+        "scale": None if scale is None else _stops(scale),
+        "plots": graphs_of(bodies),
+        "bodies": [
+            {"name": name, **look} | body_document(one) for name, look, one in zip(named, looks, bodies, strict=True)
+        ],
+    }
+    document |= _outcome(document["bodies"]) | {"note": "", "wanted": None}
+    numbers = [body_numbers(one, first.radius) for one in bodies]
+    extra = {} if goal is None else {"wanted": Numbers(goal @ setting.page.T, first.radius, over_time=False)}
+    lengths = [len(one.run.times) for one in bodies]
+    rows = chosen_rows([*numbers, extra], [*lengths, 2], room - len(in_element(document).encode()) - len(_note(0, 0)))
+    pool = Pool()
+    for body, found, kept in zip(document["bodies"], numbers, rows, strict=False):
+        body["arrays"] = {name: pool.add(array, kept) for name, array in found.items()}
+    kept, saved = sum(map(len, rows[:-1])), sum(lengths)
+    return document | {
+        "note": _note(kept, saved) if kept < saved else "",
+        "wanted": pool.add(extra["wanted"]) if extra else None,
+        "arrays": pool.arrays,
     }
 
 
-def check_shown(trajectory: Trajectory[Any, Any]) -> None:
-    """Raises a ``ValueError`` for a trajectory that knows of no body at a place."""
-    if not isinstance(trajectory.system, AbstractBody):
+def in_element(document: Mapping[str, Any]) -> str:
+    """JSON that can stand in an element of HTML."""
+    text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return text.translate(ESCAPES)
+
+
+def _check_number(count: int, scale: ColourScale | None) -> None:
+    if not 1 <= count <= MOST_BODIES:
+        raise ValueError(f"Argument `trajectories` must have from one run to {MOST_BODIES}, but it has {count}.")
+    if scale is not None and len(scale.values) != count:
         raise ValueError(
-            "Argument `trajectory` must be of a ball or a disk, which have a shell to show, but it is of a "
-            f"{type(trajectory.system).__name__}; its method plot() draws its motion."
+            f"Argument `scale` must have a value for each of the {count} runs, but it has {len(scale.values)}."
         )
-    require_one(trajectory)
-    if isinstance(trajectory.state, ReducedState):
+
+
+def _check_grounds(bodies: Sequence[Shown], names: Sequence[str]) -> None:
+    """Raises a ``ValueError`` for bodies that do not roll on the same plane."""
+    other = other_ground([one.system for one in bodies])
+    if other is not None:
         raise ValueError(
-            "Argument `trajectory` must know where the ball is, but it is of a ReducedState; simulate with a BallState."
+            f'Argument `trajectories` must have runs on one plane, but that of "{names[other]}" is not that of '
+            f'"{names[0]}"; show them one by one.'
         )
 
 
-def packed(values: Any, scale: float | None = None) -> dict[str, Any]:
-    """An array as the page reads it, in float32.
-
-    With a ``scale``, in float64 where float32 would be off by more than a millionth of that.
-    """
-    exact = np.asarray(values, dtype="<f8")
-    with np.errstate(over="ignore"):
-        short = exact.astype("<f4")
-    off = np.max(np.abs(short - exact), initial=0.0) if scale is not None else 0.0
-    kept = short if scale is None or off <= CLOSE * scale else exact
-    data = base64.b64encode(kept.tobytes()).decode("ascii")
-    return {"type": kept.dtype.name, "shape": list(kept.shape), "data": data}
+def other_ground(systems: Sequence[System]) -> int | None:
+    """The place of the first body whose ground is not that of the first of all, None where all have the same."""
+    others = (k for k, system in enumerate(systems) if not eqx.tree_equal(system.ground, systems[0].ground))
+    return next(others, None)
 
 
-def _pose(trajectory: Trajectory, run: Record, setting: Setting) -> dict[str, Any]:
-    r, placed, seen = float(trajectory.system.radius), place(run, setting), run.observables
-    arrays = {
-        "time": packed(run.times, 0.0),
-        "centre": packed(placed.centre, r),
-        "quaternion": packed(_continuous(Rotation.from_matrix(placed.Lambda).as_quat()), 1.0),
-        "masses": packed(seen.mass_positions_body, r),
-        "centre_of_mass": packed(seen.centre_of_mass_body, r),
+def _title(bodies: Sequence[Shown]) -> str:
+    return described(bodies[0].system) if len(bodies) == 1 else f"{len(bodies)} runs"
+
+
+def _units(bodies: Sequence[Shown]) -> str:
+    same = all(dimensionless(one.system) for one in bodies)
+    return "dimensionless, m₀ = r = g = 1" if same else "in the units of its parameters"
+
+
+def _looks(bodies: Sequence[Shown], scale: ColourScale | None) -> list[dict[str, Any]]:
+    """The colour of each body, None for a single one, whether its curves are ``dashed``, and its ``value``."""
+    plain: dict[str, Any] = {"dashed": False, "value": None}
+    if scale is not None:
+        values = np.asarray(scale.values, dtype=float)
+        colours = ScalarMappable(norm_of(values, scale.logarithmic), COLOURS).to_rgba(values)
+        return [
+            plain | ({"colour": to_hex(colour), "value": value} if np.isfinite(value) else {"colour": UNKNOWN})
+            for colour, value in zip(colours, values.tolist(), strict=True)
+        ]
+    if len(bodies) == 1:
+        return [plain | {"colour": None}]
+    if len(bodies) == PAIR:
+        return [plain | {"colour": BEFORE, "dashed": True}, plain | {"colour": TRAIL}]
+    return [plain | {"colour": mass_colour(k)} for k in range(1, len(bodies) + 1)]
+
+
+def _stops(scale: ColourScale) -> dict[str, Any]:
+    norm = norm_of(np.asarray(scale.values, dtype=float), scale.logarithmic)
+    shares = np.linspace(0.0, 1.0, STOPS)
+    colours = ScalarMappable(None, COLOURS).to_rgba(shares, norm=False)
+    return {
+        "name": scale.name,
+        "low": float(norm.vmin or 0.0),
+        "high": float(norm.vmax or 0.0),
+        "logarithmic": isinstance(norm, LogNorm),
+        "stops": [to_hex(colour) for colour in colours],
     }
-    arrays |= {f"arms_{j}": packed(points, r) for j, points in enumerate(arms_of_run(trajectory))}
-    if np.any(setting.moved):
-        arrays["moved"] = packed(setting.moved, r)
-    if setting.turned is not None:
-        arrays["turned"] = packed(setting.turned, 1.0)
-    return arrays
 
 
-def _continuous(quaternions: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T 4"]:
-    """The same turns, with the signs that make each near the one before."""
-    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
-    return quaternions * np.where(np.cumsum(np.concatenate([[0], flips])) % 2, -1.0, 1.0)[:, None]
+def _outcome(bodies: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Whether all solves reached their end, and a sentence of each that did not."""
+    failed = [body for body in bodies if not body["ok"]]
+    if len(bodies) == 1:
+        return {"ok": not failed, "message": bodies[0]["message"]}
+    sentences = [f"{body['name']}: {body['message']}" for body in failed]
+    return {"ok": not failed, "message": " ".join(sentences) or "Every solve reached its end."}
 
 
-def _quantities(trajectory: Trajectory, run: Record, angles: dict[int, np.ndarray]) -> dict[str, Any]:
-    seen = run.observables
-    arrays = {
-        "angular_velocity": seen.angular_velocity_body,
-        "normal_force": seen.normal_force,
-        "friction": seen.friction,
-        "friction_ratio": seen.friction_ratio,
-        "energies": np.stack([seen.kinetic_energy, seen.potential_energy], axis=1),
-    }
-    if angles:
-        arrays["mass_angles"] = np.stack(list(angles.values()), axis=1)
-    if trajectory.system.mechanisms:
-        arrays["joint_angles"] = seen.joint_angles
-    return {name: packed(values) for name, values in arrays.items()}
+def _note(kept: int, saved: int) -> str:
+    """The sentence that says how many of the saved times are shown."""
+    if not saved:
+        return " " * 200  # as long as it may be
+    return (
+        f"Shown are {kept:,} of the {saved:,} saved times, evenly spaced, to keep this file small; all_times=True in "
+        "Python, or --all-times of jaxball view, keeps all of them."
+    )
 
 
-def _floor(system: System, run: Record, setting: Setting) -> dict[str, Any]:
-    floor = floor_under(run.observables.contact_point, float(system.radius), setting)
+def _floor(bodies: Sequence[Shown], setting: Setting, goal: Float[np.ndarray, "k 3"] | None) -> dict[str, Any]:
+    r = bodies[0].radius
+    paths = [one.run.observables.contact_point + np.array([0.0, 0.0, one.radius - r]) for one in bodies]
+    path = np.concatenate(paths if goal is None else [*paths, goal])
+    floor = floor_under(path, max(one.radius for one in bodies), setting)
     return {
         "low": floor.low.tolist(),
         "high": floor.high.tolist(),
@@ -157,41 +230,3 @@ def _floor(system: System, run: Record, setting: Setting) -> dict[str, Any]:
         "top": floor.block.top.tolist(),
         "base": floor.block.base.tolist(),
     }
-
-
-def _masses(system: System) -> list[dict[str, Any]]:
-    """Name, colour and mass of each, in the order of the observables."""
-    found = [(f"m{i}", i, mass.mass) for i, mass in enumerate(system.point_masses, start=1)]
-    for j, mechanism in enumerate(system.mechanisms, start=1):
-        found += [(f"M{j}", system.n_masses + j, mass) for mass in np.asarray(mechanism.mass)]
-    return [
-        {"name": name.translate(SUBSCRIPTS), "colour": mass_colour(k), "mass": float(mass)} for name, k, mass in found
-    ]
-
-
-def _plots(system: System, masses: list[int]) -> list[dict[str, Any]]:
-    """What is drawn over time, with the angles of these ``masses``."""
-    plots = [
-        _plot("Energies", "energies", ("T", "V", "E"), COMPONENTS, [[0], [1], [0, 1]]),
-        _plot("Angular velocity", "angular_velocity", ("Ω₁", "Ω₂", "Ω₃"), COMPONENTS),
-        _plot("Normal force", "normal_force", ("N",), COMPONENTS),
-        _plot("Friction needed", "friction_ratio", ("|f| / N",), COMPONENTS[1:]) | {"level": "μ"},
-    ]
-    if masses:
-        plots.append(_plot("Angles of the masses", "mass_angles", [f"θ{i}" for i in masses], map(mass_colour, masses)))
-    joints = [f"θ{j},{a}" for j, one in enumerate(system.mechanisms, start=1) for a in range(1, one.n_joints + 1)]
-    if joints:
-        plots.append(_plot("Joints", "joint_angles", joints, map(mass_colour, range(1, len(joints) + 1))))
-    return plots
-
-
-def _plot(
-    title: str, array: str, names: Sequence[str], colours: Iterable[str], columns: list[list[int]] | None = None
-) -> dict[str, Any]:
-    """Without ``columns``, one of the array for each name."""
-    columns = columns or [[k] for k in range(len(names))]
-    series = [
-        {"name": name.translate(SUBSCRIPTS), "colour": colour, "array": array, "columns": drawn}
-        for name, colour, drawn in zip(names, colours, columns, strict=False)
-    ]
-    return {"title": title, "series": series}

@@ -1,24 +1,24 @@
-"""The page of a run: the template, the program and the run's dictionary in one file that asks for nothing else."""
+"""The page of runs: the template, the program and their dictionary in one file that asks for nothing else."""
 
 import base64
 import functools
 import hashlib
 import html
-import json
 import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
 from ...interface.output import replacing
 from ...interface.views import MARK, check_view
-from ...simulation.trajectory import Trajectory
-from .document import view_document
+from .document import ColourScale, Runs, in_element, view_document
 
 HERE = Path(__file__).parent
-# So that no text of a run ends the element that it stands in, or a line of a program that reads it.
-ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
+LARGEST, LARGEST_OF_SEVERAL = 1_000_000, 2_000_000  # bytes of a page, unless all saved times are asked for
 HEIGHT = 760  # of the page within a notebook, pixels
 
 
@@ -36,9 +36,20 @@ class View:
         self.document = document
 
     @classmethod
-    def of(cls, trajectory: Trajectory[Any, Any], title: str = "", friction: float | None = None) -> "View":
-        """The view of a run; the arguments are those of :func:`write_view`, and so are the errors."""
-        return cls(view_document(trajectory, title, friction))
+    def of(
+        cls,
+        trajectories: Runs,
+        title: str = "",
+        *,
+        friction: float | None = None,
+        wanted: Float[np.ndarray, "k 2"] | None = None,
+        scale: ColourScale | None = None,
+        all_times: bool = False,
+    ) -> "View":
+        """The view of a run or of several; the arguments are those of :func:`write_view`, and so are the errors."""
+        largest = LARGEST_OF_SEVERAL if isinstance(trajectories, Mapping) and len(trajectories) > 1 else LARGEST
+        room = np.inf if all_times else float(largest - len(page({}).encode()))
+        return cls(view_document(trajectories, title, friction, wanted=wanted, scale=scale, room=room))
 
     @functools.cached_property
     def html(self) -> str:
@@ -58,8 +69,10 @@ class View:
         return path
 
     def __repr__(self) -> str:
-        times = self.document["arrays"]["time"]["shape"][0]
-        return f"View of {self.document['title']!r}, {times} times, {len(self.html.encode()) / 1e6:.2f} MB"
+        bodies, arrays = self.document["bodies"], self.document["arrays"]
+        times = max(arrays[body["arrays"]["time"]]["shape"][0] for body in bodies)
+        shown = f"{len(bodies)} runs of up to {times} times" if len(bodies) > 1 else f"{times} times"
+        return f"View of {self.document['title']!r}, {shown}, {len(self.html.encode()) / 1e6:.2f} MB"
 
     def _repr_html_(self) -> str:
         return (
@@ -69,32 +82,42 @@ class View:
 
 
 def write_view(
-    trajectory: Trajectory[Any, Any],
+    trajectories: Runs,
     path: str | os.PathLike[str],
     title: str = "",
     *,
     friction: float | None = None,
+    wanted: Float[np.ndarray, "k 2"] | None = None,
+    scale: ColourScale | None = None,
+    all_times: bool = False,
 ) -> Path:
-    """Writes a run as one HTML file: the body in three dimensions, and graphs over time.
+    """Writes runs as one HTML file: the bodies in three dimensions, and graphs over time.
 
     The file needs no network and nothing beside it. Each frame shows the nearest saved time, so save often enough for a
-    smooth motion, such as every 0.02 for a ball that turns about once in a unit of time.
+    smooth motion, such as every 0.02 for a ball that turns about once in a unit of time. Several runs are on one plane
+    and one clock.
 
     **Arguments:**
 
-    - ``trajectory``: what :func:`jaxball.simulate` returns, or :func:`jaxball.load_run`; only its finite states are
-      shown.
+    - ``trajectories``: what :func:`jaxball.simulate` returns, or :func:`jaxball.load_run`; or up to 24 of them by their
+      names, as in ``{"before": before, "after": after}``. Only their finite states are shown.
     - ``path``: a file that ends in ``.html``; it is replaced if it is such a page already.
     - ``title``: a line that says which system it is, such as that of a scenario.
     - ``friction``: a coefficient μ, whose cone is drawn at the contact point, and whose line beside |f| / N.
+    - ``wanted``: points of a path that is drawn dashed on the plane, length, shape (k, 2), or None.
+    - ``scale``: a :class:`ColourScale`, by which several bodies are coloured.
+    - ``all_times``: whether to show all saved times. Without it, a page of one run that would be larger than 1 MB shows
+      evenly spaced ones of them, and so does a page of several that would be larger than 2 MB.
 
     **Returns:** the path of the file.
 
-    **Raises:** ``ValueError`` for a classical system, a reduced trajectory, a batch, one without a finite state, and a
+    **Raises:** ``ValueError`` for a classical system, a reduced trajectory, a batch, one without a finite state, bodies
+    that do not roll on the same plane, no run or more than 24, a ``scale`` with another number of values, and a
     ``friction`` that is not positive; :class:`~jaxball.results.OutputError` as :meth:`View.save`.
     """
     check_view(Path(path))
-    return View.of(trajectory, title, friction).save(path)
+    view = View.of(trajectories, title, friction=friction, wanted=wanted, scale=scale, all_times=all_times)
+    return view.save(path)
 
 
 def page(document: Mapping[str, Any]) -> str:
@@ -109,12 +132,6 @@ def page(document: Mapping[str, Any]) -> str:
         "document": in_element(document),
     }
     return re.sub(r"\{\{(\w+)\}\}", lambda match: pieces[match[1]], _read("page.html"))
-
-
-def in_element(document: Mapping[str, Any]) -> str:
-    """JSON that can stand in an element of HTML."""
-    text = json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    return text.translate(ESCAPES)
 
 
 @functools.cache

@@ -1,44 +1,50 @@
-// Forces at the contact point, with the cone of friction, and the angular velocity at the centre.
+// Forces and the angular momentum at a body's contact point, with the cone of friction, and its angular velocity.
 
-import { ConeGeometry, DoubleSide, Group, Mesh, MeshBasicMaterial, RingGeometry, Vector3 } from "three";
+import { ConeGeometry, DoubleSide, Group, Mesh, RingGeometry, Vector3 } from "three";
 import { largest, row } from "./data.js";
-import { matrixOf } from "./ground.js";
-import { Arrow, paint } from "./shapes.js";
+import { flat } from "./materials.js";
+import { Arrow, matrixOf } from "./shapes.js";
 import { css, readable } from "./theme.js";
 
-const LONGEST = 1.3; // of an arrow over the run, in radii
+const LONGEST = 1.3; // of an arrow over all runs, in radii of the first body
+
+// How long arrows are: the same for all bodies, and for both forces.
+export function scalesOf({ bodies }) {
+  const per = (...names) => {
+    const most = largest(bodies, ...names);
+    return most > 0 ? (LONGEST * bodies[0].radius) / most : 0;
+  };
+  return { force: per("normal_force", "friction"), rate: per("angular_velocity"), momentum: per("angular_momentum") };
+}
 
 export class Arrows extends Group {
-  constructor(run, body) {
+  constructor(body, { axes, palette, friction }, scales) {
     super();
-    this.run = run;
     this.body = body;
-    const { radius: r, arrays, palette } = run;
+    this.scales = scales;
+    const r = body.run.radius;
     const [blue, red, yellow] = palette.components.map((colour) => () => readable(colour));
-    this.turn = matrixOf(run.axes);
+    this.turn = matrixOf(axes);
     this.up = new Vector3(0, 0, 1).applyMatrix4(this.turn);
     this.normal = new Arrow(r, blue);
     this.friction = new Arrow(r, red);
     this.spin = new Arrow(r, yellow);
-    const force = Math.max(largest(arrays.normal_force.values), largest(arrays.friction.values));
-    this.perForce = force > 0 ? (LONGEST * r) / force : 0;
-    const rate = largest(arrays.angular_velocity.values);
-    this.perRate = rate > 0 ? (LONGEST * r) / rate : 0;
+    this.momentum = new Arrow(r, () => readable(palette.momentum));
     this.contact = new Mesh(
       new RingGeometry(0.035 * r, 0.07 * r, 40),
-      paint(new MeshBasicMaterial({ side: DoubleSide }), () => readable(palette.trail)),
+      flat(() => readable(body.run.colour ?? palette.trail), { side: DoubleSide }),
     );
     this.contact.quaternion.setFromRotationMatrix(this.turn);
-    this.add(this.normal, this.friction, this.spin, this.contact);
-    if (run.friction !== null) this.add(this.coneOf(run.friction, r));
+    this.add(this.normal, this.friction, this.spin, this.momentum, this.contact);
+    if (friction !== null) this.add(this.coneOf(friction, r));
   }
 
   // All forces from the contact point that friction can bear, and the one that is needed.
   coneOf(mu, r) {
     const height = Math.min(0.9, 0.9 / mu) * r;
-    const material = { transparent: true, opacity: 0.16, side: DoubleSide, depthWrite: false };
     const geometry = new ConeGeometry(mu * height, height, 48, 1, true).rotateX(-Math.PI / 2).translate(0, 0, height / 2);
-    const sheet = new Mesh(geometry, paint(new MeshBasicMaterial(material), () => css("ink")));
+    const thin = { transparent: true, opacity: 0.16, side: DoubleSide, depthWrite: false };
+    const sheet = new Mesh(geometry, flat(() => css("ink"), thin));
     sheet.quaternion.setFromRotationMatrix(this.turn);
     this.whole = new Arrow(r, () => css("ink"));
     this.cone = new Group();
@@ -48,16 +54,18 @@ export class Arrows extends Group {
   }
 
   show(k) {
-    const { arrays, radius: r } = this.run;
-    const foot = this.body.position.clone().addScaledVector(this.up, -r);
-    const N = this.up.clone().multiplyScalar(this.perForce * row(arrays.normal_force, k)[0]);
+    const { body, scales, up } = this;
+    const { arrays, radius: r } = body.run;
+    const inSpace = (array) => new Vector3().fromArray(row(array, k)).applyQuaternion(body.quaternion);
+    const foot = body.position.clone().addScaledVector(up, -r);
+    const N = up.clone().multiplyScalar(scales.force * row(arrays.normal_force, k)[0]);
     const [f1, f2] = row(arrays.friction, k);
-    const f = new Vector3(f1, f2, 0).applyMatrix4(this.turn).multiplyScalar(this.perForce);
-    const Omega = new Vector3().fromArray(row(arrays.angular_velocity, k));
-    this.contact.position.copy(foot).addScaledVector(this.up, 0.006 * r);
+    const f = new Vector3(f1, f2, 0).applyMatrix4(this.turn).multiplyScalar(scales.force);
+    this.contact.position.copy(foot).addScaledVector(up, 0.006 * r);
     this.normal.set(foot, N);
     this.friction.set(foot, f);
-    this.spin.set(this.body.position, Omega.applyQuaternion(this.body.quaternion).multiplyScalar(this.perRate));
+    this.momentum.set(foot, inSpace(arrays.angular_momentum).multiplyScalar(scales.momentum));
+    this.spin.set(body.position, inSpace(arrays.angular_velocity).multiplyScalar(scales.rate));
     if (this.cone) {
       this.sheet.position.copy(foot);
       this.whole.set(foot, N.clone().add(f));

@@ -1,37 +1,18 @@
 // The ball or disk: its shell, rails, masses, arms and centre of mass, moved by the pose of the body.
 
-import {
-  BackSide, Color, CylinderGeometry, DoubleSide, FrontSide, Group, Mesh, MeshBasicMaterial, OctahedronGeometry,
-  ShaderMaterial, SphereGeometry, Vector3,
-} from "three";
+import { BackSide, CylinderGeometry, DoubleSide, FrontSide, Group, Mesh, OctahedronGeometry, SphereGeometry, Vector3 } from "three";
 import { row } from "./data.js";
-import { circle, curve, paint, Rod, segments, solid } from "./shapes.js";
+import { flat, glass, solid } from "./materials.js";
+import { circle, curve, Rod, segments } from "./shapes.js";
 import { css, readable } from "./theme.js";
 
-const GLASS = {
-  vertexShader: `
-    varying vec3 n; varying vec3 v;
-    void main() {
-      vec4 p = modelViewMatrix * vec4(position, 1.0);
-      n = normalize(normalMatrix * normal); v = normalize(-p.xyz);
-      gl_Position = projectionMatrix * p;
-    }`,
-  fragmentShader: `
-    uniform vec3 colour; varying vec3 n; varying vec3 v;
-    void main() {
-      float edge = pow(1.0 - abs(dot(normalize(n), normalize(v))), 3.0);
-      gl_FragColor = vec4(colour, 0.035 + 0.5 * edge);
-      #include <colorspace_fragment>
-    }`,
-};
-
 export class Body extends Group {
-  constructor(run) {
+  constructor(run, components) {
     super();
     this.run = run;
     const { radius: r, arrays } = run;
-    const ink = () => css("ink");
-    this.add(run.body === "disk" ? hoop(r) : glass(r));
+    const shell = () => (run.colour ? readable(run.colour) : css("shell"));
+    this.add(run.body === "disk" ? hoop(r, shell) : sphere(r, shell));
     this.rails = new Group();
     run.rails.forEach((rail, j) => {
       const points = curve(arrays[`rail_${j}`].values);
@@ -47,23 +28,29 @@ export class Body extends Group {
       const material = solid(() => readable(colour));
       return { count, points, rods: Array.from({ length: count * (points - 1) }, () => new Rod(0.017 * r, material)) };
     });
-    this.centreOfMass = new Mesh(new OctahedronGeometry(0.06 * r), solid(ink));
+    this.centreOfMass = new Mesh(new OctahedronGeometry(0.06 * r), solid(() => css("ink")));
     this.axes = new Group();
     for (let j = 0; j < 3; j++) {
       const end = [0, 0, 0];
       end[j] = 1.25 * r;
-      this.axes.add(segments([0, 0, 0, ...end], () => readable(run.palette.components[j]), 2.2));
+      this.axes.add(segments([0, 0, 0, ...end], () => readable(components[j]), 2.2));
     }
     this.add(this.rails, ...this.masses, ...this.arms.flatMap((arm) => arm.rods), this.centreOfMass, this.axes);
   }
 
   show(k) {
-    const { arrays } = this.run;
+    const { arrays, masses: points, shell } = this.run;
     this.position.fromArray(row(arrays.centre, k));
     this.quaternion.fromArray(row(arrays.quaternion, k));
     const places = row(arrays.masses, k);
-    this.masses.forEach((mass, i) => mass.position.fromArray(places, 3 * i));
-    this.centreOfMass.position.fromArray(row(arrays.centre_of_mass, k));
+    this.centreOfMass.position.fromArray(shell.centre_of_mass).multiplyScalar(shell.mass);
+    let whole = shell.mass;
+    this.masses.forEach((mass, i) => {
+      mass.position.fromArray(places, 3 * i);
+      this.centreOfMass.position.addScaledVector(mass.position, points[i].mass);
+      whole += points[i].mass;
+    });
+    this.centreOfMass.position.divideScalar(whole);
     this.arms.forEach(({ count, points, rods }, j) => {
       const bent = row(arrays[`arms_${j}`], k);
       const point = (i) => new Vector3().fromArray(bent, 3 * i);
@@ -77,13 +64,10 @@ export class Body extends Group {
 }
 
 // A sphere of glass. Meridians about E3, of which the one through E1 is marked, show that it turns.
-function glass(r) {
+function sphere(r, colour) {
   const shell = new Group();
   for (const [side, order] of [[BackSide, -1], [FrontSide, 5]]) {
-    const colour = { value: new Color() };
-    const material = new ShaderMaterial({ ...GLASS, side, uniforms: { colour }, transparent: true, depthWrite: false });
-    material.color = colour.value;
-    const half = new Mesh(new SphereGeometry(r, 64, 40), paint(material, () => css("shell")));
+    const half = new Mesh(new SphereGeometry(r, 64, 40), glass(colour, side));
     half.renderOrder = order;
     shell.add(half);
   }
@@ -100,18 +84,18 @@ function glass(r) {
   const marked = [];
   for (let j = 0; j <= 48; j++) marked.push(r * Math.sin((Math.PI * j) / 48), 0, r * Math.cos((Math.PI * j) / 48));
   shell.add(
-    segments(lines, () => css("shell"), 1, thin),
-    segments(curve(marked), () => css("shell"), 2.6, { ...thin, opacity: 0.8 }),
+    segments(lines, colour, 1, thin),
+    segments(curve(marked), colour, 2.6, { ...thin, opacity: 0.8 }),
   );
   return shell;
 }
 
 // A disk in the plane of E1 and E3, with spokes.
-function hoop(r) {
+function hoop(r, colour) {
   const disk = new Group();
   const pane = new Mesh(
     new CylinderGeometry(r, r, 0.02 * r, 96),
-    paint(new MeshBasicMaterial({ transparent: true, opacity: 0.1, side: DoubleSide, depthWrite: false }), () => css("shell")),
+    flat(colour, { transparent: true, opacity: 0.1, side: DoubleSide, depthWrite: false }),
   );
   const spokes = [0, 0, 0, r, 0, 0];
   for (let j = 1; j < 12; j++) {
@@ -120,8 +104,8 @@ function hoop(r) {
   }
   disk.add(
     pane,
-    segments(circle((a) => [r * Math.cos(a), 0, r * Math.sin(a)]), () => css("shell"), 3),
-    segments(spokes, () => css("shell"), 1.4, { transparent: true, opacity: 0.7 }),
+    segments(circle((a) => [r * Math.cos(a), 0, r * Math.sin(a)]), colour, 3),
+    segments(spokes, colour, 1.4, { transparent: true, opacity: 0.7 }),
   );
   return disk;
 }

@@ -1,22 +1,34 @@
-// The dictionary of a run, with its arrays as typed arrays.
+// The dictionary of the page, with its arrays as typed arrays: each body has its own by their names.
 
 const TYPES = { float32: Float32Array, float64: Float64Array };
 const FORMAT = "jaxball view";
-const VERSION = 1;
+const VERSION = 2;
 
-export function readRun(text) {
-  const run = JSON.parse(text);
-  if (run.format !== FORMAT || run.version !== VERSION) {
-    throw new Error(`This page reads ${FORMAT} ${VERSION}, but it holds ${run.format} ${run.version}.`);
+export function readView(text) {
+  const view = JSON.parse(text);
+  if (view.format !== FORMAT || view.version !== VERSION) {
+    throw new Error(`This page reads ${FORMAT} ${VERSION}, but it holds ${view.format} ${view.version}.`);
   }
-  for (const [name, array] of Object.entries(run.arrays)) run.arrays[name] = decoded(array);
-  return run;
+  const arrays = view.arrays.map(decoded);
+  for (const body of view.bodies) {
+    for (const [name, place] of Object.entries(body.arrays)) body.arrays[name] = arrays[place];
+    body.times = body.arrays.time.values;
+  }
+  view.wanted = view.wanted === null ? null : arrays[view.wanted].values;
+  view.times = clock(view.bodies);
+  return view;
 }
 
 function decoded({ type, shape, data }) {
   const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
   const width = shape.slice(1).reduce((product, size) => product * size, 1);
   return { values: new TYPES[type](bytes.buffer), shape, width };
+}
+
+// Every time that one of the bodies has, once.
+function clock(bodies) {
+  const times = Float64Array.from(bodies.flatMap((body) => Array.from(body.times))).sort();
+  return times.filter((t, k) => k === 0 || t > times[k - 1]);
 }
 
 // The k-th row of an array; without such an array, `otherwise`.
@@ -36,8 +48,13 @@ export function nearest(times, t) {
   return t - times[low] <= times[high] - t ? low : high;
 }
 
-export function largest(values) {
+// The largest number by size in the arrays of these names, of any of the bodies.
+export function largest(bodies, ...names) {
   let found = 0;
-  for (const value of values) if (Number.isFinite(value)) found = Math.max(found, Math.abs(value));
+  for (const { arrays } of bodies) {
+    for (const name of names) {
+      for (const value of arrays[name].values) if (Number.isFinite(value)) found = Math.max(found, Math.abs(value));
+    }
+  }
   return found;
 }

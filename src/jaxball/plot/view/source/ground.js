@@ -1,25 +1,21 @@
-// The plane: its floor, which may be the top of a wedge, a grid of one radius, a turntable and the trace of the contact
-// point. All of it moves as the plane does.
+// The plane: its floor, which may be the top of a wedge, a grid of one radius, a turntable, the path that is wanted, and
+// the traces of contact points. All of it moves as the plane does.
 
-import {
-  BufferGeometry, CircleGeometry, Float32BufferAttribute, Group, LineBasicMaterial, LineSegments, Matrix4,
-  Mesh, MeshBasicMaterial,
-} from "three";
+import { BufferGeometry, CircleGeometry, Float32BufferAttribute, Group, LineSegments, Mesh } from "three";
 import { row } from "./data.js";
-import { circle, curve, paint, segments } from "./shapes.js";
+import { flat } from "./materials.js";
+import { circle, curve, matrixOf, segments } from "./shapes.js";
 import { css, readable } from "./theme.js";
 
 const MOST_LINES = 200;
 const STILL = [0, 0, 0];
 
 export class Ground extends Group {
-  constructor(run) {
+  constructor({ axes, floor, wanted }, r) {
     super();
-    this.run = run;
-    const { floor, radius: r } = run;
     // The plane's own axes, with its height as origin of the third.
     this.plane = new Group();
-    this.plane.applyMatrix4(matrixOf(run.axes));
+    this.plane.applyMatrix4(matrixOf(axes));
     this.plane.updateMatrix();
     const [x0, y0] = floor.low;
     const [x1, y1] = floor.high;
@@ -27,35 +23,26 @@ export class Ground extends Group {
     const top = [[x0, y0, z], [x1, y0, z], [x1, y1, z], [x0, y1, z]];
     // Seen from outside alone: in the body frame the plane may come between the ball and the camera.
     const face = { polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 2 };
-    this.plane.add(quads([top], paint(new MeshBasicMaterial(face), () => css("ground"))));
+    this.plane.add(quads([top], flat(() => css("ground"), face)));
     if (floor.tilted) {
       const sides = floor.top.map((corner, j) => {
         const next = (j + 1) % 4;
         return [corner, floor.base[j], floor.base[next], floor.top[next]];
       });
-      this.add(quads(sides, paint(new MeshBasicMaterial(face), () => css("side"))));
+      this.add(quads(sides, flat(() => css("side"), face)));
     }
     if (floor.table > 0) this.plane.add(this.table(floor, r));
     else this.plane.add(grid(floor, r));
-    this.trace = this.traced();
-    this.add(this.plane, this.trace);
-  }
-
-  // The contact point's path, without the plane's displacement.
-  traced() {
-    const { arrays, radius: r, axes, palette } = this.run;
-    const up = axes.map((line) => line[2]);
-    const points = [];
-    for (let k = 0; k < arrays.time.shape[0]; k++) {
-      const [centre, moved] = [row(arrays.centre, k), row(arrays.moved, k, STILL)];
-      for (let j = 0; j < 3; j++) points.push(centre[j] - moved[j] - (r - 0.004 * r) * up[j]);
-    }
-    // A run of one time has a trace of one point.
-    return segments(curve(points.length > 3 ? points : [...points, ...points]), () => readable(palette.trail), 3);
+    this.add(this.plane);
+    if (!wanted) return;
+    this.wanted = segments(lifted(curve(wanted), axes, 0.006 * r), () => css("ink"), 2, {
+      dashed: true, dashSize: 0.14 * r, gapSize: 0.1 * r,
+    });
+    this.add(this.wanted);
   }
 
   table({ table, centre, height }, r) {
-    const plate = new Mesh(new CircleGeometry(table, 96), paint(new MeshBasicMaterial(), () => css("side")));
+    const plate = new Mesh(new CircleGeometry(table, 96), flat(() => css("side")));
     const lines = [];
     for (let radius = r; radius <= table; radius += r) {
       lines.push(...circle((a) => [radius * Math.cos(a), radius * Math.sin(a), 0.002 * r]));
@@ -71,17 +58,39 @@ export class Ground extends Group {
     return this.turning;
   }
 
-  show(k) {
-    const { arrays } = this.run;
+  // As it is at the k-th time of a body.
+  show({ arrays }, k) {
     this.position.fromArray(row(arrays.moved, k, STILL));
     if (this.turning) this.turning.rotation.z = row(arrays.turned, k)[0];
-    this.trace.geometry.instanceCount = k;
   }
 }
 
-export function matrixOf(rows) {
-  const [a, b, c] = rows;
-  return new Matrix4().set(...a, 0, ...b, 0, ...c, 0, 0, 0, 0, 1);
+// The path of a body's contact point up to the time that is shown, without the plane's displacement.
+export class Trace extends Group {
+  constructor(body, { axes, palette }, r) {
+    super();
+    this.body = body;
+    const { arrays, times } = body;
+    const up = axes.map((line) => line[2]);
+    const points = [];
+    for (let k = 0; k < times.length; k++) {
+      const [centre, moved] = [row(arrays.centre, k), row(arrays.moved, k, STILL)];
+      for (let j = 0; j < 3; j++) points.push(centre[j] - moved[j] - (r - 0.004 * r) * up[j]);
+    }
+    // A run of one time has a trace of one point.
+    const whole = curve(points.length > 3 ? points : [...points, ...points]);
+    this.line = segments(whole, () => readable(body.colour ?? palette.trail), 3);
+    this.add(this.line);
+  }
+
+  show(k) {
+    this.position.fromArray(row(this.body.arrays.moved, k, STILL));
+    this.line.geometry.instanceCount = k;
+  }
+}
+
+function lifted(points, axes, height) {
+  return points.map((value, i) => value + height * axes[i % 3][2]);
 }
 
 function grid({ low, high, height }, r) {
@@ -96,7 +105,7 @@ function grid({ low, high, height }, r) {
 
 function thin(points) {
   const geometry = new BufferGeometry().setAttribute("position", new Float32BufferAttribute(points, 3));
-  return new LineSegments(geometry, paint(new LineBasicMaterial(), () => css("grid")));
+  return new LineSegments(geometry, flat(() => css("grid")));
 }
 
 function quads(corners, material) {

@@ -1,57 +1,59 @@
-// Puts the page together: the run's texts, the scene, the graphs, and what the viewer can do.
+// Puts the page together: its texts, the scene, the graphs, and what the viewer can do.
 
-import { readRun } from "./data.js";
+import { nearest, readView } from "./data.js";
+import { bodyKeys, colourBar, key, massKeys, repaintKeys } from "./legend.js";
 import { Player } from "./player.js";
 import { Plot } from "./plots.js";
 import { Stage } from "./stage.js";
-import { followTheme, readable } from "./theme.js";
+import { followTheme } from "./theme.js";
 
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2, 4, 8, 16];
 const FRAMES = { ground: "Ground", follow: "Follow", body: "Body frame" };
+const FEW = 2; // bodies: of more, forces are hidden at first
 const element = (id) => document.getElementById(id);
+const isWide = !matchMedia("(max-width: 720px)").matches;
 
-const run = readRun(element("run").textContent);
-const times = run.arrays.time.values;
-const stage = new Stage(element("scene"), run);
-const plots = run.plots.map((plot) => new Plot(run, plot, (t) => player.goTo(t)));
+const view = readView(element("run").textContent);
+const { times, bodies } = view;
+const stage = new Stage(element("scene"), view);
+const plots = view.plots.map((plot) => new Plot(view, plot, (t) => player.goTo(t)));
 const player = new Player(times, show, (playing) => element("play").classList.toggle("playing", playing));
 const digits = Math.min(6, Math.max(2, Math.ceil(-Math.log10((times[times.length - 1] - times[0]) / times.length || 1))));
 
-function show(k) {
-  stage.show(k);
-  for (const plot of plots) plot.show(k);
-  element("clock").textContent = `t = ${times[k].toFixed(digits)}`;
-  element("slider").value = k;
-  element("slider").setAttribute("aria-valuetext", `t = ${times[k].toFixed(digits)}`);
+function show(t) {
+  stage.show(t);
+  for (const plot of plots) plot.show(t);
+  element("clock").textContent = `t = ${t.toFixed(digits)}`;
+  element("slider").value = player.k;
+  element("slider").setAttribute("aria-valuetext", `t = ${t.toFixed(digits)}`);
 }
 
 function writeTexts() {
-  document.title = run.title;
-  element("title").textContent = run.title;
-  element("units").textContent = run.units;
-  element("status").textContent = run.message;
-  element("status").classList.toggle("failed", !run.ok);
+  document.title = view.title;
+  element("title").textContent = view.title;
+  element("units").textContent = view.units;
+  element("status").textContent = view.message;
+  element("status").classList.toggle("failed", !view.ok);
+  element("note").textContent = view.note;
+  element("note").hidden = !view.note;
+  element("stage").classList.toggle("blind", !stage.renderer);
   element("apology").hidden = Boolean(stage.renderer);
   element("apology").textContent = "This browser has no WebGL, which the scene needs; the graphs work without it.";
   element("plots").append(...plots.map((plot) => plot.figure));
 }
 
-const keyed = []; // keys of colours, which change with the theme
-
-function key(colour) {
-  const dot = document.createElement("i");
-  dot.className = "key";
-  keyed.push([dot, colour]);
-  return dot;
-}
-
-function writeMasses() {
-  const names = new Map(run.masses.map((mass) => [mass.name, mass.colour]));
-  for (const [name, colour] of names) {
-    const item = document.createElement("li");
-    item.append(key(colour), name);
-    element("masses").append(item);
-  }
+function writeKeys() {
+  element("masses").append(...massKeys(bodies));
+  element("bodies").hidden = bodies.length === 1;
+  if (bodies.length === 1) return;
+  const follow = (i) => {
+    stage.follow(i);
+    stage.show(player.time);
+  };
+  element("names").append(...bodyKeys(bodies, stage.followed, follow));
+  element("names").classList.toggle("many", bodies.length > 6);
+  element("bodies").open = isWide || bodies.length <= 2;
+  if (view.scale) element("scale").append(...colourBar(view.scale));
 }
 
 function choice(type, text, checked, changed, colour) {
@@ -66,32 +68,42 @@ function choice(type, text, checked, changed, colour) {
 }
 
 function writeChoices() {
-  const { arrows, body, ground, spaceAxes } = stage;
-  const [blue, red, yellow] = run.palette.components;
+  const [blue, red, yellow] = view.palette.components;
   for (const [frame, text] of Object.entries(FRAMES)) {
     element("frames").append(choice("radio", text, stage.frame === frame, () => stage.setFrame(frame)));
   }
+  const arrows = (name) => stage.arrows.map((of) => of[name]);
+  const parts = (name) => stage.bodies.map((body) => body[name]);
+  const few = bodies.length <= FEW;
+  const hasRails = bodies.some((body) => body.rails.length);
   const layers = [
-    ["Normal force N", arrows.normal, true, blue],
-    ["Friction f", arrows.friction, true, red],
-    ["Angular velocity ω", arrows.spin, false, yellow],
-    [`N + f, cone of μ = ${run.friction}`, arrows.cone, true],
-    ["Centre of mass", body.centreOfMass, true],
-    ["Contact point", arrows.contact, true],
-    ["Trace", ground.trace, true, run.palette.trail],
-    ["Rails", run.rails.length ? body.rails : null, true],
-    ["Axes of space", spaceAxes, false],
-    ["Axes of the body", body.axes, false],
+    ["Normal force N", arrows("normal"), few, blue],
+    ["Friction f", arrows("friction"), few, red],
+    ["Angular velocity ω", arrows("spin"), false, yellow],
+    ["Angular momentum Π about the contact point", arrows("momentum"), false, view.palette.momentum],
+    [`N + f, cone of μ = ${view.friction}`, view.friction === null ? [] : arrows("cone"), few],
+    ["Centre of mass", parts("centreOfMass"), true],
+    ["Contact point", arrows("contact"), true],
+    ["Trace", stage.traces, true, bodies.length > 1 ? null : view.palette.trail],
+    ["Path that is wanted", stage.ground.wanted ? [stage.ground.wanted] : [], true],
+    ["Rails", hasRails ? parts("rails") : [], true],
+    ["Axes of space", [stage.spaceAxes], false],
+    ["Axes of the body", parts("axes"), false],
   ];
-  for (const [text, object, visible, colour] of layers.filter(([, object]) => object)) {
-    object.visible = visible;
+  for (const [text, objects, visible, colour] of layers.filter(([, objects]) => objects.length)) {
+    const set = (checked) => objects.forEach((object) => (object.visible = checked));
+    set(visible);
     const changed = (checked) => {
-      object.visible = checked;
+      set(checked);
       stage.render();
     };
     element("layers").append(choice("checkbox", text, visible, changed, colour));
   }
-  element("settings").open = !matchMedia("(max-width: 720px)").matches;
+  const settings = element("settings");
+  settings.open = isWide;
+  const leaveFree = () => stage.resize(isWide && settings.open ? settings.offsetWidth : 0);
+  settings.addEventListener("toggle", leaveFree);
+  leaveFree();
 }
 
 function listen() {
@@ -120,27 +132,30 @@ function listen() {
 }
 
 writeTexts();
-writeMasses();
+writeKeys();
 writeChoices();
 listen();
 followTheme(element("theme"), () => {
   stage.repaint();
   for (const plot of plots) plot.redraw();
-  for (const [dot, colour] of keyed) dot.style.background = readable(colour);
+  repaintKeys();
 });
 player.goTo(times[0]);
 
-// For tests and scripts. The pose is read from the scene, in axes whose third points against gravity.
+// For tests and scripts. The pose of a body is read from the scene, in axes whose third points against gravity.
 window.jaxball = {
-  time: () => times[player.k],
+  time: () => player.time,
   goTo: (t) => {
     player.pause();
     player.goTo(t);
   },
-  pose: () => ({
-    time: times[player.k],
-    centre: stage.body.position.toArray(),
-    quaternion: stage.body.quaternion.toArray(),
-    masses: stage.body.masses.map((mass) => mass.position.toArray()),
+  bodies: () => bodies.map((body) => body.name),
+  pose: (i = stage.followed) => ({
+    name: bodies[i].name,
+    time: bodies[i].times[nearest(bodies[i].times, player.time)],
+    centre: stage.bodies[i].position.toArray(),
+    quaternion: stage.bodies[i].quaternion.toArray(),
+    masses: stage.bodies[i].masses.map((mass) => mass.position.toArray()),
+    centreOfMass: stage.bodies[i].centreOfMass.position.toArray(),
   }),
 };

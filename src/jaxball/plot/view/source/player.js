@@ -1,4 +1,4 @@
-// The time that is shown: played, stepped through, or gone to. Every frame is a saved time, the nearest to the clock.
+// The time that is shown: played, stepped through, or gone to. Every frame is a time that a body has, the nearest to the clock.
 
 import { nearest } from "./data.js";
 
@@ -14,6 +14,10 @@ export class Player {
     this.playing = false;
   }
 
+  get time() {
+    return this.times[this.k];
+  }
+
   get last() {
     return this.times.length - 1;
   }
@@ -22,7 +26,7 @@ export class Player {
     if (!Number.isFinite(t)) throw new RangeError(`goTo needs a time, but it got ${t}.`);
     this.clock = Math.min(Math.max(t, this.times[0]), this.times[this.last]);
     this.k = nearest(this.times, this.clock);
-    this.show(this.k);
+    this.show(this.time);
   }
 
   goToFrame(k) {

@@ -1,17 +1,20 @@
 // Graphs over time on plain canvases, with a cursor at the time shown. What does not move is drawn once, behind it.
 
+import { nearest } from "./data.js";
 import { css, readable } from "./theme.js";
 
+const LABELLED = 2; // bodies: the values of more are not written
 const [LEFT, RIGHT, TOP, BOTTOM] = [46, 8, 6, 20];
 
 export class Plot {
-  constructor(run, { title, series, level }, seek) {
-    this.times = run.arrays.time.values;
-    this.level = level && run.friction !== null ? { name: level, value: run.friction } : null;
-    this.series = series.map(({ name, colour, array, columns }) => {
-      const { values, width } = run.arrays[array];
-      return { name, colour, at: (k) => columns.reduce((sum, column) => sum + values[k * width + column], 0) };
+  constructor(view, { title, series, level }, seek) {
+    this.times = view.times;
+    this.level = level && view.friction !== null ? { name: level, value: view.friction } : null;
+    this.series = series.map((one) => {
+      const curves = view.bodies.filter((body) => body.arrays[one.array]).map((body) => curveOf(body, one));
+      return { name: one.name, colour: one.colour, curves };
     });
+    this.curves = this.series.flatMap((one) => one.curves);
     this.canvas = document.createElement("canvas");
     this.canvas.setAttribute("aria-label", `${title} over time; click or drag to go to a time`);
     this.still = document.createElement("canvas");
@@ -50,7 +53,7 @@ export class Plot {
       low = Math.min(low, value);
       high = Math.max(high, value);
     };
-    for (const one of this.series) for (let k = 0; k < this.times.length; k++) include(one.at(k));
+    for (const { times, at } of this.curves) for (let k = 0; k < times.length; k++) include(at(k));
     if (this.level) include(this.level.value);
     if (low > high) return [-1, 1];
     // A constant is shown against 0, and 0 against ±1; rounding is no motion.
@@ -93,7 +96,7 @@ export class Plot {
     pen.scale(devicePixelRatio, devicePixelRatio);
     this.drawAxes(pen);
     if (this.level) this.drawLevel(pen);
-    for (const one of this.series) this.drawCurve(pen, one);
+    for (const curve of this.curves) this.drawCurve(pen, curve);
     if (this.shown !== undefined) this.show(this.shown);
   }
 
@@ -124,26 +127,32 @@ export class Plot {
     pen.setLineDash([]);
   }
 
-  drawCurve(pen, one) {
+  drawCurve(pen, { times, at, colour, dashed }) {
     pen.lineWidth = 1.6;
-    pen.strokeStyle = readable(one.colour);
+    pen.strokeStyle = readable(colour);
     pen.lineJoin = "round";
+    if (dashed) pen.setLineDash([4, 3]);
+    pen.globalAlpha = dashed ? 0.75 : 1;
     pen.beginPath();
     let drawing = false;
-    for (let k = 0; k < this.times.length; k++) {
-      const value = one.at(k);
+    for (let k = 0; k < times.length; k++) {
+      const value = at(k);
       const known = Number.isFinite(value);
-      if (known) pen[drawing ? "lineTo" : "moveTo"](this.x(this.times[k]), this.y(value));
+      if (known) pen[drawing ? "lineTo" : "moveTo"](this.x(times[k]), this.y(value));
       drawing = known;
     }
     pen.stroke();
+    pen.setLineDash([]);
+    pen.globalAlpha = 1;
   }
 
-  show(k) {
-    this.shown = k;
-    for (const one of this.series) {
-      one.label.style.color = readable(one.colour);
-      one.label.textContent = `${one.name} ${one.at(k).toPrecision(3).replace("-", "−")}`;
+  // Each curve at its own time that is nearest to t.
+  show(t) {
+    this.shown = t;
+    for (const { name, colour, curves, label } of this.series) {
+      const values = curves.map(({ times, at }) => at(nearest(times, t)).toPrecision(3).replace("-", "−"));
+      label.style.color = colour ? readable(colour) : css("soft");
+      label.textContent = curves.length > LABELLED ? name : `${name} ${values.join(" | ")}`;
     }
     if (!this.width) return;
     const pen = this.canvas.getContext("2d");
@@ -152,17 +161,31 @@ export class Plot {
     pen.drawImage(this.still, 0, 0);
     pen.scale(devicePixelRatio, devicePixelRatio);
     pen.lineWidth = 1;
-    const x = this.x(this.times[k]);
+    const x = this.x(t);
     this.canvas.dataset.cursor = x;
     stroke(pen, css("ink"), [[x, TOP], [x, this.height - BOTTOM]]);
-    for (const one of this.series) {
-      if (!Number.isFinite(one.at(k))) continue;
-      pen.fillStyle = readable(one.colour);
+    for (const { times, at, colour } of this.curves) {
+      const k = nearest(times, t);
+      if (!Number.isFinite(at(k))) continue;
+      pen.fillStyle = readable(colour);
       pen.beginPath();
-      pen.arc(x, this.y(one.at(k)), 3, 0, 2 * Math.PI);
+      pen.arc(this.x(times[k]), this.y(at(k)), 3, 0, 2 * Math.PI);
       pen.fill();
     }
   }
+}
+
+// A series of one body: the sum of some columns of its array or their norm, which may be over another array.
+function curveOf(body, { array, columns, norm, over, colour }) {
+  const { values, width } = body.arrays[array];
+  const divisor = over && body.arrays[over].values;
+  const of = (k) => {
+    const found = columns.map((column) => values[k * width + column]);
+    return norm ? Math.hypot(...found) : found.reduce((sum, value) => sum + value, 0);
+  };
+  // No friction is enough where nothing presses.
+  const at = divisor ? (k) => (divisor[k] > 0 ? of(k) / divisor[k] : Infinity) : of;
+  return { times: body.times, colour: colour ?? body.colour, dashed: body.dashed, at };
 }
 
 function stroke(pen, colour, points) {

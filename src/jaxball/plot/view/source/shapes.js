@@ -1,25 +1,10 @@
-// What the scene is made of: lines of some pixels' width, rods and arrows. Every painted thing takes its colour from a
-// function, which is asked again when the theme changes.
+// What the scene is made of: lines of some pixels' width, rods and arrows.
 
-import { ConeGeometry, CylinderGeometry, Group, Mesh, MeshStandardMaterial, Quaternion, Vector3 } from "three";
+import { ConeGeometry, CylinderGeometry, Group, Matrix4, Mesh, Quaternion, Vector3 } from "three";
 import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
-
-const painted = [];
-
-export function paint(material, colour) {
-  painted.push([material, colour]);
-  return material;
-}
-
-export function repaint() {
-  for (const [material, colour] of painted) material.color.set(colour());
-}
-
-export function solid(colour, options = {}) {
-  return paint(new MeshStandardMaterial({ roughness: 0.55, metalness: 0.05, ...options }), colour);
-}
+import { paint, solid } from "./materials.js";
 
 // Segments between the points 2 j and 2 j + 1, each three numbers.
 export function segments(points, colour, width, options = {}) {
@@ -28,6 +13,7 @@ export function segments(points, colour, width, options = {}) {
   const material = paint(new LineMaterial({ linewidth: width, ...options }), colour);
   const found = new LineSegments2(geometry, material);
   found.frustumCulled = false;
+  if (options.dashed) found.computeLineDistances();
   return found;
 }
 
@@ -68,7 +54,7 @@ export class Arrow extends Group {
   constructor(r, colour) {
     super();
     this.r = r;
-    const material = solid(colour, { emissiveIntensity: 0.2 });
+    const material = solid(colour);
     this.shaft = new Mesh(new CylinderGeometry(0.018 * r, 0.018 * r, 1, 12), material);
     this.head = new Mesh(new ConeGeometry(0.055 * r, 0.16 * r, 20), material);
     this.inner = new Group();
@@ -88,4 +74,9 @@ export class Arrow extends Group {
     this.position.copy(from);
     this.quaternion.setFromUnitVectors(up, vector.clone().divideScalar(length));
   }
+}
+
+export function matrixOf(rows) {
+  const [a, b, c] = rows;
+  return new Matrix4().set(...a, 0, ...b, 0, ...c, 0, 0, 0, 0, 1);
 }

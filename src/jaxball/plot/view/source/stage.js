@@ -1,39 +1,43 @@
 // The camera, and the frame of reference that the world is seen in. The camera's up is against gravity; a frame moves
 // the world and never the camera, which is the viewer's.
 
-import { AmbientLight, DirectionalLight, Group, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
+import { Group, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { Arrows } from "./arrows.js";
+import { Arrows, scalesOf } from "./arrows.js";
 import { Body } from "./body.js";
-import { row } from "./data.js";
-import { Ground } from "./ground.js";
-import { repaint, segments } from "./shapes.js";
+import { nearest, row } from "./data.js";
+import { Ground, Trace } from "./ground.js";
+import { repaint } from "./materials.js";
+import { segments } from "./shapes.js";
 import { readable } from "./theme.js";
 
 const FIELD = 28; // degrees, of view
-const AROUND = 1.5; // radii, of what is in view around the body
-const NEAR = 5; // radii: a path no wider is seen as a whole at first
+const AROUND = 1.5; // radii, of what is in view around the bodies
+const NEAR = 5; // radii: paths no wider are seen as a whole at first
 
 export class Stage {
-  constructor(canvas, run) {
-    this.run = run;
+  constructor(canvas, view) {
+    this.view = view;
     this.canvas = canvas;
-    this.body = new Body(run);
-    this.ground = new Ground(run);
-    this.arrows = new Arrows(run, this.body);
-    this.spaceAxes = axesOf(run);
+    this.radius = Math.max(...view.bodies.map((body) => body.radius));
+    this.bodies = view.bodies.map((run) => new Body(run, view.palette.components));
+    this.followed = this.bodies.length - 1;
+    this.margin = 0;
+    const scales = scalesOf(view);
+    this.arrows = this.bodies.map((body) => new Arrows(body, view, scales));
+    this.traces = view.bodies.map((body) => new Trace(body, view, body.radius));
+    this.ground = new Ground(view, view.bodies[0].radius);
+    this.spaceAxes = axesOf(view, view.bodies[0].radius);
     this.world = new Group();
-    this.world.add(this.ground, this.body, this.arrows, this.spaceAxes);
+    this.world.add(this.ground, ...this.traces, ...this.bodies, ...this.arrows, this.spaceAxes);
     this.scene = new Scene();
+    this.scene.add(this.world);
     this.camera = new PerspectiveCamera(FIELD, 1, 0.01, 1e4);
     this.camera.up.set(0, 0, 1);
-    const light = new DirectionalLight(0xffffff, 2.2);
-    light.position.set(-3, -5, 9);
-    this.scene.add(this.world, new AmbientLight(0xffffff, 1.5), light);
-    this.bounds = boundsOf(run);
+    this.bounds = this.boundsOf();
     const { clientWidth, clientHeight } = canvas.parentElement;
-    const seen = NEAR * run.radius * Math.min(1, clientWidth / clientHeight || 1);
-    this.frame = this.bounds.radius <= seen ? "ground" : "follow";
+    const seen = NEAR * this.radius * Math.min(1, clientWidth / clientHeight || 1);
+    this.frame = this.bodies.length > 1 || this.bounds.radius <= seen ? "ground" : "follow";
     try {
       this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, preserveDrawingBuffer: true });
     } catch {
@@ -45,19 +49,30 @@ export class Stage {
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
   }
 
+  get leader() {
+    return this.bodies[this.followed];
+  }
+
   setFrame(frame) {
     this.frame = frame;
     this.place();
     this.reset();
   }
 
-  // Sees the whole path from the ground, and the body from the other frames.
+  follow(i) {
+    this.followed = i;
+    this.place();
+    this.render();
+  }
+
+  // Sees all paths from the ground, and the body that is followed from the other frames.
   reset() {
     if (!this.renderer) return;
-    const { radius: r, camera } = this.run;
+    const { camera } = this.view;
     const [e, a] = [camera.elevation, camera.azimuth].map((angle) => (angle * Math.PI) / 180);
     const towards = new Vector3(Math.cos(e) * Math.cos(a), Math.cos(e) * Math.sin(a), Math.sin(e));
-    const distance = this.frame === "ground" ? this.farEnough(towards) : 1.9 * r / Math.sin(this.halfAngle());
+    const near = (1.9 * this.leader.run.radius) / Math.sin(this.halfAngle());
+    const distance = this.frame === "ground" ? this.farEnough(towards) : near;
     this.camera.near = distance / 500;
     this.camera.far = distance * 50 + 10 * this.bounds.radius;
     this.camera.updateProjectionMatrix();
@@ -71,49 +86,72 @@ export class Stage {
     return Math.atan(Math.tan((FIELD * Math.PI) / 360) * Math.min(1, this.camera.aspect));
   }
 
-  // The distance from which the body is in view wherever it comes.
+  // The distance from which the bodies are in view wherever they come.
   farEnough(towards) {
-    const { arrays, radius: r } = this.run;
     const right = new Vector3(0, 0, 1).cross(towards).normalize();
     const above = towards.clone().cross(right);
     const tall = Math.tan((FIELD * Math.PI) / 360);
     const wide = tall * this.camera.aspect;
     let distance = 0;
-    for (let k = 0; k < arrays.time.shape[0]; k++) {
-      const from = new Vector3().fromArray(row(arrays.centre, k)).sub(this.bounds.middle);
+    for (const centre of this.centres()) {
+      const from = centre.sub(this.bounds.middle);
       const need = Math.max(
-        (Math.abs(from.dot(right)) + AROUND * r) / wide,
-        (Math.abs(from.dot(above)) + AROUND * r) / tall,
+        (Math.abs(from.dot(right)) + AROUND * this.radius) / wide,
+        (Math.abs(from.dot(above)) + AROUND * this.radius) / tall,
       );
       distance = Math.max(distance, need + from.dot(towards));
     }
     return distance;
   }
 
-  resize() {
+  // A sphere around everywhere that the bodies are.
+  boundsOf() {
+    const low = new Vector3(Infinity, Infinity, Infinity);
+    const high = low.clone().negate();
+    for (const centre of this.centres()) {
+      low.min(centre);
+      high.max(centre);
+    }
+    return { middle: low.clone().add(high).divideScalar(2), radius: low.distanceTo(high) / 2 + 1.25 * this.radius };
+  }
+
+  *centres() {
+    for (const { arrays, times } of this.view.bodies) {
+      for (let k = 0; k < times.length; k++) yield new Vector3().fromArray(row(arrays.centre, k));
+    }
+  }
+
+  // The middle of the view is that of what `margin` pixels on the right leave free.
+  resize(margin = this.margin) {
     const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
-    if (!width || !height) return;
+    this.margin = margin;
+    if (!this.renderer || !width || !height) return;
     const first = !this.sized;
     this.sized = true;
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.renderer.setSize(width, height, false);
-    this.camera.aspect = width / height;
-    this.camera.updateProjectionMatrix();
+    this.camera.aspect = (width - margin) / height;
+    this.camera.setViewOffset(width - margin, height, 0, 0, width, height);
     if (first) this.reset();
     else this.render();
   }
 
-  show(k) {
-    for (const part of [this.ground, this.body, this.arrows]) part.show(k);
+  // Each body at its own time that is nearest to t.
+  show(t) {
+    this.bodies.forEach((body, i) => {
+      const k = nearest(body.run.times, t);
+      for (const part of [body, this.arrows[i], this.traces[i]]) part.show(k);
+      if (i === this.followed) this.ground.show(body.run, k);
+    });
     this.place();
     this.render();
   }
 
   place() {
-    const { world, body } = this;
+    const { world, leader } = this;
     world.quaternion.identity();
-    if (this.frame === "body") world.quaternion.copy(body.quaternion).invert();
-    const centre = this.frame === "ground" ? this.bounds.middle : body.position;
+    if (this.frame === "body") world.quaternion.copy(leader.quaternion).invert();
+    const centre = this.frame === "ground" ? this.bounds.middle : leader.position;
     world.position.copy(centre).applyQuaternion(world.quaternion).negate();
   }
 
@@ -127,20 +165,8 @@ export class Stage {
   }
 }
 
-// A sphere around everywhere that the body is.
-function boundsOf({ arrays, radius: r }) {
-  const low = new Vector3(Infinity, Infinity, Infinity);
-  const high = low.clone().negate();
-  for (let k = 0; k < arrays.time.shape[0]; k++) {
-    const centre = new Vector3().fromArray(row(arrays.centre, k));
-    low.min(centre);
-    high.max(centre);
-  }
-  return { middle: low.clone().add(high).divideScalar(2), radius: low.distanceTo(high) / 2 + 1.25 * r };
-}
-
 // Those of space, at the origin on the plane.
-function axesOf({ radius: r, axes, floor, palette }) {
+function axesOf({ axes, floor, palette }, r) {
   const found = new Group();
   const foot = axes.map((line) => line[2] * (floor.height + 0.01 * r));
   for (let j = 0; j < 3; j++) {

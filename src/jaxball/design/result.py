@@ -1,0 +1,80 @@
+"""What ``jaxball design`` left in a folder, read back: the scenarios before and after, and the path that was wanted."""
+
+import tomllib
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from ..scenario import Scenario, load_scenario, read_document
+from ..scenario.sources import naming, scenario_document
+from .errors import DesignError
+from .files import problem_of
+from .objectives.paths import wanted_path
+from .search.design import SCENARIO
+from .source import COPY
+
+
+class Result(NamedTuple):
+    """A design and what it began with.
+
+    - ``title``: that of the problem.
+    - ``before``: the scenario at the start of the search; of a problem of optimal control, its scenario as it stands.
+    - ``after``: the scenario that was found.
+    - ``wanted``: points of the curve that is to be followed, length, shape (k, 2); None where there is none.
+    """
+
+    title: str
+    before: Scenario
+    after: Scenario
+    wanted: Float[np.ndarray, "k 2"] | None
+
+
+def load_result(folder: str | Path) -> Result:
+    """The design in a folder that ``jaxball design --out`` wrote; the best so far, where the search is not finished.
+
+    **Arguments:**
+
+    - ``folder``: the folder, with its ``problem.toml`` and ``design.toml``.
+
+    **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, where there is no such folder, and where one of the
+    files cannot be read or its scenario cannot be run.
+    """
+    folder = Path(folder)
+    missing = [name for name in (COPY, SCENARIO) if not (folder / name).is_file()]
+    if missing:
+        raise DesignError(
+            f'Argument `folder` must be one that jaxball design wrote, but "{folder}" has no '
+            f"{' and no '.join(missing)}."
+        )
+    after = load_scenario(folder / SCENARIO)
+    with naming(folder / COPY):
+        title, before, wanted = _problem(_document(folder / COPY), folder)
+    return Result(title or after.title, before, after, wanted)
+
+
+def _document(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise DesignError(f"a problem must be a TOML document, but it is not: {error}.") from None
+
+
+def _problem(document: dict[str, Any], folder: Path) -> tuple[str, Scenario, Float[np.ndarray, "k 2"] | None]:
+    """Title, scenario at the start, and the wanted path of a problem of either kind."""
+    from .control.files import TABLE, read_control  # here, because searches do without optimal control
+
+    if TABLE in document:
+        control = read_control(document, folder)
+        objectives = control.problem.objectives.values()
+        scenario = read_document(scenario_document(document["scenario"], folder, DesignError))
+        return control.title, scenario, wanted_path(objectives)
+    title, problem, *_ = problem_of(document, folder)
+    space = problem.space
+    return title, space.scenario_of(_start(space)), wanted_path(problem.objectives.values())
+
+
+def _start(space: Any) -> Float[np.ndarray, " n"]:
+    return np.asarray(space.numbers(jnp.asarray(space.start)))

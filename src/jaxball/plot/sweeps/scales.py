@@ -1,0 +1,45 @@
+"""The number that colours chosen rows of a study."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..view.document import ColourScale
+from .results import result_names, values_of
+from .rows import PictureError, Rows, listed
+
+if TYPE_CHECKING:
+    import xarray
+
+
+def sweep_scale(data: "xarray.Dataset", rows: Sequence[int], by: str | None = None) -> ColourScale | None:
+    """A number of a study in some of its rows, by which their bodies are coloured.
+
+    **Arguments:**
+
+    - ``data``: the store of a study, as :func:`jaxball.sweep.open_dataset` opens it.
+    - ``rows``: the numbers of the rows, from 0.
+    - ``by``: the path of a number that the study changes, or a result such as ``"z[0]"``, at the end; the first number
+      that is not the same in all of the rows, if not given.
+
+    **Returns:** None where no number is given and none differs.
+
+    **Raises:** :class:`PictureError` where the study has no number of that name.
+    """
+    places = np.asarray(rows, dtype=int)
+    chosen = Rows(data, places, np.zeros((places.size, 0), dtype=int), data["status"].values[places].astype(int))
+    paths = [str(path) for path in listed(data, "paths")]
+    if by is None:
+        by = next(iter(chosen.varying()), None)
+    if by is None:
+        return None
+    if by in paths:
+        return ColourScale(by, chosen.number(by).tolist(), chosen.is_logarithmic(by))
+    results = result_names(data)
+    if by not in results:
+        raise PictureError(
+            f"Number `{by}` must be one that the study changes, {', '.join(paths)}, or one of its results, "
+            f"{', '.join(results)}."
+        )
+    return ColourScale(by, values_of(chosen, by).tolist())

@@ -1,0 +1,160 @@
+"""One body of a view: what it is made of, and its numbers at the saved times that its solve reached."""
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from ...numerics import programs
+from ...numerics.arrays import to_array
+from ...numerics.vectors import apply, cross
+from ...physics.body import AbstractBody, Disk, System
+from ...physics.load import in_three
+from ...physics.moments import velocity_moments
+from ...physics.momentum import contact_momentum
+from ...physics.state import ReducedState
+from ...simulation.trajectory import Trajectory
+from ..actuation import mass_angles
+from ..floor import Setting, place, setting_of
+from ..mechanisms import arms_of_run
+from ..record import Record, finite_rows, record, require_one
+from ..shapes import rails_of
+from ..style import mass_colour
+from .packing import Numbers, sampled
+
+SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+ON_RAILS = 1e-3  # radii, by which a rail may be off between its points
+
+
+class Shown(NamedTuple):
+    """A run, and what figures draw of it."""
+
+    trajectory: Trajectory
+    run: Record
+    setting: Setting
+    angles: dict[int, np.ndarray]  # θ of the masses on rails
+
+    @property
+    def system(self) -> System:
+        return self.trajectory.system
+
+    @property
+    def radius(self) -> float:
+        return float(self.system.radius)
+
+
+def shown(trajectory: Trajectory[Any, Any]) -> Shown:
+    """A run to be shown.
+
+    **Raises:** ``ValueError`` where that cannot be.
+    """
+    _check(trajectory)
+    run = record(trajectory)
+    if not len(run.times):
+        raise ValueError(
+            f"Argument `trajectory` must have a finite state to show, but it has none. {trajectory.message}"
+        )
+    return Shown(trajectory, run, setting_of(trajectory.system, run.times), mass_angles(trajectory))
+
+
+def _check(trajectory: Trajectory[Any, Any]) -> None:
+    """Raises a ``ValueError`` for a trajectory that knows of no body at a place."""
+    if not isinstance(trajectory.system, AbstractBody):
+        raise ValueError(
+            "Argument `trajectory` must be of a ball or a disk, which have a shell to show, but it is of a "
+            f"{type(trajectory.system).__name__}; its method plot() draws its motion."
+        )
+    require_one(trajectory)
+    if isinstance(trajectory.state, ReducedState):
+        raise ValueError(
+            "Argument `trajectory` must know where the ball is, but it is of a ReducedState; simulate with a BallState."
+        )
+
+
+def body_document(one: Shown) -> dict[str, Any]:
+    """What the body is made of."""
+    system = one.system
+    return {
+        "body": "disk" if isinstance(system, Disk) else "ball",
+        "radius": one.radius,
+        "shell": {"mass": float(system.mass), "centre_of_mass": np.asarray(system.offset).tolist()},
+        "ok": one.trajectory.ok,
+        "message": one.trajectory.message,
+        "saved": len(one.run.times),
+        "masses": _masses(system),
+        "rails": [{"colour": mass_colour(members[0])} for members, _ in rails_of(system)],
+        "arms": [mass_colour(j) for j in range(system.n_masses + 1, system.n_masses + len(system.mechanisms) + 1)],
+    }
+
+
+def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
+    """The numbers of the body above a plane that is ``plane`` below the origin, which may not be its own radius."""
+    system, run, setting, r = one.system, one.run, one.setting, one.radius
+    placed, seen = place(run, setting), run.observables
+    numbers = {
+        "time": Numbers(run.times, 0.0),
+        "centre": Numbers(placed.centre + (r - plane) * setting.page[:, 2], r),
+        "quaternion": Numbers(_continuous(Rotation.from_matrix(placed.Lambda).as_quat()), 1.0),
+        "masses": Numbers(seen.mass_positions_body, r),
+    }
+    numbers |= {f"arms_{j}": Numbers(points, r) for j, points in enumerate(arms_of_run(one.trajectory))}
+    if np.any(setting.moved):
+        numbers["moved"] = Numbers(setting.moved, r)
+    if setting.turned is not None:
+        numbers["turned"] = Numbers(setting.turned, 1.0)
+    numbers |= {
+        f"rail_{j}": Numbers(sampled(points, ON_RAILS * r), r, over_time=False)
+        for j, (_, points) in enumerate(rails_of(system))
+    }
+    numbers |= {
+        "angular_velocity": Numbers(seen.angular_velocity_body),
+        "angular_momentum": Numbers(_momentum_of(one)),
+        "normal_force": Numbers(seen.normal_force),
+        "friction": Numbers(seen.friction),
+        "energies": Numbers(np.stack([seen.kinetic_energy, seen.potential_energy], axis=1)),
+    }
+    if one.angles:
+        numbers["mass_angles"] = Numbers(np.stack(list(one.angles.values()), axis=1))
+    if system.mechanisms:
+        numbers["joint_angles"] = Numbers(seen.joint_angles)
+    return numbers
+
+
+def _continuous(quaternions: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T 4"]:
+    """The same turns, with the signs that make each near the one before."""
+    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
+    return quaternions * np.where(np.cumsum(np.concatenate([[0], flips])) % 2, -1.0, 1.0)[:, None]
+
+
+def _momentum_of(one: Shown) -> Float[np.ndarray, "T 3"]:
+    trajectory = one.trajectory
+    found = _momentum(one.system, to_array(trajectory.times), trajectory.state)
+    return np.asarray(found)[finite_rows(trajectory)]
+
+
+@programs.filter_jit
+def _momentum(system, times, states):
+    """Π at each time, in body axes; velocities are over the plane."""
+    prepared = system.prepare()
+
+    def at_time(t, state):
+        in_space, r = state.in_space(), prepared.radius
+        Gamma = in_space.Lambda[2]
+        at = velocity_moments(prepared, t, (state.theta, state.thetadot))
+        Pi = contact_momentum(at, r, in_space.Omega, Gamma)
+        u = prepared.drift(t, in_space)
+        return Pi if u is None else Pi + cross(at.M * r * Gamma + at.p, apply(in_space.Lambda.T, in_three(u)))
+
+    return jax.vmap(at_time)(times, states)
+
+
+def _masses(system: System) -> list[dict[str, Any]]:
+    """Name, colour and mass of each, in the order of the observables."""
+    found = [(f"m{i}", i, mass.mass) for i, mass in enumerate(system.point_masses, start=1)]
+    for j, mechanism in enumerate(system.mechanisms, start=1):
+        found += [(f"M{j}", system.n_masses + j, mass) for mass in np.asarray(mechanism.mass)]
+    return [
+        {"name": name.translate(SUBSCRIPTS), "colour": mass_colour(k), "mass": float(mass)} for name, k, mass in found
+    ]

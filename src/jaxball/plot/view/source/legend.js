@@ -1,0 +1,64 @@
+// Keys of colours: of the bodies, one of which is followed, of the number that colours them, and of the masses.
+
+import { readable } from "./theme.js";
+
+const keyed = []; // what changes with the theme
+
+export function key(colour) {
+  const dot = document.createElement("i");
+  dot.className = "key";
+  keyed.push(() => (dot.style.background = readable(colour)));
+  return dot;
+}
+
+export function repaintKeys() {
+  for (const paint of keyed) paint();
+}
+
+export const short = (value) => String(Number(value.toPrecision(4))).replace("-", "−");
+
+export function massKeys(bodies) {
+  const names = new Map(bodies.flatMap((body) => body.masses).map((mass) => [mass.name, mass.colour]));
+  return [...names].map(([name, colour]) => {
+    const item = document.createElement("li");
+    item.append(key(colour), name);
+    return item;
+  });
+}
+
+// A button for each body, of which the one that is followed is pressed.
+export function bodyKeys(bodies, followed, follow) {
+  const buttons = bodies.map((body, i) => {
+    const button = document.createElement("button");
+    const value = body.value === null ? "" : ` ${short(body.value)}`;
+    Object.assign(button, { type: "button", title: `Follow ${body.name}` });
+    button.append(key(body.colour), body.name);
+    const number = document.createElement("span");
+    number.textContent = value;
+    button.append(number);
+    button.addEventListener("click", () => {
+      follow(i);
+      press(i);
+      button.blur();
+    });
+    return button;
+  });
+  const press = (i) => buttons.forEach((button, j) => button.setAttribute("aria-pressed", i === j));
+  press(followed);
+  return buttons;
+}
+
+// The colours of a number from its least value to its largest.
+export function colourBar({ name, low, high, logarithmic, stops }) {
+  const [label, bar, ends] = ["p", "i", "p"].map((tag) => document.createElement(tag));
+  label.textContent = logarithmic ? `${name}, logarithmic` : name;
+  bar.className = "bar";
+  keyed.push(() => (bar.style.background = `linear-gradient(to right, ${stops.map(readable).join(", ")})`));
+  for (const value of [low, high]) {
+    const end = document.createElement("span");
+    end.textContent = short(value);
+    ends.append(end);
+  }
+  ends.className = "ends";
+  return [label, bar, ends];
+}
