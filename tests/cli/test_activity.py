@@ -33,6 +33,11 @@ PROGRAMS = {
         LONG + '    line.print("half of it", sys.stderr)\n    line.print("all of it", sys.stderr)',
         f"{SHOWN}{ERASED}half of it\r\n{SHOWN}{ERASED}all of it\r\n{SHOWN}{ERASED}",
     ),
+    "changed": (
+        LONG + "    module.BETWEEN_CHANGES = 0.0\n    line.change('half of it')\n"
+        "    module.BETWEEN_CHANGES = 60.0\n    line.change('more than half')",
+        f"{SHOWN}\r\x1b[Khalf of it …{ERASED}",
+    ),
     "what is done at once": ("module.DELAY = 60.0\nwith activity('compiling'):\n    pass", ""),
     "quiet": ('with activity("compiling", quiet=True) as line:\n    time.sleep(0.1)', ""),
     "no wider than the terminal": (
@@ -70,7 +75,7 @@ def test_on_a_terminal(program, written):
     assert on_a_terminal(PRELUDE + program) == (written, "")
 
 
-@pytest.mark.parametrize("program", ["shown, then erased", "room for what is printed"])
+@pytest.mark.parametrize("program", ["shown, then erased", "changed", "room for what is printed"])
 def test_in_a_log(program):
     command = [sys.executable, "-c", PRELUDE + PROGRAMS[program][0]]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

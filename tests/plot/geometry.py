@@ -24,6 +24,8 @@ class Box(NamedTuple):
 def boxes(figure):
     """The rectangles of all texts that are drawn."""
     renderer = FigureCanvasAgg(figure).get_renderer()
+    for artist in figure.findobj(lambda artist: artist.get_animated()):
+        artist.set_animated(False)  # which only says that it is drawn apart
     figure.draw(renderer)
     axes, drawn = [], []
     for ax in figure.axes:

@@ -1,15 +1,10 @@
-"""The files of figures and animations."""
-
-import itertools
+"""The files of figures, and the scenes of animations."""
 
 import matplotlib.image
 import numpy as np
 import pytest
-from matplotlib.animation import FFMpegWriter
-from PIL import Image
 
 from jaxball import plot
-from jaxball.plot.animation import frames
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
 from tests.plot.geometry import overlaps
@@ -49,61 +44,6 @@ def test_the_overview_is_one_page_of_six_panels(ball_trajectory, tmp_path):
     assert len(figure.axes) == 6
     figure.savefig(tmp_path / "page.png", dpi=60)
     assert 0.01 < ink(tmp_path / "page.png") < 0.3
-
-
-def test_a_gif_has_a_frame_for_each_instant(disk_trajectory, tmp_path):
-    path = plot.animate(disk_trajectory, tmp_path / "disk.gif", fps=2, speed=10.0, dpi=40)
-    with Image.open(path) as film:
-        assert film.n_frames == 5
-        assert film.info["duration"] == 500
-        pictures = []
-        for k in range(5):
-            film.seek(k)
-            pictures.append(np.asarray(film.convert("L"), dtype=float))
-    for before, after in itertools.pairwise(pictures):
-        assert np.any(before != after)
-
-
-@pytest.mark.skipif(not FFMpegWriter.isAvailable(), reason="ffmpeg is not installed")
-def test_an_mp4_where_ffmpeg_is_there(ball_trajectory, tmp_path):
-    path = plot.animate(ball_trajectory, tmp_path / "ball", fps=1, speed=10.0, dpi=40)
-    assert path == tmp_path / "ball.mp4"
-    assert path.read_bytes()[4:8] == b"ftyp"
-
-
-def test_without_ffmpeg_a_gif(bare_trajectory, tmp_path, monkeypatch):
-    monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
-    path = plot.animate(bare_trajectory, tmp_path / "bare", fps=1, dpi=30)
-    assert path == tmp_path / "bare.gif"
-    with pytest.raises(ValueError, match=r"^Argument `path` must end in \.gif where ffmpeg is not installed"):
-        plot.animate(bare_trajectory, tmp_path / "bare.mp4")
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ({"path": "film.avi"}, r"^Argument `path` must end in \.mp4 or \.gif, but it is 'film\.avi'\.$"),
-        ({"fps": 0}, r"^Argument `fps` must be a positive number, but it is 0\.$"),
-        ({"speed": -1.0}, r"^Argument `speed` must be a positive number, but it is -1\.0\.$"),
-        ({"speed": float("nan")}, r"^Argument `speed` must be a positive number, but it is nan\.$"),
-    ],
-)
-def test_a_film_that_cannot_be_made_is_refused_in_a_sentence(options, sentence, ball_trajectory):
-    with pytest.raises(ValueError, match=sentence):
-        plot.animate(ball_trajectory, **({"path": "film.gif"} | options))
-
-
-def test_a_film_of_nothing_is_refused_in_a_sentence(hopeless_trajectory, tmp_path):
-    with pytest.raises(ValueError, match=r"^Argument `trajectory` must have a finite state to show"):
-        plot.animate(hopeless_trajectory, tmp_path / "film.gif")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_each_frame_shows_the_nearest_saved_time():
-    times = np.array([0.0, 1.0, 1.5, 4.0])
-    np.testing.assert_array_equal(frames(times, 0.5), [0, 0, 1, 2, 2, 2, 3, 3, 3])
-    np.testing.assert_array_equal(frames(times, 4.0), [0, 3])
-    np.testing.assert_array_equal(frames(times[:1], 0.1), [0])
 
 
 @pytest.mark.parametrize("body", ["ball", "disk"])

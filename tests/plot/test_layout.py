@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from jaxball import Ball, plot
+from jaxball import Ball, Circle, ConstantRate, OnRail, PointMass, Tube, plot
 from jaxball.classical import AbstractClassicalSystem
 from jaxball.plot.actuation import accelerations
 from jaxball.plot.report import CLASSICAL, STANDARD
-from jaxball.plot.style import caption
+from jaxball.plot.style import DASH, caption, plane_axes, up_to_ticks
 from jaxball.scenario import builtin_scenarios, load_scenario
-from tests.plot.geometry import overlaps
+from tests.plot.geometry import boxes, overlaps
 
 SCENARIOS = builtin_scenarios()
 ROLLING = [name for name in SCENARIOS if not isinstance(load_scenario(name).system, AbstractClassicalSystem)]
@@ -39,6 +39,58 @@ def test_names_of_masses_hide_nothing(name):
     assert overlaps(figure) == []
     caption(figure, scenario.system, scenario.title)
     assert overlaps(figure) == []
+
+
+def crossing(offset):
+    """Six masses at the middle of six tubes, two along each axis, which are this far from the centre."""
+    tubes = [Tube(axis, side * np.roll(axis, 1)) for axis in np.eye(3) for side in (offset, -offset)]
+    return [OnRail(tube, ConstantRate(0.0)) for tube in tubes]
+
+
+CROWDED = {
+    "six tubes": crossing(0.3),
+    "six tubes side by side": crossing(0.05),
+    "six tubes through one point": crossing(0.0),
+    "nine concentric rails": [OnRail(Circle(0.1 * k), ConstantRate(-np.pi / 2)) for k in range(1, 10)],
+}
+
+
+@pytest.mark.parametrize("motions", CROWDED.values(), ids=CROWDED.keys())
+def test_names_of_crowded_masses_are_apart(motions):
+    ball = Ball(mass=1.0, inertia=(0.6, 0.6, 0.6), masses=[PointMass(0.1, motion) for motion in motions])
+    figure = figure_of(plot.configuration(ball))
+    names = [f"$m_{{{i}}}$" for i in range(1, len(motions) + 1)]
+    assert [box.text for box in boxes(figure) if box.text in names] == names
+    assert not [pair for pair in overlaps(figure) if pair[0] in names and (pair[1] in names or "page" in pair[1])]
+
+
+def test_masses_in_one_place_all_show():
+    masses = [PointMass(0.1, motion) for motion in crossing(0.0)]
+    ax = plot.configuration(Ball(mass=1.0, inertia=(0.6, 0.6, 0.6), masses=masses))
+    sizes = [line.get_markersize() for line in ax.lines if line.get_marker() == "o"]
+    assert len(sizes) == 6
+    assert np.all(np.diff(sizes) < 0)
+
+
+def test_joints_that_move_alike_all_show():
+    """Where four curves are one, each has dashes in the gaps of the others."""
+    scenario = load_scenario("spokes")
+    run = scenario.simulate()
+    drawn = plot.joint_angles(run).lines
+    patterns = [line._unscaled_dash_pattern for line in drawn]
+    assert [pattern[0] / DASH for pattern in patterns] == [0, 1, 2, 3]
+    assert all(on == DASH and off == 3 * DASH for _, (on, off) in patterns[1:])
+
+
+@pytest.mark.parametrize("value", [0.1204, 0.2, 0.35, 1.0, 17.3])
+def test_a_constant_lies_between_two_numbers(value):
+    ax = plane_axes(None)
+    ax.plot([0.0, 1.0], [value, value])
+    up_to_ticks(ax, low=0.0)
+    low, high = ax.get_ylim()
+    assert low <= value <= high * 1.005
+    ticks = [tick for tick in ax.get_yticks() if low <= tick <= high]
+    assert (ticks[0], ticks[-1]) == (low, high)
 
 
 @pytest.mark.parametrize("draw", [*STANDARD, plot.overview])

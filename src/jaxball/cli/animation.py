@@ -9,7 +9,6 @@ from ..interface.output import OutputError, check_destination
 from .options import count, number, positive
 
 SUFFIXES = (".mp4", ".gif")
-FRAMES = 30  # a second
 MOST_FRAMES_A_SECOND = {".mp4": 240, ".gif": 50}  # a GIF counts in hundredths of a second; players skip single ones
 SMALLEST, LARGEST = 64, 7680
 OPTIONS = ("fps", "speed", "size", "from", "to")
@@ -18,7 +17,7 @@ OPTIONS = ("fps", "speed", "size", "from", "to")
 def add_animation(parser: argparse.ArgumentParser) -> None:
     """Adds --animate and its options."""
     parser.add_argument("--animate", type=Path, metavar="FILE", help="make an animation: .mp4 or .gif")
-    parser.add_argument("--fps", type=count, help=f"frames per second of the animation (default: {FRAMES})")
+    parser.add_argument("--fps", type=count, help="frames per second of the animation (default: 30, or 20 in a GIF)")
     parser.add_argument("--speed", type=positive, help="units of time per second of the animation (default: 1)")
     parser.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="its size in pixels, as in 1280x720")
     parser.add_argument("--from", type=number, metavar="T", help="when the animation begins (default: the start)")
@@ -36,7 +35,8 @@ def check_animation(options: argparse.Namespace) -> None:
     suffix = options.animate.suffix
     if suffix == ".mp4" and shutil.which("ffmpeg") is None:
         raise OutputError(
-            f'Argument `--animate` must end in .gif where ffmpeg is not installed, but it is "{options.animate}".'
+            f'Argument `--animate` must end in .gif where ffmpeg is not installed, but it is "{options.animate}"; '
+            "install ffmpeg, or make a .gif."
         )
     if options.fps is not None and options.fps > MOST_FRAMES_A_SECOND[suffix]:
         raise OutputError(

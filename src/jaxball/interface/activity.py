@@ -4,10 +4,12 @@ import contextlib
 import os
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any, TextIO
 
 DELAY = 0.5  # in seconds; what takes no longer is not worth a line
+BETWEEN_CHANGES = 0.1  # in seconds
 ERASE = "\r\x1b[K"
 
 
@@ -36,13 +38,20 @@ class Line:
     def __init__(self, text: str, stream: TextIO | None):
         self._text, self._stream, self._lock = text, stream, threading.Lock()
         self._shown = self._closed = False
+        self._written = 0.0  # when
 
     def show(self) -> None:
         """Shows the line, unless it is closed."""
         with self._lock:
             if self._stream is not None and not self._closed:
                 self._write(f"{ERASE}{self._text} …"[: len(ERASE) + _width(self._stream) - 1])
-                self._shown = True
+                self._shown, self._written = True, time.monotonic()
+
+    def change(self, text: str) -> None:
+        """Shows another text, at most a few times a second."""
+        self._text = text
+        if self._shown and time.monotonic() - self._written > BETWEEN_CHANGES:
+            self.show()
 
     def print(self, text: object, file: Any = None) -> None:
         """Prints above the line."""

@@ -1,25 +1,35 @@
 """Animations of a rolling ball or disk."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.figure import Figure
+from matplotlib.typing import ColorType
 
+from ..interface.output import replacing
 from ..simulation.trajectory import Trajectory
+from .canvas import Canvas
+from .gif import gif
+from .mp4 import has_ffmpeg, mp4
 from .record import record
 from .scene import scene
+
+FRAMES = {".mp4": 30, ".gif": 20}  # a second
 
 
 def animate(
     trajectory: Trajectory,
     path: str | Path,
-    fps: int = 30,
+    fps: int | None = None,
     *,
     speed: float = 1.0,
     dpi: float | int = 120,
     size: tuple[int, int] | None = None,
+    progress: Callable[[int, int], Any] | None = None,
 ) -> Path:
     """Animates the rolling body: shell, rails, masses, centre of mass and the trail of the contact point.
 
@@ -34,20 +44,22 @@ def animate(
     - ``trajectory``: what :func:`jaxball.simulate` returns; only its finite states are shown.
     - ``path``: a file that ends in ``.mp4``, which needs ffmpeg, or in ``.gif``. Without a suffix,
       ``.mp4`` is added where ffmpeg is installed, and ``.gif`` otherwise.
-    - ``fps``: frames per second.
+    - ``fps``: frames per second; if not given, 30 in an MP4 and 20 in a GIF.
     - ``speed``: units of the trajectory's time per second of the animation.
     - ``dpi``: dots per inch; a frame is 8 inches wide.
     - ``size``: width and height of a frame in pixels, instead of ``dpi``; the scene is scaled to fit.
+    - ``progress``: called with the number of frames done and the number of all, after each frame.
 
-    **Returns:** the path of the file.
+    **Returns:** the path of the file. It is written when all frames are drawn, and not at all if that fails.
 
     **Raises:** ``ValueError`` for another suffix, for ``.mp4`` without ffmpeg, for an ``fps`` or a
     ``speed`` that is not positive, for a trajectory without a finite state, and for a reduced one or a batch.
     """
+    path = _checked(Path(path))
+    fps = FRAMES[path.suffix] if fps is None else fps
     for name, value in (("fps", fps), ("speed", speed)):
         if not value > 0:
             raise ValueError(f"Argument `{name}` must be a positive number, but it is {value}.")
-    path, writer = _writer(Path(path), fps)
     run = record(trajectory)
     if not len(run.times):
         raise ValueError(
@@ -56,11 +68,18 @@ def animate(
     figure, show = scene(trajectory, run)
     if size is not None:
         dpi = _fitted(figure, size)
+    shown = frames(run.times, speed / fps)
+    show(int(shown[0]))
+    canvas = Canvas(figure, dpi)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with writer.saving(figure, str(path), dpi):
-        for k in frames(run.times, speed / fps):
-            show(int(k))
-            writer.grab_frame()
+    with replacing(path) as temporary:
+        make = mp4 if path.suffix == ".mp4" else partial(gif, colours=_colours(figure))
+        with make(temporary, fps, canvas.size) as add:
+            for done, k in enumerate(shown, start=1):
+                show(int(k))
+                add(canvas.picture())
+                if progress is not None:
+                    progress(done, len(shown))
     return path
 
 
@@ -83,18 +102,24 @@ def _fitted(figure: Figure, size: tuple[int, int]) -> float:
     return dpi
 
 
-def _writer(path: Path, fps: int) -> tuple[Path, AbstractMovieWriter]:
-    with_ffmpeg = FFMpegWriter.isAvailable()
+def _colours(figure: Figure) -> list[ColorType]:
+    """The colours of the lines and faces of a figure."""
+    lines = [line.get_color() for ax in figure.axes for line in ax.lines]
+    faces = [
+        tuple(colour) for ax in figure.axes for face in ax.collections for colour in np.atleast_2d(face.get_facecolor())
+    ]
+    return [*lines, *faces]
+
+
+def _checked(path: Path) -> Path:
+    """The path with a suffix."""
     if path.suffix == "":
-        path = path.with_suffix(".mp4" if with_ffmpeg else ".gif")
-    if path.suffix == ".gif":
-        return path, PillowWriter(fps=fps)
-    if path.suffix != ".mp4":
+        path = path.with_suffix(".mp4" if has_ffmpeg() else ".gif")
+    if path.suffix not in FRAMES:
         raise ValueError(f"Argument `path` must end in .mp4 or .gif, but it is {str(path)!r}.")
-    if not with_ffmpeg:
+    if path.suffix == ".mp4" and not has_ffmpeg():
         raise ValueError(
             f"Argument `path` must end in .gif where ffmpeg is not installed, but it is {str(path)!r}; "
             "install ffmpeg, or write a .gif."
         )
-    # Quality 18 is visually lossless, and yuv420p is what every player can show.
-    return path, FFMpegWriter(fps=fps, codec="h264", extra_args=["-crf", "18", "-pix_fmt", "yuv420p"])
+    return path

@@ -1,6 +1,7 @@
 """The figure of the configuration in the body: shell, rails, masses and centres of mass."""
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -35,7 +36,9 @@ from .style import (
 )
 
 HALO = [withStroke(linewidth=2.2, foreground="white")]
-DOT = 8.0  # the diameter of a mass, in points
+DOT = 8.0  # the diameter of a mass, in points; where several coincide, each is drawn smaller than the one beneath
+EDGE: dict[str, Any] = {"markeredgecolor": "white", "zorder": 4}
+COINCIDENT = 1e-6  # radii
 
 
 class Positions(NamedTuple):
@@ -108,16 +111,26 @@ def _draw(ax: Axes, system: System, positions: Positions, columns: list[int]) ->
     mark(positions.shell, "s", 6, SHELL, mew=1.2, markerfacecolor="none", zorder=3.5, label="$m_0$")
     shown = looks(system)
     finite = [i for i, point in enumerate(positions.masses) if np.all(np.isfinite(point))]
-    for j, mechanism in enumerate(positions.arms, start=system.n_masses + 1):
-        for arm in mechanism:
-            ax.plot(*arm[:, columns].T, color=mass_colour(j), linewidth=1.6, zorder=3.8)
-    for i in finite:
-        mark(positions.masses[i], "o", DOT, shown[i].colour, mew=0.8, markeredgecolor="white", zorder=4)
+    rods = [(j, arm) for j, mechanism in enumerate(positions.arms, system.n_masses + 1) for arm in mechanism]
+    for (j, arm), (k, n) in zip(rods, _shared([arm for _, arm in rods], system), strict=True):
+        ax.plot(*arm[:, columns].T, color=mass_colour(j), linewidth=1.6, zorder=3.8, **sharing(k, n))
+    for i, (k, n) in zip(finite, _shared([positions.masses[i] for i in finite], system), strict=True):
+        mark(positions.masses[i], "o", DOT * (n - k) / n, shown[i].colour, mew=0.8 if k == 0 else 0.0, **EDGE)
     mark(positions.system, "*", 8, INK, mew=0.6, markeredgecolor="white", zorder=5, label="CM")
     first = [i for i in finite if i == 0 or shown[i] != shown[i - 1]]
     names, colours = [shown[i].name for i in first], [shown[i].colour for i in first]
     name_points(ax, positions.masses[first][:, columns], names, colours, DOT / 2, path_effects=HALO, zorder=6)
     legend_above(ax)
+
+
+def _shared(places: Sequence[Float[np.ndarray, "..."]], system: System) -> list[tuple[int, int]]:
+    """How many of the ``places`` before each coincide with it, and how many there are with it in all."""
+    least = COINCIDENT * float(system.radius)
+    same = [
+        [place.shape == other.shape and bool(np.max(np.abs(place - other)) < least) for other in places]
+        for place in places
+    ]
+    return [(sum(row[:i]), sum(row)) for i, row in enumerate(same)]
 
 
 def _positions(system: System, t: Numbers, theta: Numbers) -> Positions:

@@ -40,6 +40,11 @@ class Setting(NamedTuple):
         return bool(self.page[2, 2] < 1)
 
     @property
+    def moves(self) -> bool:
+        """Whether the ground is displaced or turned during the run."""
+        return self.turned is not None or bool(np.ptp(self.moved, axis=0).any())
+
+    @property
     def downhill(self) -> float:
         """The direction of steepest descent on the page, in degrees; 0 where the plane is level."""
         return float(np.rad2deg(np.arctan2(self.page[1, 2], self.page[0, 2]))) if self.tilted else 0.0
@@ -151,21 +156,22 @@ def draw_floor(
     It has lines at every whole multiple of the radius, or the turntable with rings there and with spokes, one darker.
     """
     top, base = floor.block
-    faces = [(top, face(ax, facecolor=TOP, zorder=0))]
+    moves = setting.moves
+    faces = [(top, face(ax, facecolor=TOP, zorder=0, animated=moves))]
     if setting.tilted:
         around = zip(top, np.roll(top, -1, axis=0), np.roll(base, -1, axis=0), base, strict=True)
         seen = (side for side in map(np.stack, around) if np.cross(side[1] - side[0], [0.0, 0.0, 1.0]) @ viewer > 0)
-        faces += [(side, face(ax, facecolor=SIDE, zorder=0)) for side in seen]
+        faces += [(side, face(ax, facecolor=SIDE, zorder=0, animated=moves)) for side in seen]
     if setting.turned is None:
-        marks = [(_grid(floor, r), line(ax, **GRID))]
+        marks = [(_grid(floor, r), line(ax, **GRID, animated=moves))]
     else:
         rim = _circle(floor.table)
         faces.append((_seated(rim, floor, setting), face(ax, facecolor=TABLE, edgecolor="0.8", zorder=0.5)))
         rings = [np.concatenate([_circle(radius), BREAK]) for radius in multiples(r, r, floor.table)]
         spokes, mark = _spokes(floor.table)
         marks = [
-            (np.concatenate([*rings, spokes]), line(ax, **(GRID | {"color": "0.82"}))),
-            (mark, line(ax, **(GRID | {"color": SHELL, "linewidth": 1.4}))),
+            (np.concatenate([*rings, spokes]), line(ax, True, **(GRID | {"color": "0.82"}))),
+            (mark, line(ax, True, **(GRID | {"color": SHELL, "linewidth": 1.4}))),
         ]
 
     def show(k: int) -> None:
@@ -222,14 +228,14 @@ def ground_under(path: Float[np.ndarray, "T 3"], r: float, setting: Setting) -> 
 def draw_ground(ax: Axes, path: Float[np.ndarray, "T 3"], r: float, setting: Setting) -> Callable[[int], None]:
     """Draws the line under a disk, with marks at every whole multiple of the radius; returns what moves it."""
     top, base = ground_under(path, r, setting)
-    wedge = Polygon(np.zeros((3, 2)), facecolor=TOP, edgecolor="none", zorder=0)
+    wedge = Polygon(np.zeros((3, 2)), facecolor=TOP, edgecolor="none", zorder=0, animated=setting.moves)
     if setting.tilted:
         ax.add_patch(wedge)
-    surface = line(ax, color=SHELL, linewidth=1.2, zorder=1)
+    surface = line(ax, color=SHELL, linewidth=1.2, zorder=1, animated=setting.moves)
     height = path[0, 2]
     at = multiples(r, path[:, 0].min() - ROOM * r, path[:, 0].max() + ROOM * r)
     ticks = [np.array([[x, 0.0, height - 0.06 * r], [x, 0.0, height], [np.nan] * 3]) @ setting.page.T for x in at]
-    marks = line(ax, color=SHELL, linewidth=0.8, zorder=1)
+    marks = line(ax, color=SHELL, linewidth=0.8, zorder=1, animated=setting.moves)
 
     def show(k: int) -> None:
         wedge.set_xy((np.concatenate([top, base[::-1]]) + setting.moved[k])[:, [0, 2]])

@@ -1,6 +1,6 @@
 """Mechanisms in figures: the names and colours of their masses, their arms, and their joints over time."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,7 +13,10 @@ from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..simulation.trajectory import Trajectory
 from .record import Record, finite_rows, record
-from .style import legend_above, mass_colour, mass_line, named, plane_axes, up_to_ticks, zero_line
+from .style import legend_above, mass_colour, mass_line, named, plane_axes, sharing, up_to_ticks, zero_line
+
+ROUNDING = 1e-12  # of M g r, below which an effort is drawn as none
+COINCIDENT = 1e-9  # of the largest value, by which curves on one another may differ
 
 
 class Look(NamedTuple):
@@ -90,8 +93,10 @@ def joint_efforts(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** as :func:`joint_angles`, also for a three-dimensional ``ax``.
     """
-    run = _record(trajectory)
-    ax = _over_time(trajectory, run.times, run.observables.joint_efforts, "Q", "joint effort", ax)
+    run, system = _record(trajectory), trajectory.system
+    least = ROUNDING * float(system.total_mass * system.gravity * system.radius)
+    efforts = run.observables.joint_efforts
+    ax = _over_time(trajectory, run.times, np.where(np.abs(efforts) > least, efforts, 0.0), "Q", "joint effort", ax)
     zero_line(ax)
     return ax
 
@@ -108,9 +113,16 @@ def _over_time(trajectory: Trajectory, times, values: Float[np.ndarray, "T joint
     ax = plane_axes(ax, system=system)
     joints = [(j, a) for j, one in enumerate(system.mechanisms, start=1) for a in range(1, one.n_joints + 1)]
     for k, (j, a) in enumerate(joints):
-        ax.plot(times, values[:, k], label=rf"${symbol}_{{{j},{a}}}$", **mass_line(k + 1))
+        ax.plot(times, values[:, k], label=rf"${symbol}_{{{j},{a}}}$", **mass_line(k + 1, **_dashes(values, k)))
     ax.margins(x=0)
     up_to_ticks(ax)
     named(ax, "$t$", label)
     legend_above(ax)
     return ax
+
+
+def _dashes(values: Float[np.ndarray, "T joints"], k: int) -> dict[str, Any]:
+    """The dashes of a curve that lies on others, which all show."""
+    near = np.max(np.abs(values - values[:, [k]]), axis=0, initial=0.0)
+    same = near <= COINCIDENT * np.max(np.abs(values), initial=0.0)
+    return sharing(int(np.sum(same[:k])), int(np.sum(same)))

@@ -8,6 +8,8 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle as Ring
+from matplotlib.text import Text
+from matplotlib.transforms import ScaledTranslation
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 
 from ..physics.body import Disk, System
@@ -21,6 +23,7 @@ from .style import CAPTION, FAINT, INK, SHELL, SMALL, TRAIL, mass_colour, mass_l
 
 ELEVATION, AZIMUTH = 26.0, -60.0  # degrees
 WIDTH, MARGIN, HEADER = 8.0, 0.15, 0.5  # inches
+BASELINE = -15.0  # of the clock, in points from the upper edge
 
 
 class Scene(NamedTuple):
@@ -106,7 +109,7 @@ def _disk_scene(system: System, run: Record, arms: Arms, setting: Setting) -> Sc
     show_ground = draw_ground(ax, path, r, setting)
 
     trail = line(ax, color=TRAIL, linewidth=3.0, zorder=2, solid_capstyle="butt")
-    shell = Ring((0.0, 0.0), r, facecolor="0.985", edgecolor=SHELL, linewidth=1.4, zorder=3)
+    shell = Ring((0.0, 0.0), r, facecolor="0.985", edgecolor=SHELL, linewidth=1.4, zorder=3, animated=True)
     ax.add_patch(shell)
     spokes = line(ax, color="0.75", linewidth=0.8, zorder=3)
     show_contents = _contents(figure, ax, system, placed, arms)
@@ -155,7 +158,7 @@ def _contents(figure: Figure, ax: Axes, system: System, placed: Placed, arms: Ar
     star = line(ax, **(dot | {"marker": "*", "ms": 10}), color=INK, label="CM")
     figure.legend(loc="upper right", ncols=min(len(set(shown)) + 1, 7), frameon=False, prop=SMALL, handletextpad=0.2)
     figure.text(0.5, 0.02 / figure.get_figheight(), subject(system), ha="center", va="bottom", **CAPTION)
-    clock = figure.text(0.02, 0.98, "", fontproperties=SMALL, ha="left", va="top")
+    clock = _clock(figure, ax)
 
     def show(k: int) -> None:
         centre, turn = placed.centre[k], placed.Lambda[k].T
@@ -166,6 +169,16 @@ def _contents(figure: Figure, ax: Axes, system: System, placed: Placed, arms: Ar
         for artist, point in zip(dots, placed.masses[k], strict=True):
             move(artist, centre + point[None])
         move(star, centre + placed.centre_of_mass[k][None])
-        clock.set_text(f"$t = {placed.times[k]:.2f}$")
+        clock.set_text(f"{placed.times[k]:.2f}".replace("-", "\N{MINUS SIGN}"))
 
     return show
+
+
+def _clock(figure: Figure, ax: Axes) -> Text:
+    """Writes "t =" into the upper left corner, and returns the text behind it, which is plain: formulas take long."""
+    corner = figure.transFigure + ScaledTranslation(0.0, BASELINE / 72, figure.dpi_scale_trans)
+    name = figure.text(0.02, 1.0, "$t =$", fontproperties=SMALL, transform=corner)
+    behind: dict[str, Any] = {"xycoords": name, "xytext": (2.5, 0.0), "textcoords": "offset points"}
+    return ax.annotate(
+        "", (1.0, 0.0), va="bottom", **behind, fontproperties=SMALL, annotation_clip=False, animated=True
+    )

@@ -13,8 +13,10 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
+from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.transforms import Bbox, TransformedBbox
 from mpl_toolkits.mplot3d import Axes3D
 
 from ..physics.body import AbstractBody
@@ -32,6 +34,7 @@ MASSES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 COMPONENTS = ("#004488", "#BB5566", "#DDAA33")
 DASHED = (0, (4, 2))
 DASH = 7.0  # of lines that lie on one another, in widths of the line
+SHARED = "bevel"  # the joins of their dashes, by which a legend knows them
 DASHES = ("-", (0, (6, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 
 LABEL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=11)
@@ -41,6 +44,7 @@ TINY = FontProperties(family=["STIXGeneral", "DejaVu Sans"], math_fontfamily="st
 CAPTION: dict[str, Any] = {"fontproperties": TINY, "color": "0.35"}
 WIDE, SQUARE = (4.6, 3.1), (4.6, 4.7)
 WIDE_RANGE = 1e3  # of a logarithmic axis on which powers of ten alone are enough ticks
+EDGE = 0.02  # of a plane Axes, by which a curve may pass it
 LETTERS = 20  # of a caption in an inch
 
 
@@ -107,6 +111,7 @@ def plane_axes(ax: Axes | None, size: tuple[float, float] = WIDE, system: "Abstr
     ax.spines[["left", "bottom"]].set_linewidth(0.6)
     for axis in (ax.xaxis, ax.yaxis):
         axis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
+        axis.get_offset_text().set(fontfamily="STIXGeneral", fontsize=9)
     return ax
 
 
@@ -146,14 +151,22 @@ def up_to_ticks(ax: Axes, low: float = math.inf, high: float = -math.inf) -> Non
         return
     if high - low <= 1e-9 * max(abs(low), abs(high)):  # a constant is shown against 0, and 0 against ±1
         low, high = (min(low, 0.0), max(high, 0.0)) if low or high else (-1.0, 1.0)
-    slack = 0.005 * (high - low)  # by which a curve may pass a tick: less than the width of its line
-    bottom, top = low + slack, high - slack
-    for _ in range(5):  # new limits may have new ticks
-        ticks = ax.yaxis.get_major_locator().tick_values(bottom, top)
-        if (ticks[0], ticks[-1]) == (bottom, top):
+    locator = ax.yaxis.get_major_locator()
+    # A curve may pass a tick by less than the width of its line, unless the axis that ends with it has other ticks.
+    for slack in (0.005 * (high - low), 0.0):
+        bottom, top = low + slack, high - slack
+        for _ in range(5):  # new limits may have new ticks
+            ticks = locator.tick_values(bottom, top)
+            if (ticks[0], ticks[-1]) == (bottom, top):
+                break
+            bottom, top = float(ticks[0]), float(ticks[-1])
+        ends_at = min(bottom, low), max(top, high)
+        shown = [tick for tick in locator.tick_values(*ends_at) if ends_at[0] <= tick <= ends_at[1]]
+        if (shown[0], shown[-1]) == (bottom, top):
             break
-        bottom, top = float(ticks[0]), float(ticks[-1])
-    ax.set_ylim(min(bottom, low), max(top, high))
+    ax.set_ylim(*ends_at)
+    for line in ax.lines:  # one on the edge is drawn whole
+        line.set_clip_box(TransformedBbox(Bbox([[-EDGE, -EDGE], [1 + EDGE, 1 + EDGE]]), ax.transAxes))
 
 
 def number_decades(axis: Axis, ratio: float) -> None:
@@ -208,7 +221,9 @@ def ends(
 
 def sharing(k: int, n: int) -> dict[str, Any]:
     """The dashes of the k-th of ``n`` coinciding lines, of which the first is solid and beneath the others."""
-    return {"linestyle": (k * DASH, (DASH, (n - 1) * DASH)), "dash_capstyle": "butt"} if k else {}
+    if k == 0:
+        return {}
+    return {"linestyle": (k * DASH, (DASH, (n - 1) * DASH)), "dash_capstyle": "butt", "dash_joinstyle": SHARED}
 
 
 def legend_above(ax: Axes, most: int = 5) -> None:
@@ -219,8 +234,9 @@ def legend_above(ax: Axes, most: int = 5) -> None:
         columns = math.ceil(len(labels) / rows)
         # matplotlib fills columns, and a reader reads rows.
         order = [k for column in range(columns) for k in range(column, len(labels), columns)]
-        ax.legend(
-            [handles[k] for k in order],
+        drawn = [handles[k] for k in order]
+        legend = ax.legend(
+            drawn,
             [labels[k] for k in order],
             loc="lower center",
             bbox_to_anchor=(0.5, 1.0),
@@ -231,6 +247,9 @@ def legend_above(ax: Axes, most: int = 5) -> None:
             columnspacing=1.0,
             handletextpad=0.4,
         )
+        for handle, line in zip(legend.legend_handles, drawn, strict=True):
+            if isinstance(handle, Line2D) and isinstance(line, Line2D) and line.get_dash_joinstyle() == SHARED:
+                handle.set_linestyle("-")  # whose dashes may be longer than the handle
 
 
 def zero_line(ax: Axes) -> None:

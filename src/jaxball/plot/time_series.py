@@ -105,10 +105,8 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     if trajectory.interpolant is not None:
         extremes = contact_extremes(trajectory)
         time, least = float(extremes.least_normal_force_time), float(extremes.least_normal_force)
-        if len(times) and np.max(observables.normal_force) - least <= CONSTANT * abs(least):
-            time, when = float(times[0]), "throughout"
-        else:
-            when = _when(time, times)
+        constant = bool(len(times)) and bool(np.max(observables.normal_force) - least <= CONSTANT * abs(least))
+        time, when = _throughout(times, constant) or (time, _when(time, times))
         _mark(ax, time, least, rf"least $N = {least:.4g}$ {when}", COMPONENTS[0])
     return ax
 
@@ -136,7 +134,8 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         write(ax, (0.5, 1.02), sentence, transform=ax.transAxes, ha="center", va="bottom")
     elif len(ratio):
         time, mu = _largest_ratio(trajectory, times, ratio)
-        _mark(ax, time, mu, rf"$\mu_{{\min}} = {mu:.4g}$ {_when(time, times)}", COMPONENTS[1])
+        time, when = _throughout(times, bool(mu - np.min(ratio) <= CONSTANT * mu)) or (time, _when(time, times))
+        _mark(ax, time, mu, rf"$\mu_{{\min}} = {mu:.4g}$ {when}", COMPONENTS[1])
         up_to_ticks(ax, low=0.0)
     return ax
 
@@ -154,6 +153,11 @@ def _largest_ratio(trajectory: Trajectory, times: np.ndarray, ratio: np.ndarray)
         return float(extremes.friction_needed_time), float(extremes.friction_needed)
     k = int(np.argmax(ratio))
     return float(times[k]), float(ratio[k])
+
+
+def _throughout(times: Float[np.ndarray, " T"], constant: bool) -> tuple[float, str] | None:
+    """Where to mark a quantity that is ``constant``, and the word for it."""
+    return (float(times[0]), "throughout") if constant else None
 
 
 def _when(t: float, times: Float[np.ndarray, " T"]) -> str:

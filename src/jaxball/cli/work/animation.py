@@ -7,11 +7,11 @@ import math
 import jax
 import numpy as np
 
-from ...interface.output import OutputError, replacing
+from ...interface.output import OutputError
 from ...physics.body import AbstractBody
 from ...scenario import Scenario, ScenarioError
 from ...simulation.trajectory import Trajectory
-from ..animation import FRAMES
+from ..output import working
 
 
 def check_against(options: argparse.Namespace, scenario: Scenario) -> None:
@@ -34,12 +34,17 @@ def check_against(options: argparse.Namespace, scenario: Scenario) -> None:
 
 def write_animation(options: argparse.Namespace, scenario: Scenario) -> None:
     """Writes the animation."""
-    from ... import plot
+    # Imported here, because matplotlib takes longer to import than many a run.
+    from ...plot.animation import FRAMES, animate
 
-    speed, fps = options.speed or 1.0, options.fps or FRAMES
-    run = _run_with_frames(scenario, *_span(options, scenario), speed / fps)
-    with replacing(options.animate) as temporary:
-        plot.animate(run, temporary, fps=fps, speed=speed, size=options.size)
+    speed, fps = options.speed or 1.0, options.fps or FRAMES[options.animate.suffix]
+    with working(options, "animating") as line:
+        run = _run_with_frames(scenario, *_span(options, scenario), speed / fps)
+
+        def report(done: int, frames: int) -> None:
+            line.change(f"animating: {done:,} of {frames:,} frames")
+
+        animate(run, options.animate, fps, speed=speed, size=options.size, progress=report)
 
 
 def _span(options: argparse.Namespace, scenario: Scenario) -> tuple[float, float]:

@@ -92,8 +92,7 @@ def _draw(options: argparse.Namespace, scenario: Scenario, trajectory: Trajector
         with working(options, "drawing"):
             written.append(draw_figures(trajectory, options.plot, options.plot_format, scenario.title))
     if options.animate is not None:
-        with working(options, "animating"):
-            write_animation(options, scenario)
+        write_animation(options, scenario)
         written.append(str(options.animate))
     return written
 

@@ -1,0 +1,227 @@
+"""Animations, read back from their files."""
+
+import itertools
+import subprocess
+
+import numpy as np
+import pytest
+from matplotlib.animation import FFMpegWriter
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+from jaxball import plot
+from jaxball.interface.output import OutputError
+from jaxball.plot.animation import frames
+from jaxball.plot.canvas import Canvas
+from jaxball.plot.gif import long_runs, palette_of
+from jaxball.plot.record import record
+from jaxball.plot.scene import scene
+from jaxball.plot.style import mass_colour
+
+SIZE = (800, 600)
+LARGEST, IN_ALL = 3e6, 401  # bytes of a GIF of 20 s, and its frames
+A_SECOND_APART = 1.25  # how much more is different then than from one of these frames to the next
+needs_ffmpeg = pytest.mark.skipif(not FFMpegWriter.isAvailable(), reason="ffmpeg is not installed")
+
+
+def frames_of(path):
+    """The pictures of a GIF, and how long each is shown, in milliseconds."""
+    with Image.open(path) as film:
+        pictures, durations = [], []
+        for k in range(film.n_frames):
+            film.seek(k)
+            pictures.append(np.asarray(film.convert("RGB"), dtype=float))
+            durations.append(film.info["duration"])
+    return np.stack(pictures), durations
+
+
+def picture_with_masses(trajectory, k, dpi):
+    """A saved time drawn as a whole, without a background that is kept, and the pixel (column, row) of each mass."""
+    figure, show = scene(trajectory, record(trajectory))
+    show(k)
+    for artist in figure.findobj(lambda artist: artist.get_animated()):
+        artist.set_animated(False)
+    canvas = Canvas(figure, dpi)
+    seen = trajectory.observables
+    places = np.asarray(seen.geometric_centre)[k] + np.asarray(seen.mass_positions_space)[k]
+    pixels = figure.axes[0].transData.transform(places[:, [0, 2]])
+    return canvas.picture().astype(float), np.column_stack([pixels[:, 0], canvas.size[1] - pixels[:, 1]])
+
+
+@pytest.fixture(scope="module")
+def disk_film(disk_trajectory, tmp_path_factory):
+    """The paper's disk at t = 0, 1, …, 20, four of these times a second."""
+    return plot.animate(disk_trajectory, tmp_path_factory.mktemp("film") / "disk.gif", fps=4, speed=4.0, dpi=60)
+
+
+@pytest.mark.parametrize("k", [0, 20])
+def test_a_gif_shows_the_first_and_the_last_pose(disk_film, disk_trajectory, k):
+    pictures, _ = frames_of(disk_film)
+    assert len(pictures) == 21
+    drawn, masses = picture_with_masses(disk_trajectory, k, dpi=60)
+    # Where two marks lie on one another the later one is seen.
+    for i in (1, 2):
+        column, row = np.floor(masses[i - 1]).astype(int)
+        np.testing.assert_allclose(pictures[k][row, column], np.round(255 * np.array(to_rgb(mass_colour(i)))), atol=1)
+    # The colours of the palette are a third of the way to white apart.
+    assert np.sqrt(np.mean((pictures[k] - drawn) ** 2)) < 6
+    assert np.max(np.abs(pictures[k] - drawn)) < 90
+
+
+def test_what_has_moved_on_leaves_nothing_behind(disk_film):
+    """Frames are drawn as changes of those before, so a mistake in one would be seen in all that follow."""
+    pictures, _ = frames_of(disk_film)
+    inked = np.any(pictures[20] < 128, axis=-1)
+    ever_inked = np.any(pictures < 128, axis=(0, -1))
+    assert np.count_nonzero(inked) < 0.6 * np.count_nonzero(ever_inked)
+
+
+@pytest.mark.parametrize("fps", [4, 7, 20, 30])
+def test_a_gif_lasts_as_long_as_it_should(disk_trajectory, tmp_path, fps):
+    """Its frames last whole hundredths of a second, and so not all of them the same time."""
+    path = plot.animate(disk_trajectory, tmp_path / "disk.gif", fps, speed=float(fps), dpi=20)
+    _, durations = frames_of(path)
+    assert len(durations) == 21
+    assert abs(sum(durations) - 1000 * 21 / fps) <= 5
+    assert max(durations) - min(durations) <= 10
+
+
+@pytest.mark.parametrize("body", ["ball", "disk"])
+def test_a_gif_is_small(body, request, tmp_path):
+    trajectory = request.getfixturevalue(f"{body}_trajectory")
+    path = plot.animate(trajectory, tmp_path / "film.gif", fps=1, size=SIZE)
+    with Image.open(path) as film:
+        assert film.size == SIZE
+        assert path.stat().st_size < A_SECOND_APART * LARGEST / IN_ALL * film.n_frames
+
+
+def test_frames_differ_where_the_body_moves(disk_film):
+    pictures, _ = frames_of(disk_film)
+    for before, after in itertools.pairwise(pictures):
+        assert np.any(before != after)
+
+
+def test_each_frame_shows_the_nearest_saved_time():
+    times = np.array([0.0, 1.0, 1.5, 4.0])
+    np.testing.assert_array_equal(frames(times, 0.5), [0, 0, 1, 2, 2, 2, 3, 3, 3])
+    np.testing.assert_array_equal(frames(times, 4.0), [0, 3])
+    np.testing.assert_array_equal(frames(times[:1], 0.1), [0])
+
+
+def test_a_picture_is_the_one_that_is_drawn_at_once(ball_trajectory):
+    """Drawing only what moves gives what drawing everything does."""
+    at_once, apart = (scene(ball_trajectory, record(ball_trajectory)) for _ in range(2))
+    apart.show(0)
+    canvas = Canvas(apart.figure, 60)
+    for made in (at_once, apart):
+        made.show(12)
+    for artist in at_once.figure.findobj(lambda artist: artist.get_animated()):
+        artist.set_animated(False)
+    np.testing.assert_array_equal(canvas.picture(), Canvas(at_once.figure, 60).picture())
+
+
+def test_progress_counts_the_frames(disk_trajectory, tmp_path):
+    told = []
+    plot.animate(disk_trajectory, tmp_path / "film.gif", 1, speed=5.0, dpi=20, progress=lambda *done: told.append(done))
+    assert told == [(1, 5), (2, 5), (3, 5), (4, 5), (5, 5)]
+
+
+@pytest.mark.parametrize("suffix", [".gif", pytest.param(".mp4", marks=needs_ffmpeg)])
+def test_a_film_that_was_interrupted_is_not_left(disk_trajectory, tmp_path, suffix):
+    def interrupt(done, frames):
+        if done == 2:
+            raise KeyboardInterrupt
+
+    path = tmp_path / f"film{suffix}"
+    options = {"fps": 1, "speed": 5.0, "dpi": 20, "progress": interrupt}
+    with pytest.raises(KeyboardInterrupt):
+        plot.animate(disk_trajectory, path, **options)
+    assert list(tmp_path.iterdir()) == []
+    path.write_text("an older one")
+    with pytest.raises(KeyboardInterrupt):
+        plot.animate(disk_trajectory, path, **options)
+    assert path.read_text() == "an older one"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@needs_ffmpeg
+def test_an_mp4_shows_every_frame_also_of_an_odd_size(disk_trajectory, tmp_path):
+    path = plot.animate(disk_trajectory, tmp_path / "film.mp4", 10, speed=10.0, size=(401, 301))
+    command = [
+        FFMpegWriter.bin_path(),
+        "-loglevel",
+        "error",
+        "-i",
+        str(path),
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "rgb24",
+        "-",
+    ]
+    pixels = np.frombuffer(subprocess.run(command, check=True, capture_output=True).stdout, dtype=np.uint8)
+    pictures = pixels.reshape(-1, 302, 402, 3).astype(float)
+    assert len(pictures) == 21
+    assert np.all(pictures[:, -1] > 250)
+    assert np.mean(np.abs(pictures[20] - pictures[0])) > 1
+
+
+@needs_ffmpeg
+def test_an_mp4_where_no_suffix_is_given(disk_trajectory, tmp_path):
+    path = plot.animate(disk_trajectory, tmp_path / "disk", fps=1, speed=10.0, dpi=40)
+    assert path == tmp_path / "disk.mp4"
+    assert path.read_bytes()[4:8] == b"ftyp"
+
+
+def test_an_ffmpeg_that_fails_is_quoted(disk_trajectory, tmp_path, monkeypatch):
+    broken = tmp_path / "ffmpeg"
+    broken.write_text("#!/bin/sh\necho \"Unknown encoder 'libx264'\" >&2\nexit 1\n")
+    broken.chmod(0o755)
+    monkeypatch.setattr(FFMpegWriter, "bin_path", classmethod(lambda cls: str(broken)))
+    monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: True))
+    with pytest.raises(OutputError, match=r"it stopped: Unknown encoder 'libx264'; install one that has it"):
+        plot.animate(disk_trajectory, tmp_path / "film.mp4", dpi=40)
+    assert list(tmp_path.iterdir()) == [broken]
+
+
+def test_without_ffmpeg_a_gif(bare_trajectory, tmp_path, monkeypatch):
+    monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
+    path = plot.animate(bare_trajectory, tmp_path / "bare", fps=1, dpi=30)
+    assert path == tmp_path / "bare.gif"
+    with pytest.raises(ValueError, match=r"^Argument `path` must end in \.gif where ffmpeg is not installed"):
+        plot.animate(bare_trajectory, tmp_path / "bare.mp4")
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"path": "film.avi"}, r"^Argument `path` must end in \.mp4 or \.gif, but it is 'film\.avi'\.$"),
+        ({"fps": 0}, r"^Argument `fps` must be a positive number, but it is 0\.$"),
+        ({"speed": -1.0}, r"^Argument `speed` must be a positive number, but it is -1\.0\.$"),
+        ({"speed": float("nan")}, r"^Argument `speed` must be a positive number, but it is nan\.$"),
+    ],
+)
+def test_a_film_that_cannot_be_made_is_refused_in_a_sentence(options, sentence, ball_trajectory):
+    with pytest.raises(ValueError, match=sentence):
+        plot.animate(ball_trajectory, **({"path": "film.gif"} | options))
+
+
+def test_a_film_of_nothing_is_refused_in_a_sentence(hopeless_trajectory, tmp_path):
+    with pytest.raises(ValueError, match=r"^Argument `trajectory` must have a finite state to show"):
+        plot.animate(hopeless_trajectory, tmp_path / "film.gif")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_gaps_between_changes_are_long_or_none():
+    same = np.array([[1, 1, 0, 1], [1, 1, 0, 0], [1, 0, 1, 1]], dtype=bool)
+    kept = np.array([[0, 0, 0, 1], [1, 1, 0, 0], [0, 0, 0, 0]], dtype=bool)
+    np.testing.assert_array_equal(long_runs(same, 3), kept)
+    np.testing.assert_array_equal(long_runs(same, 1), same)
+
+
+def test_a_palette_has_white_first_and_every_colour_as_it_is():
+    palette = palette_of(["#0072B2", "black", "#0072B2", "0.5"]).tolist()
+    assert palette[0] == [255, 255, 255]
+    assert [0x00, 0x72, 0xB2] in palette
+    assert [0, 0, 0] in palette
+    assert len({tuple(colour) for colour in palette}) == len(palette)
