@@ -25,7 +25,7 @@ from .scenes import draw_scenario, run_example
 
 GALLERY = DOCS / "gallery"
 SHOWN = DOCS / "made" / "site" / "gallery" / "shown"
-FEW = ("ball", "heavy-top", "first-ball")  # of a short gallery
+FEW = ("ball", "heavy-top", "example-first-ball")  # of a short gallery
 # What takes minutes is not run; a figure that it once wrote stands in the documents, if there is one.
 LONG = {
     "10_wobble.py": ("roboball-wobble.png",),

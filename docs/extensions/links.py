@@ -31,8 +31,8 @@ def page_of(target: str) -> str:
 
 
 def page_name(example: str) -> str:
-    """The name of an example's page, after that of its file."""
-    return re.sub(r"^\d+_", "", example).replace("_", "-")
+    """The name of an example's page, after that of its file; a scenario may have the same."""
+    return "example-" + re.sub(r"^\d+_", "", example).replace("_", "-")
 
 
 def with_links(text: str, written_in: str, shown_in: str) -> str:

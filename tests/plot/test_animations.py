@@ -225,3 +225,11 @@ def test_a_palette_has_white_first_and_every_colour_as_it_is():
     assert [0x00, 0x72, 0xB2] in palette
     assert [0, 0, 0] in palette
     assert len({tuple(colour) for colour in palette}) == len(palette)
+
+
+@pytest.mark.parametrize(("t", "k"), [(7.3, 7), (None, 20)])
+def test_a_snapshot_shows_the_nearest_saved_time_or_the_last(disk_trajectory, tmp_path, t, k):
+    path = tmp_path / "disk.png"
+    plot.snapshot(disk_trajectory, t).savefig(path, dpi=60)
+    shown = np.asarray(Image.open(path).convert("RGB"), dtype=float)
+    np.testing.assert_allclose(shown, picture_with_masses(disk_trajectory, k, dpi=60)[0], atol=1)

@@ -1,15 +1,11 @@
 """A view in a browser, from file://: it runs without an error or a request, and shows the run's numbers."""
 
 import base64
-import contextlib
 import io
-import shutil
 
 import numpy as np
 import pytest
 from PIL import Image
-from selenium import webdriver
-from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
@@ -18,25 +14,9 @@ import jaxball
 from jaxball import BallState, plot
 from jaxball.plot.view.document import view_document
 from tests.plot.test_view_page import HOSTILE
+from tests.support.browser import SOFTWARE, chromium, needs_chromium
 
-CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-FLAGS = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--window-size=1000,900")
-# Of a machine without a screen or a graphics card: WebGL is drawn by SwiftShader.
-SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-
-pytestmark = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="chromium and chromium-driver are not installed")
-
-
-@contextlib.contextmanager
-def chromium(*flags):
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    for flag in (*FLAGS, *flags):
-        options.add_argument(flag)
-    driver = webdriver.Chrome(options, Service(DRIVER))
-    yield driver
-    driver.quit()
+pytestmark = needs_chromium
 
 
 @pytest.fixture(scope="module")

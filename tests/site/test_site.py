@@ -6,7 +6,10 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import WebDriverWait
 
+from tests.support.browser import SOFTWARE, chromium, needs_chromium
 from tests.support.pages import elements
 
 ROOT = Path(__file__).parents[2]
@@ -46,6 +49,33 @@ def test_style_sheets_load_nothing_from_elsewhere():
     ids=lambda path: path.stem,
 )
 def test_the_gallery_has_every_scenario_and_example_with_its_file(path):
-    name = re.sub(r"^\d+_", "", path.stem).replace("_", "-")
+    name = path.stem
+    if path.parent.name == "examples":
+        name = "example-" + re.sub(r"^\d+_", "", name).replace("_", "-")
     shown = html.unescape(re.sub(r"<[^>]*>", "", (SITE / "gallery" / f"{name}.html").read_text()))
     assert path.read_text().rstrip() in shown
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium(*SOFTWARE) as driver:
+        yield driver
+
+
+@needs_chromium
+def test_the_first_page_opens_as_a_file_and_its_view_plays(browser):
+    browser.get((SITE / "index.html").as_uri())
+    browser.switch_to.frame(browser.find_element(By.CSS_SELECTOR, "iframe.view"))
+    WebDriverWait(browser, 30).until(lambda page: page.execute_script("return Boolean(window.jaxball)"))
+    browser.execute_script("jaxball.goTo(5.0)")
+    assert browser.execute_script("return jaxball.time()") == pytest.approx(5.0, abs=1e-6)
+    browser.switch_to.default_content()
+    assert [message for message in browser.get_log("browser") if message["level"] == "SEVERE"] == []
+
+
+@needs_chromium
+def test_the_search_finds_a_word_without_a_network(browser):
+    browser.get((SITE / "search.html").as_uri() + "?q=versor")
+    found = WebDriverWait(browser, 30).until(lambda page: page.find_elements(By.CSS_SELECTOR, "#search-results li a"))
+    assert any("conventions" in link.get_attribute("href") for link in found)
+    assert [message for message in browser.get_log("browser") if message["level"] == "SEVERE"] == []

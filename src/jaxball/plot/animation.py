@@ -15,7 +15,7 @@ from ..simulation.trajectory import Trajectory
 from .canvas import Canvas
 from .gif import gif
 from .mp4 import has_ffmpeg, mp4
-from .record import record
+from .record import record_to_show
 from .scene import scene
 
 FRAMES = {".mp4": 30, ".gif": 20}  # a second
@@ -60,11 +60,7 @@ def animate(
     for name, value in (("fps", fps), ("speed", speed)):
         if not value > 0:
             raise ValueError(f"Argument `{name}` must be a positive number, but it is {value}.")
-    run = record(trajectory)
-    if not len(run.times):
-        raise ValueError(
-            f"Argument `trajectory` must have a finite state to show, but it has none. {trajectory.message}"
-        )
+    run = record_to_show(trajectory)
     figure, show = scene(trajectory, run)
     if size is not None:
         dpi = _fitted(figure, size)

@@ -30,6 +30,19 @@ def record(trajectory: Trajectory) -> Record:
     return Record(np.asarray(trajectory.times)[rows], _orientation(trajectory.state)[rows], observables)
 
 
+def record_to_show(trajectory: Trajectory) -> Record:
+    """The record of a trajectory of which at least one state can be shown.
+
+    **Raises:** ``ValueError`` as :func:`record`, and for a trajectory without a finite state.
+    """
+    run = record(trajectory)
+    if not len(run.times):
+        raise ValueError(
+            f"Argument `trajectory` must have a finite state to show, but it has none. {trajectory.message}"
+        )
+    return run
+
+
 def require_one(trajectory: Trajectory) -> None:
     """**Raises:** ``ValueError`` for a batch of trajectories."""
     if np.ndim(trajectory.status):

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from ..numerics.arrays import Numbers
 from ..simulation.trajectory import Trajectory
-from .record import record
+from .record import record_to_show
 from .scene import scene
 
 
@@ -29,11 +29,7 @@ def snapshot(trajectory: Trajectory, t: Numbers | None = None) -> Figure:
     >>> print([round(float(place), 3) for place in run.state.z])
     [0.0, 1.0, 2.0]
     """
-    run = record(trajectory)
-    if not len(run.times):
-        raise ValueError(
-            f"Argument `trajectory` must have a finite state to show, but it has none. {trajectory.message}"
-        )
+    run = record_to_show(trajectory)
     figure, show = scene(trajectory, run)
     show(len(run.times) - 1 if t is None else int(np.argmin(np.abs(run.times - float(np.asarray(t))))))
     return figure

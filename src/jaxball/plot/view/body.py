@@ -19,7 +19,7 @@ from ...simulation.trajectory import Trajectory
 from ..actuation import mass_angles
 from ..floor import Setting, place, setting_of
 from ..mechanisms import arms_of_run
-from ..record import Record, finite_rows, record, require_one
+from ..record import Record, finite_rows, record_to_show, require_one
 from ..shapes import rails_of
 from ..style import mass_colour
 from .packing import Numbers, sampled
@@ -51,11 +51,7 @@ def shown(trajectory: Trajectory[Any, Any]) -> Shown:
     **Raises:** ``ValueError`` where that cannot be.
     """
     _check(trajectory)
-    run = record(trajectory)
-    if not len(run.times):
-        raise ValueError(
-            f"Argument `trajectory` must have a finite state to show, but it has none. {trajectory.message}"
-        )
+    run = record_to_show(trajectory)
     return Shown(trajectory, run, setting_of(trajectory.system, run.times), mass_angles(trajectory))
 
 
