@@ -20,7 +20,7 @@ from sphinx.util import logging
 import jaxball
 from jaxball.scenario import builtin_scenarios, builtin_text, builtin_title
 
-from .links import DOCS, ROOT, page_name, write_page
+from .links import DOCS, ROOT, page_name, write_pages
 from .scenes import draw_scenario, run_example
 
 GALLERY = DOCS / "gallery"
@@ -29,9 +29,9 @@ FEW = ("ball", "heavy-top", "example-first-ball")  # of a short gallery
 # What takes minutes is not run; a figure that it once wrote stands in the documents, if there is one.
 LONG = {
     "10_wobble.py": ("roboball-wobble.png",),
-    "ball_past_a_post.py": (),
+    "ball_past_a_post.py": ("ball-past-a-post-path.png",),
     "compare_robust_rails.py": (),
-    "disk_tracking.py": (),
+    "disk_tracking.py": ("disk-tracking-path.png",),
     "six_tubes.py": ("figure-eight-tubes.png", "figure-eight-path.png"),
     "problem_pendulum_on_a_slope.toml": ("climb-torques.png",),
     "problem_rail_shape.toml": ("designed-rails.png", "designed-path.png"),
@@ -155,9 +155,7 @@ def write_gallery(app: Sphinx) -> None:
     of_scenarios, of_examples = scenarios(), examples()
     entries = of_scenarios + of_examples
     make_all([entry for entry in entries if app.config.gallery != "short" or entry.name in FEW])
-    for entry in entries:
-        write_page(GALLERY / f"{entry.name}.md", entry.page())
-    write_page(GALLERY / "index.md", index(of_scenarios, of_examples))
+    write_pages(GALLERY, {entry.name: entry.page() for entry in entries} | {"index": index(of_scenarios, of_examples)})
 
 
 def index(of_scenarios: list[Entry], of_examples: list[Entry]) -> str:

@@ -16,7 +16,7 @@ from sphinx.util import logging
 
 import jaxball
 
-from .links import DOCS, write_page
+from .links import DOCS, write_pages
 
 PLACE = DOCS / "reference" / "python"
 logger = logging.getLogger(__name__)
@@ -147,17 +147,17 @@ def write_reference(app: Sphinx) -> None:
     chapters = [module for _, modules in CHAPTERS.values() for module in modules]
     if sorted(chapters) != sorted(held):
         logger.warning(f"interface.CHAPTERS and the modules of jaxball differ: {set(chapters) ^ set(held)}")
+    pages = {}
     for k, (stem, (title, modules)) in enumerate(CHAPTERS.items()):
         names = [name for module in modules for name in held[module]]
-        write_page(PLACE / f"{stem}.md", page(title, "", "jaxball", names, declared=not k))
+        pages[stem] = page(title, "", "jaxball", names, declared=not k)
     for name in PACKAGES:
         package = importlib.import_module(f"jaxball.{name}")
-        text = page(
-            f"`jaxball.{name}`", inspect.getdoc(package) or "", package.__name__, sorted(package.__all__), declared=True
-        )
-        write_page(PLACE / f"{name}.md", text)
-    listed = "\n".join([*CHAPTERS, *PACKAGES])
-    write_page(PLACE / "index.md", f"{LEAD}\n```{{toctree}}\n:maxdepth: 1\n\n{listed}\n```\n")
+        lead = inspect.getdoc(package) or ""
+        pages[name] = page(f"`jaxball.{name}`", lead, package.__name__, sorted(package.__all__), declared=True)
+    listed = "\n".join(pages)
+    pages["index"] = f"{LEAD}\n```{{toctree}}\n:maxdepth: 1\n\n{listed}\n```\n"
+    write_pages(PLACE, pages)
 
 
 @functools.cache

@@ -52,6 +52,15 @@ def write_page(page: Path, text: str) -> None:
         page.write_text(text)
 
 
+def write_pages(folder: Path, pages: dict[str, str]) -> None:
+    """Writes the pages of a folder by their names, and removes those of an earlier build."""
+    for old in folder.glob("*.md"):
+        if old.stem not in pages:
+            old.unlink()
+    for name, text in pages.items():
+        write_page(folder / f"{name}.md", text)
+
+
 def copy_documents(app: Sphinx) -> None:
     for name, page in COPIES.items():
         write_page(DOCS / page, with_links((ROOT / name).read_text(), name, f"docs/{page}"))
