@@ -25,7 +25,16 @@ DOCUMENTS = [
 ]
 EXAMPLES = sorted((ROOT / "examples").glob("[0-9]*.py"))
 # Most of whose time is that of many solvers, of derivatives in both modes, or of long runs.
-LONG_PAGES = ("chaos-and-stability.md", "extending.md", "solvers.md", "sweeps.md")
+LONG_PAGES = (
+    "changing-the-paper.md",
+    "chaos-and-stability.md",
+    "comparing-solvers.md",
+    "extending.md",
+    "shaping-a-rail.md",
+    "solvers.md",
+    "sweep-overnight.md",
+    "sweeps.md",
+)
 LONG_EXAMPLES = ("03_gradient.py", "06_ode_and_dae.py", "08_identification.py", "10_wobble.py")
 
 
