@@ -9,8 +9,9 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
-from matplotlib.testing.compare import compare_images
+from PIL import Image
 from sybil.example import SybilFailure
 
 from tests.support.documents import agrees, examples_of
@@ -67,7 +68,14 @@ def compare_pictures(document: Path, made_in: Path) -> None:
         assert made.exists(), f"{document.name} shows {shown.name}, which nothing in it writes"
         if os.environ.get("JAXBALL_WRITE_FIGURES"):
             shutil.copy(made, shown)
-        assert compare_images(str(shown), str(made), tol=5.0) is None, f"{shown.name} is another picture"
+        difference = np.subtract(*(coarse(path) for path in (shown, made)))
+        assert np.sqrt(np.mean(difference**2)) < 8.0, f"{shown.name} is another picture"
+
+
+def coarse(path: Path) -> np.ndarray:
+    """A picture in squares of six pixels: a line may be one off, as after a search, whose end depends on rounding."""
+    with Image.open(path) as picture:
+        return np.asarray(picture.convert("RGB").reduce(6), dtype=float)
 
 
 def test_outputs_agree_up_to_the_digits_that_are_shown():
