@@ -51,10 +51,6 @@ def test_a_run_that_failed_is_shown_and_marked(folder, capsys):
     ("arguments", "sentence"),
     [
         (
-            ["simulate", "heavy-top", "--view", "top.html"],
-            "`--view` must be left out for a heavy top, which has no",
-        ),
-        (
             ["simulate", "disk.toml", "--view", "notes.html"],
             "`--view` must be a new file or a view to replace, but",
         ),
@@ -91,11 +87,35 @@ def test_what_is_refused_leaves_every_file_as_it_was(folder, capsys, arguments, 
     assert (folder / "notes.html").read_text() == MARK.upper()
 
 
-def test_a_saved_run_of_a_classical_system_is_refused(folder, capsys):
-    assert main(["simulate", "free-rigid-body", "--end", "1", "--out", "top.nc", "--quiet"]) == 0
-    assert main(["view", "top.nc", "--out", "top.html"]) == 2
-    assert 'The run "top.nc" is of a free rigid body, which has no shell to show' in capsys.readouterr().err
-    assert not (folder / "top.html").exists()
+@pytest.mark.parametrize(
+    ("scenario", "kind"),
+    [
+        ("heavy-top", "rigid"),
+        ("free-rigid-body", "rigid"),
+        ("suslov", "rigid"),
+        ("nonholonomic-particle", "particle"),
+        ("vakonomic-particle", "particle"),
+    ],
+)
+def test_classical_systems_have_a_view(folder, scenario, kind):
+    assert main(["simulate", scenario, "--end", "0.5", "--view", "run.html", "--quiet"]) == 0
+    document = document_in((folder / "run.html").read_text())
+    assert [body["body"] for body in document["bodies"]] == [kind]
+    assert arrays_of(document)["time"][-1] == 0.5
+    assert document["floor"] is None
+
+
+def test_a_saved_run_of_a_classical_system_has_a_view_without_friction(folder, capsys):
+    assert main(["simulate", "free-rigid-body", "--end", "1", "--out", "top.nc", "--view", "top.html", "--quiet"]) == 0
+    assert main(["view", "top.nc", "--out", "again.html", "--quiet"]) == 0
+    first, again = (document_in((folder / name).read_text()) for name in ("top.html", "again.html"))
+    assert first == again
+    assert main(["view", "top.nc", "--out", "third.html", "--friction", "0.3"]) == 2
+    sentence = (
+        "`--friction` must be left out for a system that touches no plane, such as a free rigid body, but it is 0.3."
+    )
+    assert sentence in capsys.readouterr().err
+    assert not (folder / "third.html").exists()
 
 
 PROBLEM = """

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 import jaxball
 from jaxball import ConstantRate, Ground, HarmonicSeries, Oscillating, Turntable
-from jaxball.classical import FreeRigidBody, RigidBodyState
 from jaxball.plot import ColourScale, write_view
 from jaxball.plot.view.document import in_element, view_document
 from jaxball.plot.view.packing import packed, sampled
@@ -246,10 +245,8 @@ def test_of_several_runs_those_that_failed_are_named(ball_trajectory, failed_tra
 def test_what_cannot_be_shown_is_refused_in_a_sentence(
     ball_trajectory, reduced_trajectory, hopeless_trajectory, tmp_path
 ):
-    top = jaxball.simulate(FreeRigidBody(inertia=(1.0, 2.0, 3.0)), [0.0, 1.0], RigidBodyState(), rtol=1e-6, atol=1e-6)
     batch = eqx.tree_at(lambda run: run.status, ball_trajectory, jnp.zeros((2,), dtype=int))
     for trajectory, sentence in (
-        (top, r"must be of a ball or a disk, .* but it is of a FreeRigidBody; its method plot\(\) draws its motion\.$"),
         (reduced_trajectory, r"must know where the ball is, .* simulate with a BallState\.$"),
         (batch, r"must be one trajectory, but it is a batch of shape \(2,\); take one"),
         (hopeless_trajectory, r"must have a finite state to show, but it has none\."),

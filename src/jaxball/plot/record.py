@@ -35,12 +35,22 @@ def record_to_show(trajectory: Trajectory) -> Record:
 
     **Raises:** ``ValueError`` as :func:`record`, and for a trajectory without a finite state.
     """
-    run = record(trajectory)
-    if not len(run.times):
+    known_rows(trajectory)
+    return record(trajectory)
+
+
+def known_rows(trajectory: Trajectory) -> np.ndarray:
+    """The indices of the saved times at which the state is known.
+
+    **Raises:** ``ValueError`` for a batch of trajectories, and where there is none.
+    """
+    require_one(trajectory)
+    rows = finite_rows(trajectory)
+    if not rows.size:
         raise ValueError(
             f"Argument `trajectory` must have a finite state to show, but it has none. {trajectory.message}"
         )
-    return run
+    return rows
 
 
 def require_one(trajectory: Trajectory) -> None:

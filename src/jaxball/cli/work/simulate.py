@@ -23,7 +23,7 @@ from ..options import FAILED_SOLVE
 from ..output import say, working, written_line
 from .animation import check_against, write_animation
 from .files import draw_figures, write_json
-from .view import check_against as check_view_against, is_known, write_view
+from .view import is_known, write_view
 
 
 def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
@@ -34,7 +34,6 @@ def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
     if options.solver is not None:
         check_dae(scenario.system, options.solver, scenario.dae, "Argument `--solver`")
     check_against(options, scenario)
-    check_view_against(options, scenario)
     with compiled_for(scenario):
         return _simulate(options, scenario)
 

@@ -5,9 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...interface.output import OutputError
 from ...numerics.programs import compiled_quickly
-from ...physics.body import AbstractBody
+from ...physics.body import AbstractBody, System
 from ...results import load_run, saved_scenario
 from ...results.files import RunError
 from ...scenario import Scenario
@@ -25,7 +24,7 @@ def run(options: argparse.Namespace) -> int:
     """Writes the view of a saved run, and prints the run."""
     with working(options, "writing the view"), compiled_quickly():
         run = load_run(options.saved)
-        _check_shell(run, f'The run "{options.saved}"')
+        _check(options, run, f'The run "{options.saved}"')
         title = saved_scenario(options.saved).title
         write_view(run, options.out, title, options.friction, all_times=options.all_times)
     return _say(options, run)
@@ -62,15 +61,6 @@ def of_sweep(options: argparse.Namespace) -> int:
     return _say(options, title, *(f"  {name}: {run.message}" for name, run in runs.items()))
 
 
-def check_against(options: argparse.Namespace, scenario: Scenario) -> None:
-    """Raises an :class:`~jaxball.results.OutputError` for a view that cannot be made of this scenario's run."""
-    if options.view is not None and not isinstance(scenario.system, AbstractBody):
-        raise OutputError(
-            f"Argument `--view` must be left out for a {scenario.system.title}, which has no shell to show, but it is "
-            f'"{options.view}"; use --plot or --out.'
-        )
-
-
 def is_known(trajectory: Trajectory[Any, Any]) -> bool:
     """Whether there is a saved time at which the state is known."""
     from ...plot.record import finite_rows  # here, as below
@@ -88,13 +78,14 @@ def write_view(
     plot.write_view(trajectory, path, title, friction=friction, all_times=all_times)
 
 
-def _check_shell(trajectory: Trajectory[Any, Any], what: str) -> None:
-    if not isinstance(trajectory.system, AbstractBody):
-        raise RunError(
-            f"{what} is of a {trajectory.system.title}, which has no shell to show; `jaxball plot` draws its motion."
-        )
+def _check(options: argparse.Namespace, trajectory: Trajectory[Any, Any], what: str) -> None:
     if not is_known(trajectory):
         raise RunError(f"{what} has no finite state to show. {trajectory.message}")
+    if options.friction is not None and not isinstance(trajectory.system, AbstractBody):
+        raise BadInputError(
+            "Argument `--friction` must be left out for a system that touches no plane, such as a "
+            f"{trajectory.system.title}, but it is {options.friction:g}."
+        )
 
 
 def _simulated(
@@ -105,7 +96,7 @@ def _simulated(
     for name, scenario in scenarios.items():
         with working(options, f"simulating {name}"), compiled_for(scenario):
             runs[name] = scenario.simulate(events=events)
-        _check_shell(runs[name], f'The run "{name}"')
+        _check(options, runs[name], f'The run "{name}"')
     return runs
 
 
@@ -117,11 +108,12 @@ def _write(
     wanted: Any = None,
     scale: "ColourScale | None" = None,
 ) -> None:
-    """Writes several runs, which must be on one plane."""
+    """Writes several runs; those of bodies that roll must be on one plane."""
     from ... import plot
-    from ...plot.view.document import other_ground
+    from ...plot.view.rolling import other_ground
 
-    other = other_ground([run.system for run in runs.values()])
+    rolling = [run.system for run in runs.values() if isinstance(run.system, System)]
+    other = other_ground(rolling)
     if other is not None:
         names = list(runs)
         raise RunError(

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from ...numerics import programs
 from ...numerics.arrays import to_array
 from ...numerics.vectors import apply, cross
-from ...physics.body import AbstractBody, Disk, System
+from ...physics.body import Disk, System
 from ...physics.load import in_three
 from ...physics.moments import velocity_moments
 from ...physics.momentum import contact_momentum
@@ -23,8 +23,8 @@ from ..record import Record, finite_rows, record_to_show, require_one
 from ..shapes import rails_of
 from ..style import mass_colour
 from .packing import Numbers, sampled
+from .scene import SUBSCRIPTS, continuous, made
 
-SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 ON_RAILS = 1e-3  # radii, by which a rail may be off between its points
 
 
@@ -50,35 +50,21 @@ def shown(trajectory: Trajectory[Any, Any]) -> Shown:
 
     **Raises:** ``ValueError`` where that cannot be.
     """
-    _check(trajectory)
-    run = record_to_show(trajectory)
-    return Shown(trajectory, run, setting_of(trajectory.system, run.times), mass_angles(trajectory))
-
-
-def _check(trajectory: Trajectory[Any, Any]) -> None:
-    """Raises a ``ValueError`` for a trajectory that knows of no body at a place."""
-    if not isinstance(trajectory.system, AbstractBody):
-        raise ValueError(
-            "Argument `trajectory` must be of a ball or a disk, which have a shell to show, but it is of a "
-            f"{type(trajectory.system).__name__}; its method plot() draws its motion."
-        )
     require_one(trajectory)
     if isinstance(trajectory.state, ReducedState):
         raise ValueError(
             "Argument `trajectory` must know where the ball is, but it is of a ReducedState; simulate with a BallState."
         )
+    run = record_to_show(trajectory)
+    return Shown(trajectory, run, setting_of(trajectory.system, run.times), mass_angles(trajectory))
 
 
 def body_document(one: Shown) -> dict[str, Any]:
     """What the body is made of."""
     system = one.system
-    return {
-        "body": "disk" if isinstance(system, Disk) else "ball",
-        "radius": one.radius,
+    kind = "disk" if isinstance(system, Disk) else "ball"
+    return made(kind, one.trajectory, one.radius, len(one.run.times)) | {
         "shell": {"mass": float(system.mass), "centre_of_mass": np.asarray(system.offset).tolist()},
-        "ok": one.trajectory.ok,
-        "message": one.trajectory.message,
-        "saved": len(one.run.times),
         "masses": _masses(system),
         "rails": [{"colour": mass_colour(members[0])} for members, _ in rails_of(system)],
         "arms": [mass_colour(j) for j in range(system.n_masses + 1, system.n_masses + len(system.mechanisms) + 1)],
@@ -92,7 +78,7 @@ def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
     numbers = {
         "time": Numbers(run.times, 0.0),
         "centre": Numbers(placed.centre + (r - plane) * setting.page[:, 2], r),
-        "quaternion": Numbers(_continuous(Rotation.from_matrix(placed.Lambda).as_quat()), 1.0),
+        "quaternion": Numbers(continuous(Rotation.from_matrix(placed.Lambda).as_quat()), 1.0),
         "masses": Numbers(seen.mass_positions_body, r),
     }
     numbers |= {f"arms_{j}": Numbers(points, r) for j, points in enumerate(arms_of_run(one.trajectory))}
@@ -116,12 +102,6 @@ def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
     if system.mechanisms:
         numbers["joint_angles"] = Numbers(seen.joint_angles)
     return numbers
-
-
-def _continuous(quaternions: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T 4"]:
-    """The same turns, with the signs that make each near the one before."""
-    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
-    return quaternions * np.where(np.cumsum(np.concatenate([[0], flips])) % 2, -1.0, 1.0)[:, None]
 
 
 def _momentum_of(one: Shown) -> Float[np.ndarray, "T 3"]:

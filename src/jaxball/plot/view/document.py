@@ -1,10 +1,11 @@
 """Runs as one plain dictionary of JSON's types: all that a page needs to show them, and nothing else.
 
-``format`` and ``version`` say what the dictionary is. ``bodies`` are those of the runs, all on one plane and one clock;
-each has its ``name``, what it is made of, and where its ``arrays`` are in the list ``arrays`` of the dictionary. There
-equal ones are once, each with its ``type``, float32 or float64, its ``shape`` and its ``data``: the bytes, the least
-significant first, in base64. They hold numbers at each saved time that the solve reached, or of a long run at evenly
-spaced ones of them, of which there were ``saved``, as ``note`` says. A body has
+``format`` and ``version`` say what the dictionary is. ``bodies`` are those of the runs, all of one kind and on one
+clock; each has its ``name``, its kind ``body``, which is ball, disk, rigid or particle, what else it is made of, and
+where its ``arrays`` are in the list ``arrays`` of the dictionary. There equal ones are once, each with its ``type``,
+float32 or float64, its ``shape`` and its ``data``: the bytes, the least significant first, in base64. They hold numbers
+at each saved time that the solve reached, or of a long run at evenly spaced ones of them, of which there were
+``saved``, as ``note`` says. A ball or a disk has
 
 - ``time`` (T,); ``centre`` (T, 3), of the shell, and ``quaternion`` (T, 4), the scalar last: from body axes to those of
   the page; ``moved`` (T, 3) and ``turned`` (T,), of a plane that moves and of a turntable;
@@ -12,38 +13,46 @@ spaced ones of them, of which there were ``saved``, as ``note`` says. A body has
   ``rail_j`` (points, 3), which is at rest there. With the ``shell``, masses give the centre of mass;
 - ``normal_force`` (T,), ``friction`` (T, 2) in space axes, ``angular_velocity`` and ``angular_momentum`` (T, 3) in body
   axes, the latter Π about the contact point, and what else the ``plots`` draw. Each of their ``series`` names an array
-  and the columns of it whose sum is drawn, or whose ``norm``, divided by the array ``over``, if there is one.
+  and the columns of it whose sum is drawn, or whose ``norm``, divided by the array ``over``, if there is one. Names
+  stand beside values, unless ``valued`` is false.
+
+A rigid body has ``time``, ``centre``, which is its fixed point, ``quaternion`` and ``angular_velocity`` as above;
+``angular_momentum`` 𝕀Ω (T, 3) and ``vertical`` Γ (T, 3) in body axes, ``momentum_in_space`` (T, 3), and in Suslov's
+problem ``xi`` (T, 3), of length 1, in body axes. Its ``ellipsoid`` has its ``centre`` in the body, three ``semi_axes``
+and the ``quaternion`` from these to body axes; ``centre_of_mass`` is in body axes, or None, and so is the ``place`` of
+the ``tip`` whose path is drawn. A particle has ``time``, ``centre``, where it is, and ``velocity`` (T, 3). The array
+``laws`` (T, laws) of both has the changes of conserved quantities since the start; of a vector, its length.
 
 ``axes`` are three rows that take space axes to those of the page, whose third axis points against gravity; ``floor`` is
-the plane, in axes of the page. Where radii differ, it is that of the first body. ``wanted`` is the place of an array
-(points, 3) on it, or None. ``scale`` says which number the bodies' colours stand for, by its values at equal steps of
-the colours ``stops``, or is None.
+the plane, in axes of the page, or None where there is none. Where radii differ, it is that of the first body.
+``wanted`` is the place of an array (points, 3) on it, or None. ``scale`` says which number the bodies' colours stand
+for, by its values at equal steps of the colours ``stops``, or is None.
 """
 
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import numpy as np
 from jaxtyping import Float
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, to_hex
 
 from ...interface.views import MOST_BODIES
-from ...physics.body import Disk, System
 from ...simulation.trajectory import Trajectory
-from ..floor import Setting, floor_under
 from ..style import COMPONENTS, TRAIL, described, dimensionless, mass_colour
 from ..sweeps.axes import COLOURS, norm_of
-from .body import Shown, body_document, body_numbers, shown
-from .graphs import PAIR, graphs_of
-from .packing import Numbers, Pool, chosen_rows
+from .graphs import PAIR
+from .kinds import RIGID, ROLLING, SHOWN, kind_of
+from .packing import Pool, chosen_rows
+from .particle import particle_scene
+from .rigid import rigid_scene
+from .rolling import rolling_scene
+from .scene import Scene
 
-FORMAT, VERSION = "jaxball view", 2
-ELEVATION, AZIMUTH = {False: 20.0, True: 8.0}, {False: -60.0, True: -90.0}  # degrees, of a ball and of a disk
+FORMAT, VERSION = "jaxball view", 3
 BEFORE, UNKNOWN = "#8a8a8a", "#8a8a8a"
-MOMENTUM = "#7B3FA0"
+PALETTE = {"trail": TRAIL, "momentum": "#7B3FA0", "spin": "#56B4E9", "xi": "#009E73"}
 STOPS = 9
 # So that no text of a run ends the element that it stands in, or a line of a program that reads it.
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
@@ -88,35 +97,27 @@ def view_document(
         raise ValueError(f"Argument `friction` must be a positive number, but it is {friction}.")
     named = trajectories if isinstance(trajectories, Mapping) else {"": trajectories}
     _check_number(len(named), scale)
-    bodies = [shown(trajectory) for trajectory in named.values()]
-    _check_grounds(bodies, list(named))
-    first, setting, planar = bodies[0], bodies[0].setting, isinstance(bodies[0].system, Disk)
-    # On the plane a disk's line is at e2 = 0.
-    goal = None if wanted is None else np.column_stack([wanted, np.full(len(wanted), -first.radius)])
-    looks = _looks(bodies, scale)
+    runs = list(named.values())
+    scene = _scene(named, friction, wanted)
+    looks = _looks(len(named), scale)
     document = {
         "format": FORMAT,
         "version": VERSION,
-        "title": title or _title(bodies),
-        "units": _units(bodies),
+        "title": title or _title(runs),
+        "units": _units(runs),
         "friction": friction,
-        "axes": setting.page.tolist(),
-        "floor": _floor(bodies, setting, goal),
-        "camera": {"elevation": ELEVATION[planar], "azimuth": AZIMUTH[planar] + (0 if planar else setting.downhill)},
-        "palette": {"trail": TRAIL, "components": list(COMPONENTS), "momentum": MOMENTUM},
+        "palette": {"components": list(COMPONENTS)} | PALETTE,
         "scale": None if scale is None else _stops(scale),
-        "plots": graphs_of(bodies),
-        "bodies": [
-            {"name": name, **look} | body_document(one) for name, look, one in zip(named, looks, bodies, strict=True)
-        ],
-    }
+        "plots": scene.plots,
+        "bodies": [{"name": name, **look} | made for name, look, made in zip(named, looks, scene.made, strict=True)],
+    } | scene.stand
     document |= _outcome(document["bodies"]) | {"note": "", "wanted": None}
-    numbers = [body_numbers(one, first.radius) for one in bodies]
-    extra = {} if goal is None else {"wanted": Numbers(goal @ setting.page.T, first.radius, over_time=False)}
-    lengths = [len(one.run.times) for one in bodies]
-    rows = chosen_rows([*numbers, extra], [*lengths, 2], room - len(in_element(document).encode()) - len(_note(0, 0)))
+    extra = {} if scene.wanted is None else {"wanted": scene.wanted}
+    lengths = [body["saved"] for body in document["bodies"]]
+    left = room - len(in_element(document).encode()) - len(_note(0, 0))
+    rows = chosen_rows([*scene.numbers, extra], [*lengths, 2], left)
     pool = Pool()
-    for body, found, kept in zip(document["bodies"], numbers, rows, strict=False):
+    for body, found, kept in zip(document["bodies"], scene.numbers, rows, strict=False):
         body["arrays"] = {name: pool.add(array, kept) for name, array in found.items()}
     kept, saved = sum(map(len, rows[:-1])), sum(lengths)
     return document | {
@@ -124,6 +125,38 @@ def view_document(
         "wanted": pool.add(extra["wanted"]) if extra else None,
         "arrays": pool.arrays,
     }
+
+
+def _scene(
+    named: Mapping[str, Trajectory[Any, Any]], friction: float | None, wanted: Float[np.ndarray, "k 2"] | None
+) -> Scene:
+    """The scene of runs of one kind.
+
+    **Raises:** ``ValueError`` for runs of several kinds, of one without a picture, and for what is of no use to theirs.
+    """
+    kinds = {name: kind_of(trajectory) for name, trajectory in named.items()}
+    first, kind = next(iter(kinds.items()))
+    for name, other in kinds.items():
+        if other is None:
+            system = named[name].system
+            raise ValueError(
+                f"Argument `trajectory` must be of {SHOWN}, but it is of a {type(system).__name__}; its method plot() "
+                "draws its motion."
+            )
+        if other != kind:
+            raise ValueError(
+                f'Argument `trajectories` must have runs of one kind, but "{name}" is a {other} and "{first}" is a '
+                f"{kind}; show them one by one."
+            )
+    if kind == ROLLING:
+        return rolling_scene(named, wanted)
+    for name, given in (("friction", friction), ("wanted", wanted)):
+        if given is not None:
+            raise ValueError(
+                f"Argument `{name}` must be left out for a {kind}, which touches no plane, but it is given."
+            )
+    trajectories = list(named.values())
+    return rigid_scene(trajectories) if kind == RIGID else particle_scene(trajectories)
 
 
 def in_element(document: Mapping[str, Any]) -> str:
@@ -141,32 +174,16 @@ def _check_number(count: int, scale: ColourScale | None) -> None:
         )
 
 
-def _check_grounds(bodies: Sequence[Shown], names: Sequence[str]) -> None:
-    """Raises a ``ValueError`` for bodies that do not roll on the same plane."""
-    other = other_ground([one.system for one in bodies])
-    if other is not None:
-        raise ValueError(
-            f'Argument `trajectories` must have runs on one plane, but that of "{names[other]}" is not that of '
-            f'"{names[0]}"; show them one by one.'
-        )
+def _title(trajectories: Sequence[Trajectory[Any, Any]]) -> str:
+    return described(trajectories[0].system) if len(trajectories) == 1 else f"{len(trajectories)} runs"
 
 
-def other_ground(systems: Sequence[System]) -> int | None:
-    """The place of the first body whose ground is not that of the first of all, None where all have the same."""
-    others = (k for k, system in enumerate(systems) if not eqx.tree_equal(system.ground, systems[0].ground))
-    return next(others, None)
-
-
-def _title(bodies: Sequence[Shown]) -> str:
-    return described(bodies[0].system) if len(bodies) == 1 else f"{len(bodies)} runs"
-
-
-def _units(bodies: Sequence[Shown]) -> str:
-    same = all(dimensionless(one.system) for one in bodies)
+def _units(trajectories: Sequence[Trajectory[Any, Any]]) -> str:
+    same = all(dimensionless(one.system) for one in trajectories)
     return "dimensionless, m₀ = r = g = 1" if same else "in the units of its parameters"
 
 
-def _looks(bodies: Sequence[Shown], scale: ColourScale | None) -> list[dict[str, Any]]:
+def _looks(count: int, scale: ColourScale | None) -> list[dict[str, Any]]:
     """The colour of each body, None for a single one, whether its curves are ``dashed``, and its ``value``."""
     plain: dict[str, Any] = {"dashed": False, "value": None}
     if scale is not None:
@@ -176,11 +193,11 @@ def _looks(bodies: Sequence[Shown], scale: ColourScale | None) -> list[dict[str,
             plain | ({"colour": to_hex(colour), "value": value} if np.isfinite(value) else {"colour": UNKNOWN})
             for colour, value in zip(colours, values.tolist(), strict=True)
         ]
-    if len(bodies) == 1:
+    if count == 1:
         return [plain | {"colour": None}]
-    if len(bodies) == PAIR:
+    if count == PAIR:
         return [plain | {"colour": BEFORE, "dashed": True}, plain | {"colour": TRAIL}]
-    return [plain | {"colour": mass_colour(k)} for k in range(1, len(bodies) + 1)]
+    return [plain | {"colour": mass_colour(k)} for k in range(1, count + 1)]
 
 
 def _stops(scale: ColourScale) -> dict[str, Any]:
@@ -213,20 +230,3 @@ def _note(kept: int, saved: int) -> str:
         f"Shown are {kept:,} of the {saved:,} saved times, evenly spaced, to keep this file small; all_times=True in "
         "Python, or --all-times of jaxball view, keeps all of them."
     )
-
-
-def _floor(bodies: Sequence[Shown], setting: Setting, goal: Float[np.ndarray, "k 3"] | None) -> dict[str, Any]:
-    r = bodies[0].radius
-    paths = [one.run.observables.contact_point + np.array([0.0, 0.0, one.radius - r]) for one in bodies]
-    path = np.concatenate(paths if goal is None else [*paths, goal])
-    floor = floor_under(path, max(one.radius for one in bodies), setting)
-    return {
-        "low": floor.low.tolist(),
-        "high": floor.high.tolist(),
-        "height": floor.height,
-        "table": floor.table,
-        "centre": setting.centre.tolist(),
-        "tilted": setting.tilted,
-        "top": floor.block.top.tolist(),
-        "base": floor.block.base.tolist(),
-    }

@@ -94,8 +94,8 @@ def write_view(
     """Writes runs as one HTML file: the bodies in three dimensions, and graphs over time.
 
     The file needs no network and nothing beside it. Each frame shows the nearest saved time, so save often enough for a
-    smooth motion, such as every 0.02 for a ball that turns about once in a unit of time. Several runs are on one plane
-    and one clock.
+    smooth motion, such as every 0.02 for a ball that turns about once in a unit of time. Several runs are on one clock,
+    and bodies that roll on one plane; rigid bodies are side by side.
 
     **Arguments:**
 
@@ -111,9 +111,10 @@ def write_view(
 
     **Returns:** the path of the file.
 
-    **Raises:** ``ValueError`` for a classical system, a reduced trajectory, a batch, one without a finite state, bodies
-    that do not roll on the same plane, no run or more than 24, a ``scale`` with another number of values, and a
-    ``friction`` that is not positive; :class:`~jaxball.results.OutputError` as :meth:`View.save`.
+    **Raises:** ``ValueError`` for a system that is neither a ball, a disk, a rigid body nor a particle, runs of more
+    than one of these kinds, a reduced trajectory, a batch, one without a finite state, bodies that do not roll on the
+    same plane, no run or more than 24, a ``scale`` with another number of values, a ``friction`` that is not positive,
+    and ``friction`` or ``wanted`` for what is on no plane; :class:`~jaxball.results.OutputError` as :meth:`View.save`.
     """
     check_view(Path(path))
     view = View.of(trajectories, title, friction=friction, wanted=wanted, scale=scale, all_times=all_times)

@@ -1,21 +1,11 @@
-// Forces and the angular momentum at a body's contact point, with the cone of friction, and its angular velocity.
+// Of a body that rolls: forces and the angular momentum at its contact point, with the cone of friction, and its angular
+// velocity.
 
 import { ConeGeometry, DoubleSide, Group, Mesh, RingGeometry, Vector3 } from "three";
-import { largest, row } from "./data.js";
+import { row } from "./data.js";
 import { flat } from "./materials.js";
 import { Arrow, matrixOf } from "./shapes.js";
 import { css, readable } from "./theme.js";
-
-const LONGEST = 1.3; // of an arrow over all runs, in radii of the first body
-
-// How long arrows are: the same for all bodies, and for both forces.
-export function scalesOf({ bodies }) {
-  const per = (...names) => {
-    const most = largest(bodies, ...names);
-    return most > 0 ? (LONGEST * bodies[0].radius) / most : 0;
-  };
-  return { force: per("normal_force", "friction"), rate: per("angular_velocity"), momentum: per("angular_momentum") };
-}
 
 export class Arrows extends Group {
   constructor(body, { axes, palette, friction }, scales) {

@@ -2,7 +2,8 @@
 
 const TYPES = { float32: Float32Array, float64: Float64Array };
 const FORMAT = "jaxball view";
-const VERSION = 2;
+const VERSION = 3;
+export const STILL = [0, 0, 0]; // the displacement of a plane that does not move
 
 export function readView(text) {
   const view = JSON.parse(text);
@@ -53,7 +54,7 @@ export function largest(bodies, ...names) {
   let found = 0;
   for (const { arrays } of bodies) {
     for (const name of names) {
-      for (const value of arrays[name].values) if (Number.isFinite(value)) found = Math.max(found, Math.abs(value));
+      for (const value of arrays[name]?.values ?? []) if (Number.isFinite(value)) found = Math.max(found, Math.abs(value));
     }
   }
   return found;

@@ -1,14 +1,13 @@
-// The plane: its floor, which may be the top of a wedge, a grid of one radius, a turntable, the path that is wanted, and
-// the traces of contact points. All of it moves as the plane does.
+// The plane: its floor, which may be the top of a wedge, a grid of one radius, a turntable, and the path that is wanted.
+// All of it moves as the plane does.
 
 import { BufferGeometry, CircleGeometry, Float32BufferAttribute, Group, LineSegments, Mesh } from "three";
-import { row } from "./data.js";
+import { row, STILL } from "./data.js";
 import { flat } from "./materials.js";
 import { circle, curve, matrixOf, segments } from "./shapes.js";
-import { css, readable } from "./theme.js";
+import { css } from "./theme.js";
 
 const MOST_LINES = 200;
-const STILL = [0, 0, 0];
 
 export class Ground extends Group {
   constructor({ axes, floor, wanted }, r) {
@@ -62,30 +61,6 @@ export class Ground extends Group {
   show({ arrays }, k) {
     this.position.fromArray(row(arrays.moved, k, STILL));
     if (this.turning) this.turning.rotation.z = row(arrays.turned, k)[0];
-  }
-}
-
-// The path of a body's contact point up to the time that is shown, without the plane's displacement.
-export class Trace extends Group {
-  constructor(body, { axes, palette }, r) {
-    super();
-    this.body = body;
-    const { arrays, times } = body;
-    const up = axes.map((line) => line[2]);
-    const points = [];
-    for (let k = 0; k < times.length; k++) {
-      const [centre, moved] = [row(arrays.centre, k), row(arrays.moved, k, STILL)];
-      for (let j = 0; j < 3; j++) points.push(centre[j] - moved[j] - (r - 0.004 * r) * up[j]);
-    }
-    // A run of one time has a trace of one point.
-    const whole = curve(points.length > 3 ? points : [...points, ...points]);
-    this.line = segments(whole, () => readable(body.colour ?? palette.trail), 3);
-    this.add(this.line);
-  }
-
-  show(k) {
-    this.position.fromArray(row(this.body.arrays.moved, k, STILL));
-    this.line.geometry.instanceCount = k;
   }
 }
 

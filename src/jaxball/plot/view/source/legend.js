@@ -1,7 +1,9 @@
-// Keys of colours: of the bodies, one of which is followed, of the number that colours them, and of the masses.
+// Keys of colours: of the bodies, one of which is followed, of the number that colours them, and of the masses
+// or axes.
 
 import { readable } from "./theme.js";
 
+const AXES = { rigid: ["E₁", "E₂", "E₃"], particle: ["x", "y", "z"] };
 const keyed = []; // what changes with the theme
 
 export function key(colour) {
@@ -17,8 +19,10 @@ export function repaintKeys() {
 
 export const short = (value) => String(Number(value.toPrecision(4))).replace("-", "−");
 
-export function massKeys(bodies) {
+// Of the masses, or of the axes where there are none: those of rigid bodies, and those of space of particles.
+export function partKeys({ bodies, floor, palette }) {
   const names = new Map(bodies.flatMap((body) => body.masses).map((mass) => [mass.name, mass.colour]));
+  if (!floor) AXES[bodies[0].body].forEach((name, j) => names.set(name, palette.components[j]));
   return [...names].map(([name, colour]) => {
     const item = document.createElement("li");
     item.append(key(colour), name);

@@ -1,17 +1,22 @@
 // Puts the page together: its texts, the scene, the graphs, and what the viewer can do.
 
 import { nearest, readView } from "./data.js";
-import { bodyKeys, colourBar, key, massKeys, repaintKeys } from "./legend.js";
+import { layersOf } from "./layers.js";
+import { bodyKeys, colourBar, key, partKeys, repaintKeys } from "./legend.js";
 import { Player } from "./player.js";
 import { Plot } from "./plots.js";
 import { Stage } from "./stage.js";
 import { followTheme } from "./theme.js";
 
 const SPEEDS = [0.05, 0.1, 0.25, 0.5, 1, 2, 4, 8, 16];
-const FRAMES = { ground: "Ground", follow: "Follow", body: "Body frame" };
-const FEW = 2; // bodies: of more, forces are hidden at first
+const FRAMES = {
+  rolls: { ground: "Ground", follow: "Follow", body: "Body frame" },
+  rigid: { ground: "Space", body: "Body frame" },
+  particle: { ground: "Space", follow: "Follow" },
+};
 const element = (id) => document.getElementById(id);
-const isWide = !matchMedia("(max-width: 720px)").matches;
+const wide = matchMedia("(min-width: 721px)"); // with a scene beside which there is room for names
+const wider = matchMedia("(min-width: 900px)"); // and for the settings
 
 const view = readView(element("run").textContent);
 const { times, bodies } = view;
@@ -43,7 +48,7 @@ function writeTexts() {
 }
 
 function writeKeys() {
-  element("masses").append(...massKeys(bodies));
+  element("masses").append(...partKeys(view));
   element("bodies").hidden = bodies.length === 1;
   if (bodies.length === 1) return;
   const follow = (i) => {
@@ -52,8 +57,16 @@ function writeKeys() {
   };
   element("names").append(...bodyKeys(bodies, stage.followed, follow));
   element("names").classList.toggle("many", bodies.length > 6);
-  element("bodies").open = isWide || bodies.length <= 2;
+  if (bodies.length > 2) openWhere(element("bodies"), wide);
+  else element("bodies").open = true;
   if (view.scale) element("scale").append(...colourBar(view.scale));
+}
+
+// A frame may have its width only after the page has run.
+function openWhere(details, query) {
+  const follow = () => (details.open = query.matches);
+  query.addEventListener("change", follow);
+  follow();
 }
 
 function choice(type, text, checked, changed, colour) {
@@ -68,29 +81,10 @@ function choice(type, text, checked, changed, colour) {
 }
 
 function writeChoices() {
-  const [blue, red, yellow] = view.palette.components;
-  for (const [frame, text] of Object.entries(FRAMES)) {
+  for (const [frame, text] of Object.entries(FRAMES[stage.kind])) {
     element("frames").append(choice("radio", text, stage.frame === frame, () => stage.setFrame(frame)));
   }
-  const arrows = (name) => stage.arrows.map((of) => of[name]);
-  const parts = (name) => stage.bodies.map((body) => body[name]);
-  const few = bodies.length <= FEW;
-  const hasRails = bodies.some((body) => body.rails.length);
-  const layers = [
-    ["Normal force N", arrows("normal"), few, blue],
-    ["Friction f", arrows("friction"), few, red],
-    ["Angular velocity ω", arrows("spin"), false, yellow],
-    ["Angular momentum Π about the contact point", arrows("momentum"), false, view.palette.momentum],
-    [`N + f, cone of μ = ${view.friction}`, view.friction === null ? [] : arrows("cone"), few],
-    ["Centre of mass", parts("centreOfMass"), true],
-    ["Contact point", arrows("contact"), true],
-    ["Trace", stage.traces, true, bodies.length > 1 ? null : view.palette.trail],
-    ["Path that is wanted", stage.ground.wanted ? [stage.ground.wanted] : [], true],
-    ["Rails", hasRails ? parts("rails") : [], true],
-    ["Axes of space", [stage.spaceAxes], false],
-    ["Axes of the body", parts("axes"), false],
-  ];
-  for (const [text, objects, visible, colour] of layers.filter(([, objects]) => objects.length)) {
+  for (const [text, objects, visible, colour] of layersOf(view, stage)) {
     const set = (checked) => objects.forEach((object) => (object.visible = checked));
     set(visible);
     const changed = (checked) => {
@@ -100,8 +94,8 @@ function writeChoices() {
     element("layers").append(choice("checkbox", text, visible, changed, colour));
   }
   const settings = element("settings");
-  settings.open = isWide;
-  const leaveFree = () => stage.resize(isWide && settings.open ? settings.offsetWidth : 0);
+  openWhere(settings, wider);
+  const leaveFree = () => stage.resize(wide.matches && settings.open ? settings.offsetWidth : 0);
   settings.addEventListener("toggle", leaveFree);
   leaveFree();
 }
@@ -156,6 +150,6 @@ window.jaxball = {
     centre: stage.bodies[i].position.toArray(),
     quaternion: stage.bodies[i].quaternion.toArray(),
     masses: stage.bodies[i].masses.map((mass) => mass.position.toArray()),
-    centreOfMass: stage.bodies[i].centreOfMass.position.toArray(),
+    centreOfMass: stage.bodies[i].centreOfMass?.position.toArray() ?? null,
   }),
 };

@@ -7,8 +7,9 @@ const LABELLED = 2; // bodies: the values of more are not written
 const [LEFT, RIGHT, TOP, BOTTOM] = [46, 8, 6, 20];
 
 export class Plot {
-  constructor(view, { title, series, level }, seek) {
+  constructor(view, { title, series, level, valued = true }, seek) {
     this.times = view.times;
+    this.valued = valued && view.bodies.length <= LABELLED; // whether labels have the values at the time shown
     this.level = level && view.friction !== null ? { name: level, value: view.friction } : null;
     this.series = series.map((one) => {
       const curves = view.bodies.filter((body) => body.arrays[one.array]).map((body) => curveOf(body, one));
@@ -33,6 +34,7 @@ export class Plot {
       label.textContent = `- - ${this.level.name} = ${this.level.value}`;
       caption.append(label);
     }
+    caption.classList.toggle("pair", view.bodies.length === 2); // which has room for values of any length
     this.figure.append(caption, this.canvas);
     this.range = this.limits();
     const go = (event) => {
@@ -152,7 +154,7 @@ export class Plot {
     for (const { name, colour, curves, label } of this.series) {
       const values = curves.map(({ times, at }) => at(nearest(times, t)).toPrecision(3).replace("-", "−"));
       label.style.color = colour ? readable(colour) : css("soft");
-      label.textContent = curves.length > LABELLED ? name : `${name} ${values.join(" | ")}`;
+      label.textContent = this.valued ? `${name} ${values.join(" | ")}` : name;
     }
     if (!this.width) return;
     const pen = this.canvas.getContext("2d");

@@ -3,13 +3,11 @@
 
 import { Group, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { Arrows, scalesOf } from "./arrows.js";
-import { Body } from "./body.js";
 import { nearest, row } from "./data.js";
-import { Ground, Trace } from "./ground.js";
+import { partsOf } from "./kinds.js";
 import { repaint } from "./materials.js";
 import { segments } from "./shapes.js";
-import { readable } from "./theme.js";
+import { css, readable } from "./theme.js";
 
 const FIELD = 28; // degrees, of view
 const AROUND = 1.5; // radii, of what is in view around the bodies
@@ -20,16 +18,14 @@ export class Stage {
     this.view = view;
     this.canvas = canvas;
     this.radius = Math.max(...view.bodies.map((body) => body.radius));
-    this.bodies = view.bodies.map((run) => new Body(run, view.palette.components));
+    const { kind, shapes, arrows, traces, herpolhodes, ground, box } = partsOf(view);
+    Object.assign(this, { kind, bodies: shapes, arrows, traces, herpolhodes, ground, box });
     this.followed = this.bodies.length - 1;
     this.margin = 0;
-    const scales = scalesOf(view);
-    this.arrows = this.bodies.map((body) => new Arrows(body, view, scales));
-    this.traces = view.bodies.map((body) => new Trace(body, view, body.radius));
-    this.ground = new Ground(view, view.bodies[0].radius);
-    this.spaceAxes = axesOf(view, view.bodies[0].radius);
+    this.spaceAxes = axesOf(view);
     this.world = new Group();
-    this.world.add(this.ground, ...this.traces, ...this.bodies, ...this.arrows, this.spaceAxes);
+    this.moving = shapes.map((_, i) => [shapes, arrows, traces, herpolhodes].map((all) => all[i]).filter(Boolean));
+    this.world.add(...this.moving.flat(), ...[ground, box, this.spaceAxes].filter(Boolean));
     this.scene = new Scene();
     this.scene.add(this.world);
     this.camera = new PerspectiveCamera(FIELD, 1, 0.01, 1e4);
@@ -37,7 +33,8 @@ export class Stage {
     this.bounds = this.boundsOf();
     const { clientWidth, clientHeight } = canvas.parentElement;
     const seen = NEAR * this.radius * Math.min(1, clientWidth / clientHeight || 1);
-    this.frame = this.bodies.length > 1 || this.bounds.radius <= seen ? "ground" : "follow";
+    const whole = kind !== "rolls" || this.bodies.length > 1 || this.bounds.radius <= seen;
+    this.frame = whole ? "ground" : "follow";
     try {
       this.renderer = new WebGLRenderer({ canvas, antialias: true, alpha: true, preserveDrawingBuffer: true });
     } catch {
@@ -104,7 +101,7 @@ export class Stage {
     return distance;
   }
 
-  // A sphere around everywhere that the bodies are.
+  // A sphere around everywhere that the bodies are, and their box.
   boundsOf() {
     const low = new Vector3(Infinity, Infinity, Infinity);
     const high = low.clone().negate();
@@ -119,6 +116,7 @@ export class Stage {
     for (const { arrays, times } of this.view.bodies) {
       for (let k = 0; k < times.length; k++) yield new Vector3().fromArray(row(arrays.centre, k));
     }
+    for (const corner of this.box?.corners ?? []) yield new Vector3().fromArray(corner);
   }
 
   // The middle of the view is that of what `margin` pixels on the right leave free.
@@ -140,8 +138,8 @@ export class Stage {
   show(t) {
     this.bodies.forEach((body, i) => {
       const k = nearest(body.run.times, t);
-      for (const part of [body, this.arrows[i], this.traces[i]]) part.show(k);
-      if (i === this.followed) this.ground.show(body.run, k);
+      for (const part of this.moving[i]) part.show(k);
+      if (i === this.followed) this.ground?.show(body.run, k);
     });
     this.place();
     this.render();
@@ -165,13 +163,18 @@ export class Stage {
   }
 }
 
-// Those of space, at the origin on the plane.
-function axesOf({ axes, floor, palette }, r) {
+// Those of space, at the origin on the plane, in the colours of their graphs; where bodies turn about points of their own,
+// at each, in grey beside those of the body. A box has its own.
+function axesOf({ axes, floor, bodies, palette }) {
+  if (bodies[0].body === "particle") return null;
   const found = new Group();
-  const foot = axes.map((line) => line[2] * (floor.height + 0.01 * r));
-  for (let j = 0; j < 3; j++) {
-    const end = foot.map((value, i) => value + 0.8 * r * axes[i][j]);
-    found.add(segments([...foot, ...end], () => readable(palette.components[j]), 2.6));
+  for (const { radius: r, arrays } of floor ? bodies.slice(0, 1) : bodies) {
+    const [length, width] = floor ? [0.8 * r, 2.6] : [1.35 * r, 1.2];
+    const foot = floor ? axes.map((line) => line[2] * (floor.height + 0.01 * r)) : Array.from(row(arrays.centre, 0));
+    for (let j = 0; j < 3; j++) {
+      const end = foot.map((value, i) => value + length * axes[i][j]);
+      found.add(segments([...foot, ...end], () => (floor ? readable(palette.components[j]) : css("soft")), width));
+    }
   }
   return found;
 }

@@ -1,0 +1,187 @@
+"""The scene of rigid bodies about a point at rest: an ellipsoid that has the body's principal axes, and its vectors."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from ...classical import HeavyTop, SuslovProblem
+from ...numerics import programs
+from ...numerics.arrays import to_array
+from ...simulation.trajectory import Trajectory
+from ..record import known_rows
+from ..style import COMPONENTS
+from .graphs import BLUE, PAIR, RED, YELLOW, angular_velocity, each, energies, graph, laws, series
+from .packing import Numbers
+from .scene import Scene, continuous, free_stand, law_changes, made
+
+THIN = 0.04  # of the largest semi-axis: no other is drawn smaller
+APART = 3.2  # between the fixed points of two bodies, in radii of the largest
+REACH = 1.25  # of the tip whose path is drawn, in radii
+
+THIRD = {"name": "E₃", "colour": YELLOW}
+THROUGH_CENTRE = {"name": "the axis through the centre of mass", "colour": "#D55E00"}
+
+
+class Ellipsoid(NamedTuple):
+    """An ellipsoid in the body: ``turn`` has its axes as columns, body axes."""
+
+    semi_axes: Float[np.ndarray, "3"]
+    centre: Float[np.ndarray, "3"]
+    turn: Float[np.ndarray, "3 3"]
+
+    @property
+    def radius(self) -> float:
+        """That of a ball about the fixed point around it, at most."""
+        return float(np.linalg.norm(self.centre) + np.max(self.semi_axes))
+
+
+class Turning(NamedTuple):
+    """A run of a rigid body, and what is drawn of it."""
+
+    trajectory: Trajectory[Any, Any]
+    rows: np.ndarray  # of the saved times at which the state is known
+    inertia: Float[np.ndarray, "3"] | None  # None where the system does not say
+    shape: Ellipsoid
+
+    @property
+    def top(self) -> HeavyTop | None:
+        system = self.trajectory.system
+        return system if isinstance(system, HeavyTop) else None
+
+    @property
+    def Omega(self) -> Float[np.ndarray, "T 3"]:
+        return np.asarray(self.trajectory.state.Omega)[self.rows]
+
+    @property
+    def Lambda(self) -> Rotation:
+        return Rotation.from_quat(np.roll(np.asarray(self.trajectory.state.q)[self.rows], -1, axis=1))
+
+
+def rigid_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
+    """The scene of rigid bodies, side by side.
+
+    **Raises:** ``ValueError`` for a batch, and where no state is known.
+    """
+    bodies = [_turning(trajectory) for trajectory in trajectories]
+    apart = APART * max(one.shape.radius for one in bodies)
+    changes = [law_changes(one.trajectory, one.rows) for one in bodies]
+    return Scene(
+        free_stand(-60.0 if len(bodies) == 1 else -80.0),
+        [_document(one) for one in bodies],
+        [_numbers(one, k * apart, found) for k, (one, (_, found)) in enumerate(zip(bodies, changes, strict=True))],
+        _graphs(bodies, changes[0][0]),
+    )
+
+
+def _turning(trajectory: Trajectory[Any, Any]) -> Turning:
+    rows = known_rows(trajectory)
+    stated: Any = getattr(trajectory.system, "inertia", ())
+    inertia = np.asarray(stated, dtype=float) if np.shape(stated) == (3,) else None
+    return Turning(trajectory, rows, inertia, ellipsoid_of(trajectory.system, inertia))
+
+
+def ellipsoid_of(system: Any, inertia: Float[np.ndarray, "3"] | None) -> Ellipsoid:
+    """The ellipsoid that is drawn of a body, whose semi-axes are as the spread of its mass along them.
+
+    The second moments s_j = ∫ x_j² dm are ½ (d1 + d2 + d3) − d_j about the fixed point. Those of a heavy top about its
+    centre of mass are diag(s) − m χχᵀ, and its semi-axes are the standard deviations of its mass, at its own scale. Of
+    other bodies, whose mass is not known, the largest semi-axis is 1. Moments that no body has give a thin one.
+    """
+    if inertia is None:
+        return Ellipsoid(np.ones(3), np.zeros(3), np.eye(3))
+    second = np.sum(inertia) / 2 - inertia
+    if not isinstance(system, HeavyTop):
+        size = np.sqrt(np.maximum(second, 0.0) / np.max(second))
+        return Ellipsoid(np.maximum(size, THIN), np.zeros(3), np.eye(3))
+    mass, chi = float(system.mass), np.asarray(system.chi, dtype=float)
+    about_centre = np.diag(second) - mass * np.outer(chi, chi)
+    squares, turn = np.diag(about_centre), np.eye(3)
+    if np.any(np.abs(about_centre - np.diag(squares)) > 1e-12 * np.max(second)):
+        squares, turn = np.linalg.eigh(about_centre)
+        turn = turn * np.sign(np.linalg.det(turn))
+    size = np.sqrt(np.maximum(squares, 0.0) / mass)
+    return Ellipsoid(np.maximum(size, THIN * (np.max(size) or np.linalg.norm(chi) or 1.0)), chi, turn)
+
+
+def _document(one: Turning) -> dict[str, Any]:
+    """What the body is made of: ``tip`` is the end of the axis whose path is drawn."""
+    shape, top = one.shape, one.top
+    arm = np.zeros(3) if top is None else np.asarray(top.chi)
+    length = np.linalg.norm(arm)
+    tip = (arm / length if length > 0 else np.array([0.0, 0.0, 1.0])) * REACH * shape.radius
+    return made("rigid", one.trajectory, shape.radius, len(one.rows)) | {
+        "ellipsoid": {
+            "semi_axes": shape.semi_axes.tolist(),
+            "centre": shape.centre.tolist(),
+            "quaternion": Rotation.from_matrix(shape.turn).as_quat().tolist(),
+        },
+        "centre_of_mass": None if top is None else arm.tolist(),
+        "tip": {"place": tip.tolist()} | (THROUGH_CENTRE if length > 0 else THIRD),
+    }
+
+
+def _numbers(one: Turning, x: float, changes: Float[np.ndarray, "T laws"]) -> dict[str, Numbers]:
+    """The numbers of the body whose fixed point is at ``x``."""
+    Omega, Lambda, system, count = one.Omega, one.Lambda, one.trajectory.system, len(one.rows)
+    times = np.asarray(one.trajectory.times)[one.rows]
+    numbers = {
+        "time": Numbers(times, 0.0),
+        "centre": Numbers(np.tile([x, 0.0, 0.0], (count, 1)), one.shape.radius),
+        "quaternion": Numbers(continuous(Lambda.as_quat()), 1.0),
+        "angular_velocity": Numbers(Omega),
+        "vertical": Numbers(Lambda.inv().apply([0.0, 0.0, 1.0])),
+        "laws": Numbers(changes),
+    }
+    if one.inertia is not None:
+        momentum = one.inertia * Omega
+        kinetic = 0.5 * np.sum(momentum * Omega, axis=1)
+        potential = np.zeros(count)
+        if one.top is not None:
+            weight = float(one.top.mass * one.top.gravity)
+            potential = weight * numbers["vertical"].values @ np.asarray(one.top.chi)
+        numbers |= {
+            "angular_momentum": Numbers(momentum),
+            "momentum_in_space": Numbers(Lambda.apply(momentum)),
+            "energies": Numbers(np.stack([kinetic, potential], axis=1)),
+        }
+    if isinstance(system, SuslovProblem):
+        xi = np.asarray(_xi(system, to_array(times)))
+        numbers["xi"] = Numbers(xi / np.linalg.norm(xi, axis=1, keepdims=True))
+    return numbers
+
+
+@programs.filter_jit
+def _xi(system, times):
+    return jax.vmap(system.xi)(times)
+
+
+def _graphs(bodies: Sequence[Turning], names: list[str]) -> list[dict[str, Any]]:
+    """The graphs of rigid bodies, with the laws of the first where all are of its kind."""
+    count, known = len(bodies), any(one.inertia is not None for one in bodies)
+    tops = any(one.top is not None for one in bodies)
+    graphs = [angular_velocity(count)]
+    if known:
+        kinetic = graph("Kinetic energy", [series("T", None if count > PAIR else BLUE, "energies", [0])])
+        graphs.append(energies(count) if tops else kinetic)
+        graphs.append(_momentum(count))
+    if tops:
+        graphs.append(_vertical(count))
+    alike = all(type(one.trajectory.system) is type(bodies[0].trajectory.system) for one in bodies)
+    return graphs + (laws(names) if count <= PAIR and alike else [])
+
+
+def _momentum(count: int) -> dict[str, Any]:
+    if count > PAIR:
+        return graph("Angular momentum", [series("|𝕀Ω|", None, "angular_momentum", [0, 1, 2], norm=True)])
+    return graph("Angular momentum, space axes", each(("L1", "L2", "L3"), (BLUE, RED, YELLOW), "momentum_in_space"))
+
+
+def _vertical(count: int) -> dict[str, Any]:
+    """Γ in body axes of one body or two; Γ3 of more."""
+    if count > PAIR:
+        return graph("Vertical", [series("Γ3", None, "vertical", [2])])
+    return graph("Vertical, body axes", each(("Γ1", "Γ2", "Γ3"), COMPONENTS, "vertical"))

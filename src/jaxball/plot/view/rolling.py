@@ -1,0 +1,104 @@
+"""The scene of balls or disks: the plane that all of them roll on, and their graphs."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from ...physics.body import Disk, System
+from ...simulation.trajectory import Trajectory
+from ..floor import Setting, floor_under
+from ..style import mass_colour
+from .body import Shown, body_document, body_numbers, shown
+from .graphs import BLUE, PAIR, RED, angular_velocity, each, energies, graph, series
+from .packing import Numbers
+from .scene import Scene
+
+ELEVATION, AZIMUTH = {False: 20.0, True: 8.0}, {False: -60.0, True: -90.0}  # degrees, of a ball and of a disk
+
+
+def rolling_scene(named: Mapping[str, Trajectory[Any, Any]], wanted: Float[np.ndarray, "k 2"] | None) -> Scene:
+    """The scene of balls or disks.
+
+    **Raises:** ``ValueError`` for bodies that do not roll on the same plane, and as :func:`~.body.shown`.
+    """
+    bodies = [shown(trajectory) for trajectory in named.values()]
+    _check_grounds(bodies, list(named))
+    first, setting, planar = bodies[0], bodies[0].setting, isinstance(bodies[0].system, Disk)
+    # On the plane a disk's line is at e2 = 0.
+    goal = None if wanted is None else np.column_stack([wanted, np.full(len(wanted), -first.radius)])
+    stand = {
+        "axes": setting.page.tolist(),
+        "floor": _floor(bodies, setting, goal),
+        "camera": {"elevation": ELEVATION[planar], "azimuth": AZIMUTH[planar] + (0 if planar else setting.downhill)},
+    }
+    return Scene(
+        stand,
+        [body_document(one) for one in bodies],
+        [body_numbers(one, first.radius) for one in bodies],
+        _graphs(bodies),
+        None if goal is None else Numbers(goal @ setting.page.T, first.radius, over_time=False),
+    )
+
+
+def _check_grounds(bodies: Sequence[Shown], names: Sequence[str]) -> None:
+    """Raises a ``ValueError`` for bodies that do not roll on the same plane."""
+    other = other_ground([one.system for one in bodies])
+    if other is not None:
+        raise ValueError(
+            f'Argument `trajectories` must have runs on one plane, but that of "{names[other]}" is not that of '
+            f'"{names[0]}"; show them one by one.'
+        )
+
+
+def other_ground(systems: Sequence[System]) -> int | None:
+    """The place of the first body whose ground is not that of the first of all, None where all have the same."""
+    others = (k for k, system in enumerate(systems) if not eqx.tree_equal(system.ground, systems[0].ground))
+    return next(others, None)
+
+
+def _floor(bodies: Sequence[Shown], setting: Setting, goal: Float[np.ndarray, "k 3"] | None) -> dict[str, Any]:
+    r = bodies[0].radius
+    paths = [one.run.observables.contact_point + np.array([0.0, 0.0, one.radius - r]) for one in bodies]
+    path = np.concatenate(paths if goal is None else [*paths, goal])
+    floor = floor_under(path, max(one.radius for one in bodies), setting)
+    return {
+        "low": floor.low.tolist(),
+        "high": floor.high.tolist(),
+        "height": floor.height,
+        "table": floor.table,
+        "centre": setting.centre.tolist(),
+        "tilted": setting.tilted,
+        "top": floor.block.top.tolist(),
+        "base": floor.block.base.tolist(),
+    }
+
+
+def _graphs(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
+    """The graphs of bodies, of which each is drawn that has the numbers."""
+    several = len(bodies) > PAIR
+    ratio = series("|f| / N", None if several else RED, "friction", [0, 1], norm=True) | {"over": "normal_force"}
+    graphs = [
+        energies(len(bodies)),
+        angular_velocity(len(bodies)),
+        graph("Normal force", [series("N", None if several else BLUE, "normal_force", [0])]),
+        {"title": "Friction needed", "level": "μ", "series": [ratio]},
+    ]
+    if several:
+        return graphs
+    masses = max((list(one.angles) for one in bodies), key=len)
+    if masses:
+        names = [f"θ{i}" for i in masses]
+        graphs.append(graph("Angles of the masses", each(names, map(mass_colour, masses), "mass_angles")))
+    joints = max((_joints(one) for one in bodies), key=len)
+    if joints:
+        colours = map(mass_colour, range(1, len(joints) + 1))
+        graphs.append(graph("Joints", each(joints, colours, "joint_angles")))
+    return graphs
+
+
+def _joints(one: Shown) -> list[str]:
+    mechanisms = enumerate(one.system.mechanisms, start=1)
+    return [f"θ{j},{a}" for j, mechanism in mechanisms for a in range(1, mechanism.n_joints + 1)]

@@ -1,0 +1,56 @@
+// The parts of a scene of each kind: what rolls on a plane, rigid bodies about fixed points, and particles.
+
+import { Arrows } from "./arrows.js";
+import { Body } from "./body.js";
+import { largest, row } from "./data.js";
+import { Ground } from "./ground.js";
+import { Box, Particle, Velocity } from "./particle.js";
+import { RigidBody, Vectors } from "./rigid.js";
+import { contactPoints, Trace, turned } from "./trace.js";
+
+const LONGEST = 1.3; // of an arrow over all runs, in radii of the first body
+const THIN = { transparent: true, opacity: 0.6 };
+
+// How long arrows are: the same for all bodies, and for both forces.
+function scalesOf(bodies) {
+  const per = (most, length = LONGEST) => (most > 0 ? (length * bodies[0].radius) / most : 0);
+  return {
+    force: per(largest(bodies, "normal_force", "friction")),
+    rate: per(largest(bodies, "angular_velocity")),
+    momentum: per(largest(bodies, "angular_momentum")),
+    velocity: per(largest(bodies, "velocity"), 4),
+  };
+}
+
+const KINDS = {
+  rolls: { Shape: Body, Vectors: Arrows },
+  rigid: { Shape: RigidBody, Vectors },
+  particle: { Shape: Particle, Vectors: Velocity },
+};
+
+// The shape, the arrows and the traces of each body, and what they stand in: a plane, a box or nothing.
+export function partsOf(view) {
+  const { bodies, axes, palette } = view;
+  const kind = view.floor ? "rolls" : bodies[0].body;
+  const { Shape, Vectors } = KINDS[kind];
+  const scales = scalesOf(bodies);
+  const shapes = bodies.map((run) => new Shape(run, palette.components, view));
+  const traces = bodies.map((run) => {
+    if (kind === "rolls") return new Trace(run, contactPoints(run, axes), palette.trail);
+    if (kind === "particle") return new Trace(run, run.arrays.centre.values, palette.trail);
+    return new Trace(run, turned(run, () => run.tip.place), run.tip.colour, 2.4);
+  });
+  const ends = ({ angular_velocity: Omega }) => (k) => row(Omega, k).map((value) => value * scales.rate);
+  const herpolhodes = bodies.map((run) =>
+    kind === "rigid" ? new Trace(run, turned(run, ends(run.arrays)), palette.spin, 1.6, THIN) : null,
+  );
+  return {
+    kind,
+    shapes,
+    arrows: shapes.map((shape) => new Vectors(shape, view, scales)),
+    traces,
+    herpolhodes: herpolhodes.filter(Boolean),
+    ground: view.floor ? new Ground(view, bodies[0].radius) : null,
+    box: kind === "particle" ? new Box(view) : null,
+  };
+}
