@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tests.support.robots import Answer
+from tests.support.robots import Answer, centre_velocity
 
 E3 = np.array([0.0, 0.0, 1.0])
 
@@ -121,19 +121,18 @@ def _constraints(y, ydot, t, body, setting):
     return jnp.concatenate([(q @ qdot)[None], xdot - rolling - _surface_velocity(x, t, setting)])
 
 
-def _coordinates(moment, theta, thetadot, body, setting):
-    """y and ẏ at t = 0: the velocity of the geometric centre is that of rolling."""
+def _coordinates(moment, theta, thetadot):
+    """y and ẏ at t = 0."""
     q = moment["q"]
     qdot = 0.5 * _product(q, jnp.concatenate([jnp.zeros(1), moment["Omega"]]))
     x = jnp.concatenate([moment["z"], jnp.zeros(1)])
-    xdot = body["radius"] * jnp.cross(_space_rate(q, qdot), E3) + _surface_velocity(x, 0.0, setting)
-    return jnp.concatenate([q, x, theta.ravel()]), jnp.concatenate([qdot, xdot, thetadot.ravel()])
+    return jnp.concatenate([q, x, theta.ravel()]), jnp.concatenate([qdot, moment["V"], thetadot.ravel()])
 
 
 @jax.jit
 def _solution(body, setting, moment, theta, thetadot, given):
     """Ω̇, z̈, R, θ̈ and the efforts in all joints."""
-    y, ydot = _coordinates(moment, theta, thetadot, body, setting)
+    y, ydot = _coordinates(moment, theta, thetadot)
     t, joints, size = jnp.zeros(()), theta.size, y.size
 
     def momentum(y, ydot, t):
@@ -184,13 +183,14 @@ def _solution(body, setting, moment, theta, thetadot, given):
 
 @jax.jit
 def _energy(body, setting, moment, theta, thetadot):
-    y, ydot = _coordinates(moment, theta, thetadot, body, setting)
+    y, ydot = _coordinates(moment, theta, thetadot)
     return sum(_energies(y, ydot, jnp.zeros(()), body, setting))
 
 
 def _arguments(robot, setting, moment):
     body, surroundings = _arrays(robot, setting)
     rigid = {name: np.asarray(getattr(moment, name), dtype=float) for name in ("q", "Omega", "z")}
+    rigid["V"] = centre_velocity(robot, setting, moment) if moment.V is None else moment.V
     return body, surroundings, rigid, _padded(body, moment.theta), _padded(body, moment.thetadot)
 
 

@@ -1,6 +1,7 @@
-"""Newton's and Euler's laws for a robot that rolls, link by link in space axes, in NumPy.
+"""Newton's and Euler's laws for a robot that rolls, slides or flies, link by link in space axes, in NumPy.
 
-The unknowns are Ω̇, θ̈ of the free joints, the contact force R, and the efforts in all joints. An acceleration is
+The unknowns are Ω̇, θ̈ of the free joints, the contact force R, the efforts in all joints and, where it does not roll,
+the acceleration of the geometric centre. An acceleration is
 affine in them, and is kept as a matrix with a column for each unknown and a last one for what is known. The chains are
 followed outwards for positions, velocities and accelerations; each joint is cut for the forces on what lies beyond it.
 """
@@ -8,7 +9,7 @@ followed outwards for positions, velocities and accelerations; each joint is cut
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.support.robots import Answer
+from tests.support.robots import Answer, Pushed, Slides, centre_velocity
 
 E3 = np.array([0.0, 0.0, 1.0])
 
@@ -21,11 +22,12 @@ def _cross(a):
 class _Unknowns:
     """Columns of the unknowns; with the last one, 1, they are a vector that affine quantities multiply."""
 
-    def __init__(self, robot):
+    def __init__(self, robot, rolls):
         joints = [joint for chain in robot.chains for joint in chain.joints]
         self.free = sum(joint.free for joint in joints)
         self.joints = len(joints)
-        self.count = 6 + self.free + self.joints
+        self.centre = 6 + self.free + self.joints
+        self.count = self.centre + (0 if rolls else 3)
 
     def known(self, value):
         value = np.atleast_1d(value)
@@ -80,17 +82,33 @@ def _slid(frame, joint, angle, rate, acceleration):
 BEYOND = {"hinge": _hinged, "slider": _slid}
 
 
-def _shell(robot, setting, moment, unknowns):
-    """The frame of the shell at its geometric centre, whose acceleration is that of rolling, with the axes' own."""
+def _shell(robot, setting, moment, unknowns, rolls):
+    """The frame of the shell at its geometric centre, and the acceleration of this relative to the axes."""
     turn = Rotation.from_quat(np.roll(moment.q, -1)).as_matrix()
     omega, alpha = turn @ moment.Omega, turn @ unknowns.at(0, 3)
-    arm = np.append(moment.z - setting.centre, 0.0)
-    v = robot.radius * np.cross(omega, E3) + setting.W * np.cross(E3, arm)
-    a = -robot.radius * _cross(E3) @ alpha
-    a[:, -1] += setting.Wdot * np.cross(E3, arm) + setting.W * np.cross(E3, v)
+    v = centre_velocity(robot, setting, moment) if rolls else moment.V
+    if rolls:
+        a = -robot.radius * _cross(E3) @ alpha
+        arm = np.append(moment.z - setting.centre, 0.0)
+        a[:, -1] += setting.Wdot * np.cross(E3, arm) + setting.W * np.cross(E3, v)
+    else:
+        a = unknowns.at(unknowns.centre, 3)
     relative = a.copy()
     a[:, -1] += setting.X2
     return _Frame(turn, np.append(moment.z, 0.0), v, a, omega, alpha), relative
+
+
+def _contact(robot, setting, moment, contact, unknowns, R, relative):
+    """Rows that say what the plane's force is where the robot does not roll."""
+    if isinstance(contact, Pushed):
+        return list(R - unknowns.known(contact.R))
+    if isinstance(contact, Slides):
+        direction = contact.direction
+        if direction is None:
+            slip = (moment.V - centre_velocity(robot, setting, moment))[:2]
+            direction = slip / np.linalg.norm(slip)
+        return [*(R[:2] + contact.mu * np.outer(direction, R[2])), relative[2]]
+    return []
 
 
 def _forces_on(robot, setting, moment, unknowns, shell):
@@ -128,20 +146,23 @@ def _forces_on(robot, setting, moment, unknowns, shell):
     return needed, rows
 
 
-def solve(robot, setting, moment):
-    """The accelerations and forces of a robot at one moment."""
-    unknowns = _Unknowns(robot)
-    shell, relative = _shell(robot, setting, moment, unknowns)
+def solve(robot, setting, moment, contact=None):
+    """The accelerations and forces of a robot at one moment; it rolls if no other contact is given."""
+    unknowns = _Unknowns(robot, rolls=contact is None)
+    shell, relative = _shell(robot, setting, moment, unknowns, rolls=contact is None)
     needed, rows = _forces_on(robot, setting, moment, unknowns, shell)
     omega, R = shell.omega, unknowns.at(3 + unknowns.free, 3)
+    rows += _contact(robot, setting, moment, contact, unknowns, R, relative)
+    touching = not isinstance(contact, Pushed) or contact.touching
 
     drag = unknowns.known(setting.Fe - setting.c_v * shell.v)
     rows += list(sum(f for _, f in needed) - R - drag)
 
     level = omega * (1 - E3)
-    viscous = -setting.c_r * level - setting.c_s * (omega[2] - setting.W) * E3 - setting.c_w * omega
+    viscous = -setting.c_r * level - setting.c_s * (omega[2] - setting.W) * E3
     dry = setting.mu_r * robot.radius * level / np.hypot(np.linalg.norm(level), setting.epsilon)
-    torque = unknowns.known(viscous) - np.outer(dry, R[2]) - robot.radius * _cross(E3) @ R
+    torque = unknowns.known(touching * viscous - setting.c_w * omega)
+    torque = torque - np.outer(touching * dry, R[2]) - robot.radius * _cross(E3) @ R
     inertia = shell.turn @ np.diag(robot.inertia) @ shell.turn.T
     spin = inertia @ shell.alpha + unknowns.known(np.cross(omega, inertia @ omega))
     rows += list(spin + sum(_cross(x - shell.o) @ f for x, f in needed) - torque)
@@ -154,11 +175,11 @@ def solve(robot, setting, moment):
 
 
 def _answer(robot, moment, found, unknowns, relative):
-    moving, efforts = list(found[3 : 3 + unknowns.free]), list(found[6 + unknowns.free : -1])
+    moving, efforts = list(found[3 : 3 + unknowns.free]), list(found[6 + unknowns.free : unknowns.centre])
     thetaddot = tuple(
         np.array([moving.pop(0) if joint.free else value for joint, value in zip(chain.joints, given, strict=True)])
         for chain, given in zip(robot.chains, moment.given, strict=True)
     )
     cut = tuple(np.array([efforts.pop(0) for _ in chain.joints]) for chain in robot.chains)
-    first = 3 + unknowns.free
-    return Answer(found[:3], (relative @ found)[:2], found[first : first + 3], thetaddot, cut)
+    first, acceleration = 3 + unknowns.free, relative @ found
+    return Answer(found[:3], acceleration[:2], found[first : first + 3], thetaddot, cut, acceleration[2])

@@ -7,6 +7,7 @@ Axes, points and places are stated in body axes with the origin at the geometric
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 WORST_CONDITION = 100.0  # of a chain's inertia, in what is drawn: digits lost to it stay below two
 
@@ -84,6 +85,9 @@ class Moment:
     theta: tuple[np.ndarray, ...] = ()  # one array for each chain, as are the next two
     thetadot: tuple[np.ndarray, ...] = ()
     given: tuple[np.ndarray, ...] = ()
+    V: np.ndarray | None = (
+        None  # (3,): velocity of the geometric centre relative to the space axes, if it does not roll
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +99,35 @@ class Answer:
     R: np.ndarray  # (3,): force of the plane on the ball, in space
     thetaddot: tuple[np.ndarray, ...]  # of all joints, one array for each chain
     efforts: tuple[np.ndarray, ...]  # generalised forces in all joints, one array for each chain
+    rise: float = 0.0  # acceleration of the geometric centre away from the plane
+
+
+@dataclass(frozen=True, eq=False)
+class Slides:
+    """Contact with friction of μ times the normal force, against the slip or a given direction; it does not roll."""
+
+    mu: float
+    direction: np.ndarray | None = None  # (2,), of length 1
+
+
+@dataclass(frozen=True, eq=False)
+class Pushed:
+    """Contact with a given force of the plane, in space; without contact, the plane does not resist turning either."""
+
+    R: np.ndarray
+    touching: bool = True
+
+
+def rotation(moment):
+    """The matrix from body to space."""
+    return Rotation.from_quat(np.roll(moment.q, -1)).as_matrix()
+
+
+def centre_velocity(robot, setting, moment):
+    """The velocity of the geometric centre that the plane gives it when it rolls, relative to the space axes."""
+    omega = rotation(moment) @ moment.Omega
+    e3, arm = np.array([0.0, 0.0, 1.0]), np.append(moment.z - setting.centre, 0.0)
+    return robot.radius * np.cross(omega, e3) + setting.W * np.cross(e3, arm)
 
 
 def place(chain, mass, theta):
@@ -109,6 +142,18 @@ def place(chain, mass, theta):
             along = (w @ arm) * w
             x = joint.point + along + np.cos(angle) * (arm - along) + np.sin(angle) * np.cross(w, arm)
     return x
+
+
+def momentum(robot, moment):
+    """Σ m v relative to the space axes, where V is that of the geometric centre; rates by complex steps."""
+    step = 1e-30
+    still = [(mass, x, np.zeros(3)) for mass, x in ((robot.mass, robot.offset), *robot.still)]
+    moving = []
+    for chain, theta, thetadot in zip(robot.chains, moment.theta, moment.thetadot, strict=True):
+        places = ((mass.mass, place(chain, mass, theta + step * 1j * thetadot)) for mass in chain.masses)
+        moving += [(m, np.real(x), np.imag(x) / step) for m, x in places]
+    turn = rotation(moment)
+    return sum(m * (moment.V + turn @ (np.cross(moment.Omega, x) + v)) for m, x, v in (*still, *moving))
 
 
 def joint_inertia(chain, theta):

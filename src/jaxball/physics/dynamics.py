@@ -40,6 +40,62 @@ class Accelerations(NamedTuple):
     dry: Float[Array, "3"] | None
 
 
+class Equations(NamedTuple):
+    """The equations for Ω̇ and for θ̈ of free joints at a state, which are linear with the matrix of ``coupling``.
+
+    ``angles`` and ``at`` hold no acceleration of a free joint, nor does ``apparent``, Ω × (Ω × p + 2ṗ) + p̈.
+    """
+
+    Omega: Float[Array, "3"]
+    Gamma: Float[Array, "3"]
+    angles: Rates
+    links: list[Linkage]
+    at: Moments
+    apparent: Float[Array, "3"]
+    matrix: FactoredInertia
+
+    @property
+    def free(self) -> list[Linkage]:
+        """The mechanisms that have free joints."""
+        return with_free_joints(self.links)
+
+    def solved(
+        self, r: Float[Array, ""], t: Float[Array, ""], state: State, acting: Load
+    ) -> tuple[Float[Array, "3"], Joints]:
+        """Ω̇ and θ̈ of the body of radius ``r`` under a load."""
+        Omega, Gamma, at = self.Omega, self.Gamma, self.at
+        turning = cross(Omega, apply(at.J, Omega) + at.l) + apply(at.Jdot, Omega) + at.ldot
+        inertial = turning + cross(r * Gamma, self.apparent)
+        forces = joint_forces(t, state, self.links)
+        efforts = [Q - _inertial_efforts(link, acting, Omega) for link, Q in zip(self.free, forces, strict=True)]
+        return self.matrix.solve(acting.about_contact(at, r) - inertial, efforts)
+
+    def reaction_without_motion(self, acting: Load) -> Float[Array, "3"]:
+        """What the reaction R̃ of the plane would be if Ω̇ and θ̈ were 0."""
+        resting = self.apparent + self.at.M * acting.weight
+        return resting if acting.force is None else resting - acting.force
+
+    def completed(self, thetaddot: Joints) -> Moments:
+        """The moments with the accelerations of free joints: p̈ + Σ p_a θ̈_a and ℓ̇ + Σ ℓ_a θ̈_a."""
+        pddot, ldot = self.at.pddot, self.at.ldot
+        for link, rate in zip(self.free, thetaddot, strict=True):
+            momenta = link.m[..., None] * along(link.partial, rate)
+            pddot = pddot + jnp.sum(momenta, axis=(0, 1))
+            ldot = ldot + jnp.sum(cross(link.chi, momenta), axis=(0, 1))
+        return dataclasses.replace(self.at, pddot=pddot, ldot=ldot)
+
+
+def equations(system: BodyParameters, t: Float[Array, ""], state: State) -> Equations:
+    """The equations at a state, whatever acts."""
+    r, Omega, Gamma = system.radius, state.Omega, state.Gamma
+    angles = given_angles(system, t, state)
+    links = linkages(system, t, angles)
+    at = moments(system, t, angles, links)
+    apparent = cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot
+    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factored()
+    return Equations(Omega, Gamma, angles, links, at, apparent, matrix)
+
+
 def accelerations(
     system: BodyParameters, t: Float[Array, ""], state: State, acting: Load | None = None
 ) -> Accelerations:
@@ -50,33 +106,21 @@ def accelerations(
     solution with the same factors.
     """
     acting = load(system, t, state) if acting is None else acting
-    angles = given_angles(system, t, state)
-    links = linkages(system, t, angles)
-    at = moments(system, t, angles, links)
-    r, Omega, Gamma = system.radius, state.Omega, state.Gamma
-    apparent = cross(Omega, cross(Omega, at.p) + 2 * at.pdot) + at.pddot
-    inertial = cross(Omega, apply(at.J, Omega) + at.l) + apply(at.Jdot, Omega) + at.ldot + cross(r * Gamma, apparent)
-    matrix = inertia(inertia_about_contact(at, r, Gamma), r, Gamma, links).factored()
-    free = with_free_joints(links)
-    efforts = [
-        Q - _inertial_efforts(link, acting, Omega) for link, Q in zip(free, joint_forces(t, state, links), strict=True)
-    ]
-    Omegadot, thetaddot = matrix.solve(acting.about_contact(at, r) - inertial, efforts)
+    r, found = system.radius, equations(system, t, state)
+    Omega, Gamma, at, free = found.Omega, found.Gamma, found.at, found.free
+    Omegadot, thetaddot = found.solved(r, t, state, acting)
     dry = None if system.resistance is None else system.resistance.dry_torque(r, Omega, Gamma)
     if dry is not None:
-        resting = apparent + at.M * acting.weight
-        resting = resting if acting.force is None else resting - acting.force
-        change, joint_changes, slope = _rubbed(at, Gamma, free, matrix, dry)
+        change, joint_changes, slope = _rubbed(at, Gamma, free, found.matrix, dry)
         # N = N(without dry friction) + N times what a unit of N changes; nothing where N would be negative.
-        without = dot(Gamma, resting) + _normal(at, Gamma, free, Omegadot, thetaddot)
+        without = dot(Gamma, found.reaction_without_motion(acting)) + _normal(at, Gamma, free, Omegadot, thetaddot)
         N = jnp.maximum(without, 0.0) / jnp.where(slope < 1, 1 - slope, jnp.nan)
         Omegadot = Omegadot + N * change
         thetaddot = [x + N * y for x, y in zip(thetaddot, joint_changes, strict=True)]
         dry = N * dry
-    theta, thetadot, given = angles
-    return Accelerations(
-        Omegadot, (theta, thetadot, joined(given, links, thetaddot)), _completed(at, free, thetaddot), dry
-    )
+    theta, thetadot, given = found.angles
+    angles = theta, thetadot, joined(given, found.links, thetaddot)
+    return Accelerations(Omegadot, angles, found.completed(thetaddot), dry)
 
 
 def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State) -> Iterator[Condition]:
@@ -106,16 +150,6 @@ def _rubbed(
     return change, joint_changes, _normal(at, Gamma, free, change, joint_changes)
 
 
-def _completed(at: Moments, free: list[Linkage], thetaddot: Joints) -> Moments:
-    """The moments with the accelerations of free joints: p̈ + Σ p_a θ̈_a and ℓ̇ + Σ ℓ_a θ̈_a."""
-    pddot, ldot = at.pddot, at.ldot
-    for link, rate in zip(free, thetaddot, strict=True):
-        momenta = link.m[..., None] * along(link.partial, rate)
-        pddot = pddot + jnp.sum(momenta, axis=(0, 1))
-        ldot = ldot + jnp.sum(cross(link.chi, momenta), axis=(0, 1))
-    return dataclasses.replace(at, pddot=pddot, ldot=ldot)
-
-
 def _inertial_efforts(link: Linkage, acting: Load, Omega: Float[Array, "3"]) -> Float[Array, "mechanisms free"]:
     """h_a = Σ m χ_a·(Ω × (Ω × χ + 2χ̇) + β + γ), where β is χ̈ without the accelerations of free joints."""
     turning = jnp.broadcast_to(Omega, link.chi.shape)
@@ -129,8 +163,7 @@ def _normal(
     """What Ω̇ and θ̈ of free joints add to the normal force: (p × Γ)·Ω̇ + Σ Γ·p_a θ̈_a."""
     normal = dot(cross(at.p, Gamma), Omegadot)
     for link, rate in zip(free, thetaddot, strict=True):
-        pushed = jnp.sum(link.m[:, None, :, None] * link.partial, axis=2)
-        normal = normal + jnp.sum(rate * jnp.sum(pushed * Gamma[None, None], axis=-1))
+        normal = normal + jnp.sum(rate * jnp.sum(link.weights * Gamma[None, None], axis=-1))
     return normal
 
 

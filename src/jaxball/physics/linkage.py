@@ -50,6 +50,11 @@ class Linkage:
         return self.at.partial[:, self.free]
 
     @functools.cached_property
+    def weights(self) -> Float[Array, "mechanisms free 3"]:
+        """p_a = Σ m χ_a of the free joints."""
+        return jnp.sum(self.m[:, None, :, None] * self.partial, axis=2)
+
+    @functools.cached_property
     def chidot(self) -> Float[Array, "mechanisms n 3"]:
         """χ̇."""
         return along(self.at.partial, self.rates[1])

@@ -3,12 +3,13 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..numerics.vectors import apply, cross
+from .ground import TableMotion
 from .moments import AbstractMoments
 from .parameters import BodyParameters
-from .state import ReducedState, State, rolling_velocity
+from .state import BallState, ReducedState, RotationState, State, rolling_velocity
 
 
 class Load(NamedTuple):
@@ -46,11 +47,18 @@ class Load(NamedTuple):
         return torque if self.torque is None else torque + self.torque
 
 
-def load(system: BodyParameters, t: Float[Array, ""], state: State) -> Load:
+def load(
+    system: BodyParameters,
+    t: Float[Array, ""],
+    state: State,
+    slip: Float[Array, "3"] | None = None,
+    touching: Bool[Array, ""] | None = None,
+) -> Load:
     """The load at a state, but for dry friction, which depends on the normal force.
 
-    Reduced states, which do not know Λ, are refused where an external force acts or the ground is not level and at
-    rest.
+    ``slip`` is the slip velocity in space axes, where the body does not roll; ``touching`` whether the plane resists
+    its turning, which it does if not given. Reduced states, which do not know Λ, are refused where an external force
+    acts or the ground is not level and at rest.
     """
     r, g, Gamma = system.radius, system.gravity, state.Gamma
     gamma = force = torque = velocity = W = None
@@ -60,19 +68,35 @@ def load(system: BodyParameters, t: Float[Array, ""], state: State) -> Load:
     if system.ground is not None:
         assert not isinstance(state, ReducedState)
         lift = system.ground.lift(t, g)
-        if system.ground.turntable is not None:
-            table = system.ground.table_motion(t, state.z, rolling_velocity(state.Lambda, state.Omega, r))
-            assert table is not None
+        table = table_under(system, t, state, slip)
+        if table is not None:
             W, velocity = table.W, apply(state.Lambda.T, in_three(table.velocity))
             lift = lift + in_three(table.acceleration)
         gamma = apply(state.Lambda.T, lift)
+    if slip is not None:
+        assert not isinstance(state, ReducedState)
+        over = apply(state.Lambda.T, slip)
+        velocity = over if velocity is None else velocity + over
     if system.resistance is not None:
         resistance, Omega = system.resistance, state.Omega
         rolling = r * cross(Omega, Gamma)
         drag = -resistance.drag * (rolling if velocity is None else rolling + velocity)
         force = drag if force is None else force + drag
-        torque = resistance.contact_torque(Omega, Gamma, W) - resistance.rotational_drag * Omega
+        torque = resistance.contact_torque(Omega, Gamma, W)
+        torque = torque if touching is None else jnp.where(touching, torque, 0.0)
+        torque = torque - resistance.rotational_drag * Omega
     return Load(g, Gamma, gamma, force, torque)
+
+
+def table_under(
+    system: BodyParameters, t: Float[Array, ""], state: State, slip: Float[Array, "3"] | None = None
+) -> TableMotion | None:
+    """The motion of a turntable under the body's centre; None without one. ``slip`` is as of :func:`load`."""
+    if system.ground is None or system.ground.turntable is None:
+        return None
+    assert isinstance(state, BallState | RotationState)
+    over = rolling_velocity(state.Lambda, state.Omega, system.radius)
+    return system.ground.table_motion(t, state.z, over if slip is None else over + slip[:2])
 
 
 def in_three(v: Float[Array, "2"]) -> Float[Array, "3"]:

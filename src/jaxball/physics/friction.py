@@ -1,0 +1,152 @@
+"""The force of the plane on a body that rolls, slides or flies, and when one becomes another.
+
+Coulomb's law: a plane that presses with N > 0 holds a body that does not slip by any friction |f| ≤ μ N, with the
+static coefficient; on one that slips with v_s friction is −μ N σ with σ = v_s/|v_s|, with the sliding coefficient. All
+forces and accelerations are in space axes, and follow from the ``Response`` of the body.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ..numerics.bracketing import Sample, between, other_end
+from ..numerics.norms import root
+from ..numerics.vectors import apply
+from .released import Response
+
+SAMPLES = 24  # of directions between which one is sought
+STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quarter
+
+
+class Interaction(NamedTuple):
+    """The reaction R of the plane, and the slip acceleration v̇_s that it leaves.
+
+    ``normal`` is the normal force with which dry rolling friction is reckoned. ``solvability`` is by how much a unit of
+    normal force with its friction raises the body, over what a unit without friction does: where it is not positive,
+    the normal force has no solution (Painlevé's paradox), and these numbers mean nothing.
+    """
+
+    R: Float[Array, "3"]
+    slip_acceleration: Float[Array, "3"]
+    normal: Float[Array, ""]
+    solvability: Float[Array, ""]
+
+
+def rolling(found: Response) -> Interaction:
+    """The reaction that keeps v_s constant, whatever friction it needs. Where N would be negative, nothing rubs."""
+    R, still = found.rolling.reaction, jnp.zeros_like(found.free)
+    if found.rubbing is None:
+        return Interaction(R, still, jnp.maximum(R[2], 0.0), jnp.ones_like(R[2]))
+    solvability = 1 - found.rubbing.reaction[2]
+    N = jnp.maximum(R[2], 0.0) / jnp.where(solvability > 0, solvability, jnp.nan)
+    return Interaction(found.reaction(still, N), still, N, solvability)
+
+
+def sliding(found: Response, mu: Float[Array, ""], direction: Float[Array, "2"]) -> Interaction:
+    """R = N (e3 − μσ), with N so that the body stays on the plane; ``direction`` is σ and ``mu`` the coefficient.
+
+    N = −v̇_free,3 / (D₃₃ − μ D₃·σ − D₃·ρ), where ρ is the reaction that the dry rolling torque of a unit of N has.
+    """
+    pushed = push(mu, direction)
+    net = pushed if found.rubbing is None else pushed - found.rubbing.reaction
+    moved, D33 = apply(found.contact, net), found.contact[2, 2]
+    N = -found.free[2] / jnp.where(moved[2] == 0, D33, moved[2])
+    acceleration = (found.free + N * moved).at[2].set(0.0)  # without what rounding leaves
+    return Interaction(N * pushed, acceleration, N, moved[2] / D33)
+
+
+def flight(found: Response) -> Interaction:
+    """No reaction; ``found`` is the response of a body that does not touch the plane."""
+    none = jnp.zeros_like(found.free[2])
+    return Interaction(jnp.zeros_like(found.free), found.free, none, jnp.ones_like(none))
+
+
+def margin(R: Float[Array, "3"], mu: Float[Array, ""]) -> Float[Array, ""]:
+    """μ N − |f|, the friction that is left; negative outside the cone. Its derivative by f is 0 where f is 0."""
+    return mu * R[2] - root(jnp.sum(R[:2] ** 2))
+
+
+def slip_direction(slip: Float[Array, "3"], otherwise: Float[Array, "2"]) -> Float[Array, "2"]:
+    """σ = v_s/|v_s|; ``otherwise`` where the body does not slip, with no derivative by v_s there."""
+    square = jnp.sum(slip[:2] ** 2)
+    slips = square > 0
+    return jnp.where(slips, slip[:2] / jnp.sqrt(jnp.where(slips, square, 1.0)), otherwise)
+
+
+class Direction(NamedTuple):
+    """A direction σ in which a slip begins, and the rate at which it grows, which must be positive."""
+
+    sigma: Float[Array, "2"]
+    growth: Float[Array, ""]
+
+
+def first_slip(found: Response, mu: Float[Array, ""]) -> Direction:
+    """The direction in which a body that friction cannot hold begins to slip: the tangential v̇_s = κσ with κ > 0.
+
+    ``mu`` is the sliding coefficient. Where D is isotropic, σ is opposite to the friction that rolling would need; so
+    it is at the brink, |f| = μ N. Where the growth κ is not positive, friction holds the body, or nothing does.
+    """
+
+    def pull(sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+        along = sliding(found, mu, sigma)
+        return along.slip_acceleration[:2], along.solvability
+
+    return diverging(pull, -rolling(found).R[:2])
+
+
+def diverging(
+    pull: Callable[[Float[Array, "2"]], tuple[Float[Array, "2"], Float[Array, ""]]], guess: Float[Array, "2"]
+) -> Direction:
+    """The direction σ in which ``pull`` of it points, of several that in which it pulls most.
+
+    ``pull`` gives a vector for each σ, and a number that is positive where the vector means something. ``guess`` need
+    not be a unit vector; its direction is the result where it is right to rounding. Around the circle, the part of the
+    vector across σ changes sign between two of 24 directions; a pair of zeros nearer to each other is not found.
+    """
+
+    def parts(angle: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        sigma = _unit(angle)
+        vector, valid = pull(sigma)
+        along, across = jnp.sum(sigma * vector), sigma[0] * vector[1] - sigma[1] * vector[0]
+        return across, jnp.where(valid > 0, along, -jnp.inf)
+
+    def across(angle: Float[Array, ""]) -> Float[Array, ""]:
+        return parts(angle)[0]
+
+    guess = jax.lax.stop_gradient(guess)
+    slips = jnp.sum(guess**2) > 0
+    start = jnp.where(slips, jnp.arctan2(guess[1], jnp.where(slips, guess[0], 1.0)), 0.0)
+    width = 2 * jnp.pi / SAMPLES
+    angles = start + width * (jnp.arange(SAMPLES, dtype=guess.dtype) - 0.5)
+    found = jax.lax.stop_gradient(jax.vmap(across)(angles))
+    ends = jnp.roll(found, -1)
+    share = found / jnp.where(found == ends, 1.0, found - ends)
+    _, along = jax.vmap(parts)(angles + width * jnp.clip(share, 0.0, 1.0))
+    best = jnp.argmax(jnp.where((found > 0) != (ends > 0), along, -jnp.inf))
+    old, new = Sample(angles[best], found[best]), Sample(angles[best] + width, ends[best])
+
+    def narrowed(_, bracket: tuple[Sample, Sample]) -> tuple[Sample, Sample]:
+        newest = between(*bracket)
+        sample = Sample(newest, across(newest))
+        return other_end(*bracket, sample), sample
+
+    angle = jax.lax.stop_gradient(jax.lax.fori_loop(0, STEPS, narrowed, jax.lax.stop_gradient((old, new)))[1].x)
+    # Newton's method moves it by rounding alone, and gives it its derivatives: one step the first, another the second.
+    for _ in range(2):
+        value, slope = jax.jvp(across, (angle,), (jnp.ones_like(angle),))
+        angle = angle - jnp.where(slope == 0, 0.0, value / jnp.where(slope == 0, 1.0, slope))
+    sigma = _unit(angle)
+    vector, _ = pull(sigma)
+    return Direction(sigma, jnp.sum(sigma * vector))
+
+
+def push(mu: Float[Array, ""], direction: Float[Array, "2"]) -> Float[Array, "3"]:
+    """e3 − μσ."""
+    return jnp.concatenate([-mu * direction, jnp.ones_like(direction[:1])])
+
+
+def _unit(angle: Float[Array, ""]) -> Float[Array, "2"]:
+    return jnp.stack([jnp.cos(angle), jnp.sin(angle)])

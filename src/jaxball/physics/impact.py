@@ -1,0 +1,243 @@
+"""The impact of a body on the plane, with Newton's restitution and Coulomb's friction.
+
+An impact takes no time: places stay, and so do the rates of joints that a schedule or a law moves. The impulse I of the
+plane changes the slip velocity v_s by D I, and with it Ω and θ̇ of free joints as a slip acceleration of this size would
+change their rates. Where slip and normal velocity are coupled by D, or D is not isotropic, the slip turns, and may end
+and begin again, while the normal impulse grows. This is followed as a process in the normal impulse I₃,
+
+    dv_s/dI₃ = D (e3 − μσ)        σ = v_s/|v_s|
+
+(Routh's method; J. A. Batlle, Rough balanced collisions, J. Appl. Mech. 63 (1996) 168–172), with the slip velocity held
+at zero where friction can do it.
+
+The impact ends where v_s3 has become −e times what it was. It ends before, where the normal force has done work of 0 in
+all: it then gives back what compression took, and Newton's e asks for more, as it may where friction drives v_s3. So no
+impact with e ≤ 1 creates energy, because friction takes some. Rolling and spinning friction give no impulse here, not
+even the dry one, which is proportional to N.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..numerics import cooper_verner
+from ..numerics.norms import root
+from ..numerics.vectors import apply, dot, inverse
+from .body import AbstractBody
+from .friction import diverging, push, slip_direction
+from .load import in_three
+from .released import ReleasedState, Response, slip_velocity
+from .state import centre_velocity
+
+MOST_STEPS = 20_000
+ERROR = 500  # of a step, in units of rounding, to which its length is chosen
+TURNING = 0.5  # of the impulse in which v_s changes by itself: the longest step over which σ turns at all
+LIMITED = 1e-3  # a rebound slower than Newton's by a lesser part, in square roots of rounding, is Newton's
+
+
+class _Care(NamedTuple):
+    """The longest step, over the impulse in which v_s changes by itself; the part of the first slip that is none."""
+
+    share: float
+    still: float
+
+
+# Where σ does not turn but would if something changed, a step of any length is exact for values, not for derivatives.
+OF_VALUES, OF_DERIVATIVES = _Care(jnp.inf, 1e-12), _Care(0.15, 1e-8)
+
+
+class Collision(NamedTuple):
+    """What an impact does to the slip velocity, and the impulse that does it, space axes.
+
+    ``sticks``: whether it ends without slip. ``limited``: whether v_s3 at its end is less than Newton's restitution
+    asks for, because the normal force would have to do work.
+    """
+
+    slip: Float[Array, "3"]
+    impulse: Float[Array, "3"]
+    sticks: Bool[Array, ""]
+    limited: Bool[Array, ""]
+
+
+class Impact(NamedTuple):
+    """A state after an impact, with the collision. ``work`` is that of the plane, ½ I·(v_s⁺ + v_s⁻), not positive.
+
+    Where nothing is moved by a schedule or a law, and no turntable turns, it is the change of the kinetic energy.
+    """
+
+    state: ReleasedState
+    collision: Collision
+    work: Float[Array, ""]
+
+
+def impact(
+    system: AbstractBody,
+    t: Float[Array, ""],
+    state: ReleasedState,
+    found: Response,
+    mu: Float[Array, ""],
+    restitution: Float[Array, ""],
+) -> Impact:
+    """The impact of a body that comes down on the plane; nothing where it does not.
+
+    ``found`` is its response just before, ``mu`` the coefficient of friction and ``restitution`` Newton's e.
+    """
+    body, before = state.body, slip_velocity(system, t, state)
+    done = collision(found.contact, before, mu, restitution)
+    change = done.slip - before
+    Omega = jnp.sum(change[:, None] * found.yielding.Omegadot, axis=0)
+    thetadot = jnp.sum(change[:, None] * found.yielding.thetaddot, axis=0)
+    V = state.V + in_three(centre_velocity(body.Lambda, Omega, system.radius, None)) + change
+    after = eqx.tree_at(lambda x: x.thetadot, body.with_Omega(body.Omega + Omega), body.thetadot + thetadot)
+    return Impact(ReleasedState(after, V, state.height), done, 0.5 * dot(done.impulse, before + done.slip))
+
+
+def collision(
+    D: Float[Array, "3 3"], slip: Float[Array, "3"], mu: Float[Array, ""], restitution: Float[Array, ""]
+) -> Collision:
+    """An impact at a contact with the matrix D, from the slip velocity before; nothing where ``slip[2]`` ≥ 0.
+
+    In random cases, velocities after the impact had errors of less than 1e-10 of those before, in float64; where D is
+    isotropic and does not couple slip and normal velocity, of rounding. NaN where the process does not end.
+    """
+    comes, eps = slip[2] < 0, float(jnp.finfo(slip.dtype).eps)
+    after = jnp.where(comes, _after(D, slip, mu, restitution), slip)
+    limited = after[2] < -restitution * slip[2] * (1 - LIMITED * eps**0.5)
+    sticks = comes & jnp.all(after[:2] == 0)
+    return Collision(after, apply(inverse(D), after - slip), sticks, comes & limited)
+
+
+@jax.custom_jvp
+def _after(
+    D: Float[Array, "3 3"], slip: Float[Array, "3"], mu: Float[Array, ""], restitution: Float[Array, ""]
+) -> Float[Array, "3"]:
+    """v_s after an impact."""
+    return _followed(D, slip, mu, restitution, OF_VALUES)
+
+
+@_after.defjvp
+def _after_jvp(primals, tangents):
+    """By forward mode, which a loop of any length has, for reverse mode as well."""
+    jacobians = jax.jacfwd(_followed, argnums=(0, 1, 2, 3))(*primals, OF_DERIVATIVES)
+    parts = [
+        jnp.sum(jacobian * tangent, axis=tuple(range(1, jacobian.ndim)))
+        for jacobian, tangent in zip(jacobians, (x[None] for x in tangents), strict=True)
+    ]
+    return _after(*primals), sum(parts[1:], parts[0])
+
+
+def _followed(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
+    """v_s after the process: by steps while it slips, straight on for what is left of the slip or of the impact."""
+    process, eps = _Process(D, inverse(D), mu, -restitution * slip[2]), float(jnp.finfo(slip.dtype).eps)
+    still = care.still * root(jnp.sum(slip[:2] ** 2))
+
+    def slips(x: Float[Array, "4"]) -> Bool[Array, ""]:
+        return jnp.sum(x[:2] ** 2) > still**2
+
+    def next_step(x: Float[Array, "4"]) -> Float[Array, ""]:
+        most, remaining = process.longest(x, care.share, ERROR * eps), process.remaining(x)
+        needed = slips(x) & (jnp.abs(remaining) > eps**0.5 * most)
+        return jnp.where(needed, jnp.clip(remaining, -most, most), 0.0)
+
+    def goes_on(carry):
+        _, h, count = carry
+        return (h != 0) & (count < MOST_STEPS)
+
+    def advance(carry):
+        x, h, count = carry
+        x = cooper_verner.step(process.slope, x, h)
+        return x, next_step(x), count + 1
+
+    x = jnp.append(slip, 0.0)
+    first = jnp.where(slip[2] < 0, next_step(x), 0.0)
+    x, h, _ = jax.lax.while_loop(goes_on, advance, (x, first, jnp.zeros((), int)))
+    remaining, stop = process.remaining(x), jnp.where(slips(x), process.stop(x), 0.0)
+    ends = remaining < stop
+    x = process.straight(x, jnp.where(ends, remaining, stop))
+    after = jnp.where(ends, x[:3], jnp.where(process.holds, process.held(x), process.again(x)))
+    return after * jnp.where(h == 0, 1.0, jnp.nan)
+
+
+class _Process(NamedTuple):
+    """Routh's process. Its state x is v_s, and the work of the normal force so far, ∫ v_s3 dI₃.
+
+    ``target`` is v_s3 at its end, and ``S`` the inverse of D.
+    """
+
+    D: Float[Array, "3 3"]
+    S: Float[Array, "3 3"]
+    mu: Float[Array, ""]
+    target: Float[Array, ""]
+
+    def pull(self, sigma: Float[Array, "2"]) -> Float[Array, "3"]:
+        """dv_s/dI₃ = D (e3 − μσ)."""
+        return apply(self.D, push(self.mu, sigma))
+
+    def slope(self, x: Float[Array, "4"]) -> Float[Array, "4"]:
+        """dx/dI₃."""
+        return jnp.concatenate([self.pull(_direction(x)), x[2:3]])
+
+    def straight(self, x: Float[Array, "4"], h: Float[Array, ""]) -> Float[Array, "4"]:
+        """x after the normal impulse ``h`` if σ stays as it is."""
+        pull = self.pull(_direction(x))
+        return x + jnp.append(h * pull, h * x[2] + 0.5 * h**2 * pull[2])
+
+    def longest(self, x: Float[Array, "4"], share: float, error: float) -> Float[Array, ""]:
+        """A step with an error that is a part of v_s, the smaller the less σ turns; no more than a share of v_s."""
+        D, sigma = self.D, _direction(x)
+        pull = self.pull(sigma)[:2]
+        turning = jnp.abs(sigma[0] * pull[1] - sigma[1] * pull[0])
+        uneven = root((D[0, 0] - D[1, 1]) ** 2 + 4 * D[0, 1] ** 2)
+        fastest = jnp.maximum(root(jnp.sum(pull**2)), root(jnp.sum(D[:2, 2] ** 2)) + self.mu * uneven)
+        moved, turns = fastest > 0, turning > error * fastest
+        allowed = 3 * (error * fastest / jnp.where(turns, turning, 1.0)) ** (1 / 9)
+        part = jnp.where(turns, jnp.minimum(min(share, TURNING), allowed), share)
+        length = part * root(jnp.sum(x[:2] ** 2)) / jnp.where(moved, fastest, 1.0)
+        return jnp.where(moved, length, jnp.inf)
+
+    def remaining(self, x: Float[Array, "4"]) -> Float[Array, ""]:
+        """The normal impulse until the end if σ stays as it is; infinite while friction drives the body down."""
+        rise = self.pull(_direction(x))[2]
+        rises = rise > 0
+        rise = jnp.where(rises, rise, 1.0)
+        return jnp.where(rises, (self.end(x, rise) - x[2]) / rise, jnp.inf)
+
+    def end(self, x: Float[Array, "4"], rise: Float[Array, ""]) -> Float[Array, ""]:
+        """v_s3 at the end, where dv_s3/dI₃ stays ``rise``: as restitution has it, or where the work has become 0."""
+        return jnp.minimum(self.target, root(x[2] ** 2 - 2 * rise * x[3]))
+
+    def stop(self, x: Float[Array, "4"]) -> Float[Array, ""]:
+        """The normal impulse until the slip ends, if σ stays as it is; infinite where it does not."""
+        sigma = _direction(x)
+        braking = -jnp.sum(sigma * self.pull(sigma)[:2])
+        brakes = braking > 0
+        return jnp.where(brakes, root(jnp.sum(x[:2] ** 2)) / jnp.where(brakes, braking, 1.0), jnp.inf)
+
+    @property
+    def holds(self) -> Bool[Array, ""]:
+        """Whether friction holds a contact that does not slip while the normal impulse grows."""
+        return jnp.sum(self.S[:2, 2] ** 2) <= (self.mu * self.S[2, 2]) ** 2
+
+    def held(self, x: Float[Array, "4"]) -> Float[Array, "3"]:
+        """v_s at the end of an impact that sticks from x on."""
+        return jnp.zeros_like(x[:3]).at[2].set(self.end(x, 1 / self.S[2, 2]))
+
+    def again(self, x: Float[Array, "4"]) -> Float[Array, "3"]:
+        """v_s at the end of an impact whose slip has ended at x and begins anew; NaN if the body never rises."""
+
+        def pull(sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
+            return self.pull(sigma)[:2], jnp.ones_like(x[0])
+
+        sigma, growth = diverging(pull, -self.S[:2, 2])
+        rise = self.pull(sigma)[2]
+        rises = rise > 0
+        end = self.end(x, rise)
+        h = (end - x[2]) / jnp.where(rises, rise, 1.0)
+        return jnp.where(rises, jnp.append(h * growth * sigma, end), jnp.nan)
+
+
+def _direction(x: Float[Array, "4"]) -> Float[Array, "2"]:
+    return slip_direction(x[:3], jnp.zeros_like(x[:2]))

@@ -1,0 +1,221 @@
+"""The body released from the rolling constraint: it may slip on the plane, and leave it.
+
+The velocity V of the geometric centre and its height over that of rolling are then part of the state. With the slip
+velocity v_s = V − rω × e3 − u, whose third component is that of V, in the place of V,
+
+- the accelerations of all masses are those of the rolling body on a plane that has the acceleration v̇_s besides its
+  own, so that Ω̇ and θ̈ of free joints follow from the equations of rolling with γ + Λ⁻¹v̇_s for γ;
+- the reaction R of the plane does work on v_s alone, and is what Newton's law for the whole asks of it.
+
+So everything is the motion that rolls, with its reaction R₀, and what is linear in v̇_s:
+
+    R = R₀ + D⁻¹ v̇_s        v̇_s = D (R − R₀)
+
+The contact matrix D is A 𝓜⁻¹Aᵀ, where 𝓜 is the inertia in the velocities (Ω, Λ⁻¹V), free joints eliminated, and
+v_s + u is A = Λ[ rΓ̂, 1 ] times these. In the velocities (Ω, Λ⁻¹v_s), that inertia has the one of ``coupling`` as its
+first block, whose Schur complement is Λ⁻¹D⁻¹Λ. Hence no other factors are needed than those of rolling.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..numerics.vectors import apply, cross, dot, inverse
+from .body import AbstractBody
+from .contact import reaction_in_body
+from .coupling import Joints, joined
+from .dynamics import equations
+from .energy import kinetic_energy, potential_energy
+from .load import in_three, load, table_under
+from .moments import kinematics, point_mass_values, principal_inertia
+from .motion import Kinematics
+from .state import BallState, DiskState, RotationState, centre_velocity
+
+PlacedState = BallState | RotationState | DiskState
+
+
+class ReleasedState(eqx.Module):
+    """The state of a body that need not roll.
+
+    **Arguments:**
+
+    - ``body``: orientation, Ω, place and joints, as of a body that rolls.
+    - ``V``: the velocity of the geometric centre, space axes, length/time, shape (3,); its second entry is 0 of a disk.
+    - ``height``: of the geometric centre over that of rolling, length.
+    """
+
+    body: PlacedState
+    V: Float[Array, "*batch 3"]
+    height: Float[Array, "*batch"]
+
+
+def released(system: AbstractBody, t: Float[Array, ""], state: PlacedState) -> ReleasedState:
+    """A state of rolling, as that of a body that need not roll."""
+    V = in_three(centre_velocity(state.Lambda, state.Omega, system.radius, system.drift(t, state)))
+    return ReleasedState(state, V, jnp.zeros_like(system.radius))
+
+
+def slip_velocity(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, "3"]:
+    """v_s = V − rω × e3 − u, of the body's lowest point over the plane, space axes.
+
+    The third component is the rate at which the body leaves the plane.
+    """
+    body = state.body
+    return state.V - in_three(centre_velocity(body.Lambda, body.Omega, system.radius, system.drift(t, body)))
+
+
+class Motion(NamedTuple):
+    """Ω̇ in body axes and θ̈ of all that a state's ``theta`` holds, with the reaction R of the plane, space axes.
+
+    It may have a leading axis, of several motions.
+    """
+
+    Omegadot: Float[Array, "*rows 3"]
+    thetaddot: Float[Array, "*rows coordinates"]
+    reaction: Float[Array, "*rows 3"]
+
+
+class Response(NamedTuple):
+    """How a released body moves under each reaction of the plane, which all of this module's formulas are linear in.
+
+    ``rolling`` is the motion with v̇_s = 0 and without dry rolling friction, and its reaction R₀. ``yielding`` is what a
+    unit of v̇_s along each space axis adds, one row for each, so that its reactions are D⁻¹; D is ``contact``.
+    ``rubbing`` is what the dry torque of a unit of normal force adds while v̇_s = 0, None where there is none.
+    ``convected`` is u̇.
+    """
+
+    rolling: Motion
+    yielding: Motion
+    contact: Float[Array, "3 3"]
+    rubbing: Motion | None
+    convected: Float[Array, "3"]
+
+    @property
+    def free(self) -> Float[Array, "3"]:
+        """v̇_free, the slip acceleration without any force of the plane, space axes: −D R₀."""
+        return -apply(self.contact, self.rolling.reaction)
+
+    def slip_acceleration(self, R: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
+        """v̇_s under a reaction, space axes; ``N`` is the normal force with which dry rolling friction is reckoned."""
+        rest = R - self.rolling.reaction
+        return apply(self.contact, rest if self.rubbing is None else rest - N * self.rubbing.reaction)
+
+    def reaction(self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
+        """R with a given v̇_s: the inverse of :meth:`slip_acceleration`."""
+        R = self.rolling.reaction + _combined(slip_acceleration, self.yielding.reaction)
+        return R if self.rubbing is None else R + N * self.rubbing.reaction
+
+    def accelerations(
+        self, slip_acceleration: Float[Array, "3"], N: Float[Array, ""]
+    ) -> tuple[Float[Array, "3"], Float[Array, " coordinates"]]:
+        """Ω̇ in body axes and θ̈ of all that a state's ``theta`` holds."""
+        found = []
+        for part in ("Omegadot", "thetaddot"):
+            value = getattr(self.rolling, part) + _combined(slip_acceleration, getattr(self.yielding, part))
+            found.append(value if self.rubbing is None else value + N * getattr(self.rubbing, part))
+        return found[0], found[1]
+
+
+def response(
+    system: AbstractBody, t: Float[Array, ""], state: ReleasedState, touching: Bool[Array, ""] | None = None
+) -> Response:
+    """How the body moves under each reaction of the plane.
+
+    ``touching`` is False in flight, where the plane does not resist the body's turning; True if not given. A disk is
+    held upright by what takes all forces along e2, of which none belongs to the reaction then.
+    """
+    body, r = state.body, system.radius
+    Lambda, slip = body.Lambda, slip_velocity(system, t, state)
+    acting = load(system, t, body, slip, touching)
+    found = equations(system, t, body)
+    lever = found.at.M * r * found.Gamma + found.at.p
+    p = [link.weights for link in found.free]
+    still = jnp.zeros_like(body.theta)
+
+    def motion(
+        Omegadot: Float[Array, "3"], thetaddot: Float[Array, " coordinates"], force: Float[Array, "3"]
+    ) -> Motion:
+        force = apply(Lambda, force)
+        if system.planar:
+            force, Omegadot = force.at[1].set(0.0), jnp.zeros_like(Omegadot).at[1].set(Omegadot[1])
+        return Motion(Omegadot, thetaddot, force)
+
+    def change(torque: Float[Array, "3"], efforts: Joints, force: Float[Array, "3"]) -> Motion:
+        Omegadot, thetaddot = found.matrix.solve(torque, efforts)
+        for weights, rate in zip(p, thetaddot, strict=True):
+            force = force + jnp.sum(rate[..., None] * weights, axis=(0, 1))
+        return motion(Omegadot, joined(still, found.links, thetaddot), force + cross(Omegadot, lever))
+
+    def yielding(axis: Float[Array, "3"]) -> Motion:
+        efforts = [-jnp.sum(weights * axis[None, None], axis=-1) for weights in p]
+        return change(cross(axis, lever), efforts, found.at.M * axis)
+
+    Omegadot, thetaddot = found.solved(r, t, body, acting)
+    R = reaction_in_body(found.completed(thetaddot), r, acting, found.Omega, Omegadot)
+    dry = None if system.resistance is None else system.resistance.dry_torque(r, found.Omega, found.Gamma)
+    idle = [jnp.zeros(link.slots.shape, dtype=Lambda.dtype) for link in found.free]
+    of_slip = jax.vmap(yielding)(Lambda)
+    if system.planar:
+        of_slip = of_slip._replace(reaction=of_slip.reaction.at[1, 1].set(found.at.M))
+    table = table_under(system, t, body, slip)
+    return Response(
+        rolling=motion(Omegadot, joined(found.angles[2], found.links, thetaddot), R),
+        yielding=of_slip,
+        contact=inverse(of_slip.reaction),
+        rubbing=None if dry is None else change(dry, idle, jnp.zeros_like(dry)),
+        convected=jnp.zeros_like(slip) if table is None else in_three(table.acceleration),
+    )
+
+
+def rates(
+    system: AbstractBody,
+    state: ReleasedState,
+    found: Response,
+    slip_acceleration: Float[Array, "3"],
+    N: Float[Array, ""],
+) -> ReleasedState:
+    """ẋ with the slip acceleration v̇_s in space axes, where ``N`` is the normal force of dry rolling friction.
+
+    V̇ = rω̇ × e3 + v̇_s + u̇.
+    """
+    body, r = state.body, system.radius
+    Omegadot, thetaddot = found.accelerations(slip_acceleration, N)
+    turning = in_three(centre_velocity(body.Lambda, Omegadot, r, None))
+    moved = body.rates(r, Omegadot, (body.theta, body.thetadot, thetaddot))
+    return ReleasedState(
+        body=_placed(moved, state.V), V=turning + slip_acceleration + found.convected, height=state.V[2]
+    )
+
+
+def released_energy(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, ""]:
+    """T + V of the body, mass length²/time², relative to the moving axes; 0 at rest in a centre at the origin."""
+    body, r = state.body, system.radius
+    points = kinematics(system, t, (body.theta, body.thetadot, body.thetadot))  # θ̈ is not used
+    still = jnp.zeros((1, 3), dtype=state.V.dtype)
+    masses = Kinematics(
+        jnp.concatenate([system.offset[None], points.chi]), jnp.concatenate([still, points.chidot]), points.chiddot
+    )
+    m = jnp.concatenate([system.mass[None], point_mass_values(system)])
+    lowest = state.V - in_three(centre_velocity(body.Lambda, body.Omega, r, None))
+    up = jnp.zeros_like(state.V).at[2].set(1.0) if system.ground is None else system.ground.up()
+    place = in_three(_place(body)).at[2].set(state.height)
+    T = kinetic_energy(m, principal_inertia(system), r, masses, body.Omega, body.Gamma, apply(body.Lambda.T, lowest))
+    return T + potential_energy(m, system.gravity, masses, apply(body.Lambda.T, up), dot(up, place))
+
+
+def _combined(amounts: Float[Array, "3"], rows: Float[Array, "3 n"]) -> Float[Array, " n"]:
+    """The sum of rows, each times its amount."""
+    return jnp.sum(amounts[:, None] * rows, axis=0)
+
+
+def _place(body: PlacedState) -> Float[Array, "2"]:
+    """Where the geometric centre is over the plane; a disk moves along e1."""
+    return jnp.stack([body.z, jnp.zeros_like(body.z)]) if isinstance(body, DiskState) else body.z
+
+
+def _placed(body: PlacedState, place: Float[Array, "3"]) -> PlacedState:
+    """The state, or its rates, with another place or velocity of the geometric centre."""
+    return eqx.tree_at(lambda x: x.z, body, place[0] if isinstance(body, DiskState) else place[:2])
