@@ -60,10 +60,11 @@ print(f"derivative of its last place with respect to a: {jax.jacfwd(end)(jnp.asa
 # The sleigh ends on a straight line with v = 0.8, where one exponent is −a v / k² = −0.625, and the others are 0.
 print(f"Lyapunov exponents {jnp.round(lyapunov_spectrum(sleigh, (0.0, 200.0), transient=100.0).exponents, 4)}")
 
-ax = Figure(figsize=(5.0, 2.6), layout="constrained").subplots()
+figure = Figure(figsize=(5.0, 2.6), layout="constrained")
+ax = figure.subplots()
 ax.plot(*run.state.place.T)
 ax.plot(*run.events["across"].state.place[0], "o", label="$y = 1$")
 ax.set(xlabel="$x$", ylabel="$y$", aspect="equal")
 ax.legend(frameon=False)
-ax.figure.savefig("sleigh.png", dpi=150)
+figure.savefig("sleigh.png", dpi=150)
 print("written: sleigh.png")

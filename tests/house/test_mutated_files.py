@@ -13,7 +13,7 @@ from tests.support.mutations import mutated
 NAMES = r"(^|: )(Key `.+`|Variables? `?.+`?|Path `.+`|`.+`) |must be a TOML document"
 QUICK = {
     "scenarios": (corpus.scenarios, ("disk", "heavy-top", "suslov", "vakonomic-particle", "pendulum-on-a-slope")),
-    "studies": (corpus.studies, ("sweeps.md 0", "every axis")),
+    "studies": (corpus.studies, ("how-to/sweeps.md 0", "every axis")),
     "problems": (corpus.problems, ("every kind, ball", "every kind, disk, controlled")),
 }
 
