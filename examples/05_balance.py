@@ -18,5 +18,5 @@ rounded = simulate(ball, jnp.array([0.0, 20.0]))
 exact = simulate(with_angles(ball, [1, 2], balanced.theta), jnp.array([0.0, 20.0]))
 print(f"rounding theta to four digits moves the end by {jnp.linalg.norm(exact.state.z[-1] - rounded.state.z[-1]):.1e}")
 
-plot.configuration(with_angles(ball, [1, 2], balanced.theta)).figure.savefig("balanced.png", dpi=150)
+plot.snapshot(exact, 0.0).savefig("balanced.png", dpi=150)
 print("written: balanced.png")
