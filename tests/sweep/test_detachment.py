@@ -9,7 +9,8 @@ from scipy.optimize import brentq
 
 from jaxball import Detachment, Status, contact_extremes, simulate
 from jaxball.scenario import ScenarioError, builtin_text
-from jaxball.sweep import sweep
+from jaxball.sweep import row_events, row_scenarios, sweep
+from jaxball.sweep.study import ends_at_detachment
 from tests.sweep.studies import study
 
 INERTIA, OFFSET = 0.3, 0.4
@@ -65,6 +66,12 @@ def test_rows_end_where_the_normal_force_is_zero(tmp_path):
     when = [detachment(start) if ends else 5.0 for start, ends in zip((0.5, 4.0, 1.0, 5.0), DETACHED, strict=True)]
     np.testing.assert_allclose(data["reached"], when, rtol=1e-6)
     np.testing.assert_array_equal(np.isnan(data["phi"]), DETACHED)
+    store = tmp_path / "s.zarr"
+    (again,) = row_scenarios(store, [1])
+    run = again.simulate(events=row_events(store))
+    assert run.status == Status.DETACHED
+    np.testing.assert_allclose(run.reached, data["reached"][1], rtol=1e-8)
+    assert not ends_at_detachment(study(tmp_path, scenario=WHEEL).identity()["settings"])
 
 
 @pytest.mark.slow

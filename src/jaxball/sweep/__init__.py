@@ -5,7 +5,7 @@ How rows are solved is :mod:`jaxball.ensemble`'s; how they are drawn, :mod:`jaxb
 
 from ..interface.names import interface as _interface
 from .batch import Batch as Batch, Engine as Engine, Wanted as Wanted
-from .chosen import row_scenarios as row_scenarios
+from .chosen import row_events as row_events, row_scenarios as row_scenarios
 from .dataset import open_dataset as open_dataset, open_grid as open_grid
 from .engine import solve_in_lanes as solve_in_lanes
 from .errors import StoreError as StoreError, StudyError as StudyError, WorkerError as WorkerError

@@ -1,4 +1,4 @@
-"""Some rows of a store as scenarios, to be simulated again."""
+"""Some rows of a store as scenarios, to be simulated again, with the events that may have ended them."""
 
 import tomllib
 from collections.abc import Sequence
@@ -9,12 +9,29 @@ import numpy as np
 from ..interface.wording import counted
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.paths import with_numbers
+from ..simulation.events import AbstractEvent, Detachment
+from .attributes import read_attributes
 from .dataset import open_dataset
 from .errors import StoreError
+from .study import ends_at_detachment
+
+
+def row_events(folder: str | Path) -> dict[str, AbstractEvent]:
+    """The events that may have ended the runs of a store, by their names, for those of :func:`row_scenarios`.
+
+    **Arguments:**
+
+    - ``folder``: the store.
+
+    **Raises:** :class:`StoreError` as :func:`open_dataset`.
+    """
+    return {"detachment": Detachment()} if ends_at_detachment(read_attributes(Path(folder))["settings"]) else {}
 
 
 def row_scenarios(folder: str | Path, rows: Sequence[int]) -> list[Scenario]:
-    """The scenarios of some rows of a store: simulated, they are the runs of these rows, at all save times.
+    """The scenarios of some rows of a store: simulated with :func:`row_events`, they are the runs of these rows.
+
+    They have all save times, also where the study kept the end alone.
 
     **Arguments:**
 

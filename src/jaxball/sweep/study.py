@@ -129,6 +129,11 @@ class Study:
         return {"scenario": tomli_w.dumps(self.document), "axes": axes, "settings": kept}
 
 
+def ends_at_detachment(settings: str) -> bool:
+    """Whether the ``settings`` of an identity are of a study whose runs end where the ball would leave the plane."""
+    return settings.partition(", finds = ")[0].endswith(", detachment = True")
+
+
 def load_study(source: str | Path) -> Study:
     """The study of a file.
 

@@ -10,7 +10,7 @@ from ...physics.body import AbstractBody, System
 from ...results import load_run, saved_scenario
 from ...results.files import RunError
 from ...scenario import Scenario
-from ...simulation.events import AbstractEvent, Detachment
+from ...simulation.events import AbstractEvent
 from ...simulation.trajectory import Trajectory
 from ..jax_setup import compiled_for
 from ..options import BadInputError
@@ -52,9 +52,8 @@ def of_sweep(options: argparse.Namespace) -> int:
         scale = plot.sweep_scale(data, options.rows, options.colour)
     except plot.PictureError as error:
         raise BadInputError(f"Argument `--colour`: {error}") from None
-    events = {"detachment": Detachment()} if "detachment = True" in data.attrs["settings"] else {}
     named = {f"row {row}": scenario for row, scenario in zip(options.rows, scenarios, strict=True)}
-    runs = _simulated(options, named, events)
+    runs = _simulated(options, named, sweep.row_events(options.saved))
     title = ", ".join([title_of(data), *(named if len(named) == 1 else ())])
     with working(options, "writing the view"):
         _write(options, runs, title, scale=scale)
