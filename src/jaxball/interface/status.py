@@ -22,6 +22,8 @@ class Status(enum.IntEnum):
     DETACHED = 6
     SLIPPED = 7
     EVENT = 8
+    JAMMED = 9
+    CHATTERED = 10
 
     def sentence(self, reached: float, end: float, *, alone: bool = False) -> str:
         """What happened; the result is valid up to the time ``reached``.
@@ -57,6 +59,14 @@ _SENTENCES = {
     Status.SLIPPED: (
         "The run ended at t = {reached:.10g} before t = {end:.10g}, because rolling needed all the friction there is: "
         "the ball would slip, and the equations of rolling do not hold after that."
+    ),
+    Status.JAMMED: (
+        "The run ended at t = {reached:.10g} before t = {end:.10g}, because friction is so large there that the normal "
+        "force of a sliding body has no solution (Painlevé's paradox); lower the coefficient `sliding`."
+    ),
+    Status.CHATTERED: (
+        "The run ended at t = {reached:.10g} before t = {end:.10g}, because the body went from mode to mode there, again "
+        "and again in no time; a coefficient `static` above `sliding` may keep these apart."
     ),
     Status.EVENT: "The run ended at t = {reached:.10g} before t = {end:.10g}, where an event ended it.",
 }

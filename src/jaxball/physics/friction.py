@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from ..numerics.bracketing import Sample, between, other_end
 from ..numerics.norms import root
@@ -18,6 +18,8 @@ from ..numerics.vectors import apply
 from .released import Response
 
 SAMPLES = 24  # of directions between which one is sought
+LED = 3e-3  # of the time in which the reaction changes by itself
+TENTATIVE = 0.02  # a slip that grows by a lesser part of what friction can do is led by the forces at first
 STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quarter
 
 
@@ -97,6 +99,58 @@ def first_slip(found: Response, mu: Float[Array, ""]) -> Direction:
     return diverging(pull, -rolling(found).R[:2])
 
 
+class Led(NamedTuple):
+    """Whether the forces lead the direction of a slip at first, for how long, and the rate at which it turns then."""
+
+    applies: Bool[Array, ""]
+    time: Float[Array, ""]
+    turning: Float[Array, ""]
+
+
+def led(found: Response, changing: Response, mu: Float[Array, ""], first: Direction) -> Led:
+    """How a slip begins that grows slowly, because the friction that gave way was as large as that of sliding.
+
+    Its speed s grows with the square of time, and its direction φ obeys s φ̇ = the slip acceleration across it, which
+    forces φ to follow the forces, the more so the smaller s is: equations of motion stiff beyond all bounds. So
+    ``led_direction`` stands for φ in a short ``time``, with an error of its third power. ``changing`` is the rate of
+    ``found``.
+    """
+
+    def across(found: Response, angle: Float[Array, ""]) -> Float[Array, ""]:
+        sigma = _unit(angle)
+        return _across(sigma, sliding(found, mu, sigma).slip_acceleration)
+
+    angle = jnp.arctan2(first.sigma[1], first.sigma[0])
+    still = jnp.zeros_like(angle)
+    _, rate = jax.jvp(across, (found, angle), (changing, still))
+    _, slope = jax.jvp(across, (found, angle), (jax.tree.map(jnp.zeros_like, changing), jnp.ones_like(angle)))
+    stiffness = jnp.where(slope < 0, -slope, 1.0)
+    turning = rate / (stiffness + first.growth)
+    R, Rdot = found.rolling.reaction, changing.rolling.reaction
+    changes = jnp.sum(Rdot**2) > 0
+    time = LED * jnp.sqrt(jnp.sum(R**2) / jnp.where(changes, jnp.sum(Rdot**2), 1.0))
+    applies = changes & (slope < 0) & (first.growth < TENTATIVE * stiffness)
+    return Led(applies, jax.lax.stop_gradient(time), turning)
+
+
+def led_direction(
+    found: Response, mu: Float[Array, ""], guess: Float[Array, "2"], across: Float[Array, ""], steps: int
+) -> Float[Array, "2"]:
+    """The direction σ, near ``guess``, in which a slip has the acceleration ``across`` perpendicular to it.
+
+    A slip of speed s that turns at the rate φ̇ has the acceleration s φ̇ there. So this is the direction of one that is
+    still so slow that the forces lead it.
+    """
+
+    def excess(angle: Float[Array, ""]) -> Float[Array, ""]:
+        sigma = _unit(angle)
+        return _across(sigma, sliding(found, mu, sigma).slip_acceleration) - across
+
+    fixed = jax.lax.stop_gradient(guess)
+    angle = jnp.arctan2(fixed[1], jnp.where(jnp.sum(fixed**2) > 0, fixed[0], 1.0))
+    return _unit(jax.lax.fori_loop(0, steps, lambda _, angle: _newton_step(excess, angle), angle))
+
+
 def diverging(
     pull: Callable[[Float[Array, "2"]], tuple[Float[Array, "2"], Float[Array, ""]]], guess: Float[Array, "2"]
 ) -> Direction:
@@ -110,8 +164,7 @@ def diverging(
     def parts(angle: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
         sigma = _unit(angle)
         vector, valid = pull(sigma)
-        along, across = jnp.sum(sigma * vector), sigma[0] * vector[1] - sigma[1] * vector[0]
-        return across, jnp.where(valid > 0, along, -jnp.inf)
+        return _across(sigma, vector), jnp.where(valid > 0, jnp.sum(sigma * vector), -jnp.inf)
 
     def across(angle: Float[Array, ""]) -> Float[Array, ""]:
         return parts(angle)[0]
@@ -136,8 +189,7 @@ def diverging(
     angle = jax.lax.stop_gradient(jax.lax.fori_loop(0, STEPS, narrowed, jax.lax.stop_gradient((old, new)))[1].x)
     # Newton's method moves it by rounding alone, and gives it its derivatives: one step the first, another the second.
     for _ in range(2):
-        value, slope = jax.jvp(across, (angle,), (jnp.ones_like(angle),))
-        angle = angle - jnp.where(slope == 0, 0.0, value / jnp.where(slope == 0, 1.0, slope))
+        angle = _newton_step(across, angle)
     sigma = _unit(angle)
     vector, _ = pull(sigma)
     return Direction(sigma, jnp.sum(sigma * vector))
@@ -146,6 +198,16 @@ def diverging(
 def push(mu: Float[Array, ""], direction: Float[Array, "2"]) -> Float[Array, "3"]:
     """e3 − μσ."""
     return jnp.concatenate([-mu * direction, jnp.ones_like(direction[:1])])
+
+
+def _across(sigma: Float[Array, "2"], vector: Float[Array, "size"]) -> Float[Array, ""]:
+    """The component of a vector perpendicular to σ, positive to its left."""
+    return sigma[0] * vector[1] - sigma[1] * vector[0]
+
+
+def _newton_step(function: Callable[[Float[Array, ""]], Float[Array, ""]], x: Float[Array, ""]) -> Float[Array, ""]:
+    value, slope = jax.jvp(function, (x,), (jnp.ones_like(x),))
+    return x - jnp.where(slope == 0, 0.0, value / jnp.where(slope == 0, 1.0, slope))
 
 
 def _unit(angle: Float[Array, ""]) -> Float[Array, "2"]:

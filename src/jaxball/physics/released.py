@@ -23,6 +23,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ..interface.arguments import require
+from ..interface.printing import Printed
+from ..numerics.arrays import numbers
 from ..numerics.vectors import apply, cross, dot, inverse
 from .body import AbstractBody
 from .contact import reaction_in_body
@@ -37,19 +40,30 @@ from .state import BallState, DiskState, RotationState, centre_velocity
 PlacedState = BallState | RotationState | DiskState
 
 
-class ReleasedState(eqx.Module):
-    """The state of a body that need not roll.
+class ReleasedState(Printed):
+    """The state of a body that need not roll: it may slip on the plane, and be over it.
 
     **Arguments:**
 
-    - ``body``: orientation, Ω, place and joints, as of a body that rolls.
+    - ``body``: orientation, Ω, place and joints, as of a body that rolls: a :class:`~jaxball.BallState`, a
+      :class:`~jaxball.RotationState` or a :class:`~jaxball.DiskState`.
     - ``V``: the velocity of the geometric centre, space axes, length/time, shape (3,); its second entry is 0 of a disk.
     - ``height``: of the geometric centre over that of rolling, length.
+
+    **Example:**
+
+    >>> from jaxball import BallState, ReleasedState
+    >>> ReleasedState(BallState(Omega=(0.0, -5.0, 0.0)), V=(2.0, 0.0, 0.0))  # with backspin
+    ReleasedState(V=(2.0, 0.0, 0.0), height=0.0)
+      body: BallState(q=(1.0, 0.0, 0.0, 0.0), Omega=(0.0, -5.0, 0.0), z=(0.0, 0.0), theta=(), thetadot=())
     """
 
     body: PlacedState
-    V: Float[Array, "*batch 3"]
-    height: Float[Array, "*batch"]
+    V: Float[Array, "*batch 3"] = eqx.field(converter=numbers("V", (3,), batch=True), default=(0.0, 0.0, 0.0))
+    height: Float[Array, "*batch"] = eqx.field(converter=numbers("height", batch=True), default=0.0)
+
+    def __check_init__(self):
+        require("body", self.body, PlacedState, "a BallState, a RotationState or a DiskState, which have a place")
 
 
 def released(system: AbstractBody, t: Float[Array, ""], state: PlacedState) -> ReleasedState:

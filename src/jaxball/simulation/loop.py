@@ -15,6 +15,9 @@ import jax.numpy as jnp
 from equinox.internal import while_loop
 from jaxtyping import Array, Bool, Float, Int
 
+from ..interface.status import Status
+from .switching import NONE, Course, Switching
+
 # A step that would end this close to the end of the run, relative to it, ends there.
 CLOSE = 100
 RESULTS: Any = diffrax.RESULTS
@@ -30,22 +33,28 @@ class SavedStates(NamedTuple):
 class SolveLoop(diffrax.AbstractAdjoint):
     """The loop of a solve that saves the vectors at ``times``, infinite where it does not come.
 
+    With ``switching``, the system has modes that follow each other, and their ``course`` is among the statistics.
+
     diffrax calls a loop after the way in which it is differentiated. ``kind`` is "checkpointed" for reverse mode, with
     so many ``checkpoints``, and "lax" for forward mode or none.
     """
 
     times: Float[Array, " T"]
+    switching: Switching | None
     kind: Literal["checkpointed", "lax"] = eqx.field(static=True)
     checkpoints: int | None = eqx.field(static=True, default=None)
 
     @classmethod
     def of(
-        cls, adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode, times: Float[Array, " T"]
+        cls,
+        adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode,
+        times: Float[Array, " T"],
+        switching: Switching | None = None,
     ) -> "SolveLoop":
         """The loop for the mode of differentiation that ``adjoint`` stands for."""
         if isinstance(adjoint, diffrax.ForwardMode):
-            return cls(times, "lax")
-        return cls(times, "checkpointed", adjoint.checkpoints)
+            return cls(times, switching, "lax")
+        return cls(times, switching, "checkpointed", adjoint.checkpoints)
 
     def loop(
         self,
@@ -67,24 +76,29 @@ class SolveLoop(diffrax.AbstractAdjoint):
             solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
         if init_state.dense_ts is not None:
             init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0))
-        solve = _Solve(terms, solver, stepsize_controller, args, t0, t1, event, progress_meter)
+        solve = _Solve(terms, solver, stepsize_controller, args, t0, t1, event, progress_meter, self.switching)
+        y0, course = init_state.y, None
+        if self.switching is not None:
+            course = self.switching.begin(t0, y0, init_state.tnext - t0)
 
-        def unfinished(carry: tuple[Any, SavedStates]) -> Bool[Array, ""]:
-            state, _ = carry
-            return (state.tprev < t1) & (state.result == RESULTS.successful)
+        def unfinished(carry: tuple[Any, SavedStates, Any]) -> Bool[Array, ""]:
+            state, _, course = carry
+            lasts = (state.tprev < t1) & (state.result == RESULTS.successful)
+            return lasts if course is None else lasts & (course.status == int(Status.SUCCESS))
 
-        def advance(carry: tuple[Any, SavedStates]) -> tuple[Any, SavedStates]:
-            state, saved = carry
-            new, info, keep = solve.advanced(state)
+        def advance(carry: tuple[Any, SavedStates, Any]) -> tuple[Any, SavedStates, Any]:
+            state, saved, course = carry
+            if course is not None:
+                state, course = solve.settled(state, course)
+            new, info, keep, course = solve.advanced(state, course)
             interpolation = solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
-            return new, self._save(saved, interpolation, jnp.where(keep, state.tnext, -jnp.inf))
+            return new, self._save(saved, interpolation, jnp.where(keep, state.tnext, -jnp.inf)), course
 
-        y0 = init_state.y
         inner = SavedStates(jnp.asarray(0), jnp.full((self.times.size - 2, *y0.shape), jnp.inf, y0.dtype))
-        state, saved = while_loop(
+        state, saved, course = while_loop(
             unfinished,
             advance,
-            (init_state, inner),
+            (init_state, inner, course),
             max_steps=max_steps,
             buffers=lambda carry: (carry[1].vectors, carry[0].dense_ts, carry[0].dense_infos),
             kind=self.kind,
@@ -92,14 +106,15 @@ class SolveLoop(diffrax.AbstractAdjoint):
         )
         done = state.tprev >= t1
         last = jnp.where(done, state.y, jnp.inf)
-        states = jnp.concatenate([y0[None], saved.vectors, last[None]])
+        first = y0 if course is None else course.begun
+        states = jnp.concatenate([first[None], saved.vectors, last[None]])
         state = dataclasses.replace(
             state,
             save_state=dataclasses.replace(state.save_state, ts=state.tprev[None], ys=states),
             num_rejected_steps=state.num_steps - state.num_accepted_steps,
-            result=RESULTS.where(unfinished((state, saved)), RESULTS.max_steps_reached, state.result),
+            result=RESULTS.where(unfinished((state, saved, course)), RESULTS.max_steps_reached, state.result),
         )
-        return state, {}
+        return state, {} if course is None else {"course": course}
 
     def _save(
         self, saved: SavedStates, interpolation: diffrax.AbstractLocalInterpolation, until: Float[Array, ""]
@@ -138,10 +153,21 @@ class _Solve(NamedTuple):
     t1: Float[Array, ""]
     event: diffrax.Event | None
     progress_meter: diffrax.AbstractProgressMeter
+    switching: Switching | None
 
-    def advanced(self, state: Any) -> tuple[Any, Any, Bool[Array, ""]]:
+    def settled(self, state: Any, course: Course) -> tuple[Any, Course]:
+        """The state with which the next step begins: that of the mode that follows, where one has ended."""
+        assert self.switching is not None
+        ended, length = course.pending != NONE, state.tnext - state.tprev
+        t, y, course = self.switching.settled(course, state.tprev, state.y, self.t1 - self.t0, self.args)
+        end = jnp.where(ended, t + length, state.tnext)
+        end = jnp.minimum(end, jnp.minimum(self.switching.latest_end(t, y, self.args), self.t1))
+        state = dataclasses.replace(state, tprev=t, tnext=end, y=y, made_jump=state.made_jump | ended)
+        return state, course
+
+    def advanced(self, state: Any, course: Course | None = None) -> tuple[Any, Any, Bool[Array, ""], Course | None]:
         """The state after a step, what the step's interpolation is made of, and whether the step was accepted."""
-        jumps = not isinstance(self.controller, diffrax.PIDController)
+        jumps = self.switching is not None or not isinstance(self.controller, diffrax.PIDController)
         y, error, info, solver_state, step_result = self.solver.step(
             self.terms,
             state.tprev,
@@ -161,6 +187,18 @@ class _Solve(NamedTuple):
             self.solver.error_order(self.terms),
             state.controller_state,
         )
+        retried = jnp.asarray(False)
+        if self.switching is not None:
+            interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
+            judged = self.switching.judged(course, state.tprev, state.tnext, y, interpolation, keep, self.args)
+            retried, target, y, course = judged
+            keep &= ~retried
+            tprev = jnp.where(retried, state.tprev, tprev)
+            # A step that the end of a mode cut short says nothing about longer ones.
+            cut = keep & (state.tnext - state.tprev < course.length)
+            tnext = jnp.where(cut, jnp.maximum(tnext, tprev + course.length), tnext)
+            tnext = jnp.where(retried, target, tnext)
+            controller_state = _where(retried, state.controller_state, controller_state)
         tprev = jnp.minimum(tprev, self.t1)
         almost = self.t1 - CLOSE * float(jnp.finfo(self.t1.dtype).eps) * jnp.abs(self.t1)
         end = jnp.where(keep, self.t1, tprev + 0.5 * (self.t1 - tprev))
@@ -171,7 +209,7 @@ class _Solve(NamedTuple):
             state,
             y=y,
             tprev=tprev,
-            tnext=jnp.where(tnext > almost, end, tnext),
+            tnext=jnp.where((tnext > almost) & ~retried, end, tnext),
             made_jump=jnp.where(keep, made_jump, state.made_jump) if jumps else state.made_jump,
             solver_state=solver_state,
             controller_state=controller_state,
@@ -184,7 +222,7 @@ class _Solve(NamedTuple):
             state = _kept_for_dense_output(state, info, keep)
         if self.event is not None:
             state = _stopped_by_event(state, self.event, self.args, self.t0)
-        return state, info, keep
+        return state, info, keep, course
 
 
 def _kept_for_dense_output(state: Any, info: Any, keep: Bool[Array, ""]) -> Any:

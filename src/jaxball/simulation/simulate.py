@@ -23,7 +23,10 @@ from ..numerics.modes import forward_only, reverse_only
 from ..physics.body import System
 from ..physics.confinement import until_left
 from ..physics.dae import WITH_UNIT
+from ..physics.contact_law import Contact
+from ..physics.modes import BodyOnPlane
 from ..physics.packing import Packing
+from ..physics.released import ReleasedState
 from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, default_of, require_state, require_system
 from ..physics.validity import possible_start
@@ -31,6 +34,8 @@ from ..solvers import Projected, RadauIIA, SwitchingMassMatrixTerm
 from .events import AbstractEvent
 from .loop import SolveLoop
 from .step_size import by_tolerances, kinks_of, to_kinks
+from .modal import of_modes, on_plane, unpacked_switches
+from .switching import Switching
 from .trajectory import Interpolant, Trajectory
 from .watch import checked, locate, stop
 
@@ -49,7 +54,7 @@ class PrecisionError(UserError):
 def simulate(
     system: AbstractSystem,
     times: Numbers,
-    state: AbstractState | None = None,
+    state: AbstractState | ReleasedState | None = None,
     *,
     solver: diffrax.AbstractAdaptiveSolver | None = None,
     rtol: Numbers = DEFAULT_TOLERANCE,
@@ -59,6 +64,7 @@ def simulate(
     dae: bool = False,
     project: bool = False,
     events: Mapping[str, AbstractEvent] | None = None,
+    contact: Contact | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
     max_steps: int = 16384,
     progress: diffrax.AbstractProgressMeter | None = None,
@@ -123,7 +129,7 @@ def simulate(
     if state is None:
         state = at_rest(system)
     else:
-        _check_state(system, state)
+        _check_state(system, state.body if isinstance(state, ReleasedState) and contact is not None else state)
     rtol, atol = checked_tolerances(rtol, atol)
     if dae:
         _check_dae(state, solver)
@@ -139,7 +145,8 @@ def simulate(
         project=project,
         inside=inside,
     )
-    trajectory = _run(method, system, times, state, rtol, atol, events)
+    simulated = system if contact is None else on_plane(system, state, contact, dae, events)
+    trajectory = _run(method, simulated, times, state, rtol, atol, events)
     if events:
         trajectory = locate(trajectory, events)
     if throw:
@@ -168,8 +175,10 @@ def _run(
     """A trajectory. Dense output has room for few steps at first, because room that is not used costs time as well."""
 
     def trajectory_by(method: _Method) -> Trajectory[Any, Any]:
-        solved = _program(method)(system, times, state, *others)
-        return Trajectory.of(system, times, *solved, {}, state)
+        *solved, course = _program(method)(system, times, state, *others)
+        if isinstance(system, BodyOnPlane):
+            return of_modes(system, times, solved, course, state)
+        return Trajectory.of(system, times, *solved, {}, state, None)
 
     if method.dense and not isinstance(jnp.zeros(()), Tracer):
         for room in (room for room in FEW_STEPS if room < method.max_steps):
@@ -203,6 +212,8 @@ def _solve(
     """The fields of a trajectory but ``system`` and ``times``, which a program could only copy."""
     if isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint):
         system, times, state, rtol, atol, events = reverse_only((system, times, state, rtol, atol, events))
+    if isinstance(system, BodyOnPlane):
+        state = system.prepare().start(times[0], state)
     startable = _startable(system, times, state, method.inside)
     system, times, state, events = differentiated_where(startable, (system, times, state, events))
     packing, initial = _packed(system, times[0], state)
@@ -218,6 +229,7 @@ def _solve(
     def dae_field(t, x, parameters, component):
         return unpack_parameters(parameters)[0].dae_field(t, x, component)
 
+    switching = Switching(unpack_parameters, system.contact.room) if isinstance(system, BodyOnPlane) else None
     term = diffrax.ODETerm(field)
     if method.dae:
         term = SwitchingMassMatrixTerm(
@@ -235,7 +247,7 @@ def _solve(
         args=parameters,
         saveat=diffrax.SaveAt(t1=True, dense=method.dense),
         stepsize_controller=_controller(method, system, times, rtol, atol),
-        adjoint=SolveLoop.of(method.adjoint, times),
+        adjoint=SolveLoop.of(method.adjoint, times, switching),
         event=stop(events, unpack_parameters),
         max_steps=method.max_steps,
         progress_meter=method.progress,
@@ -246,6 +258,10 @@ def _solve(
     states, ended = cast(Array, solution.ys), cast(Array, solution.ts)
     saved = _unpacked(packing, startable & jnp.all(jnp.isfinite(states), axis=1), times, states)
     reached, status = ended[0], status_of(solution.result)
+    course = solution.stats.get("course")
+    if course is not None:
+        status = jnp.where(course.status == int(Status.SUCCESS), status, course.status)
+        course = unpacked_switches(packing, course)
     if method.inside:
         reached, status = until_left(packing.system, times, saved, reached, status)
     return (
@@ -255,6 +271,7 @@ def _solve(
         cast(Array, solution.stats["num_steps"]),
         cast(Array, solution.stats["num_rejected_steps"]),
         Interpolant(solution, packing) if method.dense else None,
+        course,
     )
 
 
@@ -405,7 +422,12 @@ def _checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax
     return progress
 
 
-def _check_state(system: AbstractSystem, state: AbstractState) -> None:
+def _check_state(system: AbstractSystem, state: AbstractState | ReleasedState) -> None:
+    if isinstance(state, ReleasedState):
+        raise TypeError(
+            "Argument `contact` must be given where `state` is a ReleasedState, because a body that may slip or fly "
+            "needs a law of friction and impact, such as Contact(sliding=0.3), but it is None."
+        )
     require_state(system, state)
     shapes = _shapes_of(type(state), default_dtype())
     for name, shape in shapes.items():

@@ -28,6 +28,7 @@ from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState, ReducedState, RotationState, State
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import find_problems
+from .history import ContactHistory
 from .occurrences import Occurrences
 
 if TYPE_CHECKING:
@@ -67,6 +68,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     - ``steps``, ``rejected``: how many steps were taken in all, and how many of them were rejected.
     - ``events``: the :class:`~jaxball.Occurrences` of each event, by name.
     - ``start``: the initial state that was given, also where no solve can start from it.
+    - ``contact``: the :class:`ContactHistory` of a run with a law of contact: its modes and switches.
 
     **Example:**
 
@@ -91,7 +93,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     rejected: Int[Array, "*batch"]
     interpolant: Interpolant[AnyState] | None = None
     events: dict[str, Occurrences] = eqx.field(default_factory=dict)
-    start: AnyState | None = None
+    start: Any = None
+    contact: ContactHistory | None = None
 
     @classmethod
     def of(cls, *fields: Any) -> "Trajectory[Any, Any]":

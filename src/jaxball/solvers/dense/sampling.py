@@ -31,6 +31,12 @@ class Sampling(NamedTuple):
         """The values of the polynomials at the fractions; exact at the nodes."""
         return jnp.einsum("...n,fn->...f", samples, jnp.asarray(self.matrix, samples.dtype))
 
+    def value(self, samples: Float[Array, "*steps nodes"], fraction: Float[Array, "*steps"]) -> Float[Array, "*steps"]:
+        """The polynomials at any fraction."""
+        a0, a1, a2, a3, a4 = jnp.einsum("...n,mn->m...", samples, jnp.asarray(self.powers, samples.dtype))
+        u = fraction
+        return a0 + u * (a1 + u * (a2 + u * (a3 + u * a4)))
+
     def rates(
         self, samples: Float[Array, "*steps nodes"], fraction: Float[Array, "*steps"]
     ) -> tuple[Float[Array, "*steps"], Float[Array, "*steps"]]:

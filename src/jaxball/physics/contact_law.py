@@ -1,0 +1,76 @@
+"""The law of the contact between a body and its plane: Coulomb's friction and Newton's restitution."""
+
+from collections.abc import Iterator
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from ..interface.printing import Printed
+from ..numerics.arrays import Numbers, is_traced, namespace_of, numbers
+from .conditions import Condition
+
+SLOWEST = 1e-6
+
+
+class Contact(Printed):
+    """What happens where rolling ends: how large friction can be, and how an impact rebounds.
+
+    A body that does not slip is held by friction up to |f| = ``static`` N. On one that slips with v_s, friction is
+    −``sliding`` N v_s/|v_s|. One that comes down on the plane rebounds with −``restitution`` times its normal velocity,
+    and with the friction of sliding in the impact.
+
+    **Arguments:**
+
+    - ``sliding``: the coefficient μ of friction of sliding, without unit; 0 for a smooth plane.
+    - ``static``: the coefficient μ_s of static friction; that of sliding if not given.
+    - ``restitution``: Newton's e, from 0 to 1.
+    - ``slowest``: a rebound with less than this part of √(g r) is none, because bounces get shorter and shorter, and
+      infinitely many of them end in a finite time (Zeno).
+    - ``room``: how many switches of the mode are kept; all are counted.
+
+    **Raises:** ``ValueError`` for coefficients that no plane has.
+
+    **Example:**
+
+    >>> from jaxball import Contact
+    >>> Contact(sliding=0.2, restitution=0.5)
+    Contact(sliding=0.2, static=0.2, restitution=0.5, slowest=1e-06)
+    """
+
+    sliding: Float[Array, "*batch"]
+    static: Float[Array, "*batch"]
+    restitution: Float[Array, "*batch"]
+    slowest: Float[Array, "*batch"]
+    room: int = eqx.field(static=True)
+
+    def __init__(
+        self,
+        sliding: Numbers,
+        static: Numbers | None = None,
+        restitution: Numbers = 0.0,
+        slowest: Numbers = SLOWEST,
+        room: int = 64,
+    ):
+        self.sliding = numbers("sliding")(sliding)
+        self.static = self.sliding if static is None else numbers("static")(static)
+        self.restitution = numbers("restitution")(restitution)
+        self.slowest = numbers("slowest")(slowest)
+        self.room = room
+        if room < 1:
+            raise ValueError(f"Argument `room` must be 1 or more, but it is {room}.")
+        if not any(is_traced(x) for x in (self.sliding, self.static, self.restitution, self.slowest)):
+            for condition in self.conditions():
+                for problem in condition.problems():
+                    raise ValueError(problem.sentence(name=problem.name.removeprefix("contact.")))
+
+    def conditions(self) -> Iterator[Condition]:
+        """What the coefficients must be; traceable."""
+        finite = namespace_of(self.sliding).isfinite
+        must = "0 or positive"
+        yield Condition((self.sliding >= 0) & finite(self.sliding), "contact.sliding", self.sliding, must)
+        must = "no less than the coefficient `sliding`, because what slips would be held by less than what rests"
+        yield Condition((self.static >= self.sliding) & finite(self.static), "contact.static", self.static, must)
+        holds = (self.restitution >= 0) & (self.restitution <= 1)
+        yield Condition(holds, "contact.restitution", self.restitution, "from 0 to 1, or impacts would create energy")
+        holds = (self.slowest > 0) & finite(self.slowest)
+        yield Condition(holds, "contact.slowest", self.slowest, "a positive number, or bounces would never end")

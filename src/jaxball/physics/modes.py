@@ -1,0 +1,354 @@
+"""A body on a plane that rolls, slides or flies, as one system whose modes follow each other.
+
+While a mode lasts, its motion is that of a smooth field, and functions that are positive say that it may last. Where one
+of them falls to zero it ends, and what follows is decided there:
+
+- rolling ends where it would need more friction than μ_s N, or where the plane would have to pull;
+- sliding ends where the slip velocity vanishes, or where the plane would have to pull;
+- flight ends where the body comes down, with an impact.
+
+On the plane, what does not slip rolls if friction can hold it, and else begins to slip as ``friction.first_slip`` says.
+"""
+
+import enum
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..numerics.norms import root
+from . import friction
+from .body import AbstractBody
+from .conditions import Condition, Problem
+from .contact_law import Contact
+from .impact import impact
+from .load import in_three
+from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity
+from .state import centre_velocity
+from .system import AbstractState, AbstractSystem
+
+STILL = 1e4  # a slip velocity below this, in units of rounding of the velocities, is none
+NEWTON_STEPS = 3  # to the direction of a slip that is led, from that with which it began
+
+
+class Mode(enum.IntEnum):
+    """How a body moves on its plane.
+
+    **Example:**
+
+    >>> from jaxball import Mode
+    >>> Mode(1).name
+    'SLIDING'
+    """
+
+    ROLLING = 0
+    SLIDING = 1
+    FLIGHT = 2
+
+
+class Cause(enum.IntEnum):
+    """Why a mode ends: friction gives way, a slip ends, the plane would have to pull, the body comes down."""
+
+    START = 0
+    GIVES_WAY = 1
+    STOPS = 2
+    LIFTS = 3
+    LANDS = 4
+    JAMS = 5
+
+
+# By mode, the cause that each of the functions of `lasting` stands for.
+CAUSES = (
+    (Cause.GIVES_WAY, Cause.LIFTS, Cause.START),
+    (Cause.STOPS, Cause.LIFTS, Cause.JAMS),
+    (Cause.LANDS, Cause.START, Cause.START),
+)
+
+
+class ContactState(AbstractState):
+    """What a solve advances of a body that rolls, slides or flies.
+
+    - ``body``, ``V``, ``height``: as of a :class:`ReleasedState`. While the body rolls, ``V`` is not looked at.
+    - ``rubbed``, ``struck``: the energy that friction of sliding and impacts have taken.
+    - ``mode``: a :class:`Mode`, as a number.
+    - ``sigma``: the direction of the slip when the step began, a unit vector.
+    - ``led``: the time until which the direction of a slip that has just begun follows the forces; 0 if it does not.
+    - ``turning``: the rate at which it turns meanwhile.
+    """
+
+    body: PlacedState
+    V: Float[Array, "*batch 3"]
+    height: Float[Array, "*batch"]
+    rubbed: Float[Array, "*batch"]
+    struck: Float[Array, "*batch"]
+    mode: Float[Array, "*batch"]
+    sigma: Float[Array, "*batch 2"]
+    led: Float[Array, "*batch"]
+    turning: Float[Array, "*batch"]
+
+    def projected(self) -> "ContactState":
+        return eqx.tree_at(lambda x: x.body, self, self.body.projected())
+
+    def conditions(self) -> Iterator[Condition]:
+        yield from self.body.conditions()
+        for name in ("V", "height"):
+            value = getattr(self, name)
+            yield Condition(jnp.all(jnp.isfinite(value)), f"state.{name}", value, "finite")
+        yield Condition(self.height >= 0, "state.height", self.height, "0 or positive, the body over the plane")
+
+    @property
+    def released(self) -> ReleasedState:
+        """Where the body is, and how it moves."""
+        return ReleasedState(self.body, self.V, self.height)
+
+    def moved(self, to: ReleasedState) -> "ContactState":
+        """The state with another place and motion of the body."""
+        return eqx.tree_at(lambda x: (x.body, x.V, x.height), self, (to.body, to.V, to.height))
+
+    def is_in(self, mode: Mode) -> Bool[Array, ""]:
+        """Whether this is the mode."""
+        return self.mode == int(mode)
+
+
+class BodyOnPlane(AbstractSystem[ContactState]):
+    """A ball or a disk with a law of contact."""
+
+    body: AbstractBody
+    contact: Contact
+
+    title: ClassVar[str] = "body on a plane"
+    state_type: ClassVar[Any] = ContactState
+
+    # Conditions, kinks and confinement are those of the body, with those of the law.
+
+    def conditions(self) -> Iterator[Condition]:
+        yield from self.body.conditions()
+        yield from self.contact.conditions()
+
+    def start_conditions(self, t: Float[Array, ""], state: ContactState) -> Iterator[Condition]:
+        yield from self.body.start_conditions(t, state.body)
+
+    def numbers(self) -> Iterator[tuple[str, Array]]:
+        yield from self.body.numbers()
+
+    def prepare(self) -> "BodyOnPlane":
+        return BodyOnPlane(self.body.prepare(), self.contact)
+
+    def driving_kinks(self) -> Float[Array, " kinks"]:
+        """All kinks: friction of sliding is proportional to N, which jumps with prescribed accelerations."""
+        return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
+
+    def confined(self, times: Float[Array, " T"], state: ContactState) -> Bool[Array, ""]:
+        return self.body.confined(times, state.body)
+
+    def time_of_leaving(self, times: Float[Array, " T"], states: ContactState) -> Float[Array, ""] | None:
+        return self.body.time_of_leaving(times, states.body)
+
+    def breaches(self, times: Any, state: ContactState | None, states: ContactState | None) -> Iterator[Problem]:
+        bodies = (None if given is None else given.body for given in (state, states))
+        yield from self.body.breaches(times, *bodies)
+
+    # What a solve advances: locked velocities while the body rolls, as without a law of contact, and plain ones else.
+
+    def to_packed(self, t: Float[Array, ""], state: ContactState) -> ContactState:
+        return _with_body(state, _where_rolling(state, self.body.to_packed(t, state.body), state.body))
+
+    def from_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
+        body = _where_rolling(packed, self.body.from_packed(t, packed.body), packed.body)
+        V = jnp.where(packed.is_in(Mode.ROLLING), released(self.body, t, body).V, packed.V)
+        return eqx.tree_at(lambda x: (x.body, x.V), packed, (body, V))
+
+    def packed_field(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
+        return jax.lax.cond(
+            packed.is_in(Mode.ROLLING),
+            lambda t, packed: self._rolling_rates(t, packed),
+            lambda t, packed: self.field(t, packed),
+            t,
+            packed,
+        )
+
+    def _rolling_rates(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
+        return _with_body(jax.tree.map(jnp.zeros_like, packed), self.body.packed_field(t, packed.body))
+
+    def field(self, t: Float[Array, ""], state: ContactState, found: Response | None = None) -> ContactState:
+        """ẋ, also where the body rolls, with all velocities plain; ``found`` is the response, if it is known."""
+        found = self.response(t, state) if found is None else found
+        acting = self.interaction(t, state, found)
+        slip = slip_velocity(self.body, t, state.released)
+        moved = rates(self.body, state.released, found, acting.slip_acceleration, acting.normal)
+        still = jax.tree.map(jnp.zeros_like, state).moved(moved)
+        return eqx.tree_at(lambda x: x.rubbed, still, -jnp.sum(acting.R[:2] * slip[:2]))
+
+    # The plane.
+
+    def response(self, t: Float[Array, ""], state: ContactState) -> Response:
+        """How the body moves under each reaction."""
+        return response(self.body, t, state.released, touching=~state.is_in(Mode.FLIGHT))
+
+    def interaction(self, t: Float[Array, ""], state: ContactState, found: Response) -> friction.Interaction:
+        """The reaction of the plane in the mode that the state is in."""
+        sigma = self._direction(t, state, found)
+        sliding = friction.sliding(found, self.contact.sliding, sigma)
+        rolling, flying = friction.rolling(found), friction.flight(found)
+
+        def choose(*each: Array) -> Array:
+            return jnp.where(state.is_in(Mode.ROLLING), each[0], jnp.where(state.is_in(Mode.SLIDING), *each[1:]))
+
+        return jax.tree.map(choose, rolling, sliding, flying)
+
+    def _direction(self, t: Float[Array, ""], state: ContactState, found: Response) -> Float[Array, "2"]:
+        """σ of the friction. It does not turn round within a step, so that the field is smooth where the slip ends."""
+        slip = slip_velocity(self.body, t, state.released)
+        sigma = friction.slip_direction(slip, state.sigma)
+        sigma = jnp.where(jnp.sum(sigma * state.sigma) < 0, -sigma, sigma)
+        if self.body.planar:
+            return sigma
+        speed = root(jnp.sum(slip[:2] ** 2))
+        along = friction.led_direction(found, self.contact.sliding, state.sigma, speed * state.turning, NEWTON_STEPS)
+        return jnp.where(t <= state.led, along, sigma)
+
+    def lasting(
+        self, t: Float[Array, ""], state: ContactState, found: Response | None = None
+    ) -> Float[Array, "3"]:
+        """Three functions that are positive while the mode lasts; ``CAUSES`` says for what each of them stands.
+
+        ``found`` is the response, if it is known.
+        """
+        found = self.response(t, state) if found is None else found
+        acting = self.interaction(t, state, found)
+        slip, one = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
+        spare = self.contact.static**2 * acting.R[2] * jnp.abs(acting.R[2]) - jnp.sum(acting.R[:2] ** 2)
+        # Where there is no friction to hold the body, the end of a slip is the beginning of another.
+        forward = jnp.where(self.contact.static > 0, jnp.sum(slip[:2] * state.sigma), one)
+        rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
+        return jnp.stack(
+            [
+                jnp.where(rolls, spare, jnp.where(slides, forward, state.height)),
+                jnp.where(rolls | slides, acting.R[2], one),
+                jnp.where(slides, acting.solvability, one),
+            ]
+        )
+
+    def stepped(self, t: Float[Array, ""], state: ContactState) -> ContactState:
+        """The state after a step in which its mode lasted."""
+        slip = slip_velocity(self.body, t, state.released)
+        sigma = friction.slip_direction(slip, state.sigma)
+        is_led = t < state.led
+        led = jnp.where(is_led, state.led, 0.0)
+        sigma = jnp.where(state.is_in(Mode.SLIDING) & ~is_led, jax.lax.stop_gradient(sigma), state.sigma)
+        return eqx.tree_at(lambda x: (x.sigma, x.led), state, (sigma, led))
+
+    def has_stopped(self, t: Float[Array, ""], state: ContactState) -> Bool[Array, ""]:
+        """Whether the body does not slip, to rounding."""
+        return self._is_still(state.released, slip_velocity(self.body, t, state.released))
+
+    def _is_still(self, state: ReleasedState, slip: Float[Array, "3"]) -> Bool[Array, ""]:
+        speed = root(jnp.sum(state.V**2)) + self.body.radius * root(jnp.sum(state.body.Omega**2))
+        return root(jnp.sum(slip[:2] ** 2)) <= STILL * float(jnp.finfo(slip.dtype).eps) * speed
+
+    # How modes begin.
+
+    def start(self, t: Float[Array, ""], state: ReleasedState | PlacedState) -> ContactState:
+        """The state with which a solve starts, whose mode is still to be decided, by ``followed``.
+
+        A state of rolling is one without slip. What does not slip is held to be rolling.
+        """
+        rolls = not isinstance(state, ReleasedState)
+        given = released(self.body, t, state) if rolls else state
+        zero, still = jnp.zeros_like(given.height), jnp.zeros_like(given.V[:2])
+        mode = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT)
+        return ContactState(given.body, given.V, given.height, zero, zero, mode, still, zero, zero)
+
+    def followed(
+        self, t: Float[Array, ""], state: ContactState, cause: Int[Array, ""], changing: Response
+    ) -> ContactState:
+        """What follows where a mode ends; ``changing`` is the rate of the response.
+
+        An impact comes first, if the body comes down, and then the mode with the velocities after it. Both need the
+        response of the body, whose formulas are long, and so are one loop.
+        """
+        starts = cause == int(Cause.START)
+        lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
+        still = (cause == int(Cause.GIVES_WAY)) | (cause == int(Cause.STOPS)) | state.is_in(Mode.ROLLING)
+        flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
+        zero = jnp.zeros_like(state.height)
+        state = eqx.tree_at(
+            lambda x: (x.height, x.led, x.turning), state, (jnp.where(starts, state.height, 0.0), zero, zero)
+        )
+
+        def part(carry: tuple, is_impact: Bool[Array, ""]) -> tuple:
+            state, still, flies = carry
+            touching = eqx.tree_at(lambda x: x.mode, state, zero + int(Mode.SLIDING))
+            found = self.response(t, touching)
+            struck, sticks = self._struck(t, state, found)
+            decided = self._decided(t, state, found, cause, still, flies, changing)
+            impacts = is_impact & lands
+            after = _where(is_impact, _where(lands, struck, state), decided)
+            return (after, still | impacts & sticks, flies | impacts & (struck.V[2] > 0)), None
+
+        (after, *_), _ = jax.lax.scan(part, (state, still, flies), jnp.array([True, False]))
+        return after
+
+    def _struck(
+        self, t: Float[Array, ""], state: ContactState, found: Response
+    ) -> tuple[ContactState, Bool[Array, ""]]:
+        """The state after an impact, and whether it sticks. A rebound that is too slow is none."""
+        contact, coming = self.contact, -slip_velocity(self.body, t, state.released)[2]
+        unit = root(jnp.abs(self.body.gravity) * self.body.radius)
+        rebounds = contact.restitution * coming > contact.slowest * unit
+        e = jnp.where(rebounds, contact.restitution, 0.0)
+        done = impact(self.body, t, state.released, found, contact.sliding, e)
+        V = done.state.V.at[2].set(jnp.where(rebounds, done.state.V[2], 0.0))
+        after = state.moved(ReleasedState(done.state.body, V, state.height))
+        return eqx.tree_at(lambda x: x.struck, after, state.struck - done.work), done.collision.sticks
+
+    def _decided(
+        self,
+        t: Float[Array, ""],
+        state: ContactState,
+        found: Response,
+        cause: Int[Array, ""],
+        still: Bool[Array, ""],
+        flies: Bool[Array, ""],
+        changing: Response,
+    ) -> ContactState:
+        """The state in its mode, by the forces that each mode would need."""
+        body, contact, given = self.body, self.contact, state.released
+        slip = slip_velocity(body, t, given)
+        still |= self._is_still(given, slip)
+        R = friction.rolling(found).R
+        holds = (friction.margin(R, contact.static) >= 0) & (R[2] > 0) & (contact.static > 0)
+        rolls = still & holds & (cause != int(Cause.GIVES_WAY))
+        first = friction.first_slip(found, contact.sliding)
+        sigma = jnp.where(still, first.sigma, friction.slip_direction(slip, first.sigma))
+        flies |= ~rolls & ~(friction.sliding(found, contact.sliding, sigma).normal > 0)
+        mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
+        place = given.body
+        without_slip = in_three(centre_velocity(place.Lambda, place.Omega, body.radius, body.drift(t, place)))
+        V = jnp.where(still & ~flies, without_slip, state.V)
+        V = V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), V[2], 0.0))
+        after = eqx.tree_at(lambda x: (x.V, x.mode, x.sigma), state, (V, mode.astype(V.dtype), sigma))
+        if body.planar:
+            return after
+        led = friction.led(found, changing, contact.sliding, first)
+        begins = ~flies & ~rolls & (cause == int(Cause.GIVES_WAY)) & led.applies
+        return eqx.tree_at(
+            lambda x: (x.led, x.turning),
+            after,
+            (jnp.where(begins, t + led.time, 0.0), jnp.where(begins, led.turning, 0.0)),
+        )
+
+
+def _with_body(state: ContactState, body: PlacedState) -> ContactState:
+    return eqx.tree_at(lambda x: x.body, state, body)
+
+
+def _where(condition: Bool[Array, ""], first: ContactState, second: ContactState) -> ContactState:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)
+
+
+def _where_rolling(state: ContactState, rolling: PlacedState, other: PlacedState) -> PlacedState:
+    return jax.tree.map(lambda a, b: jnp.where(state.is_in(Mode.ROLLING), a, b), rolling, other)

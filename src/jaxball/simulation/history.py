@@ -1,0 +1,79 @@
+"""What became of the contact between a body and its plane in a run: its modes, and when one followed another."""
+
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..interface.printing import Printed, is_single, shown
+from ..physics.contact_law import Contact
+from ..physics.modes import Cause, Mode
+from ..physics.released import ReleasedState
+
+_CAUSES = {
+    Cause.GIVES_WAY: "friction gave way",
+    Cause.STOPS: "the slip ended",
+    Cause.LIFTS: "the normal force fell to zero",
+    Cause.LANDS: "the body came down",
+    Cause.JAMS: "the normal force had no solution",
+}
+
+
+class Switches(Printed):
+    """When one mode followed another, in the order of time.
+
+    - ``count``: how many there were. The arrays hold the first ``room`` of them; NaN, or −1, where there are fewer.
+    - ``times``: when, shape (room,).
+    - ``cause``: a ``jaxball.Cause`` each, shape (room,).
+    - ``source``, ``target``: the :class:`~jaxball.Mode` before and after it, shape (room,).
+    - ``before``, ``after``: the :class:`~jaxball.ReleasedState` before and after it, with a leading axis.
+    - ``lost``: the energy that an impact took, mass length²/time², shape (room,).
+    - ``grazing``: whether what ended the mode touched zero rather than crossing it, so that derivatives mean little.
+
+    Times and states are differentiable.
+    """
+
+    count: Int[Array, "*batch"]
+    times: Float[Array, "*batch room"]
+    cause: Int[Array, "*batch room"]
+    source: Int[Array, "*batch room"]
+    target: Int[Array, "*batch room"]
+    before: ReleasedState
+    after: ReleasedState
+    lost: Float[Array, "*batch room"]
+    grazing: Bool[Array, "*batch room"]
+
+    def __repr__(self) -> str:
+        return "\n".join(["Switches", *(f"  {line}" for line in self.lines)]) if is_single(self.count) else shown(self)
+
+    @property
+    def lines(self) -> list[str]:
+        """A line for each switch that is kept. For one trajectory, not for a batch."""
+        count, kept = int(self.count), self.times.shape[-1]
+        lines = []
+        for k in range(min(count, kept)):
+            source, target = (Mode(int(modes[k])).name.lower() for modes in (self.source, self.target))
+            why = _CAUSES[Cause(int(self.cause[k]))]
+            touched = ", by a touch" if bool(self.grazing[k]) else ""
+            lines.append(f"t = {float(np.asarray(self.times)[k]):.10g}: from {source} to {target}, as {why}{touched}")
+        if count > kept:
+            lines.append(f"{count - kept} more, which a larger `room` of the Contact keeps")
+        return lines or ["none"]
+
+
+class ContactHistory(Printed):
+    """The modes of a run with a law of contact, at its saved times.
+
+    - ``law``: the :class:`~jaxball.Contact`.
+    - ``mode``: the :class:`~jaxball.Mode` at each time, shape (T,); −1 where the solve did not come.
+    - ``V``: the velocity of the geometric centre, space axes, length/time, shape (T, 3).
+    - ``height``: of the body over the plane, length, shape (T,).
+    - ``rubbed``, ``struck``: the energy that friction of sliding and impacts have taken so far, mass length²/time².
+    - ``switches``: the :class:`Switches`.
+    """
+
+    law: Contact
+    mode: Int[Array, "*batch T"]
+    V: Float[Array, "*batch T 3"]
+    height: Float[Array, "*batch T"]
+    rubbed: Float[Array, "*batch T"]
+    struck: Float[Array, "*batch T"]
+    switches: Switches

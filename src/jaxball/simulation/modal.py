@@ -1,0 +1,101 @@
+"""A run whose modes follow each other, as a trajectory of the body."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from ..interface.arguments import described, require
+from ..physics.body import AbstractBody
+from ..physics.contact_law import Contact
+from ..physics.modes import BodyOnPlane, ContactState
+from ..physics.packing import Packing
+from ..physics.released import ReleasedState
+from ..physics.state import ReducedState
+from .events import AbstractEvent, Detachment, Slip
+from .history import ContactHistory, Switches
+from .switching import Course
+from .trajectory import Trajectory
+
+NOWHERE = -1  # the mode at times to which a solve did not come
+
+
+def on_plane(
+    system: Any, state: Any, contact: Contact, dae: bool, events: Mapping[str, AbstractEvent]
+) -> BodyOnPlane:
+    """The system of a body with a law of contact.
+
+    **Raises:** ``TypeError`` or ``ValueError`` for what has no contact, or no equations for it.
+    """
+    require("contact", contact, Contact, "a Contact, such as Contact(sliding=0.3)")
+    if not isinstance(system, AbstractBody):
+        raise TypeError(
+            f"Argument `contact` must be None for a {type(system).__name__}, which touches no plane, but it is "
+            f"{described(contact)}."
+        )
+    if isinstance(state, ReducedState):
+        raise TypeError(
+            "Argument `state` must be a BallState, a RotationState, a DiskState or a ReleasedState with `contact`, "
+            "because a body that may slip has a velocity and a place, but it is a ReducedState."
+        )
+    if dae:
+        raise ValueError(
+            "Argument `dae` must be False with `contact`, whose modes are differential equations, but it is True."
+        )
+    for name, event in events.items():
+        if isinstance(event, Detachment | Slip):
+            raise TypeError(
+                f"Argument `events` must hold no {type(event).__name__} with `contact`, which says what happens then, "
+                f'but "{name}" is one; `trajectory.contact.switches` has the times.'
+            )
+    return BodyOnPlane(system, contact)
+
+
+def unpacked_switches(packing: Packing, course: Course) -> tuple[Array, ContactState, ContactState, Any]:
+    """The states before and after the switches of a course."""
+    kept = course.kept
+    known = jnp.isfinite(kept.times)
+    before, after = (
+        jax.vmap(packing.unpack_where)(known, jnp.where(known, kept.times, 0.0), vectors)
+        for vectors in (kept.before, kept.after)
+    )
+    return course.count, before, after, (kept.times, kept.causes, kept.grazing)
+
+
+def of_modes(system: BodyOnPlane, times: Any, solved: Any, switches: Any, start: Any) -> Trajectory[Any, Any]:
+    """The trajectory of the body, from the states of the system on its plane."""
+    saved, *others = solved
+    return Trajectory.of(
+        system.body, times, saved.body, *others, {}, start, _history(system.contact, saved, switches)
+    )
+
+
+def _history(law: Contact, saved: ContactState, switches: Any) -> ContactHistory:
+    count, before, after, (times, causes, grazing) = switches
+    known = jnp.isfinite(times)
+    return ContactHistory(
+        law=law,
+        mode=_whole(saved.mode),
+        V=saved.V,
+        height=saved.height,
+        rubbed=saved.rubbed,
+        struck=saved.struck,
+        switches=Switches(
+            count=count,
+            times=times,
+            cause=jnp.where(known, causes, NOWHERE),
+            source=_whole(before.mode),
+            target=_whole(after.mode),
+            before=before.released,
+            after=after.released,
+            lost=after.struck - before.struck,
+            grazing=grazing & known,
+        ),
+    )
+
+
+def _whole(mode: Array) -> Array:
+    return jnp.where(jnp.isfinite(mode), mode, NOWHERE).astype(int)

@@ -1,0 +1,327 @@
+"""Where in a solve the mode of a system ends, and what the solve goes on with.
+
+A step is looked at as soon as it is taken. Where one of the functions that say that the mode lasts falls to zero within
+it, it is taken back, and steps of other lengths follow until one ends there: by the secant method, on steps of the
+solver itself and not on its interpolation, so that the state is as exact as any other. The next step begins with what
+follows the mode.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Float, Int
+
+from ..interface.status import Status
+from ..physics.modes import CAUSES, Cause, ContactState
+from ..physics.packing import Packing
+from ..physics.released import Response
+from ..solvers.dense.sampling import sampling
+
+NONE = -1  # no cause
+NEAR = 1e-10  # of the length of a step: where it ends so close to the end of a mode, one step of Newton's is exact
+MOST_TRIES = 40
+HALVINGS = 24  # of a place of a quartic
+REAL = 1e-6  # what is not below this part of its size in a step is no zero
+GRAZING = 1e-6  # a function that falls by less than this part of its size in a step touches zero
+CLOSE = 1e-9  # switches that are nearer to each other than this part of a run are too many
+TOO_MANY = 64  # of these
+
+
+class Aim(NamedTuple):
+    """The end of a mode that steps are to meet, at ``target``: function ``which`` is zero between ``low`` and ``high``.
+
+    ``x``, ``f`` and ``slope`` are those of the function where it was last seen, and ``size`` its size in the step.
+    """
+
+    on: Bool[Array, ""]
+    which: Int[Array, ""]
+    low: Float[Array, ""]
+    high: Float[Array, ""]
+    target: Float[Array, ""]
+    x: Float[Array, ""]
+    f: Float[Array, ""]
+    slope: Float[Array, ""]
+    size: Float[Array, ""]
+    tries: Int[Array, ""]
+
+    def nearer(self, x: Float[Array, ""], f: Float[Array, ""]) -> "Aim":
+        """The aim after a step to ``x`` that found ``f`` there; halfway where a secant leads outside."""
+        low, high = jnp.where(f > 0, x, self.low), jnp.where(f > 0, self.high, x)
+        again = (self.tries > 0) & (x != self.x)
+        slope = jnp.where(again, (f - self.f) / jnp.where(again, x - self.x, 1.0), self.slope)
+        target = x - f / jnp.where(slope == 0, 1.0, slope)
+        inside = (target >= low) & (target <= high) & (slope != 0)
+        target = jnp.where(inside, target, 0.5 * (low + high))
+        return self._replace(low=low, high=high, target=target, x=x, f=f, slope=slope, tries=self.tries + 1)
+
+
+class Kept(NamedTuple):
+    """What is kept of the switches: as many as there is room for, the first ones, in the order of time."""
+
+    times: Float[Array, " room"]
+    causes: Int[Array, " room"]
+    before: Float[Array, "room size"]
+    after: Float[Array, "room size"]
+    grazing: Bool[Array, " room"]
+
+
+class Course(NamedTuple):
+    """What a solve carries from mode to mode.
+
+    - ``pending``: the :class:`Cause` with which a mode has just ended, ``NONE`` while it lasts.
+    - ``length``: of the last step that no end of a mode cut short.
+    - ``begun``: the vector with which the first mode began.
+    - ``count``: of the switches.
+    - ``crowd``: how many in a row were too near to each other, ``last`` the time of the last.
+    - ``status``: not ``SUCCESS`` where no mode can follow.
+    """
+
+    aim: Aim
+    pending: Int[Array, ""]
+    length: Float[Array, ""]
+    begun: Float[Array, " size"]
+    count: Int[Array, ""]
+    crowd: Int[Array, ""]
+    last: Float[Array, ""]
+    status: Int[Array, ""]
+    kept: Kept
+
+
+class Judged(NamedTuple):
+    """What becomes of a step that the controller would keep: it stays, or is ``retried`` with an end at ``target``."""
+
+    retried: Bool[Array, ""]
+    target: Float[Array, ""]
+    y: Float[Array, " size"]
+    course: Course
+
+
+class Settled(NamedTuple):
+    """Where the next step begins."""
+
+    t: Float[Array, ""]
+    y: Float[Array, " size"]
+    course: Course
+
+
+class Switching(eqx.Module):
+    """The modes of the system of a solve whose parameters are one array, which ``unpack`` takes apart.
+
+    ``room`` is how many switches are kept.
+    """
+
+    unpack: Any = eqx.field(static=True)
+    room: int = eqx.field(static=True)
+
+    def begin(self, t0: Float[Array, ""], y0: Float[Array, " size"], length: Float[Array, ""]) -> Course:
+        """The course of a solve before its first step."""
+        none, rows = jnp.asarray(0), jnp.zeros((self.room, y0.size), y0.dtype)
+        return Course(
+            aim=_no_aim(t0),
+            pending=jnp.asarray(int(Cause.START)),
+            length=length,
+            begun=y0,
+            count=none,
+            crowd=none,
+            last=t0,
+            status=jnp.asarray(int(Status.SUCCESS)),
+            kept=Kept(
+                times=jnp.full(self.room, jnp.nan, t0.dtype),
+                causes=jnp.zeros(self.room, int),
+                before=rows,
+                after=rows,
+                grazing=jnp.zeros(self.room, bool),
+            ),
+        )
+
+    def latest_end(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Array) -> Float[Array, ""]:
+        """The time after ``t`` at which a step must end because the direction of a slip is led until then."""
+        led = self._packing(parameters).unravel(y).led
+        return jnp.where(led > t, led, jnp.inf)
+
+    def settled(
+        self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Array
+    ) -> Settled:
+        """What follows a mode that has ended at ``t``, in a run of the length ``run``; before a step."""
+
+        def follow(course: Course) -> Settled:
+            return self._followed(course, t, y, run, parameters)
+
+        def pass_by(course: Course) -> Settled:
+            return Settled(t, y, course)
+
+        return jax.lax.cond(course.pending == NONE, pass_by, follow, course)
+
+    def judged(
+        self,
+        course: Course,
+        start: Float[Array, ""],
+        end: Float[Array, ""],
+        y: Float[Array, " size"],
+        interpolation: Any,
+        kept: Bool[Array, ""],
+        parameters: Array,
+    ) -> Judged:
+        """Looks at a step from ``start`` to ``end``, which led to ``y``."""
+
+        def look(course: Course) -> Judged:
+            fixed = jax.lax.stop_gradient((start, end))
+            times = sampling().times(*fixed, sampling().nodes)
+            inner = jax.vmap(interpolation.evaluate)(times[:-1])
+            vectors, constants = jax.lax.stop_gradient((jnp.concatenate([inner, y[None]]), parameters))
+            seen = jax.vmap(lambda t, x: self._lasting(t, x, constants))(times, vectors)
+            return self._looked(course, *fixed, y, jax.lax.stop_gradient(seen.T), parameters)
+
+        def pass_by(course: Course) -> Judged:
+            return Judged(jnp.asarray(False), end, y, course._replace(aim=_no_aim(end)))
+
+        return jax.lax.cond(kept, look, pass_by, course)
+
+    def _packing(self, parameters: Array) -> Packing:
+        return self.unpack(parameters)[0]
+
+    def _lasting(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Array) -> Float[Array, "3"]:
+        packing = self._packing(parameters)
+        return packing.system.lasting(t, packing.unpack(t, y))
+
+    def _looked(
+        self,
+        course: Course,
+        start: Float[Array, ""],
+        end: Float[Array, ""],
+        y: Float[Array, " size"],
+        seen: Float[Array, "3 nodes"],
+        parameters: Array,
+    ) -> Judged:
+        aim, packing = course.aim, self._packing(parameters)
+        at_aim = aim.on & (end == aim.target)
+        first = _first_end(start, end, seen, jnp.where(at_aim, aim.which, NONE))
+        value = seen[aim.which, -1]
+        nearer = aim.nearer(end, value)
+        width = jnp.maximum(NEAR * (end - start), 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
+        met = (jnp.abs(nearer.target - end) <= width) | (value == 0) | (aim.tries >= MOST_TRIES)
+        retried = first.on | at_aim & ~met
+        next_aim = _where(retried, _where(first.on, first, nearer), _no_aim(end))
+        state = packing.unravel(y)
+        cause = jnp.asarray(CAUSES)[state.mode.astype(int), aim.which]
+        switches = at_aim & ~retried & (jnp.abs(value) <= REAL * aim.size)
+        switches &= (cause != int(Cause.STOPS)) | packing.system.has_stopped(end, state)
+        stepped = ravel_pytree(packing.system.stepped(end, state))[0]
+        course = course._replace(
+            aim=next_aim,
+            pending=jnp.where(switches, cause, NONE),
+            length=jnp.where(retried | at_aim, course.length, end - start),
+        )
+        return Judged(retried, next_aim.target, jnp.where(retried | switches, y, stepped), course)
+
+    def _followed(
+        self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Array
+    ) -> Settled:
+        packing, cause = self._packing(parameters), course.pending
+        system, starts = packing.system, cause == int(Cause.START)
+
+        def seen(t: Float[Array, ""], state: ContactState) -> tuple[Array, Response, ContactState]:
+            found = system.response(t, state)
+            return system.lasting(t, state, found), found, system.field(t, state, found)
+
+        state = packing.unpack(t, y)
+        (values, _, rates), change = jax.linearize(seen, t, state)
+        rates = jax.lax.stop_gradient(rates)
+        slopes, changing, _ = change(jnp.ones_like(t), rates)
+        which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
+        slope = jax.lax.stop_gradient(slopes[which])
+        sloping = ~starts & (slope != 0)
+        # By this the time moves by next to nothing, and gets its derivatives: those of the zero of the function.
+        shift = jnp.where(sloping, -values[which] / jnp.where(sloping, slope, 1.0), 0.0)
+        t, state = t + shift, jax.tree.map(lambda x, rate: x + shift * rate, state, rates)
+        after = packing.pack(t, system.followed(t, state, cause, changing))
+        fixed = jax.lax.stop_gradient(t)
+        crowded = ~starts & (cause != int(Cause.LANDS)) & (fixed - course.last <= CLOSE * run)
+        crowd = jnp.where(crowded, course.crowd + 1, 0)
+        status = jnp.where(crowd > TOO_MANY, int(Status.CHATTERED), course.status)
+        status = jnp.where(cause == int(Cause.JAMS), int(Status.JAMMED), status)
+        place = jnp.where(starts, self.room, course.count)
+        kept = course.kept
+        return Settled(
+            t,
+            after,
+            course._replace(
+                pending=jnp.asarray(NONE),
+                begun=jnp.where(starts, after, course.begun),
+                count=course.count + jnp.where(starts, 0, 1),
+                crowd=crowd,
+                last=fixed,
+                status=status,
+                kept=Kept(
+                    times=kept.times.at[place].set(t, mode="drop"),
+                    causes=kept.causes.at[place].set(cause, mode="drop"),
+                    before=kept.before.at[place].set(packing.pack(t, state), mode="drop"),
+                    after=kept.after.at[place].set(after, mode="drop"),
+                    grazing=kept.grazing.at[place].set(
+                        jnp.abs(slope) * course.length <= GRAZING * course.aim.size, mode="drop"
+                    ),
+                ),
+            ),
+        )
+
+
+def _first_end(
+    start: Float[Array, ""], end: Float[Array, ""], seen: Float[Array, "3 nodes"], but: Int[Array, ""]
+) -> Aim:
+    """The first place in a step where a function is not positive, ``but`` for one of them; from before the start it was.
+
+    Functions are seen at a few nodes, and the quartics through these values in 35 places.
+    """
+    at = sampling()
+    fractions = jnp.asarray(at.fractions, seen.dtype)
+    over = ((at.polynomials(seen) <= 0) & (jnp.arange(3) != but)[:, None]).at[:, 0].set(False)
+    places = jnp.where(jnp.any(over, axis=1), jnp.argmax(over, axis=1), fractions.size)
+    which = jnp.argmin(places)
+    place, samples = places[which], seen[which]
+    last = fractions.size - 1
+    low, high = fractions[jnp.clip(place - 2, 0, last)], fractions[jnp.clip(place + 1, 0, last)]
+    root = _root(samples, fractions[jnp.clip(place - 1, 0, last)], fractions[jnp.clip(place, 0, last)])
+    slope, _ = at.rates(samples, root)
+    # A step has some length, also where a function has fallen below zero by rounding as it began.
+    length, zero = end - start, jnp.zeros_like(end)
+    least = start + 8 * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
+    return Aim(
+        on=place <= last,
+        which=which,
+        low=start + low * length,
+        high=jnp.minimum(start + high * length, end),
+        target=jnp.minimum(jnp.maximum(start + root * length, least), end),
+        x=start,
+        f=zero,
+        slope=slope / length,
+        size=jnp.max(jnp.abs(samples)),
+        tries=jnp.asarray(0),
+    )
+
+
+def _root(
+    samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Array, ""]
+) -> Float[Array, ""]:
+    """Where the quartic through the samples falls to zero between two fractions of a step."""
+    at = sampling()
+
+    def halved(_, ends: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, high = ends
+        middle = 0.5 * (low + high)
+        positive = at.value(samples, middle) > 0
+        return jnp.where(positive, middle, low), jnp.where(positive, high, middle)
+
+    low, high = jax.lax.fori_loop(0, HALVINGS, halved, (low, high))
+    return 0.5 * (low + high)
+
+
+def _no_aim(t: Float[Array, ""]) -> Aim:
+    zero, none = jnp.zeros_like(t), jnp.asarray(0)
+    return Aim(jnp.asarray(False), none, t, t, t, t, zero, zero, zero, none)
+
+
+def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)
