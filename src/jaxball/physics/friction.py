@@ -20,6 +20,7 @@ from .released import Response
 SAMPLES = 24  # of directions between which one is sought
 LED = 3e-3  # of the time in which the reaction changes by itself
 TENTATIVE = 0.02  # a slip that grows by a lesser part of what friction can do is led by the forces at first
+POWER = 0.5  # of its speed, or a higher one: so the direction of a slip that ends comes near to that of the forces
 STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quarter
 
 
@@ -116,14 +117,9 @@ def led(found: Response, changing: Response, mu: Float[Array, ""], first: Direct
     ``found``.
     """
 
-    def across(found: Response, angle: Float[Array, ""]) -> Float[Array, ""]:
-        sigma = _unit(angle)
-        return _across(sigma, sliding(found, mu, sigma).slip_acceleration)
-
-    angle = jnp.arctan2(first.sigma[1], first.sigma[0])
-    still = jnp.zeros_like(angle)
-    _, rate = jax.jvp(across, (found, angle), (changing, still))
-    _, slope = jax.jvp(across, (found, angle), (jax.tree.map(jnp.zeros_like, changing), jnp.ones_like(angle)))
+    angle = _angle(first.sigma)
+    _, rate = jax.jvp(lambda found: _pull_across(found, mu, angle), (found,), (changing,))
+    _, slope = _pull_and_slope(found, mu, angle)
     stiffness = jnp.where(slope < 0, -slope, 1.0)
     turning = rate / (stiffness + first.growth)
     R, Rdot = found.rolling.reaction, changing.rolling.reaction
@@ -143,12 +139,20 @@ def led_direction(
     """
 
     def excess(angle: Float[Array, ""]) -> Float[Array, ""]:
-        sigma = _unit(angle)
-        return _across(sigma, sliding(found, mu, sigma).slip_acceleration) - across
+        return _pull_across(found, mu, angle) - across
 
-    fixed = jax.lax.stop_gradient(guess)
-    angle = jnp.arctan2(fixed[1], jnp.where(jnp.sum(fixed**2) > 0, fixed[0], 1.0))
+    angle = _angle(jax.lax.stop_gradient(guess))
     return _unit(jax.lax.fori_loop(0, steps, lambda _, angle: _newton_step(excess, angle), angle))
+
+
+def is_led_to_its_end(found: Response, mu: Float[Array, ""], sigma: Float[Array, "2"]) -> Bool[Array, ""]:
+    """Whether a slip in the direction σ, if it is slow, ends in one that the forces lead, whatever it is now.
+
+    That is so where its direction comes nearer to theirs faster than as a root of its speed.
+    """
+    ends = -jnp.sum(sigma * sliding(found, mu, sigma).slip_acceleration[:2])
+    _, slope = _pull_and_slope(found, mu, _angle(sigma))
+    return (ends > 0) & (-slope > POWER * ends)
 
 
 def diverging(
@@ -170,8 +174,7 @@ def diverging(
         return parts(angle)[0]
 
     guess = jax.lax.stop_gradient(guess)
-    slips = jnp.sum(guess**2) > 0
-    start = jnp.where(slips, jnp.arctan2(guess[1], jnp.where(slips, guess[0], 1.0)), 0.0)
+    start = _angle(guess)
     width = 2 * jnp.pi / SAMPLES
     angles = start + width * (jnp.arange(SAMPLES, dtype=guess.dtype) - 0.5)
     found = jax.lax.stop_gradient(jax.vmap(across)(angles))
@@ -203,6 +206,23 @@ def push(mu: Float[Array, ""], direction: Float[Array, "2"]) -> Float[Array, "3"
 def _across(sigma: Float[Array, "2"], vector: Float[Array, "size"]) -> Float[Array, ""]:
     """The component of a vector perpendicular to σ, positive to its left."""
     return sigma[0] * vector[1] - sigma[1] * vector[0]
+
+
+def _pull_across(found: Response, mu: Float[Array, ""], angle: Float[Array, ""]) -> Float[Array, ""]:
+    """The slip acceleration across the direction of a slip."""
+    sigma = _unit(angle)
+    return _across(sigma, sliding(found, mu, sigma).slip_acceleration)
+
+
+def _pull_and_slope(found: Response, mu: Float[Array, ""], angle: Float[Array, ""]) -> tuple[Array, Array]:
+    """The same, with its derivative by the angle."""
+    return jax.jvp(lambda angle: _pull_across(found, mu, angle), (angle,), (jnp.ones_like(angle),))
+
+
+def _angle(sigma: Float[Array, "2"]) -> Float[Array, ""]:
+    """The angle of a direction; 0 of none."""
+    some = jnp.sum(sigma**2) > 0
+    return jnp.where(some, jnp.arctan2(sigma[1], jnp.where(some, sigma[0], 1.0)), 0.0)
 
 
 def _newton_step(function: Callable[[Float[Array, ""]], Float[Array, ""]], x: Float[Array, ""]) -> Float[Array, ""]:

@@ -18,7 +18,6 @@ even the dry one, which is proportional to N.
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
@@ -28,9 +27,7 @@ from ..numerics.norms import root
 from ..numerics.vectors import apply, dot, inverse
 from .body import AbstractBody
 from .friction import diverging, push, slip_direction
-from .load import in_three
-from .released import ReleasedState, Response, slip_velocity
-from .state import centre_velocity
+from .released import ReleasedState, Response, slip_velocity, with_slip
 
 MOST_STEPS = 20_000
 ERROR = 500  # of a step, in units of rounding, to which its length is chosen
@@ -85,14 +82,10 @@ def impact(
 
     ``found`` is its response just before, ``mu`` the coefficient of friction and ``restitution`` Newton's e.
     """
-    body, before = state.body, slip_velocity(system, t, state)
+    before = slip_velocity(system, t, state)
     done = collision(found.contact, before, mu, restitution)
-    change = done.slip - before
-    Omega = jnp.sum(change[:, None] * found.yielding.Omegadot, axis=0)
-    thetadot = jnp.sum(change[:, None] * found.yielding.thetaddot, axis=0)
-    V = state.V + in_three(centre_velocity(body.Lambda, Omega, system.radius, None)) + change
-    after = eqx.tree_at(lambda x: x.thetadot, body.with_Omega(body.Omega + Omega), body.thetadot + thetadot)
-    return Impact(ReleasedState(after, V, state.height), done, 0.5 * dot(done.impulse, before + done.slip))
+    after = with_slip(system, state, found, before, done.slip)
+    return Impact(after, done, 0.5 * dot(done.impulse, before + done.slip))
 
 
 def collision(

@@ -25,12 +25,10 @@ from .body import AbstractBody
 from .conditions import Condition, Problem
 from .contact_law import Contact
 from .impact import impact
-from .load import in_three
-from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity
-from .state import centre_velocity
+from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity, with_slip
 from .system import AbstractState, AbstractSystem
 
-STILL = 1e4  # a slip velocity below this, in units of rounding of the velocities, is none
+ROUNDING = 8  # a slip velocity below this, in units of rounding of the velocities, is none
 NEWTON_STEPS = 3  # to the direction of a slip that is led, from that with which it began
 
 
@@ -232,22 +230,33 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             ]
         )
 
-    def stepped(self, t: Float[Array, ""], state: ContactState) -> ContactState:
-        """The state after a step in which its mode lasted."""
+    def is_led(
+        self, t: Float[Array, ""], state: ContactState, found: Response, rtol: Float[Array, ""], atol: Float[Array, ""]
+    ) -> Bool[Array, ""]:
+        """Whether the forces lead the direction of a slip until it ends, which is slow, to these tolerances."""
+        if self.body.planar:
+            return jnp.asarray(False)
+        sigma = self._direction(t, state, found)
+        slow = state.is_in(Mode.SLIDING) & self.is_still(t, state.released, rtol, atol)
+        return slow & friction.is_led_to_its_end(found, self.contact.sliding, sigma)
+
+    def stepped(self, t: Float[Array, ""], state: ContactState, led: Bool[Array, ""]) -> ContactState:
+        """The state after a step in which its mode lasted; ``led``, if the forces lead its direction from now on."""
         slip = slip_velocity(self.body, t, state.released)
-        sigma = friction.slip_direction(slip, state.sigma)
-        is_led = t < state.led
-        led = jnp.where(is_led, state.led, 0.0)
-        sigma = jnp.where(state.is_in(Mode.SLIDING) & ~is_led, jax.lax.stop_gradient(sigma), state.sigma)
-        return eqx.tree_at(lambda x: (x.sigma, x.led), state, (sigma, led))
+        ever = jnp.full_like(t, float(jnp.finfo(t.dtype).max) ** 0.5)
+        until = jnp.where(t < state.led, state.led, jnp.where(led, ever, 0.0))
+        sigma = jax.lax.stop_gradient(friction.slip_direction(slip, state.sigma))
+        sigma = jnp.where(state.is_in(Mode.SLIDING) & ~(t < state.led), sigma, state.sigma)
+        turning = jnp.where(t < state.led, state.turning, 0.0)
+        return eqx.tree_at(lambda x: (x.sigma, x.led, x.turning), state, (sigma, until, turning))
 
-    def has_stopped(self, t: Float[Array, ""], state: ContactState) -> Bool[Array, ""]:
-        """Whether the body does not slip, to rounding."""
-        return self._is_still(state.released, slip_velocity(self.body, t, state.released))
-
-    def _is_still(self, state: ReleasedState, slip: Float[Array, "3"]) -> Bool[Array, ""]:
+    def is_still(
+        self, t: Float[Array, ""], state: ReleasedState, rtol: Float[Array, ""], atol: Float[Array, ""]
+    ) -> Bool[Array, ""]:
+        """Whether the slip velocity is zero to these tolerances; not where it has just begun."""
+        slip = slip_velocity(self.body, t, state)
         speed = root(jnp.sum(state.V**2)) + self.body.radius * root(jnp.sum(state.body.Omega**2))
-        return root(jnp.sum(slip[:2] ** 2)) <= STILL * float(jnp.finfo(slip.dtype).eps) * speed
+        return root(jnp.sum(slip[:2] ** 2)) <= atol + rtol * speed
 
     # How modes begin.
 
@@ -318,7 +327,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         """The state in its mode, by the forces that each mode would need."""
         body, contact, given = self.body, self.contact, state.released
         slip = slip_velocity(body, t, given)
-        still |= self._is_still(given, slip)
+        zero, eps = jnp.zeros_like(t), float(jnp.finfo(slip.dtype).eps)
+        still |= self.is_still(t, given, zero + ROUNDING * eps, zero)
         R = friction.rolling(found).R
         holds = (friction.margin(R, contact.static) >= 0) & (R[2] > 0) & (contact.static > 0)
         rolls = still & holds & (cause != int(Cause.GIVES_WAY))
@@ -326,10 +336,10 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         sigma = jnp.where(still, first.sigma, friction.slip_direction(slip, first.sigma))
         flies |= ~rolls & ~(friction.sliding(found, contact.sliding, sigma).normal > 0)
         mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
-        place = given.body
-        without_slip = in_three(centre_velocity(place.Lambda, place.Omega, body.radius, body.drift(t, place)))
-        V = jnp.where(still & ~flies, without_slip, state.V)
-        V = V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), V[2], 0.0))
+        # What is left of a slip that ends is taken by the friction that would have taken it.
+        stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
+        state = _where(still & ~flies, state.moved(stopped), state)
+        V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
         after = eqx.tree_at(lambda x: (x.V, x.mode, x.sigma), state, (V, mode.astype(V.dtype), sigma))
         if body.planar:
             return after

@@ -204,6 +204,25 @@ def rates(
     )
 
 
+def with_slip(
+    system: AbstractBody,
+    state: ReleasedState,
+    found: Response,
+    before: Float[Array, "3"],
+    after: Float[Array, "3"],
+) -> ReleasedState:
+    """The state with another slip velocity, which an impulse of the plane gives the body; space axes.
+
+    ``before`` is the slip velocity that it has, and ``found`` its response.
+    """
+    body, change = state.body, after - before
+    Omega = _combined(change, found.yielding.Omegadot)
+    thetadot = _combined(change, found.yielding.thetaddot)
+    V = state.V + in_three(centre_velocity(body.Lambda, Omega, system.radius, None)) + change
+    moved = eqx.tree_at(lambda x: x.thetadot, body.with_Omega(body.Omega + Omega), body.thetadot + thetadot)
+    return ReleasedState(moved, V, state.height)
+
+
 def released_energy(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, ""]:
     """T + V of the body, mass length²/time², relative to the moving axes; 0 at rest in a centre at the origin."""
     body, r = state.body, system.radius

@@ -229,7 +229,9 @@ def _solve(
     def dae_field(t, x, parameters, component):
         return unpack_parameters(parameters)[0].dae_field(t, x, component)
 
-    switching = Switching(unpack_parameters, system.contact.room) if isinstance(system, BodyOnPlane) else None
+    switching = None
+    if isinstance(system, BodyOnPlane):
+        switching = Switching(rtol, atol, unpack_parameters, system.contact.room)
     term = diffrax.ODETerm(field)
     if method.dae:
         term = SwitchingMassMatrixTerm(

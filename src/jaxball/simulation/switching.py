@@ -23,6 +23,8 @@ from ..solvers.dense.sampling import sampling
 NONE = -1  # no cause
 NEAR = 1e-10  # of the length of a step: where it ends so close to the end of a mode, one step of Newton's is exact
 MOST_TRIES = 40
+STILL = 30  # times the tolerances: a slip that ends is over where it is smaller
+SLOW = 1000  # times the tolerances: the direction of a slip that is slower is not known from its velocity
 HALVINGS = 24  # of a place of a quartic
 REAL = 1e-6  # what is not below this part of its size in a step is no zero
 GRAZING = 1e-6  # a function that falls by less than this part of its size in a step touches zero
@@ -110,9 +112,11 @@ class Settled(NamedTuple):
 class Switching(eqx.Module):
     """The modes of the system of a solve whose parameters are one array, which ``unpack`` takes apart.
 
-    ``room`` is how many switches are kept.
+    ``room`` is how many switches are kept, and ``rtol``, ``atol`` are the tolerances of the solve.
     """
 
+    rtol: Float[Array, ""]
+    atol: Float[Array, ""]
     unpack: Any = eqx.field(static=True)
     room: int = eqx.field(static=True)
 
@@ -172,8 +176,8 @@ class Switching(eqx.Module):
             times = sampling().times(*fixed, sampling().nodes)
             inner = jax.vmap(interpolation.evaluate)(times[:-1])
             vectors, constants = jax.lax.stop_gradient((jnp.concatenate([inner, y[None]]), parameters))
-            seen = jax.vmap(lambda t, x: self._lasting(t, x, constants))(times, vectors)
-            return self._looked(course, *fixed, y, jax.lax.stop_gradient(seen.T), parameters)
+            lasting, led = jax.lax.stop_gradient(jax.vmap(lambda t, x: self._seen(t, x, constants))(times, vectors))
+            return self._looked(course, *fixed, y, lasting.T, led[-1], parameters)
 
         def pass_by(course: Course) -> Judged:
             return Judged(jnp.asarray(False), end, y, course._replace(aim=_no_aim(end)))
@@ -183,9 +187,18 @@ class Switching(eqx.Module):
     def _packing(self, parameters: Array) -> Packing:
         return self.unpack(parameters)[0]
 
-    def _lasting(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Array) -> Float[Array, "3"]:
+    def _seen(
+        self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Array
+    ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
+        """The functions that are positive while the mode lasts, and whether the forces lead a slip to its end."""
         packing = self._packing(parameters)
-        return packing.system.lasting(t, packing.unpack(t, y))
+        system, state = packing.system, packing.unpack(t, y)
+        found = system.response(t, state)
+        return system.lasting(t, state, found), system.is_led(t, state, found, SLOW * self.rtol, SLOW * self.atol)
+
+    def _is_still(self, packing: Packing, t: Float[Array, ""], state: ContactState) -> Bool[Array, ""]:
+        """Whether a slip is over. Its direction means nothing where it is as small as the errors of a few steps."""
+        return packing.system.is_still(t, state.released, STILL * self.rtol, STILL * self.atol)
 
     def _looked(
         self,
@@ -194,6 +207,7 @@ class Switching(eqx.Module):
         end: Float[Array, ""],
         y: Float[Array, " size"],
         seen: Float[Array, "3 nodes"],
+        led: Bool[Array, ""],
         parameters: Array,
     ) -> Judged:
         aim, packing = course.aim, self._packing(parameters)
@@ -208,8 +222,8 @@ class Switching(eqx.Module):
         state = packing.unravel(y)
         cause = jnp.asarray(CAUSES)[state.mode.astype(int), aim.which]
         switches = at_aim & ~retried & (jnp.abs(value) <= REAL * aim.size)
-        switches &= (cause != int(Cause.STOPS)) | packing.system.has_stopped(end, state)
-        stepped = ravel_pytree(packing.system.stepped(end, state))[0]
+        switches &= (cause != int(Cause.STOPS)) | self._is_still(packing, end, state)
+        stepped = ravel_pytree(packing.system.stepped(end, state, led))[0]
         course = course._replace(
             aim=next_aim,
             pending=jnp.where(switches, cause, NONE),
