@@ -42,6 +42,10 @@ CHAPTERS = {
         "Events and extremes",
         ["simulation.events", "simulation.occurrences", "simulation.extremes"],
     ),
+    "contact": (
+        "Slip, flight and impact",
+        ["physics.contact_law", "physics.modes", "physics.released", "simulation.history"],
+    ),
     "systems": ("Systems of your own", ["physics.system"]),
 }
 # Packages that a user imports, in the order in which the site lists them.

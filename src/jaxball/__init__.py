@@ -53,6 +53,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         with_integrated_angles as with_integrated_angles,
         with_masses as with_masses,
     )
+    from .physics.contact_law import Contact as Contact
     from .physics.feedback import (
         AbstractLaw as AbstractLaw,
         FollowSchedules as FollowSchedules,
@@ -100,6 +101,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         spherical_pendulum as spherical_pendulum,
         turning_rail as turning_rail,
     )
+    from .physics.modes import Cause as Cause, Mode as Mode
     from .physics.motion import (
         Driven as Driven,
         Fixed as Fixed,
@@ -119,6 +121,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         SplineRail as SplineRail,
         Tube as Tube,
     )
+    from .physics.released import ReleasedState as ReleasedState
     from .physics.resistance import Resistance as Resistance
     from .physics.schedules import (
         AbstractSchedule as AbstractSchedule,
@@ -164,6 +167,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         Slip as Slip,
     )
     from .simulation.extremes import ContactExtremes as ContactExtremes, contact_extremes as contact_extremes
+    from .simulation.history import ContactHistory as ContactHistory, Switches as Switches
     from .simulation.occurrences import Occurrences as Occurrences
     from .simulation.simulate import PrecisionError as PrecisionError, simulate as simulate
     from .simulation.trajectory import Trajectory as Trajectory
@@ -175,6 +179,7 @@ else:
         "simulation.equilibrium": "Balance balance with_angles",
         "simulation.events": "AbstractEvent Detachment Event Slip",
         "simulation.extremes": "ContactExtremes contact_extremes",
+        "physics.contact_law": "Contact",
         "physics.feedback": "AbstractLaw FollowSchedules FunctionLaw LinearLaw Servo",
         "physics.force": "AbstractForce FunctionForce HarmonicForce",
         "physics.frames": "AbstractFrame MatrixFrame SphericalFrame VersorFrame",
@@ -186,12 +191,15 @@ else:
             "Spring double_pendulum gyroscopic_pendulum mass_in_tube planar_pendulum rigid_body_masses ring_rotor "
             "spherical_pendulum turning_rail"
         ),
+        "physics.modes": "Cause Mode",
         "physics.motion": "Driven Fixed Free OnRail Oscillating",
         "physics.observables": "Observables observe",
+        "simulation.history": "ContactHistory Switches",
         "simulation.occurrences": "Occurrences",
         "physics.rails": (
             "AbstractRail BernoulliEight Circle Ellipse FourierRail FunctionRail GeronoEight SplineRail Tube"
         ),
+        "physics.released": "ReleasedState",
         "physics.resistance": "Resistance",
         "results": "load_run save to_dataset",
         "scenario": "Scenario ScenarioError load_scenario read_scenario write_scenario",

@@ -48,7 +48,16 @@ class Mode(enum.IntEnum):
 
 
 class Cause(enum.IntEnum):
-    """Why a mode ends: friction gives way, a slip ends, the plane would have to pull, the body comes down."""
+    """Why a mode ends: friction gives way, a slip ends, the plane would have to pull, the body comes down.
+
+    ``JAMS``: friction is so large that the normal force of a sliding body has no solution. ``START`` is none of these.
+
+    **Example:**
+
+    >>> from jaxball import Cause
+    >>> Cause.LANDS.sentence
+    'the body came down'
+    """
 
     START = 0
     GIVES_WAY = 1
@@ -56,6 +65,21 @@ class Cause(enum.IntEnum):
     LIFTS = 3
     LANDS = 4
     JAMS = 5
+
+    @property
+    def sentence(self) -> str:
+        """What happened, as a clause."""
+        return _CLAUSES[self]
+
+
+_CLAUSES = {
+    Cause.START: "the run began",
+    Cause.GIVES_WAY: "friction gave way",
+    Cause.STOPS: "the slip ended",
+    Cause.LIFTS: "the normal force fell to zero",
+    Cause.LANDS: "the body came down",
+    Cause.JAMS: "the normal force had no solution",
+}
 
 
 # By mode, the cause that each of the functions of `lasting` stands for.
@@ -208,9 +232,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         along = friction.led_direction(found, self.contact.sliding, state.sigma, speed * state.turning, NEWTON_STEPS)
         return jnp.where(t <= state.led, along, sigma)
 
-    def lasting(
-        self, t: Float[Array, ""], state: ContactState, found: Response | None = None
-    ) -> Float[Array, "3"]:
+    def lasting(self, t: Float[Array, ""], state: ContactState, found: Response | None = None) -> Float[Array, "3"]:
         """Three functions that are positive while the mode lasts; ``CAUSES`` says for what each of them stands.
 
         ``found`` is the response, if it is known.
@@ -362,3 +384,8 @@ def _where(condition: Bool[Array, ""], first: ContactState, second: ContactState
 
 def _where_rolling(state: ContactState, rolling: PlacedState, other: PlacedState) -> PlacedState:
     return jax.tree.map(lambda a, b: jnp.where(state.is_in(Mode.ROLLING), a, b), rolling, other)
+
+
+def body_of(system: Any, state: Any) -> tuple[Any, Any]:
+    """A system and its state; where they are those of a body on its plane, those of the body."""
+    return (system.body, state.body) if isinstance(system, BodyOnPlane) else (system, state)

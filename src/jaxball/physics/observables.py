@@ -1,19 +1,23 @@
 """Everything that can be read off a state: positions, energies, forces."""
 
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..interface.printing import Printed, in_short
 from ..numerics.vectors import apply, dot
 from .body import AbstractBody
-from .contact import contact_force, reaction_in_body
-from .dynamics import accelerations
+from .contact import ContactForce, reaction_in_body
+from .dynamics import accelerations, equations
 from .energy import accelerations_of_masses, actuation_power, dissipation, kinetic_energy, potential_energy
-from .load import in_three, load
-from .moments import joint_motion, kinematics, point_mass_values, principal_inertia
+from .load import Load, in_three, load
+from .modes import BodyOnPlane, ContactState, Mode
+from .moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
 from .momentum import linear_momentum
 from .motion import Kinematics
-from .state import BallState, DiskState, centre_velocity
+from .released import slip_velocity
+from .state import BallState, DiskState, Rates, centre_velocity
 
 
 class Observables(Printed):
@@ -37,7 +41,7 @@ class Observables(Printed):
       motion, mass length²/time³.
     - ``dissipation``: what of it resistance takes away, 0 or positive unless a coefficient is negative.
     - ``normal_force``, ``friction``: N, and the two components of f, shape (2,), mass length/time².
-    - ``friction_ratio``: |f| / N.
+    - ``friction_ratio``: |f| / N; 0 in flight.
     - ``joint_angles``, ``joint_rates``: θ and θ̇ of every joint of every mechanism, in their order, shape (joints,).
     - ``joint_efforts``: Q of each, the torque of a hinge and the force along a slider, shape (joints,); that of the
       motor that a joint needs which a schedule or a law moves. Its power is Q θ̇.
@@ -101,9 +105,59 @@ def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskSt
     acting = load(system, t, state)
     found = accelerations(system, t, state, acting)
     in_space = state.in_space()
+    R = reaction_in_body(found.at, system.radius, acting, in_space.Omega, found.Omegadot)
+    motion = _Motion(in_space, found.Omegadot, found.angles, found.at, found.dry, apply(in_space.Lambda, R))
+    return _observed(system, t, acting, motion, None)
+
+
+def observe_on_plane(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Observables:
+    """The observables of a body that rolls, slides or flies."""
+    system, body = plane.body, state.body
+    response = plane.response(t, state)
+    force = plane.interaction(t, state, response)
+    in_space = body if isinstance(body, BallState) else body.in_space()
+    slip = slip_velocity(system, t, state.released)
+    touching = ~state.is_in(Mode.FLIGHT)
+    acting = load(system, t, body, slip, touching)
+    Omegadot, thetaddot = response.accelerations(force.slip_acceleration, force.normal)
+    dry = None if system.resistance is None else system.resistance.dry_torque(system.radius, body.Omega, body.Gamma)
+    motion = _Motion(
+        in_space,
+        Omegadot,
+        (body.theta, body.thetadot, thetaddot),
+        equations(system, t, body).at,
+        dry if dry is None else force.normal * dry,
+        force.R,
+    )
+    return _observed(system, t, acting, motion, _Slip(slip, force.slip_acceleration, state.height))
+
+
+class _Motion(NamedTuple):
+    """How a body moves: Ω̇ in body axes, θ, θ̇ and θ̈, its moments, the torque of dry friction, R in space axes."""
+
+    state: BallState
+    Omegadot: Float[Array, "3"]
+    angles: Rates
+    at: AbstractMoments
+    dry: Float[Array, "3"] | None
+    R: Float[Array, "3"]
+
+
+class _Slip(NamedTuple):
+    """What a body does beside rolling: v_s and v̇_s in space axes, and its height over the plane."""
+
+    velocity: Float[Array, "3"]
+    acceleration: Float[Array, "3"]
+    height: Float[Array, ""]
+
+
+def _observed(
+    system: AbstractBody, t: Float[Array, ""], acting: Load, motion: _Motion, slip: _Slip | None
+) -> Observables:
+    in_space, at = motion.state, motion.at
     r, g, Omega, Lambda = system.radius, system.gravity, in_space.Omega, in_space.Lambda
-    Gamma, omega, Omegadot = Lambda[2], apply(Lambda, Omega), found.Omegadot
-    at, points = found.at, kinematics(system, t, found.angles)
+    Gamma, omega, Omegadot = Lambda[2], apply(Lambda, Omega), motion.Omegadot
+    points = kinematics(system, t, motion.angles)
     still = jnp.zeros((1, 3), dtype=Omega.dtype)
     with_shell = Kinematics(
         jnp.concatenate([system.offset[None], points.chi]),
@@ -112,28 +166,33 @@ def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskSt
     )
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
     a = accelerations_of_masses(r, with_shell, Omega, Omegadot, Gamma)
-    contact = contact_force(reaction_in_body(at, r, acting, Omega, Omegadot), Lambda)
+    contact = ContactForce(motion.R[2], motion.R[:2])
     u = system.drift(t, in_space)
-    drift = None if u is None else apply(Lambda.T, in_three(u))
+    velocity, lowest = in_three(centre_velocity(Lambda, Omega, r, u)), None if u is None else in_three(u)
+    centre, weight = in_three(in_space.z), acting.weight
+    if slip is not None:
+        velocity, lowest = velocity + slip.velocity, slip.velocity if lowest is None else lowest + slip.velocity
+        centre, weight = centre.at[2].set(slip.height), weight + apply(Lambda.T, slip.acceleration)
+    drift = None if lowest is None else apply(Lambda.T, lowest)
     up = jnp.zeros_like(Omega).at[2].set(1.0) if system.ground is None else system.ground.up()
-    centre = in_three(in_space.z)
     force = jnp.zeros_like(Omega) if system.force is None else system.force(t)
-    velocity = in_three(centre_velocity(Lambda, Omega, r, u))
-    lost = dissipation(acting, found.dry, force, Lambda, velocity, omega)
-    power = actuation_power(m, with_shell, a, acting.weight) + dot(force, velocity) - lost
+    lost = dissipation(acting, motion.dry, force, Lambda, velocity, omega)
+    if slip is not None:
+        lost = lost - jnp.sum(contact.friction * slip.velocity[:2])
+    power = actuation_power(m, with_shell, a, weight) + dot(force, velocity) - lost
     if u is not None:
         power = power + jnp.sum(contact.friction * u)
     if system.ground is not None and system.ground.motion is not None:
         P = apply(Lambda, linear_momentum(at, r, Omega, Gamma) + (0.0 if drift is None else at.M * drift))
         power = power - dot(system.ground.motion.kinematics(t).chiddot, P)
-    joints = joint_motion(system, t, found.angles, a[1:] + acting.weight[None])
+    joints = joint_motion(system, t, motion.angles, a[1:] + weight[None])
     return Observables(
         mass_positions_body=points.chi,
         mass_positions_space=jnp.sum(Lambda[None] * points.chi[:, None, :], axis=-1),
         centre_of_mass_body=at.p / at.M,
         centre_of_mass_space=apply(Lambda, at.p) / at.M,
         geometric_centre=centre,
-        contact_point=centre - jnp.stack([jnp.zeros_like(r), jnp.zeros_like(r), r]),
+        contact_point=in_three(in_space.z) - jnp.stack([jnp.zeros_like(r), jnp.zeros_like(r), r]),
         vertical_body=Gamma,
         angular_velocity_body=Omega,
         angular_velocity_space=omega,
@@ -144,7 +203,7 @@ def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskSt
         dissipation=lost,
         normal_force=contact.normal,
         friction=contact.friction,
-        friction_ratio=contact.ratio,
+        friction_ratio=contact.ratio if slip is None else jnp.where(contact.normal == 0, 0.0, contact.ratio),
         joint_angles=joints.theta,
         joint_rates=joints.thetadot,
         joint_efforts=joints.effort,

@@ -1,20 +1,16 @@
 """What became of the contact between a body and its plane in a run: its modes, and when one followed another."""
 
+from typing import Any
+
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed, is_single, shown
+from ..physics.body import AbstractBody
 from ..physics.contact_law import Contact
-from ..physics.modes import Cause, Mode
+from ..physics.modes import BodyOnPlane, Cause, ContactState, Mode
 from ..physics.released import ReleasedState
-
-_CAUSES = {
-    Cause.GIVES_WAY: "friction gave way",
-    Cause.STOPS: "the slip ended",
-    Cause.LIFTS: "the normal force fell to zero",
-    Cause.LANDS: "the body came down",
-    Cause.JAMS: "the normal force had no solution",
-}
 
 
 class Switches(Printed):
@@ -51,7 +47,7 @@ class Switches(Printed):
         lines = []
         for k in range(min(count, kept)):
             source, target = (Mode(int(modes[k])).name.lower() for modes in (self.source, self.target))
-            why = _CAUSES[Cause(int(self.cause[k]))]
+            why = Cause(int(self.cause[k])).sentence
             touched = ", by a touch" if bool(self.grazing[k]) else ""
             lines.append(f"t = {float(np.asarray(self.times)[k]):.10g}: from {source} to {target}, as {why}{touched}")
         if count > kept:
@@ -66,6 +62,9 @@ class ContactHistory(Printed):
     - ``mode``: the :class:`~jaxball.Mode` at each time, shape (T,); −1 where the solve did not come.
     - ``V``: the velocity of the geometric centre, space axes, length/time, shape (T, 3).
     - ``height``: of the body over the plane, length, shape (T,).
+    - ``slip``: v_s, the velocity of the body's lowest point over the plane, space axes, length/time, shape (T, 3).
+    - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), which it has also where it begins; 0 where there
+      has been none.
     - ``rubbed``, ``struck``: the energy that friction of sliding and impacts have taken so far, mass length²/time².
     - ``switches``: the :class:`Switches`.
     """
@@ -74,6 +73,15 @@ class ContactHistory(Printed):
     mode: Int[Array, "*batch T"]
     V: Float[Array, "*batch T 3"]
     height: Float[Array, "*batch T"]
+    slip: Float[Array, "*batch T 3"]
+    sigma: Float[Array, "*batch T 2"]
     rubbed: Float[Array, "*batch T"]
     struck: Float[Array, "*batch T"]
     switches: Switches
+
+    def on_plane(self, body: AbstractBody, states: Any) -> tuple[BodyOnPlane, ContactState]:
+        """The system on its plane, with its states, of whose bodies these are the ``states``."""
+        zero, mode = jnp.zeros_like(self.height), self.mode.astype(self.height.dtype)
+        return BodyOnPlane(body, self.law), ContactState(
+            states, self.V, self.height, self.rubbed, self.struck, mode, self.sigma, zero, zero
+        )

@@ -3,17 +3,17 @@
 from collections.abc import Mapping
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..interface.arguments import described, require
+from ..numerics import programs
 from ..physics.body import AbstractBody
 from ..physics.contact_law import Contact
-from ..physics.modes import BodyOnPlane, ContactState
+from ..physics.modes import BodyOnPlane, ContactState, Mode
 from ..physics.packing import Packing
-from ..physics.released import ReleasedState
+from ..physics.released import slip_velocity
 from ..physics.state import ReducedState
 from .events import AbstractEvent, Detachment, Slip
 from .history import ContactHistory, Switches
@@ -23,9 +23,7 @@ from .trajectory import Trajectory
 NOWHERE = -1  # the mode at times to which a solve did not come
 
 
-def on_plane(
-    system: Any, state: Any, contact: Contact, dae: bool, events: Mapping[str, AbstractEvent]
-) -> BodyOnPlane:
+def on_plane(system: Any, state: Any, contact: Contact, dae: bool, events: Mapping[str, AbstractEvent]) -> BodyOnPlane:
     """The system of a body with a law of contact.
 
     **Raises:** ``TypeError`` or ``ValueError`` for what has no contact, or no equations for it.
@@ -54,8 +52,8 @@ def on_plane(
     return BodyOnPlane(system, contact)
 
 
-def unpacked_switches(packing: Packing, course: Course) -> tuple[Array, ContactState, ContactState, Any]:
-    """The states before and after the switches of a course."""
+def unpacked_switches(packing: Packing, course: Course) -> Any:
+    """The switches of a course, with their states before and after."""
     kept = course.kept
     known = jnp.isfinite(kept.times)
     before, after = (
@@ -68,12 +66,24 @@ def unpacked_switches(packing: Packing, course: Course) -> tuple[Array, ContactS
 def of_modes(system: BodyOnPlane, times: Any, solved: Any, switches: Any, start: Any) -> Trajectory[Any, Any]:
     """The trajectory of the body, from the states of the system on its plane."""
     saved, *others = solved
+    slip = _slips(system, times, saved)
     return Trajectory.of(
-        system.body, times, saved.body, *others, {}, start, _history(system.contact, saved, switches)
+        system.body, times, saved.body, *others, {}, start, _history(system.contact, saved, slip, switches)
     )
 
 
-def _history(law: Contact, saved: ContactState, switches: Any) -> ContactHistory:
+@programs.filter_jit
+def _slips(system: BodyOnPlane, times: Array, states: ContactState) -> Array:
+    """The slip velocities; exactly 0 of a body that rolls."""
+    prepared = system.prepare()
+
+    def slip(t: Array, state: ContactState) -> Array:
+        return jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(prepared.body, t, state.released))
+
+    return jax.vmap(slip)(times, states)
+
+
+def _history(law: Contact, saved: ContactState, slip: Array, switches: Any) -> ContactHistory:
     count, before, after, (times, causes, grazing) = switches
     known = jnp.isfinite(times)
     return ContactHistory(
@@ -81,6 +91,8 @@ def _history(law: Contact, saved: ContactState, switches: Any) -> ContactHistory
         mode=_whole(saved.mode),
         V=saved.V,
         height=saved.height,
+        slip=slip,
+        sigma=saved.sigma,
         rubbed=saved.rubbed,
         struck=saved.struck,
         switches=Switches(

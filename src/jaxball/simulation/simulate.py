@@ -22,8 +22,8 @@ from ..numerics.masks import differentiated_where
 from ..numerics.modes import forward_only, reverse_only
 from ..physics.body import System
 from ..physics.confinement import until_left
-from ..physics.dae import WITH_UNIT
 from ..physics.contact_law import Contact
+from ..physics.dae import WITH_UNIT
 from ..physics.modes import BodyOnPlane
 from ..physics.packing import Packing
 from ..physics.released import ReleasedState
@@ -33,8 +33,8 @@ from ..physics.validity import possible_start
 from ..solvers import Projected, RadauIIA, SwitchingMassMatrixTerm
 from .events import AbstractEvent
 from .loop import SolveLoop
-from .step_size import by_tolerances, kinks_of, to_kinks
 from .modal import of_modes, on_plane, unpacked_switches
+from .step_size import by_tolerances, kinks_of, to_kinks
 from .switching import Switching
 from .trajectory import Interpolant, Trajectory
 from .watch import checked, locate, stop
@@ -95,6 +95,9 @@ def simulate(
     - ``events``: what to look for, :class:`~jaxball.Detachment`, :class:`~jaxball.Slip` or any
       :class:`~jaxball.Event`, by name; when each happened is ``trajectory.events[name]``. One that ends the run is
       its status, and the states saved after that are NaN.
+    - ``contact``: a :class:`~jaxball.Contact`, the law of friction and impact by which a ball or a disk may slip, leave
+      the plane and come down on it. ``state`` may then be a :class:`~jaxball.ReleasedState`, and
+      ``trajectory.contact`` has the modes and when each of them began. The body rolls all the time if not given.
     - ``adjoint``: the mode of differentiation. ``diffrax.RecursiveCheckpointAdjoint()`` if not given: reverse mode,
       ``jax.grad``, ``jax.jacrev``, ``jax.vjp``, once. ``diffrax.ForwardMode()`` for ``jax.jvp`` and ``jax.jacfwd``,
       and for second derivatives, ``jax.jacfwd(jax.jacfwd(f))``, of all but events. ``diffrax.DirectAdjoint()`` is
@@ -124,6 +127,15 @@ def simulate(
     [0. 1. 2.]
     >>> run.message
     'The solve reached t = 2.'
+
+    Where the plane has little friction, it slides at first:
+
+    >>> from jaxball import Contact, ReleasedState
+    >>> thrown = ReleasedState(DiskState(), V=(1.0, 0.0, 0.0))
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(sliding=0.25))
+    >>> run.contact.switches
+    Switches
+      t = 1.333333333: from sliding to rolling, as the slip ended
     """
     times = checked_times(times)
     if state is None:

@@ -316,9 +316,7 @@ def _first_end(
     )
 
 
-def _root(
-    samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Array, ""]
-) -> Float[Array, ""]:
+def _root(samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Array, ""]) -> Float[Array, ""]:
     """Where the quartic through the samples falls to zero between two fractions of a step."""
     at = sampling()
 

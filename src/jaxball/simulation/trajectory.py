@@ -23,7 +23,8 @@ from ..numerics.arrays import Numbers, to_array
 from ..numerics.masks import differentiated_where
 from ..physics.body import AbstractBody, System
 from ..physics.conditions import Problem
-from ..physics.observables import Observables, observe
+from ..physics.modes import body_of
+from ..physics.observables import Observables, observe, observe_on_plane
 from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState, ReducedState, RotationState, State
 from ..physics.system import AbstractState, AbstractSystem
@@ -164,6 +165,9 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
                 "The observables need the full state, but this trajectory is of a ReducedState; simulate "
                 "with a BallState."
             )
+        if self.contact is not None:
+            plane, states = self.contact.on_plane(self.system, self.state)
+            return _observe_all_on_plane(plane, self.times, states)
         return _observe_all(self.system, self.times, self.state)
 
     @property
@@ -291,6 +295,11 @@ def _observe_all(system, times, state) -> Observables:
 
 
 @programs.filter_jit
+def _observe_all_on_plane(plane, times, states) -> Observables:
+    return _at_each(observe_on_plane, plane.prepare(), times, states)
+
+
+@programs.filter_jit
 def _laws_of_all(system, times, state) -> Any:
     return _at_each(lambda system, t, x: system.laws(t, x), system.prepare(), times, state)
 
@@ -311,6 +320,6 @@ def _evaluate(interpolant, t, start, reached, status) -> Any:
         inside = jnp.clip(t, start, reached)
         x = interpolant.solution.evaluate(inside)
         known = (t == inside) & jnp.all(jnp.isfinite(x)) & (status != Status.IMPOSSIBLE)
-        return interpolant.packing.unpack_where(known, inside, x)
+        return body_of(interpolant.packing.system, interpolant.packing.unpack_where(known, inside, x))[1]
 
     return jax.vmap(one)(t) if t.ndim else one(t)

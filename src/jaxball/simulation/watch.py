@@ -18,6 +18,7 @@ from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.modes import once
 from ..physics.body import AbstractBody
+from ..physics.modes import body_of
 from ..physics.packing import Packing
 from ..solvers.dense.crossings import Crossings, Kind, crossings
 from ..solvers.dense.steps import Steps
@@ -56,8 +57,8 @@ def stop(events: Mapping[str, AbstractEvent], unpack: Callable[[Array], tuple[Pa
 
     def levels(t, x, parameters):
         packing, events = unpack(parameters)
-        state = packing.unpack(t, x)
-        return lambda name: events[name].value(packing.system, t, state)
+        system, state = body_of(packing.system, packing.unpack(t, x))
+        return lambda name: events[name].value(system, t, state)
 
     def limit(t, x, parameters, *, t0, **_):
         # Together, because they have long formulas in common; in a branch, so that XLA computes these once.
@@ -130,8 +131,8 @@ def _crossings(steps: Steps, packing: Packing, events: dict[str, AbstractEvent])
     """Those of all events, by name; together, so that what their functions have in common is computed once."""
 
     def values(t, x):
-        state = packing.unpack(t, x)
-        return jnp.stack([event.value(packing.system, t, state) for event in events.values()])
+        system, state = body_of(packing.system, packing.unpack(t, x))
+        return jnp.stack([event.value(system, t, state) for event in events.values()])
 
     kinds = [Kind(event.direction, event.from_start, event.room) for event in events.values()]
     located = once("times and states of events", crossings(steps, values, packing.field, kinds))
@@ -145,7 +146,8 @@ def _occurrences(
     times, vectors = (
         jnp.concatenate([getattr(one, name) for one in located.values()]) for name in ("times", "vectors")
     )
-    states = jax.vmap(packing.unpack_where)((times <= reached) & started, times, vectors)
+    whole = jax.vmap(packing.unpack_where)((times <= reached) & started, times, vectors)
+    _, states = body_of(packing.system, whole)
     occurrences, begin = {}, 0
     for name, one in located.items():
         part = slice(begin, begin + one.times.size)
