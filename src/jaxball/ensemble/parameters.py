@@ -62,11 +62,20 @@ class Prepared(NamedTuple):
 
     @classmethod
     def of(
-        cls, function: Callable[..., Any], like: Any, system: Any, shared: Sequence[bool], x: Float[Array, "rows size"]
+        cls,
+        function: Callable[..., Any],
+        like: Any,
+        system: Any,
+        shared: Sequence[bool],
+        x: Float[Array, "rows size"],
+        others: int = 0,
     ) -> "Prepared":
-        """For ``function(system, t, x)`` of a system in the form of ``like``, from the systems of all rows."""
+        """For ``function(system, t, x)`` of a system in the form of ``like``, from the systems of all rows.
+
+        ``others`` is how many more numbers it is given.
+        """
         rows, number, vector = len(x), np.zeros((), x.dtype), np.zeros(x.shape[1:], x.dtype)
-        program, elements = LaneProgram(function, like, number, vector), []
+        program, elements = LaneProgram(function, like, number, vector, *[number] * others), []
         for leaf, one in zip(jax.tree.leaves(system), shared, strict=True):
             elements += list(leaf.reshape(-1)) if one else list(leaf.reshape(rows, -1).T)
         prepared = program.prepare(elements)
