@@ -176,7 +176,9 @@ class Modes(NamedTuple):
         self, lanes: Lanes, given: Given, row: Int[Array, " lanes"]
     ) -> tuple[Lanes, Int[Array, " lanes"], Kept]:
         """Lanes, all of whose modes have ended, with what follows."""
-        packing = self.packing if self.shared else jax.tree.map(lambda leaf: leaf.at[row].get(mode="clip"), self.packing)
+        packing = (
+            self.packing if self.shared else jax.tree.map(lambda leaf: leaf.at[row].get(mode="clip"), self.packing)
+        )
 
         def one(packing: Packing, course: Course, t, x, run, limits: Limits) -> Followed:
             return _switching(limits.rtol, limits.atol, self.room).followed(course, t, x, run, packing)
