@@ -43,8 +43,15 @@ def _loops(p, x):
 
 
 def _whole_arrays(p, x):
-    size = jax.lax.cond(x[0] > 0, lambda: x[1], lambda: -x[1])
-    return jnp.linalg.solve(p["A"] + 4 * jnp.eye(3), x), jnp.sort(x), size, jnp.cumsum(x)
+    return jnp.linalg.solve(p["A"] + 4 * jnp.eye(3), x), jnp.sort(x), jnp.cumsum(x)
+
+
+def _branches(p, x):
+    of_two = jax.lax.cond(x[0] > 0, lambda x: (x[1] * p["b"], x, 1.0), lambda x: (-x[1], x[::-1] ** 2, 2.0), x)
+    of_three = jax.lax.switch(jnp.floor(2 * x[1]).astype(int), [jnp.sin, jnp.cos, lambda y: 3 * y], x)
+    known = jax.lax.cond(jnp.asarray(True), lambda: x, lambda: -x)
+    slope = jax.jvp(lambda y: jax.lax.cond(y[0] > 0, jnp.sin, jnp.cos, y), (x,), (p["A"][0],))
+    return *of_two, of_three, known, *slope
 
 
 def _known(p, x):
@@ -88,6 +95,7 @@ FUNCTIONS = [
     _selections,
     _loops,
     _whole_arrays,
+    _branches,
     _known,
     _tangents,
     _own_rules,

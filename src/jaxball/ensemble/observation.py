@@ -9,24 +9,30 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..numerics.batches import map_batches
+from ..physics.modes import body_of
 from ..physics.packing import Packing
 from .extremes import Extremes
 from .observers import AbstractObserver, Integrals, Saves
 from .parameters import Prepared
+from .quantities import ON_PLANE
 from .reductions import AbstractReduction, Observed, Quantity
-from .runge_kutta import Step, interpolation, step, tableau_of
+from .runge_kutta import Between, Step, interpolation, step, tableau_of
 
 SAVES, EXTREMES, INTEGRALS = "saves", "extremes", "integrals"
 
 
 class Observation(NamedTuple):
-    """Observers by what they find, what each of them is given, and the reductions that are made of it."""
+    """Observers by what they find, what each of them is given, and the reductions that are made of it.
+
+    ``between`` interpolates steps.
+    """
 
     observers: dict[str, AbstractObserver]
     given: dict[str, Any]
     reductions: tuple[tuple[str, AbstractReduction], ...]
     quantities: tuple[Quantity, ...]
     values: Prepared | None
+    between: Between
 
     @classmethod
     def of(
@@ -51,7 +57,7 @@ class Observation(NamedTuple):
             observers[SAVES], given[SAVES] = Saves(between, size), times[:, 1:-1].T
         quantities = tuple(dict.fromkeys(item.quantity for _, item in reductions))
         if not quantities:
-            return cls(observers, given, reductions, quantities, None)
+            return cls(observers, given, reductions, quantities, None, between)
         values = prepared(functools.partial(_values, quantities, state))
         searches = [(quantities.index(item.quantity), sign) for _, item in reductions for sign in item.signs]
         if searches:
@@ -60,7 +66,7 @@ class Observation(NamedTuple):
             observers[EXTREMES], given[EXTREMES] = Extremes(values, between, which, signs, recompute, size), values.own
         if any(item.is_integral for _, item in reductions):
             observers[INTEGRALS], given[INTEGRALS] = Integrals(values, between, len(quantities)), values.own
-        return cls(observers, given, reductions, quantities, values)
+        return cls(observers, given, reductions, quantities, values, between)
 
     def saved(self, observed: dict[str, Any], x: Float[Array, "rows size"]) -> Float[Array, "rows between size"]:
         """The vectors at the times between the first, at which they are ``x``, and the last."""
@@ -110,7 +116,13 @@ def _recomputed(solver: diffrax.AbstractERK, field: Prepared, own: Any, start: A
 def _values(
     quantities: Sequence[Quantity], like: Any, system: Any, t: Float[Array, ""], x: Float[Array, " size"]
 ) -> Float[Array, " k"]:
-    """The quantities of one run."""
+    """The quantities of one run; of a body with a law of contact those of the body, but for what knows of the law."""
     prepared = system.prepare()
-    state = Packing.of(prepared, like).unpack(t, x)
-    return jnp.stack([quantity(prepared, t, state) for quantity in quantities])
+    whole = prepared, Packing.of(prepared, like).unpack(t, x)
+    body = body_of(*whole)
+
+    def value(quantity: Quantity) -> Float[Array, ""]:
+        system, state = whole if quantity in ON_PLANE else body
+        return quantity(system, t, state)
+
+    return jnp.stack([value(quantity) for quantity in quantities])

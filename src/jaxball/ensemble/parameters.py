@@ -58,28 +58,37 @@ class Prepared(NamedTuple):
 
     program: LaneProgram
     own: Float[Array, "numbers rows"]
-    shared: tuple[Any, ...]  # None where an element is one of ``own``
+    shared: tuple[Any, ...]  # of an element that is one of ``own``, its dtype
 
     @classmethod
     def of(
-        cls, function: Callable[..., Any], like: Any, system: Any, shared: Sequence[bool], x: Float[Array, "rows size"]
+        cls,
+        function: Callable[..., Any],
+        like: Any,
+        system: Any,
+        shared: Sequence[bool],
+        x: Float[Array, "rows size"],
+        others: int = 0,
     ) -> "Prepared":
-        """For ``function(system, t, x)`` of a system in the form of ``like``, from the systems of all rows."""
+        """For ``function(system, t, x)`` of a system in the form of ``like``, from the systems of all rows.
+
+        ``others`` is how many more numbers it is given.
+        """
         rows, number, vector = len(x), np.zeros((), x.dtype), np.zeros(x.shape[1:], x.dtype)
-        program, elements = LaneProgram(function, like, number, vector), []
+        program, elements = LaneProgram(function, like, number, vector, *[number] * others), []
         for leaf, one in zip(jax.tree.leaves(system), shared, strict=True):
             elements += list(leaf.reshape(-1)) if one else list(leaf.reshape(rows, -1).T)
         prepared = program.prepare(elements)
         own = [item for item in prepared if jnp.ndim(item)]
         return cls(
             program,
-            jnp.stack(own) if own else jnp.zeros((0, rows), x.dtype),
-            tuple(None if jnp.ndim(item) else item for item in prepared),
+            jnp.stack([item.astype(x.dtype) for item in own]) if own else jnp.zeros((0, rows), x.dtype),
+            tuple(item.dtype if jnp.ndim(item) else item for item in prepared),
         )
 
     def __call__(self, own: Sequence[Array] | Array, *changing: Array) -> Float[Array, "size lanes"]:
         """The program's results in lanes whose own elements are ``own``."""
         following = iter(own)
-        elements = [next(following) if item is None else item for item in self.shared]
+        elements = [next(following).astype(item) if isinstance(item, np.dtype) else item for item in self.shared]
         numbers = [row for x in changing for row in (x if x.ndim > 1 else x[None])]
         return self.program(elements, numbers)

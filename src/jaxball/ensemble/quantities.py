@@ -1,34 +1,41 @@
 """Quantities of a ball or a disk that reductions look at."""
 
+from typing import Any
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..numerics.norms import root
 from ..numerics.vectors import cross
 from ..physics.body import System
-from ..physics.contact import reaction
+from ..physics.contact import Reaction, reaction
+from ..physics.modes import BodyOnPlane, ContactState, Mode
 from ..physics.observables import observe
+from ..physics.released import released_energy
 from ..physics.state import BallState, DiskState, State
 from .reductions import AbstractReduction, Drift, Integral, Maximum, Minimum
 
 
-def normal_force(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
-    """N, the normal force."""
-    return reaction(system, t, state).normal
+def normal_force(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
+    """N, the normal force; with a law of contact, in the mode that the body is in."""
+    return _reaction(system, t, state).normal
 
 
-def friction(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
+def friction(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
     """|f|, the friction."""
-    return reaction(system, t, state).friction
+    return _reaction(system, t, state).friction
 
 
-def half_tangent(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
+def half_tangent(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
     """tan(α/2) for the angle α of the reaction from the vertical, which grows with |f| / N, smoothly past N = 0.
 
-    Without an arctangent, which takes as long as half of the equations of motion.
+    Without an arctangent, which takes as long as half of the equations of motion. 0 in flight.
     """
-    R = reaction(system, t, state)
-    return R.friction / (R.normal + jnp.sqrt(R.normal**2 + R.friction_squared))
+    R = _reaction(system, t, state)
+    whole = R.normal + jnp.sqrt(R.normal**2 + R.friction_squared)
+    if isinstance(state, ContactState):
+        return jnp.where(state.is_in(Mode.FLIGHT), 0.0, R.friction / jnp.where(state.is_in(Mode.FLIGHT), 1.0, whole))
+    return R.friction / whole
 
 
 def tangent(half: Float[Array, "*runs"]) -> Float[Array, "*runs"]:
@@ -42,16 +49,31 @@ def angular_speed_squared(system: System, t: Float[Array, ""], state: State) -> 
     return jnp.sum(state.Omega**2)
 
 
-def speed(system: System, t: Float[Array, ""], state: State) -> Float[Array, ""]:
-    """|ż|, how fast the geometric centre moves: r times the horizontal part of the angular velocity."""
+def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
+    """|ż|, how fast the geometric centre moves over the plane: where it rolls, r times the horizontal part of ω."""
+    if isinstance(state, ContactState):
+        return root(jnp.sum(state.V[:2] ** 2))
     return system.radius * root(jnp.sum(cross(state.Omega, state.Gamma) ** 2))
 
 
-def energy(system: System, t: Float[Array, ""], state: BallState | DiskState) -> Float[Array, ""]:
-    """E, kinetic and potential."""
+def energy(
+    system: System | BodyOnPlane, t: Float[Array, ""], state: BallState | DiskState | ContactState
+) -> Float[Array, ""]:
+    """E, kinetic and potential; with a law of contact, with what friction and impacts have taken."""
+    if isinstance(state, ContactState):
+        return released_energy(system.body, t, state.released) + state.rubbed + state.struck
     return observe(system, t, state).energy
 
 
+def _reaction(system: Any, t: Float[Array, ""], state: Any) -> Reaction:
+    if isinstance(state, ContactState):
+        R = system.interaction(t, state, system.response(t, state)).R
+        return Reaction(R[2], jnp.sum(R[:2] ** 2))
+    return reaction(system, t, state)
+
+
+# What is given a body on its plane, with its state, where there is a law of contact, and not the body alone.
+ON_PLANE = (normal_force, friction, half_tangent, speed, energy)
 CONTACT: dict[str, AbstractReduction] = {
     "least_normal_force": Minimum(normal_force),
     "friction_needed": Maximum(half_tangent, tangent),

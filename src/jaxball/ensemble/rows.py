@@ -13,7 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ..simulation.switching import NONE, Course
 from .control import Controller, Limits, begin, judge
+from .modes import Given, Lanes as SwitchingLanes, Modes
 from .observers import AbstractObserver
 from .runge_kutta import step
 
@@ -27,6 +29,7 @@ class Rows(NamedTuple):
     - ``t0``, ``t1``: start and end. A row for which they are equal costs nothing.
     - ``x``: the state at the start.
     - ``observers``: what each observer is given, by its name.
+    - ``modes``: what the programs of modes are given, None where there is one mode.
     """
 
     parameters: Float[Array, "parameters rows"]
@@ -35,6 +38,7 @@ class Rows(NamedTuple):
     x: Float[Array, "size rows"]
     limits: Limits
     observers: Mapping[str, Any]
+    modes: Given | None = None
 
     def take(self, rows: Int[Array, " lanes"]) -> "Rows":
         """Some of the rows."""
@@ -44,7 +48,8 @@ class Rows(NamedTuple):
 class Solved(NamedTuple):
     """How each row ended: its last time and state, whether the field was finite, and how many steps it took.
 
-    ``executed`` counts the steps of all lanes, idle ones included.
+    ``executed`` counts the steps of all lanes, idle ones included. ``course`` and ``switches`` are None where there is
+    one mode: the vector with which the first mode began, the number of switches, the status, and the record of them.
     """
 
     t: Float[Array, " rows"]
@@ -54,6 +59,8 @@ class Solved(NamedTuple):
     rejected: Int[Array, " rows"]
     observed: dict[str, Any]
     executed: Int[Array, ""]
+    course: Any
+    switches: Float[Array, "rows room numbers"] | None
 
 
 class _Lanes(NamedTuple):
@@ -72,19 +79,21 @@ class _Lanes(NamedTuple):
     rejected: Int[Array, " lanes"]
     finite: Bool[Array, " lanes"]
     observed: dict[str, Any]
+    course: Course | None
 
 
 Field = Callable[[Any, Float[Array, " lanes"], Float[Array, "size lanes"]], Array]
 
 
 class Method(NamedTuple):
-    """How rows are solved: the field, the tableau and the order of its error, the controller, the most steps."""
+    """How rows are solved: the field, the tableau and the order of its error, the controller, the most steps, modes."""
 
     field: Field
     tableau: diffrax.ButcherTableau
     error_order: Any
     controller: Controller
     max_steps: int
+    modes: Modes | None = None
 
 
 def solve_rows(method: Method, rows: Rows, lanes: int, observers: Mapping[str, AbstractObserver]) -> Solved:
@@ -96,29 +105,31 @@ def solve_rows(method: Method, rows: Rows, lanes: int, observers: Mapping[str, A
     unpack = _packing(_ended(idle))[1]
     results = jnp.zeros((_packing(_ended(idle))[0].shape[0], count), rows.x.dtype)
     zero = jnp.zeros((), jnp.int32)
+    record = None if method.modes is None else method.modes.record(count, rows.x.shape[0], rows.x.dtype)
 
     def unfinished(carry):
-        lanes, _, following, _ = carry
+        lanes, _, following, *_ = carry
         return jnp.any(lanes.running) | (following < count)
 
     def fill(carry):
-        lanes, results, following, executed = carry
+        lanes, results, following, executed, record = carry
         results, free = _deliver(lanes, results), ~lanes.running
         row = jnp.where(free, jnp.minimum(following + jnp.cumsum(free, dtype=jnp.int32) - 1, count), lanes.row)
         fresh = _take(method, rows, row, observers)
         lanes = jax.tree.map(lambda old, new: jnp.where(free, new, old), lanes, fresh)
         following = jnp.minimum(following + jnp.sum(free, dtype=jnp.int32), count)
-        lanes, executed = _advance_until_idle(method, lanes, observers, following < count, executed)
-        return lanes, results, following, executed
+        lanes, executed, record = _advance_until_idle(method, lanes, observers, following < count, executed, record)
+        return lanes, results, following, executed, record
 
-    last, results, _, executed = jax.lax.while_loop(unfinished, fill, (idle, results, zero, zero))
-    t, x, finite, steps, rejected, observed = unpack(_deliver(last, results))
-    return Solved(t, x, finite, steps, rejected, observed, executed)
+    last, results, _, executed, record = jax.lax.while_loop(unfinished, fill, (idle, results, zero, zero, record))
+    t, x, finite, steps, rejected, observed, course = unpack(_deliver(last, results))
+    return Solved(t, x, finite, steps, rejected, observed, executed, course, record)
 
 
 def _ended(lanes: _Lanes) -> tuple:
     """What is kept of a lane."""
-    return lanes.start, lanes.x, lanes.finite, lanes.steps, lanes.rejected, lanes.observed
+    course = None if lanes.course is None else (lanes.course.begun, lanes.course.count, lanes.course.status)
+    return lanes.start, lanes.x, lanes.finite, lanes.steps, lanes.rejected, lanes.observed, course
 
 
 def _packing(tree: Any) -> tuple[Float[Array, "numbers lanes"], Callable[[Array], Any]]:
@@ -152,6 +163,7 @@ def _take(method: Method, rows: Rows, row: Int[Array, " lanes"], observers: Mapp
     """Lanes at the start of rows; idle where there is no such row."""
     problem, lanes = rows.take(row), row.shape[0]
     end, memory = begin(method.controller, problem.limits, problem.t0, method.error_order)
+    modes = method.modes
     return _Lanes(
         row=row,
         running=(row < rows.t0.shape[-1]) & (problem.t0 < problem.t1),
@@ -166,6 +178,7 @@ def _take(method: Method, rows: Rows, row: Int[Array, " lanes"], observers: Mapp
         rejected=jnp.zeros(lanes, jnp.int32),
         finite=jnp.ones(lanes, bool),
         observed={name: item.begin(problem.observers[name]) for name, item in observers.items()},
+        course=None if modes is None else modes.begin(problem.t0, problem.x, jnp.minimum(end, problem.t1)),
     )
 
 
@@ -175,7 +188,8 @@ def _advance_until_idle(
     observers: Mapping[str, AbstractObserver],
     more: Bool[Array, ""],
     executed: Int[Array, ""],
-) -> tuple[_Lanes, Int[Array, ""]]:
+    record: Any,
+) -> tuple[_Lanes, Int[Array, ""], Any]:
     """Steps until an eighth of the lanes is idle, or all of them where there are no ``more`` rows."""
     size = lanes.row.shape[0]
     enough = jnp.where(more, max(size // IDLE, 1), size)
@@ -190,14 +204,28 @@ def _advance_until_idle(
         return jnp.sum(~carry[0].running) < enough
 
     def advance(carry):
-        return _advance(method, problem, carry[0], observers), carry[1] + jnp.int32(size)
+        lanes, executed, record = carry
+        if method.modes is not None:
+            lanes, record = _settled(method.modes, problem, lanes, record)
+        return _advance(method, problem, lanes, observers), executed + jnp.int32(size), record
 
-    lanes, executed = jax.lax.while_loop(busy, advance, (lanes._replace(problem=None), executed))
-    return lanes._replace(problem=whole), executed
+    lanes, executed, record = jax.lax.while_loop(busy, advance, (lanes._replace(problem=None), executed, record))
+    return lanes._replace(problem=whole), executed, record
+
+
+def _settled(modes: Modes, problem: Rows, lanes: _Lanes, record: Array) -> tuple[_Lanes, Array]:
+    """Lanes with what follows modes that have ended; and steps that end no later than they may."""
+    changing = {name: getattr(lanes, name) for name in SwitchingLanes._fields}
+    after, record = modes.settled(SwitchingLanes(**changing), problem.modes, record)
+    lanes = lanes._replace(**after._asdict())
+    return lanes._replace(end=jnp.minimum(lanes.end, modes.latest_end(lanes.start, lanes.x))), record
 
 
 def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[str, AbstractObserver]) -> _Lanes:
-    """Lanes after a step; those that are idle are as they were."""
+    """Lanes after a step; those that are idle are as they were, and so are those whose mode has ended."""
+    running, course = lanes.running, lanes.course
+    if course is not None:
+        running = running & (course.pending == NONE)
     taken = step(
         method.tableau,
         lambda t, x: method.field(problem.parameters, t, x),
@@ -205,23 +233,26 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[st
         lanes.end,
         lanes.x,
         lanes.slope,
-        lanes.fresh & lanes.running,
+        lanes.fresh & running,
     )
-    verdict = judge(method.controller, problem.limits, taken, lanes.memory, method.error_order)
-    kept, running, observed = verdict.kept, lanes.running, lanes.observed
+    verdict, y = judge(method.controller, problem.limits, taken, lanes.memory, method.error_order), taken.y
+    if method.modes is not None:
+        verdict, y, course = method.modes.judged(course, problem.modes, taken, verdict, lanes.memory)
+    kept, observed = verdict.kept, lanes.observed
     steps, finite = lanes.steps + running.astype(jnp.int32), lanes.finite & (verdict.fine | ~running)
     lanes = lanes._replace(observed={})
     advanced = lanes._replace(
         running=running & finite & (verdict.start < problem.t1) & (steps < method.max_steps),
         start=verdict.start,
         end=jnp.minimum(verdict.end, problem.t1),
-        x=jnp.where(kept[None], taken.y, lanes.x),
+        x=jnp.where(kept[None], y, lanes.x),
         slope=jnp.where(kept[None], taken.last, taken.slopes[0]),
         fresh=kept & verdict.jumped,
         memory=verdict.memory,
         steps=steps,
         rejected=lanes.rejected + (~kept).astype(jnp.int32),
         finite=finite,
+        course=course,
     )
     advanced = jax.tree.map(lambda old, new: jnp.where(running, new, old), lanes, advanced)
     return advanced._replace(

@@ -15,7 +15,11 @@ from ..interface.arguments import described, require
 from ..interface.printing import Printed, shown
 from ..numerics.arrays import Numbers, to_numpy
 from ..numerics.batches import even_size, in_threads, unpadded
+from ..physics.contact_law import Contact
+from ..physics.modes import BodyOnPlane
+from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem, require_state
+from ..simulation.modal import history, on_plane
 from ..simulation.simulate import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_steps, checked_tolerances
 from ..simulation.trajectory import Trajectory
 from .parameters import for_all_rows, shared_leaves
@@ -62,8 +66,9 @@ class Ensemble(Printed):
 def simulate_ensemble(
     system: AbstractSystem,
     times: Numbers,
-    state: AbstractState,
+    state: AbstractState | ReleasedState,
     *,
+    contact: Contact | None = None,
     solver: diffrax.AbstractSolver | None = None,
     rtol: Numbers = DEFAULT_TOLERANCE,
     atol: Numbers = DEFAULT_TOLERANCE,
@@ -82,6 +87,9 @@ def simulate_ensemble(
     - ``system``, ``state``: every array has the runs as leading axis, as ``jax.vmap`` takes them and ``jax.tree.map``
       with ``np.stack`` makes them, unless ``in_axes`` says otherwise.
     - ``times``: of shape (runs, T), or (T,) for all runs.
+    - ``contact``: a :class:`~jaxball.Contact`, as for one run: each run may roll, slide and fly, and
+      ``trajectory.contact`` has its modes. Each of its numbers is for all runs or, made by ``jax.vmap``, of shape
+      (runs,). ``state`` may then be a :class:`~jaxball.ReleasedState`. Its ``room`` for switches is that of every run.
     - ``solver``: an explicit method of diffrax whose last stage is the first of the next step: ``Dopri8()`` if not
       given, ``Dopri5()``, ``Tsit5()``, ``Bosh3()``.
     - ``rtol``, ``atol``: for all runs, or of shape (runs,).
@@ -117,13 +125,19 @@ def simulate_ensemble(
     >>> print(ensemble.trajectory.state.z[:, -1])
     [2. 4. 6.]
     """
-    require_state(system, state)
+    if contact is None or not isinstance(state, ReleasedState):
+        require_state(system, state)
+    simulated = system if contact is None else on_plane(system, state, contact, False, {})
     method = _checked_method(DEFAULT_SOLVER if solver is None else solver)
     rtol, atol = checked_tolerances(rtol, atol)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _checked_reductions(reductions)
-    parameters = system, state
-    shared = shared_leaves(in_axes, parameters)
+    shared = shared_leaves(in_axes, (system, state))
+    if contact is not None:
+        of_contact = tuple(np.ndim(leaf) == 0 for leaf in jax.tree.leaves(contact))
+        of_system = len(jax.tree.leaves(system))
+        shared = (*shared[:of_system], *of_contact, *shared[of_system:])
+    parameters = simulated, state
     runs = _count(parameters, shared, given, rtol, atol)
     whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
@@ -145,9 +159,14 @@ def simulate_ensemble(
     else:
         blocks = _in_blocks(settings, parameters, tuple(np.asarray(x) for x in (whole, *limits)), block, threads)
         results = _joined(blocks, runs)
-    *solved, reported, executed = results
-    system, state = for_all_rows(parameters, shared, runs, jnp if traced else np)
-    return Ensemble(Trajectory(system, whole, *solved, start=state), reported, executed)
+    states, *solved, of_contact, reported, executed = results
+    simulated, state = for_all_rows(parameters, shared, runs, jnp if traced else np)
+    if not isinstance(simulated, BodyOnPlane):
+        return Ensemble(Trajectory(simulated, whole, states, *solved, start=state), reported, executed)
+    modes = history(simulated.contact, states, *of_contact)
+    return Ensemble(
+        Trajectory(simulated.body, whole, states.body, *solved, start=state, contact=modes), reported, executed
+    )
 
 
 def _checked_method(solver: diffrax.AbstractSolver) -> diffrax.AbstractERK:

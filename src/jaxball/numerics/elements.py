@@ -74,6 +74,8 @@ def _equation(graph: Graph, equation: Any, operands: list[Elements]) -> Sequence
         return [_elementwise(graph, equation, operands)]
     if name == "scan":
         return _unrolled(graph, params, operands)
+    if name == "cond":
+        return _chosen(graph, equation, *operands)
     if name == "dot_general":
         return [_product(graph, equation, *operands)]
     if name in REDUCTIONS:
@@ -152,6 +154,26 @@ def _unrolled(graph: Graph, params: Mapping[str, Any], operands: Sequence[Elemen
     if params["reverse"]:
         rows.reverse()
     return [*carry, *(np.stack([as_objects(x) for x in column]) for column in zip(*rows, strict=True))]
+
+
+def _chosen(graph: Graph, equation: Any, which: Elements, *operands: Elements) -> list[Elements]:
+    """One of several programs: lanes may differ in which, so that all of them are computed, and one is selected."""
+    branches = equation.params["branches"]
+    if _known(which):
+        return evaluated(graph, branches[int(which)], operands)
+    results = zip(*(evaluated(graph, branch, operands) for branch in branches), strict=True)
+    chosen = which.item()
+    if len(branches) == 2:
+        chosen = graph.operation(lax.ne_p, {}, (chosen, np.int32(0)), np.dtype(bool))
+
+    def select(dtype: np.dtype, *x: Any) -> Any:
+        same = all(item is x[0] for item in x)
+        return x[0] if same else graph.operation(lax.select_n_p, {}, (chosen, *x), dtype)
+
+    return [
+        _each(variable.aval.shape, functools.partial(select, variable.aval.dtype), *map(as_objects, each))
+        for each, variable in zip(results, equation.outvars, strict=True)
+    ]
 
 
 def _product(graph: Graph, equation: Any, a: Elements, b: Elements) -> Elements:

@@ -34,7 +34,8 @@ def separately(x: Array) -> Array:
     if jax.default_backend() != "cpu":
         return x
     nothing = jnp.zeros((), x.dtype)
-    return jnp.sum(jax.lax.pad(x[None], nothing, [(0, 1, 0), *((0, 0, 0) for _ in x.shape)]), axis=0)
+    padded = jax.lax.pad(x[None], nothing, [(0, 1, 0), *((0, 0, 0) for _ in x.shape)])
+    return jnp.sum(padded, axis=0).astype(x.dtype)
 
 
 def pieces(results: Sequence[Any], inputs: Sequence[Node]) -> frozenset[Node]:

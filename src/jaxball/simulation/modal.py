@@ -1,7 +1,7 @@
 """A run whose modes follow each other, as a trajectory of the body."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,7 @@ from ..physics.released import slip_velocity
 from ..physics.state import ReducedState
 from .events import AbstractEvent, Detachment, Slip
 from .history import ContactHistory, Switches
-from .switching import Course
+from .switching import Kept
 from .trajectory import Trajectory
 
 NOWHERE = -1  # the mode at times to which a solve did not come
@@ -52,28 +52,36 @@ def on_plane(system: Any, state: Any, contact: Contact, dae: bool, events: Mappi
     return BodyOnPlane(system, contact)
 
 
-def unpacked_switches(packing: Packing, course: Course) -> Any:
-    """The switches of a course, with their states before and after."""
-    kept = course.kept
+class Unpacked(NamedTuple):
+    """Switches as they are kept, with their states before and after."""
+
+    kept: Kept
+    before: ContactState
+    after: ContactState
+
+
+def unpacked_switches(packing: Packing, kept: Kept) -> Unpacked:
+    """All switches of a run."""
+    return jax.vmap(lambda one: unpacked_switch(packing, one))(kept)
+
+
+def unpacked_switch(packing: Packing, kept: Kept) -> Unpacked:
+    """One of them; NaN where there is none."""
     known = jnp.isfinite(kept.times)
-    before, after = (
-        jax.vmap(packing.unpack_where)(known, jnp.where(known, kept.times, 0.0), vectors)
-        for vectors in (kept.before, kept.after)
-    )
-    return course.count, before, after, (kept.times, kept.causes, kept.grazing)
+    t = jnp.where(known, kept.times, 0.0)
+    return Unpacked(kept, *(packing.unpack_where(known, t, vector) for vector in (kept.before, kept.after)))
 
 
 def of_modes(system: BodyOnPlane, times: Any, solved: Any, switches: Any, start: Any) -> Trajectory[Any, Any]:
     """The trajectory of the body, from the states of the system on its plane."""
     saved, *others = solved
-    slip = _slips(system, times, saved)
+    slip = _compiled_slips(system, times, saved)
     return Trajectory.of(
-        system.body, times, saved.body, *others, {}, start, _history(system.contact, saved, slip, switches)
+        system.body, times, saved.body, *others, {}, start, history(system.contact, saved, slip, *switches)
     )
 
 
-@programs.filter_jit
-def _slips(system: BodyOnPlane, times: Array, states: ContactState) -> Array:
+def slips(system: BodyOnPlane, times: Array, states: ContactState) -> Array:
     """The slip velocities; exactly 0 of a body that rolls."""
     prepared = system.prepare()
 
@@ -83,8 +91,12 @@ def _slips(system: BodyOnPlane, times: Array, states: ContactState) -> Array:
     return jax.vmap(slip)(times, states)
 
 
-def _history(law: Contact, saved: ContactState, slip: Array, switches: Any) -> ContactHistory:
-    count, before, after, (times, causes, grazing) = switches
+_compiled_slips = programs.filter_jit(slips)
+
+
+def history(law: Contact, saved: ContactState, slip: Array, count: Array, switches: Unpacked) -> ContactHistory:
+    """What became of the contact in one run, or in several with these as leading axis."""
+    (times, causes, _, _, grazing), before, after = switches
     known = jnp.isfinite(times)
     return ContactHistory(
         law=law,

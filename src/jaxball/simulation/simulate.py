@@ -275,7 +275,7 @@ def _solve(
     course = solution.stats.get("course")
     if course is not None:
         status = jnp.where(course.status == int(Status.SUCCESS), status, course.status)
-        course = unpacked_switches(packing, course)
+        course = course.count, unpacked_switches(packing, course.kept)
     if method.inside:
         reached, status = until_left(packing.system, times, saved, reached, status)
     return (

@@ -23,8 +23,6 @@ from ..solvers.dense.sampling import sampling
 NONE = -1  # no cause
 NEAR = 1e-10  # of the length of a step: where it ends so close to the end of a mode, one step of Newton's is exact
 MOST_TRIES = 40
-STILL = 30  # times the tolerances: a slip that ends is over where it is smaller
-SLOW = 1000  # times the tolerances: the direction of a slip that is slower is not known from its velocity
 HALVINGS = 24  # of a place of a quartic
 REAL = 1e-6  # what is not below this part of its size in a step is no zero
 NOTHING = 1e-9  # a normal force below this part of its size in a step is none
@@ -50,6 +48,12 @@ class Aim(NamedTuple):
     size: Float[Array, ""]
     tries: Int[Array, ""]
 
+    @classmethod
+    def none(cls, t: Float[Array, ""]) -> "Aim":
+        """No aim."""
+        zero, first = jnp.zeros_like(t), jnp.asarray(0)
+        return cls(jnp.asarray(False), first, t, t, t, t, zero, zero, zero, first)
+
     def nearer(self, x: Float[Array, ""], f: Float[Array, ""]) -> "Aim":
         """The aim after a step to ``x`` that found ``f`` there; halfway where a secant leads outside."""
         low, high = jnp.where(f > 0, x, self.low), jnp.where(f > 0, self.high, x)
@@ -62,13 +66,24 @@ class Aim(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What is kept of the switches: as many as there is room for, the first ones, in the order of time."""
+    """What is kept of the switches: as many as there is room for, the first ones, in the order of time; or of one."""
 
-    times: Float[Array, " room"]
-    causes: Int[Array, " room"]
-    before: Float[Array, "room size"]
-    after: Float[Array, "room size"]
-    grazing: Bool[Array, " room"]
+    times: Float[Array, "*room"]
+    causes: Int[Array, "*room"]
+    before: Float[Array, "*room size"]
+    after: Float[Array, "*room size"]
+    grazing: Bool[Array, "*room"]
+
+    @classmethod
+    def empty(cls, room: int, y: Float[Array, " size"]) -> "Kept":
+        """Room for so many of them."""
+        rows = jnp.zeros((room, y.size), y.dtype)
+        times, grazing = jnp.full(room, jnp.nan, y.dtype), jnp.zeros(room, bool)
+        return cls(times, jnp.zeros(room, int), rows, rows, grazing)
+
+    def having(self, place: Int[Array, ""], switch: "Kept") -> "Kept":
+        """What is kept with one more, if there is room for it."""
+        return jax.tree.map(lambda kept, new: kept.at[place].set(new, mode="drop"), self, switch)
 
 
 class Course(NamedTuple):
@@ -80,6 +95,7 @@ class Course(NamedTuple):
     - ``count``: of the switches.
     - ``crowd``: how many in a row were too near to each other, ``last`` the time of the last.
     - ``status``: not ``SUCCESS`` where no mode can follow.
+    - ``kept``: what is kept of the switches; None where that is elsewhere.
     """
 
     aim: Aim
@@ -90,7 +106,21 @@ class Course(NamedTuple):
     crowd: Int[Array, ""]
     last: Float[Array, ""]
     status: Int[Array, ""]
-    kept: Kept
+    kept: Kept | None
+
+    @classmethod
+    def start(cls, t0: Float[Array, ""], y0: Float[Array, " size"], length: Float[Array, ""]) -> "Course":
+        """The course of a solve before its first step, of ``length``."""
+        none, success = jnp.asarray(0), jnp.asarray(int(Status.SUCCESS))
+        return cls(Aim.none(t0), jnp.asarray(int(Cause.START)), length, y0, none, none, t0, success, None)
+
+
+class Ended(NamedTuple):
+    """A step's end, if its mode lasts: the mode, whether a slip is over, and the vector with which the next begins."""
+
+    mode: Float[Array, ""]
+    still: Bool[Array, ""]
+    stepped: Float[Array, " size"]
 
 
 class Judged(NamedTuple):
@@ -110,6 +140,14 @@ class Settled(NamedTuple):
     course: Course
 
 
+class Followed(NamedTuple):
+    """The same after a switch, with what is to be kept of it at which ``place``."""
+
+    settled: Settled
+    place: Int[Array, ""]
+    switch: Kept
+
+
 class Switching(eqx.Module):
     """The modes of the system of a solve whose parameters are one array, which ``unpack`` takes apart.
 
@@ -123,29 +161,12 @@ class Switching(eqx.Module):
 
     def begin(self, t0: Float[Array, ""], y0: Float[Array, " size"], length: Float[Array, ""]) -> Course:
         """The course of a solve before its first step."""
-        none, rows = jnp.asarray(0), jnp.zeros((self.room, y0.size), y0.dtype)
-        return Course(
-            aim=_no_aim(t0),
-            pending=jnp.asarray(int(Cause.START)),
-            length=length,
-            begun=y0,
-            count=none,
-            crowd=none,
-            last=t0,
-            status=jnp.asarray(int(Status.SUCCESS)),
-            kept=Kept(
-                times=jnp.full(self.room, jnp.nan, t0.dtype),
-                causes=jnp.zeros(self.room, int),
-                before=rows,
-                after=rows,
-                grazing=jnp.zeros(self.room, bool),
-            ),
-        )
+        return Course.start(t0, y0, length)._replace(kept=Kept.empty(self.room, y0))
 
     def latest_end(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Array) -> Float[Array, ""]:
         """The time after ``t`` at which a step must end because the direction of a slip is led until then."""
-        led = self._packing(parameters).unravel(y).led
-        return jnp.where(led > t, led, jnp.inf)
+        state = self._packing(parameters).unravel(y)
+        return jnp.where(state.led & (state.until > t), state.until, jnp.inf)
 
     def settled(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Array
@@ -153,7 +174,9 @@ class Switching(eqx.Module):
         """What follows a mode that has ended at ``t``, in a run of the length ``run``; before a step."""
 
         def follow(course: Course) -> Settled:
-            return self._followed(course, t, y, run, parameters)
+            (t_after, after, new), place, switch = self.followed(course, t, y, run, parameters)
+            kept = None if course.kept is None else course.kept.having(place, switch)
+            return Settled(t_after, after, new._replace(kept=kept))
 
         def pass_by(course: Course) -> Settled:
             return Settled(t, y, course)
@@ -177,67 +200,37 @@ class Switching(eqx.Module):
             times = sampling().times(*fixed, sampling().nodes)
             inner = jax.vmap(interpolation.evaluate)(times[:-1])
             vectors, constants = jax.lax.stop_gradient((jnp.concatenate([inner, y[None]]), parameters))
-            lasting, led = jax.lax.stop_gradient(jax.vmap(lambda t, x: self._seen(t, x, constants))(times, vectors))
-            return self._looked(course, *fixed, y, lasting.T, led[-1], parameters)
+            lasting, guide = jax.lax.stop_gradient(jax.vmap(lambda t, x: self.seen(t, x, constants))(times, vectors))
+            return looked(course, *fixed, y, lasting.T, self.ended(fixed[1], y, guide[-1], parameters))
 
         def pass_by(course: Course) -> Judged:
-            return Judged(jnp.asarray(False), end, y, course._replace(aim=_no_aim(end)))
+            return passed_by(course, end, y)
 
         return jax.lax.cond(kept, look, pass_by, course)
 
     def _packing(self, parameters: Array) -> Packing:
         return self.unpack(parameters)[0]
 
-    def _seen(
+    def seen(
         self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Array
-    ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
-        """The functions that are positive while the mode lasts, and whether the forces lead a slip to its end."""
+    ) -> tuple[Float[Array, "3"], Float[Array, ""]]:
+        """The functions that are positive while the mode lasts, and what turns the direction of a slip."""
         packing = self._packing(parameters)
         system, state = packing.system, packing.unpack(t, y)
         found = system.response(t, state)
-        return system.lasting(t, state, found), system.is_led(t, state, found, SLOW * self.rtol, SLOW * self.atol)
+        return system.lasting(t, state, found), system.guide(t, state, found, self.rtol, self.atol)
 
-    def _is_still(self, packing: Packing, t: Float[Array, ""], state: ContactState) -> Bool[Array, ""]:
-        """Whether a slip is over. Its direction means nothing where it is as small as the errors of a few steps."""
-        return packing.system.is_still(t, state.released, STILL * self.rtol, STILL * self.atol)
+    def ended(self, t: Float[Array, ""], y: Float[Array, " size"], guide: Float[Array, ""], parameters: Array) -> Ended:
+        """The end of a step, after which ``guide`` turns the direction of a slip."""
+        packing = self._packing(parameters)
+        system, state = packing.system, packing.unravel(y)
+        still = system.has_stopped(t, state, self.rtol, self.atol)
+        return Ended(state.mode, still, ravel_pytree(system.stepped(t, state, guide))[0])
 
-    def _looked(
-        self,
-        course: Course,
-        start: Float[Array, ""],
-        end: Float[Array, ""],
-        y: Float[Array, " size"],
-        seen: Float[Array, "3 nodes"],
-        led: Bool[Array, ""],
-        parameters: Array,
-    ) -> Judged:
-        aim, packing = course.aim, self._packing(parameters)
-        at_aim = aim.on & (end == aim.target)
-        first = _first_end(start, end, seen, jnp.where(at_aim, aim.which, NONE))
-        value = seen[aim.which, -1]
-        nearer = aim.nearer(end, value)
-        width = jnp.maximum(NEAR * (end - start), 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
-        met = (jnp.abs(nearer.target - end) <= width) | (value == 0) | (aim.tries >= MOST_TRIES)
-        retried = first.on | at_aim & ~met
-        next_aim = _where(retried, _where(first.on, first, nearer), _no_aim(end))
-        state = packing.unravel(y)
-        cause = jnp.asarray(CAUSES)[state.mode.astype(int), aim.which]
-        # Where friction gives way because nothing is left that presses, the body lifts.
-        lifts = (cause == int(Cause.GIVES_WAY)) & (seen[1, -1] <= NOTHING * jnp.max(jnp.abs(seen[1])))
-        cause = jnp.where(lifts, int(Cause.LIFTS), cause)
-        switches = at_aim & ~retried & (jnp.abs(value) <= REAL * aim.size)
-        switches &= (cause != int(Cause.STOPS)) | self._is_still(packing, end, state)
-        stepped = ravel_pytree(packing.system.stepped(end, state, led))[0]
-        course = course._replace(
-            aim=next_aim,
-            pending=jnp.where(switches, cause, NONE),
-            length=jnp.where(retried | at_aim, course.length, end - start),
-        )
-        return Judged(retried, next_aim.target, jnp.where(retried | switches, y, stepped), course)
-
-    def _followed(
+    def followed(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Array
-    ) -> Settled:
+    ) -> Followed:
+        """What follows the mode that has ended."""
         packing, cause = self._packing(parameters), course.pending
         system, starts = packing.system, cause == int(Cause.START)
 
@@ -262,28 +255,55 @@ class Switching(eqx.Module):
         status = jnp.where(crowd > TOO_MANY, int(Status.CHATTERED), course.status)
         status = jnp.where(cause == int(Cause.JAMS), int(Status.JAMMED), status)
         place = jnp.where(starts, self.room, course.count)
-        kept = course.kept
-        return Settled(
-            t,
-            after,
-            course._replace(
-                pending=jnp.asarray(NONE),
-                begun=jnp.where(starts, after, course.begun),
-                count=course.count + jnp.where(starts, 0, 1),
-                crowd=crowd,
-                last=fixed,
-                status=status,
-                kept=Kept(
-                    times=kept.times.at[place].set(t, mode="drop"),
-                    causes=kept.causes.at[place].set(cause, mode="drop"),
-                    before=kept.before.at[place].set(packing.pack(t, state), mode="drop"),
-                    after=kept.after.at[place].set(after, mode="drop"),
-                    grazing=kept.grazing.at[place].set(
-                        jnp.abs(slope) * course.length <= GRAZING * course.aim.size, mode="drop"
-                    ),
-                ),
-            ),
+        course = course._replace(
+            pending=jnp.asarray(NONE),
+            begun=jnp.where(starts, after, course.begun),
+            count=course.count + jnp.where(starts, 0, 1),
+            crowd=crowd,
+            last=fixed,
+            status=status,
+            kept=None,
         )
+        grazing = jnp.abs(slope) * course.length <= GRAZING * course.aim.size
+        switch = Kept(t, cause, packing.pack(t, state), after, grazing)
+        return Followed(Settled(t, after, course), place, switch)
+
+
+def looked(
+    course: Course,
+    start: Float[Array, ""],
+    end: Float[Array, ""],
+    y: Float[Array, " size"],
+    lasting: Float[Array, "3 nodes"],
+    ended: Ended,
+) -> Judged:
+    """What becomes of a step, by the functions ``lasting`` at nodes in it, and by its end."""
+    aim = course.aim
+    at_aim = aim.on & (end == aim.target)
+    first = _first_end(start, end, lasting, jnp.where(at_aim, aim.which, NONE))
+    value = lasting[aim.which, -1]
+    nearer = aim.nearer(end, value)
+    width = jnp.maximum(NEAR * (end - start), 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
+    met = (jnp.abs(nearer.target - end) <= width) | (value == 0) | (aim.tries >= MOST_TRIES)
+    retried = first.on | at_aim & ~met
+    next_aim = _where(retried, _where(first.on, first, nearer), Aim.none(end))
+    cause = jnp.asarray(CAUSES)[ended.mode.astype(int), aim.which]
+    # Where friction gives way because nothing is left that presses, the body lifts.
+    lifts = (cause == int(Cause.GIVES_WAY)) & (lasting[1, -1] <= NOTHING * jnp.max(jnp.abs(lasting[1])))
+    cause = jnp.where(lifts, int(Cause.LIFTS), cause)
+    real = jnp.where(cause == int(Cause.STOPS), ended.still, jnp.abs(value) <= REAL * aim.size)
+    switches = at_aim & ~retried & real
+    course = course._replace(
+        aim=next_aim,
+        pending=jnp.where(switches, cause, NONE),
+        length=jnp.where(retried | at_aim, course.length, end - start),
+    )
+    return Judged(retried, next_aim.target, jnp.where(retried | switches, y, ended.stepped), course)
+
+
+def passed_by(course: Course, end: Float[Array, ""], y: Float[Array, " size"]) -> Judged:
+    """A step that is not kept anyway."""
+    return Judged(jnp.asarray(False), end, y, course._replace(aim=Aim.none(end)))
 
 
 def _first_end(
@@ -332,11 +352,6 @@ def _root(samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Ar
 
     low, high = jax.lax.fori_loop(0, HALVINGS, halved, (low, high))
     return 0.5 * (low + high)
-
-
-def _no_aim(t: Float[Array, ""]) -> Aim:
-    zero, none = jnp.zeros_like(t), jnp.asarray(0)
-    return Aim(jnp.asarray(False), none, t, t, t, t, zero, zero, zero, none)
 
 
 def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:

@@ -1,0 +1,237 @@
+"""Lanes whose modes follow each other: where their steps end, and what they go on with.
+
+The rules are those of ``simulation.switching``. What a mode lasts by is looked at in every step of every lane. What
+follows a mode is a long program, and few lanes need it at a time: those whose mode has ended wait until they are an
+eighth of those that run, and it is computed for these alone.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from ..interface.status import Status
+from ..physics.packing import Packing
+from ..simulation.switching import NONE, Course, Ended, Followed, Judged, Kept, Switching, looked, passed_by
+from ..solvers.dense.sampling import sampling
+from .control import Controller, Limits, Verdict, until_kink
+from .parameters import Prepared
+from .runge_kutta import Between, Step
+
+IDLE = 8
+FIRST = 3  # of a record: time, cause, whether it grazes; then the vectors before and after
+
+
+class Given(NamedTuple):
+    """What the programs of a lane are given, and the limits of its steps; the lanes are the last axis."""
+
+    seen: Any
+    ended: Any
+    t0: Float[Array, " lanes"]
+    t1: Float[Array, " lanes"]
+    limits: Limits
+
+
+class Lanes(NamedTuple):
+    """What changes of lanes where a mode is followed by another."""
+
+    row: Int[Array, " lanes"]
+    running: Bool[Array, " lanes"]
+    start: Float[Array, " lanes"]
+    end: Float[Array, " lanes"]
+    x: Float[Array, "size lanes"]
+    fresh: Bool[Array, " lanes"]
+    course: Course
+
+
+class Modes(NamedTuple):
+    """The modes of the systems of rows.
+
+    - ``seen``, ``ended``: the methods of ``Switching``, in lanes.
+    - ``packing``: of each row, with the rows as leading axis; of all of them where ``shared``.
+    - ``room``: for switches of each row.
+    """
+
+    seen: Prepared
+    ended: Prepared
+    between: Between
+    packing: Packing
+    shared: bool
+    room: int
+    controller: Controller
+
+    @classmethod
+    def of(
+        cls,
+        prepared: Callable[..., Prepared],
+        between: Between,
+        packing: Packing,
+        shared: bool,
+        controller: Controller,
+    ) -> "Modes":
+        """``prepared`` takes a function of (system, t, vector) and numbers to its program for all rows."""
+        room, unravel = packing.system.contact.room, packing.unravel
+
+        def seen(system, t, x, rtol, atol):
+            return _switching(rtol, atol, room).seen(t, x, Packing(system.prepare(), unravel))
+
+        def ended(system, t, x, guide, rtol, atol):
+            return _switching(rtol, atol, room).ended(t, x, guide, Packing(system.prepare(), unravel))
+
+        return cls(prepared(seen, 2), prepared(ended, 3), between, packing, shared, room, controller)
+
+    def record(self, rows: int, size: int, dtype: Any) -> Float[Array, "rows room numbers"]:
+        """Room for the switches of all rows: NaN, before there are any."""
+        return jnp.full((rows, self.room, FIRST + 2 * size), jnp.nan, dtype)
+
+    def begin(self, t0: Float[Array, " lanes"], x: Float[Array, "size lanes"], end: Float[Array, " lanes"]) -> Course:
+        """The courses of lanes before their first step."""
+        return jax.vmap(Course.start, in_axes=-1, out_axes=-1)(t0, x, end - t0)
+
+    def latest_end(self, t: Float[Array, " lanes"], x: Float[Array, "size lanes"]) -> Float[Array, " lanes"]:
+        """The time at which a step must end because the direction of a slip is led until then."""
+
+        def end(t, y):
+            state = self.packing.unravel(y)
+            return jnp.where(state.led & (state.until > t), state.until, jnp.inf)
+
+        return jax.vmap(end, in_axes=-1)(t, x)
+
+    def judged(
+        self, course: Course, given: Given, step: Step, verdict: Verdict, memory: Any
+    ) -> tuple[Verdict, Float[Array, "size lanes"], Course]:
+        """What becomes of a step that the controller has judged: the verdict, the state at its end, and the courses.
+
+        ``memory`` is what the controller remembered before.
+        """
+        lasting, guide = self._samples(given, step)
+        limits = given.limits
+        end = jax.lax.stop_gradient(step.end)
+        at_end = self.ended(given.ended, end, step.y, guide, limits.rtol, limits.atol)
+        judged = jax.vmap(_judged, in_axes=-1, out_axes=-1)(
+            course, *jax.lax.stop_gradient((step.start, step.end)), step.y, lasting, at_end, verdict.kept
+        )
+        retried, kept = judged.retried, verdict.kept & ~judged.retried
+        length = judged.course.length
+        # A step that the end of a mode cut short says nothing about longer ones.
+        cut = kept & (step.end - step.start < length)
+        longer = until_kink(self.controller, limits, verdict.start, verdict.start + length)
+        following = jnp.where(cut, jnp.maximum(verdict.end, longer), verdict.end)
+        verdict = verdict._replace(
+            kept=kept,
+            start=jnp.where(retried, step.start, verdict.start),
+            end=jnp.where(retried, judged.target, following),
+            memory=_where(retried, memory, verdict.memory),
+        )
+        return verdict, judged.y, judged.course
+
+    def _samples(self, given: Given, step: Step) -> tuple[Float[Array, "3 nodes lanes"], Float[Array, " lanes"]]:
+        """What a mode lasts by, at nodes in a step, and what turns the direction of a slip at its end."""
+        own, step, limits = jax.lax.stop_gradient((given.seen, step, given.limits))
+        nodes = jnp.asarray(sampling().nodes, step.x.dtype)
+        last = nodes.size - 1
+
+        def one(i, samples):
+            t = step.start + nodes[i] * (step.end - step.start)
+            x = jnp.where(i == last, step.y, self.between(step, t))
+            return samples.at[i].set(self.seen(own, t, x, limits.rtol, limits.atol))
+
+        empty = jnp.zeros((nodes.size, 4, step.start.size), step.x.dtype)
+        samples = jax.lax.fori_loop(0, nodes.size, one, empty)
+        return jnp.moveaxis(samples[:, :3], 0, 1), samples[-1, 3]
+
+    def settled(
+        self, lanes: Lanes, given: Given, record: Float[Array, "rows room numbers"]
+    ) -> tuple[Lanes, Float[Array, "rows room numbers"]]:
+        """Lanes with what follows the modes that have ended, and the record of this; if enough of them wait."""
+        size = lanes.row.shape[0]
+        batch = max(size // IDLE, 1)
+
+        def waits(lanes: Lanes) -> Bool[Array, " lanes"]:
+            return lanes.running & (lanes.course.pguide != NONE)
+
+        def due(carry: tuple[Lanes, Array]) -> Bool[Array, ""]:
+            waiting, running = jnp.sum(waits(carry[0])), jnp.sum(carry[0].running)
+            return (waiting > 0) & (waiting * IDLE >= running)
+
+        def serve(carry: tuple[Lanes, Array]) -> tuple[Lanes, Array]:
+            lanes, record = carry
+            waiting = waits(lanes)
+            rank = jnp.cumsum(waiting) - 1
+            served = waiting & (rank < batch)
+            holds = served[None] & (rank[None] == jnp.arange(batch)[:, None])
+            used = jnp.any(holds, axis=1)
+            # Places that are not used repeat the first.
+            lane = jnp.sum(jnp.where(holds, jnp.arange(size)[None], 0), axis=1)
+            lane = jnp.where(used, lane, lane[0])
+            row = jnp.where(used, lanes.row[lane], record.shape[0])
+            few = jax.tree.map(lambda leaf: leaf[..., lane], (lanes, given))
+            after, place, kept = self._followed(*few, row)
+            record = record.at[row, place].set(_as_rows(kept), mode="drop")
+            places = jnp.clip(rank, 0, batch - 1)
+            return jax.tree.map(lambda old, new: jnp.where(served, new[..., places], old), lanes, after), record
+
+        return jax.lax.while_loop(due, serve, (lanes, record))
+
+    def _followed(
+        self, lanes: Lanes, given: Given, row: Int[Array, " lanes"]
+    ) -> tuple[Lanes, Int[Array, " lanes"], Kept]:
+        """Lanes, all of whose modes have ended, with what follows."""
+        packing = (
+            self.packing if self.shared else jax.tree.map(lambda leaf: leaf.at[row].get(mode="clip"), self.packing)
+        )
+
+        def one(packing: Packing, course: Course, t, x, run, limits: Limits) -> Followed:
+            return _switching(limits.rtol, limits.atol, self.room).followed(course, t, x, run, packing)
+
+        own = (lanes.course, lanes.start, lanes.x, given.t1 - given.t0, given.limits)
+        of_packing = None if self.shared else 0
+        done, place, kept = jax.vmap(one, in_axes=(of_packing, *(-1 for _ in own)), out_axes=-1)(packing, *own)
+        length = lanes.end - lanes.start
+        end = until_kink(self.controller, given.limits, done.t, done.t + length)
+        after = lanes._replace(
+            running=(done.course.status == int(Status.SUCCESS)) & (done.t < given.t1),
+            start=done.t,
+            end=jnp.minimum(end, given.t1),
+            x=done.y,
+            fresh=jnp.ones_like(lanes.fresh),
+            course=done.course,
+        )
+        return after, place, kept
+
+
+def switches_of(record: Float[Array, "rows room numbers"]) -> Kept:
+    """What is kept of the switches of rows, with the rows as leading axis."""
+    size = (record.shape[-1] - FIRST) // 2
+    times, causes, grazing = (record[..., k] for k in range(FIRST))
+    known = jnp.isfinite(times)
+    before, after = record[..., FIRST : FIRST + size], record[..., FIRST + size :]
+    return Kept(times, jnp.where(known, causes, 0.0).astype(int), before, after, known & (grazing != 0))
+
+
+def _as_rows(kept: Kept) -> Float[Array, "lanes numbers"]:
+    """Switches of lanes, as they are kept in a record."""
+    dtype = kept.before.dtype
+    parts = (kept.times[None], kept.causes[None], kept.grazing[None], kept.before, kept.after)
+    return jnp.concatenate([part.astype(dtype) for part in parts]).T
+
+
+def _judged(course: Course, start: Array, end: Array, y: Array, lasting: Array, at_end: Array, kept: Array) -> Judged:
+    """What becomes of a step of one lane."""
+    seen = looked(course, start, end, y, lasting, Ended(at_end[0], at_end[1] != 0, at_end[2:]))
+    return _where(kept, seen, passed_by(course, end, y))
+
+
+def _switching(rtol: Float[Array, ""], atol: Float[Array, ""], room: int) -> Switching:
+    """The modes of a system whose packing takes the place of its parameters."""
+    return Switching(rtol, atol, _itself, room)
+
+
+def _itself(packing: Packing) -> tuple[Packing]:
+    return (packing,)
+
+
+def _where(condition: Bool[Array, "*lanes"], first: Any, second: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)
