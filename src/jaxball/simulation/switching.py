@@ -22,6 +22,7 @@ from ..solvers.dense.sampling import sampling
 
 NONE = -1  # no cause
 NEAR = 1e-10  # of the length of a step: where it ends so close to the end of a mode, one step of Newton's is exact
+TOGETHER = 1e-6  # of the length of a step: what ends a mode at nearly the same time as something else
 MOST_TRIES = 40
 HALVINGS = 24  # of a place of a quartic
 REAL = 1e-6  # what is not below this part of its size in a step is no zero
@@ -281,6 +282,8 @@ def looked(
     aim = course.aim
     at_aim = aim.on & (end == aim.target)
     first = _first_end(start, end, lasting, jnp.where(at_aim, aim.which, NONE))
+    # Two functions may fall to zero together; then one of them is as good as the other.
+    first = first._replace(on=first.on & (~at_aim | (first.target < end - TOGETHER * (end - start))))
     value = lasting[aim.which, -1]
     nearer = aim.nearer(end, value)
     width = jnp.maximum(NEAR * (end - start), 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
