@@ -43,7 +43,9 @@ from .time_series import (
     contact_force as contact_force,
     energies as energies,
     friction_ratio as friction_ratio,
+    height as height,
     power as power,
+    slip_speed as slip_speed,
 )
 from .view.document import ColourScale as ColourScale
 from .view.page import View as View, write_view as write_view
