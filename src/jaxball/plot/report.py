@@ -1,10 +1,9 @@
 """The standard figures of a trajectory: written into a folder, or together on one page."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -18,9 +17,9 @@ from .configuration import configuration
 from .mechanisms import joint_angles, joint_efforts
 from .modes import share_bands
 from .paths import body_paths, centre_path, space_paths
-from .record import finite_rows, record
+from .record import record
 from .style import LABEL, caption
-from .time_series import angular_velocity, contact_force, energies, friction_ratio, height, power, slip_speed
+from .time_series import angular_velocity, contact_force, energies, friction_ratio, of_contact, power
 
 CLASSICAL = (classical_motion, law_errors)
 STANDARD = (
@@ -35,7 +34,6 @@ STANDARD = (
     contact_force,
     friction_ratio,
 )
-OF_CONTACT = (height, slip_speed)
 OF_JOINTS = (joint_angles, joint_efforts)
 
 
@@ -73,16 +71,6 @@ def figures(
             paths.append(folder / f"{kind}_{draw.__name__}.{suffix}")
             write_figure(drawn, paths[-1], trajectory.system, title)
     return paths
-
-
-def of_contact(trajectory: Trajectory[Any, Any]) -> tuple[Callable[..., Axes], ...]:
-    """The figures of the height and the slip speed of a run with a law of contact, unless they are always zero."""
-    history, rows = trajectory.contact, finite_rows(trajectory)
-    if history is None:
-        return ()
-    slips = np.any(np.asarray(history.slip)[rows, :2])
-    flies = np.any(np.asarray(history.height)[rows])
-    return tuple(draw for draw, moves in zip(OF_CONTACT, (flies, slips), strict=True) if moves)
 
 
 def write_figure(drawn: Axes | Figure, path: Path, system: AbstractSystem, title: str = "") -> None:

@@ -1,7 +1,7 @@
 """Figures of quantities over time: rates, energies and forces."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -247,6 +247,15 @@ def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     ax = _one(trajectory, np.linalg.norm(slip[rows, :2], axis=1), r"$|\,\mathbf{v}_s|$", ax)
     up_to_ticks(ax, low=0.0)
     return ax
+
+
+def of_contact(trajectory: Trajectory[Any, Any]) -> list[Callable[[Trajectory], Axes]]:
+    """Of height and slip speed the figures that show something: none without a law of contact, nor of what is zero."""
+    history, rows = trajectory.contact, finite_rows(trajectory)
+    if history is None:
+        return []
+    moves = {height: np.asarray(history.height), slip_speed: np.asarray(history.slip)[:, :2]}
+    return [draw for draw, values in moves.items() if np.any(values[rows])]
 
 
 def _one(trajectory: Trajectory, values: Float[np.ndarray, " T"], name: str, ax: Axes | None) -> Axes:
