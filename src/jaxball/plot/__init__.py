@@ -18,6 +18,7 @@ from .chaos import (
 )
 from .classical import classical_motion as classical_motion, law_errors as law_errors
 from .configuration import configuration as configuration
+from .contact import height as height, slip_speed as slip_speed
 from .designs import (
     branch as branch,
     convergence as convergence,
@@ -43,9 +44,7 @@ from .time_series import (
     contact_force as contact_force,
     energies as energies,
     friction_ratio as friction_ratio,
-    height as height,
     power as power,
-    slip_speed as slip_speed,
 )
 from .view.document import ColourScale as ColourScale
 from .view.page import View as View, write_view as write_view

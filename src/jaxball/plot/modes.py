@@ -55,10 +55,10 @@ class Modes(NamedTuple):
 
 def modes_of(trajectory: Trajectory[Any, Any]) -> Modes | None:
     """The modes of a run at the times that are drawn; None of one without a law of contact."""
-    rows = finite_rows(trajectory) if trajectory.contact is not None else np.zeros(0)
-    if trajectory.contact is None or not rows.size:
+    history = trajectory.contact
+    if history is None or not (rows := finite_rows(trajectory)).size:
         return None
-    history, times = trajectory.contact, np.asarray(trajectory.times)[rows]
+    times = np.asarray(trajectory.times)[rows]
     saved, switches = np.asarray(history.mode)[rows], history.switches
     kept = min(int(switches.count), history.law.room)
     when = np.asarray(switches.times)[:kept]

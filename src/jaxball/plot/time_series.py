@@ -1,7 +1,7 @@
 """Figures of quantities over time: rates, energies and forces."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,14 +9,13 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from ..physics.body import Disk
-from ..physics.contact_law import Contact
 from ..physics.modes import Mode
 from ..physics.system import AbstractSystem
 from ..simulation.extremes import contact_extremes
 from ..simulation.history import ContactHistory
 from ..simulation.trajectory import Trajectory
 from .modes import Modes, draw_modes, modes_of, with_breaks
-from .record import finite_rows, record, require_one
+from .record import finite_rows, record
 from .style import (
     COMPONENTS,
     DASHED,
@@ -162,7 +161,7 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     times, _, observables = record(trajectory)
     ratio = observables.friction_ratio
     if trajectory.contact is not None:
-        return _within_the_cone(trajectory, trajectory.contact.law, times, ratio, ax)
+        return _within_the_cone(trajectory, trajectory.contact, times, ratio, ax)
     on_plane = np.isfinite(ratio)
     drawn = np.where(on_plane, ratio, np.nan)
     ax = over_time(trajectory.system, times, [Series(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
@@ -180,16 +179,16 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 def _within_the_cone(
     trajectory: Trajectory,
-    law: Contact,
+    history: ContactHistory,
     times: Float[np.ndarray, " T"],
     ratio: Float[np.ndarray, " T"],
     ax: Axes | None,
 ) -> Axes:
     """|f| / N with the coefficients of the law, of which friction is never above the larger."""
     modes = modes_of(trajectory)
-    flies = np.asarray(trajectory.contact.mode)[finite_rows(trajectory)] == Mode.FLIGHT
+    flies = np.asarray(history.mode)[finite_rows(trajectory)] == Mode.FLIGHT
     times, ratio = with_breaks(modes, times, np.where(flies, np.nan, ratio))
-    static, sliding = float(law.static), float(law.sliding)
+    static, sliding = float(history.law.static), float(history.law.sliding)
     coefficients = {rf"$\mu_s = {static:.4g}$": (static, DASHED), rf"$\mu = {sliding:.4g}$": (sliding, DOTTED)}
     if static == sliding:
         coefficients = {rf"$\mu_s = \mu = {static:.4g}$": (static, DASHED)}
@@ -201,77 +200,6 @@ def _within_the_cone(
     ax = over_time(trajectory.system, times, series, r"$|\,\mathbf{f}\,|/N$", ax, SHORT, modes)
     up_to_ticks(ax, low=0.0)
     return ax
-
-
-def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """The height h of the body over the plane, of a run with a law of contact.
-
-    **Arguments:**
-
-    - ``trajectory``: what :func:`jaxball.simulate` returns with a ``contact``.
-
-    **Raises:** ``ValueError`` for a run without a law of contact, a batch, or a three-dimensional ``ax``.
-
-    **Example:**
-
-    >>> from jaxball import Contact, Disk, DiskState, ReleasedState, plot, simulate
-    >>> thrown = ReleasedState(DiskState(), V=(1.0, 0.0, 0.0), height=0.1)
-    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(sliding=0.2))
-    >>> plot.height(run).get_ylabel()
-    '$h$'
-    """
-    values, rows = _of_contact(trajectory).height, finite_rows(trajectory)
-    ax = _one(trajectory, np.asarray(values)[rows], "$h$", ax)
-    up_to_ticks(ax, low=0.0)
-    return ax
-
-
-def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """|v_s|, the speed along the plane of the body's lowest point over it, of a run with a law of contact.
-
-    **Arguments:**
-
-    - ``trajectory``: what :func:`jaxball.simulate` returns with a ``contact``.
-
-    **Raises:** as :func:`height`.
-
-    **Example:**
-
-    >>> from jaxball import Contact, Disk, DiskState, ReleasedState, plot, simulate
-    >>> thrown = ReleasedState(DiskState(), V=(1.0, 0.0, 0.0), height=0.1)
-    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(sliding=0.2))
-    >>> [band.get_label() for band in plot.slip_speed(run).patches]
-    ['flight', 'sliding']
-    """
-    slip, rows = np.asarray(_of_contact(trajectory).slip), finite_rows(trajectory)
-    ax = _one(trajectory, np.linalg.norm(slip[rows, :2], axis=1), r"$|\,\mathbf{v}_s|$", ax)
-    up_to_ticks(ax, low=0.0)
-    return ax
-
-
-def of_contact(trajectory: Trajectory[Any, Any]) -> list[Callable[[Trajectory], Axes]]:
-    """Of height and slip speed the figures that show something: none without a law of contact, nor of what is zero."""
-    history, rows = trajectory.contact, finite_rows(trajectory)
-    if history is None:
-        return []
-    moves = {height: np.asarray(history.height), slip_speed: np.asarray(history.slip)[:, :2]}
-    return [draw for draw, values in moves.items() if np.any(values[rows])]
-
-
-def _one(trajectory: Trajectory, values: Float[np.ndarray, " T"], name: str, ax: Axes | None) -> Axes:
-    times = np.asarray(trajectory.times)[finite_rows(trajectory)]
-    series = [Series(values, "", COMPONENTS[0])]
-    return over_time(trajectory.system, times, series, name, ax, modes=modes_of(trajectory))
-
-
-def _of_contact(trajectory: Trajectory) -> ContactHistory:
-    require_one(trajectory)
-    if trajectory.contact is None:
-        raise ValueError(
-            "Argument `trajectory` must be of a run with a law of contact, but it has none; a body that rolls neither "
-            "slips nor leaves the plane. Give one: simulate(..., contact=Contact(sliding=0.3))."
-        )
-    return trajectory.contact
 
 
 def _mark(ax: Axes, t: float, value: float, label: str, color: str) -> None:

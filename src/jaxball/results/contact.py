@@ -61,7 +61,7 @@ def switch_values(history: ContactHistory, of_state: Mapping[str, Variable]) -> 
         leaves = vars(released.body) | {name: getattr(released, name) for name in RELEASED}
         for name, leaf in leaves.items():
             if leaf.size:
-                variable = (of_state | RELEASED)[name]
+                variable = RELEASED.get(name) or of_state[name]
                 meaning = f"{variable.meaning}, {side} the switch"
                 variables[f"switch_{side}_{name}"] = variable._replace(meaning=meaning), leaf
     return {name: (variable, _plain(leaf)[:kept]) for name, (variable, leaf) in variables.items()}
@@ -102,13 +102,18 @@ def _read_switches(
         body = {name: filled(f"{side}_{name}", leaf.shape[1:]) for name, leaf in fields.items()}
         return ReleasedState(state_type(**body), filled(f"{side}_V", (3,)), filled(f"{side}_height"))
 
-    numbers = {
-        name: filled(name, nothing=np.nan if variable.flags is None else NOWHERE)
-        for name, variable in SWITCHES.items()
-        if name != "grazing"
-    }
-    grazing = filled("grazing", nothing=False)
-    return Switches(jnp.asarray(count), **numbers, grazing=grazing, **{side: released(side) for side in SIDES})
+    before, after = map(released, SIDES)
+    return Switches(
+        count=jnp.asarray(count),
+        times=filled("times"),
+        cause=filled("cause", nothing=NOWHERE),
+        source=filled("source", nothing=NOWHERE),
+        target=filled("target", nothing=NOWHERE),
+        before=before,
+        after=after,
+        lost=filled("lost"),
+        grazing=filled("grazing", nothing=False),
+    )
 
 
 def _plain(leaf: Array) -> np.ndarray:

@@ -10,9 +10,9 @@ from jaxtyping import Float
 from ...physics.body import Disk, System
 from ...physics.contact_law import Contact
 from ...simulation.trajectory import Trajectory
+from ..contact import height, of_contact, slip_speed
 from ..floor import Setting, floor_under
 from ..style import mass_colour
-from ..time_series import height, of_contact, slip_speed
 from .body import Shown, body_document, body_numbers, shown
 from .graphs import BLUE, PAIR, RED, angular_velocity, each, energies, graph, series, taken
 from .packing import Numbers
