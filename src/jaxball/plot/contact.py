@@ -45,7 +45,7 @@ def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     - ``trajectory``: what :func:`jaxball.simulate` returns with a ``contact``.
 
-    **Raises:** as :func:`height`.
+    **Raises:** as :func:`height`, also for a three-dimensional ``ax``.
 
     **Example:**
 
