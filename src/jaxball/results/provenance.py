@@ -13,9 +13,11 @@ from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
+from .contact import contact_attributes
 
 FORMAT = 1
 PACKAGES = ("jaxball", "jax", "diffrax")
+UNKNOWN_CONTACT = "# The run had a law of contact, whose coefficients are attributes of the file.\n"
 UNKNOWN_SOLVER = "# Made from a trajectory, which does not hold its solver settings: there is no table [solve].\n"
 
 
@@ -25,7 +27,8 @@ def attributes(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> d
     Without a ``scenario``, its text is that of the trajectory's system, initial state and times, and empty where a file
     cannot hold them. ``format`` is the version of the file format, which :func:`load_run` checks.
     ``ok`` is 1 for a solve that reached its end and 0 for one that failed. A run with dense output also has the
-    extremes of the contact force, ``contact_friction_needed`` and the others of :class:`~jaxball.ContactExtremes`.
+    extremes of the contact force, ``contact_friction_needed`` and the others of :class:`~jaxball.ContactExtremes`. One
+    with a law of contact has its coefficients instead, ``contact_sliding`` and so on, and its ``contact_switches``.
     """
     run: dict[str, str | int | float] = {
         "format": FORMAT,
@@ -38,7 +41,9 @@ def attributes(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> d
         "rejected_steps": int(trajectory.rejected),
         "scenario": _of_trajectory(trajectory) if scenario is None else write_scenario(scenario),
     }
-    if trajectory.interpolant is not None and isinstance(trajectory.system, AbstractBody):
+    if trajectory.contact is not None:
+        run |= contact_attributes(trajectory.contact)
+    elif trajectory.interpolant is not None and isinstance(trajectory.system, AbstractBody):
         extremes = contact_extremes(trajectory)
         run |= {f"contact_{field.name}": float(getattr(extremes, field.name)) for field in dataclasses.fields(extremes)}
     return run | {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
@@ -55,4 +60,4 @@ def _of_trajectory(trajectory: Trajectory[Any, Any]) -> str:
         read_scenario(text)
     except ScenarioError:
         return ""
-    return UNKNOWN_SOLVER + text
+    return UNKNOWN_SOLVER + ("" if trajectory.contact is None else UNKNOWN_CONTACT) + text
