@@ -32,7 +32,7 @@ def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
     changes = {name: value for name, value in changes.items() if value is not None}
     scenario = dataclasses.replace(scenario_of(document, options.scenario), **changes)
     if options.solver is not None:
-        check_dae(scenario.system, options.solver, scenario.dae, "Argument `--solver`")
+        check_dae(scenario.system, scenario.contact, options.solver, scenario.dae, "Argument `--solver`")
     check_against(options, scenario)
     with compiled_for(scenario):
         return _simulate(options, scenario)
