@@ -42,9 +42,9 @@ def read_contact(values: Any, path: str) -> Contact:
 
 
 def refuse_contact(contact: Contact | None, what: str, error: type[ScenarioError] = ScenarioError) -> None:
-    """Raises where a scenario has a law of contact, for ``what`` knows only bodies that roll all the time."""
+    """Raises where a scenario has a law of contact and ``what``, with its verb, for bodies that roll all the time."""
     if contact is not None:
         raise error(
-            f"Key `contact` must be left out for {what}, which knows only bodies that roll all the time, but the "
-            "scenario has a law of contact; `jaxball simulate` and studies know it."
+            f"Key `contact` must be left out here, because {what} for bodies that roll all the time; `jaxball simulate`"
+            " and studies take it."
         )

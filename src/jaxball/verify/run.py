@@ -11,6 +11,7 @@ from ..numerics.arrays import Numbers
 from ..physics.state import ReducedState, RotationState
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
+from ..scenario.contact import refuse_contact
 from ..simulation.simulate import at_rest
 from .balances import laws_along
 from .case import Case
@@ -43,10 +44,11 @@ def verify(
 
     If the solve fails, the report's ``failure`` says why.
 
-    **Raises:** ``ValueError`` for a name that is no law, ``TypeError`` for states without a place, and what
-    :func:`jaxball.simulate` raises.
+    **Raises:** ``ValueError`` for a name that is no law and for a scenario with a law of contact, ``TypeError`` for
+    states without a place, and what :func:`jaxball.simulate` raises.
     """
     case = Case(_scenario(system, times, state, settings))
+    refuse_contact(case.scenario.contact, "the laws of a verification are")
     known = {**laws_along(case.scenario), **CHECKS}
     chosen = [name for name in known if not (quick and name in SLOW)] if laws is None else _checked(laws, known)
     if not case.run.ok:
