@@ -24,7 +24,8 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
 
     Dimensions are ``time``, ``mass``, ``driven`` (the masses whose angles belong to the state, by their
     numbers), with a law of contact ``switch`` (of the mode), and those of vectors: ``axis``, ``direction`` in
-    the plane, ``component`` of a versor. All are counted from 0. Attributes say how the solve ended, and hold the scenario's file.
+    the plane, ``component`` of a versor. All are counted from 0. Attributes say how the solve ended, and hold the
+    scenario's file.
 
     **Arguments:**
 
