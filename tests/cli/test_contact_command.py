@@ -8,7 +8,6 @@ import pytest
 
 from jaxball import load_run
 from jaxball.cli import main
-from jaxball.simulation.simulate import simulate
 from tests.scenario.documents import DISK
 
 SHELL, TIMES = DISK[: DISK.index("[[masses]]")].replace("inertia = 1.0", "inertia = 0.5"), DISK[DISK.index("[time]") :]
@@ -17,7 +16,7 @@ THROWN = SHELL + TIMES + "[initial]\nvelocity = [1.0, 0.0, 0.0]\n"
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
-    """A folder with a disk that is thrown along its plane; other tests must not see the XLA_FLAGS of the command line."""
+    """A folder with a disk that is thrown along its plane; other tests must not see the command line's XLA_FLAGS."""
     monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "thrown.toml").write_text(THROWN)
@@ -58,7 +57,6 @@ def test_keys_of_the_law(monkeypatch):
         raise ValueError("This is as far as it goes.")
 
     monkeypatch.setattr("jaxball.scenario.scenario.simulate", noted)
-    assert callable(simulate)
     for law in ("0.3", "sliding=0.3, static=0.4,restitution=0.5"):
         with pytest.raises(ValueError, match="as far as it goes"):
             main(["simulate", "bouncing-ball", "--contact", law])
@@ -98,7 +96,7 @@ def test_what_cannot_be_asked_for(arguments, sentence, capsys):
     [
         ["verify", "hoop-with-backspin"],
         ["chaos", "bowling-ball"],
-        ["chaos", "bowling-ball", "--section", "Omega[0]=0"],
+        ["chaos", "bowling-ball", "--poincare", "Omega[0]=0"],
         ["stability", "bowling-ball"],
     ],
     ids=" ".join,
