@@ -27,6 +27,7 @@ STILL = 30  # times the tolerances: a slip that ends is over where it is smaller
 SLOW = 1000  # times the tolerances: the direction of a slip that is slower is not known from its velocity
 HALVINGS = 24  # of a place of a quartic
 REAL = 1e-6  # what is not below this part of its size in a step is no zero
+NOTHING = 1e-9  # a normal force below this part of its size in a step is none
 GRAZING = 1e-6  # a function that falls by less than this part of its size in a step touches zero
 CLOSE = 1e-9  # switches that are nearer to each other than this part of a run are too many
 TOO_MANY = 64  # of these
@@ -221,6 +222,9 @@ class Switching(eqx.Module):
         next_aim = _where(retried, _where(first.on, first, nearer), _no_aim(end))
         state = packing.unravel(y)
         cause = jnp.asarray(CAUSES)[state.mode.astype(int), aim.which]
+        # Where friction gives way because nothing is left that presses, the body lifts.
+        lifts = (cause == int(Cause.GIVES_WAY)) & (seen[1, -1] <= NOTHING * jnp.max(jnp.abs(seen[1])))
+        cause = jnp.where(lifts, int(Cause.LIFTS), cause)
         switches = at_aim & ~retried & (jnp.abs(value) <= REAL * aim.size)
         switches &= (cause != int(Cause.STOPS)) | self._is_still(packing, end, state)
         stepped = ravel_pytree(packing.system.stepped(end, state, led))[0]
