@@ -6,6 +6,8 @@ import equinox as eqx
 
 from ..numerics.arrays import to_array
 from ..physics.contact_law import SLOWEST, Contact
+from ..physics.released import ReleasedState
+from ..physics.system import AbstractState
 from .table import Key, Module
 from .traced import require_conditions
 from .values import Integer, Numbers, ScenarioError
@@ -41,10 +43,17 @@ def read_contact(values: Any, path: str) -> Contact:
     return contact
 
 
-def refuse_contact(contact: Contact | None, what: str, error: type[ScenarioError] = ScenarioError) -> None:
-    """Raises where a scenario has a law of contact and ``what``, with its verb, for bodies that roll all the time."""
+def rolling_state(
+    state: AbstractState | ReleasedState, contact: Contact | None, what: str, error: type[ScenarioError] = ScenarioError
+) -> AbstractState:
+    """The state of a scenario, for ``what``, with its verb, for bodies that roll all the time.
+
+    **Raises:** ``error`` where the scenario has a law of contact.
+    """
     if contact is not None:
         raise error(
             f"Key `contact` must be left out here, because {what} for bodies that roll all the time; `jaxball simulate`"
             " and studies take it."
         )
+    assert not isinstance(state, ReleasedState)  # which there is only with a law
+    return state

@@ -123,7 +123,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         if status != Status.IMPOSSIBLE and status != Status.LEFT_SHELL and not at_the_start:
             return []
         system, start, states = self.system, self.start, self.state
-        if self.contact is not None:
+        if self.contact is not None and isinstance(system, AbstractBody):
             system, states = self.contact.on_plane(system, states)
             start = system.prepare().start(to_array(times[0]), start)
         return find_problems(system, start, times, states if status == Status.LEFT_SHELL else None)

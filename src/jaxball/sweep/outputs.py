@@ -76,8 +76,7 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
 def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, ...]]]:
     """What is kept of the state at a time, with its shape: that of the body and, with a law of contact, its mode."""
     state = template.state
-    released = ReleasedState(state) if template.contact is not None and not isinstance(state, ReleasedState) else state
-    body = released.body if isinstance(released, ReleasedState) else released
+    body = state.body if isinstance(state, ReleasedState) else state
     shapes = {name: np.shape(leaf) for name, leaf in vars(body).items() if np.size(leaf)}
     known = {name: (_variable(body, name, shape), shape) for name, shape in shapes.items()}
     if template.contact is None:
