@@ -58,9 +58,9 @@ def test_a_homogeneous_ball_slides_in_a_parabola_and_then_rolls(throw):
     path = np.where(t < rolls, sliding, at_rolls + after * (t - rolls))
     np.testing.assert_allclose(run.state.z, path[:, :2], atol=CLOSE)
     np.testing.assert_allclose(run.contact.V[-1], after, atol=CLOSE)
-    np.testing.assert_array_equal(np.asarray(run.contact.mode) == Mode.SLIDING, TIMES < rolls)
-    assert np.all(np.asarray(run.contact.slip)[TIMES > rolls] == 0.0)
-    seen, slides = run.observables, TIMES < rolls
+    np.testing.assert_array_equal(np.asarray(run.contact.mode) == Mode.SLIDING, rolls > TIMES)
+    assert np.all(np.asarray(run.contact.slip)[rolls < TIMES] == 0.0)
+    seen, slides = run.observables, rolls > TIMES
     np.testing.assert_allclose(seen.normal_force, M * G, rtol=CLOSE)
     np.testing.assert_allclose(seen.friction[slides], np.tile(-mu * M * G * sigma[:2], (slides.sum(), 1)), atol=1e-9)
     np.testing.assert_allclose(seen.energy + run.contact.rubbed, seen.energy[0], atol=CLOSE)

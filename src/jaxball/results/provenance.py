@@ -9,6 +9,7 @@ import numpy as np
 
 from ..interface.status import Status
 from ..physics.body import AbstractBody
+from ..physics.released import ReleasedState
 from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from ..simulation.extremes import contact_extremes
@@ -17,7 +18,6 @@ from .contact import contact_attributes
 
 FORMAT = 1
 PACKAGES = ("jaxball", "jax", "diffrax")
-UNKNOWN_CONTACT = "# The run had a law of contact, whose coefficients are attributes of the file.\n"
 UNKNOWN_SOLVER = "# Made from a trajectory, which does not hold its solver settings: there is no table [solve].\n"
 
 
@@ -55,9 +55,14 @@ def _of_trajectory(trajectory: Trajectory[Any, Any]) -> str:
     state = state.in_space() if isinstance(state, RotationState) else state
     if isinstance(state, ReducedState):
         return ""
+    contact, law = trajectory.contact, None
+    if contact is not None:
+        law = contact.law
+        rolls = not isinstance(trajectory.start, ReleasedState)
+        state = state if rolls else ReleasedState(state, contact.V[0], contact.height[0])
     try:
-        text = write_scenario(Scenario("", trajectory.system, state, np.asarray(trajectory.times)))
+        text = write_scenario(Scenario("", trajectory.system, state, np.asarray(trajectory.times), contact=law))
         read_scenario(text)
     except ScenarioError:
         return ""
-    return UNKNOWN_SOLVER + ("" if trajectory.contact is None else UNKNOWN_CONTACT) + text
+    return UNKNOWN_SOLVER + text
