@@ -89,8 +89,6 @@ class Prepared(NamedTuple):
     def __call__(self, own: Sequence[Array] | Array, *changing: Array) -> Float[Array, "size lanes"]:
         """The program's results in lanes whose own elements are ``own``."""
         following = iter(own)
-        elements = [
-            next(following).astype(item) if isinstance(item, np.dtype) else item for item in self.shared
-        ]
+        elements = [next(following).astype(item) if isinstance(item, np.dtype) else item for item in self.shared]
         numbers = [row for x in changing for row in (x if x.ndim > 1 else x[None])]
         return self.program(elements, numbers)

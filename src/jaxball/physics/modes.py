@@ -28,7 +28,7 @@ from .impact import impact
 from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity, with_slip
 from .system import AbstractState, AbstractSystem
 
-ROUNDING = 8  # a slip velocity below this, in units of rounding of the velocities, is none
+ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
 NEWTON_STEPS = 3  # to the direction of a slip that is led, from that with which it began
 
 
@@ -193,7 +193,16 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         )
 
     def _rolling_rates(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
-        return _with_body(jax.tree.map(jnp.zeros_like, packed), self.body.packed_field(t, packed.body))
+        body = packed.body
+        rates = self.body.packed_field(t, body)
+        speeds = jnp.concatenate([body.Omega, body.thetadot])
+        gains = jnp.concatenate([rates.Omega, rates.thetadot])
+        g, r = self.body.gravity, self.body.radius
+        least = ROUNDING * float(jnp.finfo(g.dtype).eps) * jnp.minimum(g, g / r)
+        rests = jnp.all(speeds == 0) & jnp.all(jnp.abs(gains) <= least)
+        # Rounding must not set a body in motion that friction holds; its derivatives stay as they are.
+        rates = jax.tree.map(lambda x: x - jnp.where(rests, jax.lax.stop_gradient(x), 0.0), rates)
+        return _with_body(jax.tree.map(jnp.zeros_like, packed), rates)
 
     def field(self, t: Float[Array, ""], state: ContactState, found: Response | None = None) -> ContactState:
         """ẋ, also where the body rolls, with all velocities plain; ``found`` is the response, if it is known."""
@@ -240,7 +249,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         found = self.response(t, state) if found is None else found
         acting = self.interaction(t, state, found)
         slip, one = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
-        spare = self.contact.static**2 * acting.R[2] * jnp.abs(acting.R[2]) - jnp.sum(acting.R[:2] ** 2)
+        spare = friction.margin(acting.R, self.contact.static)
         # Where there is no friction to hold the body, the end of a slip is the beginning of another.
         forward = jnp.where(self.contact.static > 0, jnp.sum(slip[:2] * state.sigma), one)
         rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)

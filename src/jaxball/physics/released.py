@@ -16,7 +16,7 @@ v_s + u is A = Λ[ rΓ̂, 1 ] times these. In the velocities (Ω, Λ⁻¹v_s), t
 first block, whose Schur complement is Λ⁻¹D⁻¹Λ. Hence no other factors are needed than those of rolling.
 """
 
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import equinox as eqx
 import jax
@@ -63,7 +63,9 @@ class ReleasedState(Printed):
     height: Float[Array, "*batch"] = eqx.field(converter=numbers("height", batch=True), default=0.0)
 
     def __check_init__(self):
-        require("body", self.body, PlacedState, "a BallState, a RotationState or a DiskState, which have a place")
+        require(
+            "body", self.body, get_args(PlacedState), "a BallState, a RotationState or a DiskState, which have a place"
+        )
 
 
 def released(system: AbstractBody, t: Float[Array, ""], state: PlacedState) -> ReleasedState:

@@ -158,10 +158,9 @@ class _Solve(NamedTuple):
     def settled(self, state: Any, course: Course) -> tuple[Any, Course]:
         """The state with which the next step begins: that of the mode that follows, where one has ended."""
         assert self.switching is not None
-        ended, length = course.pending != NONE, state.tnext - state.tprev
+        ended = course.pending != NONE
         t, y, course = self.switching.settled(course, state.tprev, state.y, self.t1 - self.t0, self.args)
-        end = jnp.where(ended, t + length, state.tnext)
-        end = jnp.minimum(end, jnp.minimum(self.switching.latest_end(t, y, self.args), self.t1))
+        end = jnp.minimum(state.tnext, self.switching.latest_end(t, y, self.args))
         state = dataclasses.replace(state, tprev=t, tnext=end, y=y, made_jump=state.made_jump | ended)
         return state, course
 
@@ -194,9 +193,6 @@ class _Solve(NamedTuple):
             retried, target, y, course = judged
             keep &= ~retried
             tprev = jnp.where(retried, state.tprev, tprev)
-            # A step that the end of a mode cut short says nothing about longer ones.
-            cut = keep & (state.tnext - state.tprev < course.length)
-            tnext = jnp.where(cut, jnp.maximum(tnext, tprev + course.length), tnext)
             tnext = jnp.where(retried, target, tnext)
             controller_state = _where(retried, state.controller_state, controller_state)
         tprev = jnp.minimum(tprev, self.t1)

@@ -182,7 +182,7 @@ class _Method(NamedTuple):
 
 
 def _run(
-    method: _Method, system: AbstractSystem, times: Any, state: AbstractState, *others: Any
+    method: _Method, system: AbstractSystem, times: Any, state: AbstractState | ReleasedState, *others: Any
 ) -> Trajectory[Any, Any]:
     """A trajectory. Dense output has room for few steps at first, because room that is not used costs time as well."""
 
@@ -216,7 +216,7 @@ def _solve(
     method: _Method,
     system: AbstractSystem,
     times: Array,
-    state: AbstractState,
+    state: Any,
     rtol: Array,
     atol: Array,
     events: dict[str, AbstractEvent],

@@ -27,6 +27,7 @@ STILL = 30  # times the tolerances: a slip that ends is over where it is smaller
 SLOW = 1000  # times the tolerances: the direction of a slip that is slower is not known from its velocity
 HALVINGS = 24  # of a place of a quartic
 REAL = 1e-6  # what is not below this part of its size in a step is no zero
+NOTHING = 1e-9  # a normal force below this part of its size in a step is none
 GRAZING = 1e-6  # a function that falls by less than this part of its size in a step touches zero
 CLOSE = 1e-9  # switches that are nearer to each other than this part of a run are too many
 TOO_MANY = 64  # of these
@@ -292,6 +293,9 @@ def looked(
     retried = first.on | at_aim & ~met
     next_aim = _where(retried, _where(first.on, first, nearer), Aim.none(end))
     cause = jnp.asarray(CAUSES)[ended.mode.astype(int), aim.which]
+    # Where friction gives way because nothing is left that presses, the body lifts.
+    lifts = (cause == int(Cause.GIVES_WAY)) & (lasting[1, -1] <= NOTHING * jnp.max(jnp.abs(lasting[1])))
+    cause = jnp.where(lifts, int(Cause.LIFTS), cause)
     switches = at_aim & ~retried & (jnp.abs(value) <= REAL * aim.size)
     switches &= (cause != int(Cause.STOPS)) | ended.still
     course = course._replace(
