@@ -97,7 +97,7 @@ class ContactState(AbstractState):
     - ``rubbed``, ``struck``: the energy that friction of sliding and impacts have taken.
     - ``mode``: a :class:`Mode`, as a number.
     - ``sigma``: the direction of the slip when the step began, a unit vector.
-    - ``led``: the time until which the direction of a slip that has just begun follows the forces; 0 if it does not.
+    - ``led``: the time until which the direction of a slip that has just begun follows the forces; ``never`` if it does not.
     - ``turning``: the rate at which it turns meanwhile.
     """
 
@@ -274,8 +274,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     def stepped(self, t: Float[Array, ""], state: ContactState, led: Bool[Array, ""]) -> ContactState:
         """The state after a step in which its mode lasted; ``led``, if the forces lead its direction from now on."""
         slip = slip_velocity(self.body, t, state.released)
-        ever = jnp.full_like(t, float(jnp.finfo(t.dtype).max) ** 0.5)
-        until = jnp.where(t < state.led, state.led, jnp.where(led, ever, 0.0))
+        until = jnp.where(t < state.led, state.led, jnp.where(led, -never(t), never(t)))
         sigma = jax.lax.stop_gradient(friction.slip_direction(slip, state.sigma))
         sigma = jnp.where(state.is_in(Mode.SLIDING) & ~(t < state.led), sigma, state.sigma)
         turning = jnp.where(t < state.led, state.turning, 0.0)
@@ -300,7 +299,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         given = released(self.body, t, state) if rolls else state
         zero, still = jnp.zeros_like(given.height), jnp.zeros_like(given.V[:2])
         mode = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT)
-        return ContactState(given.body, given.V, given.height, zero, zero, mode, still, zero, zero)
+        return ContactState(given.body, given.V, given.height, zero, zero, mode, still, never(zero), zero)
 
     def followed(
         self, t: Float[Array, ""], state: ContactState, cause: Int[Array, ""], changing: Response
@@ -316,7 +315,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
         zero = jnp.zeros_like(state.height)
         state = eqx.tree_at(
-            lambda x: (x.height, x.led, x.turning), state, (jnp.where(starts, state.height, 0.0), zero, zero)
+            lambda x: (x.height, x.led, x.turning), state, (jnp.where(starts, state.height, 0.0), never(zero), zero)
         )
 
         def part(carry: tuple, is_impact: Bool[Array, ""]) -> tuple:
@@ -379,8 +378,13 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return eqx.tree_at(
             lambda x: (x.led, x.turning),
             after,
-            (jnp.where(begins, t + led.time, 0.0), jnp.where(begins, led.turning, 0.0)),
+            (jnp.where(begins, t + led.time, never(t)), jnp.where(begins, led.turning, 0.0)),
         )
+
+
+def never(t: Float[Array, "*times"]) -> Float[Array, "*times"]:
+    """A time before all others whose square is finite."""
+    return jnp.full_like(t, -(float(jnp.finfo(t.dtype).max) ** 0.5))
 
 
 def _with_body(state: ContactState, body: PlacedState) -> ContactState:

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.printing import Printed, is_single, shown
 from ..physics.body import AbstractBody
 from ..physics.contact_law import Contact
-from ..physics.modes import BodyOnPlane, Cause, ContactState, Mode
+from ..physics.modes import BodyOnPlane, Cause, ContactState, Mode, never
 from ..physics.released import ReleasedState
 
 
@@ -83,5 +83,5 @@ class ContactHistory(Printed):
         """The system on its plane, with its states, of whose bodies these are the ``states``."""
         zero, mode = jnp.zeros_like(self.height), self.mode.astype(self.height.dtype)
         return BodyOnPlane(body, self.law), ContactState(
-            states, self.V, self.height, self.rubbed, self.struck, mode, self.sigma, zero, zero
+            states, self.V, self.height, self.rubbed, self.struck, mode, self.sigma, never(zero), zero
         )

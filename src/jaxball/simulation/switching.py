@@ -23,6 +23,7 @@ from ..solvers.dense.sampling import sampling
 NONE = -1  # no cause
 NEAR = 1e-10  # of the length of a step: where it ends so close to the end of a mode, one step of Newton's is exact
 MOST_TRIES = 40
+FEW_TRIES = 4  # for a slip that is over
 STILL = 30  # times the tolerances: a slip that ends is over where it is smaller
 SLOW = 1000  # times the tolerances: the direction of a slip that is slower is not known from its velocity
 HALVINGS = 24  # of a place of a quartic
@@ -287,17 +288,20 @@ def looked(
     at_aim = aim.on & (end == aim.target)
     first = _first_end(start, end, lasting, jnp.where(at_aim, aim.which, NONE))
     value = lasting[aim.which, -1]
+    cause = jnp.asarray(CAUSES)[ended.mode.astype(int), aim.which]
+    stops = (cause == int(Cause.STOPS)) & ended.still
     nearer = aim.nearer(end, value)
     width = jnp.maximum(NEAR * (end - start), 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
     met = (jnp.abs(nearer.target - end) <= width) | (value == 0) | (aim.tries >= MOST_TRIES)
+    # The direction of a slip that is over may have no limit, and where it ends is then no zero.
+    met |= stops & (aim.tries >= FEW_TRIES)
     retried = first.on | at_aim & ~met
     next_aim = _where(retried, _where(first.on, first, nearer), Aim.none(end))
-    cause = jnp.asarray(CAUSES)[ended.mode.astype(int), aim.which]
     # Where friction gives way because nothing is left that presses, the body lifts.
     lifts = (cause == int(Cause.GIVES_WAY)) & (lasting[1, -1] <= NOTHING * jnp.max(jnp.abs(lasting[1])))
+    is_zero = (cause != int(Cause.STOPS)) & (jnp.abs(value) <= REAL * aim.size)
+    switches = at_aim & ~retried & (is_zero | stops)
     cause = jnp.where(lifts, int(Cause.LIFTS), cause)
-    switches = at_aim & ~retried & (jnp.abs(value) <= REAL * aim.size)
-    switches &= (cause != int(Cause.STOPS)) | ended.still
     course = course._replace(
         aim=next_aim,
         pending=jnp.where(switches, cause, NONE),
