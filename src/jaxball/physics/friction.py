@@ -19,7 +19,7 @@ from .released import Response
 
 SAMPLES = 24  # of directions between which one is sought
 LED = 3e-3  # of the time in which the reaction changes by itself
-TENTATIVE = 0.02  # a slip that grows by a lesser part of what friction can do is led by the forces at first
+TENTATIVE = 0.5  # a slip that grows by a lesser part of what friction can do is led by the forces at first
 POWER = 0.5  # of its speed, or a higher one: so the direction of a slip that ends comes near to that of the forces
 STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quarter
 

@@ -226,11 +226,13 @@ class Switching(eqx.Module):
     def ended(self, t: Float[Array, ""], y: Float[Array, " size"], led: Bool[Array, ""], parameters: Array) -> Ended:
         """The end of a step; ``led``, if the forces lead a slip from now on.
 
-        A slip is over where it is as small as the errors of a few steps, because its direction means nothing then.
+        A slip is over where it is as small as the errors of a few steps, because its direction means nothing then. One
+        that the forces lead to its end is over with what it had across that direction, small as it was, as it began.
         """
         packing = self._packing(parameters)
         system, state = packing.system, packing.unravel(y)
-        still = system.is_still(t, state.released, STILL * self.rtol, STILL * self.atol)
+        times = jnp.where(state.led > t, SLOW, STILL)
+        still = system.is_still(t, state.released, times * self.rtol, times * self.atol)
         return Ended(state.mode, still, ravel_pytree(system.stepped(t, state, led))[0])
 
     def followed(
