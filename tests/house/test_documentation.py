@@ -32,6 +32,7 @@ LONG_PAGES = (
     "comparing-solvers.md",
     "extending.md",
     "shaping-a-rail.md",
+    "slip-and-flight.md",
     "solvers.md",
     "sweep-overnight.md",
     "sweeps.md",

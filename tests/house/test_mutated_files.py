@@ -12,7 +12,10 @@ from tests.support.mutations import mutated
 # What a sentence names: a key, or in a design the number that varies; or it says that the text is no TOML.
 NAMES = r"(^|: )(Key `.+`|Variables? `?.+`?|Path `.+`|`.+`) |must be a TOML document"
 QUICK = {
-    "scenarios": (corpus.scenarios, ("disk", "heavy-top", "suslov", "vakonomic-particle", "pendulum-on-a-slope")),
+    "scenarios": (
+        corpus.scenarios,
+        ("disk", "heavy-top", "suslov", "vakonomic-particle", "pendulum-on-a-slope", "bouncing-ball"),
+    ),
     "studies": (corpus.studies, ("how-to/sweeps.md 0", "every axis")),
     "problems": (corpus.problems, ("every kind, ball", "every kind, disk, controlled")),
 }

@@ -33,6 +33,7 @@ NAMES = (
     "turntable",
     "vibrating-plane",
 )
+RELEASED = ("bouncing-ball", "bowling-ball", "hoop-with-backspin", "slipping-ball")
 CLASSICAL = ("free-rigid-body", "heavy-top", "nonholonomic-particle", "suslov", "vakonomic-particle")
 
 
@@ -56,10 +57,10 @@ def reference(name):
 
 
 def test_names():
-    assert builtin_scenarios() == tuple(sorted(NAMES + CLASSICAL))
+    assert builtin_scenarios() == tuple(sorted(NAMES + RELEASED + CLASSICAL))
 
 
-@pytest.mark.parametrize("name", NAMES + CLASSICAL)
+@pytest.mark.parametrize("name", NAMES + RELEASED + CLASSICAL)
 def test_titles_are_those_of_the_documents(name):
     assert builtin_title(name) == tomllib.loads(builtin_text(name))["title"]
 

@@ -197,7 +197,7 @@ DEFAULTS = {
 
 def same_objects(one: Scenario, other: Scenario) -> bool:
     """Whether two scenarios have the same structure and the same bits in every number."""
-    parts = [(s.system, s.state, s.times, s.rtol, s.atol) for s in (one, other)]
+    parts = [(s.system, s.state, s.contact, s.times, s.rtol, s.atol) for s in (one, other)]
     (leaves, structure), (others, other_structure) = (jax.tree.flatten(part) for part in parts)
     settings = [(s.title, s.solver, s.max_steps, s.step_to_times, s.dae, s.project) for s in (one, other)]
     return (

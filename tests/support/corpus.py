@@ -22,7 +22,7 @@ EXAMPLES = ROOT / "examples"
 
 EVERY_MOTION = """
 format = 1
-title = "Every rail, frame and schedule"
+title = "Every rail, frame and schedule, on a plane with friction"
 kind = "ball"
 
 [body]
@@ -87,6 +87,13 @@ position = [0.1, 0.0, -0.5]
 mass = 0.2
 free = { constant = [0.0, 0.0, 0.3], amplitude = [[0.2, 0.0, 0.0]], frequency = [1.0], phase = [0.2] }
 
+[contact]
+sliding = 0.3
+static = 0.4
+restitution = 0.5
+slowest = 1e-5
+room = 16
+
 [ground.motion]
 free = { constant = [0.0, 0.0, 0.0], powers = [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]] }
 
@@ -113,6 +120,8 @@ axis = [0.0, 1.0, 0.0]
 angle = 0.1
 Omega = [0.0, 0.1, 0.0]
 z = [0.0, 0.0]
+velocity = [0.1, 0.0, 0.2]
+height = 0.1
 theta = [0.4, 0.1, 0.2]
 thetadot = [0.0, 0.0, 0.1]
 

@@ -13,6 +13,7 @@ from ..physics.body import Ball, Disk, System
 from ..physics.frames import principal_angles
 from ..physics.state import BallState, DiskState
 from ..scenario import Scenario, read_document
+from ..scenario.contact import rolling_state
 from ..scenario.errors import UntraceableError
 from ..scenario.paths import key_of, value_at, with_numbers
 from ..scenario.structure import Structure
@@ -56,6 +57,7 @@ class DesignSpace:
             raise DesignError(
                 f"Key `kind` must be ball or disk to be designed, but it is {self.scenario.system.title.lower()}."
             )
+        rolling_state(self.scenario.state, self.scenario.contact, "a design is", DesignError)
         self.variables = tuple(one for variable in variables for one in expanded(variable, self.document))
         self._paths = tuple(path for variable in self.variables for path in variable.paths)
         _check_paths(self._paths, self.document)

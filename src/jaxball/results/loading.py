@@ -14,6 +14,7 @@ from ..numerics.arrays import to_array
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
+from .contact import history_in
 from .files import READ_BACK, RunError, check_saved
 from .provenance import FORMAT
 
@@ -64,6 +65,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
             status=jnp.asarray(int(Status[str(about["status"])])),
             steps=jnp.asarray(int(about["steps"])),
             rejected=jnp.asarray(int(about["rejected_steps"])),
+            contact=history_in(arrays, about, state),
         )
     except (KeyError, ValueError) as error:
         raise _no_run(path, f"{error} is missing or wrong") from None

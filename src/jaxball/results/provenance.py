@@ -9,10 +9,12 @@ import numpy as np
 
 from ..interface.status import Status
 from ..physics.body import AbstractBody
+from ..physics.released import ReleasedState
 from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
+from .contact import law_attributes
 
 FORMAT = 1
 PACKAGES = ("jaxball", "jax", "diffrax")
@@ -38,9 +40,11 @@ def attributes(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> d
         "rejected_steps": int(trajectory.rejected),
         "scenario": _of_trajectory(trajectory) if scenario is None else write_scenario(scenario),
     }
-    if trajectory.interpolant is not None and isinstance(trajectory.system, AbstractBody):
+    rolls = isinstance(trajectory.system, AbstractBody) and trajectory.contact is None
+    if trajectory.interpolant is not None and rolls:
         extremes = contact_extremes(trajectory)
         run |= {f"contact_{field.name}": float(getattr(extremes, field.name)) for field in dataclasses.fields(extremes)}
+    run |= law_attributes(trajectory.contact)
     return run | {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
 
 
@@ -50,8 +54,13 @@ def _of_trajectory(trajectory: Trajectory[Any, Any]) -> str:
     state = state.in_space() if isinstance(state, RotationState) else state
     if isinstance(state, ReducedState):
         return ""
+    contact, law = trajectory.contact, None
+    if contact is not None:
+        law = contact.law
+        rolls = not isinstance(trajectory.start, ReleasedState)
+        state = state if rolls else ReleasedState(state, contact.V[0], contact.height[0])
     try:
-        text = write_scenario(Scenario("", trajectory.system, state, np.asarray(trajectory.times)))
+        text = write_scenario(Scenario("", trajectory.system, state, np.asarray(trajectory.times), contact=law))
         read_scenario(text)
     except ScenarioError:
         return ""

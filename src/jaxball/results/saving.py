@@ -10,6 +10,7 @@ from ..interface.output import check_destination, replacing
 from ..scenario import Scenario
 from ..scenario.paths import entries
 from ..simulation.trajectory import Trajectory
+from .contact import switch_values
 from .files import SUFFIXES
 from .provenance import attributes
 from .variables import labels, values
@@ -22,8 +23,9 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
     """The trajectory and all its observables, or the laws of a classical system, as an ``xarray.Dataset``.
 
     Dimensions are ``time``, ``mass``, ``driven`` (the masses whose angles belong to the state, by their
-    numbers) and those of vectors: ``axis``, ``direction`` in the plane, ``component`` of a versor. All
-    are counted from 0. Attributes say how the solve ended, and hold the scenario's file.
+    numbers), with a law of contact ``switch`` (of the mode), and those of vectors: ``axis``, ``direction`` in
+    the plane, ``component`` of a versor. All are counted from 0. Attributes say how the solve ended, and hold the
+    scenario's file.
 
     **Arguments:**
 
@@ -48,6 +50,10 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
         notes = {"units": variable.units, "long_name": variable.meaning}
         variables[name] = (("time", *variable.dimensions), array, notes)
         sizes |= zip(variable.dimensions, array.shape[1:], strict=True)
+    for name, (variable, array) in switch_values(trajectory.contact).items():
+        notes = {"units": variable.units, "long_name": variable.meaning}
+        variables[name] = (("switch", *variable.dimensions), array, notes)
+        sizes["switch"] = len(array)
     times = ("time", np.asarray(trajectory.times), {"units": "time", "long_name": "time"})
     coordinates = {"time": times, **labels(trajectory.system, sizes)}
     return xarray.Dataset(variables, coordinates, attributes(trajectory, scenario))
@@ -99,6 +105,7 @@ def _write_netcdf(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenar
 def _write_npz(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None) -> None:
     arrays: dict[str, Any] = {"time": np.asarray(trajectory.times)}
     arrays |= {name: array for name, (_, array) in values(trajectory).items()}
+    arrays |= {name: array for name, (_, array) in switch_values(trajectory.contact).items()}
     arrays |= {name: np.asarray(value) for name, value in attributes(trajectory, scenario).items()}
     np.savez_compressed(path, **arrays)
 

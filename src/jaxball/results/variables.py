@@ -30,6 +30,16 @@ STATE = {
     "thetadot": Variable(("driven",), "rad or length / time", "rate of theta"),
 }
 
+CONTACT_STATE = {
+    "mode": Variable((), "1", "mode of the contact: 0 rolling, 1 sliding, 2 flight"),
+    "V": Variable(("axis",), "length/time", "velocity of the geometric centre, space axes"),
+    "height": Variable((), "length", "height of the body over the plane"),
+    "slip": Variable(("axis",), "length/time", "velocity of the lowest point over the plane, space axes"),
+    "sigma": Variable(("direction",), "1", "direction of the slip"),
+    "rubbed": Variable((), "energy", "energy that friction of sliding has taken so far"),
+    "struck": Variable((), "energy", "energy that impacts have taken so far"),
+}
+
 CLASSICAL_STATE = {
     "q": STATE["q"],
     "Omega": STATE["Omega"],
@@ -105,6 +115,9 @@ def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.nda
             variables[name] = (variable, array)
     if isinstance(trajectory.state, ReducedState):
         return variables
+    if trajectory.contact is not None:
+        held = trajectory.contact
+        variables |= {name: (variable, np.asarray(getattr(held, name))) for name, variable in CONTACT_STATE.items()}
     observables = trajectory.observables
     missing = np.isnan(np.asarray(observables.normal_force))
     for name, variable in OBSERVABLES.items():

@@ -9,14 +9,16 @@ import numpy as np
 import tomli_w
 
 from ..physics.body import Ball, Disk
+from ..physics.contact_law import Contact
 from ..physics.system import AbstractSystem
 from .actuation import FORMS, apply_actuation, is_linear, targets_of, write_actuation
 from .body import BALL, DISK, kind_of, read_force, read_shell, write_body
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, read_classical, write_classical
+from .contact import CONTACT, read_contact
 from .errors import each_of
 from .ground import GROUND, read_ground
 from .harmonics import FORCE
-from .initial import INITIAL, balanced, initial_state, read_initial, write_initial
+from .initial import INITIAL, balanced, initial_state, read_initial, released_from, write_initial
 from .masses import CHOICES as MASSES, read_masses, write_masses
 from .mechanisms import MECHANISM, read_mechanisms, write_mechanisms
 from .resistance import RESISTANCE, read_resistance
@@ -46,6 +48,7 @@ KEYS = {
     "force": Key(unread(tables={"": FORCE.keys}), None),
     "ground": Key(unread(tables={"": GROUND.keys}), None),
     "resistance": Key(unread(tables={"": RESISTANCE.keys}), None),
+    "contact": Key(unread(tables={"": CONTACT.keys}), None),
     "masses": Key(unread(tables=MASSES), []),
     "mechanisms": Key(unread(tables={"": MECHANISM}), []),
     "actuation": Key(unread(tables=keys_of(FORMS)), None),
@@ -132,12 +135,14 @@ class Contents(NamedTuple):
     title: str
     system: AbstractSystem
     state: Any
+    contact: Contact | None
     times: SaveTimes
     solve: dict[str, Any]
 
     def scenario(self) -> Scenario:
         """The scenario, whose numbers must be known."""
-        return Scenario(self.title, self.system, self.state, self.times.array(self.times.count), **self.solve)
+        times = self.times.array(self.times.count)
+        return Scenario(self.title, self.system, self.state, times, **self.solve, contact=self.contact)
 
 
 def read_contents(document: dict[str, Any]) -> Contents:
@@ -150,10 +155,11 @@ def read_contents(document: dict[str, Any]) -> Contents:
     kind = str(document.get("kind"))
     if kind not in BODIES:
         read_table(document, "", KEYS)
-    table, shell, surroundings, times, solve, masses, mechanisms, initial = each_of(
+    table, shell, surroundings, contact, times, solve, masses, mechanisms, initial = each_of(
         lambda: read_table(document, "", KEYS),
         lambda: "body" in document and read_shell(document["body"], "body", kind),
         lambda: _read_surroundings(document, kind),
+        lambda: read_contact(document["contact"], "contact") if "contact" in document else None,
         lambda: "time" in document and read_times(document["time"], "time"),
         lambda: read_table(document.get("solve", {}), "solve", SOLVE),
         lambda: read_masses(document.get("masses", []), "masses", not is_linear(document.get("actuation"))),
@@ -173,10 +179,10 @@ def read_contents(document: dict[str, Any]) -> Contents:
         mechanisms=[item.mechanism for item in mechanisms],
     )
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
-    check_dae(system, solve["solver"], solve["dae"])
+    check_dae(system, contact, solve["solver"], solve["dae"])
     check_confined(system, namespace(times.start, times.end).stack([times.start, times.end]), state)
     check_start(system, start, state)
-    return Contents(table["title"], system, state, times, solve)
+    return Contents(table["title"], system, released_from(initial, "initial", state, contact), contact, times, solve)
 
 
 def _read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
@@ -197,8 +203,8 @@ def _read_classical(document: dict[str, Any]) -> Contents:
         lambda: read_table(document.get("solve", {}), "solve", SOLVE),
     )
     system, state = read_classical(table["kind"], table["body"], table["initial"], times.start)
-    check_dae(system, solve["solver"], solve["dae"])
-    return Contents(table["title"], system, state, times, solve)
+    check_dae(system, None, solve["solver"], solve["dae"])
+    return Contents(table["title"], system, state, None, times, solve)
 
 
 def write_scenario(scenario: Scenario) -> str:
@@ -220,11 +226,12 @@ def write_scenario(scenario: Scenario) -> str:
     True
     """
     # NumPy's are taken apart without compiling anything.
-    system, state = jax.tree.map(np.asarray, (scenario.system, scenario.state))
+    system, state, contact = jax.tree.map(np.asarray, (scenario.system, scenario.state, scenario.contact))
     tables = {
         "format": FORMAT,
         "title": scenario.title,
         **_tables(system, state),
+        "contact": {} if contact is None else CONTACT.write(contact, "contact"),
         "time": write_times(scenario.times),
         "solve": write_table({name: getattr(scenario, name) for name in SOLVE}, "solve", SOLVE),
     }

@@ -12,7 +12,9 @@ from ..numerics import programs
 from ..numerics.arrays import is_traced, to_array
 from ..numerics.norms import length
 from ..physics.body import Ball, Disk, PointMass, System
+from ..physics.contact_law import Contact
 from ..physics.motion import Driven, OnRail
+from ..physics.released import ReleasedState
 from ..physics.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, State
 from ..simulation.equilibrium import balance, with_angles
@@ -20,7 +22,20 @@ from .errors import UntraceableError
 from .mechanisms import ReadMechanism, joints_in_state
 from .table import Key, join, read_one_of, read_table, write_table
 from .traced import namespace, outside_of_traces, require
-from .values import ANGLE, LENGTH, NOT_ALL_ZERO, RATE, Flag, Indices, Nested, Numbers, ScenarioError, key_error
+from .values import (
+    ANGLE,
+    LENGTH,
+    NOT_ALL_ZERO,
+    RATE,
+    VELOCITY,
+    Flag,
+    Indices,
+    Nested,
+    Numbers,
+    Rule,
+    ScenarioError,
+    key_error,
+)
 
 _BALANCE_KEYS = {"masses": Key(Indices()), "above": Key(Flag(), None)}
 _BALANCE = Nested(
@@ -33,9 +48,16 @@ _DRIVEN = {
     "thetadot": Key(Numbers((None,), dimension=RATE), None),
     "balance": Key(_BALANCE, None),
 }
+_ABOVE = Rule("non-negative", lambda x: (x >= 0).all(), ", because a lower body would be in its plane")
+# Of a body that need not roll.
+_RELEASED = {
+    "velocity": Key(Numbers((3,), dimension=VELOCITY), None),
+    "height": Key(Numbers((), _ABOVE, LENGTH), None),
+}
 _MOVING = {
     "Omega": Key(Numbers((3,), dimension=RATE), (0.0, 0.0, 0.0)),
     "z": Key(Numbers((2,), dimension=LENGTH), (0.0, 0.0)),
+    **_RELEASED,
     **_DRIVEN,
 }
 _VERSOR = {"versor": Key(Numbers((4,)), (1.0, 0.0, 0.0, 0.0))}
@@ -47,6 +69,7 @@ _DISK = {
     "phi": Key(Numbers(dimension=ANGLE), 0.0),
     "phidot": Key(Numbers(dimension=RATE), 0.0),
     "z": Key(Numbers(dimension=LENGTH), 0.0),
+    **_RELEASED,
     **_DRIVEN,
 }
 INITIAL = {"ball": {**_CHOICES["versor"], **_CHOICES["axis"]}, "disk": _DISK}
@@ -54,10 +77,17 @@ UNIT = 1e-6
 
 
 def read_initial(values: Any, path: str, kind: str) -> dict[str, Any]:
-    """The arguments of a state, those for driven masses as far as they are given, and ``balance``."""
-    if kind == "disk":
-        return read_table(values, path, _DISK)
-    return read_orientation(*read_one_of(values, path, _CHOICES, otherwise=_MOVING), path)
+    """The arguments of a state, those for driven masses as far as they are given, ``balance``, and how it is released.
+
+    The velocity of a disk lies in its plane.
+    """
+    if kind != "disk":
+        return read_orientation(*read_one_of(values, path, _CHOICES, otherwise=_MOVING), path)
+    table = read_table(values, path, _DISK)
+    if table["velocity"] is not None:
+        must = "in the plane of a disk, e1 and e3, with second entry 0"
+        require(table["velocity"][1] == 0, join(path, "velocity"), must, lambda: repr(values["velocity"]))
+    return table
 
 
 def read_orientation(choice: str, table: dict[str, Any], path: str) -> dict[str, Any]:
@@ -97,7 +127,7 @@ def initial_state(
     start: Any,
 ) -> BallState | DiskState:
     """The state; θ and θ̇ of its ``coordinates`` are those of their schedules, or 0, unless they are given."""
-    fields = {name: value for name, value in fields.items() if name != "balance"}
+    fields = {name: value for name, value in fields.items() if name not in ("balance", *_RELEASED)}
     for name in ("theta", "thetadot"):
         given = fields[name]
         if given is None:
@@ -108,6 +138,22 @@ def initial_state(
             must = f"a list of {counted(len(coordinates), 'number')}, {each}"
             raise key_error(join(path, name), must, f"one of {len(given)}")
     return (DiskState if kind == "disk" else BallState)(**fields)
+
+
+def released_from(
+    fields: dict[str, Any], path: str, state: BallState | DiskState, contact: Contact | None
+) -> BallState | DiskState | ReleasedState:
+    """The state itself where it rolls; else released with the velocity and the height that are given, or 0."""
+    given = {name: fields[name] for name in _RELEASED if fields[name] is not None}
+    if not given:
+        return state
+    if contact is None:
+        does = "slides with no law of friction" if "height" not in given else "comes down with no law of impact"
+        raise ScenarioError(
+            f"Key `{join(path, next(iter(given)))}` must stand beside a table [contact], or the body {does}, but there "
+            "is none; give one, such as `contact = { sliding = 0.3 }`."
+        )
+    return ReleasedState(state, V=given.get("velocity", (0.0, 0.0, 0.0)), height=given.get("height", 0.0))
 
 
 def _starting(name: str, targets: Sequence[AbstractSchedule | None], start: Any) -> Any:
@@ -180,11 +226,14 @@ def balanced(
     return list(with_angles(system, wanted["masses"], answer.theta, start).point_masses)
 
 
-def write_initial(system: System, state: State) -> dict[str, Any]:
+def write_initial(system: System, state: State | ReleasedState) -> dict[str, Any]:
     """The table [initial].
 
     **Raises:** :class:`ScenarioError` for a state that is not that of a ball with a versor or of a disk.
     """
+    released: dict[str, Any] = dict.fromkeys(_RELEASED)
+    if isinstance(state, ReleasedState):
+        released, state = {"velocity": state.V, "height": state.height}, state.body
     if not isinstance(state, BallState | DiskState):
         raise ScenarioError(
             "Key `initial` must be a BallState or a DiskState to be written to a file, but it is a "
@@ -193,6 +242,6 @@ def write_initial(system: System, state: State) -> dict[str, Any]:
     driven = {name: getattr(state, name) if system.coordinates else None for name in ("theta", "thetadot")}
     if isinstance(state, DiskState):
         fields = {name: getattr(state, name) for name in ("phi", "phidot", "z")}
-        return write_table({**fields, **driven, "balance": None}, "initial", _DISK)
-    fields = {"versor": state.q, "Omega": state.Omega, "z": state.z, **driven, "balance": None}
+        return write_table({**fields, **released, **driven, "balance": None}, "initial", _DISK)
+    fields = {"versor": state.q, "Omega": state.Omega, "z": state.z, **released, **driven, "balance": None}
     return write_table(fields, "initial", _CHOICES["versor"])

@@ -10,6 +10,8 @@ import numpy as np
 from ..interface.arguments import refusal
 from ..interface.printing import shown
 from ..interface.wording import one_of
+from ..physics.contact_law import Contact
+from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.events import AbstractEvent
 from ..simulation.simulate import DEFAULT_TOLERANCE, simulate
@@ -24,11 +26,13 @@ class Scenario:
 
     - ``title``: a line that says what it is.
     - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, or one of :mod:`jaxball.classical`.
-    - ``state``: the state at ``times[0]``.
+    - ``state``: the state at ``times[0]``; a :class:`~jaxball.ReleasedState` only with ``contact``.
     - ``times``: the save times, increasing, in the units of the system.
     - ``solver``: the name of a solver: "dopri5", "dopri8", "tsit5", "kvaerno3" and "kvaerno5" of diffrax, and
       "radau5", "radau9", "radau13", "gauss16", "trapezoidal" and "tr-bdf2" of :mod:`jaxball.solvers`.
     - ``rtol``, ``atol``, ``max_steps``, ``step_to_times``, ``dae``, ``project``: as in :func:`jaxball.simulate`.
+    - ``contact``: the :class:`~jaxball.Contact`, the law by which a ball or a disk may slip, fly and bounce; None for
+      one that rolls all the time.
 
     **Example:**
 
@@ -41,7 +45,7 @@ class Scenario:
 
     title: str
     system: AbstractSystem
-    state: AbstractState
+    state: AbstractState | ReleasedState
     times: np.ndarray
     solver: str = "dopri8"
     rtol: float = DEFAULT_TOLERANCE
@@ -50,11 +54,13 @@ class Scenario:
     step_to_times: bool = False
     dae: bool = False
     project: bool = False
+    contact: Contact | None = None
 
     def __repr__(self) -> str:
         span = f"{len(self.times)} times from {self.times[0]:g} to {self.times[-1]:g}"
         head = f"Scenario {self.title!r}: {span}, {self.solver} at rtol {self.rtol:g}"
-        return "\n  ".join([head, *f"{self.system}\n{shown(self.state)}".splitlines()])
+        parts = [str(self.system), shown(self.state), *([] if self.contact is None else [str(self.contact)])]
+        return "\n  ".join([head, *"\n".join(parts).splitlines()])
 
     def simulate(
         self,
@@ -76,7 +82,7 @@ class Scenario:
         solver = self.solver if solver is None else solver
         if not isinstance(solver, str) or solver not in SOLVERS:
             raise refusal("solver", f"a name, {one_of(list(SOLVERS))}", solver)
-        check_dae(self.system, solver, self.dae, named)
+        check_dae(self.system, self.contact, solver, self.dae, named)
         trajectory = simulate(
             self.system,
             self.times,
@@ -90,6 +96,7 @@ class Scenario:
             project=self.project,
             dense=dense,
             events=events,
+            contact=self.contact,
             progress=progress,
         )
         return trajectory.raise_if_failed() if throw else trajectory

@@ -74,11 +74,11 @@ def message_in_keys(trajectory: Trajectory[Any, Any]) -> str:
 def key_of(name: str) -> str:
     """The key of a scenario file at which the number of this ``name`` in Python stands."""
     if name.startswith("state."):
-        return "initial." + re.sub(r"^q\b", "versor", name.removeprefix("state."))
+        return "initial." + re.sub(r"^V\b", "velocity", re.sub(r"^q\b", "versor", name.removeprefix("state.")))
     if name.startswith("masses["):
         return re.sub(r"\.motion$", ".free", name).replace(".motion.", ".")
     if name.startswith("mechanisms["):
         return re.sub(r"\.mass$", ".masses", name).replace(".drive", ".force").replace(".terms[", "[")
-    if name.startswith(("ground.", "resistance.")):
+    if name.startswith(("ground.", "resistance.", "contact.")):
         return name
     return {"force": "force", "law": "actuation"}.get(name, join("body", name))

@@ -2,6 +2,7 @@
 
 from ..classical import NonholonomicParticle, VakonomicParticle
 from ..physics.body import Disk
+from ..physics.contact_law import Contact
 from ..physics.system import AbstractSystem
 from ..simulation.simulate import DEFAULT_TOLERANCE
 from .solvers import KNOW_MASS_MATRICES, SOLVERS
@@ -19,7 +20,9 @@ SOLVE = {
 }
 
 
-def check_dae(system: AbstractSystem, solver: str, dae: bool, named: str = "Key `solve.solver`") -> None:
+def check_dae(
+    system: AbstractSystem, contact: Contact | None, solver: str, dae: bool, named: str = "Key `solve.solver`"
+) -> None:
     """Raises a :class:`ScenarioError` where the differential-algebraic form is asked for and there is none.
 
     The message calls the solver as ``named``.
@@ -31,6 +34,10 @@ def check_dae(system: AbstractSystem, solver: str, dae: bool, named: str = "Key 
     if dae and isinstance(system, NonholonomicParticle | VakonomicParticle):
         raise ScenarioError(
             "Key `solve.dae` must be false for a particle, whose state holds no versor, but it is true."
+        )
+    if dae and contact is not None:
+        raise ScenarioError(
+            "Key `solve.dae` must be false beside `contact`, whose modes are differential equations, but it is true."
         )
     if dae and solver not in KNOW_MASS_MATRICES:
         names = ", ".join(f'"{name}"' for name in KNOW_MASS_MATRICES)

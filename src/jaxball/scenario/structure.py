@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 import jax
 from jaxtyping import Array, Bool, Float
 
+from ..physics.contact_law import Contact
+from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from .files import Contents, read_contents
 from .paths import with_numbers
@@ -17,7 +19,8 @@ class Parts(NamedTuple):
     """What the numbers of a document make: all of a scenario that is not the same for all of them."""
 
     system: AbstractSystem
-    state: AbstractState
+    state: AbstractState | ReleasedState
+    contact: Contact | None
     times: SaveTimes
     rtol: Any
     atol: Any
@@ -26,7 +29,7 @@ class Parts(NamedTuple):
     def of(cls, contents: Contents) -> "Parts":
         """Those of a file."""
         solve = contents.solve
-        return cls(contents.system, contents.state, contents.times, solve["rtol"], solve["atol"])
+        return cls(contents.system, contents.state, contents.contact, contents.times, solve["rtol"], solve["atol"])
 
 
 class Structure:

@@ -78,6 +78,7 @@ class Dimension(NamedTuple):
 
 LENGTH, TIME, ANGLE = Dimension(1, 0), Dimension(0, 1), Dimension(0, 0)
 RATE, ACCELERATION = Dimension(0, -1), Dimension(0, -2)  # of angles
+VELOCITY = Dimension(1, -1)
 
 
 @dataclass(frozen=True)

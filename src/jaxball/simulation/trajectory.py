@@ -120,11 +120,13 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         """What no body can have, or which mass left the shell, where that is how the solve ended; otherwise nothing."""
         times, status = np.asarray(self.times), int(self.status)
         at_the_start = status == Status.NOT_FINITE and float(self.reached) == times[0]
-        if status == Status.IMPOSSIBLE or at_the_start:
-            return find_problems(self.system, self.start, times)
-        if status == Status.LEFT_SHELL:
-            return find_problems(self.system, self.start, times, self.state)
-        return []
+        if status != Status.IMPOSSIBLE and status != Status.LEFT_SHELL and not at_the_start:
+            return []
+        system, start, states = self.system, self.start, self.state
+        if self.contact is not None and isinstance(system, AbstractBody):
+            system, states = self.contact.on_plane(system, states)
+            start = system.prepare().start(to_array(times[0]), start)
+        return find_problems(system, start, times, states if status == Status.LEFT_SHELL else None)
 
     def message_of(self, problems: Sequence[str]) -> str:
         """The same sentence with ``problems`` told in other words."""

@@ -20,6 +20,7 @@ class Batch(NamedTuple):
     - ``times``: the times to save, as many for each scenario; the first and the last alone where nothing looks at
       those between.
     - ``rtol``, ``atol``: the tolerances.
+    - ``contact``: the law of contact, every leaf stacked, or None.
     - ``in_axes``: 0 for the arrays of ``(system, state)`` that change from row to row, None for the others, as
       :func:`jaxball.ensemble.simulate_ensemble` takes it.
     """
@@ -30,6 +31,7 @@ class Batch(NamedTuple):
     state: Any
     rtol: Float[np.ndarray, " rows"]
     atol: Float[np.ndarray, " rows"]
+    contact: Any = None
     in_axes: Any = 0
 
     @property
@@ -39,7 +41,7 @@ class Batch(NamedTuple):
 
     def take(self, rows: Any) -> "Batch":
         """Some of the scenarios, by a slice or by their places."""
-        stacked = {name: getattr(self, name) for name in ("system", "times", "state", "rtol", "atol")}
+        stacked = {name: getattr(self, name) for name in ("system", "times", "state", "rtol", "atol", "contact")}
         return self._replace(**jax.tree.map(lambda leaf: leaf[rows], stacked))
 
     def shared_once(self) -> tuple[Any, Any]:

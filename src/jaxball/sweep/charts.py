@@ -11,6 +11,7 @@ import numpy as np
 from ..chaos import chart
 from ..interface.status import Status
 from ..scenario import read_document
+from ..scenario.contact import rolling_state
 from ..scenario.paths import check_number
 from ..scenario.solvers import SOLVERS
 from .axes import Ranged
@@ -40,6 +41,7 @@ def scenario_chart(
     for axis in axes:
         check_number(document, axis.path)
     template = read_document(dict(document))
+    rolling_state(template.state, template.contact, "Lyapunov exponents are")
     rows = math.prod(axis.size for axis in axes)
     study = Study(
         title="", document=dict(document), axes=axes, save="end", contact=False, detachment=False, finds=(), chunk=rows

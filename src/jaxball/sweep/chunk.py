@@ -12,7 +12,7 @@ import numpy as np
 from ..interface.status import Status
 from ..scenario import Scenario
 from .batch import Engine, Wanted
-from .outputs import Output, outputs_of
+from .outputs import Output, outputs_of, state_variables
 from .rows import read_rows
 from .store import Store
 from .study import Study
@@ -77,6 +77,6 @@ def compute(
     solved = engine(batch, Wanted(study.contact, study.detachment, study.finds, study.chunk, threads))
     for name in outputs.keys() & solved.keys():
         array = solved[name]
-        at_each_time = name in vars(template.state) and study.save == "end"
+        at_each_time = name in state_variables(template) and study.save == "end"
         arrays[name][possible] = array[:, -1] if at_each_time else array
     return arrays

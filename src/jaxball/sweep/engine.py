@@ -20,8 +20,8 @@ BLOCK = 2048
 def solve_in_lanes(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
     """The rows by :func:`jaxball.ensemble.simulate_ensemble` where it knows the method; an ``Engine``.
 
-    Other methods (implicit ones, the DAE, projection, steps to saved times) are left to :func:`jaxball.simulate` under
-    ``vmap``, and so are the runs that end where the ball detaches.
+    Others (implicit methods, the DAE, projection, steps to saved times, a law of contact) are left to
+    :func:`jaxball.simulate` under ``vmap``, and so are the runs that end where the ball detaches.
 
     **Arguments:**
 

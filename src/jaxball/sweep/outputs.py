@@ -4,11 +4,14 @@ import dataclasses
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Array
 
+from ..physics.released import ReleasedState
 from ..physics.state import BallState, DiskState
-from ..results.variables import CLASSICAL_STATE, STATE, Variable, labels, undescribed
+from ..results.variables import CLASSICAL_STATE, CONTACT_STATE, STATE, Variable, labels, undescribed
 from ..scenario import Scenario
 from ..simulation.extremes import ContactExtremes
+from ..simulation.trajectory import Trajectory
 from .errors import StudyError
 from .layout import AXES
 from .study import Study
@@ -54,13 +57,11 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
     dimensions = ("save",) * len(saves)
     if saves:
         outputs["time"] = Output(dimensions, saves, np.dtype(np.float64), "time", "save time", True)
-    for name, leaf in vars(template.state).items():
-        shape = np.shape(leaf)
-        if np.prod(shape) > 0:
-            known = _variable(template, name, shape)
-            outputs[name] = Output(
-                (*dimensions, *known.dimensions), (*saves, *shape), np.dtype(np.float64), known.units, known.meaning
-            )
+    for name, (known, shape) in state_variables(template).items():
+        dtype = np.dtype(np.int8 if name == "mode" else np.float64)
+        outputs[name] = Output((*dimensions, *known.dimensions), (*saves, *shape), dtype, known.units, known.meaning)
+    if template.contact is not None:
+        outputs["switches"] = Output((), (), np.dtype(np.int32), "", "how often the mode of contact changed")
     for name in CONTACT if study.contact else ():
         units = "1" if name == "friction_needed" else "time" if name.endswith("_time") else "force"
         outputs[name] = _number(units, name.replace("_", " ") + " of the run")
@@ -70,6 +71,26 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
                 raise StudyError(f"Key `find` must give names that the store has not yet, but `{name}` is taken.")
             outputs[name] = _number("time" if end == "_time" else "", f"{name.replace('_', ' ')} of the run")
     return outputs
+
+
+def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, ...]]]:
+    """What is kept of the state at a time, with its shape: that of the body and, with a law of contact, its mode."""
+    state = template.state
+    body = state.body if isinstance(state, ReleasedState) else state
+    shapes = {name: np.shape(leaf) for name, leaf in vars(body).items() if np.size(leaf)}
+    known = {name: (_variable(body, name, shape), shape) for name, shape in shapes.items()}
+    if template.contact is None:
+        return known
+    sizes = {"axis": 3, "direction": 2}
+    return known | {name: (one, tuple(sizes[axis] for axis in one.dimensions)) for name, one in CONTACT_STATE.items()}
+
+
+def contact_results(trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
+    """What is kept of the contact of a run by name; nothing without a law of contact."""
+    contact = trajectory.contact
+    if contact is None:
+        return {}
+    return {name: getattr(contact, name) for name in CONTACT_STATE} | {"switches": contact.switches.count}
 
 
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:
@@ -82,8 +103,8 @@ def _number(units: str, meaning: str, coordinate: bool = False) -> Output:
     return Output((), (), np.dtype(np.float64), units, meaning, coordinate)
 
 
-def _variable(template: Scenario, name: str, shape: tuple[int, ...]) -> Variable:
-    if isinstance(template.state, BallState | DiskState):
+def _variable(state: Any, name: str, shape: tuple[int, ...]) -> Variable:
+    if isinstance(state, BallState | DiskState):
         known = STATE[name]
         return known if len(shape) == len(known.dimensions) else known._replace(dimensions=())
     return CLASSICAL_STATE.get(name) or undescribed(name, len(shape))

@@ -52,7 +52,7 @@ def read_rows(
         )
     # Steps are as they would be without the times between, and where `ends_only` nothing looks there.
     times = _times(together, template, ends_only)
-    batch = Batch(template, parts.system, times, parts.state, parts.rtol, parts.atol, together.in_axes)
+    batch = Batch(template, parts.system, times, parts.state, parts.rtol, parts.atol, parts.contact, together.in_axes)
     return possible, batch if possible.size == len(rows) else batch.take(possible)
 
 

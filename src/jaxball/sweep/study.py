@@ -182,6 +182,11 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     for key in ("contact", "detachment"):
         if table[key] and not isinstance(template.system, AbstractBody):
             raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which touches no plane.")
+        if table[key] and template.contact is not None:
+            raise StudyError(
+                f"Key `{key}` must be false where the scenario has a law of contact, by which the body may slip and "
+                "fly, but it is true."
+            )
     _check_paths(axes, scenario)
     rows = math.prod(axis.size for axis in axes)
     saves = template.times.size if table["save"] == "times" else 1

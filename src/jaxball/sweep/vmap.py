@@ -14,7 +14,7 @@ from ..simulation.events import Detachment
 from ..simulation.extremes import contact_extremes
 from ..simulation.simulate import FEW_STEPS, simulate
 from .batch import Batch, Wanted
-from .outputs import CONTACT
+from .outputs import CONTACT, contact_results
 
 LANES = 64
 
@@ -42,7 +42,7 @@ def solve_by_vmap(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
         name: getattr(batch.template, name) for name in ("solver", "max_steps", "step_to_times", "dae", "project")
     }
     method = _Method(**common, contact=wanted.contact, detachment=wanted.detachment)
-    stacked = (batch.system, batch.times, batch.state, batch.rtol, batch.atol)
+    stacked = (batch.system, batch.times, batch.state, batch.rtol, batch.atol, batch.contact)
     return in_batches(functools.partial(_run, method), stacked, min(LANES, wanted.most))
 
 
@@ -58,7 +58,7 @@ def _run(method: _Method, stacked: Any) -> dict[str, Any]:
 
 @functools.cache
 def _program(method: _Method) -> Callable[..., Any]:
-    def one(system, times, state, rtol, atol):
+    def one(system, times, state, rtol, atol, contact):
         trajectory = simulate(
             system,
             times,
@@ -72,11 +72,12 @@ def _program(method: _Method) -> Callable[..., Any]:
             project=method.project,
             dense=method.looks_within_steps,
             events={"detachment": Detachment()} if method.detachment else None,
+            contact=contact,
         )
         touches = method.contact and isinstance(system, AbstractBody)
         extremes = contact_extremes(trajectory) if touches else None
         results = {name: getattr(trajectory, name) for name in ("status", "steps", "rejected", "reached")}
-        results |= vars(trajectory.state)
+        results |= vars(trajectory.state) | contact_results(trajectory)
         return results if extremes is None else results | {name: getattr(extremes, name) for name in CONTACT}
 
     return jax.jit(jax.vmap(one))

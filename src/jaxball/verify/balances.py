@@ -76,7 +76,7 @@ def _why_not(name: str, case: Case) -> str:
         return why_not_chaplygin(system, samples.moments)
     if name in ("jellett", "routh"):
         return why_not_routh(system, samples.moments, samples.axis)
-    if isinstance(case.scenario.state, DiskState):
+    if isinstance(case.state, DiskState):
         return {"norm": NO_VERSOR, "jellett-rate": PLANAR}.get(name, "")
     return ""
 

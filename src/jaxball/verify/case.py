@@ -15,6 +15,7 @@ from ..interface.status import Status
 from ..numerics.tangent import generic_vectors
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
+from ..scenario.contact import rolling_state
 from ..scenario.solvers import SOLVERS
 from ..simulation.simulate import FEW_STEPS, FINEST, simulate
 from ..simulation.trajectory import Trajectory
@@ -33,6 +34,11 @@ class Case:
     """A scenario and its runs."""
 
     scenario: Scenario
+
+    @property
+    def state(self) -> AbstractState:
+        """The initial state."""
+        return rolling_state(self.scenario.state, self.scenario.contact, "the laws of a verification are")
 
     @property
     def tolerance(self) -> float:
@@ -62,7 +68,7 @@ class Case:
     @cached_property
     def reference(self) -> Trajectory[Any, Any]:
         """The same motion by Dopri8 at a tolerance of 1e-13, or a tenth of the run's if that is finer."""
-        return self.precise(self.scenario.state)
+        return self.precise(self.state)
 
     def precise(self, state: AbstractState) -> Trajectory[Any, Any]:
         """The motion from an initial state, as precise as possible."""
@@ -83,7 +89,7 @@ class Case:
             simulate,
             self.scenario.system if system is None else system,
             self.scenario.times,
-            self.scenario.state if state is None else state,
+            self.state if state is None else state,
             solver=solver,
             rtol=factor * self.scenario.rtol,
             atol=factor * self.scenario.atol,
@@ -119,7 +125,7 @@ class Case:
         of the dimension. It is measured with runs from nearby states, because tangents would need a program of their
         own.
         """
-        start, unravel = ravel_pytree(self.scenario.state)
+        start, unravel = ravel_pytree(self.state)
         factors = []
         for direction in generic_vectors(DIRECTIONS, start.size):
             change = DEVIATION * direction / np.linalg.norm(direction) * self.weights

@@ -58,14 +58,14 @@ def solvers(case: Case) -> Row:
 
 def dae(case: Case) -> Row:
     """The paper's form in which |q|² = 1 determines one component of q, by Radau IIA of order 13."""
-    if case.scenario.state.unit_vector is None:
+    if case.state.unit_vector is None:
         return Row("dae", reason=f"it is for {WITH_UNIT}, in which a component of a unit vector is algebraic")
     return _agreement("dae", case, case.other(RadauIIA(stages=7), dae=True), "RadauIIA")
 
 
 def embedding(case: Case) -> Row:
     """The disk as a ball with rails in the plane of E1 and E3 and three equal moments."""
-    system, state = case.scenario.system, case.scenario.state
+    system, state = case.scenario.system, case.state
     if not isinstance(system, Disk) or not isinstance(state, DiskState):
         return Row("embedding", reason="it is for disks")
     embedded = case.other(diffrax.Dopri8(), system=system.embedded(), state=state.in_space())
@@ -76,7 +76,7 @@ def embedding(case: Case) -> Row:
 
 def closed_form(case: Case) -> Row:
     """``eq_part_LdA_x`` of the nonholonomic particle."""
-    system, start = case.scenario.system, case.scenario.state
+    system, start = case.scenario.system, case.state
     if not isinstance(system, NonholonomicParticle):
         return Row("closed-form", reason="the motion is not known in closed form")
     times = jnp.asarray(case.scenario.times)

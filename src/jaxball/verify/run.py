@@ -43,10 +43,11 @@ def verify(
 
     If the solve fails, the report's ``failure`` says why.
 
-    **Raises:** ``ValueError`` for a name that is no law, ``TypeError`` for states without a place, and what
-    :func:`jaxball.simulate` raises.
+    **Raises:** ``ValueError`` for a name that is no law and for a scenario with a law of contact, ``TypeError`` for
+    states without a place, and what :func:`jaxball.simulate` raises.
     """
     case = Case(_scenario(system, times, state, settings))
+    _ = case.state  # which one with a law of contact has not
     known = {**laws_along(case.scenario), **CHECKS}
     chosen = [name for name in known if not (quick and name in SLOW)] if laws is None else _checked(laws, known)
     if not case.run.ok:

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...chaos import LyapunovSpectrum, lyapunov_spectrum
 from ...scenario import Scenario
+from ...scenario.contact import rolling_state
 from ...scenario.solvers import SOLVERS
 from ..input import scenario_of
 from ..options import FAILED_SOLVE, BadInputError
@@ -19,6 +20,7 @@ from .files import write_csv, write_json, write_outputs
 def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
     """Computes the exponents of a document, saves and draws their running means."""
     scenario = scenario_of(document, options.scenario)
+    state = rolling_state(scenario.state, scenario.contact, "Lyapunov exponents are")
     end = scenario.times[-1] if options.end is None else options.end
     if end <= scenario.times[0]:
         raise BadInputError(f"Argument `--end` must be after the start, {scenario.times[0]:g}, but it is {end:g}.")
@@ -26,7 +28,7 @@ def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
         spectrum = lyapunov_spectrum(
             scenario.system,
             (scenario.times[0], end),
-            scenario.state,
+            state,
             exponents=options.exponents,
             transient=options.transient,
             interval=options.interval or 1.0,

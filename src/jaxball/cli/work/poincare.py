@@ -10,6 +10,7 @@ import numpy as np
 from ...chaos import poincare_map
 from ...interface.status import Status
 from ...physics.phase_space import phase_point
+from ...scenario.contact import rolling_state
 from ...scenario.paths import entries
 from ...scenario.solvers import SOLVERS
 from ..commands.chaos import DIRECTIONS
@@ -24,7 +25,8 @@ MOST_CROSSINGS = 100_000
 def run(options: argparse.Namespace, document: dict[str, Any], path: str, value: float) -> int:
     """Computes the map of a document where the component at ``path`` is ``value``, saves it and draws it."""
     scenario = scenario_of(document, options.scenario)
-    state = phase_point(scenario.system, scenario.state)
+    state = rolling_state(scenario.state, scenario.contact, "a Poincaré map is")
+    state = phase_point(scenario.system, state)
     known = _components(state)
     path = _checked(path, known)
     others = [name for name in known if name != path]

@@ -21,6 +21,7 @@ from ..input import scenario_of
 from ..jax_setup import compiled_for
 from ..options import FAILED_SOLVE
 from ..output import say, working, written_line
+from . import contact
 from .animation import check_against, write_animation
 from .files import draw_figures, write_json
 from .view import is_known, write_view
@@ -30,19 +31,20 @@ def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
     """Simulates the scenario of a document, saves and draws its run, and prints its summary."""
     changes = {name: getattr(options, name) for name in ("solver", "rtol", "atol")}
     changes = {name: value for name, value in changes.items() if value is not None}
+    document = contact.with_contact(document, options.contact)
     scenario = dataclasses.replace(scenario_of(document, options.scenario), **changes)
     if options.solver is not None:
-        check_dae(scenario.system, options.solver, scenario.dae, "Argument `--solver`")
+        check_dae(scenario.system, scenario.contact, options.solver, scenario.dae, "Argument `--solver`")
     check_against(options, scenario)
     with compiled_for(scenario):
         return _simulate(options, scenario)
 
 
 def _simulate(options: argparse.Namespace, scenario: Scenario) -> int:
-    touches = isinstance(scenario.system, AbstractBody)
+    rolls = isinstance(scenario.system, AbstractBody) and scenario.contact is None
     events = _events(options, scenario)
     with working(options, "compiling and simulating"):
-        trajectory = scenario.simulate(dense=touches and _shows_contact(options), events=events)
+        trajectory = scenario.simulate(dense=rolls and _shows_contact(options), events=events)
     written = []
     if options.out is not None:
         with working(options, "evaluating and saving"):
@@ -61,7 +63,7 @@ def _simulate(options: argparse.Namespace, scenario: Scenario) -> int:
     written += _draw(options, scenario, trajectory)
     with working(options, "evaluating"):
         content = {} if options.json is None else _content(scenario, trajectory)
-        checks = [] if options.quiet else _contact(trajectory) if touches else _conservation(trajectory)
+        checks = [] if options.quiet else _checks(trajectory)
     write_json(options, content)
     say(options, scenario.title, trajectory, *checks, written_line(written))
     return 0
@@ -78,7 +80,7 @@ def _shows_contact(options: argparse.Namespace) -> bool:
 
 def _evaluate(trajectory: Trajectory[Any, Any]) -> None:
     """Compiles what a file needs: the observables on one core, and the extremes of contact on the other."""
-    if not isinstance(trajectory.system, AbstractBody):
+    if not isinstance(trajectory.system, AbstractBody) or trajectory.interpolant is None:
         return
     with ThreadPoolExecutor(1) as beside:
         beside.submit(lambda: trajectory.observables)  # an error is that of saving, which needs them as well
@@ -103,6 +105,8 @@ def _content(scenario: Scenario, trajectory: Trajectory[Any, Any]) -> dict[str, 
     content = {**about, "ok": trajectory.ok, "time": float(trajectory.times[-1]), "state": end}
     if not isinstance(scenario.system, AbstractBody):
         content["law_changes"] = _law_changes(trajectory)
+    if trajectory.contact is not None:
+        content["contact"] = contact.content(trajectory.contact)
     return content
 
 
@@ -117,10 +121,18 @@ def _events(options: argparse.Namespace, scenario: Scenario) -> dict[str, Abstra
             "Arguments `--friction` and `--detachment` must be left out for a system that touches no plane, such as "
             f"the {scenario.system.title} of this scenario."
         )
+    contact.check_against_contact(scenario.contact, events)
     return events
 
 
-def _contact(trajectory: Trajectory) -> list[str]:
+def _checks(trajectory: Trajectory[Any, Any]) -> list[str]:
+    """The lines about what held: the contact of a body with its plane, or the conserved quantities."""
+    if trajectory.contact is not None:
+        return contact.summary(trajectory.contact)
+    return _contact(trajectory) if isinstance(trajectory.system, AbstractBody) else _conservation(trajectory)
+
+
+def _contact(trajectory: Trajectory[Any, Any]) -> list[str]:
     return [f"  {line}" for line in str(contact_extremes(trajectory)).splitlines()]
 
 

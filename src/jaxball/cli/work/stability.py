@@ -10,6 +10,7 @@ import numpy as np
 from ...numerics.programs import compiled_quickly
 from ...physics.body import AbstractBody, Ball
 from ...scenario import Scenario, ScenarioError
+from ...scenario.contact import rolling_state
 from ...scenario.paths import entries
 from ...stability import SteadyMotion, permanent_rotations, stability, steady_rolling
 from ..input import scenario_of
@@ -38,6 +39,7 @@ def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
 def _motions(options: argparse.Namespace, scenario: Scenario) -> Sequence[SteadyMotion]:
     system = scenario.system
     t = float(scenario.times[0]) if options.time is None else options.time
+    rolling_state(scenario.state, scenario.contact, "the stability of steady motions is")
     if not isinstance(system, AbstractBody):
         raise ValueError(f"Steady motions are those of a ball or a disk, but the scenario is of a {system.title}.")
     if options.initial:

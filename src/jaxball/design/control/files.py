@@ -10,6 +10,7 @@ from ...numerics.arrays import to_array
 from ...physics.body import Ball, Disk
 from ...physics.state import BallState, DiskState
 from ...scenario import read_document
+from ...scenario.contact import rolling_state
 from ...scenario.sources import naming_scenario, scenario_document
 from ...scenario.table import Family, Key, Keys, read_table
 from ...scenario.values import NOT_NEGATIVE, POSITIVE, Choice, Integer, Numbers, key_error, shown, unread
@@ -78,6 +79,7 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     system = scenario.system
     if not isinstance(system, Ball | Disk):
         raise key_error("scenario.kind", "ball or disk", system.title.lower())
+    rolling_state(scenario.state, scenario.contact, "optimal control is", DesignError)
     plane = plane_of(system)
     control = read_table(given[TABLE], TABLE, _control(plane))
     family = objectives_of(plane)

@@ -36,6 +36,8 @@ LOOKS = {
     Status.DETACHED: Look("#332288", "^", "++++"),
     Status.SLIPPED: Look("#999933", "p", "oo"),
     Status.EVENT: Look("0.3", "d", "**"),
+    Status.JAMMED: Look("#009E73", "P", "xx"),
+    Status.CHATTERED: Look("#0072B2", "*", "\\\\||"),
 }
 _NAMES = {NOT_FINITE: "not finite"}
 

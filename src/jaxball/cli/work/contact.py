@@ -1,0 +1,84 @@
+"""The law of contact on the command line: that of ``--contact``, and what became of the contact in a run."""
+
+from typing import Any
+
+import numpy as np
+
+from ...physics.contact_law import Contact
+from ...physics.modes import Cause, Mode
+from ...scenario import ScenarioError
+from ...scenario.classical import CLASSICAL
+from ...scenario.contact import CONTACT
+from ...scenario.paths import with_values
+from ...simulation.events import AbstractEvent
+from ...simulation.history import ContactHistory, Switches
+
+MOST_SHOWN = 8  # switches in a summary; --json has all
+
+
+def with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:
+    """The document with the law of ``--contact``, a coefficient of sliding or keys with their values, for its own.
+
+    **Raises:** :class:`~jaxball.ScenarioError` for a system that touches no plane.
+    """
+    if law is None:
+        return document
+    if document.get("kind") in CLASSICAL:
+        raise ScenarioError(
+            "Argument `--contact` must be left out for a system that touches no plane, such as a scenario of the kind "
+            f'"{document["kind"]}".'
+        )
+    keys = law.split(",") if "=" in law else [f"sliding={law}"]
+    others = {name: value for name, value in document.items() if name != "contact"}
+    return with_values(others, [f"contact.{key.strip()}" for key in keys])
+
+
+def check_against_contact(contact: Contact | None, events: dict[str, AbstractEvent]) -> None:
+    """Raises where ``events`` end a run for what a law of contact lets happen."""
+    if contact is not None and events:
+        raise ScenarioError(
+            "Arguments `--friction` and `--detachment` must be left out where the scenario has a law of contact, by "
+            "which the body slips and flies where they would end the run."
+        )
+
+
+def summary(contact: ContactHistory) -> list[str]:
+    """The lines that say how the body moved on its plane, and what that took of its energy."""
+    count, lines = int(contact.switches.count), contact.switches.lines
+    mode = Mode(int(np.asarray(contact.mode)[-1])).name.lower()
+    times = "never" if count == 0 else "once" if count == 1 else f"{count:,} times"
+    head = f"  the mode of contact changed {times}, and is {mode} at the end"
+    shown = lines[:MOST_SHOWN] if count else []
+    rest = [f"    and {count - len(shown):,} more"] if count > len(shown) else []
+    rubbed, struck = (float(np.asarray(taken)[-1]) for taken in (contact.rubbed, contact.struck))
+    taken = f"  friction of sliding took the energy {rubbed:.10g}, and impacts {struck:.10g}"
+    return [head, *(f"    {line}" for line in shown), *rest, taken]
+
+
+def content(contact: ContactHistory) -> dict[str, Any]:
+    """What --json says of the contact: the law, the mode at each saved time, the switches, and how it ended."""
+    end = {name: np.asarray(getattr(contact, name))[-1] for name in ("V", "height", "slip", "rubbed", "struck")}
+    modes = [_name(mode) for mode in np.asarray(contact.mode)]
+    law = CONTACT.write(contact.law, "contact")
+    return {"law": law, "modes": modes, "end": end, "count": int(contact.switches.count), "switches": _all(contact)}
+
+
+def _all(contact: ContactHistory) -> list[dict[str, Any]]:
+    switches: Switches = contact.switches
+    kept = min(int(switches.count), switches.times.shape[-1])
+    return [
+        {
+            "time": float(switches.times[k]),
+            "from": _name(switches.source[k]),
+            "to": _name(switches.target[k]),
+            "cause": Cause(int(switches.cause[k])).sentence,
+            "lost": float(switches.lost[k]),
+            "grazing": bool(switches.grazing[k]),
+        }
+        for k in range(kept)
+    ]
+
+
+def _name(mode: Any) -> str | None:
+    """The name of a mode; None where the solve did not come."""
+    return Mode(int(mode)).name.lower() if int(mode) >= 0 else None

@@ -1,0 +1,59 @@
+"""The law of contact of a scenario file: Coulomb's friction and Newton's restitution."""
+
+from typing import Any
+
+import equinox as eqx
+
+from ..numerics.arrays import to_array
+from ..physics.contact_law import SLOWEST, Contact
+from ..physics.released import ReleasedState
+from ..physics.system import AbstractState
+from .table import Key, Module
+from .traced import require_conditions
+from .values import Integer, Numbers, ScenarioError
+
+ROOM = 64
+COEFFICIENTS = ("sliding", "static", "restitution", "slowest")
+
+
+def _law(sliding: Any, static: Any = None, *, room: int, **others: Any) -> Contact:
+    """The law, without what its constructor refuses, because a reader says that in the words of the file."""
+    values = {"sliding": sliding, "static": sliding if static is None else static, **others}
+    arrays = [to_array(values[name], name) for name in COEFFICIENTS]
+    return eqx.tree_at(lambda law: [getattr(law, name) for name in COEFFICIENTS], Contact(0.0, room=room), arrays)
+
+
+CONTACT = Module(
+    Contact,
+    {
+        "sliding": Key(Numbers()),
+        "static": Key(Numbers(), None),
+        "restitution": Key(Numbers(), 0.0),
+        "slowest": Key(Numbers(), SLOWEST),
+        "room": Key(Integer(1, 10**6), ROOM),
+    },
+    build=_law,
+)
+
+
+def read_contact(values: Any, path: str) -> Contact:
+    """The law of contact."""
+    contact = CONTACT.read(values, path)
+    require_conditions(contact)
+    return contact
+
+
+def rolling_state(
+    state: AbstractState | ReleasedState, contact: Contact | None, what: str, error: type[ScenarioError] = ScenarioError
+) -> AbstractState:
+    """The state of a scenario, for ``what``, with its verb, for bodies that roll all the time.
+
+    **Raises:** ``error`` where the scenario has a law of contact.
+    """
+    if contact is not None:
+        raise error(
+            f"Key `contact` must be left out here, because {what} for bodies that roll all the time; `jaxball simulate`"
+            " and studies take it."
+        )
+    assert not isinstance(state, ReleasedState)  # which there is only with a law
+    return state

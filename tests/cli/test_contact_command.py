@@ -1,0 +1,106 @@
+"""``jaxball simulate`` of a body that slips and flies: --contact, what the summary says, and what goes into files."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+from jaxball import load_run
+from jaxball.cli import main
+from tests.scenario.documents import DISK
+
+SHELL, TIMES = DISK[: DISK.index("[[masses]]")].replace("inertia = 1.0", "inertia = 0.5"), DISK[DISK.index("[time]") :]
+THROWN = SHELL + TIMES + "[initial]\nvelocity = [1.0, 0.0, 0.0]\n"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    """A folder with a disk that is thrown along its plane; other tests must not see the command line's XLA_FLAGS."""
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "thrown.toml").write_text(THROWN)
+    return tmp_path
+
+
+def test_a_run_that_slides(capsys):
+    """A disk with J = 1/2 m r² stops slipping at V / (3 μ g) with V = 1, and friction takes V² / 6 of its energy."""
+    command = ["simulate", "thrown.toml", "--contact", "0.25", "--out", "run.npz", "--json", "run.json"]
+    assert main(command) == 0
+    printed = capsys.readouterr().out
+    assert "the mode of contact changed once, and is rolling at the end" in printed
+    assert "    t = 1.33333333" in printed
+    assert "from sliding to rolling, as the slip ended" in printed
+    assert "friction of sliding took the energy 0.166666666" in printed
+    with open("run.json") as file:
+        contact = json.load(file)["contact"]
+    assert contact["law"] == {"sliding": 0.25, "static": 0.25}
+    assert contact["modes"] == ["sliding"] * 3 + ["rolling"] * 2
+    (switch,) = contact["switches"]
+    np.testing.assert_allclose(switch["time"], 4 / 3, rtol=1e-9)
+    assert (switch["from"], switch["to"], switch["cause"], switch["grazing"]) == (
+        "sliding",
+        "rolling",
+        "the slip ended",
+        False,
+    )
+    again = load_run("run.npz")
+    assert again.contact.mode.tolist() == [1, 1, 1, 0, 0]
+
+
+def test_keys_of_the_law(monkeypatch):
+    """They are those of [contact], all of which they replace."""
+    seen = []
+
+    def noted(*_, contact, **__):
+        seen.append([float(x) for x in (contact.sliding, contact.static, contact.restitution)])
+        raise ValueError("This is as far as it goes.")
+
+    monkeypatch.setattr("jaxball.scenario.scenario.simulate", noted)
+    for law in ("0.3", "sliding=0.3, static=0.4,restitution=0.5"):
+        with pytest.raises(ValueError, match="as far as it goes"):
+            main(["simulate", "bouncing-ball", "--contact", law])
+    assert seen == [[0.3, 0.3, 0.0], [0.3, 0.4, 0.5]]
+
+
+REFUSED = {
+    "no law": (["thrown.toml"], "Key `initial.velocity` must stand beside a table [contact]"),
+    "no number": (
+        ["thrown.toml", "--contact", "ice"],
+        'Key `contact.sliding` must be a finite number, but it is "ice".',
+    ),
+    "no key": (
+        ["thrown.toml", "--contact", "slidng=0.3"],
+        "Key `contact.slidng` is not known; did you mean `sliding`?",
+    ),
+    "no plane": (
+        ["heavy-top", "--contact", "0.3"],
+        "Argument `--contact` must be left out for a system that touches no plane, such as a scenario of the kind "
+        '"heavy-top".',
+    ),
+    "an end besides": (
+        ["thrown.toml", "--contact", "0.3", "--friction", "0.2"],
+        "Arguments `--friction` and `--detachment` must be left out where the scenario has a law of contact",
+    ),
+}
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), REFUSED.values(), ids=REFUSED.keys())
+def test_what_cannot_be_asked_for(arguments, sentence, capsys):
+    assert main(["simulate", *arguments]) == 2
+    assert sentence in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["verify", "hoop-with-backspin"],
+        ["chaos", "bowling-ball"],
+        ["chaos", "bowling-ball", "--poincare", "Omega[0]=0"],
+        ["stability", "bowling-ball"],
+    ],
+    ids=" ".join,
+)
+def test_commands_of_bodies_that_roll(command, capsys):
+    assert main(command) == 2
+    assert "for bodies that roll all the time; `jaxball simulate` and studies take it." in capsys.readouterr().err

@@ -1,0 +1,144 @@
+"""The law of contact in a file, and a body that starts off the rolling, are what the same words make in Python."""
+
+import tomllib
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import BallState, Contact, DiskState, ReleasedState
+from jaxball.scenario import Scenario, ScenarioError, read_scenario, write_scenario
+from jaxball.scenario.structure import Structure
+
+from .documents import BALL, DISK
+from .test_round_trip import same_objects
+
+SHELL, TIMES = BALL[: BALL.index("[[masses]]")], BALL[BALL.index("[time]") :]
+LAW = "contact = { sliding = 0.2 }"
+WHOLE_LAW = "contact = { sliding = 0.2, static = 0.3, restitution = 0.5, slowest = 1e-5, room = 8 }"
+SOLID_BALL = jaxball.Ball(mass=1.0, radius=1.0, inertia=(0.9, 1.0, 1.1), gravity=1.0)
+
+
+def with_contact(*lines, text=SHELL + TIMES):
+    """A document with other lines at its top level."""
+    return "\n".join([*lines, text])
+
+
+STARTS = {
+    "rolling": ([LAW, "initial = { z = [1.0, 2.0] }"], Contact(0.2), BallState(z=(1.0, 2.0))),
+    "sliding": (
+        [WHOLE_LAW, "initial = { Omega = [0.0, 1.0, 0.0], velocity = [0.5, 0.0, 0.0] }"],
+        Contact(0.2, 0.3, 0.5, 1e-5, room=8),
+        ReleasedState(BallState(Omega=(0.0, 1.0, 0.0)), V=(0.5, 0.0, 0.0)),
+    ),
+    "dropped": ([LAW, "initial = { height = 0.5 }"], Contact(0.2), ReleasedState(BallState(), height=0.5)),
+    "thrown": (
+        [LAW, "initial = { velocity = [1.0, 0.5, 2.0], height = 0.0 }"],
+        Contact(0.2),
+        ReleasedState(BallState(), V=(1.0, 0.5, 2.0)),
+    ),
+}
+
+
+@pytest.mark.parametrize(("lines", "law", "state"), STARTS.values(), ids=STARTS.keys())
+def test_a_start_is_read_and_written(lines, law, state):
+    """Bit for bit; and one that does not slip and touches the plane stays one that is released."""
+    scenario = read_scenario(with_contact(*lines))
+    assert same_objects(scenario, Scenario("", SOLID_BALL, state, np.linspace(0.0, 2.0, 5), contact=law))
+    assert same_objects(scenario, read_scenario(write_scenario(scenario)))
+
+
+def test_a_disk_moves_in_its_plane():
+    text = with_contact(LAW, "initial = { phidot = -1.0, velocity = [0.5, 0.0, 0.2] }", text=DISK)
+    state = read_scenario(text).state
+    expected = ReleasedState(DiskState(phidot=-1.0), V=(0.5, 0.0, 0.2))
+    assert jax.tree.all(jax.tree.map(np.array_equal, state, expected))
+    assert same_objects(read_scenario(text), read_scenario(write_scenario(read_scenario(text))))
+
+
+SENTENCES = {
+    "a velocity without a law": (
+        ["initial = { velocity = [1.0, 0.0, 0.0] }"],
+        "Key `initial.velocity` must stand beside a table [contact], or the body slides with no law of friction, but "
+        "there is none; give one, such as `contact = { sliding = 0.3 }`.",
+    ),
+    "a height without a law": (
+        ["initial = { height = 1.0 }"],
+        "Key `initial.height` must stand beside a table [contact], or the body comes down with no law of impact, but "
+        "there is none; give one, such as `contact = { sliding = 0.3 }`.",
+    ),
+    "negative friction": (
+        ["contact = { sliding = -0.1 }"],
+        "Key `contact.sliding` must be 0 or positive, but it is -0.1.",
+    ),
+    "static below sliding": (
+        ["contact = { sliding = 0.3, static = 0.2 }"],
+        "Key `contact.static` must be no less than the coefficient `sliding`, because what slips would be held by less "
+        "than what rests, but it is 0.2.",
+    ),
+    "impacts that create energy": (
+        ["contact = { sliding = 0.3, restitution = 1.1 }"],
+        "Key `contact.restitution` must be from 0 to 1, or impacts would create energy, but it is 1.1.",
+    ),
+    "bounces that never end": (
+        ["contact = { sliding = 0.3, slowest = 0.0 }"],
+        "Key `contact.slowest` must be a positive number, or bounces would never end, but it is 0.0.",
+    ),
+    "no room": (
+        ["contact = { sliding = 0.3, room = 0 }"],
+        "Key `contact.room` must be a whole number from 1 to 1000000, but it is 0.",
+    ),
+    "no friction": (
+        ["contact = { restitution = 0.5 }"],
+        "Key `contact.sliding` must be a finite number, but it is missing.",
+    ),
+    "a start below the plane": (
+        [LAW, "initial = { height = -0.5 }"],
+        "Key `initial.height` must be a non-negative number, because a lower body would be in its plane, but it is "
+        "-0.5.",
+    ),
+    "differential-algebraic": (
+        [LAW, 'solve = { dae = true, solver = "radau5" }'],
+        "Key `solve.dae` must be false beside `contact`, whose modes are differential equations, but it is true.",
+    ),
+}
+
+
+@pytest.mark.parametrize(("lines", "sentence"), SENTENCES.values(), ids=SENTENCES.keys())
+def test_what_cannot_be_is_told(lines, sentence):
+    with pytest.raises(ScenarioError) as caught:
+        read_scenario(with_contact(*lines))
+    assert str(caught.value) == sentence
+
+
+def test_a_disk_does_not_leave_its_plane():
+    with pytest.raises(ScenarioError, match=r"^Key `initial.velocity` must be in the plane of a disk, e1 and e3, with"):
+        read_scenario(with_contact(LAW, "initial = { velocity = [0.0, 0.1, 0.0] }", text=DISK))
+
+
+def test_a_classical_system_has_no_contact():
+    with pytest.raises(ScenarioError, match=r"^Key `contact` is not known"):
+        read_scenario(f'format = 1\nkind = "nonholonomic-particle"\n{LAW}\n{TIMES}')
+
+
+def test_traced_numbers_make_the_law_and_the_start():
+    """The static coefficient that is left out follows that of sliding, and their rules become conditions."""
+    document = tomllib.loads(with_contact(LAW, "initial = { velocity = [1.0, 0.0, 0.0], height = 0.5 }"))
+    structure = Structure(document, ("contact.sliding", "initial.velocity[0]", "initial.height"))
+    parts = structure.build(jnp.array([0.3, 2.0, 0.1]))
+    assert [float(x) for x in (parts.contact.sliding, parts.contact.static)] == [0.3, 0.3]
+    assert [*parts.state.V.tolist(), float(parts.state.height)] == [2.0, 0.0, 0.0, 0.1]
+    hold = jax.jit(structure.conditions)(jnp.array([-0.1, 2.0, -0.1]))
+    assert {path for path, holds in hold.items() if not holds} == {"contact.sliding", "initial.height"}
+
+
+def test_a_scenario_slides_as_its_law_says():
+    """A ball with J = 2/5 m r² that starts to slide at V rolls at 5/7 V, from t = 2 V / (7 μ g) on."""
+    scenario = read_scenario(
+        with_contact(LAW, "initial = { velocity = [1.0, 0.0, 0.0] }").replace("[0.9, 1.0, 1.1]", "[0.4, 0.4, 0.4]")
+    )
+    run = scenario.simulate(throw=True)
+    np.testing.assert_allclose(run.contact.switches.times[0], 2 / (7 * 0.2), rtol=1e-9)
+    np.testing.assert_allclose(run.contact.V[-1], [5 / 7, 0.0, 0.0], atol=1e-9)

@@ -1,0 +1,58 @@
+"""Rows of a study whose scenario has a law of contact: their coefficients and starts are numbers like any other."""
+
+import numpy as np
+import pytest
+import xarray
+
+from jaxball import Mode
+from jaxball.scenario import ScenarioError
+from jaxball.sweep import read_study, row_scenarios, sweep
+from tests.scenario.documents import DISK
+
+SHELL, TIMES = DISK[: DISK.index("[[masses]]")].replace("inertia = 1.0", "inertia = 0.5"), DISK[DISK.index("[time]") :]
+THROWN = f"{SHELL}{TIMES}[contact]\nsliding = 0.25\n[initial]\nvelocity = [1.0, 0.0, 0.0]\n"
+AXES = """
+[[axes]]
+path = "contact.sliding"
+values = [0.1, 0.25]
+
+[[axes]]
+path = "initial.velocity[0]"
+values = [0.5, 1.0]
+"""
+
+
+def study(folder, settings=""):
+    (folder / "thrown.toml").write_text(THROWN)
+    return read_study(f'format = 1\nscenario = "thrown.toml"\n{settings}\n{AXES}', folder)
+
+
+def test_rows_slide_as_far_as_their_friction_says(tmp_path):
+    """A disk with J = m r²/2 loses μ g of its speed until it has lost a third, and friction takes V²/6 then."""
+    sweep(study(tmp_path), tmp_path / "s.zarr")
+    data = xarray.open_zarr(tmp_path / "s.zarr").load()
+    mu, V = np.repeat([0.1, 0.25], 2), np.tile([0.5, 1.0], 2)
+    stops = V / (3 * mu) < 2.0
+    assert 0 < np.sum(stops) < 4
+    np.testing.assert_allclose(data["V"][:, 0], np.where(stops, 2 / 3 * V, V - 2 * mu), rtol=1e-8)
+    np.testing.assert_array_equal(data["mode"], np.where(stops, Mode.ROLLING, Mode.SLIDING))
+    np.testing.assert_array_equal(data["switches"], stops)
+    np.testing.assert_allclose(data["rubbed"][stops], V[stops] ** 2 / 6, rtol=1e-8)
+    (scenario,) = row_scenarios(tmp_path / "s.zarr", [1])
+    assert [float(scenario.contact.static), float(scenario.state.V[0])] == [0.1, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("settings", "sentence"),
+    [
+        (
+            "contact = true",
+            "^Key `contact` must be false where the scenario has a law of contact, by which",
+        ),
+        ("detachment = true", "^Key `detachment` must be false where the scenario has a law of contact"),
+        ('find = ["distance"]', "^Key `find` must be empty .* the scenario has a law of `contact`"),
+    ],
+)
+def test_what_is_of_bodies_that_roll_is_refused(tmp_path, settings, sentence):
+    with pytest.raises(ScenarioError, match=sentence):
+        study(tmp_path, settings)
