@@ -77,7 +77,8 @@ class Modes(NamedTuple):
             return lasting, led.astype(x.dtype)
 
         def ended(system, t, x, led, rtol, atol):
-            return _switching(rtol, atol, room).ended(t, x, led != 0, Packing(system.prepare(), unravel))
+            end = _switching(rtol, atol, room).ended(t, x, led != 0, Packing(system.prepare(), unravel))
+            return end._replace(still=end.still.astype(x.dtype))
 
         return cls(prepared(seen, 2), prepared(ended, 3), between, packing, shared, room)
 

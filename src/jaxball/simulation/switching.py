@@ -152,7 +152,7 @@ class Followed(NamedTuple):
 
 
 class Switching(eqx.Module):
-    """The modes of the system of a solve whose parameters are one array, which ``unpack`` takes apart.
+    """The modes of the system of a solve; ``unpack`` takes its parameters apart, the first of which is a packing.
 
     ``room`` is how many switches are kept, and ``rtol``, ``atol`` are the tolerances of the solve.
     """
@@ -166,13 +166,13 @@ class Switching(eqx.Module):
         """The course of a solve before its first step."""
         return Course.start(t0, y0, length)._replace(kept=Kept.empty(self.room, y0))
 
-    def latest_end(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Array) -> Float[Array, ""]:
+    def latest_end(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Float[Array, ""]:
         """The time after ``t`` at which a step must end because the direction of a slip is led until then."""
         led = self._packing(parameters).unravel(y).led
         return jnp.where(led > t, led, jnp.inf)
 
     def settled(
-        self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Array
+        self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
     ) -> Settled:
         """What follows a mode that has ended at ``t``, in a run of the length ``run``; before a step."""
 
@@ -194,7 +194,7 @@ class Switching(eqx.Module):
         y: Float[Array, " size"],
         interpolation: Any,
         kept: Bool[Array, ""],
-        parameters: Array,
+        parameters: Any,
     ) -> Judged:
         """Looks at a step from ``start`` to ``end``, which led to ``y``."""
 
@@ -211,11 +211,11 @@ class Switching(eqx.Module):
 
         return jax.lax.cond(kept, look, pass_by, course)
 
-    def _packing(self, parameters: Array) -> Packing:
+    def _packing(self, parameters: Any) -> Packing:
         return self.unpack(parameters)[0]
 
     def seen(
-        self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Array
+        self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any
     ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
         """The functions that are positive while the mode lasts, and whether the forces lead a slip to its end."""
         packing = self._packing(parameters)
@@ -223,7 +223,7 @@ class Switching(eqx.Module):
         found = system.response(t, state)
         return system.lasting(t, state, found), system.is_led(t, state, found, SLOW * self.rtol, SLOW * self.atol)
 
-    def ended(self, t: Float[Array, ""], y: Float[Array, " size"], led: Bool[Array, ""], parameters: Array) -> Ended:
+    def ended(self, t: Float[Array, ""], y: Float[Array, " size"], led: Bool[Array, ""], parameters: Any) -> Ended:
         """The end of a step; ``led``, if the forces lead a slip from now on.
 
         A slip is over where it is as small as the errors of a few steps, because its direction means nothing then. One
@@ -236,7 +236,7 @@ class Switching(eqx.Module):
         return Ended(state.mode, still, ravel_pytree(system.stepped(t, state, led))[0])
 
     def followed(
-        self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Array
+        self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
     ) -> Followed:
         """What follows the mode that has ended."""
         packing, cause = self._packing(parameters), course.pending
