@@ -70,7 +70,11 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
     observation = Observation.of(settings.solver, settings.reductions, prepared, like[1], field, times, x)
     limits, end, modes, given = Limits(kinks.T, rtol, atol), jnp.where(startable, t1, t0), None, None
     if isinstance(system, BodyOnPlane):
-        packing = jax.vmap(lambda system: Packing.of(system.prepare(), like[1]), in_axes=along[:1])(system)
+
+        def packed(system: BodyOnPlane) -> Packing:
+            return Packing.of(system.prepare(), like[1])
+
+        packing = packed(system) if all(shared) else jax.vmap(packed, in_axes=along[:1])(system)
         modes = Modes.of(prepared, observation.between, packing, all(shared))
         given = Given(modes.seen.own, modes.ended.own, t0, end, limits)
     solved = solve_rows(
