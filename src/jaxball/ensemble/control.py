@@ -8,8 +8,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from ..simulation.step_size import before_kink
-
 # From kinks and tolerances of one lane to its controller.
 Controller = Callable[
     [Float[Array, " kinks"], Float[Array, ""], Float[Array, ""]], diffrax.AbstractAdaptiveStepSizeController
@@ -47,13 +45,6 @@ def begin(controller: Controller, limits: Limits, t0: Float[Array, " lanes"], or
         return controller(*limits).init(None, t0, t0 + first, t0, first, None, None, order)  # pyright: ignore
 
     return jax.vmap(one, in_axes=-1, out_axes=-1)(limits, t0)
-
-
-def until_kink(
-    controller: Controller, limits: Limits, start: Float[Array, " lanes"], end: Float[Array, " lanes"]
-) -> Float[Array, " lanes"]:
-    """Where steps end that would end at ``end``: there, or at a kink before."""
-    return jax.vmap(lambda limits, *step: before_kink(controller(*limits), *step), in_axes=-1)(limits, start, end)
 
 
 def judge(controller: Controller, limits: Limits, step: Any, memory: Any, order: Any) -> Verdict:

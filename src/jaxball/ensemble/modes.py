@@ -16,7 +16,7 @@ from ..interface.status import Status
 from ..physics.packing import Packing
 from ..simulation.switching import NONE, Course, Ended, Followed, Judged, Kept, Switching, looked, passed_by
 from ..solvers.dense.sampling import sampling
-from .control import Controller, Limits, Verdict, until_kink
+from .control import Limits, Verdict
 from .parameters import Prepared
 from .runge_kutta import Between, Step
 
@@ -60,7 +60,6 @@ class Modes(NamedTuple):
     packing: Packing
     shared: bool
     room: int
-    controller: Controller
 
     @classmethod
     def of(
@@ -69,7 +68,6 @@ class Modes(NamedTuple):
         between: Between,
         packing: Packing,
         shared: bool,
-        controller: Controller,
     ) -> "Modes":
         """``prepared`` takes a function of (system, t, vector) and numbers to its program for all rows."""
         room, unravel = packing.system.contact.room, packing.unravel
@@ -78,9 +76,10 @@ class Modes(NamedTuple):
             return _switching(rtol, atol, room).seen(t, x, Packing(system.prepare(), unravel))
 
         def ended(system, t, x, guide, rtol, atol):
-            return _switching(rtol, atol, room).ended(t, x, guide, Packing(system.prepare(), unravel))
+            end = _switching(rtol, atol, room).ended(t, x, guide, Packing(system.prepare(), unravel))
+            return end._replace(still=end.still.astype(x.dtype))
 
-        return cls(prepared(seen, 2), prepared(ended, 3), between, packing, shared, room, controller)
+        return cls(prepared(seen, 2), prepared(ended, 3), between, packing, shared, room)
 
     def record(self, rows: int, size: int, dtype: Any) -> Float[Array, "rows room numbers"]:
         """Room for the switches of all rows: NaN, before there are any."""
@@ -93,9 +92,8 @@ class Modes(NamedTuple):
     def latest_end(self, t: Float[Array, " lanes"], x: Float[Array, "size lanes"]) -> Float[Array, " lanes"]:
         """The time at which a step must end because the direction of a slip is led until then."""
 
-        def end(t, y):
-            state = self.packing.unravel(y)
-            return jnp.where(state.led & (state.until > t), state.until, jnp.inf)
+        def end(t: Array, y: Array) -> Array:
+            return _switching(t, t, self.room).latest_end(t, y, self.packing)
 
         return jax.vmap(end, in_axes=-1)(t, x)
 
@@ -114,15 +112,10 @@ class Modes(NamedTuple):
             course, *jax.lax.stop_gradient((step.start, step.end)), step.y, lasting, at_end, verdict.kept
         )
         retried, kept = judged.retried, verdict.kept & ~judged.retried
-        length = judged.course.length
-        # A step that the end of a mode cut short says nothing about longer ones.
-        cut = kept & (step.end - step.start < length)
-        longer = until_kink(self.controller, limits, verdict.start, verdict.start + length)
-        following = jnp.where(cut, jnp.maximum(verdict.end, longer), verdict.end)
         verdict = verdict._replace(
             kept=kept,
             start=jnp.where(retried, step.start, verdict.start),
-            end=jnp.where(retried, judged.target, following),
+            end=jnp.where(retried, judged.target, verdict.end),
             memory=_where(retried, memory, verdict.memory),
         )
         return verdict, judged.y, judged.course
@@ -150,7 +143,7 @@ class Modes(NamedTuple):
         batch = max(size // IDLE, 1)
 
         def waits(lanes: Lanes) -> Bool[Array, " lanes"]:
-            return lanes.running & (lanes.course.pguide != NONE)
+            return lanes.running & (lanes.course.pending != NONE)
 
         def due(carry: tuple[Lanes, Array]) -> Bool[Array, ""]:
             waiting, running = jnp.sum(waits(carry[0])), jnp.sum(carry[0].running)
@@ -189,12 +182,9 @@ class Modes(NamedTuple):
         own = (lanes.course, lanes.start, lanes.x, given.t1 - given.t0, given.limits)
         of_packing = None if self.shared else 0
         done, place, kept = jax.vmap(one, in_axes=(of_packing, *(-1 for _ in own)), out_axes=-1)(packing, *own)
-        length = lanes.end - lanes.start
-        end = until_kink(self.controller, given.limits, done.t, done.t + length)
         after = lanes._replace(
             running=(done.course.status == int(Status.SUCCESS)) & (done.t < given.t1),
             start=done.t,
-            end=jnp.minimum(end, given.t1),
             x=done.y,
             fresh=jnp.ones_like(lanes.fresh),
             course=done.course,

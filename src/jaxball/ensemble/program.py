@@ -66,22 +66,23 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
     def prepared(function: Callable[..., Any], others: int = 0) -> Prepared:
         return Prepared.of(function, like[0], system, shared, x, others)
 
-    def controller(kinks: Array, rtol: Array, atol: Array) -> diffrax.AbstractAdaptiveStepSizeController:
-        return to_kinks(by_tolerances(rtol, atol), kinks)
-
     field = prepared(lambda system, t, x: Packing.of(system.prepare(), like[1]).field(t, x))
     observation = Observation.of(settings.solver, settings.reductions, prepared, like[1], field, times, x)
     limits, end, modes, given = Limits(kinks.T, rtol, atol), jnp.where(startable, t1, t0), None, None
     if isinstance(system, BodyOnPlane):
-        packing = jax.vmap(lambda system: Packing.of(system.prepare(), like[1]), in_axes=along[:1])(system)
-        modes = Modes.of(prepared, observation.between, packing, all(shared), controller)
+
+        def packed(system: BodyOnPlane) -> Packing:
+            return Packing.of(system.prepare(), like[1])
+
+        packing = packed(system) if all(shared) else jax.vmap(packed, in_axes=along[:1])(system)
+        modes = Modes.of(prepared, observation.between, packing, all(shared))
         given = Given(modes.seen.own, modes.ended.own, t0, end, limits)
     solved = solve_rows(
         Method(
             field=field,
             tableau=tableau_of(settings.solver),
             error_order=settings.solver.error_order(diffrax.ODETerm(lambda t, y, args: y)),
-            controller=controller,
+            controller=lambda kinks, rtol, atol: to_kinks(by_tolerances(rtol, atol), kinks),
             max_steps=settings.max_steps,
             modes=modes,
         ),

@@ -1,7 +1,7 @@
 """A body on a plane that rolls, slides or flies, as one system whose modes follow each other.
 
-While a mode lasts, its motion is that of a smooth field, and functions that are positive say that it may last. Where one
-of them falls to zero it ends, and what follows is decided there:
+While a mode lasts, its motion is that of a smooth field, and functions that are positive say that it may last. Where
+one of them falls to zero it ends, and what follows is decided there:
 
 - rolling ends where it would need more friction than μ_s N, or where the plane would have to pull;
 - sliding ends where the slip velocity vanishes, or where the plane would have to pull;
@@ -106,8 +106,8 @@ class ContactState(AbstractState):
     - ``body``, ``V``, ``height``: as of a :class:`ReleasedState`. While the body rolls, ``V`` is not looked at.
     - ``rubbed``, ``struck``: the energy that friction of sliding and impacts have taken.
     - ``mode``: a :class:`Mode`, as a number.
-    - ``sigma``: the direction of the slip, a unit vector. It is advanced beside the velocities, because it cannot be told
-      from these where the slip is small.
+    - ``sigma``: the direction of the slip, a unit vector. It is advanced beside the velocities, because it cannot be
+      told from these where the slip is small.
     - ``guide``: a :class:`Guide`, as a number; another than ``SLIP`` where the slip has just begun or is about to end.
     - ``until``: the time until which it is the guide.
     - ``turning``: the rate at which the direction turns as the slip begins.
@@ -310,7 +310,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return guide.astype(t.dtype)
 
     def stepped(self, t: Float[Array, ""], state: ContactState, guide: Float[Array, ""]) -> ContactState:
-        """The state after a step in which its mode lasted; ``guide`` is what turns the direction of a slip from now on."""
+        """The state after a step in which its mode lasted; ``guide`` is what turns a slip's direction from now on."""
         slip, begins = slip_velocity(self.body, t, state.released), state.led & (t < state.until)
         # A slip that came near its end and did not end has turned round.
         turned = state.is_in(Mode.SLIDING) & ~begins & (jnp.sum(slip[:2] * state.sigma) <= 0)
@@ -329,7 +329,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     def has_stopped(
         self, t: Float[Array, ""], state: ContactState, rtol: Float[Array, ""], atol: Float[Array, ""]
     ) -> Bool[Array, ""]:
-        """Whether a slip whose speed along σ is 0 is over: what is left across σ is as small as the errors of many steps."""
+        """Whether a slip with no speed along σ is over: what is left across σ is as small as the errors of many steps."""
         return self.is_still(t, state.released, SLOW * rtol, SLOW * atol)
 
     def is_still(

@@ -63,8 +63,7 @@ class ContactHistory(Printed):
     - ``V``: the velocity of the geometric centre, space axes, length/time, shape (T, 3).
     - ``height``: of the body over the plane, length, shape (T,).
     - ``slip``: v_s, the velocity of the body's lowest point over the plane, space axes, length/time, shape (T, 3).
-    - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), which it has also where it begins; 0 where there
-      has been none.
+    - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
     - ``rubbed``, ``struck``: the energy that friction of sliding and impacts have taken so far, mass length²/time².
     - ``switches``: the :class:`Switches`.
     """

@@ -21,13 +21,6 @@ def to_kinks(
     return StepToKinks(controller, kinks) if kinks.size else controller
 
 
-def before_kink(
-    controller: diffrax.AbstractAdaptiveStepSizeController, start: Float[Array, ""], end: Float[Array, ""]
-) -> Float[Array, ""]:
-    """Where a step ends that would end at ``end``: there, or at a kink to which the controller steps before."""
-    return controller.clipped(start, end) if isinstance(controller, StepToKinks) else end
-
-
 def kinks_of(system: AbstractSystem) -> Float[Array, " kinks"]:
     """The kinks of motions and of what drives.
 

@@ -150,7 +150,7 @@ class Followed(NamedTuple):
 
 
 class Switching(eqx.Module):
-    """The modes of the system of a solve whose parameters are one array, which ``unpack`` takes apart.
+    """The modes of the system of a solve; ``unpack`` takes its parameters apart, the first of which is a packing.
 
     ``room`` is how many switches are kept, and ``rtol``, ``atol`` are the tolerances of the solve.
     """
@@ -164,13 +164,13 @@ class Switching(eqx.Module):
         """The course of a solve before its first step."""
         return Course.start(t0, y0, length)._replace(kept=Kept.empty(self.room, y0))
 
-    def latest_end(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Array) -> Float[Array, ""]:
+    def latest_end(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Float[Array, ""]:
         """The time after ``t`` at which a step must end because the direction of a slip is led until then."""
         state = self._packing(parameters).unravel(y)
         return jnp.where(state.led & (state.until > t), state.until, jnp.inf)
 
     def settled(
-        self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Array
+        self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
     ) -> Settled:
         """What follows a mode that has ended at ``t``, in a run of the length ``run``; before a step."""
 
@@ -192,7 +192,7 @@ class Switching(eqx.Module):
         y: Float[Array, " size"],
         interpolation: Any,
         kept: Bool[Array, ""],
-        parameters: Array,
+        parameters: Any,
     ) -> Judged:
         """Looks at a step from ``start`` to ``end``, which led to ``y``."""
 
@@ -209,11 +209,11 @@ class Switching(eqx.Module):
 
         return jax.lax.cond(kept, look, pass_by, course)
 
-    def _packing(self, parameters: Array) -> Packing:
+    def _packing(self, parameters: Any) -> Packing:
         return self.unpack(parameters)[0]
 
     def seen(
-        self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Array
+        self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any
     ) -> tuple[Float[Array, "3"], Float[Array, ""]]:
         """The functions that are positive while the mode lasts, and what turns the direction of a slip."""
         packing = self._packing(parameters)
@@ -221,7 +221,7 @@ class Switching(eqx.Module):
         found = system.response(t, state)
         return system.lasting(t, state, found), system.guide(t, state, found, self.rtol, self.atol)
 
-    def ended(self, t: Float[Array, ""], y: Float[Array, " size"], guide: Float[Array, ""], parameters: Array) -> Ended:
+    def ended(self, t: Float[Array, ""], y: Float[Array, " size"], guide: Float[Array, ""], parameters: Any) -> Ended:
         """The end of a step, after which ``guide`` turns the direction of a slip."""
         packing = self._packing(parameters)
         system, state = packing.system, packing.unravel(y)
@@ -229,7 +229,7 @@ class Switching(eqx.Module):
         return Ended(state.mode, still, ravel_pytree(system.stepped(t, state, guide))[0])
 
     def followed(
-        self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Array
+        self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
     ) -> Followed:
         """What follows the mode that has ended."""
         packing, cause = self._packing(parameters), course.pending
@@ -312,7 +312,7 @@ def passed_by(course: Course, end: Float[Array, ""], y: Float[Array, " size"]) -
 def _first_end(
     start: Float[Array, ""], end: Float[Array, ""], seen: Float[Array, "3 nodes"], but: Int[Array, ""]
 ) -> Aim:
-    """The first place in a step where a function is not positive, ``but`` for one of them; from before the start it was.
+    """The first place in a step where a function is not positive, ``but`` for one; before the start all were.
 
     Functions are seen at a few nodes, and the quartics through these values in 35 places.
     """

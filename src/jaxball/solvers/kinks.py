@@ -58,7 +58,7 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
 
     def init(self, terms, t0: Any, t1: Any, y0, dt0, args, func, error_order):
         t1, state = self.controller.init(terms, t0, t1, y0, dt0, args, func, error_order)
-        return self.clipped(t0, t1), (t1 - t0, state)
+        return self._clip(t0, t1), (t1 - t0, state)
 
     def adapt_step_size(self, t0, t1, y0, y1_candidate, args, y_error, error_order, controller_state):
         wanted, state = controller_state
@@ -69,9 +69,9 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
         # A step that was cut short says nothing about longer ones.
         length = jnp.where(keep & (t1 - t0 < 0.99 * wanted), jnp.maximum(length, jax.lax.stop_gradient(wanted)), length)
         past, jumped = self._past(jnp.asarray(next_t0))
-        return keep, past, self.clipped(past, past + length), made_jump | jumped, (length, state), result
+        return keep, past, self._clip(past, past + length), made_jump | jumped, (length, state), result
 
-    def clipped(self, t0: Float[Array, ""], t1: Float[Array, ""]) -> Float[Array, ""]:
+    def _clip(self, t0: Float[Array, ""], t1: Float[Array, ""]) -> Float[Array, ""]:
         """``t1``, or the last time before the next kink if that is earlier."""
         ends = _before(self.kinks.astype(t0.dtype))
         end = jnp.min(jnp.where(ends > t0, ends, jnp.inf))

@@ -10,6 +10,7 @@ from ..ensemble.quantities import CONTACT
 from ..physics.body import AbstractBody
 from ..scenario.solvers import SOLVERS
 from .batch import Batch, Wanted
+from .outputs import contact_results
 from .reductions import solved_in_lanes
 from .vmap import solve_by_vmap
 
@@ -20,8 +21,8 @@ BLOCK = 2048
 def solve_in_lanes(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
     """The rows by :func:`jaxball.ensemble.simulate_ensemble` where it knows the method; an ``Engine``.
 
-    Others (implicit methods, the DAE, projection, steps to saved times, a law of contact) are left to
-    :func:`jaxball.simulate` under ``vmap``, and so are the runs that end where the ball detaches.
+    Other methods (implicit ones, the DAE, projection, steps to saved times) are left to :func:`jaxball.simulate` under
+    ``vmap``, and so are the runs that end where the ball detaches.
 
     **Arguments:**
 
@@ -46,6 +47,7 @@ def _solved(batch: Batch, wanted: Wanted, reductions: Mapping[str, AbstractReduc
         batch.times,
         state,
         in_axes=batch.in_axes,
+        contact=batch.contact,
         solver=SOLVERS[first.solver](),
         rtol=batch.rtol,
         atol=batch.atol,
@@ -56,7 +58,8 @@ def _solved(batch: Batch, wanted: Wanted, reductions: Mapping[str, AbstractReduc
     )
     trajectory = ensemble.trajectory
     rows = {name: np.asarray(getattr(trajectory, name)) for name in ("status", "steps", "rejected", "reached")}
-    return rows | jax.tree.map(np.asarray, vars(trajectory.state)) | jax.tree.map(np.asarray, ensemble.reductions)
+    found = vars(trajectory.state) | contact_results(trajectory) | ensemble.reductions
+    return rows | jax.tree.map(np.asarray, found)
 
 
 def _ended(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:

@@ -3,9 +3,11 @@
 import dataclasses
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from ..physics.modes import Mode
 from ..physics.released import ReleasedState
 from ..physics.state import BallState, DiskState
 from ..results.variables import CLASSICAL_STATE, CONTACT_STATE, STATE, Variable, labels, undescribed
@@ -23,6 +25,11 @@ _PER_ROW = {
     "steps": (np.int32, "", "steps taken, accepted and rejected"),
     "rejected": (np.int32, "", "steps rejected"),
     "reached": (np.float64, "time", "the time to which the solve came"),
+}
+_OF_SWITCHES = {
+    "switches": (np.int32, "", "how often the mode of contact changed"),
+    "first_switch": (np.float64, "time", "when it changed first; NaN where it never did"),
+    "modes": (np.int8, "", "the modes of the run: the sum of 1 for rolling, 2 for sliding and 4 for flight"),
 }
 
 
@@ -61,7 +68,8 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
         dtype = np.dtype(np.int8 if name == "mode" else np.float64)
         outputs[name] = Output((*dimensions, *known.dimensions), (*saves, *shape), dtype, known.units, known.meaning)
     if template.contact is not None:
-        outputs["switches"] = Output((), (), np.dtype(np.int32), "", "how often the mode of contact changed")
+        for name, (dtype, units, meaning) in _OF_SWITCHES.items():
+            outputs[name] = Output((), (), np.dtype(dtype), units, meaning)
     for name in CONTACT if study.contact else ():
         units = "1" if name == "friction_needed" else "time" if name.endswith("_time") else "force"
         outputs[name] = _number(units, name.replace("_", " ") + " of the run")
@@ -86,11 +94,16 @@ def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, 
 
 
 def contact_results(trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
-    """What is kept of the contact of a run by name; nothing without a law of contact."""
+    """What is kept of the contact of a run, or of many, by name; nothing without a law of contact."""
     contact = trajectory.contact
     if contact is None:
         return {}
-    return {name: getattr(contact, name) for name in CONTACT_STATE} | {"switches": contact.switches.count}
+    switches = contact.switches
+    # Those at saved times, too, because there may have been more switches than there was room for.
+    seen = jnp.concatenate([contact.mode, switches.source, switches.target], axis=-1)
+    modes = sum(jnp.any(seen == int(mode), axis=-1).astype(int) << int(mode) for mode in Mode)
+    of_switches = {"switches": switches.count, "first_switch": switches.times[..., 0], "modes": modes}
+    return {name: getattr(contact, name) for name in CONTACT_STATE} | of_switches
 
 
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:

@@ -62,8 +62,8 @@ def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
         raise key_error("find", "a list of different names", shown(names))
     if finds and not solved_in_lanes(template):
         raise StudyError(
-            "Key `find` must be empty where runs are not computed in lanes, but it is not, and the scenario has a "
-            "law of `contact`, an implicit solver, `dae`, `project` or `step_to_times`."
+            "Key `find` must be empty where runs are not computed in lanes, but it is not, and the scenario has an "
+            "implicit solver, `dae`, `project` or `step_to_times`."
         )
     for find in finds:
         find.reduction()
@@ -72,8 +72,8 @@ def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
 
 def solved_in_lanes(template: Scenario) -> bool:
     """Whether the rows of a study are computed in lanes."""
-    other = template.step_to_times or template.dae or template.project or template.contact is not None
-    return not other and fits(SOLVERS[template.solver]())
+    plain = template.step_to_times or template.dae or template.project
+    return not plain and fits(SOLVERS[template.solver]())
 
 
 def _read(value: Any, path: str, template: Scenario) -> Find:
