@@ -15,6 +15,8 @@ import jax.numpy as jnp
 from equinox.internal import while_loop
 from jaxtyping import Array, Bool, Float, Int
 
+from ..solvers import AdamsController
+
 # A step that would end this close to the end of the run, relative to it, ends there.
 CLOSE = 100
 RESULTS: Any = diffrax.RESULTS
@@ -141,7 +143,7 @@ class _Solve(NamedTuple):
 
     def advanced(self, state: Any) -> tuple[Any, Any, Bool[Array, ""]]:
         """The state after a step, what the step's interpolation is made of, and whether the step was accepted."""
-        jumps = not isinstance(self.controller, diffrax.PIDController)
+        jumps = not isinstance(self.controller, diffrax.PIDController | AdamsController)
         y, error, info, solver_state, step_result = self.solver.step(
             self.terms,
             state.tprev,
@@ -157,7 +159,7 @@ class _Solve(NamedTuple):
             state.y,
             y,
             self.args,
-            jnp.where(jnp.isnan(error), jnp.inf, error),
+            jax.tree.map(lambda leaf: jnp.where(jnp.isnan(leaf), jnp.inf, leaf), error),
             self.solver.error_order(self.terms),
             state.controller_state,
         )

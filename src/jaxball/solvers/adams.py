@@ -10,7 +10,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from .adams_controller import AdamsError, AdamsNorm
-from .adams_order import plan
+from .adams_order import Plan, plan
 from .differences import Points, error_constants, sums
 from .flat import FlatProblem, flat_problem
 from .interpolation import AdamsPolynomial
@@ -50,11 +50,6 @@ class AdamsState(NamedTuple):
     order: Int[Array, ""]
     equal: Int[Array, ""]
     rising: Bool[Array, ""]
-
-    @property
-    def spacing(self) -> Float[Array, ""]:
-        """The time between the last two points."""
-        return self.past[1] - self.past[0]
 
 
 class Adams(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptiveSolver):
@@ -128,16 +123,10 @@ class Adams(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptiveSolver):
         points = Points(state.past, t1 - t0)
         attempt = _attempted(problem, (t0, t1), state, points, first)
         size, sizes = self._errors(problem, state, points, attempt)
-        equal = jnp.where(jnp.abs(points.h - state.spacing) <= EQUAL * points.h, state.equal + 1, 1)
-        rising = state.rising & (first | (points.h > 1.9 * state.spacing))
-        following = plan(sizes, state.order, equal, rising)
         finite = jnp.all(jnp.isfinite(attempt.x1)) & jnp.all(jnp.isfinite(attempt.differences))
         size = jnp.where(finite, size, jnp.where(at_limit(t0, t1), 0.0, jnp.inf))
         result = RESULTS.where(finite, RESULTS.successful, RESULTS.nonfinite)
-        tiny = ~first & (points.h < TINY * state.spacing) & (state.past[0] == 0)
-        after = AdamsState(attempt.differences, points.advanced(), following.order, equal, following.rising)
-        stayed = state._replace(past=state.past + points.h)
-        after = jax.tree.map(lambda a, b: jnp.where(tiny, a, b), stayed, after)
+        after, following = _after(state, points, attempt, first, sizes)
         dense = {"y0": y0, "terms": jax.vmap(problem.unravel)(attempt.terms), "past": state.past}
         error = AdamsError(size, following.growth, following.shrink)
         return problem.unravel(attempt.x1), error, dense, after, result
@@ -145,16 +134,18 @@ class Adams(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptiveSolver):
     def _errors(
         self, problem: FlatProblem, state: AdamsState, points: Points, attempt: "Attempt"
     ) -> tuple[Float[Array, ""], Float[Array, " rows"]]:
-        """The error of the step, and those of all orders had all steps been as long, in units of the tolerance."""
-        x1, corrections, points = jax.lax.stop_gradient((attempt.x1, attempt.corrections, points))
+        """The error of the step, and those of all orders had all steps been as long, in units of the tolerance.
+
+        They serve to choose steps, and are not to be differentiated.
+        """
+        x0, x1, corrections, points = jax.lax.stop_gradient((problem.x0, attempt.x1, attempt.corrections, points))
         rtol, atol, norm = self.root_finder.rtol, self.root_finder.atol, self.root_finder.norm
-        tolerance = atol + rtol * jnp.maximum(jnp.abs(jax.lax.stop_gradient(problem.x0)), jnp.abs(x1))
+        tolerance = atol + rtol * jnp.maximum(jnp.abs(x0), jnp.abs(x1))
         sizes = jax.vmap(lambda row: norm(problem.unravel(row / tolerance)))(corrections)
-        g = points.integrals().astype(sizes.dtype)
+        g, evenness = (a.astype(sizes.dtype) for a in (points.integrals(), points.evenness()))
         rows = jnp.arange(sizes.size)
         size = jnp.sum(jnp.where(rows == state.order, jnp.abs(g - jnp.roll(g, 1)) * sizes, 0.0))
-        constants = jnp.asarray(error_constants(rows.size), sizes.dtype)
-        return size, constants * points.evenness().astype(sizes.dtype) * sizes
+        return size, jnp.asarray(error_constants(rows.size), sizes.dtype) * evenness * sizes
 
     def _require_controller(self) -> None:
         if not isinstance(self.root_finder.norm, AdamsNorm):
@@ -201,7 +192,7 @@ def _attempted(
 ) -> Attempt:
     """A step: predicted, evaluated, corrected and evaluated again.
 
-    In a first step the slope at its start takes the place of the last evaluation.
+    In a first step the slope at its start takes the place of the last evaluation, and the one before is the last.
     """
     x0, k = problem.x0, state.order
     h, g, factors = (a.astype(x0.dtype) for a in (problem.control, points.integrals(), points.factors()))
@@ -223,3 +214,22 @@ def _attempted(
     corrections = h * (slope - known)
     terms = jnp.where((rows < k)[:, None], h * starred, jnp.where((rows == k)[:, None], corrections, 0.0))
     return Attempt(x0 + jnp.sum(g[:, None] * terms, axis=0), terms, corrections, last - known)
+
+
+def _after(
+    state: AdamsState,
+    points: Points,
+    attempt: Attempt,
+    first: Bool[Array, ""],
+    sizes: Float[Array, " rows"],
+) -> tuple[AdamsState, Plan]:
+    """What an attempt leaves to the next step if it is accepted, and what follows it in any case."""
+    h, spacing = points.h, state.past[1] - state.past[0]
+    equal = jnp.where(jnp.abs(h - spacing) <= EQUAL * h, state.equal + 1, 1)
+    # A start ends with the first step that was not twice as long as the one before, because that failed or was cut.
+    following = plan(sizes, state.order, equal, state.rising & (first | (h > 1.9 * spacing)))
+    moved = AdamsState(attempt.differences, points.advanced(), following.order, equal, following.rising)
+    # Two points so near to each other would have differences of rounding errors alone: the end is none of the points.
+    stayed = state._replace(past=state.past + h)
+    tiny = ~first & (h < TINY * spacing) & (state.past[0] == 0)
+    return jax.tree.map(lambda a, b: jnp.where(tiny, a, b), stayed, moved), following

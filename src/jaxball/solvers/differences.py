@@ -58,13 +58,19 @@ class Points(NamedTuple):
 
 
 def sums(rows: Float[Array, "rows n"]) -> Float[Array, "rows n"]:
-    """The sums of all rows before each."""
-    return jnp.concatenate([jnp.zeros_like(rows[:1]), jnp.cumsum(rows[:-1], axis=0)])
+    """The sums of all rows before each. As sums of many: steps of a loop, or a library's, would cost more."""
+    return jnp.sum(jnp.where(_before(len(rows), len(rows))[:, :, None], rows[None], 0.0), axis=1)
 
 
-def _products(factors: Float[Array, "count ..."]) -> Float[Array, "rows ..."]:
-    """The products of all factors before each place and of all of them: 1, a, ab, abc, …"""
-    return jnp.concatenate([jnp.ones_like(factors[:1]), jnp.cumprod(factors, axis=0)])
+def _products(factors: Float[Array, "count *n"]) -> Float[Array, "rows *n"]:
+    """The products of all factors before each place, and of all of them: 1, a, ab, abc, …"""
+    before = _before(len(factors) + 1, len(factors))
+    return jnp.prod(jnp.where(before.reshape(*before.shape, *(1,) * (factors.ndim - 1)), factors[None], 1.0), axis=1)
+
+
+def _before(rows: int, count: int) -> np.ndarray:
+    """Which of so many places are before each row."""
+    return np.arange(count) < np.arange(rows)[:, None]
 
 
 def error_constants(rows: int) -> np.ndarray:

@@ -65,7 +65,11 @@ class AdamsPolynomial(diffrax.AbstractLocalInterpolation):
             return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
         width = self.t1 - self.t0
         weights = Points(self.past, jnp.where(width == 0, 1.0, width)).integrals(_fraction(self, t0))
-        return jax.tree.map(lambda y, a: y + jnp.tensordot(weights.astype(y.dtype), a, axes=1), self.y0, self.terms)
+
+        def combined(y, terms):
+            return y + jnp.sum(weights.astype(y.dtype).reshape(-1, *(1,) * y.ndim) * terms, axis=0)
+
+        return jax.tree.map(combined, self.y0, self.terms)
 
 
 def _fraction(step, t: Float[Array, ""]) -> Float[Array, ""]:
