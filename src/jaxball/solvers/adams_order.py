@@ -8,8 +8,9 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-# Of the tolerance, what a step aims at.
-TARGET = 0.5
+# Of the tolerance, what a step aims at. With STEP's own 0.5 a run takes 7 % fewer evaluations and has an error three to
+# four times as large: as much work for an error, but a tolerance that says less about it, and more steps that fail.
+TARGET = 0.1
 SHORTEST = 1e-4
 
 
