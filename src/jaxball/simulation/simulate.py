@@ -319,7 +319,7 @@ def _controller(
     method: _Method, system: AbstractSystem, times: Array, rtol: Array, atol: Array
 ) -> diffrax.AbstractAdaptiveStepSizeController:
     """Steps by the tolerances, to the kinks and, where asked for, to ``times``."""
-    controller = by_tolerances(rtol, atol)
+    controller = by_tolerances(rtol, atol, method.solver)
     if method.step_to_times:
         controller = diffrax.ClipStepSizeController(controller, step_ts=times)
     return to_kinks(controller, kinks_of(system))
