@@ -161,7 +161,7 @@ class Modes(NamedTuple):
             lane = jnp.where(used, lane, lane[0])
             row = jnp.where(used, lanes.row[lane], record.shape[0])
             few = jax.tree.map(lambda leaf: leaf[..., lane], (lanes, given))
-            after, place, kept = self._followed(*few, row)
+            after, place, kept = self._followed(few[0], few[1], row)
             record = record.at[row, place].set(_as_rows(kept), mode="drop")
             places = jnp.clip(rank, 0, batch - 1)
             return jax.tree.map(lambda old, new: jnp.where(served, new[..., places], old), lanes, after), record

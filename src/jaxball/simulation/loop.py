@@ -189,7 +189,7 @@ class _Solve(NamedTuple):
             state.controller_state,
         )
         retried = jnp.asarray(False)
-        if self.switching is not None:
+        if self.switching is not None and course is not None:
             interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
             judged = self.switching.judged(course, state.tprev, state.tnext, y, interpolation, keep, self.args)
             retried, target, y, course = judged

@@ -143,7 +143,7 @@ def simulate(
     else:
         _check_state(system, state.body if isinstance(state, ReleasedState) and contact is not None else state)
     rtol, atol = checked_tolerances(rtol, atol)
-    if dae:
+    if dae and not isinstance(state, ReleasedState):
         _check_dae(state, solver)
     events = checked(system, events)
     method = _Method(
@@ -275,7 +275,7 @@ def _solve(
     course = solution.stats.get("course")
     if course is not None:
         status = jnp.where(course.status == int(Status.SUCCESS), status, course.status)
-        course = course.count, unpacked_switches(packing, course.kept)
+        course = course.switches, unpacked_switches(packing, course.kept)
     if method.inside:
         reached, status = until_left(packing.system, times, saved, reached, status)
     return (

@@ -93,7 +93,7 @@ class Course(NamedTuple):
     - ``pending``: the :class:`Cause` with which a mode has just ended, ``NONE`` while it lasts.
     - ``length``: of the last step that no end of a mode cut short.
     - ``begun``: the vector with which the first mode began.
-    - ``count``: of the switches.
+    - ``switches``: how many there have been.
     - ``crowd``: how many in a row were too near to each other, ``last`` the time of the last.
     - ``status``: not ``SUCCESS`` where no mode can follow.
     - ``kept``: what is kept of the switches; None where that is elsewhere.
@@ -103,7 +103,7 @@ class Course(NamedTuple):
     pending: Int[Array, ""]
     length: Float[Array, ""]
     begun: Float[Array, " size"]
-    count: Int[Array, ""]
+    switches: Int[Array, ""]
     crowd: Int[Array, ""]
     last: Float[Array, ""]
     status: Int[Array, ""]
@@ -255,11 +255,11 @@ class Switching(eqx.Module):
         crowd = jnp.where(crowded, course.crowd + 1, 0)
         status = jnp.where(crowd > TOO_MANY, int(Status.CHATTERED), course.status)
         status = jnp.where(cause == int(Cause.JAMS), int(Status.JAMMED), status)
-        place = jnp.where(starts, self.room, course.count)
+        place = jnp.where(starts, self.room, course.switches)
         course = course._replace(
             pending=jnp.asarray(NONE),
             begun=jnp.where(starts, after, course.begun),
-            count=course.count + jnp.where(starts, 0, 1),
+            switches=course.switches + jnp.where(starts, 0, 1),
             crowd=crowd,
             last=fixed,
             status=status,
