@@ -24,6 +24,7 @@ NONE = -1  # no cause
 NEAR = 1e-10  # of the length of a step: where it ends so close to the end of a mode, one step of Newton's is exact
 TOGETHER = 1e-6  # of the length of a step: what ends a mode at nearly the same time as something else
 MOST_TRIES = 40
+LEAST = 8  # the length of a step, in units of rounding of the time
 HALVINGS = 24  # of a place of a quartic
 REAL = 1e-6  # what is not below this part of its size in a step is no zero
 NOTHING = 1e-9  # a normal force below this part of its size in a step is none
@@ -139,6 +140,10 @@ class Settled(NamedTuple):
     t: Float[Array, ""]
     y: Float[Array, " size"]
     course: Course
+
+    def end(self, wanted: Float[Array, ""]) -> Float[Array, ""]:
+        """Where the next step ends if it was to end at ``wanted``: later than it begins, also where the time moved."""
+        return jnp.maximum(wanted, self.t + LEAST * float(jnp.finfo(self.t.dtype).eps) * jnp.abs(self.t))
 
 
 class Followed(NamedTuple):
@@ -328,7 +333,7 @@ def _first_end(
     slope, _ = at.rates(samples, root)
     # A step has some length, also where a function has fallen below zero by rounding as it began.
     length, zero = end - start, jnp.zeros_like(end)
-    least = start + 8 * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
+    least = start + LEAST * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
     return Aim(
         on=place <= last,
         which=which,
