@@ -329,7 +329,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     def has_stopped(
         self, t: Float[Array, ""], state: ContactState, rtol: Float[Array, ""], atol: Float[Array, ""]
     ) -> Bool[Array, ""]:
-        """Whether a slip with no speed along σ is over: what is left across σ is as small as the errors of many steps."""
+        """Whether a slip with no speed along σ is over: what is left across σ is an error of many steps."""
         return self.is_still(t, state.released, SLOW * rtol, SLOW * atol)
 
     def is_still(
