@@ -1,7 +1,7 @@
 """Random unbalanced balls that slip, fly and strike, against an independent scheme of complementarity in NumPy.
 
-The scheme is of first order, so half its steps halve its distance from the exact motion. What is left after these is the
-distance between two of its runs, or less.
+The scheme is of first order, so half its steps halve its distance from the exact motion. What is left after these is
+the distance between two of its runs, or less.
 """
 
 import jax.numpy as jnp

@@ -288,7 +288,10 @@ def looked(
     at_aim = aim.on & (end == aim.target)
     first = _first_end(start, end, lasting, jnp.where(at_aim, aim.which, NONE))
     # Two functions may fall to zero together; then one of them is as good as the other.
-    first = first._replace(on=first.on & (~at_aim | (first.target < end - TOGETHER * (end - start))))
+    earlier = ~at_aim | (first.target < end - TOGETHER * (end - start))
+    # The quartics may show zeros that are none, and then, in a shorter step, others.
+    tries = jnp.where(at_aim, aim.tries + 1, 0)
+    first = first._replace(on=first.on & earlier & (tries < MOST_TRIES), tries=tries)
     value = lasting[aim.which, -1]
     nearer = aim.nearer(end, value)
     width = jnp.maximum(NEAR * (end - start), 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
