@@ -20,7 +20,8 @@ def _products(p, x):
 
 def _moves(p, x):
     stacked = jnp.stack([x, 2 * x[::-1], jnp.roll(x, 1)])
-    return stacked.T[1], jnp.concatenate([x[1:], x[:1]]), stacked.reshape(-1)[::2], x[jnp.array([2, 0])]
+    replaced = x.at[1].set(p["b"]), x.at[jnp.array([2, 0])].set(x[:2]), jnp.zeros(3).at[2].set(x[0]), x.at[2].set(0.0)
+    return *replaced, stacked.T[1], jnp.concatenate([x[1:], x[:1]]), stacked.reshape(-1)[::2], x[jnp.array([2, 0])]
 
 
 def _reductions(p, x):

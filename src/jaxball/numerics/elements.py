@@ -82,6 +82,8 @@ def _equation(graph: Graph, equation: Any, operands: list[Elements]) -> Sequence
         return [_reduced(graph, REDUCTIONS[name], [int(axis) for axis in params["axes"]], operands[0])]
     if (name in MOVES and all(map(_known, operands[1:]))) or name in ("concatenate", "stack"):
         return MOVES[name](equation, operands)
+    if name == "scatter" and _known(operands[1]):
+        return _replaced(equation, *operands)
     return _as_arrays(graph, equation, operands)
 
 
@@ -235,6 +237,20 @@ def _picked(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
     # A place outside an array, which some programs fill with NaN, is never asked for by the indices that are known.
     assert np.all((np.asarray(places) >= 0) & (np.asarray(places) < x.size))
     return [x.reshape(-1)[np.asarray(places)]]
+
+
+def _replaced(equation: Any, x: Elements, indices: Elements, updates: Elements) -> list[Elements]:
+    """An array in which elements at places known at once are others, found by moving their numbers."""
+    both = np.concatenate([as_objects(x).reshape(-1), as_objects(updates).reshape(-1)])
+    numbers = jnp.arange(both.size)
+    with jax.ensure_compile_time_eval():
+        places = equation.primitive.bind(
+            numbers[: x.size].reshape(x.shape),
+            jnp.asarray(indices),
+            numbers[x.size :].reshape(updates.shape),
+            **equation.params,
+        )
+    return [both[np.asarray(places)]]
 
 
 MOVES: Mapping[str, Callable[[Any, Sequence[Elements]], Sequence[Elements]]] = {
