@@ -242,14 +242,10 @@ def _picked(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
 def _replaced(equation: Any, x: Elements, indices: Elements, updates: Elements) -> list[Elements]:
     """An array in which elements at places known at once are others, found by moving their numbers."""
     both = np.concatenate([as_objects(x).reshape(-1), as_objects(updates).reshape(-1)])
-    numbers = jnp.arange(both.size)
+    old, new = np.split(np.arange(both.size), [x.size])
+    arrays = old.reshape(x.shape), indices, new.reshape(updates.shape)
     with jax.ensure_compile_time_eval():
-        places = equation.primitive.bind(
-            numbers[: x.size].reshape(x.shape),
-            jnp.asarray(indices),
-            numbers[x.size :].reshape(updates.shape),
-            **equation.params,
-        )
+        places = equation.primitive.bind(*map(jnp.asarray, arrays), **equation.params)
     return [both[np.asarray(places)]]
 
 
