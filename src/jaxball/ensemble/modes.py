@@ -183,6 +183,7 @@ class Modes(NamedTuple):
         after = lanes._replace(
             running=(done.course.status == int(Status.SUCCESS)) & (done.t < given.t1),
             start=done.t,
+            end=jnp.minimum(done.end(lanes.end), given.t1),
             x=done.y,
             fresh=jnp.ones_like(lanes.fresh),
             course=done.course,

@@ -159,8 +159,9 @@ class _Solve(NamedTuple):
         """The state with which the next step begins: that of the mode that follows, where one has ended."""
         assert self.switching is not None
         ended = course.pending != NONE
-        t, y, course = self.switching.settled(course, state.tprev, state.y, self.t1 - self.t0, self.args)
-        end = jnp.minimum(state.tnext, self.switching.latest_end(t, y, self.args))
+        settled = self.switching.settled(course, state.tprev, state.y, self.t1 - self.t0, self.args)
+        t, y, course = settled
+        end = jnp.minimum(settled.end(state.tnext), self.switching.latest_end(t, y, self.args))
         state = dataclasses.replace(state, tprev=t, tnext=end, y=y, made_jump=state.made_jump | ended)
         return state, course
 

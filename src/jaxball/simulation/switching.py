@@ -23,6 +23,7 @@ from ..solvers.dense.sampling import sampling
 NONE = -1  # no cause
 NEAR = 1e-10  # of the length of a step: where it ends so close to the end of a mode, one step of Newton's is exact
 MOST_TRIES = 40
+LEAST = 8  # the length of a step, in units of rounding of the time
 FEW_TRIES = 4  # for a slip that is over
 STILL = 30  # times the tolerances: a slip that ends is over where it is smaller
 SLOW = 1000  # times the tolerances: the direction of a slip that is slower is not known from its velocity
@@ -141,6 +142,10 @@ class Settled(NamedTuple):
     t: Float[Array, ""]
     y: Float[Array, " size"]
     course: Course
+
+    def end(self, wanted: Float[Array, ""]) -> Float[Array, ""]:
+        """Where the next step ends if it was to end at ``wanted``: later than it begins, also where the time moved."""
+        return jnp.maximum(wanted, self.t + LEAST * float(jnp.finfo(self.t.dtype).eps) * jnp.abs(self.t))
 
 
 class Followed(NamedTuple):
@@ -336,7 +341,7 @@ def _first_end(
     slope, _ = at.rates(samples, root)
     # A step has some length, also where a function has fallen below zero by rounding as it began.
     length, zero = end - start, jnp.zeros_like(end)
-    least = start + 8 * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
+    least = start + LEAST * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
     return Aim(
         on=place <= last,
         which=which,
