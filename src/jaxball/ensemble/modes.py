@@ -122,15 +122,10 @@ class Modes(NamedTuple):
         """What a mode lasts by, at nodes in a step, and whether the forces lead a slip at its end."""
         own, step, limits = jax.lax.stop_gradient((given.seen, step, given.limits))
         nodes = jnp.asarray(sampling().nodes, step.x.dtype)
-        last = nodes.size - 1
-
-        def one(i, samples):
-            t = step.start + nodes[i] * (step.end - step.start)
-            x = jnp.where(i == last, step.y, self.between(step, t))
-            return samples.at[i].set(self.seen(own, t, x, limits.rtol, limits.atol))
-
-        empty = jnp.zeros((nodes.size, 4, step.start.size), step.x.dtype)
-        samples = jax.lax.fori_loop(0, nodes.size, one, empty)
+        times = step.start[None] + nodes[:, None] * (step.end - step.start)[None]
+        inner = jax.lax.map(lambda t: self.between(step, t), times[1:-1])
+        states = jnp.concatenate([step.x[None], inner, step.y[None]])
+        samples = jax.lax.map(lambda given: self.seen(own, *given, limits.rtol, limits.atol), (times, states))
         return jnp.moveaxis(samples[:, :3], 0, 1), samples[-1, 3]
 
     def settled(

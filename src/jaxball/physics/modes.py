@@ -272,12 +272,17 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return slow & friction.is_led_to_its_end(found, self.contact.sliding, sigma)
 
     def stepped(self, t: Float[Array, ""], state: ContactState, led: Bool[Array, ""]) -> ContactState:
-        """The state after a step in which its mode lasted; ``led``, if the forces lead its direction from now on."""
-        slip = slip_velocity(self.body, t, state.released)
-        until = jnp.where(t < state.led, state.led, jnp.where(led, -never(t), never(t)))
+        """The state after a step in which its mode lasted; ``led``, if the forces lead its direction to its end.
+
+        One that grows again is led no longer.
+        """
+        slip, ever = slip_velocity(self.body, t, state.released), -never(t)
+        begins = (t < state.led) & (state.led < ever)
+        until = jnp.where(begins, state.led, jnp.where(led, ever, never(t)))
         sigma = jax.lax.stop_gradient(friction.slip_direction(slip, state.sigma))
-        sigma = jnp.where(state.is_in(Mode.SLIDING) & ~(t < state.led), sigma, state.sigma)
-        turning = jnp.where(t < state.led, state.turning, 0.0)
+        stays = begins | led & (t < state.led)
+        sigma = jnp.where(state.is_in(Mode.SLIDING) & ~stays, sigma, state.sigma)
+        turning = jnp.where(begins, state.turning, 0.0)
         return eqx.tree_at(lambda x: (x.sigma, x.led, x.turning), state, (sigma, until, turning))
 
     def is_still(

@@ -143,7 +143,7 @@ class Settled(NamedTuple):
     y: Float[Array, " size"]
     course: Course
 
-    def end(self, wanted: Float[Array, ""]) -> Float[Array, ""]:
+    def end(self, wanted: Float[Array, "*lanes"]) -> Float[Array, "*lanes"]:
         """Where the next step ends if it was to end at ``wanted``: later than it begins, also where the time moved."""
         return jnp.maximum(wanted, self.t + LEAST * float(jnp.finfo(self.t.dtype).eps) * jnp.abs(self.t))
 
@@ -359,11 +359,12 @@ def _first_end(
 def _root(samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Array, ""]) -> Float[Array, ""]:
     """Where the quartic through the samples falls to zero between two fractions of a step."""
     at = sampling()
+    coefficients = at.coefficients(samples)
 
     def halved(_, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends
         middle = 0.5 * (low + high)
-        positive = at.value(samples, middle) > 0
+        positive = at.polynomial(coefficients, middle) > 0
         return jnp.where(positive, middle, low), jnp.where(positive, high, middle)
 
     low, high = jax.lax.fori_loop(0, HALVINGS, halved, (low, high))
