@@ -159,7 +159,7 @@ def test_the_two_kinds_of_figure_are_written(quick):
             ("--solvers", "Raduu"),
             "Argument `--solvers` must name some of .* but it has 'Raduu'; the nearest names are",
         ),
-        (("ball", "--solvers", "qqqqqqqq"), "the names are Gauss, "),
+        (("ball", "--solvers", "qqqqqqqq"), "the names are Adams, "),
         (("ball", "--tolerances", "-1"), "must be a positive number, but it is -1"),
     ],
 )

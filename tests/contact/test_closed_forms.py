@@ -35,7 +35,7 @@ def slide(V, omega, mu, **changes):
 THROWS = {
     "without spin": ((1.5, 0.0, 0.0), (0.0, 0.0, 0.0)),
     "with side spin": ((1.0, 0.5, 0.0), (1.2, 0.4, -0.7)),
-    "with backspin, which returns": ((1.0, 0.0, 0.0), (0.0, -8.0, 0.0)),
+    "with backspin, which returns": ((1.0, 0.0, 0.0), (0.0, -4.0, 0.0)),
 }
 
 
@@ -49,7 +49,8 @@ def test_a_homogeneous_ball_slides_in_a_parabola_and_then_rolls(throw):
     rolls = speed * K / (mu * G * (1 + K))
     after = (V + K * R * np.cross(omega, E3)) / (1 + K)
     switches = run.contact.switches
-    assert int(switches.count) == 1 and run.ok
+    assert int(switches.count) == 1
+    assert run.ok
     assert (switches.source[0], switches.target[0], switches.cause[0]) == (Mode.SLIDING, Mode.ROLLING, Cause.STOPS)
     assert float(switches.times[0]) == pytest.approx(rolls, abs=CLOSE)
     t = TIMES[:, None]
@@ -58,9 +59,9 @@ def test_a_homogeneous_ball_slides_in_a_parabola_and_then_rolls(throw):
     path = np.where(t < rolls, sliding, at_rolls + after * (t - rolls))
     np.testing.assert_allclose(run.state.z, path[:, :2], atol=CLOSE)
     np.testing.assert_allclose(run.contact.V[-1], after, atol=CLOSE)
-    np.testing.assert_array_equal(np.asarray(run.contact.mode) == Mode.SLIDING, TIMES < rolls)
-    assert np.all(np.asarray(run.contact.slip)[TIMES > rolls] == 0.0)
-    seen, slides = run.observables, TIMES < rolls
+    np.testing.assert_array_equal(np.asarray(run.contact.mode) == Mode.SLIDING, rolls > TIMES)
+    assert np.all(np.asarray(run.contact.slip)[rolls < TIMES] == 0.0)
+    seen, slides = run.observables, rolls > TIMES
     np.testing.assert_allclose(seen.normal_force, M * G, rtol=CLOSE)
     np.testing.assert_allclose(seen.friction[slides], np.tile(-mu * M * G * sigma[:2], (slides.sum(), 1)), atol=1e-9)
     np.testing.assert_allclose(seen.energy + run.contact.rubbed, seen.energy[0], atol=CLOSE)
@@ -69,9 +70,11 @@ def test_a_homogeneous_ball_slides_in_a_parabola_and_then_rolls(throw):
 
 
 def test_backspin_brings_a_ball_back():
-    run = slide((1.0, 0.0, 0.0), (0.0, -8.0, 0.0), 0.25)
+    run = slide((1.0, 0.0, 0.0), (0.0, -4.0, 0.0), 0.25)
     x = np.asarray(run.state.z)[:, 0]
-    assert np.max(x) > 0.9 and x[-1] < x[-9] and run.contact.V[-1, 0] < 0
+    assert np.max(x) > 0.9
+    assert x[-1] < x[-9]
+    assert run.contact.V[-1, 0] < 0
 
 
 @pytest.mark.parametrize("share", [0.999, 1.001])
@@ -103,7 +106,8 @@ def test_a_ball_that_friction_holds_on_a_slope_does_not_move_at_all():
     )
     run = jaxball.simulate(held, [0.0, 100.0, 1000.0], jaxball.BallState(), contact=Contact(1.0))
     assert np.all(np.asarray(run.contact.mode) == Mode.ROLLING)
-    assert np.all(np.asarray(run.contact.slip) == 0.0) and np.all(np.asarray(run.state.z) == 0.0)
+    assert np.all(np.asarray(run.contact.slip) == 0.0)
+    assert np.all(np.asarray(run.state.z) == 0.0)
     assert np.all(np.asarray(run.state.Omega) == 0.0)
     np.testing.assert_allclose(run.observables.friction_ratio, np.tan(angle), rtol=1e-14)
 
@@ -121,8 +125,10 @@ def test_heights_of_bounces(e):
     n = np.arange(count)
     expected = fall * (1 + 2 * e * (1 - e**n) / (1 - e))
     np.testing.assert_allclose(switches.times[:count], expected, atol=CLOSE)
-    assert np.all(switches.source[:count] == Mode.FLIGHT) and np.all(switches.cause[:count] == Cause.LANDS)
-    assert np.all(switches.target[: count - 1] == Mode.FLIGHT) and switches.target[count - 1] == Mode.ROLLING
+    assert np.all(switches.source[:count] == Mode.FLIGHT)
+    assert np.all(switches.cause[:count] == Cause.LANDS)
+    assert np.all(switches.target[: count - 1] == Mode.FLIGHT)
+    assert switches.target[count - 1] == Mode.ROLLING
     speeds = np.asarray(switches.after.V)[: count - 1, 2]
     np.testing.assert_allclose(speeds**2 / (2 * G), e ** (2 * (n[:-1] + 1)) * h, atol=CLOSE)
     assert e**count * fall * G <= 1e-6 * np.sqrt(G * R) < e ** (count - 1) * fall * G
@@ -192,7 +198,7 @@ def spin(ball, t, run, k, centre, velocity):
 
 
 def test_jelletts_integral_under_any_friction():
-    """(ΛI Ω)·r with r from the centre of mass to the contact point is constant for a body with a rotational symmetry."""
+    """(ΛI Ω)·r with r from the centre of mass to the contact point, of a body with a rotational symmetry."""
     A, C, low = 0.5, 0.7, 0.2
     top = jaxball.Ball(mass=M, inertia=(A, A, C), radius=R, gravity=G, offset=(0.0, 0.0, -low))
     tilted = (np.cos(0.4), np.sin(0.4), 0.0, 0.0)
@@ -228,4 +234,5 @@ def test_the_plane_is_left_when_the_event_finds():
     t, drift = times[flies] - lift, a * w * np.cos(w * lift)
     jump = a * (np.sin(w * times[flies]) - np.sin(w * lift))
     np.testing.assert_allclose(run.contact.height[flies], m / total * (drift * t - jump) - 0.5 * G * t**2, atol=CLOSE)
-    assert np.all(np.asarray(run.observables.normal_force) >= 0) and np.all(np.asarray(run.contact.height) >= 0)
+    assert np.all(np.asarray(run.observables.normal_force) >= 0)
+    assert np.all(np.asarray(run.contact.height) >= 0)

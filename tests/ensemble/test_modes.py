@@ -9,7 +9,6 @@ import pytest
 
 from jaxball import Ball, BallState, Cause, Contact, Mode, ReleasedState, Status, simulate
 from jaxball.ensemble import REDUCTIONS, simulate_ensemble
-from jaxball.simulation.history import ContactHistory
 
 TIMES = np.linspace(0.0, 2.0, 9)
 FOUND = {name: REDUCTIONS[name] for name in ("least_normal_force", "friction_needed", "energy_drift")}
@@ -62,11 +61,6 @@ def random_ensemble():
     return rows, ensemble(rows)
 
 
-def contact_of(run) -> ContactHistory:
-    assert run.contact is not None
-    return run.contact
-
-
 def single(rows, k):
     offset, law, start = jax.tree.map(lambda leaf: leaf[k], rows)
     return simulate(ball(offset), TIMES, thrown(*start), contact=contact(*law))
@@ -74,8 +68,8 @@ def single(rows, k):
 
 def test_every_row_is_a_run_of_its_own():
     rows, many = random_ensemble()
-    counts = np.asarray(contact_of(many.trajectory).switches.count)
-    met = np.asarray(contact_of(many.trajectory).mode)
+    counts = np.asarray(many.trajectory.contact.switches.count)
+    met = np.asarray(many.trajectory.contact.mode)
     # One of each kind: that flies to the end, slides to the end, rolls after a slip, bounces until it rolls.
     kinds = (
         np.all(met == Mode.FLIGHT, axis=1) & (counts > 0),
@@ -91,11 +85,9 @@ def test_every_row_is_a_run_of_its_own():
         for a, b in zip(jax.tree.leaves(one.state), jax.tree.leaves(row.state), strict=True):
             np.testing.assert_allclose(a, b, rtol=0, atol=5e-8)
         for name in ("V", "height", "slip", "rubbed", "struck"):
-            np.testing.assert_allclose(
-                getattr(contact_of(one), name), getattr(contact_of(row), name), rtol=0, atol=5e-8
-            )
-        np.testing.assert_array_equal(contact_of(one).mode, contact_of(row).mode)
-        ours, theirs = contact_of(one).switches, contact_of(row).switches
+            np.testing.assert_allclose(getattr(one.contact, name), getattr(row.contact, name), rtol=0, atol=5e-8)
+        np.testing.assert_array_equal(one.contact.mode, row.contact.mode)
+        ours, theirs = one.contact.switches, row.contact.switches
         assert int(ours.count) == int(theirs.count)
         for name in ("cause", "source", "target"):
             np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
@@ -112,11 +104,11 @@ def test_bounces_end_in_a_finite_time():
     run = ensemble((none, law, (upright, none, none, h))).trajectory
     ends = np.sqrt(2 * h / G) * (1 + e) / (1 - e)
     assert np.all(ends < TIMES[-1])
-    switches = contact_of(run).switches
+    switches = run.contact.switches
     last = np.take_along_axis(np.asarray(switches.times), np.asarray(switches.count)[:, None] - 1, axis=1)[:, 0]
     np.testing.assert_allclose(last, ends, rtol=1e-5)
-    np.testing.assert_array_equal(contact_of(run).mode[:, -1], Mode.ROLLING)
-    np.testing.assert_allclose(contact_of(run).struck[:, -1], G * h, rtol=1e-9)
+    np.testing.assert_array_equal(run.contact.mode[:, -1], Mode.ROLLING)
+    np.testing.assert_allclose(run.contact.struck[:, -1], G * h, rtol=1e-9)
     lost = (1 - e[0] ** 2) * G * h[0] * e[0] ** (2 * np.arange(3))
     np.testing.assert_allclose(switches.lost[0, :3], lost, rtol=1e-9)
 
@@ -129,11 +121,9 @@ def test_a_slip_ends_when_friction_has_made_it_roll():
     system, state, law = built((zero, (mu, mu, 0 * mu), (upright, zero, along, 0 * V)))
     for start in (0.0, -1.0):
         run = simulate_ensemble(system, start + TIMES, state, contact=law, **BLOCK).trajectory
-        np.testing.assert_allclose(
-            contact_of(run).switches.times[:, 0], start + 2 * V / (7 * mu * G), rtol=0, atol=1e-8
-        )
-        np.testing.assert_allclose(contact_of(run).V[:, -1, 0], 5 / 7 * V, rtol=1e-9)
-        np.testing.assert_allclose(contact_of(run).rubbed[:, -1], V**2 / 7, rtol=1e-9)
+        np.testing.assert_allclose(run.contact.switches.times[:, 0], start + 2 * V / (7 * mu * G), rtol=0, atol=1e-8)
+        np.testing.assert_allclose(run.contact.V[:, -1, 0], 5 / 7 * V, rtol=1e-9)
+        np.testing.assert_allclose(run.contact.rubbed[:, -1], V**2 / 7, rtol=1e-9)
 
 
 def test_what_rows_share_may_be_given_once():
@@ -141,7 +131,7 @@ def test_what_rows_share_may_be_given_once():
     system, state, law = jax.tree.map(lambda leaf: leaf[:6], built(rows))
     first = jax.tree.map(lambda leaf: leaf[0], (system, law))
     shared = simulate_ensemble(first[0], TIMES, state, contact=first[1], in_axes=(None, 0), **BLOCK).trajectory
-    assert np.all(contact_of(shared).law.sliding == first[1].sliding)
+    assert np.all(shared.contact.law.sliding == first[1].sliding)
     for a, b in zip(jax.tree.leaves(shared.state), jax.tree.leaves(many.trajectory.state), strict=True):
         np.testing.assert_allclose(a[0], b[0], rtol=0, atol=5e-8)
 
@@ -154,8 +144,8 @@ def test_a_row_that_fails_harms_no_other():
     assert np.all(found.status[np.array([3, 5, 7])] == Status.IMPOSSIBLE)
     others = np.array([k for k in range(128) if k not in (3, 5, 7)])
     for a, b in zip(
-        jax.tree.leaves((found.state, contact_of(found).switches)),
-        jax.tree.leaves((many.trajectory.state, contact_of(many.trajectory).switches)),
+        jax.tree.leaves((found.state, found.contact.switches)),
+        jax.tree.leaves((many.trajectory.state, many.trajectory.contact.switches)),
         strict=True,
     ):
         np.testing.assert_array_equal(a[others], b[others])
@@ -169,7 +159,7 @@ def test_derivatives_are_those_of_closed_forms():
         along = jnp.array([[1.0, 0.0, 0.0]])
         system, state, law = built((zero, (mu[None], mu[None], jnp.zeros(1)), (upright, zero, along, np.zeros(1))))
         run = simulate_ensemble(system, TIMES[[0, -1]], state, contact=law, lanes=1, inside=False).trajectory
-        return run.state.z[0, -1, 0], contact_of(run).switches.times[0, 0]
+        return run.state.z[0, -1, 0], run.contact.switches.times[0, 0]
 
     mu = jnp.asarray(0.2)
     (z, t), slopes = jax.jvp(place, (mu,), (jnp.ones(()),))
@@ -189,15 +179,15 @@ def assert_possible(rows, many):
     energy = G + np.sum(rows[2][2] ** 2, axis=1) + np.sum(rows[2][1] ** 2, axis=1)
     assert offset.shape[0] == static.size
     assert np.all(many.reductions["least_normal_force"] > -1e-6 * energy)
-    assert np.all(np.asarray(contact_of(run).height) >= -1e-8)
+    assert np.all(np.asarray(run.contact.height) >= -1e-8)
     # Where a body lifts, both forces are rounding.
-    lifts = np.any(np.asarray(contact_of(run).switches.cause) == Cause.LIFTS, axis=1)
+    lifts = np.any(np.asarray(run.contact.switches.cause) == Cause.LIFTS, axis=1)
     assert np.all(lifts | (np.asarray(many.reductions["friction_needed"]) <= static * (1 + 1e-6)))
     assert np.all(np.abs(many.reductions["energy_drift"]) < 1e-6 * energy)
-    rolling = np.asarray(contact_of(run).mode) == Mode.ROLLING
-    assert np.all(np.asarray(contact_of(run).slip)[rolling] == 0)
-    for taken in (contact_of(run).rubbed, contact_of(run).struck):
-        assert np.all(np.asarray(taken)[:, 1:] >= np.asarray(taken)[:, :-1] - 1e-8)
+    rolling = np.asarray(run.contact.mode) == Mode.ROLLING
+    assert np.all(np.asarray(run.contact.slip)[rolling] == 0)
+    taken = np.diff(np.asarray(run.contact.rubbed), axis=1), np.diff(np.asarray(run.contact.struck), axis=1)
+    assert all(np.all(part > -1e-8) for part in taken)
 
 
 def test_no_row_does_what_no_body_can():

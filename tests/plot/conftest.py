@@ -9,7 +9,7 @@ import pytest
 from matplotlib import pyplot
 
 import jaxball
-from jaxball import BallState
+from jaxball import BallState, Contact, ReleasedState
 
 matplotlib.use("Agg")
 
@@ -51,3 +51,13 @@ def reduced_trajectory():
     """A ball of which Ω and Γ are known, and nothing else."""
     ball = jaxball.Ball(mass=1.0, inertia=(0.9, 1.0, 1.1))
     return jaxball.simulate(ball, np.array([0.0, 1.0]), jaxball.ReducedState(), rtol=1e-6, atol=1e-6)
+
+
+@pytest.fixture(scope="session")
+def thrown_trajectory():
+    """A homogeneous ball that is thrown with backspin: it bounces from t = 1 on, slides, and rolls at the end."""
+    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4))
+    thrown = ReleasedState(BallState(Omega=(0.0, -8.0, 0.0)), V=(2.0, 0.5, 0.0), height=0.5)
+    contact = Contact(sliding=0.3, static=0.35, restitution=0.6, slowest=0.05)
+    times = np.linspace(0.0, 11.0, 111)
+    return jaxball.simulate(ball, times, thrown, contact=contact, rtol=1e-8, atol=1e-8)

@@ -186,6 +186,22 @@ def test_a_failed_run_says_so(browser, failed_trajectory, tmp_path):
     assert browser.get_log("browser") == []
 
 
+def test_a_body_that_flies_is_over_the_plane_and_its_mode_is_named(browser, thrown_trajectory, tmp_path):
+    """At t = ½ it has fallen by ⅛ from ½."""
+    browser.get(thrown_trajectory.view().save(tmp_path / "thrown.html").as_uri())
+    clock = browser.find_element(By.ID, "clock")
+    for t, mode, height in ((0.5, "flight", 0.375), (6.0, "sliding", 0.0), (11.0, "rolling", 0.0)):
+        go_to(browser, t)
+        assert clock.text.endswith(f", {mode}")
+        centre = browser.execute_script("return jaxball.pose().centre")
+        np.testing.assert_allclose(centre[2], height, atol=1e-6)
+    friction, height = browser.find_elements(By.CSS_SELECTOR, ".plot")[3:5]
+    assert "μₛ = 0.35" in friction.text
+    assert "Height" in height.text
+    assert [item.text for item in browser.find_elements(By.CSS_SELECTOR, "#masses li")] == ["flight", "sliding"]
+    assert browser.get_log("browser") == []
+
+
 def test_a_notebook_runs_it_in_a_frame(browser, ball_trajectory, tmp_path):
     notebook = tmp_path / "notebook.html"
     notebook.write_text(f"<!doctype html><meta charset=utf-8>{ball_trajectory.view()._repr_html_()}", encoding="utf-8")

@@ -136,7 +136,7 @@ TIME = st.one_of(
     st.fixed_dictionaries({"at": increasing(4)}),
 )
 RADAU = ["radau5", "radau9", "radau13"]
-SOLVERS = ["dopri5", "dopri8", "tsit5", "kvaerno3", "kvaerno5", *RADAU, "gauss16", "trapezoidal", "tr-bdf2"]
+SOLVERS = ["dopri5", "dopri8", "tsit5", "kvaerno3", "kvaerno5", "adams", *RADAU, "gauss16", "trapezoidal", "tr-bdf2"]
 SOLVE = table(
     optional={
         "solver": st.sampled_from(SOLVERS),

@@ -41,6 +41,7 @@ def error(name, columns):
     [
         ("gauss16", 1e-9, 3e-12),
         ("tr-bdf2", 1e-6, 2e-3),
+        ("adams", 1e-9, 2e-7),
         pytest.param("radau5", 1e-9, 1e-10, marks=pytest.mark.slow),
         pytest.param("trapezoidal", 1e-6, 3e-3, marks=pytest.mark.slow),
     ],

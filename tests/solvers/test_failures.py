@@ -15,6 +15,8 @@ import jaxball
 from jaxball import Status
 from jaxball.solvers import (
     TRBDF2,
+    Adams,
+    AdamsController,
     EmbeddedError,
     FixedPoint,
     Gauss,
@@ -38,6 +40,7 @@ SOLVERS = {
     "gauss 3, newton": Gauss(3, root_finder=SimplifiedNewton(), error=EmbeddedError()),
     "trapezoidal": Trapezoidal(),
     "tr-bdf2": TRBDF2(),
+    "adams": Adams(),
 }
 FIXED_POINT = [name for name, solver in SOLVERS.items() if isinstance(solver.root_finder, FixedPoint)]
 
@@ -59,6 +62,8 @@ def field(t, x, index):
 
 @functools.cache
 def program(solver):
+    by_tolerances = AdamsController if solver == "adams" else diffrax.PIDController
+
     @jax.jit
     def run(index):
         solution = diffrax.diffeqsolve(
@@ -69,7 +74,7 @@ def program(solver):
             None,
             jnp.asarray(1.0),
             args=index,
-            stepsize_controller=diffrax.PIDController(rtol=1e-8, atol=1e-8),
+            stepsize_controller=by_tolerances(rtol=1e-8, atol=1e-8),
             saveat=diffrax.SaveAt(steps=True),
             max_steps=MOST_STEPS,
             adjoint=diffrax.ForwardMode(),

@@ -17,6 +17,7 @@ START, END = 0.25, 5.0
 TOLERANCE = 1e-10
 REVERSE, FORWARD = diffrax.RecursiveCheckpointAdjoint(), diffrax.ForwardMode()
 DOPRI8, GAUSS, RADAU = diffrax.Dopri8(), solvers.Gauss(8), solvers.RadauIIA(stages=3)
+ADAMS = solvers.Adams()
 
 
 def closed_form(kinks, start=START, end=END):
@@ -55,6 +56,7 @@ def plain(controller, kinks):
 @eqx.filter_jit
 def solve(control, kinks, start, end, solver=DOPRI8, field=from_the_right, adjoint=REVERSE):
     """y at ``end`` and the numbers of steps that were kept and rejected."""
+    by_tolerances = solvers.AdamsController if isinstance(solver, solvers.Adams) else diffrax.PIDController
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(field),
         solver,
@@ -63,7 +65,7 @@ def solve(control, kinks, start, end, solver=DOPRI8, field=from_the_right, adjoi
         None,
         jnp.array(1.0),
         kinks,
-        stepsize_controller=control(diffrax.PIDController(rtol=TOLERANCE, atol=TOLERANCE), kinks),
+        stepsize_controller=control(by_tolerances(rtol=TOLERANCE, atol=TOLERANCE), kinks),
         adjoint=adjoint,
         max_steps=4000,
     )
@@ -104,12 +106,15 @@ EACH = pytest.mark.parametrize("kinks", KINKS.values(), ids=KINKS.keys())
 
 
 @EACH
-@pytest.mark.parametrize("solver", [DOPRI8, GAUSS], ids=["Dopri8", "Gauss"])
+@pytest.mark.parametrize("solver", [DOPRI8, GAUSS, ADAMS], ids=["Dopri8", "Gauss", "Adams"])
 @pytest.mark.parametrize(("start", "end"), [(START, END), (END, START)], ids=["forwards", "backwards"])
 def test_result_is_the_closed_form(kinks, solver, start, end):
-    """The relative tolerance is 1e-10, and |y| stays within e⁴ of its values at the ends."""
+    """The relative tolerance is 1e-10, and |y| stays within e⁴ of its values at the ends, or falls to e⁻⁶.
+
+    A step of the Adams method has an error near to the tolerance, which is absolute where |y| is small.
+    """
     error, _ = measure(to_kinks, kinks, start, end, solver=solver)
-    assert error < 2e-9
+    assert error < (6e-8 if solver is ADAMS else 2e-9)
 
 
 @EACH
@@ -178,7 +183,12 @@ def test_kink_at_time_zero():
 
 
 @pytest.mark.parametrize(
-    "solver", [pytest.param(GAUSS, id="Gauss"), pytest.param(DOPRI8, id="Dopri8", marks=pytest.mark.slow)]
+    "solver",
+    [
+        pytest.param(GAUSS, id="Gauss"),
+        pytest.param(ADAMS, id="Adams"),
+        pytest.param(DOPRI8, id="Dopri8", marks=pytest.mark.slow),
+    ],
 )
 def test_derivative_with_respect_to_the_times_of_kinks_backward_mode(solver):
     def end(kinks):
@@ -190,7 +200,12 @@ def test_derivative_with_respect_to_the_times_of_kinks_backward_mode(solver):
 
 
 @pytest.mark.parametrize(
-    "solver", [pytest.param(DOPRI8, id="Dopri8"), pytest.param(GAUSS, id="Gauss", marks=pytest.mark.slow)]
+    "solver",
+    [
+        pytest.param(DOPRI8, id="Dopri8"),
+        pytest.param(ADAMS, id="Adams", marks=pytest.mark.slow),
+        pytest.param(GAUSS, id="Gauss", marks=pytest.mark.slow),
+    ],
 )
 def test_derivative_with_respect_to_the_times_of_kinks_forward_mode(solver):
     def end(kinks, start, end):

@@ -12,7 +12,7 @@ import pytest
 import jaxball
 from jaxball import paper
 from jaxball.paper import reference
-from jaxball.solvers import TRBDF2, Gauss, RadauIIA, Trapezoidal
+from jaxball.solvers import TRBDF2, Adams, Gauss, RadauIIA, Trapezoidal
 
 SECONDS = np.linspace(0.0, 20.0, 21)
 SOLVERS = {
@@ -22,6 +22,7 @@ SOLVERS = {
     "gauss 8": Gauss(8),
     "trapezoidal": Trapezoidal(),
     "tr-bdf2": TRBDF2(),
+    "adams": Adams(),
 }
 
 
@@ -42,6 +43,12 @@ COLLOCATION = [
     long("disk", "radau 5", False, 3.0),
     long("disk", "radau 7", False, 1.0),
     long("disk", "gauss 8", False, 0.05),
+]
+ADAMS = [
+    ("disk", 1e-12, 100.0),
+    ("ball", 1e-10, 500.0),
+    *(long("disk", tolerance, 100.0) for tolerance in (1e-6, 1e-8, 1e-10)),
+    *(long("ball", tolerance, 500.0) for tolerance in (1e-6, 1e-8, 1e-12)),
 ]
 # The same over the tolerance to the power 2/3, for methods of order 2.
 SECOND_ORDER = [
@@ -88,6 +95,13 @@ def error(name, solver, tolerance, *, dae=False, step_to_times=True):
 def test_collocation(name, solver, dae, bound):
     for tolerance in (1e-6, 1e-8, 1e-10, 1e-12):
         assert error(name, solver, tolerance, dae=dae) < bound * tolerance
+
+
+@pytest.mark.parametrize("step_to_times", [False, True], ids=["dense output", "to times"])
+@pytest.mark.parametrize(("name", "tolerance", "bound"), ADAMS)
+def test_adams(name, tolerance, bound, step_to_times):
+    """A tolerance is that of a step, and many steps take part in an error. With SciPy's LSODA it is larger."""
+    assert error(name, "adams", tolerance, step_to_times=step_to_times) < bound * tolerance
 
 
 @pytest.mark.parametrize(("name", "solver", "bound"), SECOND_ORDER)

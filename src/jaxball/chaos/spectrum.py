@@ -23,7 +23,7 @@ from ..numerics.tangent import (
     without_normal,
 )
 from ..simulation.simulate import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances, status_of
-from ..solvers import StepToKinks
+from ..simulation.step_size import by_tolerances, to_kinks
 from .monitor import Monitor, Monitored
 from .result import LyapunovSpectrum
 
@@ -237,9 +237,7 @@ def _advanced(method: Method, flow: Flow, progress: _Progress, ends, alive: Bool
         alive, inner = args
         return jnp.where(alive, rates_of(t, rows, inner), 0.0)
 
-    controller = diffrax.PIDController(
-        rtol=method.rtol, atol=method.atol, norm=largest_row, dtmin=1e-30, force_dtmin=False
-    )
+    controller = by_tolerances(method.rtol, method.atol, method.solver, largest_row)
     solver, monitor = method.solver, flow.monitor
     if monitor is not None:
         solver = Monitored(solver, lambda t, x, args: monitor(t, x, args[1]))
@@ -252,7 +250,7 @@ def _advanced(method: Method, flow: Flow, progress: _Progress, ends, alive: Bool
         progress.rows,
         (alive, flow.args),
         saveat=diffrax.SaveAt(t1=True, solver_state=monitor is not None),
-        stepsize_controller=StepToKinks(controller, flow.kinks) if flow.kinks.size else controller,
+        stepsize_controller=to_kinks(controller, flow.kinks),
         adjoint=diffrax.ForwardMode(),
         max_steps=method.max_steps,
         throw=False,

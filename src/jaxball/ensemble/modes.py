@@ -73,11 +73,10 @@ class Modes(NamedTuple):
         room, unravel = packing.system.contact.room, packing.unravel
 
         def seen(system, t, x, rtol, atol):
-            lasting, led = _switching(rtol, atol, room).seen(t, x, Packing(system.prepare(), unravel))
-            return lasting, led.astype(x.dtype)
+            return _switching(rtol, atol, room).seen(t, x, Packing(system.prepare(), unravel))
 
-        def ended(system, t, x, led, rtol, atol):
-            end = _switching(rtol, atol, room).ended(t, x, led != 0, Packing(system.prepare(), unravel))
+        def ended(system, t, x, guide, rtol, atol):
+            end = _switching(rtol, atol, room).ended(t, x, guide, Packing(system.prepare(), unravel))
             return end._replace(still=end.still.astype(x.dtype))
 
         return cls(prepared(seen, 2), prepared(ended, 3), between, packing, shared, room)
@@ -92,8 +91,11 @@ class Modes(NamedTuple):
 
     def latest_end(self, t: Float[Array, " lanes"], x: Float[Array, "size lanes"]) -> Float[Array, " lanes"]:
         """The time at which a step must end because the direction of a slip is led until then."""
-        led = jax.vmap(lambda y: self.packing.unravel(y).led, in_axes=-1)(x)
-        return jnp.where(led > t, led, jnp.inf)
+
+        def end(t: Array, y: Array) -> Array:
+            return _switching(t, t, self.room).latest_end(t, y, self.packing)
+
+        return jax.vmap(end, in_axes=-1)(t, x)
 
     def judged(
         self, course: Course, given: Given, step: Step, verdict: Verdict, memory: Any
@@ -102,10 +104,10 @@ class Modes(NamedTuple):
 
         ``memory`` is what the controller remembered before.
         """
-        lasting, led = self._samples(given, step)
+        lasting, guide = self._samples(given, step)
         limits = given.limits
         end = jax.lax.stop_gradient(step.end)
-        at_end = self.ended(given.ended, end, step.y, led, limits.rtol, limits.atol)
+        at_end = self.ended(given.ended, end, step.y, guide, limits.rtol, limits.atol)
         judged = jax.vmap(_judged, in_axes=-1, out_axes=-1)(
             course, *jax.lax.stop_gradient((step.start, step.end)), step.y, lasting, at_end, verdict.kept
         )
@@ -119,13 +121,18 @@ class Modes(NamedTuple):
         return verdict, judged.y, judged.course
 
     def _samples(self, given: Given, step: Step) -> tuple[Float[Array, "3 nodes lanes"], Float[Array, " lanes"]]:
-        """What a mode lasts by, at nodes in a step, and whether the forces lead a slip at its end."""
+        """What a mode lasts by, at nodes in a step, and what turns the direction of a slip at its end."""
         own, step, limits = jax.lax.stop_gradient((given.seen, step, given.limits))
         nodes = jnp.asarray(sampling().nodes, step.x.dtype)
-        times = step.start[None] + nodes[:, None] * (step.end - step.start)[None]
-        inner = jax.lax.map(lambda t: self.between(step, t), times[1:-1])
-        states = jnp.concatenate([step.x[None], inner, step.y[None]])
-        samples = jax.lax.map(lambda given: self.seen(own, *given, limits.rtol, limits.atol), (times, states))
+        last = nodes.size - 1
+
+        def one(i, samples):
+            t = step.start + nodes[i] * (step.end - step.start)
+            x = jnp.where(i == last, step.y, self.between(step, t))
+            return samples.at[i].set(self.seen(own, t, x, limits.rtol, limits.atol))
+
+        empty = jnp.zeros((nodes.size, 4, step.start.size), step.x.dtype)
+        samples = jax.lax.fori_loop(0, nodes.size, one, empty)
         return jnp.moveaxis(samples[:, :3], 0, 1), samples[-1, 3]
 
     def settled(
@@ -154,7 +161,7 @@ class Modes(NamedTuple):
             lane = jnp.where(used, lane, lane[0])
             row = jnp.where(used, lanes.row[lane], record.shape[0])
             few = jax.tree.map(lambda leaf: leaf[..., lane], (lanes, given))
-            after, place, kept = self._followed(*few, row)
+            after, place, kept = self._followed(few[0], few[1], row)
             record = record.at[row, place].set(_as_rows(kept), mode="drop")
             places = jnp.clip(rank, 0, batch - 1)
             return jax.tree.map(lambda old, new: jnp.where(served, new[..., places], old), lanes, after), record

@@ -51,8 +51,8 @@ def angular_speed_squared(system: System, t: Float[Array, ""], state: State) -> 
 
 def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
     """|ż|, how fast the geometric centre moves over the plane: where it rolls, r times the horizontal part of ω."""
-    if isinstance(state, ContactState):
-        return root(jnp.sum(state.V[:2] ** 2))
+    if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
+        return root(jnp.sum(state.V[:2] ** 2))  # pyright: ignore
     return system.radius * root(jnp.sum(cross(state.Omega, state.Gamma) ** 2))
 
 
@@ -60,8 +60,8 @@ def energy(
     system: System | BodyOnPlane, t: Float[Array, ""], state: BallState | DiskState | ContactState
 ) -> Float[Array, ""]:
     """E, kinetic and potential; with a law of contact, with what friction and impacts have taken."""
-    if isinstance(state, ContactState):
-        return released_energy(system.body, t, state.released) + state.rubbed + state.struck
+    if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
+        return released_energy(system.body, t, state.released) + state.rubbed + state.struck  # pyright: ignore
     return observe(system, t, state).energy
 
 

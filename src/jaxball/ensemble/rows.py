@@ -128,7 +128,7 @@ def solve_rows(method: Method, rows: Rows, lanes: int, observers: Mapping[str, A
 
 def _ended(lanes: _Lanes) -> tuple:
     """What is kept of a lane."""
-    course = None if lanes.course is None else (lanes.course.begun, lanes.course.count, lanes.course.status)
+    course = None if lanes.course is None else (lanes.course.begun, lanes.course.switches, lanes.course.status)
     return lanes.start, lanes.x, lanes.finite, lanes.steps, lanes.rejected, lanes.observed, course
 
 
@@ -216,6 +216,7 @@ def _advance_until_idle(
 def _settled(modes: Modes, problem: Rows, lanes: _Lanes, record: Array) -> tuple[_Lanes, Array]:
     """Lanes with what follows modes that have ended; and steps that end no later than they may."""
     changing = {name: getattr(lanes, name) for name in SwitchingLanes._fields}
+    assert problem.modes is not None
     after, record = modes.settled(SwitchingLanes(**changing), problem.modes, record)
     lanes = lanes._replace(**after._asdict())
     return lanes._replace(end=jnp.minimum(lanes.end, modes.latest_end(lanes.start, lanes.x))), record
@@ -237,6 +238,8 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[st
     )
     verdict, y = judge(method.controller, problem.limits, taken, lanes.memory, method.error_order), taken.y
     if method.modes is not None:
+        assert course is not None
+        assert problem.modes is not None
         verdict, y, course = method.modes.judged(course, problem.modes, taken, verdict, lanes.memory)
     kept, observed = verdict.kept, lanes.observed
     steps, finite = lanes.steps + running.astype(jnp.int32), lanes.finite & (verdict.fine | ~running)

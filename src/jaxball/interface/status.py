@@ -65,8 +65,8 @@ _SENTENCES = {
         "force of a sliding body has no solution (Painlevé's paradox); lower the coefficient `sliding`."
     ),
     Status.CHATTERED: (
-        "The run ended at t = {reached:.10g} before t = {end:.10g}, because the body went from mode to mode there, again "
-        "and again in no time; a coefficient `static` above `sliding` may keep these apart."
+        "The run ended at t = {reached:.10g} before t = {end:.10g}, because the body went from mode to mode there, "
+        "again and again in no time; a coefficient `static` above `sliding` may keep these apart."
     ),
     Status.EVENT: "The run ended at t = {reached:.10g} before t = {end:.10g}, where an event ended it.",
 }

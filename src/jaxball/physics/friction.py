@@ -19,8 +19,8 @@ from .released import Response
 
 SAMPLES = 24  # of directions between which one is sought
 LED = 3e-3  # of the time in which the reaction changes by itself
-TENTATIVE = 0.5  # a slip that grows by a lesser part of what friction can do is led by the forces at first
-POWER = 0.5  # of its speed, or a higher one: so the direction of a slip that ends comes near to that of the forces
+TENTATIVE = 0.02  # a slip that grows by a lesser part of what friction can do is led by the forces at first
+POWER = 0.5  # of its speed: with a higher one, the direction of a slip that ends is led by the forces
 STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quarter
 
 
@@ -145,14 +145,22 @@ def led_direction(
     return _unit(jax.lax.fori_loop(0, steps, lambda _, angle: _newton_step(excess, angle), angle))
 
 
-def is_led_to_its_end(found: Response, mu: Float[Array, ""], sigma: Float[Array, "2"]) -> Bool[Array, ""]:
-    """Whether a slip in the direction σ, if it is slow, ends in one that the forces lead, whatever it is now.
+class End(NamedTuple):
+    """Whether a slip is about to end, and whether the forces lead its direction then, whatever it is now."""
 
-    That is so where its direction comes nearer to theirs faster than as a root of its speed.
+    comes: Bool[Array, ""]
+    led: Bool[Array, ""]
+
+
+def end_of_slip(found: Response, mu: Float[Array, ""], sigma: Float[Array, "2"]) -> End:
+    """The end of a slow slip in the direction σ.
+
+    As it ends, its direction comes near to that of the forces as a power of its speed; where that is a high one, the
+    equations of motion are stiff.
     """
-    ends = -jnp.sum(sigma * sliding(found, mu, sigma).slip_acceleration[:2])
+    braking = -jnp.sum(sigma * sliding(found, mu, sigma).slip_acceleration[:2])
     _, slope = _pull_and_slope(found, mu, _angle(sigma))
-    return (ends > 0) & (-slope > POWER * ends)
+    return End(braking > 0, (braking > 0) & (-slope > POWER * braking))
 
 
 def diverging(
@@ -168,16 +176,16 @@ def diverging(
     def parts(angle: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
         sigma = _unit(angle)
         vector, valid = pull(sigma)
-        return _across(sigma, vector), jnp.where(valid > 0, jnp.sum(sigma * vector), -jnp.inf)
+        return across(sigma, vector), jnp.where(valid > 0, jnp.sum(sigma * vector), -jnp.inf)
 
-    def across(angle: Float[Array, ""]) -> Float[Array, ""]:
+    def turning(angle: Float[Array, ""]) -> Float[Array, ""]:
         return parts(angle)[0]
 
     guess = jax.lax.stop_gradient(guess)
     start = _angle(guess)
     width = 2 * jnp.pi / SAMPLES
     angles = start + width * (jnp.arange(SAMPLES, dtype=guess.dtype) - 0.5)
-    found = jax.lax.stop_gradient(jax.vmap(across)(angles))
+    found = jax.lax.stop_gradient(jax.vmap(turning)(angles))
     ends = jnp.roll(found, -1)
     share = found / jnp.where(found == ends, 1.0, found - ends)
     _, along = jax.vmap(parts)(angles + width * jnp.clip(share, 0.0, 1.0))
@@ -186,13 +194,13 @@ def diverging(
 
     def narrowed(_, bracket: tuple[Sample, Sample]) -> tuple[Sample, Sample]:
         newest = between(*bracket)
-        sample = Sample(newest, across(newest))
+        sample = Sample(newest, turning(newest))
         return other_end(*bracket, sample), sample
 
     angle = jax.lax.stop_gradient(jax.lax.fori_loop(0, STEPS, narrowed, jax.lax.stop_gradient((old, new)))[1].x)
     # Newton's method moves it by rounding alone, and gives it its derivatives: one step the first, another the second.
     for _ in range(2):
-        angle = _newton_step(across, angle)
+        angle = _newton_step(turning, angle)
     sigma = _unit(angle)
     vector, _ = pull(sigma)
     return Direction(sigma, jnp.sum(sigma * vector))
@@ -203,7 +211,7 @@ def push(mu: Float[Array, ""], direction: Float[Array, "2"]) -> Float[Array, "3"
     return jnp.concatenate([-mu * direction, jnp.ones_like(direction[:1])])
 
 
-def _across(sigma: Float[Array, "2"], vector: Float[Array, "size"]) -> Float[Array, ""]:
+def across(sigma: Float[Array, "2"], vector: Float[Array, "size"]) -> Float[Array, ""]:
     """The component of a vector perpendicular to σ, positive to its left."""
     return sigma[0] * vector[1] - sigma[1] * vector[0]
 
@@ -211,7 +219,7 @@ def _across(sigma: Float[Array, "2"], vector: Float[Array, "size"]) -> Float[Arr
 def _pull_across(found: Response, mu: Float[Array, ""], angle: Float[Array, ""]) -> Float[Array, ""]:
     """The slip acceleration across the direction of a slip."""
     sigma = _unit(angle)
-    return _across(sigma, sliding(found, mu, sigma).slip_acceleration)
+    return across(sigma, sliding(found, mu, sigma).slip_acceleration)
 
 
 def _pull_and_slope(found: Response, mu: Float[Array, ""], angle: Float[Array, ""]) -> tuple[Array, Array]:

@@ -1,7 +1,7 @@
 """A body on a plane that rolls, slides or flies, as one system whose modes follow each other.
 
-While a mode lasts, its motion is that of a smooth field, and functions that are positive say that it may last. Where one
-of them falls to zero it ends, and what follows is decided there:
+While a mode lasts, its motion is that of a smooth field, and functions that are positive say that it may last. Where
+one of them falls to zero it ends, and what follows is decided there:
 
 - rolling ends where it would need more friction than μ_s N, or where the plane would have to pull;
 - sliding ends where the slip velocity vanishes, or where the plane would have to pull;
@@ -28,6 +28,8 @@ from .impact import impact
 from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity, with_slip
 from .system import AbstractState, AbstractSystem
 
+SLOW = 1000  # times the tolerances: a slip that ends and is slower may be led by the forces; of errors of many steps
+STILL = 30  # times the tolerances: a slip that ends and is slower keeps its direction, and is over in no time
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
 NEWTON_STEPS = 3  # to the direction of a slip that is led, from that with which it began
 
@@ -90,15 +92,25 @@ CAUSES = (
 )
 
 
+class Guide(enum.IntEnum):
+    """What turns the direction of a slip: the slip acceleration; the forces alone, which lead it; or nothing."""
+
+    SLIP = 0
+    FORCES = 1
+    NONE = 2
+
+
 class ContactState(AbstractState):
     """What a solve advances of a body that rolls, slides or flies.
 
     - ``body``, ``V``, ``height``: as of a :class:`ReleasedState`. While the body rolls, ``V`` is not looked at.
     - ``rubbed``, ``struck``: the energy that friction of sliding and impacts have taken.
     - ``mode``: a :class:`Mode`, as a number.
-    - ``sigma``: the direction of the slip when the step began, a unit vector.
-    - ``led``: the time until which the direction of a slip that has just begun follows the forces; ``never`` if it does not.
-    - ``turning``: the rate at which it turns meanwhile.
+    - ``sigma``: the direction of the slip, a unit vector. It is advanced beside the velocities, because it cannot be
+      told from these where the slip is small.
+    - ``guide``: a :class:`Guide`, as a number; another than ``SLIP`` where the slip has just begun or is about to end.
+    - ``until``: the time until which it is the guide.
+    - ``turning``: the rate at which the direction turns as the slip begins.
     """
 
     body: PlacedState
@@ -108,7 +120,8 @@ class ContactState(AbstractState):
     struck: Float[Array, "*batch"]
     mode: Float[Array, "*batch"]
     sigma: Float[Array, "*batch 2"]
-    led: Float[Array, "*batch"]
+    guide: Float[Array, "*batch"]
+    until: Float[Array, "*batch"]
     turning: Float[Array, "*batch"]
 
     def projected(self) -> "ContactState":
@@ -129,6 +142,11 @@ class ContactState(AbstractState):
     def moved(self, to: ReleasedState) -> "ContactState":
         """The state with another place and motion of the body."""
         return eqx.tree_at(lambda x: (x.body, x.V, x.height), self, (to.body, to.V, to.height))
+
+    @property
+    def led(self) -> Bool[Array, ""]:
+        """Whether the forces lead the direction of the slip."""
+        return self.guide == int(Guide.FORCES)
 
     def is_in(self, mode: Mode) -> Bool[Array, ""]:
         """Whether this is the mode."""
@@ -173,7 +191,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         bodies = (None if given is None else given.body for given in (state, states))
         yield from self.body.breaches(times, *bodies)
 
-    # What a solve advances: locked velocities while the body rolls, as without a law of contact, and plain ones else.
+    # What a solve advances: locked velocities while the body rolls, as without a law of contact, and plain ones else. A
+    # body that slips is looked at with a versor of length 1, because near the end of a slip small errors turn it far.
 
     def to_packed(self, t: Float[Array, ""], state: ContactState) -> ContactState:
         return _with_body(state, _where_rolling(state, self.body.to_packed(t, state.body), state.body))
@@ -187,7 +206,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return jax.lax.cond(
             packed.is_in(Mode.ROLLING),
             lambda t, packed: self._rolling_rates(t, packed),
-            lambda t, packed: self.field(t, packed),
+            lambda t, packed: self.field(t, packed.projected()),
             t,
             packed,
         )
@@ -210,8 +229,11 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         acting = self.interaction(t, state, found)
         slip = slip_velocity(self.body, t, state.released)
         moved = rates(self.body, state.released, found, acting.slip_acceleration, acting.normal)
-        still = jax.tree.map(jnp.zeros_like, state).moved(moved)
-        return eqx.tree_at(lambda x: x.rubbed, still, -jnp.sum(acting.R[:2] * slip[:2]))
+        rates_of_all = jax.tree.map(jnp.zeros_like, state).moved(moved)
+        turning = 0.0 if self.body.planar else self._turning(t, state, slip, acting.slip_acceleration)
+        rubbing = -jnp.sum(acting.R[:2] * slip[:2])
+        sigmadot = turning * jnp.stack([-state.sigma[1], state.sigma[0]])
+        return eqx.tree_at(lambda x: (x.rubbed, x.sigma), rates_of_all, (rubbing, sigmadot))
 
     # The plane.
 
@@ -231,15 +253,25 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return jax.tree.map(choose, rolling, sliding, flying)
 
     def _direction(self, t: Float[Array, ""], state: ContactState, found: Response) -> Float[Array, "2"]:
-        """σ of the friction. It does not turn round within a step, so that the field is smooth where the slip ends."""
-        slip = slip_velocity(self.body, t, state.released)
-        sigma = friction.slip_direction(slip, state.sigma)
-        sigma = jnp.where(jnp.sum(sigma * state.sigma) < 0, -sigma, sigma)
+        """σ of the friction: that of the state, or where the forces lead it, theirs."""
+        sigma = _unit(state.sigma)
         if self.body.planar:
             return sigma
-        speed = root(jnp.sum(slip[:2] ** 2))
-        along = friction.led_direction(found, self.contact.sliding, state.sigma, speed * state.turning, NEWTON_STEPS)
-        return jnp.where(t <= state.led, along, sigma)
+        speed = jnp.sum(slip_velocity(self.body, t, state.released)[:2] * sigma)
+        led = friction.led_direction(found, self.contact.sliding, sigma, speed * state.turning, NEWTON_STEPS)
+        return jnp.where(state.led, led, sigma)
+
+    def _turning(
+        self, t: Float[Array, ""], state: ContactState, slip: Float[Array, "3"], gain: Float[Array, "3"]
+    ) -> Float[Array, ""]:
+        """The rate at which σ turns: the slip acceleration across it over the speed."""
+        sigma = _unit(state.sigma)
+        speed = jnp.sum(slip[:2] * sigma)
+        eps = float(jnp.finfo(t.dtype).eps)
+        moves = ~self.is_still(t, state.released, ROUNDING * eps, 0.0) & ~state.led
+        rate = jnp.where(moves, friction.across(sigma, gain) / jnp.where(moves, speed, 1.0), state.turning)
+        turns = state.is_in(Mode.SLIDING) & (state.guide != int(Guide.NONE)) & (self.contact.sliding > 0)
+        return jnp.where(turns, rate, 0.0)
 
     def lasting(self, t: Float[Array, ""], state: ContactState, found: Response | None = None) -> Float[Array, "3"]:
         """Three functions that are positive while the mode lasts; ``CAUSES`` says for what each of them stands.
@@ -250,8 +282,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         acting = self.interaction(t, state, found)
         slip, one = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
         spare = friction.margin(acting.R, self.contact.static)
-        # Where there is no friction to hold the body, the end of a slip is the beginning of another.
-        forward = jnp.where(self.contact.static > 0, jnp.sum(slip[:2] * state.sigma), one)
+        # On a smooth plane, a slip that ends is the beginning of another.
+        forward = jnp.where(self.contact.sliding > 0, jnp.sum(slip[:2] * state.sigma), one)
         rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
         return jnp.stack(
             [
@@ -261,34 +293,49 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             ]
         )
 
-    def is_led(
+    def guide(
         self, t: Float[Array, ""], state: ContactState, found: Response, rtol: Float[Array, ""], atol: Float[Array, ""]
-    ) -> Bool[Array, ""]:
-        """Whether the forces lead the direction of a slip until it ends, which is slow, to these tolerances."""
-        if self.body.planar:
-            return jnp.asarray(False)
-        sigma = self._direction(t, state, found)
-        slow = state.is_in(Mode.SLIDING) & self.is_still(t, state.released, rtol, atol)
-        return slow & friction.is_led_to_its_end(found, self.contact.sliding, sigma)
+    ) -> Float[Array, ""]:
+        """What turns the direction of a slip that is about to end: a :class:`Guide`, as a number.
 
-    def stepped(self, t: Float[Array, ""], state: ContactState, led: Bool[Array, ""]) -> ContactState:
-        """The state after a step in which its mode lasted; ``led``, if the forces lead its direction to its end.
-
-        One that grows again is led no longer.
+        Where it is slow, its direction turns ever faster, and what it does is of no consequence to the tolerances.
         """
-        slip, ever = slip_velocity(self.body, t, state.released), -never(t)
-        begins = (t < state.led) & (state.led < ever)
-        until = jnp.where(begins, state.led, jnp.where(led, ever, never(t)))
-        sigma = jax.lax.stop_gradient(friction.slip_direction(slip, state.sigma))
-        stays = begins | led & (t < state.led)
-        sigma = jnp.where(state.is_in(Mode.SLIDING) & ~stays, sigma, state.sigma)
-        turning = jnp.where(begins, state.turning, 0.0)
-        return eqx.tree_at(lambda x: (x.sigma, x.led, x.turning), state, (sigma, until, turning))
+        if self.body.planar:
+            return jnp.zeros_like(t)
+        slides, released = state.is_in(Mode.SLIDING), state.released
+        end = friction.end_of_slip(found, self.contact.sliding, _unit(state.sigma))
+        led = slides & end.led & self.is_still(t, released, SLOW * rtol, SLOW * atol)
+        steady = slides & end.comes & self.is_still(t, released, STILL * rtol, STILL * atol)
+        guide = jnp.where(led, int(Guide.FORCES), jnp.where(steady, int(Guide.NONE), int(Guide.SLIP)))
+        return guide.astype(t.dtype)
+
+    def stepped(self, t: Float[Array, ""], state: ContactState, guide: Float[Array, ""]) -> ContactState:
+        """The state after a step in which its mode lasted; ``guide`` is what turns a slip's direction from now on."""
+        slip, begins = slip_velocity(self.body, t, state.released), state.led & (t < state.until)
+        # A slip that came near its end and did not end has turned round.
+        turned = state.is_in(Mode.SLIDING) & ~begins & (jnp.sum(slip[:2] * state.sigma) <= 0)
+        ever = jnp.full_like(t, float(jnp.finfo(t.dtype).max) ** 0.5)
+        return eqx.tree_at(
+            lambda x: (x.sigma, x.guide, x.until, x.turning),
+            state,
+            (
+                jnp.where(turned, friction.slip_direction(slip, state.sigma), _unit(state.sigma)),
+                jnp.where(begins, state.guide, guide),
+                jnp.where(begins, state.until, ever),
+                jnp.where(begins, state.turning, 0.0),
+            ),
+        )
+
+    def has_stopped(
+        self, t: Float[Array, ""], state: ContactState, rtol: Float[Array, ""], atol: Float[Array, ""]
+    ) -> Bool[Array, ""]:
+        """Whether a slip with no speed along σ is over: what is left across σ is an error of many steps."""
+        return self.is_still(t, state.released, SLOW * rtol, SLOW * atol)
 
     def is_still(
-        self, t: Float[Array, ""], state: ReleasedState, rtol: Float[Array, ""], atol: Float[Array, ""]
+        self, t: Float[Array, ""], state: ReleasedState, rtol: Float[Array, ""] | float, atol: Float[Array, ""] | float
     ) -> Bool[Array, ""]:
-        """Whether the slip velocity is zero to these tolerances; not where it has just begun."""
+        """Whether the slip velocity is zero to these tolerances."""
         slip = slip_velocity(self.body, t, state)
         speed = root(jnp.sum(state.V**2)) + self.body.radius * root(jnp.sum(state.body.Omega**2))
         return root(jnp.sum(slip[:2] ** 2)) <= atol + rtol * speed
@@ -304,7 +351,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         given = released(self.body, t, state) if rolls else state
         zero, still = jnp.zeros_like(given.height), jnp.zeros_like(given.V[:2])
         mode = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT)
-        return ContactState(given.body, given.V, given.height, zero, zero, mode, still, never(zero), zero)
+        return ContactState(given.body, given.V, given.height, zero, zero, mode, still, zero, zero, zero)
 
     def followed(
         self, t: Float[Array, ""], state: ContactState, cause: Int[Array, ""], changing: Response
@@ -320,7 +367,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
         zero = jnp.zeros_like(state.height)
         state = eqx.tree_at(
-            lambda x: (x.height, x.led, x.turning), state, (jnp.where(starts, state.height, 0.0), never(zero), zero)
+            lambda x: (x.height, x.guide, x.turning), state, (jnp.where(starts, state.height, 0.0), zero, zero)
         )
 
         def part(carry: tuple, is_impact: Bool[Array, ""]) -> tuple:
@@ -362,8 +409,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         """The state in its mode, by the forces that each mode would need."""
         body, contact, given = self.body, self.contact, state.released
         slip = slip_velocity(body, t, given)
-        zero, eps = jnp.zeros_like(t), float(jnp.finfo(slip.dtype).eps)
-        still |= self.is_still(t, given, zero + ROUNDING * eps, zero)
+        still |= self.is_still(t, given, ROUNDING * float(jnp.finfo(slip.dtype).eps), 0.0)
         R = friction.rolling(found).R
         holds = (friction.margin(R, contact.static) >= 0) & (R[2] > 0) & (contact.static > 0)
         rolls = still & holds & (cause != int(Cause.GIVES_WAY))
@@ -379,17 +425,10 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         if body.planar:
             return after
         led = friction.led(found, changing, contact.sliding, first)
-        begins = ~flies & ~rolls & (cause == int(Cause.GIVES_WAY)) & led.applies
-        return eqx.tree_at(
-            lambda x: (x.led, x.turning),
-            after,
-            (jnp.where(begins, t + led.time, never(t)), jnp.where(begins, led.turning, 0.0)),
-        )
-
-
-def never(t: Float[Array, "*times"]) -> Float[Array, "*times"]:
-    """A time before all others whose square is finite."""
-    return jnp.full_like(t, -(float(jnp.finfo(t.dtype).max) ** 0.5))
+        begins = ~flies & ~rolls & (cause == int(Cause.GIVES_WAY))
+        guide = jnp.where(begins & led.applies, int(Guide.FORCES), int(Guide.SLIP)).astype(t.dtype)
+        turning = jnp.where(begins, led.turning, 0.0)
+        return eqx.tree_at(lambda x: (x.guide, x.until, x.turning), after, (guide, t + led.time, turning))
 
 
 def _with_body(state: ContactState, body: PlacedState) -> ContactState:
@@ -407,3 +446,8 @@ def _where_rolling(state: ContactState, rolling: PlacedState, other: PlacedState
 def body_of(system: Any, state: Any) -> tuple[Any, Any]:
     """A system and its state; where they are those of a body on its plane, those of the body."""
     return (system.body, state.body) if isinstance(system, BodyOnPlane) else (system, state)
+
+
+def _unit(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
+    square = jnp.sum(sigma**2)
+    return sigma / jnp.sqrt(jnp.where(square > 0, square, 1.0))

@@ -18,6 +18,7 @@ from .chaos import (
 )
 from .classical import classical_motion as classical_motion, law_errors as law_errors
 from .configuration import configuration as configuration
+from .contact import height as height, slip_speed as slip_speed
 from .designs import (
     branch as branch,
     convergence as convergence,

@@ -11,6 +11,7 @@ from ..physics.body import System
 from ..physics.dynamics import given_angles
 from ..physics.motion import OnRail
 from ..simulation.trajectory import Trajectory
+from .modes import draw_modes, modes_of
 from .record import finite_rows, require_one
 from .shapes import grouped
 from .style import INK, legend_above, mass_line, named, plane_axes, up_to_ticks
@@ -49,6 +50,7 @@ def acceleration(
     for members, (t, size) in groups:
         shared = {"color": INK, "linestyle": "-"} if len(groups) == 1 < len(members) else {}
         ax.plot(t, size, **mass_line(members[0], **shared), label=_names(members))
+    draw_modes(ax, modes_of(source) if isinstance(source, Trajectory) else None)
     ax.margins(x=0)
     _show_the_active_part(ax, list(curves.values()))
     up_to_ticks(ax, low=0.0)

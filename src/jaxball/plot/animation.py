@@ -34,7 +34,8 @@ def animate(
     """Animates the rolling body: shell, rails, masses, centre of mass and the trail of the contact point.
 
     Gravity points down, so that a tilted plane is the top of a wedge. A plane that moves takes floor and trail along,
-    and a turntable turns; the trail is in axes that move with the plane and do not turn.
+    and a turntable turns; the trail is in axes that move with the plane and do not turn. Of a run with a law of
+    contact, it is that of the lowest point, dashed where the body slides and dotted where it flies over its shadow.
 
     Each frame shows the nearest saved time, so save at least ``fps / speed`` times per unit of time for a smooth
     animation.

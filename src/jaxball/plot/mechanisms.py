@@ -12,6 +12,7 @@ from ..numerics import programs
 from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..simulation.trajectory import Trajectory
+from .modes import draw_modes, modes_of
 from .record import Record, finite_rows, record
 from .style import legend_above, mass_colour, mass_line, named, plane_axes, sharing, up_to_ticks, zero_line
 
@@ -114,6 +115,7 @@ def _over_time(trajectory: Trajectory, times, values: Float[np.ndarray, "T joint
     joints = [(j, a) for j, one in enumerate(system.mechanisms, start=1) for a in range(1, one.n_joints + 1)]
     for k, (j, a) in enumerate(joints):
         ax.plot(times, values[:, k], label=rf"${symbol}_{{{j},{a}}}$", **mass_line(k + 1, **_dashes(values, k)))
+    draw_modes(ax, modes_of(trajectory))
     ax.margins(x=0)
     up_to_ticks(ax)
     named(ax, "$t$", label)

@@ -11,6 +11,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from ..physics.body import Disk
 from ..simulation.trajectory import Trajectory
 from .mechanisms import looks
+from .modes import PATHS, SWITCH, draw_modes, modes_of, switch_points, track_of
 from .record import record
 from .shapes import outline, parallel, rails_of, view
 from .style import (
@@ -70,7 +71,8 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """The path of the GC, and of the contact point below it.
 
     The ball's is drawn in the plane of e1 and e2, ``fig_ball_gc_path``, with a ring at its start and a
-    square at its end; for the disk, z is drawn over time, ``fig_disk_gc``.
+    square at its end; for the disk, z is drawn over time, ``fig_disk_gc``. Where the ball slides the path is dashed,
+    where it flies it is dotted, and dots are where one mode followed another.
 
     **Arguments:**
 
@@ -91,18 +93,35 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     if isinstance(trajectory.system, Disk):
         ax = plane_axes(ax, system=trajectory.system)
         ax.plot(times, z[:, 0], color=TRAIL, linewidth=1.2)
+        draw_modes(ax, modes_of(trajectory))
         ax.margins(x=0)
         up_to_ticks(ax)
         named(ax, "$t$", "$z$")
+        legend_above(ax)
         return ax
     ax = plane_axes(ax, (WIDE[0], 4.2), trajectory.system)
-    ax.plot(z[:, 0], z[:, 1], color=TRAIL, linewidth=1.2)
+    _draw_path(ax, trajectory, z)
     ends(ax, z[:, :2], INK, labelled=True)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
     named(ax, "$z_1$", "$z_2$")
-    legend_above(ax)
+    legend_above(ax, 3)
     return ax
+
+
+def _draw_path(ax: Axes, trajectory: Trajectory, z: Float[np.ndarray, "T 3"]) -> None:
+    """The path from above, with its modes, if it has some."""
+    track, look = track_of(trajectory), {"color": TRAIL, "linewidth": 1.2}
+    if track is None:
+        ax.plot(z[:, 0], z[:, 1], **look)
+        return
+    for mode, dashes in PATHS.items():
+        _, points = track.pieces(mode)
+        if len(points):
+            ax.plot(points[:, 0], points[:, 1], **look, **dashes, label=mode.name.lower())
+    at = switch_points(trajectory)
+    if len(at):
+        ax.plot(at[:, 0], at[:, 1], ".", ms=4.0, color=INK, linestyle="none", label="switch")
 
 
 def _paths(
@@ -130,6 +149,9 @@ def _paths(
     elif ax is None or isinstance(ax, Axes3D):
         span = float(trajectory.times[0]), float(trajectory.times[-1])
         ax, columns, over_time = _cylinder(space_axes(ax, LONG, system), r, frame, span), [0, 2], True
+        modes = modes_of(trajectory)
+        for t in () if modes is None else modes.changes:
+            _ring(ax, t, r, **SWITCH)
     else:
         ax, columns = _circle(plane_axes(ax), r, frame), [0, 2]
     points = np.zeros((0, len(columns) + over_time))
@@ -155,12 +177,16 @@ def _cylinder(ax: Axes3D, r: float, frame: str, span: tuple[float, float]) -> Ax
     ax.xaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
     ax.set_box_aspect((2.2, 1.0, 1.0), zoom=1.38)  # pyright: ignore[reportArgumentType]
     ax.view_init(elev=22, azim=-66)
-    circle = r * parallel(0.0)
     for t in span:
-        ax.plot(np.full(len(circle), t), circle[:, 0], circle[:, 1], color=SHELL, linewidth=0.8, zorder=1, **UNCUT)
+        _ring(ax, t, r, color=SHELL, linewidth=0.8)
     named(ax, "$t$", rf"$\mathbf{{{frame}}}_1$", rf"$\mathbf{{{frame}}}_3$")
     ax.xaxis.labelpad = 2
     return ax
+
+
+def _ring(ax: Axes3D, t: float, r: float, **look: Any) -> None:
+    circle = r * parallel(0.0)
+    ax.plot(np.full(len(circle), t), circle[:, 0], circle[:, 1], zorder=1, **look, **UNCUT)
 
 
 def _circle(ax: Axes, r: float, frame: str) -> Axes:

@@ -14,7 +14,9 @@ from ..simulation.trajectory import Trajectory
 from .actuation import acceleration, accelerations
 from .classical import classical_motion, law_errors
 from .configuration import configuration
+from .contact import of_contact
 from .mechanisms import joint_angles, joint_efforts
+from .modes import share_bands
 from .paths import body_paths, centre_path, space_paths
 from .record import record
 from .style import LABEL, caption
@@ -42,7 +44,8 @@ def figures(
     """Writes the standard figures of a trajectory into ``folder``, and returns their paths.
 
     Each file is named after the body and the function, as in ``ball_energies.png``, and written in each format. The
-    acceleration is left out where no mass has an angle to draw. For a classical system, the motion and its conserved
+    acceleration is left out where no mass has an angle to draw. A run with a law of contact also has its height and its
+    slip speed, unless they are zero all the time. For a classical system, the motion and its conserved
     quantities are drawn.
 
     **Arguments:**
@@ -61,7 +64,7 @@ def figures(
     folder.mkdir(parents=True, exist_ok=True)
     kind, paths = trajectory.system.title.lower().replace(" ", "_"), []
     joints = OF_JOINTS if not classical and trajectory.system.mechanisms else ()
-    for draw in CLASSICAL if classical else (*STANDARD, *joints):
+    for draw in CLASSICAL if classical else (*STANDARD, *of_contact(trajectory), *joints):
         if (draw is acceleration and not accelerations(trajectory)) or (draw is law_errors and not trajectory.laws):
             continue
         drawn = draw(trajectory)
@@ -87,6 +90,8 @@ def save_figure(drawn: Axes | Figure, path: Path) -> None:
 def overview(trajectory: Trajectory, title: str = "") -> Figure:
     """One page: configuration, trajectories, path, angular velocity, energies and friction, under a ``title``.
 
+    A run with a law of contact that slips or flies has a row more, with its height, its slip speed and its forces.
+
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
@@ -94,9 +99,11 @@ def overview(trajectory: Trajectory, title: str = "") -> Figure:
     **Raises:** ``ValueError`` for a reduced trajectory or a batch.
     """
     planar = isinstance(trajectory.system, Disk)
-    figure = Figure(figsize=(10.5, 6.8), layout="constrained")
+    of_modes = of_contact(trajectory)
+    more = (*of_modes, contact_force) if of_modes else ()
+    figure = Figure(figsize=(10.5, 9.6 if more else 6.8), layout="constrained")
     caption(figure, trajectory.system, title)
-    grid = figure.add_gridspec(2, 3, height_ratios=(1.25, 1))
+    grid = figure.add_gridspec(3 if more else 2, 3, height_ratios=(1.25, 1, 1)[: 3 if more else 2])
     in_space = {} if planar else {"projection": "3d", "computed_zorder": False}
     panels = (
         (configuration, in_space),
@@ -105,6 +112,7 @@ def overview(trajectory: Trajectory, title: str = "") -> Figure:
         (angular_velocity, {}),
         (energies, {}),
         (friction_ratio, {}),
+        *((draw, {}) for draw in more),
     )
     for k, (draw, kind) in enumerate(panels):
         ax = draw(trajectory, figure.add_subplot(grid[k // 3, k % 3], **kind))
@@ -116,4 +124,5 @@ def overview(trajectory: Trajectory, title: str = "") -> Figure:
             textcoords="offset points",
             fontproperties=LABEL,
         )
+    share_bands(figure)
     return figure

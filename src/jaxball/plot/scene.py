@@ -12,17 +12,20 @@ from matplotlib.text import Text
 from matplotlib.transforms import ScaledTranslation
 from mpl_toolkits.mplot3d import Axes3D, proj3d
 
-from ..physics.body import Disk, System
+from ..physics.body import Disk
 from ..simulation.trajectory import Trajectory
 from .floor import Placed, Setting, draw_floor, draw_ground, floor_under, ground_under, place, setting_of
 from .mechanisms import arms_of_run, looks
+from .modes import modes_of
 from .moving import face, line, move
 from .record import Record
-from .shapes import outline, rail_points, split, towards, wireframe
-from .style import CAPTION, FAINT, INK, SHELL, SMALL, TRAIL, mass_colour, mass_line, subject
+from .shapes import outline, parallel, rail_points, split, towards, wireframe
+from .style import CAPTION, FAINT, INK, SHELL, SMALL, mass_colour, mass_line, subject
+from .trail import draw_trail
 
 ELEVATION, AZIMUTH = 26.0, -60.0  # degrees
 WIDTH, MARGIN, HEADER = 8.0, 0.15, 0.5  # inches
+SHADOW = "0.88"
 BASELINE = -15.0  # of the clock, in points from the upper edge
 
 
@@ -36,14 +39,15 @@ class Scene(NamedTuple):
 def scene(trajectory: Trajectory, run: Record) -> Scene:
     """The scene of a ball in space, or of a disk in its plane; gravity points down."""
     make = _disk_scene if isinstance(trajectory.system, Disk) else _ball_scene
-    return make(trajectory.system, run, arms_of_run(trajectory), setting_of(trajectory.system, run.times))
+    return make(trajectory, run, arms_of_run(trajectory), setting_of(trajectory.system, run.times))
 
 
 Arms = list[Float[np.ndarray, "T n points 3"]]  # of each mechanism
 
 
-def _ball_scene(system: System, run: Record, arms: Arms, setting: Setting) -> Scene:
-    r, placed = float(system.radius), place(run, setting)
+def _ball_scene(trajectory: Trajectory, run: Record, arms: Arms, setting: Setting) -> Scene:
+    system, placed = trajectory.system, place(run, setting)
+    r = float(system.radius)
     # A slope is seen from its side, so that it shows, and never from below.
     azimuth = AZIMUTH + setting.downhill
     viewer = towards(ELEVATION, azimuth)
@@ -53,23 +57,36 @@ def _ball_scene(system: System, run: Record, arms: Arms, setting: Setting) -> Sc
     figure, ax = _stage(np.concatenate([floor.block.everywhere(setting.moved), visited]), azimuth)
     show_floor = draw_floor(ax, floor, setting, r, viewer)
 
-    trail = line(ax, color=TRAIL, linewidth=1.8, zorder=2)
+    show_shadow = _draw_shadow(ax, placed, setting, r) if trajectory.contact is not None else None
+    show_trail = draw_trail(ax, trajectory, placed, setting, linewidth=1.8, zorder=2)
     shade = face(ax, facecolor="white", alpha=0.7, zorder=3)
     back = line(ax, color=FAINT, linewidth=0.6, zorder=4)
     front = line(ax, color="0.6", linewidth=0.6, zorder=7)
     edge = line(ax, color=SHELL, linewidth=1.2, zorder=7)
-    show_contents = _contents(figure, ax, system, placed, arms)
+    show_contents = _contents(figure, ax, trajectory, placed, arms)
 
     def show(k: int) -> None:
         near, far = split(wire @ placed.Lambda[k].T, viewer)
         for artist, points in ((front, near), (back, far), (edge, silhouette)):
             move(artist, placed.centre[k] + points)
         shade.set_verts([placed.centre[k] + silhouette])
-        move(trail, placed.path[: k + 1] + placed.moved[k])
+        if show_shadow is not None:
+            show_shadow(k)
+        show_trail(k)
         show_floor(k)
         show_contents(k)
 
     return Scene(figure, show)
+
+
+def _draw_shadow(ax: Axes3D, placed: Placed, setting: Setting, r: float) -> Callable[[int], None]:
+    """Draws a shadow below a ball that may leave the plane, so that its height shows."""
+    shadow, round_ = face(ax, facecolor=SHADOW, zorder=1.5), r * parallel(0.0) @ setting.page.T
+
+    def show(k: int) -> None:
+        shadow.set_verts([placed.path[k] + placed.moved[k] + round_])
+
+    return show
 
 
 def _stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figure, Axes3D]:
@@ -96,8 +113,9 @@ def _stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figu
     return figure, ax
 
 
-def _disk_scene(system: System, run: Record, arms: Arms, setting: Setting) -> Scene:
-    r, placed, path = float(system.radius), place(run, setting), run.observables.contact_point
+def _disk_scene(trajectory: Trajectory, run: Record, arms: Arms, setting: Setting) -> Scene:
+    system, placed, path = trajectory.system, place(run, setting), run.observables.contact_point
+    r = float(system.radius)
     around = [placed.centre + aside for aside in ([-1.1 * r, 0.0, 0.0], [1.1 * r, 0.0, 0.0])]
     content = np.concatenate([ground_under(path, r, setting).everywhere(setting.moved), *around])
     (left, _, low), (right, _, high) = content.min(axis=0), content.max(axis=0)
@@ -108,16 +126,16 @@ def _disk_scene(system: System, run: Record, arms: Arms, setting: Setting) -> Sc
     ax.set_axis_off()
     show_ground = draw_ground(ax, path, r, setting)
 
-    trail = line(ax, color=TRAIL, linewidth=3.0, zorder=2, solid_capstyle="butt")
+    show_trail = draw_trail(ax, trajectory, placed, setting, linewidth=3.0, zorder=2, solid_capstyle="butt")
     shell = Ring((0.0, 0.0), r, facecolor="0.985", edgecolor=SHELL, linewidth=1.4, zorder=3, animated=True)
     ax.add_patch(shell)
     spokes = line(ax, color="0.75", linewidth=0.8, zorder=3)
-    show_contents = _contents(figure, ax, system, placed, arms)
+    show_contents = _contents(figure, ax, trajectory, placed, arms)
 
     def show(k: int) -> None:
         shell.set_center((placed.centre[k, 0], placed.centre[k, 2]))
         move(spokes, placed.centre[k] + _spokes(r) @ placed.Lambda[k].T)
-        move(trail, placed.path[: k + 1] + placed.moved[k])
+        show_trail(k)
         show_ground(k)
         show_contents(k)
 
@@ -134,8 +152,13 @@ def _spokes(r: float) -> Float[np.ndarray, "points 3"]:
     return np.stack(points)
 
 
-def _contents(figure: Figure, ax: Axes, system: System, placed: Placed, arms: Arms) -> Callable[[int], None]:
-    """Draws rails, masses, centre of mass and a clock, and returns what moves them to the k-th saved time."""
+def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed, arms: Arms) -> Callable[[int], None]:
+    """Draws rails, masses, centre of mass and a clock, and returns what moves them to the k-th saved time.
+
+    The clock says the mode too, of a run with a law of contact.
+    """
+    system, modes = trajectory.system, modes_of(trajectory)
+    words = [""] * len(placed.times) if modes is None else [f"  {mode.name.lower()}" for mode in modes.at(placed.times)]
     masses = list(enumerate(system.point_masses, start=1))
     curves = ((i, rail_points(mass.motion, float(system.radius))) for i, mass in masses)
     rails = [(points, line(ax, **mass_line(i, linewidth=0.9, zorder=5))) for i, points in curves if points is not None]
@@ -169,7 +192,7 @@ def _contents(figure: Figure, ax: Axes, system: System, placed: Placed, arms: Ar
         for artist, point in zip(dots, placed.masses[k], strict=True):
             move(artist, centre + point[None])
         move(star, centre + placed.centre_of_mass[k][None])
-        clock.set_text(f"{placed.times[k]:.2f}".replace("-", "\N{MINUS SIGN}"))
+        clock.set_text(f"{placed.times[k]:.2f}".replace("-", "\N{MINUS SIGN}") + words[k])
 
     return show
 

@@ -10,7 +10,7 @@ from .scene import scene
 
 
 def snapshot(trajectory: Trajectory, t: Numbers | None = None) -> Figure:
-    """The body on its plane at one time, with the trail of the contact point up to then.
+    """The body on its plane, or above it, at one time, with the trail of the contact point up to then.
 
     **Arguments:**
 

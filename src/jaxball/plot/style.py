@@ -33,6 +33,7 @@ TRAIL = "#BB5566"
 MASSES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 COMPONENTS = ("#004488", "#BB5566", "#DDAA33")
 DASHED = (0, (4, 2))
+DOTTED = (0, (1, 1.5))
 DASH = 7.0  # of lines that lie on one another, in widths of the line
 SHARED = "bevel"  # the joins of their dashes, by which a legend knows them
 DASHES = ("-", (0, (6, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)))

@@ -9,12 +9,28 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from ..physics.body import Disk
+from ..physics.modes import Mode
 from ..physics.system import AbstractSystem
 from ..simulation.extremes import contact_extremes
+from ..simulation.history import ContactHistory
 from ..simulation.trajectory import Trajectory
-from .record import record
-from .style import COMPONENTS, DASHED, INK, legend_above, named, plane_axes, up_to_ticks, write, zero_line
+from .modes import Modes, draw_modes, modes_of, with_breaks
+from .record import finite_rows, record
+from .style import (
+    COMPONENTS,
+    DASHED,
+    DOTTED,
+    INK,
+    MASSES,
+    legend_above,
+    named,
+    plane_axes,
+    up_to_ticks,
+    write,
+    zero_line,
+)
 
+SHORT = 4  # entries in a row of a legend that has long ones
 CONSTANT = 1e-6  # a force whose relative change is less counts as constant
 
 
@@ -40,13 +56,15 @@ def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     Omega = observables.angular_velocity_body
     if isinstance(trajectory.system, Disk):
         series = [Series(-Omega[:, 1], "", COMPONENTS[0])]
-        return over_time(trajectory.system, times, series, r"$\dot{\phi}$", ax)
+        return over_time(trajectory.system, times, series, r"$\dot{\phi}$", ax, modes=modes_of(trajectory))
     series = [Series(Omega[:, j], rf"$\Omega_{j + 1}$", COMPONENTS[j]) for j in range(3)]
-    return over_time(trajectory.system, times, series, r"$\Omega_i$", ax)
+    return over_time(trajectory.system, times, series, r"$\Omega_i$", ax, modes=modes_of(trajectory))
 
 
 def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Kinetic energy T, potential energy V and their sum E, which is dashed to let a T beneath it be observables.
+    """Kinetic energy T, potential energy V and their sum E, which is dashed to let a T beneath it be seen.
+
+    Of a run with a law of contact, what friction of sliding and impacts have taken so far is drawn too.
 
     **Arguments:**
 
@@ -68,7 +86,20 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         Series(observables.potential_energy, "$V$", COMPONENTS[1]),
         Series(observables.kinetic_energy + observables.potential_energy, "$E = T + V$", INK, DASHED),
     ]
-    return over_time(trajectory.system, times, series, "energy", ax)
+    series += _taken(trajectory)
+    return over_time(trajectory.system, times, series, "energy", ax, SHORT, modes_of(trajectory))
+
+
+def _taken(trajectory: Trajectory) -> list[Series]:
+    """What friction of sliding and impacts have taken, where they have taken something."""
+    if trajectory.contact is None:
+        return []
+    rows, history = finite_rows(trajectory), trajectory.contact
+    each = (
+        Series(np.asarray(history.rubbed)[rows], "to friction", MASSES[2]),
+        Series(np.asarray(history.struck)[rows], "to impacts", MASSES[2], DOTTED),
+    )
+    return [one for one in each if np.any(one.values)]
 
 
 def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -80,14 +111,16 @@ def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
-    times, _, observables = record(trajectory)
-    return over_time(trajectory.system, times, [Series(observables.power, "", COMPONENTS[0])], r"$\dot{E}$", ax)
+    run, modes = record(trajectory), modes_of(trajectory)
+    times, rate = with_breaks(modes, run.times, run.observables.power)
+    return over_time(trajectory.system, times, [Series(rate, "", COMPONENTS[0])], r"$\dot{E}$", ax, modes=modes)
 
 
 def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """The force of the plane: the normal force N and the magnitude |f| of the friction.
 
-    With dense output, the least N of the whole run is marked.
+    With dense output, the least N of the whole run is marked. Of a run with a law of contact, the largest friction that
+    holds the body, μ_s N, is drawn instead.
 
     **Arguments:**
 
@@ -95,17 +128,18 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
-    times, _, observables = record(trajectory)
-    series = [
-        Series(observables.normal_force, "$N$", COMPONENTS[0]),
-        Series(np.linalg.norm(observables.friction, axis=1), r"$|\,\mathbf{f}\,|$", COMPONENTS[1]),
-    ]
-    ax = over_time(trajectory.system, times, series, "contact force", ax)
+    run, modes = record(trajectory), modes_of(trajectory)
+    seen = run.observables
+    times, N, f = with_breaks(modes, run.times, seen.normal_force, np.linalg.norm(seen.friction, axis=1))
+    series = [Series(N, "$N$", COMPONENTS[0]), Series(f, r"$|\,\mathbf{f}\,|$", COMPONENTS[1])]
+    if trajectory.contact is not None:
+        series.append(Series(float(trajectory.contact.law.static) * N, r"$\mu_s N$", INK, DASHED))
+    ax = over_time(trajectory.system, times, series, "contact force", ax, modes=modes)
     up_to_ticks(ax, low=0.0)
-    if trajectory.interpolant is not None:
+    if trajectory.interpolant is not None and trajectory.contact is None:
         extremes = contact_extremes(trajectory)
         time, least = float(extremes.least_normal_force_time), float(extremes.least_normal_force)
-        constant = bool(len(times)) and bool(np.max(observables.normal_force) - least <= CONSTANT * abs(least))
+        constant = bool(len(times)) and bool(np.max(N) - least <= CONSTANT * abs(least))
         time, when = _throughout(times, constant) or (time, _when(time, times))
         _mark(ax, time, least, rf"least $N = {least:.4g}$ {when}", COMPONENTS[0])
     return ax
@@ -115,7 +149,8 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """|f| / N, with its largest value μ_min marked: with less friction the ball would slip.
 
     With dense output the largest value of the whole run is marked, otherwise the largest at the saved times.
-    Where N ≤ 0 the ball would leave the plane: nothing is drawn there, and a note replaces the mark.
+    Where N ≤ 0 the ball would leave the plane: nothing is drawn there, and a note replaces the mark. Of a run with
+    a law of contact, its coefficients are drawn instead of a mark, and nothing in flight.
 
     **Arguments:**
 
@@ -125,6 +160,8 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """
     times, _, observables = record(trajectory)
     ratio = observables.friction_ratio
+    if trajectory.contact is not None:
+        return _within_the_cone(trajectory, trajectory.contact, times, ratio, ax)
     on_plane = np.isfinite(ratio)
     drawn = np.where(on_plane, ratio, np.nan)
     ax = over_time(trajectory.system, times, [Series(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
@@ -137,6 +174,31 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         time, when = _throughout(times, bool(mu - np.min(ratio) <= CONSTANT * mu)) or (time, _when(time, times))
         _mark(ax, time, mu, rf"$\mu_{{\min}} = {mu:.4g}$ {when}", COMPONENTS[1])
         up_to_ticks(ax, low=0.0)
+    return ax
+
+
+def _within_the_cone(
+    trajectory: Trajectory,
+    history: ContactHistory,
+    times: Float[np.ndarray, " T"],
+    ratio: Float[np.ndarray, " T"],
+    ax: Axes | None,
+) -> Axes:
+    """|f| / N with the coefficients of the law, of which friction is never above the larger."""
+    modes = modes_of(trajectory)
+    flies = np.asarray(history.mode)[finite_rows(trajectory)] == Mode.FLIGHT
+    times, ratio = with_breaks(modes, times, np.where(flies, np.nan, ratio))
+    static, sliding = float(history.law.static), float(history.law.sliding)
+    coefficients = {rf"$\mu_s = {static:.4g}$": (static, DASHED), rf"$\mu = {sliding:.4g}$": (sliding, DOTTED)}
+    if static == sliding:
+        coefficients = {rf"$\mu_s = \mu = {static:.4g}$": (static, DASHED)}
+    ends = times[[0, -1]] if len(times) else times
+    ax = plane_axes(ax, system=trajectory.system)
+    for label, (value, dashes) in coefficients.items():
+        ax.plot(ends, np.full_like(ends, value), color=INK, linestyle=dashes, linewidth=0.9, label=label)
+    series = [Series(ratio, "", COMPONENTS[0])]
+    ax = over_time(trajectory.system, times, series, r"$|\,\mathbf{f}\,|/N$", ax, SHORT, modes)
+    up_to_ticks(ax, low=0.0)
     return ax
 
 
@@ -173,8 +235,12 @@ def over_time(
     name: str,
     ax: Axes | None,
     most: int = 5,
+    modes: Modes | None = None,
 ) -> Axes:
-    """Several series of a system over time; ``name`` labels the vertical axis, ``most`` legend entries are in a row."""
+    """Several series of a system over time; ``name`` labels the vertical axis, ``most`` legend entries are in a row.
+
+    ``modes`` are those of a run with a law of contact, which are drawn behind.
+    """
     ax = plane_axes(ax, system=system)
     for values, label, colour, dashes in series:
         ax.plot(times, values, color=colour, linestyle=dashes, linewidth=1.2, label=label or None)
@@ -182,6 +248,7 @@ def over_time(
     drawn = drawn[np.isfinite(drawn)]
     if drawn.size and drawn.min() < 0 < drawn.max():
         zero_line(ax)
+    draw_modes(ax, modes)
     ax.margins(x=0)
     up_to_ticks(ax)
     named(ax, "$t$", name)

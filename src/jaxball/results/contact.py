@@ -1,89 +1,122 @@
-"""The contact of a saved run: its modes at the saved times, its switches, and the law, in a file and back."""
+"""The contact of a run in its file: the modes over time, the switches between them, and the coefficients of the law."""
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from ..numerics.arrays import to_array
 from ..physics.contact_law import Contact
+from ..physics.modes import Cause, Mode
 from ..physics.released import ReleasedState
 from ..simulation.history import ContactHistory, Switches
 from ..simulation.modal import NOWHERE
-from .variables import CONTACT_STATE, STATE, Variable
+from .variables import Variable
 
-COEFFICIENTS = ("sliding", "static", "restitution", "slowest")
+HISTORY = {
+    "mode": Variable((), "1", "mode of the motion, -1 where the solve did not come", Mode),
+    "V": Variable(("axis",), "length/time", "velocity of the geometric centre in space axes"),
+    "height": Variable((), "length", "height of the body over the plane"),
+    "slip": Variable(("axis",), "length/time", "velocity of the lowest point over the plane, space axes"),
+    "sigma": Variable(("direction",), "1", "direction of the slip"),
+    "rubbed": Variable((), "energy", "energy that friction of sliding has taken"),
+    "struck": Variable((), "energy", "energy that impacts have taken"),
+}
+
+# By the names of the fields of Switches. Those of the states before and after come with the kind of the state.
 SWITCHES = {
-    "times": Variable((), "time", "when the mode of contact changed"),
-    "cause": Variable((), "1", "why it changed, the number of a jaxball.Cause"),
-    "source": Variable((), "1", "mode before it, the number of a jaxball.Mode"),
-    "target": Variable((), "1", "mode after it, the number of a jaxball.Mode"),
-    "lost": Variable((), "energy", "energy that an impact took"),
-    "grazing": Variable((), "1", "whether what ended the mode touched zero rather than crossing it"),
+    "times": Variable((), "time", "time of a switch of the mode"),
+    "cause": Variable((), "1", "why the mode ended", Cause),
+    "source": Variable((), "1", "mode before the switch", Mode),
+    "target": Variable((), "1", "mode after the switch", Mode),
+    "lost": Variable((), "energy", "energy that the impact took"),
+    "grazing": Variable((), "1", "1 where what ended the mode touched zero and did not cross it"),
 }
 SIDES = ("before", "after")
+RELEASED = {name: HISTORY[name] for name in ("V", "height")}
+COEFFICIENTS = ("sliding", "static", "restitution", "slowest")
+
+Variables = dict[str, tuple[Variable, np.ndarray]]
 
 
-def law_attributes(contact: ContactHistory | None) -> dict[str, float | int]:
-    """The law, how many switches there were and for how many there was room; nothing without a law of contact."""
-    if contact is None:
-        return {}
-    numbers = {f"contact_{name}": float(getattr(contact.law, name)) for name in COEFFICIENTS}
-    return numbers | {"contact_room": contact.law.room, "contact_switches": int(contact.switches.count)}
+def history_values(history: ContactHistory) -> Variables:
+    """The variables over time."""
+    return {name: (variable, np.asarray(getattr(history, name))) for name, variable in HISTORY.items()}
 
 
-def switch_values(contact: ContactHistory | None) -> dict[str, tuple[Variable, np.ndarray]]:
-    """Every variable of the kept switches with its array, ``switch`` first; nothing without a law of contact."""
-    if contact is None:
-        return {}
-    kept = _kept(int(contact.switches.count), contact.law)
-    values = {f"switch_{name}": (one, getattr(contact.switches, name)) for name, one in SWITCHES.items()}
-    for side in SIDES:
-        for name, leaf in _fields(getattr(contact.switches, side)).items():
-            known = (STATE | CONTACT_STATE)[name]
-            fits = known if np.ndim(leaf) == 1 + len(known.dimensions) else known._replace(dimensions=())
-            values[f"switch_{side}_{name}"] = fits._replace(meaning=f"{known.meaning}, {side} a switch"), leaf
-    return {name: (variable, np.asarray(leaf)[:kept]) for name, (variable, leaf) in values.items() if np.size(leaf)}
+def switch_values(history: ContactHistory, of_state: Mapping[str, Variable]) -> Variables:
+    """The variables of the switches that are kept, which have the dimension ``switch``; none of a run without them.
 
-
-def history_in(arrays: Mapping[str, np.ndarray], about: Mapping[str, Any], states: Any) -> ContactHistory | None:
-    """The contact that a file holds, of a run whose bodies have these ``states``; None where it has no law.
-
-    **Raises:** ``KeyError`` where a part of it is missing.
+    ``of_state`` describes the fields of the body's state.
     """
-    if "contact_switches" not in about:
+    switches = history.switches
+    kept = min(int(switches.count), history.law.room)
+    if not kept:
+        return {}
+    variables = {f"switch_{name}": (variable, getattr(switches, name)) for name, variable in SWITCHES.items()}
+    for side in SIDES:
+        released = getattr(switches, side)
+        leaves = vars(released.body) | {name: getattr(released, name) for name in RELEASED}
+        for name, leaf in leaves.items():
+            if leaf.size:
+                variable = RELEASED.get(name) or of_state[name]
+                meaning = f"{variable.meaning}, {side} the switch"
+                variables[f"switch_{side}_{name}"] = variable._replace(meaning=meaning), leaf
+    return {name: (variable, _plain(leaf)[:kept]) for name, (variable, leaf) in variables.items()}
+
+
+def contact_attributes(history: ContactHistory) -> dict[str, int | float]:
+    """The coefficients of the law, how many switches it keeps, and how many there were."""
+    law = {f"contact_{name}": float(getattr(history.law, name)) for name in COEFFICIENTS}
+    return law | {"contact_room": history.law.room, "contact_switches": int(history.switches.count)}
+
+
+def read_history(arrays: Mapping[str, np.ndarray], about: Mapping[str, Any], states: Any) -> ContactHistory | None:
+    """The history in a file; None where the run had no law of contact. ``states`` are those of the body."""
+    if "contact_sliding" not in about:
         return None
-    count, room = int(about["contact_switches"]), int(about["contact_room"])
-    law = Contact(*(float(about[f"contact_{name}"]) for name in COEFFICIENTS), room=room)
+    law = Contact(*(float(about[f"contact_{name}"]) for name in COEFFICIENTS), room=int(about["contact_room"]))
+    over_time = {
+        name: to_array(arrays[name]) if variable.flags is None else jnp.asarray(arrays[name], dtype=int)
+        for name, variable in HISTORY.items()
+    }
+    switches = _read_switches(arrays, int(about["contact_switches"]), law.room, vars(states), type(states))
+    return ContactHistory(law=law, **over_time, switches=switches)
 
-    def padded(values: Any, empty: Any) -> Any:
-        return jnp.asarray(np.concatenate([values, np.full((room - len(values), *values.shape[1:]), empty)]))
 
-    def side(which: str) -> ReleasedState:
-        body = {field.name: getattr(states, field.name) for field in dataclasses.fields(states)}
-        kept = {
-            name: arrays.get(f"switch_{which}_{name}", np.zeros((_kept(count, law), *leaf.shape[1:])))
-            for name, leaf in body.items()
-        }
-        V, height = (padded(arrays[f"switch_{which}_{name}"], np.nan) for name in ("V", "height"))
-        return ReleasedState(type(states)(**{name: padded(leaf, np.nan) for name, leaf in kept.items()}), V, height)
+def _read_switches(
+    arrays: Mapping[str, np.ndarray], count: int, room: int, fields: Mapping[str, Array], state_type: Any
+) -> Switches:
+    kept = min(count, room)
 
-    empty = {"times": np.nan, "lost": np.nan, "grazing": False}
-    switches = {name: padded(arrays[f"switch_{name}"], empty.get(name, NOWHERE)) for name in SWITCHES}
-    saved = {name: to_array(arrays[name]) for name in CONTACT_STATE if name != "mode"}
-    return ContactHistory(
-        law=law,
-        mode=jnp.asarray(arrays["mode"]),
-        **saved,
-        switches=Switches(count=jnp.asarray(count), before=side("before"), after=side("after"), **switches),
+    def filled(name: str, shape: tuple[int, ...] = (), nothing: float | int | bool = np.nan) -> Array:
+        """An array of the file, with what stands for no switch in the rest of its room."""
+        whole = np.full((room, *shape), nothing)
+        if kept and whole.size:
+            whole[:kept] = arrays[f"switch_{name}"]
+        return jnp.asarray(whole)
+
+    def released(side: str) -> ReleasedState:
+        body = {name: filled(f"{side}_{name}", leaf.shape[1:]) for name, leaf in fields.items()}
+        return ReleasedState(state_type(**body), filled(f"{side}_V", (3,)), filled(f"{side}_height"))
+
+    before, after = map(released, SIDES)
+    return Switches(
+        count=jnp.asarray(count),
+        times=filled("times"),
+        cause=filled("cause", nothing=NOWHERE),
+        source=filled("source", nothing=NOWHERE),
+        target=filled("target", nothing=NOWHERE),
+        before=before,
+        after=after,
+        lost=filled("lost"),
+        grazing=filled("grazing", nothing=False),
     )
 
 
-def _kept(count: int, law: Contact) -> int:
-    return min(count, law.room)
-
-
-def _fields(state: ReleasedState) -> dict[str, Any]:
-    return {**vars(state.body), "V": state.V, "height": state.height}
+def _plain(leaf: Array) -> np.ndarray:
+    """Numbers, also of what is true or false, as every format holds them."""
+    array = np.asarray(leaf)
+    return array.astype(int) if array.dtype == bool else array

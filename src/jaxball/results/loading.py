@@ -14,7 +14,7 @@ from ..numerics.arrays import to_array
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
-from .contact import history_in
+from .contact import read_history
 from .files import READ_BACK, RunError, check_saved
 from .provenance import FORMAT
 
@@ -26,7 +26,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
 
     Its system is that of the scenario in the file, and its observables, or laws, are computed from the states. Its
     status is that of the run, so a failed run is not ``ok``. Dense output and events are not in a file: ``at`` raises,
-    and ``events`` is empty.
+    and ``events`` is empty. ``contact`` of a run with a law of contact is the same, with its switches.
 
     **Arguments:**
 
@@ -65,7 +65,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
             status=jnp.asarray(int(Status[str(about["status"])])),
             steps=jnp.asarray(int(about["steps"])),
             rejected=jnp.asarray(int(about["rejected_steps"])),
-            contact=history_in(arrays, about, state),
+            contact=read_history(arrays, about, state),
         )
     except (KeyError, ValueError) as error:
         raise _no_run(path, f"{error} is missing or wrong") from None

@@ -14,7 +14,7 @@ from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
-from .contact import law_attributes
+from .contact import contact_attributes
 
 FORMAT = 1
 PACKAGES = ("jaxball", "jax", "diffrax")
@@ -27,7 +27,8 @@ def attributes(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> d
     Without a ``scenario``, its text is that of the trajectory's system, initial state and times, and empty where a file
     cannot hold them. ``format`` is the version of the file format, which :func:`load_run` checks.
     ``ok`` is 1 for a solve that reached its end and 0 for one that failed. A run with dense output also has the
-    extremes of the contact force, ``contact_friction_needed`` and the others of :class:`~jaxball.ContactExtremes`.
+    extremes of the contact force, ``contact_friction_needed`` and the others of :class:`~jaxball.ContactExtremes`. One
+    with a law of contact has its coefficients instead, ``contact_sliding`` and so on, and its ``contact_switches``.
     """
     run: dict[str, str | int | float] = {
         "format": FORMAT,
@@ -40,11 +41,11 @@ def attributes(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> d
         "rejected_steps": int(trajectory.rejected),
         "scenario": _of_trajectory(trajectory) if scenario is None else write_scenario(scenario),
     }
-    rolls = isinstance(trajectory.system, AbstractBody) and trajectory.contact is None
-    if trajectory.interpolant is not None and rolls:
+    if trajectory.contact is not None:
+        run |= contact_attributes(trajectory.contact)
+    elif trajectory.interpolant is not None and isinstance(trajectory.system, AbstractBody):
         extremes = contact_extremes(trajectory)
         run |= {f"contact_{field.name}": float(getattr(extremes, field.name)) for field in dataclasses.fields(extremes)}
-    run |= law_attributes(trajectory.contact)
     return run | {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
 
 

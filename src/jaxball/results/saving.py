@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..interface.output import check_destination, replacing
+from ..physics.state import DiskState
 from ..scenario import Scenario
 from ..scenario.paths import entries
 from ..simulation.trajectory import Trajectory
-from .contact import switch_values
+from .contact import history_values, switch_values
 from .files import SUFFIXES
 from .provenance import attributes
-from .variables import labels, values
+from .variables import Variable, described, labels, values
 
 if TYPE_CHECKING:
     import xarray
@@ -23,9 +24,9 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
     """The trajectory and all its observables, or the laws of a classical system, as an ``xarray.Dataset``.
 
     Dimensions are ``time``, ``mass``, ``driven`` (the masses whose angles belong to the state, by their
-    numbers), with a law of contact ``switch`` (of the mode), and those of vectors: ``axis``, ``direction`` in
-    the plane, ``component`` of a versor. All are counted from 0. Attributes say how the solve ended, and hold the
-    scenario's file.
+    numbers) and those of vectors: ``axis``, ``direction`` in the plane, ``component`` of a versor. All
+    are counted from 0. Attributes say how the solve ended, and hold the scenario's file. A run with a law of contact
+    has its modes too, and along ``switch`` what became of one mode after another.
 
     **Arguments:**
 
@@ -46,14 +47,11 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
     import xarray
 
     variables, sizes = {}, {}
-    for name, (variable, array) in values(trajectory).items():
-        notes = {"units": variable.units, "long_name": variable.meaning}
-        variables[name] = (("time", *variable.dimensions), array, notes)
-        sizes |= zip(variable.dimensions, array.shape[1:], strict=True)
-    for name, (variable, array) in switch_values(trajectory.contact).items():
-        notes = {"units": variable.units, "long_name": variable.meaning}
-        variables[name] = (("switch", *variable.dimensions), array, notes)
-        sizes["switch"] = len(array)
+    for leading, saved in (("time", _over_time(trajectory)), ("switch", _of_switches(trajectory))):
+        for name, (variable, array) in saved.items():
+            variables[name] = ((leading, *variable.dimensions), array, variable.notes)
+            sizes |= zip((leading, *variable.dimensions), array.shape, strict=True)
+    sizes.pop("time")
     times = ("time", np.asarray(trajectory.times), {"units": "time", "long_name": "time"})
     coordinates = {"time": times, **labels(trajectory.system, sizes)}
     return xarray.Dataset(variables, coordinates, attributes(trajectory, scenario))
@@ -69,7 +67,8 @@ def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario 
       - ``.npz``: the same arrays, and the attributes as texts and numbers.
       - ``.csv``: one row for each time and one column for each number, named like ``Omega[1]`` or
         ``mass_positions_body[0][2]`` (mass 0, the third axis); the column ``status`` is 0 for a solve
-        that reached its end, and the number of its :class:`~jaxball.Status` for one that failed.
+        that reached its end, and the number of its :class:`~jaxball.Status` for one that failed. The switches of a run
+        with a law of contact are left out.
     - ``scenario``: the scenario of the run, whose text is saved with it; None if there is none.
 
     A failed solve is saved too, with its status, and NaN after the time that it reached. The write is atomic, so a
@@ -98,21 +97,38 @@ def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario 
     return path
 
 
+Values = dict[str, tuple[Variable, np.ndarray]]
+
+
+def _over_time(trajectory: Trajectory[Any, Any]) -> Values:
+    """Every variable over time, with its array."""
+    history = trajectory.contact
+    return values(trajectory) | ({} if history is None else history_values(history))
+
+
+def _of_switches(trajectory: Trajectory[Any, Any]) -> Values:
+    """Every variable of the switches between modes, with its array."""
+    if trajectory.contact is None:
+        return {}
+    planar = isinstance(trajectory.state, DiskState)
+    return switch_values(trajectory.contact, {name: described(name, planar) for name in vars(trajectory.state)})
+
+
 def _write_netcdf(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None) -> None:
     to_dataset(trajectory, scenario).to_netcdf(path, engine="h5netcdf")
 
 
 def _write_npz(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None) -> None:
     arrays: dict[str, Any] = {"time": np.asarray(trajectory.times)}
-    arrays |= {name: array for name, (_, array) in values(trajectory).items()}
-    arrays |= {name: array for name, (_, array) in switch_values(trajectory.contact).items()}
+    both = _over_time(trajectory) | _of_switches(trajectory)
+    arrays |= {name: array for name, (_, array) in both.items()}
     arrays |= {name: np.asarray(value) for name, value in attributes(trajectory, scenario).items()}
     np.savez_compressed(path, **arrays)
 
 
 def _write_csv(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None) -> None:
     columns = {"time": np.asarray(trajectory.times)}
-    for name, (_, array) in values(trajectory).items():
+    for name, (_, array) in _over_time(trajectory).items():
         for entry, index in entries(name, array.shape[1:]).items():
             columns[entry] = array[(slice(None), *index)]
     columns["status"] = np.full(columns["time"].shape, int(trajectory.status))

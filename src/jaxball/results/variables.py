@@ -1,5 +1,6 @@
 """The variables of a saved trajectory: their dimensions, units, meaning and coordinates."""
 
+import enum
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -11,11 +12,24 @@ from ..simulation.trajectory import Trajectory
 
 
 class Variable(NamedTuple):
-    """Dimensions after ``time``, units in terms of those of the parameters, and the meaning of the variable."""
+    """Dimensions after ``time``, units in terms of those of the parameters, and the meaning of the variable.
+
+    ``flags`` says what its numbers stand for, where these are names.
+    """
 
     dimensions: tuple[str, ...]
     units: str
     meaning: str
+    flags: type[enum.IntEnum] | None = None
+
+    @property
+    def notes(self) -> dict[str, Any]:
+        """The attributes of the variable; flags are as the conventions for climate and forecasts (CF) say them."""
+        notes: dict[str, Any] = {"units": self.units, "long_name": self.meaning}
+        if self.flags is not None:
+            notes["flag_values"] = np.array([int(one) for one in self.flags])
+            notes["flag_meanings"] = " ".join(one.name.lower() for one in self.flags)
+        return notes
 
 
 STATE = {
@@ -28,16 +42,6 @@ STATE = {
     "phidot": Variable((), "rad/time", "rate of the disk's angle"),
     "theta": Variable(("driven",), "rad or length", "parameter of a driven mass on its rail, or of a joint"),
     "thetadot": Variable(("driven",), "rad or length / time", "rate of theta"),
-}
-
-CONTACT_STATE = {
-    "mode": Variable((), "1", "mode of the contact: 0 rolling, 1 sliding, 2 flight"),
-    "V": Variable(("axis",), "length/time", "velocity of the geometric centre, space axes"),
-    "height": Variable((), "length", "height of the body over the plane"),
-    "slip": Variable(("axis",), "length/time", "velocity of the lowest point over the plane, space axes"),
-    "sigma": Variable(("direction",), "1", "direction of the slip"),
-    "rubbed": Variable((), "energy", "energy that friction of sliding has taken so far"),
-    "struck": Variable((), "energy", "energy that impacts have taken so far"),
 }
 
 CLASSICAL_STATE = {
@@ -108,16 +112,11 @@ def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.nda
         return _classical_values(trajectory)
     variables = {}
     for name, leaf in vars(trajectory.state).items():
-        array, variable = np.asarray(leaf), STATE[name]
-        if isinstance(trajectory.state, DiskState) and name == "z":
-            variable = variable._replace(dimensions=())
+        array = np.asarray(leaf)
         if array.size:
-            variables[name] = (variable, array)
+            variables[name] = (described(name, isinstance(trajectory.state, DiskState)), array)
     if isinstance(trajectory.state, ReducedState):
         return variables
-    if trajectory.contact is not None:
-        held = trajectory.contact
-        variables |= {name: (variable, np.asarray(getattr(held, name))) for name, variable in CONTACT_STATE.items()}
     observables = trajectory.observables
     missing = np.isnan(np.asarray(observables.normal_force))
     for name, variable in OBSERVABLES.items():
@@ -128,12 +127,17 @@ def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.nda
     return variables
 
 
+def described(name: str, planar: bool) -> Variable:
+    """The variable of a field of a body's state; the place of a disk is one number."""
+    return STATE[name]._replace(dimensions=()) if planar and name == "z" else STATE[name]
+
+
 def _classical_values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.ndarray]]:
     variables = {}
-    for described, leaves in ((CLASSICAL_STATE, vars(trajectory.state)), (LAWS, trajectory.laws._asdict())):
+    for known, leaves in ((CLASSICAL_STATE, vars(trajectory.state)), (LAWS, trajectory.laws._asdict())):
         for name, leaf in leaves.items():
             array = np.asarray(leaf)
-            variables[name] = described.get(name) or undescribed(name, array.ndim - 1), array
+            variables[name] = known.get(name) or undescribed(name, array.ndim - 1), array
     return variables
 
 

@@ -31,6 +31,7 @@ SOLVERS: "Mapping[str, Callable[[], diffrax.AbstractAdaptiveSolver]]" = {
     "tsit5": _of_diffrax("Tsit5"),
     "kvaerno3": _of_diffrax("Kvaerno3"),
     "kvaerno5": _of_diffrax("Kvaerno5"),
+    "adams": _of_jaxball("Adams"),
     **KNOW_MASS_MATRICES,
     "gauss16": _of_jaxball("Gauss", stages=8),
     "trapezoidal": _of_jaxball("Trapezoidal"),

@@ -84,8 +84,8 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
 
     - ``trajectory``: what :func:`jaxball.simulate` returns with ``dense=True``.
 
-    **Raises:** ``ValueError`` when the trajectory was made without ``dense=True``, and ``TypeError`` for a system that
-    touches no plane.
+    **Raises:** ``ValueError`` when the trajectory was made without ``dense=True`` or with a law of contact, and
+    ``TypeError`` for a system that touches no plane.
 
     **Example:**
 
@@ -100,6 +100,11 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
         raise TypeError(
             "Argument `trajectory` must be of a Ball or a Disk, which a plane holds, but it is of a "
             f"{type(trajectory.system).__name__}."
+        )
+    if trajectory.contact is not None:
+        raise ValueError(
+            "Argument `trajectory` must be of a body that rolls all the time, but it is of one with a law of contact; "
+            "its forces at the saved times are in `observables`."
         )
     if trajectory.interpolant is None:
         raise ValueError(

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.printing import Printed, is_single, shown
 from ..physics.body import AbstractBody
 from ..physics.contact_law import Contact
-from ..physics.modes import BodyOnPlane, Cause, ContactState, Mode, never
+from ..physics.modes import BodyOnPlane, Cause, ContactState, Mode
 from ..physics.released import ReleasedState
 
 
@@ -63,8 +63,7 @@ class ContactHistory(Printed):
     - ``V``: the velocity of the geometric centre, space axes, length/time, shape (T, 3).
     - ``height``: of the body over the plane, length, shape (T,).
     - ``slip``: v_s, the velocity of the body's lowest point over the plane, space axes, length/time, shape (T, 3).
-    - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), which it has also where it begins; 0 where there
-      has been none.
+    - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
     - ``rubbed``, ``struck``: the energy that friction of sliding and impacts have taken so far, mass length²/time².
     - ``switches``: the :class:`Switches`.
     """
@@ -83,5 +82,5 @@ class ContactHistory(Printed):
         """The system on its plane, with its states, of whose bodies these are the ``states``."""
         zero, mode = jnp.zeros_like(self.height), self.mode.astype(self.height.dtype)
         return BodyOnPlane(body, self.law), ContactState(
-            states, self.V, self.height, self.rubbed, self.struck, mode, self.sigma, never(zero), zero
+            states, self.V, self.height, self.rubbed, self.struck, mode, self.sigma, zero, zero, zero
         )

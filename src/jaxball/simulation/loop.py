@@ -16,6 +16,7 @@ from equinox.internal import while_loop
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
+from ..solvers import AdamsController
 from .switching import NONE, Course, Switching
 
 # A step that would end this close to the end of the run, relative to it, ends there.
@@ -167,7 +168,8 @@ class _Solve(NamedTuple):
 
     def advanced(self, state: Any, course: Course | None = None) -> tuple[Any, Any, Bool[Array, ""], Course | None]:
         """The state after a step, what the step's interpolation is made of, and whether the step was accepted."""
-        jumps = self.switching is not None or not isinstance(self.controller, diffrax.PIDController)
+        smooth = isinstance(self.controller, diffrax.PIDController | AdamsController)
+        jumps = self.switching is not None or not smooth
         y, error, info, solver_state, step_result = self.solver.step(
             self.terms,
             state.tprev,
@@ -183,12 +185,12 @@ class _Solve(NamedTuple):
             state.y,
             y,
             self.args,
-            jnp.where(jnp.isnan(error), jnp.inf, error),
+            jax.tree.map(lambda leaf: jnp.where(jnp.isnan(leaf), jnp.inf, leaf), error),
             self.solver.error_order(self.terms),
             state.controller_state,
         )
         retried = jnp.asarray(False)
-        if self.switching is not None:
+        if self.switching is not None and course is not None:
             interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
             judged = self.switching.judged(course, state.tprev, state.tnext, y, interpolation, keep, self.args)
             retried, target, y, course = judged

@@ -143,7 +143,7 @@ def simulate(
     else:
         _check_state(system, state.body if isinstance(state, ReleasedState) and contact is not None else state)
     rtol, atol = checked_tolerances(rtol, atol)
-    if dae:
+    if dae and not isinstance(state, ReleasedState):
         _check_dae(state, solver)
     events = checked(system, events)
     method = _Method(
@@ -275,7 +275,7 @@ def _solve(
     course = solution.stats.get("course")
     if course is not None:
         status = jnp.where(course.status == int(Status.SUCCESS), status, course.status)
-        course = course.count, unpacked_switches(packing, course.kept)
+        course = course.switches, unpacked_switches(packing, course.kept)
     if method.inside:
         reached, status = until_left(packing.system, times, saved, reached, status)
     return (
@@ -319,7 +319,7 @@ def _controller(
     method: _Method, system: AbstractSystem, times: Array, rtol: Array, atol: Array
 ) -> diffrax.AbstractAdaptiveStepSizeController:
     """Steps by the tolerances, to the kinks and, where asked for, to ``times``."""
-    controller = by_tolerances(rtol, atol)
+    controller = by_tolerances(rtol, atol, method.solver)
     if method.step_to_times:
         controller = diffrax.ClipStepSizeController(controller, step_ts=times)
     return to_kinks(controller, kinks_of(system))

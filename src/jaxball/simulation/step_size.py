@@ -1,17 +1,27 @@
 """How long the steps of a solve are."""
 
+from collections.abc import Callable
+
 import diffrax
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+import optimistix as optx
+from jaxtyping import Array, Float, PyTree
 
 from ..physics.system import AbstractSystem
-from ..solvers import StepToKinks
+from ..solvers import Adams, AdamsController, StepToKinks
 
 
-def by_tolerances(rtol: Float[Array, ""], atol: Float[Array, ""]) -> diffrax.PIDController:
-    """Steps by the tolerances alone. A step below 1e-30 ends the solve."""
-    return diffrax.PIDController(rtol=rtol, atol=atol, dtmin=1e-30, force_dtmin=False)
+def by_tolerances(
+    rtol: Float[Array, ""],
+    atol: Float[Array, ""],
+    solver: diffrax.AbstractSolver | None = None,
+    norm: Callable[[PyTree], Float[Array, ""]] = optx.rms_norm,
+) -> diffrax.PIDController | AdamsController:
+    """Steps by the tolerances alone, by the controller that ``solver`` needs. A step below 1e-30 ends the solve."""
+    if isinstance(solver, Adams):
+        return AdamsController(rtol, atol, norm, dtmin=1e-30)
+    return diffrax.PIDController(rtol=rtol, atol=atol, norm=norm, dtmin=1e-30, force_dtmin=False)
 
 
 def to_kinks(

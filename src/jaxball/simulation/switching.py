@@ -22,11 +22,9 @@ from ..solvers.dense.sampling import sampling
 
 NONE = -1  # no cause
 NEAR = 1e-10  # of the length of a step: where it ends so close to the end of a mode, one step of Newton's is exact
+TOGETHER = 1e-6  # of the length of a step: what ends a mode at nearly the same time as something else
 MOST_TRIES = 40
 LEAST = 8  # the length of a step, in units of rounding of the time
-FEW_TRIES = 4  # for a slip that is over
-STILL = 30  # times the tolerances: a slip that ends is over where it is smaller
-SLOW = 1000  # times the tolerances: the direction of a slip that is slower is not known from its velocity
 HALVINGS = 24  # of a place of a quartic
 REAL = 1e-6  # what is not below this part of its size in a step is no zero
 NOTHING = 1e-9  # a normal force below this part of its size in a step is none
@@ -96,7 +94,7 @@ class Course(NamedTuple):
     - ``pending``: the :class:`Cause` with which a mode has just ended, ``NONE`` while it lasts.
     - ``length``: of the last step that no end of a mode cut short.
     - ``begun``: the vector with which the first mode began.
-    - ``count``: of the switches.
+    - ``switches``: how many there have been.
     - ``crowd``: how many in a row were too near to each other, ``last`` the time of the last.
     - ``status``: not ``SUCCESS`` where no mode can follow.
     - ``kept``: what is kept of the switches; None where that is elsewhere.
@@ -106,7 +104,7 @@ class Course(NamedTuple):
     pending: Int[Array, ""]
     length: Float[Array, ""]
     begun: Float[Array, " size"]
-    count: Int[Array, ""]
+    switches: Int[Array, ""]
     crowd: Int[Array, ""]
     last: Float[Array, ""]
     status: Int[Array, ""]
@@ -143,7 +141,7 @@ class Settled(NamedTuple):
     y: Float[Array, " size"]
     course: Course
 
-    def end(self, wanted: Float[Array, "*lanes"]) -> Float[Array, "*lanes"]:
+    def end(self, wanted: Float[Array, ""]) -> Float[Array, ""]:
         """Where the next step ends if it was to end at ``wanted``: later than it begins, also where the time moved."""
         return jnp.maximum(wanted, self.t + LEAST * float(jnp.finfo(self.t.dtype).eps) * jnp.abs(self.t))
 
@@ -173,8 +171,8 @@ class Switching(eqx.Module):
 
     def latest_end(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Float[Array, ""]:
         """The time after ``t`` at which a step must end because the direction of a slip is led until then."""
-        led = self._packing(parameters).unravel(y).led
-        return jnp.where(led > t, led, jnp.inf)
+        state = self._packing(parameters).unravel(y)
+        return jnp.where(state.led & (state.until > t), state.until, jnp.inf)
 
     def settled(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
@@ -208,8 +206,8 @@ class Switching(eqx.Module):
             times = sampling().times(*fixed, sampling().nodes)
             inner = jax.vmap(interpolation.evaluate)(times[:-1])
             vectors, constants = jax.lax.stop_gradient((jnp.concatenate([inner, y[None]]), parameters))
-            lasting, led = jax.lax.stop_gradient(jax.vmap(lambda t, x: self.seen(t, x, constants))(times, vectors))
-            return looked(course, *fixed, y, lasting.T, self.ended(fixed[1], y, led[-1], parameters))
+            lasting, guide = jax.lax.stop_gradient(jax.vmap(lambda t, x: self.seen(t, x, constants))(times, vectors))
+            return looked(course, *fixed, y, lasting.T, self.ended(fixed[1], y, guide[-1], parameters))
 
         def pass_by(course: Course) -> Judged:
             return passed_by(course, end, y)
@@ -221,24 +219,19 @@ class Switching(eqx.Module):
 
     def seen(
         self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any
-    ) -> tuple[Float[Array, "3"], Bool[Array, ""]]:
-        """The functions that are positive while the mode lasts, and whether the forces lead a slip to its end."""
+    ) -> tuple[Float[Array, "3"], Float[Array, ""]]:
+        """The functions that are positive while the mode lasts, and what turns the direction of a slip."""
         packing = self._packing(parameters)
         system, state = packing.system, packing.unpack(t, y)
         found = system.response(t, state)
-        return system.lasting(t, state, found), system.is_led(t, state, found, SLOW * self.rtol, SLOW * self.atol)
+        return system.lasting(t, state, found), system.guide(t, state, found, self.rtol, self.atol)
 
-    def ended(self, t: Float[Array, ""], y: Float[Array, " size"], led: Bool[Array, ""], parameters: Any) -> Ended:
-        """The end of a step; ``led``, if the forces lead a slip from now on.
-
-        A slip is over where it is as small as the errors of a few steps, because its direction means nothing then. One
-        that the forces lead to its end is over with what it had across that direction, small as it was, as it began.
-        """
+    def ended(self, t: Float[Array, ""], y: Float[Array, " size"], guide: Float[Array, ""], parameters: Any) -> Ended:
+        """The end of a step, after which ``guide`` turns the direction of a slip."""
         packing = self._packing(parameters)
         system, state = packing.system, packing.unravel(y)
-        times = jnp.where(state.led > t, SLOW, STILL)
-        still = system.is_still(t, state.released, times * self.rtol, times * self.atol)
-        return Ended(state.mode, still, ravel_pytree(system.stepped(t, state, led))[0])
+        still = system.has_stopped(t, state, self.rtol, self.atol)
+        return Ended(state.mode, still, ravel_pytree(system.stepped(t, state, guide))[0])
 
     def followed(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
@@ -267,11 +260,11 @@ class Switching(eqx.Module):
         crowd = jnp.where(crowded, course.crowd + 1, 0)
         status = jnp.where(crowd > TOO_MANY, int(Status.CHATTERED), course.status)
         status = jnp.where(cause == int(Cause.JAMS), int(Status.JAMMED), status)
-        place = jnp.where(starts, self.room, course.count)
+        place = jnp.where(starts, self.room, course.switches)
         course = course._replace(
             pending=jnp.asarray(NONE),
             begun=jnp.where(starts, after, course.begun),
-            count=course.count + jnp.where(starts, 0, 1),
+            switches=course.switches + jnp.where(starts, 0, 1),
             crowd=crowd,
             last=fixed,
             status=status,
@@ -294,21 +287,20 @@ def looked(
     aim = course.aim
     at_aim = aim.on & (end == aim.target)
     first = _first_end(start, end, lasting, jnp.where(at_aim, aim.which, NONE))
+    # Two functions may fall to zero together; then one of them is as good as the other.
+    first = first._replace(on=first.on & (~at_aim | (first.target < end - TOGETHER * (end - start))))
     value = lasting[aim.which, -1]
-    cause = jnp.asarray(CAUSES)[ended.mode.astype(int), aim.which]
-    stops = (cause == int(Cause.STOPS)) & ended.still
     nearer = aim.nearer(end, value)
     width = jnp.maximum(NEAR * (end - start), 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
     met = (jnp.abs(nearer.target - end) <= width) | (value == 0) | (aim.tries >= MOST_TRIES)
-    # The direction of a slip that is over may have no limit, and where it ends is then no zero.
-    met |= stops & (aim.tries >= FEW_TRIES)
     retried = first.on | at_aim & ~met
     next_aim = _where(retried, _where(first.on, first, nearer), Aim.none(end))
+    cause = jnp.asarray(CAUSES)[ended.mode.astype(int), aim.which]
     # Where friction gives way because nothing is left that presses, the body lifts.
     lifts = (cause == int(Cause.GIVES_WAY)) & (lasting[1, -1] <= NOTHING * jnp.max(jnp.abs(lasting[1])))
-    is_zero = (cause != int(Cause.STOPS)) & (jnp.abs(value) <= REAL * aim.size)
-    switches = at_aim & ~retried & (is_zero | stops)
     cause = jnp.where(lifts, int(Cause.LIFTS), cause)
+    real = jnp.where(cause == int(Cause.STOPS), ended.still, jnp.abs(value) <= REAL * aim.size)
+    switches = at_aim & ~retried & real
     course = course._replace(
         aim=next_aim,
         pending=jnp.where(switches, cause, NONE),
@@ -325,7 +317,7 @@ def passed_by(course: Course, end: Float[Array, ""], y: Float[Array, " size"]) -
 def _first_end(
     start: Float[Array, ""], end: Float[Array, ""], seen: Float[Array, "3 nodes"], but: Int[Array, ""]
 ) -> Aim:
-    """The first place in a step where a function is not positive, ``but`` for one of them; from before the start it was.
+    """The first place in a step where a function is not positive, ``but`` for one; before the start all were.
 
     Functions are seen at a few nodes, and the quartics through these values in 35 places.
     """
@@ -359,12 +351,11 @@ def _first_end(
 def _root(samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Array, ""]) -> Float[Array, ""]:
     """Where the quartic through the samples falls to zero between two fractions of a step."""
     at = sampling()
-    coefficients = at.coefficients(samples)
 
     def halved(_, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends
         middle = 0.5 * (low + high)
-        positive = at.polynomial(coefficients, middle) > 0
+        positive = at.value(samples, middle) > 0
         return jnp.where(positive, middle, low), jnp.where(positive, high, middle)
 
     low, high = jax.lax.fori_loop(0, HALVINGS, halved, (low, high))

@@ -1,9 +1,11 @@
-"""Implicit solvers for diffrax: collocation of Radau and Gauss, mass matrices, trapezoidal rule and TR-BDF2.
+"""Solvers for diffrax: collocation of Radau and Gauss, mass matrices, trapezoidal rule, TR-BDF2, and Adams methods.
 
 They are for any problem of diffrax, and know nothing of mechanics.
 """
 
 from ..interface.names import interface as _interface
+from .adams import Adams as Adams
+from .adams_controller import AdamsController as AdamsController
 from .consistency import InitialValues as InitialValues, consistent_initial_values as consistent_initial_values
 from .errors import (
     AbstractErrorEstimate as AbstractErrorEstimate,

@@ -1,4 +1,4 @@
-"""The collocation polynomial as dense output."""
+"""The polynomials of the methods as dense output."""
 
 from typing import Any
 
@@ -6,6 +6,8 @@ import diffrax
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
+
+from .differences import Points
 
 
 class CollocationPolynomial(diffrax.AbstractLocalInterpolation):
@@ -47,6 +49,27 @@ class CubicHermite(diffrax.AbstractLocalInterpolation):
             return (1 - u) * y0 + u * y1 + u * (u - 1) * lacking
 
         return jax.tree.map(cubic, self.y0, self.y1, self.k0, self.k1)
+
+
+class AdamsPolynomial(diffrax.AbstractLocalInterpolation):
+    """u(t0 + θh) = y₀ + Σⱼ gⱼ(θ) termⱼ, the integral of the polynomial through the slopes at points ``past``."""
+
+    t0: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
+    t1: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
+    y0: PyTree[Array]
+    terms: PyTree[Array]
+    past: Float[Array, " rows"]
+
+    def evaluate(self, t0: Any, t1: Any = None, left=True):
+        if t1 is not None:
+            return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
+        width = self.t1 - self.t0
+        weights = Points(self.past, jnp.where(width == 0, 1.0, width)).integrals(_fraction(self, t0))
+
+        def combined(y, terms):
+            return y + jnp.sum(weights.astype(y.dtype).reshape(-1, *(1,) * y.ndim) * terms, axis=0)
+
+        return jax.tree.map(combined, self.y0, self.terms)
 
 
 def _fraction(step, t: Float[Array, ""]) -> Float[Array, ""]:

@@ -4,7 +4,7 @@ from typing import Any
 
 import diffrax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from .stages import Stages
 
@@ -65,6 +65,13 @@ def explain(result: diffrax.RESULTS) -> str:
     return str(RESULTS[result])
 
 
+def at_limit(t0: Float[Array, ""], t1: Float[Array, ""]) -> Bool[Array, ""]:
+    """Whether a step is so short that time hardly moves."""
+    info = jnp.finfo(t0.dtype)
+    shortest = jnp.maximum(16 * info.eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1)), jnp.sqrt(info.tiny))
+    return jnp.abs(t1 - t0) <= shortest
+
+
 def outcome(
     stages: Stages,
     error: Float[Array, " n"],
@@ -78,9 +85,7 @@ def outcome(
     shorter one. When it is so short that time hardly moves, or where the step is kept all the same, as with
     a constant step size, the solve ends with a result that says why. A fault of the problem ends it at once.
     """
-    info = jnp.finfo(t0.dtype)
-    shortest = jnp.maximum(16 * info.eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1)), jnp.sqrt(info.tiny))
-    at_end = (jnp.abs(t1 - t0) <= shortest) | (fault != NO_FAULT)
+    at_end = at_limit(t0, t1) | (fault != NO_FAULT)
     y_error = jnp.where(stages.converged, error, jnp.inf)
     finite = jnp.all(jnp.isfinite(stages.K))
     why = RESULTS.where(finite, RESULTS.nonlinear_divergence, RESULTS.nonfinite)

@@ -21,7 +21,7 @@ from ..physics.state import AbstractBodyState, BallState, DiskState
 from ..physics.system import AbstractState, AbstractSystem, vector_field
 from ..physics.validity import possible_start
 from ..simulation.simulate import DEFAULT_SOLVER, status_of
-from ..simulation.step_size import kinks_of, to_kinks
+from ..simulation.step_size import by_tolerances, kinks_of, to_kinks
 
 TURN = 2 * np.pi
 CLOSED = 100.0  # the residual, in units of the tolerance, up to which a motion counts as closed
@@ -211,9 +211,7 @@ def _solved(search: Search, system: AbstractSystem, packing: Packing, rows, end)
     """The solve of a packed state with its deviations, and the least normal force on the way."""
     parameters, unpack = ravel_pytree(packing)
     moving = jax.jit(tangent_field(lambda t, x, parameters: unpack(parameters).field(t, x)))
-    controller = diffrax.PIDController(
-        rtol=search.rtol, atol=search.atol, norm=largest_row, dtmin=1e-30, force_dtmin=False
-    )
+    controller = by_tolerances(search.rtol, search.atol, norm=largest_row)
 
     def normal_force(t, rows, parameters):
         inner = unpack(parameters)

@@ -10,7 +10,8 @@ from jaxtyping import Array
 from ..physics.modes import Mode
 from ..physics.released import ReleasedState
 from ..physics.state import BallState, DiskState
-from ..results.variables import CLASSICAL_STATE, CONTACT_STATE, STATE, Variable, labels, undescribed
+from ..results.contact import HISTORY
+from ..results.variables import CLASSICAL_STATE, STATE, Variable, labels, undescribed
 from ..scenario import Scenario
 from ..simulation.extremes import ContactExtremes
 from ..simulation.trajectory import Trajectory
@@ -90,7 +91,7 @@ def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, 
     if template.contact is None:
         return known
     sizes = {"axis": 3, "direction": 2}
-    return known | {name: (one, tuple(sizes[axis] for axis in one.dimensions)) for name, one in CONTACT_STATE.items()}
+    return known | {name: (one, tuple(sizes[axis] for axis in one.dimensions)) for name, one in HISTORY.items()}
 
 
 def contact_results(trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
@@ -103,7 +104,7 @@ def contact_results(trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
     seen = jnp.concatenate([contact.mode, switches.source, switches.target], axis=-1)
     modes = sum(jnp.any(seen == int(mode), axis=-1).astype(int) << int(mode) for mode in Mode)
     of_switches = {"switches": switches.count, "first_switch": switches.times[..., 0], "modes": modes}
-    return {name: getattr(contact, name) for name in CONTACT_STATE} | of_switches
+    return {name: getattr(contact, name) for name in HISTORY} | of_switches
 
 
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:

@@ -23,6 +23,7 @@ def _theirs(family: Family, method: str, *, explicit: bool = False, daes: bool =
 ALL: dict[str, Contender] = {
     contender.name: contender
     for contender in (
+        _ours("Adams", explicit=True),
         _ours("Gauss", explicit=True),
         _ours("RadauIIA 3", daes=True),
         _ours("RadauIIA 5", daes=True),

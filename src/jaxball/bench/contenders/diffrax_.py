@@ -22,6 +22,7 @@ METHODS: dict[str, diffrax.AbstractAdaptiveSolver] = {
     "Dopri5": diffrax.Dopri5(),
     "Dopri8": diffrax.Dopri8(),
     "Kvaerno5": diffrax.Kvaerno5(),
+    "Adams": solvers.Adams(),
     "Gauss": solvers.Gauss(stages=8, error=solvers.StepError()),
     "RadauIIA 3": solvers.RadauIIA(stages=3),
     "RadauIIA 5": solvers.RadauIIA(stages=5),
@@ -132,7 +133,8 @@ def _counting(field: Field, counter: Counter) -> Field:
 
 
 def _solve(solver, problem: Problem, term, initial: Float[Array, " state"], tolerance: Float[Array, ""]) -> Ended:
-    controller = diffrax.PIDController(rtol=tolerance, atol=tolerance * problem.atol_over_rtol)
+    by_tolerances = solvers.AdamsController if isinstance(solver, solvers.Adams) else diffrax.PIDController
+    controller = by_tolerances(rtol=tolerance, atol=tolerance * problem.atol_over_rtol)
     if problem.kinks:
         controller = solvers.StepToKinks(controller, problem.kinks)
     solution = diffrax.diffeqsolve(

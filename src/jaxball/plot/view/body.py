@@ -19,6 +19,7 @@ from ...simulation.trajectory import Trajectory
 from ..actuation import mass_angles
 from ..floor import Setting, place, setting_of
 from ..mechanisms import arms_of_run
+from ..modes import modes_of
 from ..record import Record, finite_rows, record_to_show, require_one
 from ..shapes import rails_of
 from ..style import mass_colour
@@ -63,12 +64,17 @@ def body_document(one: Shown) -> dict[str, Any]:
     """What the body is made of."""
     system = one.system
     kind = "disk" if isinstance(system, Disk) else "ball"
-    return made(kind, one.trajectory, one.radius, len(one.run.times)) | {
+    parts = made(kind, one.trajectory, one.radius, len(one.run.times)) | {
         "shell": {"mass": float(system.mass), "centre_of_mass": np.asarray(system.offset).tolist()},
         "masses": _masses(system),
         "rails": [{"colour": mass_colour(members[0])} for members, _ in rails_of(system)],
         "arms": [mass_colour(j) for j in range(system.n_masses + 1, system.n_masses + len(system.mechanisms) + 1)],
     }
+    modes = modes_of(one.trajectory)
+    if modes is None:
+        return parts
+    spells = [[spell.mode.name.lower(), spell.start, spell.end] for spell in modes.spells]
+    return parts | {"spells": spells, "switches": modes.switches.tolist()}
 
 
 def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
@@ -97,6 +103,13 @@ def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
         "friction": Numbers(seen.friction),
         "energies": Numbers(np.stack([seen.kinetic_energy, seen.potential_energy], axis=1)),
     }
+    history, rows = one.trajectory.contact, finite_rows(one.trajectory)
+    if history is not None:
+        numbers |= {
+            "height": Numbers(np.asarray(history.height)[rows], r),
+            "slip": Numbers(np.asarray(history.slip)[rows, :2]),
+            "taken": Numbers(np.stack([history.rubbed, history.struck], axis=1)[rows]),
+        }
     if one.angles:
         numbers["mass_angles"] = Numbers(np.stack(list(one.angles.values()), axis=1))
     if system.mechanisms:
@@ -106,24 +119,28 @@ def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
 
 def _momentum_of(one: Shown) -> Float[np.ndarray, "T 3"]:
     trajectory = one.trajectory
-    found = _momentum(one.system, to_array(trajectory.times), trajectory.state)
+    slips = None if trajectory.contact is None else trajectory.contact.slip
+    found = _momentum(one.system, to_array(trajectory.times), trajectory.state, slips)
     return np.asarray(found)[finite_rows(trajectory)]
 
 
 @programs.filter_jit
-def _momentum(system, times, states):
-    """Π at each time, in body axes; velocities are over the plane."""
+def _momentum(system, times, states, slips):
+    """Π about the body's lowest point at each time, in body axes; velocities are over the plane."""
     prepared = system.prepare()
 
-    def at_time(t, state):
+    def at_time(t, state, slip):
         in_space, r = state.in_space(), prepared.radius
         Gamma = in_space.Lambda[2]
         at = velocity_moments(prepared, t, (state.theta, state.thetadot))
         Pi = contact_momentum(at, r, in_space.Omega, Gamma)
         u = prepared.drift(t, in_space)
-        return Pi if u is None else Pi + cross(at.M * r * Gamma + at.p, apply(in_space.Lambda.T, in_three(u)))
+        for v in (None if u is None else in_three(u), slip):  # of the lowest point
+            if v is not None:
+                Pi = Pi + cross(at.M * r * Gamma + at.p, apply(in_space.Lambda.T, v))
+        return Pi
 
-    return jax.vmap(at_time)(times, states)
+    return jax.vmap(at_time)(times, states, slips)
 
 
 def _masses(system: System) -> list[dict[str, Any]]:

@@ -14,7 +14,11 @@ at each saved time that the solve reached, or of a long run at evenly spaced one
 - ``normal_force`` (T,), ``friction`` (T, 2) in space axes, ``angular_velocity`` and ``angular_momentum`` (T, 3) in body
   axes, the latter Π about the contact point, and what else the ``plots`` draw. Each of their ``series`` names an array
   and the columns of it whose sum is drawn, or whose ``norm``, divided by the array ``over``, if there is one. Names
-  stand beside values, unless ``valued`` is false.
+  stand beside values, unless ``valued`` is false; ``levels`` are names and values of horizontal lines.
+- with a law of contact, ``spells``, its modes one after the other, each of them ``[mode, start, end]``, and
+  ``switches``, the times of impacts and of all else that ends a mode; and ``height`` (T,) over the plane, ``slip``
+  (T, 2), the velocity of the lowest point along it in space axes, and ``taken`` (T, 2), the energies that friction of
+  sliding and impacts took. Π is about the lowest point. ``cone`` of the dictionary is the coefficient μ_s.
 
 A rigid body has ``time``, ``centre``, which is its fixed point, ``quaternion`` and ``angular_velocity`` as above;
 ``angular_momentum`` 𝕀Ω (T, 3) and ``vertical`` Γ (T, 3) in body axes, ``momentum_in_space`` (T, 3), and in Suslov's
@@ -52,7 +56,8 @@ from .scene import Scene
 
 FORMAT, VERSION = "jaxball view", 3
 BEFORE, UNKNOWN = "#8a8a8a", "#8a8a8a"
-PALETTE = {"trail": TRAIL, "momentum": "#7B3FA0", "spin": "#56B4E9", "xi": "#009E73"}
+MODES = {"sliding": "#D55E00", "flight": "#56B4E9"}  # of bands, which are lighter
+PALETTE = {"trail": TRAIL, "momentum": "#7B3FA0", "spin": "#56B4E9", "xi": "#009E73", "modes": MODES}
 STOPS = 9
 # So that no text of a run ends the element that it stands in, or a line of a program that reads it.
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}

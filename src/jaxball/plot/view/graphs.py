@@ -40,6 +40,12 @@ def energies(count: int) -> dict[str, Any]:
     return graph("Energies", [series(name, colour, "energies", columns) for name, colour, columns in parts])
 
 
+def taken() -> list[dict[str, Any]]:
+    """What friction of sliding and impacts have taken, beside the energies."""
+    names = ("to friction", "to impacts")
+    return [series(name, mass_colour(3), "taken", [k]) | {"dashed": bool(k)} for k, name in enumerate(names)]
+
+
 def laws(names: list[str]) -> list[dict[str, Any]]:
     """How far each law is from where it began, if there are any; those of one system."""
     colours = map(mass_colour, range(1, len(names) + 1))

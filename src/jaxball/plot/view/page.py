@@ -103,7 +103,8 @@ def write_view(
       names, as in ``{"before": before, "after": after}``. Only their finite states are shown.
     - ``path``: a file that ends in ``.html``; it is replaced if it is such a page already.
     - ``title``: a line that says which system it is, such as that of a scenario.
-    - ``friction``: a coefficient μ, whose cone is drawn at the contact point, and whose line beside |f| / N.
+    - ``friction``: a coefficient μ, whose cone is drawn at the contact point, and whose line beside |f| / N. Without
+      it, the cone of a run with a law of contact is that of μ_s.
     - ``wanted``: points of a path that is drawn dashed on the plane, length, shape (k, 2), or None.
     - ``scale``: a :class:`ColourScale`, by which several bodies are coloured.
     - ``all_times``: whether to show all saved times. Without it, a page of one run that would be larger than 1 MB shows

@@ -8,11 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 from ...physics.body import Disk, System
+from ...physics.contact_law import Contact
 from ...simulation.trajectory import Trajectory
+from ..contact import height, of_contact, slip_speed
 from ..floor import Setting, floor_under
 from ..style import mass_colour
 from .body import Shown, body_document, body_numbers, shown
-from .graphs import BLUE, PAIR, RED, angular_velocity, each, energies, graph, series
+from .graphs import BLUE, PAIR, RED, angular_velocity, each, energies, graph, series, taken
 from .packing import Numbers
 from .scene import Scene
 
@@ -32,6 +34,7 @@ def rolling_scene(named: Mapping[str, Trajectory[Any, Any]], wanted: Float[np.nd
     stand = {
         "axes": setting.page.tolist(),
         "floor": _floor(bodies, setting, goal),
+        **_cone(bodies),
         "camera": {"elevation": ELEVATION[planar], "azimuth": AZIMUTH[planar] + (0 if planar else setting.downhill)},
     }
     return Scene(
@@ -80,14 +83,19 @@ def _graphs(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
     """The graphs of bodies, of which each is drawn that has the numbers."""
     several = len(bodies) > PAIR
     ratio = series("|f| / N", None if several else RED, "friction", [0, 1], norm=True) | {"over": "normal_force"}
+    levels = _levels(bodies)
+    friction = {"title": "Friction", "levels": levels} if levels else {"title": "Friction needed"}
     graphs = [
         energies(len(bodies)),
         angular_velocity(len(bodies)),
         graph("Normal force", [series("N", None if several else BLUE, "normal_force", [0])]),
-        {"title": "Friction needed", "level": "μ", "series": [ratio]},
+        friction | {"level": "μ", "series": [ratio]},
+        *_of_contact(bodies),
     ]
     if several:
         return graphs
+    if any(one.trajectory.contact is not None for one in bodies):
+        graphs[0]["series"] += taken()
     masses = max((list(one.angles) for one in bodies), key=len)
     if masses:
         names = [f"θ{i}" for i in masses]
@@ -97,6 +105,40 @@ def _graphs(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
         colours = map(mass_colour, range(1, len(joints) + 1))
         graphs.append(graph("Joints", each(joints, colours, "joint_angles")))
     return graphs
+
+
+def _law(bodies: Sequence[Shown]) -> Contact | None:
+    """The law of contact that all bodies have, None where they have not the same one."""
+    histories = [one.trajectory.contact for one in bodies]
+    laws = [None if history is None else history.law for history in histories]
+    return laws[0] if all(eqx.tree_equal(law, laws[0]) for law in laws) else None
+
+
+def _cone(bodies: Sequence[Shown]) -> dict[str, float]:
+    """The coefficient of the friction that can hold the bodies, if a law says it."""
+    law = _law(bodies)
+    return {} if law is None or not law.static > 0 else {"cone": float(law.static)}
+
+
+def _levels(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
+    """The coefficients of friction, if a law says them."""
+    law = _law(bodies)
+    if law is None:
+        return []
+    static, sliding = float(law.static), float(law.sliding)
+    named = {"μₛ": static, "μ": sliding} if static != sliding else {"μₛ = μ": static}
+    return [{"name": name, "value": value} for name, value in named.items()]
+
+
+def _of_contact(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
+    """The graphs of the height and of the slip speed, where these are not always zero."""
+    colour = None if len(bodies) > PAIR else BLUE
+    figures = {figure for one in bodies for figure in of_contact(one.trajectory)}
+    graphs = {
+        height: graph("Height", [series("h", colour, "height", [0])]),
+        slip_speed: graph("Slip speed", [series("|vₛ|", colour, "slip", [0, 1], norm=True)]),
+    }
+    return [drawn for figure, drawn in graphs.items() if figure in figures]
 
 
 def _joints(one: Shown) -> list[str]:

@@ -31,19 +31,9 @@ class Sampling(NamedTuple):
         """The values of the polynomials at the fractions; exact at the nodes."""
         return jnp.einsum("...n,fn->...f", samples, jnp.asarray(self.matrix, samples.dtype))
 
-    def coefficients(self, samples: Float[Array, "*steps nodes"]) -> Float[Array, "powers *steps"]:
-        """Those of the polynomials, the lowest power first, with the step as unit of time."""
-        return jnp.einsum("...n,mn->m...", samples, jnp.asarray(self.powers, samples.dtype))
-
     def value(self, samples: Float[Array, "*steps nodes"], fraction: Float[Array, "*steps"]) -> Float[Array, "*steps"]:
         """The polynomials at any fraction."""
-        return self.polynomial(self.coefficients(samples), fraction)
-
-    def polynomial(
-        self, coefficients: Float[Array, "powers *steps"], fraction: Float[Array, "*steps"]
-    ) -> Float[Array, "*steps"]:
-        """The polynomials with these coefficients at any fraction."""
-        a0, a1, a2, a3, a4 = coefficients
+        a0, a1, a2, a3, a4 = jnp.einsum("...n,mn->m...", samples, jnp.asarray(self.powers, samples.dtype))
         u = fraction
         return a0 + u * (a1 + u * (a2 + u * (a3 + u * a4)))
 
@@ -51,7 +41,7 @@ class Sampling(NamedTuple):
         self, samples: Float[Array, "*steps nodes"], fraction: Float[Array, "*steps"]
     ) -> tuple[Float[Array, "*steps"], Float[Array, "*steps"]]:
         """The first and the second derivative of the polynomials at any fraction."""
-        _, a1, a2, a3, a4 = self.coefficients(samples)
+        _, a1, a2, a3, a4 = jnp.einsum("...n,mn->m...", samples, jnp.asarray(self.powers, samples.dtype))
         u = fraction
         return a1 + u * (2 * a2 + u * (3 * a3 + u * 4 * a4)), 2 * a2 + u * (6 * a3 + u * 12 * a4)
 

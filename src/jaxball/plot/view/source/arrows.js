@@ -8,7 +8,7 @@ import { Arrow, matrixOf } from "./shapes.js";
 import { css, readable } from "./theme.js";
 
 export class Arrows extends Group {
-  constructor(body, { axes, palette, friction }, scales) {
+  constructor(body, { axes, palette, friction, cone = null }, scales) {
     super();
     this.body = body;
     this.scales = scales;
@@ -26,7 +26,7 @@ export class Arrows extends Group {
     );
     this.contact.quaternion.setFromRotationMatrix(this.turn);
     this.add(this.normal, this.friction, this.spin, this.momentum, this.contact);
-    if (friction !== null) this.add(this.coneOf(friction, r));
+    if (friction ?? cone) this.add(this.coneOf(friction ?? cone, r));
   }
 
   // All forces from the contact point that friction can bear, and the one that is needed.
@@ -51,13 +51,15 @@ export class Arrows extends Group {
     const N = up.clone().multiplyScalar(scales.force * row(arrays.normal_force, k)[0]);
     const [f1, f2] = row(arrays.friction, k);
     const f = new Vector3(f1, f2, 0).applyMatrix4(this.turn).multiplyScalar(scales.force);
-    this.contact.position.copy(foot).addScaledVector(up, 0.006 * r);
+    const height = arrays.height ? row(arrays.height, k)[0] : 0; // of a body that flies
+    this.contact.position.copy(foot).addScaledVector(up, 0.006 * r - height);
     this.normal.set(foot, N);
     this.friction.set(foot, f);
     this.momentum.set(foot, inSpace(arrays.angular_momentum).multiplyScalar(scales.momentum));
     this.spin.set(body.position, inSpace(arrays.angular_velocity).multiplyScalar(scales.rate));
     if (this.cone) {
       this.sheet.position.copy(foot);
+      this.sheet.visible = height === 0;
       this.whole.set(foot, N.clone().add(f));
     }
   }

@@ -49,6 +49,12 @@ export function nearest(times, t) {
   return t - times[low] <= times[high] - t ? low : high;
 }
 
+// The mode of a body at a time, "" of one without a law of contact.
+export function modeAt({ spells }, t) {
+  const begun = spells?.findLast(([, start]) => start <= t) ?? spells?.[0];
+  return begun ? begun[0] : "";
+}
+
 // The largest number by size in the arrays of these names, of any of the bodies.
 export function largest(bodies, ...names) {
   let found = 0;

@@ -6,7 +6,7 @@ import { largest, row } from "./data.js";
 import { Ground } from "./ground.js";
 import { Box, Particle, Velocity } from "./particle.js";
 import { RigidBody, Vectors } from "./rigid.js";
-import { contactPoints, Trace, turned } from "./trace.js";
+import { contactPoints, Trace, Trail, turned } from "./trace.js";
 
 const LONGEST = 1.3; // of an arrow over all runs, in radii of the first body
 const THIN = { transparent: true, opacity: 0.6 };
@@ -36,7 +36,7 @@ export function partsOf(view) {
   const scales = scalesOf(bodies);
   const shapes = bodies.map((run) => new Shape(run, palette.components, view));
   const traces = bodies.map((run) => {
-    if (kind === "rolls") return new Trace(run, contactPoints(run, axes), palette.trail);
+    if (kind === "rolls") return new (run.spells ? Trail : Trace)(run, contactPoints(run, axes), palette.trail);
     if (kind === "particle") return new Trace(run, run.arrays.centre.values, palette.trail);
     return new Trace(run, turned(run, () => run.tip.place), run.tip.colour, 2.4);
   });

@@ -3,7 +3,7 @@
 const FEW = 2; // bodies: of more, forces are hidden at first
 
 // Each layer has its objects, whether these are seen at first, and a colour.
-export function layersOf({ bodies, friction, palette }, stage) {
+export function layersOf({ bodies, friction, cone, palette }, stage) {
   const [blue, red, yellow] = palette.components;
   const arrows = (name) => stage.arrows.map((of) => of[name]).filter(Boolean);
   const parts = (name) => stage.bodies.map((body) => body[name]).filter(Boolean);
@@ -16,7 +16,7 @@ export function layersOf({ bodies, friction, palette }, stage) {
       ["Friction f", arrows("friction"), few, red],
       ["Angular velocity ω", arrows("spin"), false, yellow],
       ["Angular momentum Π about the contact point", arrows("momentum"), false, palette.momentum],
-      [`N + f, cone of μ = ${friction}`, arrows("cone"), few],
+      [`N + f, cone of μ = ${friction ?? cone}`, arrows("cone"), few],
       ["Centre of mass", parts("centreOfMass"), true],
       ["Contact point", arrows("contact"), true],
       ["Trace", stage.traces, true, trail],

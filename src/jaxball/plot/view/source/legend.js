@@ -19,10 +19,13 @@ export function repaintKeys() {
 
 export const short = (value) => String(Number(value.toPrecision(4))).replace("-", "−");
 
-// Of the masses, or of the axes where there are none: those of rigid bodies, and those of space of particles.
+// Of the masses, or of the axes where there are none: those of rigid bodies, and those of space of particles; and of the
+// bands of graphs.
 export function partKeys({ bodies, floor, palette }) {
   const names = new Map(bodies.flatMap((body) => body.masses).map((mass) => [mass.name, mass.colour]));
   if (!floor) AXES[bodies[0].body].forEach((name, j) => names.set(name, palette.components[j]));
+  const [{ spells = [] }, ...others] = bodies;
+  if (!others.length) for (const [mode] of spells) if (palette.modes[mode]) names.set(mode, palette.modes[mode]);
   return [...names].map(([name, colour]) => {
     const item = document.createElement("li");
     item.append(key(colour), name);

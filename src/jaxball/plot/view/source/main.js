@@ -1,6 +1,6 @@
 // Puts the page together: its texts, the scene, the graphs, and what the viewer can do.
 
-import { nearest, readView } from "./data.js";
+import { modeAt, nearest, readView } from "./data.js";
 import { layersOf } from "./layers.js";
 import { bodyKeys, colourBar, key, partKeys, repaintKeys } from "./legend.js";
 import { Player } from "./player.js";
@@ -28,7 +28,8 @@ const digits = Math.min(6, Math.max(2, Math.ceil(-Math.log10((times[times.length
 function show(t) {
   stage.show(t);
   for (const plot of plots) plot.show(t);
-  element("clock").textContent = `t = ${t.toFixed(digits)}`;
+  const mode = modeAt(bodies[stage.followed], t);
+  element("clock").textContent = `t = ${t.toFixed(digits)}${mode && `, ${mode}`}`;
   element("slider").value = player.k;
   element("slider").setAttribute("aria-valuetext", `t = ${t.toFixed(digits)}`);
 }
@@ -53,7 +54,7 @@ function writeKeys() {
   if (bodies.length === 1) return;
   const follow = (i) => {
     stage.follow(i);
-    stage.show(player.time);
+    show(player.time);
   };
   element("names").append(...bodyKeys(bodies, stage.followed, follow));
   element("names").classList.toggle("many", bodies.length > 6);

@@ -1,16 +1,20 @@
 // Graphs over time on plain canvases, with a cursor at the time shown. What does not move is drawn once, behind it.
 
-import { nearest } from "./data.js";
+import { modeAt, nearest } from "./data.js";
 import { css, readable } from "./theme.js";
 
+const DASHES = [{ dash: [5, 4], sign: "- -" }, { dash: [1.5, 2.5], sign: "···" }];
+const BAND = 0.2; // how much of its colour a band has
 const LABELLED = 2; // bodies: the values of more are not written
 const [LEFT, RIGHT, TOP, BOTTOM] = [46, 8, 6, 20];
 
 export class Plot {
-  constructor(view, { title, series, level, valued = true }, seek) {
+  constructor(view, { title, series, level, levels = [], valued = true }, seek) {
     this.times = view.times;
     this.valued = valued && view.bodies.length <= LABELLED; // whether labels have the values at the time shown
-    this.level = level && view.friction !== null ? { name: level, value: view.friction } : null;
+    this.levels = level && view.friction !== null ? [{ name: level, value: view.friction }, ...levels] : levels;
+    this.modes = view.bodies.length === 1 ? view.bodies[0] : {}; // bands of several would lie on one another
+    this.colours = view.palette.modes;
     this.series = series.map((one) => {
       const curves = view.bodies.filter((body) => body.arrays[one.array]).map((body) => curveOf(body, one));
       return { name: one.name, colour: one.colour, curves };
@@ -29,11 +33,11 @@ export class Plot {
       one.label = document.createElement("span");
       caption.append(one.label);
     }
-    if (this.level) {
+    this.levels.forEach(({ name, value }, j) => {
       const label = document.createElement("span");
-      label.textContent = `- - ${this.level.name} = ${this.level.value}`;
+      label.textContent = `${DASHES[j % DASHES.length].sign} ${name} = ${value}`;
       caption.append(label);
-    }
+    });
     caption.classList.toggle("pair", view.bodies.length === 2); // which has room for values of any length
     this.figure.append(caption, this.canvas);
     this.range = this.limits();
@@ -56,7 +60,7 @@ export class Plot {
       high = Math.max(high, value);
     };
     for (const { times, at } of this.curves) for (let k = 0; k < times.length; k++) include(at(k));
-    if (this.level) include(this.level.value);
+    for (const { value } of this.levels) include(value);
     if (low > high) return [-1, 1];
     // A constant is shown against 0, and 0 against ±1; rounding is no motion.
     if (high - low <= 1e-6 * Math.max(Math.abs(low), Math.abs(high))) {
@@ -96,8 +100,9 @@ export class Plot {
     }
     const pen = this.still.getContext("2d");
     pen.scale(devicePixelRatio, devicePixelRatio);
+    this.drawModes(pen);
     this.drawAxes(pen);
-    if (this.level) this.drawLevel(pen);
+    this.levels.forEach((level, j) => this.drawLevel(pen, level.value, DASHES[j % DASHES.length].dash));
     for (const curve of this.curves) this.drawCurve(pen, curve);
     if (this.shown !== undefined) this.show(this.shown);
   }
@@ -122,9 +127,22 @@ export class Plot {
     stroke(pen, css("soft"), [[LEFT, floor], [this.width - RIGHT, floor]]);
   }
 
-  drawLevel(pen) {
-    pen.setLineDash([5, 4]);
-    const y = this.y(this.level.value);
+  // Bands where the body slides or flies, and a thin line at each switch.
+  drawModes(pen) {
+    const [top, bottom] = [TOP, this.height - BOTTOM];
+    pen.globalAlpha = BAND;
+    for (const [mode, start, end] of this.modes.spells ?? []) {
+      pen.fillStyle = this.colours[mode] ?? "transparent";
+      pen.fillRect(this.x(start), top, this.x(end) - this.x(start), bottom - top);
+    }
+    pen.globalAlpha = 1;
+    pen.lineWidth = 0.5;
+    for (const t of this.modes.switches ?? []) stroke(pen, css("soft"), [[this.x(t), top], [this.x(t), bottom]]);
+  }
+
+  drawLevel(pen, value, dash) {
+    pen.setLineDash(dash);
+    const y = this.y(value);
     stroke(pen, css("ink"), [[LEFT, y], [this.width - RIGHT, y]]);
     pen.setLineDash([]);
   }
@@ -152,7 +170,7 @@ export class Plot {
   show(t) {
     this.shown = t;
     for (const { name, colour, curves, label } of this.series) {
-      const values = curves.map(({ times, at }) => at(nearest(times, t)).toPrecision(3).replace("-", "−"));
+      const values = curves.map(({ times, at }) => written(at(nearest(times, t))));
       label.style.color = colour ? readable(colour) : css("soft");
       label.textContent = this.valued ? `${name} ${values.join(" | ")}` : name;
     }
@@ -178,16 +196,17 @@ export class Plot {
 }
 
 // A series of one body: the sum of some columns of its array or their norm, which may be over another array.
-function curveOf(body, { array, columns, norm, over, colour }) {
+function curveOf(body, { array, columns, norm, over, colour, dashed }) {
   const { values, width } = body.arrays[array];
   const divisor = over && body.arrays[over].values;
   const of = (k) => {
     const found = columns.map((column) => values[k * width + column]);
     return norm ? Math.hypot(...found) : found.reduce((sum, value) => sum + value, 0);
   };
-  // No friction is enough where nothing presses.
-  const at = divisor ? (k) => (divisor[k] > 0 ? of(k) / divisor[k] : Infinity) : of;
-  return { times: body.times, colour: colour ?? body.colour, dashed: body.dashed, at };
+  // No friction is enough where nothing presses, and in flight none is needed.
+  const flies = (k) => modeAt(body, body.times[k]) === "flight";
+  const ratio = (k) => (divisor[k] > 0 ? of(k) / divisor[k] : flies(k) ? NaN : Infinity);
+  return { times: body.times, colour: colour ?? body.colour, dashed: dashed || body.dashed, at: divisor ? ratio : of };
 }
 
 function stroke(pen, colour, points) {
@@ -207,4 +226,5 @@ function ticks(low, high, count) {
   return found;
 }
 
+const written = (value) => (Number.isNaN(value) ? "–" : value.toPrecision(3).replace("-", "−"));
 const short = (value) => String(Number(value.toPrecision(6))).replace("-", "−");

@@ -1,7 +1,7 @@
 // Paths up to the time that is shown: of contact points, of points of a body, or of a body as a whole.
 
 import { Group, Quaternion, Vector3 } from "three";
-import { row, STILL } from "./data.js";
+import { modeAt, row, STILL } from "./data.js";
 import { curve, segments } from "./shapes.js";
 import { readable } from "./theme.js";
 
@@ -19,6 +19,38 @@ export class Trace extends Group {
   show(k) {
     this.position.fromArray(row(this.body.arrays.moved, k, STILL));
     this.line.geometry.instanceCount = k;
+  }
+}
+
+// The path of a body's lowest point: dashed where it slides, and dotted and above the plane where it flies.
+export class Trail extends Group {
+  constructor(body, points, colour, width = 3) {
+    super();
+    this.body = body;
+    const r = body.radius;
+    const looks = {
+      rolling: {},
+      sliding: { dashed: true, dashSize: 0.16 * r, gapSize: 0.08 * r },
+      flight: { dashed: true, dashSize: 0.04 * r, gapSize: 0.06 * r },
+    };
+    const parts = Object.fromEntries(Object.keys(looks).map((mode) => [mode, { points: [], counts: [0] }]));
+    for (let k = 0; k + 1 < body.times.length; k++) {
+      const own = modeAt(body, (body.times[k] + body.times[k + 1]) / 2);
+      for (const [mode, part] of Object.entries(parts)) {
+        if (mode === own) part.points.push(...points.slice(3 * k, 3 * k + 6));
+        part.counts.push(part.points.length / 6);
+      }
+    }
+    this.lines = Object.entries(parts).filter(([, part]) => part.points.length).map(([mode, part]) => {
+      const line = segments(part.points, () => readable(body.colour ?? colour), width, looks[mode]);
+      this.add(line);
+      return { line, counts: part.counts };
+    });
+  }
+
+  show(k) {
+    this.position.fromArray(row(this.body.arrays.moved, k, STILL));
+    for (const { line, counts } of this.lines) line.geometry.instanceCount = counts[k];
   }
 }
 

@@ -1,0 +1,176 @@
+"""The modes of a run with a law of contact: bands behind what is drawn over time, and styles of a path.
+
+Of other runs there are none, and they look as if there were no modes.
+"""
+
+import itertools
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from ..physics.modes import Mode
+from ..simulation.trajectory import Trajectory
+from .record import finite_rows
+from .style import DASHED, DOTTED, SMALL, legend_above
+
+# Vermilion and sky blue of Okabe and Ito's colours, made light: also in grey one is darker than the other.
+BANDS = {Mode.SLIDING: "#F5D8C2", Mode.FLIGHT: "#E4F3FB"}
+PATHS: dict[Mode, dict[str, Any]] = {
+    Mode.ROLLING: {"linestyle": "-"},
+    Mode.SLIDING: {"linestyle": DASHED},
+    Mode.FLIGHT: {"linestyle": DOTTED},
+}
+NAMES = [mode.name.lower() for mode in BANDS]
+SWITCH: dict[str, Any] = {"color": "0.6", "linewidth": 0.5}
+BREAK = np.full((1, 3), np.nan)
+
+
+class Spell(NamedTuple):
+    """A time through which a mode lasts, impacts from flight to flight among it."""
+
+    mode: Mode
+    start: float
+    end: float
+
+
+class Modes(NamedTuple):
+    """The spells of a run one after the other, and the times of the switches that are kept."""
+
+    spells: tuple[Spell, ...]
+    switches: Float[np.ndarray, " switches"]
+
+    @property
+    def changes(self) -> Float[np.ndarray, " changes"]:
+        """When one mode became another."""
+        return np.array([spell.start for spell in self.spells[1:]])
+
+    def at(self, times: Float[np.ndarray, " T"]) -> list[Mode]:
+        """The mode at each time; at a change, that which begins."""
+        return [self.spells[k].mode for k in np.searchsorted(self.changes, times, side="right")]
+
+
+def modes_of(trajectory: Trajectory[Any, Any]) -> Modes | None:
+    """The modes of a run at the times that are drawn; None of one without a law of contact."""
+    history = trajectory.contact
+    if history is None or not (rows := finite_rows(trajectory)).size:
+        return None
+    times = np.asarray(trajectory.times)[rows]
+    saved, switches = np.asarray(history.mode)[rows], history.switches
+    kept = min(int(switches.count), history.law.room)
+    when = np.asarray(switches.times)[:kept]
+    first = np.asarray(switches.source)[0] if kept else saved[0]
+    begins = [(times[0], first), *zip(when, np.asarray(switches.target)[:kept], strict=True)]
+    if int(switches.count) > kept:  # later modes are known at the saved times alone
+        begins += [(t, mode) for t, mode in zip(times, saved, strict=True) if t > when[-1]]
+    return Modes(tuple(_spells(begins, float(times[-1]))), when[when <= times[-1]])
+
+
+def _spells(begins: list[tuple[Any, Any]], end: float) -> Iterator[Spell]:
+    """Spells from the times at which modes begin."""
+    starts = [float(t) for t, _ in begins]
+    lasting = [
+        (Mode(int(mode)), start)
+        for (_, mode), start, until in zip(begins, starts, [*starts[1:], end], strict=True)
+        if start < min(until, end)
+    ] or [(Mode(int(begins[-1][1])), starts[0])]
+    merged = [next(group) for _, group in itertools.groupby(lasting, lambda one: one[0])]
+    for (mode, start), until in zip(merged, [*(start for _, start in merged[1:]), end], strict=True):
+        yield Spell(mode, start, until)
+
+
+def draw_modes(ax: Axes, modes: Modes | None) -> None:
+    """Bands where the body slides or flies, and a thin line at each switch, behind what is drawn over time."""
+    if modes is None:
+        return
+    named = set()
+    for mode, start, end in modes.spells:
+        if mode in BANDS:
+            label = None if mode in named else mode.name.lower()
+            ax.axvspan(start, end, facecolor=BANDS[mode], linewidth=0.0, zorder=-2, label=label)
+            named.add(mode)
+    for t in modes.switches:
+        ax.axvline(t, **SWITCH, zorder=-1)
+
+
+def share_bands(figure: Figure, most: int = 3) -> None:
+    """Names the bands of a figure once, below all its Axes; the legends above these have up to ``most`` in a row."""
+    bands: dict[str, Any] = {}
+    for ax in figure.axes:
+        of_ax = {str(patch.get_label()): patch for patch in ax.patches if patch.get_label() in NAMES}
+        for patch in of_ax.values():
+            patch.set_label("_nolegend_")
+        old = ax.get_legend()
+        if of_ax and old is not None:
+            old.remove()
+            legend_above(ax, most)
+        bands |= of_ax
+    if bands:
+        drawn = [bands[name] for name in NAMES if name in bands]
+        names = [name for name in NAMES if name in bands]
+        figure.legend(drawn, names, loc="outside lower center", ncols=len(drawn), frameon=False, prop=SMALL)
+
+
+def with_breaks(
+    modes: Modes | None, times: Float[np.ndarray, " T"], *series: Float[np.ndarray, " T"]
+) -> tuple[Float[np.ndarray, " T2"], ...]:
+    """Times and values of what jumps between modes, with a gap there, which no line crosses."""
+    if modes is None:
+        return times, *series
+    places = np.searchsorted(times, modes.changes)
+    broken = (np.insert(values, places, np.nan) for values in series)
+    return np.insert(times, places, modes.changes), *broken
+
+
+class Track(NamedTuple):
+    """The path of the body's lowest point, space axes, through the saved times and the switches between them.
+
+    ``modes`` are those of its segments.
+    """
+
+    times: Float[np.ndarray, " V"]
+    points: Float[np.ndarray, "V 3"]
+    modes: list[Mode]
+
+    def pieces(self, mode: Mode) -> tuple[Float[np.ndarray, " P"], Float[np.ndarray, "P 3"]]:
+        """What of the path is in a mode, as one curve with breaks, and the times of its points."""
+        times, points, k = [np.zeros(0)], [np.zeros((0, 3))], 0
+        for other, group in itertools.groupby(self.modes):
+            end = k + len(list(group))
+            if other == mode:
+                times += [self.times[k : end + 1], self.times[end : end + 1]]
+                points += [self.points[k : end + 1], BREAK]
+            k = end
+        return np.concatenate(times), np.concatenate(points)
+
+
+def track_of(trajectory: Trajectory[Any, Any]) -> Track | None:
+    """The track of a run; None of one without a law of contact."""
+    modes, history = modes_of(trajectory), trajectory.contact
+    if modes is None or history is None:
+        return None
+    rows, r, kept = finite_rows(trajectory), float(trajectory.system.radius), len(modes.switches)
+    saved = _lowest(np.asarray(trajectory.state.z)[rows], np.asarray(history.height)[rows], r)
+    after = history.switches.after
+    switched = _lowest(np.asarray(after.body.z)[:kept], np.asarray(after.height)[:kept], r)
+    times = np.concatenate([np.asarray(trajectory.times)[rows], modes.switches])
+    times, first = np.unique(times, return_index=True)
+    return Track(times, np.concatenate([saved, switched])[first], modes.at((times[1:] + times[:-1]) / 2))
+
+
+def switch_points(trajectory: Trajectory[Any, Any]) -> Float[np.ndarray, "switches 3"]:
+    """Where the body's lowest point is at the switches, space axes."""
+    modes, track = modes_of(trajectory), track_of(trajectory)
+    if modes is None or track is None:
+        return np.zeros((0, 3))
+    return track.points[np.searchsorted(track.times, modes.switches)]
+
+
+def _lowest(
+    z: Float[np.ndarray, "n *direction"], height: Float[np.ndarray, " n"], r: float
+) -> Float[np.ndarray, "n 3"]:
+    along = z if z.ndim == 2 else np.stack([z, 0 * z], axis=1)  # a disk rolls along e1
+    return np.column_stack([along, height - r])

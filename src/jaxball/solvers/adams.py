@@ -1,0 +1,239 @@
+"""The Adams methods of variable order and step."""
+
+from typing import Any, ClassVar, NamedTuple
+
+import diffrax
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Float, Int
+
+from .adams_controller import AdamsError, AdamsNorm
+from .adams_order import Plan, plan
+from .differences import Points, error_constants, sums
+from .flat import FlatProblem, flat_problem
+from .interpolation import AdamsPolynomial
+from .outcome import RESULTS, at_limit
+from .stages import FROM_CONTROLLER
+
+HIGHEST = 12
+# Two steps are equal if their lengths differ by less than this, relative to them.
+EQUAL = 0.01
+# A step that is shorter than this, relative to the one before, leaves no point behind.
+TINY = 0.01
+
+
+class PredictorCorrector(eqx.Module):
+    """The one correction of a prediction, in the place where implicit solvers of diffrax have their root finder.
+
+    diffrax puts the tolerances of the step-size controller here, and the order is chosen by them.
+    """
+
+    rtol: Any = FROM_CONTROLLER
+    atol: Any = FROM_CONTROLLER
+    norm: Any = FROM_CONTROLLER
+
+
+class AdamsState(NamedTuple):
+    """What the steps so far leave to the next.
+
+    - ``differences``: the modified divided differences of the slopes at the last points, from order 0.
+    - ``past``: the times from each of these points to the start of the next step.
+    - ``order``: of the next step; 0 where nothing is known yet.
+    - ``equal``: how many of the last steps had one length.
+    - ``rising``: whether the run is still starting.
+    """
+
+    differences: Float[Array, "rows n"]
+    past: Float[Array, " rows"]
+    order: Int[Array, ""]
+    equal: Int[Array, ""]
+    rising: Bool[Array, ""]
+
+
+class Adams(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptiveSolver):
+    """The Adams–Bashforth–Moulton methods of orders 1 to 12, with variable order and step.
+
+    The integral of the polynomial through the slopes at the last k points predicts the state at the end of the step.
+    The slope there makes a polynomial of one order more, whose integral is the state (local extrapolation), and at this
+    the slope is evaluated again: two evaluations a step, whatever the order. For smooth problems at tight tolerances
+    whose field costs more than some additions of states.
+
+    The order is chosen together with the step, so that the step-size controller must be :class:`AdamsController`;
+    ``jaxball.simulate`` takes that by itself. The first step, and the first one after a jump, has order 1.
+
+    **Arguments:**
+
+    - ``max_order``: the largest number k of points, from 1 to 12.
+
+    Source: Shampine & Gordon, *Computer Solution of Ordinary Differential Equations* (1975), whose code is DE/STEP;
+    Hairer, Nørsett & Wanner, *Solving Ordinary Differential Equations I* (1993), section III.5.
+
+    **Raises:** ``ValueError`` for another ``max_order``; in a solve, ``TypeError`` for another step-size controller
+    and for a term with a mass matrix.
+
+    **Example:**
+
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> from jaxball import paper, simulate
+    >>> from jaxball.solvers import Adams
+    >>> run = simulate(paper.ball(), [0.0, 20.0], solver=Adams())
+    >>> print(run.state.z[-1].round(6))
+    [-3.992344 -3.866665]
+    """
+
+    term_structure: ClassVar = diffrax.AbstractTerm
+    interpolation_cls: ClassVar = AdamsPolynomial
+
+    max_order: int = eqx.field(static=True)
+    root_finder: Any  # pyright: ignore[reportIncompatibleVariableOverride]
+
+    def __init__(self, max_order: int = HIGHEST):
+        if isinstance(max_order, bool) or max_order not in range(1, HIGHEST + 1):
+            raise ValueError(f"Argument `max_order` must be a whole number from 1 to {HIGHEST}, but it is {max_order}.")
+        self.max_order = max_order
+        self.root_finder = PredictorCorrector()  # pyright: ignore[reportIncompatibleVariableOverride]
+
+    @property
+    def root_find_max_steps(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """The corrections of a step."""
+        return 1
+
+    def order(self, terms) -> int:
+        """That of the result at the largest number of points, which local extrapolation makes one more than it."""
+        return self.max_order + 1
+
+    def func(self, terms, t0, y0, args):
+        return terms.vf(t0, y0, args)
+
+    def init(self, terms, t0: Any, t1: Any, y0, args) -> AdamsState:
+        x0, _ = ravel_pytree(y0)
+        return AdamsState(
+            differences=jnp.zeros((self.max_order + 1, x0.size), x0.dtype),
+            past=jnp.zeros(self.max_order + 1, jnp.result_type(t0)),
+            order=jnp.asarray(0),
+            equal=jnp.asarray(0),
+            rising=jnp.asarray(True),
+        )
+
+    def step(self, terms, t0: Any, t1: Any, y0, args, solver_state, made_jump: Any):
+        self._require_controller()
+        problem = flat_problem(terms, t0, t1, y0, args)
+        problem.refuse_mass(self)
+        first = (solver_state.order == 0) | made_jump
+        state = _begun(solver_state, first, t1 - t0)
+        points = Points(state.past, t1 - t0)
+        attempt = _attempted(problem, (t0, t1), state, points, first)
+        size, sizes = self._errors(problem, state, points, attempt)
+        finite = jnp.all(jnp.isfinite(attempt.x1)) & jnp.all(jnp.isfinite(attempt.differences))
+        size = jnp.where(finite, size, jnp.where(at_limit(t0, t1), 0.0, jnp.inf))
+        result = RESULTS.where(finite, RESULTS.successful, RESULTS.nonfinite)
+        after, following = _after(state, points, attempt, first, sizes)
+        dense = {"y0": y0, "terms": jax.vmap(problem.unravel)(attempt.terms), "past": state.past}
+        error = AdamsError(size, following.growth, following.shrink)
+        return problem.unravel(attempt.x1), error, dense, after, result
+
+    def _errors(
+        self, problem: FlatProblem, state: AdamsState, points: Points, attempt: "Attempt"
+    ) -> tuple[Float[Array, ""], Float[Array, " rows"]]:
+        """The error of the step, and those of all orders had all steps been as long, in units of the tolerance.
+
+        They serve to choose steps, and are not to be differentiated.
+        """
+        x0, x1, corrections, points = jax.lax.stop_gradient((problem.x0, attempt.x1, attempt.corrections, points))
+        rtol, atol, norm = self.root_finder.rtol, self.root_finder.atol, self.root_finder.norm
+        tolerance = atol + rtol * jnp.maximum(jnp.abs(x0), jnp.abs(x1))
+        sizes = jax.vmap(lambda row: norm(problem.unravel(row / tolerance)))(corrections)
+        g, evenness = (a.astype(sizes.dtype) for a in (points.integrals(), points.evenness()))
+        rows = jnp.arange(sizes.size)
+        size = jnp.sum(jnp.where(rows == state.order, jnp.abs(g - jnp.roll(g, 1)) * sizes, 0.0))
+        return size, jnp.asarray(error_constants(rows.size), sizes.dtype) * evenness * sizes
+
+    def _require_controller(self) -> None:
+        if not isinstance(self.root_finder.norm, AdamsNorm):
+            raise TypeError(
+                "Argument `stepsize_controller` must be a jaxball.solvers.AdamsController, or a controller around one, "
+                "where the solver is Adams, which chooses its order together with the step, but it is another."
+            )
+
+
+class Attempt(NamedTuple):
+    """A step that may be accepted.
+
+    - ``x1``: the state at its end.
+    - ``terms``: the terms of its polynomial, as multiples of which x grows.
+    - ``corrections``: h times the modified divided differences of each order with the slope at the predicted state.
+    - ``differences``: the modified divided differences with the last slope.
+    """
+
+    x1: Float[Array, " n"]
+    terms: Float[Array, "rows n"]
+    corrections: Float[Array, "rows n"]
+    differences: Float[Array, "rows n"]
+
+
+def _begun(state: AdamsState, first: Bool[Array, ""], h: Float[Array, ""]) -> AdamsState:
+    """The state, or where it is the first step, one that knows nothing; its points are as good as any."""
+    rows = state.past.size
+    fresh = AdamsState(
+        differences=jnp.zeros_like(state.differences),
+        past=jnp.arange(rows, dtype=h.dtype) * h,
+        order=jnp.ones_like(state.order),
+        equal=jnp.zeros_like(state.equal),
+        rising=jnp.ones_like(state.rising),
+    )
+    return jax.tree.map(lambda a, b: jnp.where(first, a, b), fresh, state)
+
+
+def _attempted(
+    problem: FlatProblem,
+    times: tuple[Float[Array, ""], Float[Array, ""]],
+    state: AdamsState,
+    points: Points,
+    first: Bool[Array, ""],
+) -> Attempt:
+    """A step: predicted, evaluated, corrected and evaluated again.
+
+    In a first step the slope at its start takes the place of the last evaluation, and the one before is the last.
+    """
+    x0, k = problem.x0, state.order
+    h, g, factors = (a.astype(x0.dtype) for a in (problem.control, points.integrals(), points.factors()))
+    rows = jnp.arange(g.size)
+    starred = factors[:, None] * state.differences
+    before = jnp.where((rows < k)[:, None], starred, 0.0)
+    predicted = x0 + h * jnp.sum(g[:, None] * before, axis=0)
+    extrapolated, correction = jnp.sum(before, axis=0), h * jnp.sum(jnp.where(rows == k, g, 0.0))
+
+    def evaluated(at, _):
+        slope = problem.field(*at)
+        x = jnp.where(first, x0 + h * slope, predicted + correction * (slope - extrapolated))
+        return (times[1], x), slope
+
+    start = jnp.where(first, times[0], times[1]), jnp.where(first, x0, predicted)
+    _, (one, last) = jax.lax.scan(evaluated, start, length=2)
+    starred = jnp.where(first, jnp.where(rows[:, None] == 0, one[None], 0.0), starred)
+    known, slope = sums(starred), jnp.where(first, last, one)
+    corrections = h * (slope[None] - known)
+    terms = jnp.where((rows < k)[:, None], h * starred, jnp.where((rows == k)[:, None], corrections, 0.0))
+    return Attempt(x0 + jnp.sum(g[:, None] * terms, axis=0), terms, corrections, last[None] - known)
+
+
+def _after(
+    state: AdamsState,
+    points: Points,
+    attempt: Attempt,
+    first: Bool[Array, ""],
+    sizes: Float[Array, " rows"],
+) -> tuple[AdamsState, Plan]:
+    """What an attempt leaves to the next step if it is accepted, and what follows it in any case."""
+    h, spacing = points.h, state.past[1] - state.past[0]
+    equal = jnp.where(jnp.abs(h - spacing) <= EQUAL * h, state.equal + 1, 1)
+    # A start ends with the first step that was not twice as long as the one before, because that failed or was cut.
+    following = plan(sizes, state.order, equal, state.rising & (first | (h > 1.9 * spacing)))
+    moved = AdamsState(attempt.differences, points.advanced(), following.order, equal, following.rising)
+    # Two points so near to each other would have differences of rounding errors alone: the end is none of the points.
+    stayed = state._replace(past=state.past + h)
+    tiny = ~first & (h < TINY * spacing) & (state.past[0] == 0)
+    return jax.tree.map(lambda a, b: jnp.where(tiny, a, b), stayed, moved), following

@@ -1,0 +1,139 @@
+"""Runs of jaxball by the Adams method, against runs by others, and how often both evaluate the equations."""
+
+import functools
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import Ball, BallState, Event, PointMass, simulate
+from jaxball.paper import reference
+from jaxball.paper.reproduce.evaluations import Counter, CountingSolver
+from jaxball.physics.packing import Packing
+from jaxball.simulation.step_size import by_tolerances, kinks_of, to_kinks
+from jaxball.solvers import Adams
+from tests.support.paper import paper_ball
+
+ADAMS, DOPRI8 = Adams(), diffrax.Dopri8()
+BALL = paper_ball()
+TIMES = np.linspace(0.0, 3.0, 31)
+
+
+def split(ball, parts):
+    """The same ball with every mass made of ``parts`` equal ones in one place."""
+    masses = [PointMass(item.mass / parts, item.motion) for item in ball.point_masses for _ in range(parts)]
+    return Ball(mass=ball.mass, inertia=ball.inertia, radius=ball.radius, offset=ball.offset, masses=masses)
+
+
+class TestOneRun:
+    @staticmethod
+    @functools.cache
+    def run():
+        return simulate(BALL, TIMES, solver=ADAMS, dense=True, throw=True)
+
+    def test_agrees_with_a_run_by_dopri8(self):
+        other = simulate(BALL, TIMES, rtol=1e-12, atol=1e-12, step_to_times=True, throw=True)
+        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=0, atol=5e-9), self.run().state, other.state)
+
+    def test_the_steps_are_those_of_diffrax(self):
+        packing, t = Packing.of(BALL.prepare(), BallState()), jnp.asarray(TIMES)
+        controller = by_tolerances(jnp.asarray(1e-10), jnp.asarray(1e-10), ADAMS)
+        solution = jax.jit(
+            lambda: diffrax.diffeqsolve(
+                diffrax.ODETerm(lambda t, x, _: packing.field(jnp.asarray(t), x)),
+                ADAMS,
+                t[0],
+                t[-1],
+                None,
+                packing.pack(t[0], BallState()),
+                saveat=diffrax.SaveAt(ts=t),
+                stepsize_controller=to_kinks(controller, kinks_of(BALL)),
+            )
+        )()
+        assert self.run().steps == solution.stats["num_steps"]
+        assert self.run().rejected == solution.stats["num_rejected_steps"]
+        states = jax.vmap(packing.unpack)(t, solution.ys)
+        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=0, atol=2e-13), self.run().state, states)
+
+    def test_can_be_evaluated_at_any_time(self):
+        t = np.array([0.05, 0.15, 1.234])
+        other = simulate(BALL, [0.0, *t, 3.0], rtol=1e-12, atol=1e-12, step_to_times=True, throw=True).state
+        for i, time in enumerate(t):
+            np.testing.assert_allclose(self.run().at(time).q, other.q[i + 1], rtol=0, atol=5e-9)
+
+    def test_contact_extremes(self):
+        ours, theirs = (jaxball.contact_extremes(run) for run in (self.run(), simulate(BALL, TIMES, dense=True)))
+        np.testing.assert_allclose(ours.least_normal_force, theirs.least_normal_force, rtol=1e-7)
+
+
+def turned(ball, t, state):
+    return state.q[1]
+
+
+def test_events_happen_when_they_do_in_another_run():
+    events = {"turned": Event(turned, terminal=True)}
+    times = [simulate(BALL, TIMES, solver=solver, events=events).reached for solver in (ADAMS, DOPRI8)]
+    assert 0.0 < times[1] < 3.0
+    np.testing.assert_allclose(times[0], times[1], rtol=0, atol=1e-8)
+
+
+def test_projection():
+    state = simulate(BALL, TIMES[[0, -1]], solver=ADAMS, project=True, throw=True).state
+    np.testing.assert_allclose(np.linalg.norm(state.q, axis=1), 1.0, rtol=0, atol=5e-16)
+
+
+@pytest.mark.parametrize("differentiate", [jax.grad, jax.jacfwd], ids=["reverse", "forward"])
+def test_derivatives_agree_with_those_of_dopri8(differentiate):
+    adjoint = diffrax.ForwardMode() if differentiate is jax.jacfwd else None
+
+    def end(scale, solver, tolerance):
+        ball = Ball(
+            mass=BALL.mass * scale,
+            inertia=BALL.inertia,
+            radius=BALL.radius,
+            offset=BALL.offset,
+            masses=BALL.point_masses,
+        )
+        run = simulate(ball, TIMES[[0, -1]], solver=solver, rtol=tolerance, atol=tolerance, adjoint=adjoint)
+        return run.state.z[-1, 0]
+
+    ours = differentiate(lambda scale: end(scale, ADAMS, 1e-11))(1.0)
+    theirs = differentiate(lambda scale: end(scale, DOPRI8, 1e-12))(1.0)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8)
+
+
+def test_batches():
+    """Each run takes its own orders and steps."""
+
+    def end(phidot):
+        state = BallState(Omega=jnp.stack([jnp.zeros_like(phidot), phidot, jnp.zeros_like(phidot)]))
+        run = simulate(BALL, TIMES[[0, -1]], state, solver=ADAMS)
+        return run.state.z[-1], run.steps
+
+    rates = jnp.array([0.0, 2.0])
+    ends, steps = jax.vmap(end)(rates)
+    for i, rate in enumerate(rates):
+        alone, count = end(rate)
+        np.testing.assert_allclose(ends[i], alone, rtol=0, atol=1e-10)
+        assert abs(int(steps[i]) - int(count)) <= 3
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param((BALL, reference.ball, slice(-2, None)), id="ball", marks=pytest.mark.slow),
+        pytest.param((split(BALL, 100), reference.ball, slice(-2, None)), id="ball with 300 masses"),
+    ],
+)
+def test_fewer_evaluations_than_dopri8(case):
+    ball, truth, columns = case
+    counts = []
+    for solver in (ADAMS, DOPRI8):
+        counter = Counter()
+        run = simulate(ball, [0.0, 20.0], solver=CountingSolver(solver, counter), throw=True)
+        np.testing.assert_allclose(run.state.z[-1], truth().values[-1, columns], rtol=0, atol=1e-7)
+        counts.append(counter.read())
+    assert counts[0] < 0.7 * counts[1]
