@@ -1,0 +1,103 @@
+"""How many runs a second are solved where each of them may slide, roll, fly and bounce, beside runs that roll.
+
+    python benchmarks/modes.py [--rows 10000] [--json FILE]
+
+The same balls, each with an offset of its own, at the same times: without a law of contact; with one that holds them,
+so that they roll as well; in the air all the time; and with friction and restitution such that rows slide, roll, fly
+and bounce. A microsecond for a lane's step says what a step costs, and the number of steps what modes add to that.
+"""
+
+import argparse
+from pathlib import Path
+
+import harness
+import numpy as np
+
+TIMES = (0.0, 2.0)
+SEED = 1
+HELD = 50.0  # a coefficient of friction with which nothing slips
+HIGH = 100.0
+ROOM = 16
+
+
+def main() -> None:
+    options = _options()
+    harness.set_up_jax(cpu_settings=True)
+    rows = measured(options.rows, options.rounds)
+    for row in rows:
+        print(
+            f"{row['runs']:22}{row['rate']:9.0f} runs/s{row['steps']:8.1f} steps{row['switches']:7.1f} switches"
+            f"{row['lane_step']:8.2f} us a lane's step, efficiency {row['efficiency']:.0%}, {row['failed']} failed"
+        )
+    if options.json:
+        packages = ("jaxball", "jax", "jaxlib", "diffrax", "equinox")
+        content = {"benchmark": "runs of several modes in lanes", **harness.description(*packages), "rows": rows}
+        harness.write_json(options.json, content)
+
+
+def measured(rows: int, rounds: int) -> list[dict]:
+    """What every kind of runs costs."""
+    import jax
+
+    from jaxball import Ball, BallState, Contact, ReleasedState
+    from jaxball.ensemble import simulate_ensemble
+
+    def ball(offset):
+        return Ball(mass=1.0, inertia=(0.4, 0.45, 0.5), radius=1.0, gravity=9.81, offset=offset)
+
+    def thrown(q, Omega, V, height):
+        return ReleasedState(BallState(q=q, Omega=Omega), V=V, height=height)
+
+    def law(sliding, restitution):
+        return Contact(sliding=sliding, restitution=restitution, room=ROOM)
+
+    random = np.random.default_rng(SEED)
+    falls = random.random(rows) < 0.5
+    q, Omega, V = (random.normal(size=(rows, n)) for n in (4, 3, 3))
+    V[:, 2] *= falls
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    balls = jax.vmap(ball)(0.1 * random.normal(size=(rows, 3)))
+    height = np.where(falls, random.uniform(0.0, 0.5, rows), 0.0)
+    starts = [jax.vmap(thrown)(q, 3 * Omega, V, h) for h in (height, height + HIGH)]
+    mu, e = random.uniform(0.02, 0.8, rows), random.choice([0.0, 0.3, 0.7, 0.9], rows)
+    laws = jax.vmap(law)(mu, e), jax.vmap(law)(mu + HELD, e)
+    runs = {
+        "roll, without a law": (starts[0].body, None),
+        "roll, with a law": (starts[0].body, laws[1]),
+        "fly": (starts[1], laws[0]),
+        "of several modes": (starts[0], laws[0]),
+    }
+    calls = {
+        name: lambda state=state, contact=contact: jax.block_until_ready(
+            simulate_ensemble(balls, TIMES, state, contact=contact, max_steps=4000)
+        )
+        for name, (state, contact) in runs.items()
+    }
+    ensembles = {name: call() for name, call in calls.items()}
+    best = harness.interleaved_best(calls, rounds)
+    return [_row(name, ensembles[name], best[name], rows) for name in calls]
+
+
+def _row(name: str, ensemble, seconds: float, rows: int) -> dict:
+    run = ensemble.trajectory
+    return {
+        "runs": name,
+        "rate": rows / seconds,
+        "steps": float(np.mean(run.steps)),
+        "switches": 0.0 if run.contact is None else float(np.mean(run.contact.switches.count)),
+        "lane_step": 1e6 * seconds * harness.cores() / float(ensemble.executed),
+        "efficiency": float(ensemble.efficiency),
+        "failed": int(np.sum(np.asarray(run.status) != 0)),
+    }
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rows", type=int, default=10_000, help="how many runs")
+    parser.add_argument("--rounds", type=int, default=3, help="turns of every call; the best counts")
+    parser.add_argument("--json", type=Path, help="where to write the measurements")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
