@@ -13,7 +13,7 @@ import numpy as np
 from lane_costs import EVALUATIONS, right_hand_side
 
 from jaxball import paper
-from jaxball.simulation.simulate import DEFAULT_SOLVER
+from jaxball.simulation.arguments import DEFAULT_SOLVER
 
 # What counts as more than one operation: about what a division takes on a GPU.
 WEIGHTS = {"div": 8, "sqrt": 8, "rsqrt": 8, "sin": 20, "cos": 20}

@@ -13,7 +13,7 @@ from jaxball.ensemble.runge_kutta import step
 from jaxball.numerics.lanes import LaneProgram
 from jaxball.physics.moments import velocity_moments
 from jaxball.physics.packing import Packing
-from jaxball.simulation.simulate import DEFAULT_SOLVER
+from jaxball.simulation.arguments import DEFAULT_SOLVER
 
 LANES = 64  # as simulate_ensemble
 STEPS, LENGTH = 1000, 0.01

@@ -105,7 +105,7 @@ def evaluations(ball) -> int:
     """How often a run by the default settings evaluates the right-hand side."""
     from jaxball import paper, simulate
     from jaxball.paper.reproduce.evaluations import Counter, CountingSolver
-    from jaxball.simulation.simulate import DEFAULT_SOLVER
+    from jaxball.simulation.arguments import DEFAULT_SOLVER
 
     counter = Counter()
     simulate(ball, (paper.START, paper.END), solver=CountingSolver(DEFAULT_SOLVER, counter), throw=True)

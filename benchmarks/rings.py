@@ -131,7 +131,7 @@ def evaluations(ball, state) -> int:
     """How often a run by the default settings evaluates the right-hand side."""
     from jaxball import simulate
     from jaxball.paper.reproduce.evaluations import Counter, CountingSolver
-    from jaxball.simulation.simulate import DEFAULT_SOLVER
+    from jaxball.simulation.arguments import DEFAULT_SOLVER
 
     counter = Counter()
     simulate(ball, (0.0, END), state, solver=CountingSolver(DEFAULT_SOLVER, counter), throw=True)

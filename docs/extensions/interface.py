@@ -25,7 +25,14 @@ logger = logging.getLogger(__name__)
 CHAPTERS = {
     "running": (
         "Simulating",
-        ["simulation.simulate", "simulation.trajectory", "interface.status", "results", "scenario"],
+        [
+            "simulation.simulate",
+            "simulation.arguments",
+            "simulation.trajectory",
+            "interface.status",
+            "results",
+            "scenario",
+        ],
     ),
     "bodies": (
         "Bodies and their surroundings",

@@ -159,6 +159,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         read_scenario as read_scenario,
         write_scenario as write_scenario,
     )
+    from .simulation.arguments import PrecisionError as PrecisionError
     from .simulation.equilibrium import Balance as Balance, balance as balance, with_angles as with_angles
     from .simulation.events import (
         AbstractEvent as AbstractEvent,
@@ -169,7 +170,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from .simulation.extremes import ContactExtremes as ContactExtremes, contact_extremes as contact_extremes
     from .simulation.history import ContactHistory as ContactHistory, Switches as Switches
     from .simulation.occurrences import Occurrences as Occurrences
-    from .simulation.simulate import PrecisionError as PrecisionError, simulate as simulate
+    from .simulation.simulate import simulate as simulate
     from .simulation.trajectory import Trajectory as Trajectory
 else:
     from .interface.names import lazy_interface, missing
@@ -207,7 +208,8 @@ else:
             "AbstractSchedule ConstantRate FunctionSchedule PiecewiseAcceleration Pulse Sinusoids Waypoints"
         ),
         "physics.signals": "AbstractIntegrableSignal AbstractSignal ConstantSignal PiecewiseSignal",
-        "simulation.simulate": "PrecisionError simulate",
+        "simulation.arguments": "PrecisionError",
+        "simulation.simulate": "simulate",
         "physics.state": "BallState DiskState ReducedState RotationState State",
         "physics.system": "AbstractState AbstractSystem vector_field",
         "interface.status": "SolveError Status",

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from jaxball import Ball, Circle, ConstantRate, OnRail, PointMass, Tube, plot
+from jaxball import Ball, Circle, ConstantRate, OnRail, PointMass, ReleasedState, Tube, plot
 from jaxball.classical import AbstractClassicalSystem
 from jaxball.plot.actuation import accelerations
 from jaxball.plot.report import CLASSICAL, STANDARD
@@ -35,7 +35,8 @@ def figure_of(drawn):
 @pytest.mark.parametrize("name", ROLLING)
 def test_names_of_masses_hide_nothing(name):
     scenario = load_scenario(name)
-    figure = figure_of(plot.configuration(scenario.system, theta=scenario.state.theta))
+    state = scenario.state.body if isinstance(scenario.state, ReleasedState) else scenario.state
+    figure = figure_of(plot.configuration(scenario.system, theta=state.theta))
     assert overlaps(figure) == []
     caption(figure, scenario.system, scenario.title)
     assert overlaps(figure) == []

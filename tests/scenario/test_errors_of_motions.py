@@ -210,8 +210,8 @@ RUNS = {
     ),
     "another solver": (
         BALL + '[solve]\nsolver = "euler"',
-        'Key `solve.solver` must be one of "dopri5", "dopri8", "tsit5", "kvaerno3", "kvaerno5", "radau5", "radau9", '
-        '"radau13", "gauss16", "trapezoidal", "tr-bdf2", but it is "euler".',
+        'Key `solve.solver` must be one of "dopri5", "dopri8", "tsit5", "kvaerno3", "kvaerno5", "adams", "radau5", '
+        '"radau9", "radau13", "gauss16", "trapezoidal", "tr-bdf2", but it is "euler".',
     ),
     "a DAE by a solver for ODEs": (
         BALL + '[solve]\nsolver = "gauss16"\ndae = true',

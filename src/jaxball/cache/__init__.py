@@ -27,7 +27,7 @@ __all__ = ["Contents", "clear", "contents", "disable", "enable"]
 
 OFF, PLACE, OF_JAX = "JAXBALL_NO_CACHE", "JAXBALL_CACHE_DIR", "JAX_COMPILATION_CACHE_DIR"
 # XLA checks preferences of the processor it compiles for as though they were instructions, and complains on stderr.
-SILENT = ("TF_CPP_MIN_LOG_LEVEL", "3")
+LOG_LEVEL, OF_ALL_THAT_JAX_STARTS, SILENT = "TF_CPP_MIN_LOG_LEVEL", "1", "3"
 
 
 class Contents(NamedTuple):
@@ -125,8 +125,8 @@ def in_use() -> Path | None:
 
 
 def _silence() -> None:
-    if "jax" not in sys.modules:
-        os.environ.setdefault(*SILENT)
+    if "jax" not in sys.modules and os.environ.get(LOG_LEVEL, OF_ALL_THAT_JAX_STARTS) == OF_ALL_THAT_JAX_STARTS:
+        os.environ[LOG_LEVEL] = SILENT
 
 
 def _folder(given: str | os.PathLike[str] | None) -> Folder:

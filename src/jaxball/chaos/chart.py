@@ -17,7 +17,7 @@ from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.batches import in_threads, unpadded
 from ..physics.phase_space import normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
-from ..simulation.simulate import checked_solver, checked_tolerances
+from ..simulation.arguments import checked_solver, checked_tolerances
 from .spectrum import Method, interval_edges
 from .system import system_spectrum
 

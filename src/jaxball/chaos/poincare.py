@@ -12,8 +12,9 @@ from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers
 from ..physics.system import AbstractState, AbstractSystem
+from ..simulation.arguments import DEFAULT_TOLERANCE
 from ..simulation.events import Event
-from ..simulation.simulate import DEFAULT_TOLERANCE, simulate
+from ..simulation.simulate import simulate
 
 
 class PoincareMap(Printed):

@@ -22,7 +22,8 @@ from ..numerics.tangent import (
     tangent_field,
     without_normal,
 )
-from ..simulation.simulate import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances, status_of
+from ..simulation.arguments import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances
+from ..simulation.simulate import status_of
 from ..simulation.step_size import by_tolerances, to_kinks
 from .monitor import Monitor, Monitored
 from .result import LyapunovSpectrum

@@ -13,7 +13,8 @@ from ..physics.packing import Packing
 from ..physics.phase_space import dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import possible_start
-from ..simulation.simulate import DEFAULT_TOLERANCE, at_rest, checked_solver, checked_steps, checked_tolerances
+from ..simulation.arguments import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances
+from ..simulation.simulate import at_rest
 from .result import LyapunovSpectrum
 from .spectrum import Flow, Method, checked_count, interval_edges, spectrum
 

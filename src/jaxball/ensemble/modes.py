@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..physics.packing import Packing
-from ..simulation.switching import NONE, Course, Ended, Followed, Judged, Kept, Switching, looked, passed_by
+from ..simulation.switching import NONE, Course, Ended, Followed, Judged, Kept, Settled, Switching, looked, passed_by
 from ..solvers.dense.sampling import sampling
 from .control import Limits, Verdict
 from .parameters import Prepared
@@ -185,7 +185,7 @@ class Modes(NamedTuple):
         after = lanes._replace(
             running=(done.course.status == int(Status.SUCCESS)) & (done.t < given.t1),
             start=done.t,
-            end=jnp.minimum(done.end(lanes.end), given.t1),
+            end=jnp.minimum(jax.vmap(Settled.end, in_axes=-1)(done, lanes.end), given.t1),
             x=done.y,
             fresh=jnp.ones_like(lanes.fresh),
             course=done.course,

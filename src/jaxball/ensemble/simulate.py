@@ -19,8 +19,8 @@ from ..physics.contact_law import Contact
 from ..physics.modes import BodyOnPlane
 from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem, require_state
+from ..simulation.arguments import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_steps, checked_tolerances
 from ..simulation.modal import history, on_plane
-from ..simulation.simulate import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_steps, checked_tolerances
 from ..simulation.trajectory import Trajectory
 from .parameters import for_all_rows, shared_leaves
 from .program import Settings, compiled

@@ -34,7 +34,7 @@ class Contact(Printed):
 
     >>> from jaxball import Contact
     >>> Contact(sliding=0.2, restitution=0.5)
-    Contact(sliding=0.2, static=0.2, restitution=0.5, slowest=1e-06)
+    Contact(sliding=0.2, static=0.2, restitution=0.5, slowest=1e-06, room=64)
     """
 
     sliding: Float[Array, "*batch"]

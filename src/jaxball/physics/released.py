@@ -54,8 +54,7 @@ class ReleasedState(Printed):
 
     >>> from jaxball import BallState, ReleasedState
     >>> ReleasedState(BallState(Omega=(0.0, -5.0, 0.0)), V=(2.0, 0.0, 0.0))  # with backspin
-    ReleasedState(V=(2.0, 0.0, 0.0), height=0.0)
-      body: BallState(q=(1.0, 0.0, 0.0, 0.0), Omega=(0.0, -5.0, 0.0), z=(0.0, 0.0), theta=(), thetadot=())
+    ReleasedState(body=BallState(Omega=(0.0, -5.0, 0.0)), V=(2.0, 0.0, 0.0), height=0.0)
     """
 
     body: PlacedState

@@ -13,8 +13,9 @@ from ..interface.wording import one_of
 from ..physics.contact_law import Contact
 from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
+from ..simulation.arguments import DEFAULT_TOLERANCE
 from ..simulation.events import AbstractEvent
-from ..simulation.simulate import DEFAULT_TOLERANCE, simulate
+from ..simulation.simulate import simulate
 from ..simulation.trajectory import Trajectory
 from .solve import check_dae
 from .solvers import SOLVERS

@@ -22,7 +22,8 @@ class Switches(Printed):
     - ``source``, ``target``: the :class:`~jaxball.Mode` before and after it, shape (room,).
     - ``before``, ``after``: the :class:`~jaxball.ReleasedState` before and after it, with a leading axis.
     - ``lost``: the energy that an impact took, mass length²/time², shape (room,).
-    - ``grazing``: whether what ended the mode touched zero rather than crossing it, so that derivatives mean little.
+    - ``grazing``: whether what ended the mode touched zero rather than crossing it, so that derivatives mean little,
+      shape (room,).
 
     Times and states are differentiable.
     """
@@ -64,7 +65,8 @@ class ContactHistory(Printed):
     - ``height``: of the body over the plane, length, shape (T,).
     - ``slip``: v_s, the velocity of the body's lowest point over the plane, space axes, length/time, shape (T, 3).
     - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
-    - ``rubbed``, ``struck``: the energy that friction of sliding and impacts have taken so far, mass length²/time².
+    - ``rubbed``, ``struck``: the energy that friction of sliding and impacts have taken so far, mass length²/time²,
+      shape (T,) each.
     - ``switches``: the :class:`Switches`.
     """
 

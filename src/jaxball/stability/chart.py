@@ -16,7 +16,7 @@ from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.batches import in_threads, unpadded
 from ..physics.phase_space import phase_point
 from ..physics.system import AbstractState, AbstractSystem
-from ..simulation.simulate import checked_steps, checked_tolerances
+from ..simulation.arguments import checked_steps, checked_tolerances
 from .periodic import DEFAULT_TOLERANCE, equations_of, multipliers_of
 from .shooting import Search, Shot, shoot
 

@@ -12,7 +12,7 @@ from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.tangent import generic_vectors
 from ..physics.phase_space import dimension, normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
-from ..simulation.simulate import checked_steps, checked_tolerances
+from ..simulation.arguments import checked_steps, checked_tolerances
 from .shooting import TURN, Search, Shot, countable, rates_at, returning, shoot
 from .steady import kind_of
 

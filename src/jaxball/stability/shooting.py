@@ -20,7 +20,8 @@ from ..physics.phase_space import normal_of
 from ..physics.state import AbstractBodyState, BallState, DiskState
 from ..physics.system import AbstractState, AbstractSystem, vector_field
 from ..physics.validity import possible_start
-from ..simulation.simulate import DEFAULT_SOLVER, status_of
+from ..simulation.arguments import DEFAULT_SOLVER
+from ..simulation.simulate import status_of
 from ..simulation.step_size import by_tolerances, kinks_of, to_kinks
 
 TURN = 2 * np.pi

@@ -17,7 +17,8 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
 from ..scenario.contact import rolling_state
 from ..scenario.solvers import SOLVERS
-from ..simulation.simulate import FEW_STEPS, FINEST, simulate
+from ..simulation.arguments import FINEST
+from ..simulation.simulate import FEW_STEPS, simulate
 from ..simulation.trajectory import Trajectory
 from .samples import Samples, sample
 

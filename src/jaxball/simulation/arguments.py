@@ -1,0 +1,177 @@
+"""What the arguments of a solve must be, and what they are where they are not given."""
+
+import functools
+
+import diffrax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array
+
+from ..interface.arguments import refusal, require
+from ..interface.errors import UserError
+from ..interface.printing import is_array
+from ..numerics.arrays import Numbers, default_dtype, require_numbers, to_array
+from ..physics.dae import WITH_UNIT
+from ..physics.released import ReleasedState
+from ..physics.system import AbstractState, AbstractSystem, default_of, require_state
+from ..solvers import RadauIIA
+
+DEFAULT_TOLERANCE = 1e-10
+DEFAULT_SOLVER = diffrax.Dopri8()
+DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
+NO_PROGRESS = diffrax.NoProgressMeter()
+FINEST = {name: 8 * float(np.finfo(name).eps) for name in ("float32", "float64")}
+
+
+class PrecisionError(UserError):
+    """A tolerance was asked for that the floating-point type in use cannot reach."""
+
+
+def _as_array(name: str, x: Numbers) -> Array | np.ndarray:
+    """``x`` as an array; kept in NumPy where it is known, because that costs microseconds less a call."""
+    if isinstance(x, Tracer):
+        return to_array(x, name)
+    require_numbers(name, x)
+    try:
+        return np.asarray(x, dtype=default_dtype())
+    except (TypeError, ValueError):
+        raise refusal(name, "numbers", x) from None
+
+
+def checked_times(times: Numbers) -> Array | np.ndarray:
+    """The times as an array.
+
+    **Raises:** ``ValueError`` where they are not two or more in one axis or, where that is known, do not increase.
+    """
+    array = _as_array("times", times)
+    if array.ndim != 1 or array.size < 2:
+        raise ValueError(
+            "Argument `times` must be two or more increasing numbers, from the start to the end of the run, "
+            f"but its shape is {array.shape}."
+        )
+    if isinstance(array, np.ndarray) and not ((array[1:] > array[:-1]).all() and np.isfinite(array[-1])):
+        raise ValueError(
+            "Argument `times` must be increasing and finite, but it starts with "
+            f"{array[:3].tolist()} and ends with {array[-3:].tolist()}."
+        )
+    return array
+
+
+def checked_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.AbstractAdaptiveSolver:
+    """The solver, or the default.
+
+    **Raises:** ``TypeError`` for what is not a solver that estimates its error.
+    """
+    if solver is None or isinstance(solver, diffrax.AbstractAdaptiveSolver):
+        return DEFAULT_SOLVER if solver is None else solver
+    if isinstance(solver, str):
+        remedy = "names are for scenario files"
+    elif isinstance(solver, diffrax.AbstractSolver):
+        remedy = "it has no error estimate to choose its steps by, and diffrax.HalfSolver(...) gives it one"
+    else:
+        remedy = ""
+    raise refusal("solver", "an adaptive solver, such as diffrax.Dopri8()", solver, remedy)
+
+
+def checked_steps(max_steps: int) -> int:
+    """The number of steps.
+
+    **Raises:** ``TypeError`` or ``ValueError`` for what is not a positive whole number.
+    """
+    if isinstance(max_steps, bool) or not isinstance(max_steps, int | np.integer):
+        raise refusal("max_steps", "a whole number of steps", max_steps)
+    if max_steps < 1:
+        raise ValueError(f"Argument `max_steps` must be 1 or more, but it is {max_steps}.")
+    return int(max_steps)
+
+
+def checked_adjoint(
+    adjoint: diffrax.AbstractAdjoint | None,
+) -> diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode:
+    if adjoint is None:
+        return DEFAULT_ADJOINT
+    if isinstance(adjoint, diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode):
+        return adjoint
+    require("adjoint", adjoint, diffrax.AbstractAdjoint, "an adjoint, such as diffrax.ForwardMode()")
+    why = (
+        "which takes steps of other lengths on the way back where rounding decides them, and is wrong in reverse mode"
+        if isinstance(adjoint, diffrax.DirectAdjoint)
+        else "which brings a loop of its own, where simulate has its own"
+    )
+    raise TypeError(
+        "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint(), the default, for reverse mode or "
+        f"diffrax.ForwardMode() for forward mode, but it is diffrax.{type(adjoint).__name__}(), {why}."
+    )
+
+
+def checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax.AbstractProgressMeter:
+    if progress is None:
+        return NO_PROGRESS
+    must = "a progress meter, such as diffrax.TextProgressMeter()"
+    require("progress", progress, diffrax.AbstractProgressMeter, must)
+    return progress
+
+
+def require_one_state(system: AbstractSystem, state: AbstractState | ReleasedState) -> None:
+    if isinstance(state, ReleasedState):
+        raise TypeError(
+            "Argument `contact` must be given where `state` is a ReleasedState, because a body that may slip or fly "
+            "needs a law of friction and impact, such as Contact(sliding=0.3), but it is None."
+        )
+    require_state(system, state)
+    shapes = _shapes_of(type(state), default_dtype())
+    for name, shape in shapes.items():
+        given = np.shape(getattr(state, name))
+        # Of a sized field the system has checked the length, and not that it is of one state.
+        fits = len(given) == len(shape) if name in state.sized else given == shape
+        if not fits:
+            raise ValueError(
+                f"Argument `state` must be one state, with `{name}` of shape {shape}, but its shape is {given}; "
+                "for many runs use jax.vmap or jaxball.ensemble.simulate_ensemble."
+            )
+
+
+@functools.cache
+def _shapes_of(kind: type[AbstractState], dtype: np.dtype) -> dict[str, tuple[int, ...]]:
+    """The shapes of the arrays of one state, where its kind has a default."""
+    default = default_of(kind, dtype)
+    return (
+        {name: np.shape(value) for name, value in vars(default).items() if is_array(value)}
+        if default is not None
+        else {}
+    )
+
+
+def require_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> None:
+    if state.unit_vector is None:
+        raise TypeError(
+            f"Argument `state` must be {WITH_UNIT} where `dae` is True, because it is a component of their unit "
+            f"vector that becomes algebraic, but it is a {type(state).__name__}."
+        )
+    if not isinstance(solver, RadauIIA):
+        raise TypeError(
+            "Argument `solver` must be a jaxball.solvers.RadauIIA where `dae` is True, because other solvers know no "
+            f"mass matrix, but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
+        )
+
+
+def checked_tolerances(rtol: Numbers, atol: Numbers) -> tuple[Array | np.ndarray, Array | np.ndarray]:
+    """The tolerances as arrays.
+
+    **Raises:** :class:`PrecisionError` when the floating-point type cannot reach them.
+    """
+    rtol, atol = _as_array("rtol", rtol), _as_array("atol", atol)
+    known = [x.max() for x in (rtol, atol) if isinstance(x, np.ndarray)]
+    dtype, finest = rtol.dtype, FINEST[rtol.dtype.name]
+    if not known or max(known) >= finest:
+        return rtol, atol
+    remedy = (
+        'enable float64 before the first array is made, with `jax.config.update("jax_enable_x64", True)`, or '
+        if dtype == jnp.float32
+        else ""
+    )
+    raise PrecisionError(
+        f"Arguments `rtol` and `atol` must reach {finest:.1e} in {dtype}, but they are {rtol} and {atol}; "
+        f"{remedy}ask for looser ones."
+    )
