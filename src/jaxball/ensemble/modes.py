@@ -77,7 +77,7 @@ class Modes(NamedTuple):
 
         def ended(system, t, x, guide, rtol, atol):
             end = _switching(rtol, atol, room).ended(t, x, guide, Packing(system.prepare(), unravel))
-            return end._replace(still=end.still.astype(x.dtype))
+            return end._replace(still=end.still.astype(x.dtype), jumps=end.jumps.astype(x.dtype))
 
         return cls(prepared(seen, 2), prepared(ended, 3), between, packing, shared, room)
 
@@ -117,6 +117,7 @@ class Modes(NamedTuple):
             start=jnp.where(retried, step.start, verdict.start),
             end=jnp.where(retried, judged.target, verdict.end),
             memory=_where(retried, memory, verdict.memory),
+            jumped=verdict.jumped | judged.jumps,
         )
         return verdict, judged.y, judged.course
 

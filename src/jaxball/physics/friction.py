@@ -18,8 +18,9 @@ from ..numerics.vectors import apply
 from .released import Response
 
 SAMPLES = 24  # of directions between which one is sought
-LED = 3e-3  # of the time in which the reaction changes by itself
-TENTATIVE = 0.02  # a slip that grows by a lesser part of what friction can do is led by the forces at first
+LED = 3e-3  # of the time in which the reaction changes by itself, or of √(r/g)
+TENTATIVE = 0.02  # growth of a slip over its stiffness, above which its direction is led for a shorter time
+MOMENT = 1e-8  # of √(r/g): the moment after which it is seen where a slip turns
 POWER = 0.5  # of its speed: with a higher one, the direction of a slip that ends is led by the forces
 STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quarter
 
@@ -108,25 +109,25 @@ class Led(NamedTuple):
     turning: Float[Array, ""]
 
 
-def led(found: Response, changing: Response, mu: Float[Array, ""], first: Direction) -> Led:
-    """How a slip begins that grows slowly, because the friction that gave way was as large as that of sliding.
+def led(later: Response, R: Float[Array, "3"], mu: Float[Array, ""], sigma: Float[Array, "2"], after: Array) -> Led:
+    """How a slip begins, in the direction σ and with the reaction ``R``; ``later`` is the response ``after`` a moment.
 
-    Its speed s grows with the square of time, and its direction φ obeys s φ̇ = the slip acceleration across it, which
-    forces φ to follow the forces, the more so the smaller s is: equations of motion stiff beyond all bounds. So
-    ``led_direction`` stands for φ in a short ``time``, with an error of its third power. ``changing`` is the rate of
-    ``found``.
+    Its direction φ obeys s φ̇ = the slip acceleration across it, where s is its speed, which grows from zero. This
+    forces φ to follow the forces where that acceleration by φ, the stiffness, is large beside the growth of s:
+    equations of motion that are stiff beyond all bounds at first. So ``led_direction`` stands for φ in a short
+    ``time``, with an error in the velocities of the third power of that and the second of the growth over the
+    stiffness.
     """
-
-    angle = _angle(first.sigma)
-    _, rate = jax.jvp(lambda found: _pull_across(found, mu, angle), (found,), (changing,))
-    _, slope = _pull_and_slope(found, mu, angle)
+    angle = _angle(sigma)
+    drift, slope = _pull_and_slope(later, mu, angle)
     stiffness = jnp.where(slope < 0, -slope, 1.0)
-    turning = rate / (stiffness + first.growth)
-    R, Rdot = found.rolling.reaction, changing.rolling.reaction
-    changes = jnp.sum(Rdot**2) > 0
-    time = LED * jnp.sqrt(jnp.sum(R**2) / jnp.where(changes, jnp.sum(Rdot**2), 1.0))
-    applies = changes & (slope < 0) & (first.growth < TENTATIVE * stiffness)
-    return Led(applies, jax.lax.stop_gradient(time), turning)
+    along = sliding(later, mu, sigma)
+    growth = jnp.maximum(jnp.sum(sigma * along.slip_acceleration[:2]), 0.0)
+    slowly = jax.lax.stop_gradient(growth / stiffness)
+    change = jax.lax.stop_gradient(jnp.sum((along.R - R) ** 2) / jnp.sum(R**2)) / after**2
+    longest = LED * jnp.minimum(1.0, (TENTATIVE / jnp.maximum(slowly, TENTATIVE)) ** (2 / 3))
+    time = longest / jnp.sqrt(change + (MOMENT / after) ** 2)
+    return Led((slope < 0) & (slowly < 1), time, drift / (after * (stiffness + growth)))
 
 
 def led_direction(

@@ -31,6 +31,7 @@ from .system import AbstractState, AbstractSystem
 SLOW = 1000  # times the tolerances: a slip that ends and is slower may be led by the forces; of errors of many steps
 STILL = 30  # times the tolerances: a slip that ends and is slower keeps its direction, and is over in no time
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
+TINY = 1e-30
 NEWTON_STEPS = 3  # to the direction of a slip that is led, from that with which it began
 
 
@@ -353,13 +354,12 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         mode = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT)
         return ContactState(given.body, given.V, given.height, zero, zero, mode, still, zero, zero, zero)
 
-    def followed(
-        self, t: Float[Array, ""], state: ContactState, cause: Int[Array, ""], changing: Response
-    ) -> ContactState:
-        """What follows where a mode ends; ``changing`` is the rate of the response.
+    def followed(self, t: Float[Array, ""], state: ContactState, cause: Int[Array, ""]) -> ContactState:
+        """What follows where a mode ends.
 
-        An impact comes first, if the body comes down, and then the mode with the velocities after it. Both need the
-        response of the body, whose formulas are long, and so are one loop.
+        An impact comes first, if the body comes down, then the mode with the velocities after it, and then how the
+        direction of a slip that begins will turn. All need the response of the body, whose formulas are long, and so
+        are one loop.
         """
         starts = cause == int(Cause.START)
         lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
@@ -369,18 +369,26 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         state = eqx.tree_at(
             lambda x: (x.height, x.guide, x.turning), state, (jnp.where(starts, state.height, 0.0), zero, zero)
         )
+        moment = friction.MOMENT * root(self.body.radius / jnp.maximum(jnp.abs(self.body.gravity), TINY))
 
-        def part(carry: tuple, is_impact: Bool[Array, ""]) -> tuple:
-            state, still, flies = carry
-            touching = eqx.tree_at(lambda x: x.mode, state, zero + int(Mode.SLIDING))
-            found = self.response(t, touching)
-            struck, sticks = self._struck(t, state, found)
-            decided = self._decided(t, state, found, cause, still, flies, changing)
-            impacts = is_impact & lands
-            after = _where(is_impact, _where(lands, struck, state), decided)
-            return (after, still | impacts & sticks, flies | impacts & (struck.V[2] > 0)), None
+        def part(carry: tuple, stage: Int[Array, ""]) -> tuple:
+            state, ahead, R, still, flies = carry
+            now = t + jnp.where(stage == 2, moment, 0.0)
+            found = self.response(now, eqx.tree_at(lambda x: x.mode, ahead, zero + int(Mode.SLIDING)))
+            struck, sticks = self._struck(now, ahead, found)
+            decided = self._decided(now, ahead, found, cause, still, flies)
+            guided = state if self.body.planar else self._guided(t, state, found, R, moment)
+            after = _where(stage == 0, _where(lands, struck, state), _where(stage == 1, decided, guided))
+            acting = friction.sliding(found, self.contact.sliding, after.sigma)
+            moving = rates(self.body, after.released, found, acting.slip_acceleration, acting.normal)
+            moves = (stage == 1) & after.led
+            ahead = jax.tree.map(lambda x, rate: x + jnp.where(moves, moment * rate, 0.0), after.released, moving)
+            impacts = (stage == 0) & lands
+            carry = after, after.moved(ahead), acting.R, still | impacts & sticks, flies | impacts & (struck.V[2] > 0)
+            return carry, None
 
-        (after, *_), _ = jax.lax.scan(part, (state, still, flies), jnp.array([True, False]))
+        stages = jnp.arange(2 if self.body.planar else 3)
+        (after, *_), _ = jax.lax.scan(part, (state, state, jnp.zeros_like(state.V), still, flies), stages)
         return after
 
     def _struck(
@@ -404,9 +412,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         cause: Int[Array, ""],
         still: Bool[Array, ""],
         flies: Bool[Array, ""],
-        changing: Response,
     ) -> ContactState:
-        """The state in its mode, by the forces that each mode would need."""
+        """The state in its mode, by the forces that each mode would need; they lead a slip that begins."""
         body, contact, given = self.body, self.contact, state.released
         slip = slip_velocity(body, t, given)
         still |= self.is_still(t, given, ROUNDING * float(jnp.finfo(slip.dtype).eps), 0.0)
@@ -422,13 +429,22 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         state = _where(still & ~flies, state.moved(stopped), state)
         V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
         after = eqx.tree_at(lambda x: (x.V, x.mode, x.sigma), state, (V, mode.astype(V.dtype), sigma))
-        if body.planar:
-            return after
-        led = friction.led(found, changing, contact.sliding, first)
-        begins = ~flies & ~rolls & (cause == int(Cause.GIVES_WAY))
-        guide = jnp.where(begins & led.applies, int(Guide.FORCES), int(Guide.SLIP)).astype(t.dtype)
-        turning = jnp.where(begins, led.turning, 0.0)
-        return eqx.tree_at(lambda x: (x.guide, x.until, x.turning), after, (guide, t + led.time, turning))
+        begins = (mode == int(Mode.SLIDING)) & still
+        return eqx.tree_at(lambda x: x.guide, after, jnp.where(begins, float(Guide.FORCES), 0.0).astype(V.dtype))
+
+    def _guided(
+        self,
+        t: Float[Array, ""],
+        state: ContactState,
+        later: Response,
+        R: Float[Array, "3"],
+        moment: Float[Array, ""],
+    ) -> ContactState:
+        """The state with what turns the direction of a slip that begins; ``later`` is the response after a moment."""
+        led = friction.led(later, R, self.contact.sliding, state.sigma, moment)
+        guide = jnp.where(state.led & led.applies, state.guide, 0.0)
+        turning = jnp.where(state.led, led.turning, 0.0)
+        return eqx.tree_at(lambda x: (x.guide, x.until, x.turning), state, (guide, t + led.time, turning))
 
 
 def _with_body(state: ContactState, body: PlacedState) -> ContactState:

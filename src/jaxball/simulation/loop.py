@@ -193,8 +193,9 @@ class _Solve(NamedTuple):
         if self.switching is not None and course is not None:
             interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
             judged = self.switching.judged(course, state.tprev, state.tnext, y, interpolation, keep, self.args)
-            retried, target, y, course = judged
+            retried, target, y, jumps_after, course = judged
             keep &= ~retried
+            made_jump = made_jump | jumps_after
             tprev = jnp.where(retried, state.tprev, tprev)
             tnext = jnp.where(retried, target, tnext)
             controller_state = _where(retried, state.controller_state, controller_state)

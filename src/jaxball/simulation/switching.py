@@ -17,7 +17,6 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.status import Status
 from ..physics.modes import CAUSES, Cause, ContactState
 from ..physics.packing import Packing
-from ..physics.released import Response
 from ..solvers.dense.sampling import sampling
 
 NONE = -1  # no cause
@@ -118,19 +117,27 @@ class Course(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """A step's end, if its mode lasts: the mode, whether a slip is over, and the vector with which the next begins."""
+    """A step's end, if its mode lasts: the mode, whether a slip is over, and the vector with which the next begins.
+
+    ``jumps`` says whether the field is another there than at the end of the step.
+    """
 
     mode: Float[Array, ""]
     still: Bool[Array, ""]
     stepped: Float[Array, " size"]
+    jumps: Bool[Array, ""]
 
 
 class Judged(NamedTuple):
-    """What becomes of a step that the controller would keep: it stays, or is ``retried`` with an end at ``target``."""
+    """What becomes of a step that the controller would keep: it stays, or is ``retried`` with an end at ``target``.
+
+    ``jumps`` says whether the next step begins with another slope than this one ended with.
+    """
 
     retried: Bool[Array, ""]
     target: Float[Array, ""]
     y: Float[Array, " size"]
+    jumps: Bool[Array, ""]
     course: Course
 
 
@@ -143,7 +150,8 @@ class Settled(NamedTuple):
 
     def end(self, wanted: Float[Array, ""]) -> Float[Array, ""]:
         """Where the next step ends if it was to end at ``wanted``: later than it begins, also where the time moved."""
-        return jnp.maximum(wanted, self.t + LEAST * float(jnp.finfo(self.t.dtype).eps) * jnp.abs(self.t))
+        least = self.t + LEAST * float(jnp.finfo(self.t.dtype).eps) * jnp.abs(self.t)
+        return jnp.where(wanted > self.t, wanted, least)
 
 
 class Followed(NamedTuple):
@@ -231,7 +239,8 @@ class Switching(eqx.Module):
         packing = self._packing(parameters)
         system, state = packing.system, packing.unravel(y)
         still = system.has_stopped(t, state, self.rtol, self.atol)
-        return Ended(state.mode, still, ravel_pytree(system.stepped(t, state, guide))[0])
+        stepped = system.stepped(t, state, guide)
+        return Ended(state.mode, still, ravel_pytree(stepped)[0], stepped.guide != state.guide)
 
     def followed(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
@@ -240,21 +249,21 @@ class Switching(eqx.Module):
         packing, cause = self._packing(parameters), course.pending
         system, starts = packing.system, cause == int(Cause.START)
 
-        def seen(t: Float[Array, ""], state: ContactState) -> tuple[Array, Response, ContactState]:
+        def seen(t: Float[Array, ""], state: ContactState) -> tuple[Array, ContactState]:
             found = system.response(t, state)
-            return system.lasting(t, state, found), found, system.field(t, state, found)
+            return system.lasting(t, state, found), system.field(t, state, found)
 
         state = packing.unpack(t, y)
-        (values, _, rates), change = jax.linearize(seen, t, state)
+        (values, rates), change = jax.linearize(seen, t, state)
         rates = jax.lax.stop_gradient(rates)
-        slopes, changing, _ = change(jnp.ones_like(t), rates)
+        slopes, _ = change(jnp.ones_like(t), rates)
         which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
         slope = jax.lax.stop_gradient(slopes[which])
         sloping = ~starts & (slope != 0)
         # By this the time moves by next to nothing, and gets its derivatives: those of the zero of the function.
         shift = jnp.where(sloping, -values[which] / jnp.where(sloping, slope, 1.0), 0.0)
         t, state = t + shift, jax.tree.map(lambda x, rate: x + shift * rate, state, rates)
-        after = packing.pack(t, system.followed(t, state, cause, changing))
+        after = packing.pack(t, system.followed(t, state, cause))
         fixed = jax.lax.stop_gradient(t)
         crowded = ~starts & (cause != int(Cause.LANDS)) & (fixed - course.last <= CLOSE * run)
         crowd = jnp.where(crowded, course.crowd + 1, 0)
@@ -309,12 +318,14 @@ def looked(
         pending=jnp.where(switches, cause, NONE),
         length=jnp.where(retried | at_aim, course.length, end - start),
     )
-    return Judged(retried, next_aim.target, jnp.where(retried | switches, y, ended.stepped), course)
+    lasts = ~(retried | switches)
+    return Judged(retried, next_aim.target, jnp.where(lasts, ended.stepped, y), lasts & ended.jumps, course)
 
 
 def passed_by(course: Course, end: Float[Array, ""], y: Float[Array, " size"]) -> Judged:
     """A step that is not kept anyway."""
-    return Judged(jnp.asarray(False), end, y, course._replace(aim=Aim.none(end)))
+    no = jnp.asarray(False)
+    return Judged(no, end, y, no, course._replace(aim=Aim.none(end)))
 
 
 def _first_end(
