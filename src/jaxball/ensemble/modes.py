@@ -212,7 +212,7 @@ def _as_rows(kept: Kept) -> Float[Array, "lanes numbers"]:
 
 def _judged(course: Course, start: Array, end: Array, y: Array, lasting: Array, at_end: Array, kept: Array) -> Judged:
     """What becomes of a step of one lane."""
-    seen = looked(course, start, end, y, lasting, Ended(at_end[0], at_end[1] != 0, at_end[2:]))
+    seen = looked(course, start, end, y, lasting, Ended(at_end[0], at_end[1] != 0, at_end[2] != 0, at_end[3:]))
     return _where(kept, seen, passed_by(course, end, y))
 
 

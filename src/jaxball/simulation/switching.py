@@ -124,8 +124,8 @@ class Ended(NamedTuple):
 
     mode: Float[Array, ""]
     still: Bool[Array, ""]
-    stepped: Float[Array, " size"]
     jumps: Bool[Array, ""]
+    stepped: Float[Array, " size"]
 
 
 class Judged(NamedTuple):
@@ -240,7 +240,7 @@ class Switching(eqx.Module):
         system, state = packing.system, packing.unravel(y)
         still = system.has_stopped(t, state, self.rtol, self.atol)
         stepped = system.stepped(t, state, guide)
-        return Ended(state.mode, still, ravel_pytree(stepped)[0], stepped.guide != state.guide)
+        return Ended(state.mode, still, stepped.guide != state.guide, ravel_pytree(stepped)[0])
 
     def followed(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
@@ -249,14 +249,9 @@ class Switching(eqx.Module):
         packing, cause = self._packing(parameters), course.pending
         system, starts = packing.system, cause == int(Cause.START)
 
-        def seen(t: Float[Array, ""], state: ContactState) -> tuple[Array, ContactState]:
-            found = system.response(t, state)
-            return system.lasting(t, state, found), system.field(t, state, found)
-
         state = packing.unpack(t, y)
-        (values, rates), change = jax.linearize(seen, t, state)
-        rates = jax.lax.stop_gradient(rates)
-        slopes, _ = change(jnp.ones_like(t), rates)
+        rates = jax.lax.stop_gradient(system.field(t, state))
+        values, slopes = jax.jvp(system.lasting, (t, state), (jnp.ones_like(t), rates))
         which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
         slope = jax.lax.stop_gradient(slopes[which])
         sloping = ~starts & (slope != 0)
