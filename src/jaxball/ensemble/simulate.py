@@ -18,8 +18,14 @@ from ..numerics.batches import even_size, in_threads, unpadded
 from ..physics.contact_law import Contact
 from ..physics.modes import BodyOnPlane
 from ..physics.released import ReleasedState
-from ..physics.system import AbstractState, AbstractSystem, require_state
-from ..simulation.arguments import DEFAULT_SOLVER, DEFAULT_TOLERANCE, checked_steps, checked_tolerances
+from ..physics.system import AbstractState, AbstractSystem
+from ..simulation.arguments import (
+    DEFAULT_SOLVER,
+    DEFAULT_TOLERANCE,
+    checked_steps,
+    checked_tolerances,
+    require_kind_of_state,
+)
 from ..simulation.modal import history, on_plane
 from ..simulation.trajectory import Trajectory
 from .parameters import for_all_rows, shared_leaves
@@ -126,7 +132,7 @@ def simulate_ensemble(
     [2. 4. 6.]
     """
     if contact is None or not isinstance(state, ReleasedState):
-        require_state(system, state)
+        require_kind_of_state(system, state)
     simulated = system if contact is None else on_plane(system, state, contact, False, {})
     method = _checked_method(DEFAULT_SOLVER if solver is None else solver)
     rtol, atol = checked_tolerances(rtol, atol)

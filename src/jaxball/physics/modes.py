@@ -171,6 +171,9 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
     def start_conditions(self, t: Float[Array, ""], state: ContactState) -> Iterator[Condition]:
         yield from self.body.start_conditions(t, state.body)
+        if self.body.planar:
+            holds = state.V[1] == 0
+            yield Condition(holds, "state.V", state.V, "in the plane of the disk, with 0 for its second entry")
 
     def numbers(self) -> Iterator[tuple[str, Array]]:
         yield from self.body.numbers()

@@ -1,6 +1,8 @@
 """What the arguments of a solve must be, and what they are where they are not given."""
 
 import functools
+from collections.abc import Mapping
+from typing import Any
 
 import diffrax
 import jax.numpy as jnp
@@ -12,6 +14,7 @@ from ..interface.arguments import refusal, require
 from ..interface.errors import UserError
 from ..interface.printing import is_array
 from ..numerics.arrays import Numbers, default_dtype, require_numbers, to_array
+from ..physics.contact_law import Contact
 from ..physics.dae import WITH_UNIT
 from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem, default_of, require_state
@@ -113,21 +116,44 @@ def checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax.
     return progress
 
 
-def require_one_state(system: AbstractSystem, state: AbstractState | ReleasedState) -> None:
+def require_kind_of_state(system: AbstractSystem, state: AbstractState | ReleasedState) -> None:
+    """Raises ``TypeError`` where there is no law of contact, and the state asks for one or is not the system's."""
     if isinstance(state, ReleasedState):
         raise TypeError(
             "Argument `contact` must be given where `state` is a ReleasedState, because a body that may slip or fly "
             "needs a law of friction and impact, such as Contact(sliding=0.3), but it is None."
         )
     require_state(system, state)
-    shapes = _shapes_of(type(state), default_dtype())
+
+
+def require_one_law(contact: Contact) -> None:
+    """Raises ``TypeError`` or ``ValueError`` for what is not one law of contact."""
+    require("contact", contact, Contact, "a Contact, such as Contact(sliding=0.3)")
+    _require_one("contact", "law", contact, dict.fromkeys(("sliding", "static", "restitution", "slowest"), ()))
+
+
+def require_one_state(system: AbstractSystem, state: AbstractState | ReleasedState, contact: Contact | None) -> None:
+    """Raises ``TypeError`` or ``ValueError`` for what is not one state of the system."""
+    body = state
+    if contact is not None and isinstance(state, ReleasedState):
+        _require_one("state", "state", state, {"V": (3,), "height": ()})
+        body = state.body
+    require_kind_of_state(system, body)
+    _require_one("state", "state", body, _shapes_of(type(body), default_dtype()))
+
+
+def _require_one(argument: str, kind: str, given: Any, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Raises ``ValueError`` where an array has another shape; of a sized field, another number of axes.
+
+    Of that the system has checked the length, and not that it is of one state.
+    """
+    sized = getattr(given, "sized", ())
     for name, shape in shapes.items():
-        given = np.shape(getattr(state, name))
-        # Of a sized field the system has checked the length, and not that it is of one state.
-        fits = len(given) == len(shape) if name in state.sized else given == shape
+        found = np.shape(getattr(given, name))
+        fits = len(found) == len(shape) if name in sized else found == shape
         if not fits:
             raise ValueError(
-                f"Argument `state` must be one state, with `{name}` of shape {shape}, but its shape is {given}; "
+                f"Argument `{argument}` must be one {kind}, with `{name}` of shape {shape}, but its shape is {found}; "
                 "for many runs use jax.vmap or jaxball.ensemble.simulate_ensemble."
             )
 

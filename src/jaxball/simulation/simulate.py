@@ -36,6 +36,7 @@ from .arguments import (
     checked_times,
     checked_tolerances,
     require_dae,
+    require_one_law,
     require_one_state,
 )
 from .events import AbstractEvent
@@ -133,10 +134,12 @@ def simulate(
       t = 1.333333333: from sliding to rolling, as the slip ended
     """
     times = checked_times(times)
+    if contact is not None:
+        require_one_law(contact)
     if state is None:
         state = at_rest(system)
     else:
-        require_one_state(system, state.body if isinstance(state, ReleasedState) and contact is not None else state)
+        require_one_state(system, state, contact)
     rtol, atol = checked_tolerances(rtol, atol)
     if dae and not isinstance(state, ReleasedState):
         require_dae(state, solver)

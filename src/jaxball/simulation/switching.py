@@ -15,7 +15,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
-from ..physics.modes import CAUSES, Cause, ContactState
+from ..physics.modes import CAUSES, Cause
 from ..physics.packing import Packing
 from ..solvers.dense.sampling import sampling
 

@@ -46,8 +46,8 @@ def summary(contact: ContactHistory) -> list[str]:
     """The lines that say how the body moved on its plane, and what that took of its energy."""
     count, lines = int(contact.switches.count), contact.switches.lines
     mode = Mode(int(np.asarray(contact.mode)[-1])).name.lower()
-    times = "never" if count == 0 else "once" if count == 1 else f"{count:,} times"
-    head = f"  the mode of contact changed {times}, and is {mode} at the end"
+    changed = "never changed" if count == 0 else "changed once" if count == 1 else f"changed {count:,} times"
+    head = f"  the mode of contact {changed}, and is {mode} at the end"
     shown = lines[:MOST_SHOWN] if count else []
     rest = [f"    and {count - len(shown):,} more"] if count > len(shown) else []
     rubbed, struck = (float(np.asarray(taken)[-1]) for taken in (contact.rubbed, contact.struck))
