@@ -143,11 +143,12 @@ def test_a_run_that_cannot_be_drawn(capsys, arguments, sentence):
 
 
 @pytest.mark.slow
-def test_a_part_of_a_run_is_filmed(folder):
+@pytest.mark.parametrize("scenario", ["disk.toml", "hoop-with-backspin"])
+def test_a_part_of_a_run_is_filmed(folder, scenario):
     from PIL import Image
 
     arguments = ["--animate", "film.gif", "--from", "0.5", "--to", "1.5", "--fps", "4", "--size", "320x180"]
-    assert main(["simulate", "disk.toml", *arguments, "--speed", "0.5"]) == 0
+    assert main(["simulate", scenario, *arguments, "--speed", "0.5"]) == 0
     with Image.open(folder / "film.gif") as film:
         assert film.size == (320, 180)
         assert film.n_frames == 9

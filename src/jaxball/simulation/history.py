@@ -1,5 +1,6 @@
 """What became of the contact between a body and its plane in a run: its modes, and when one followed another."""
 
+import dataclasses
 from typing import Any
 
 import jax.numpy as jnp
@@ -79,6 +80,11 @@ class ContactHistory(Printed):
     rubbed: Float[Array, "*batch T"]
     struck: Float[Array, "*batch T"]
     switches: Switches
+
+    def at_rows(self, rows: slice) -> "ContactHistory":
+        """The history at some of the saved times, with all switches."""
+        saved = ("mode", "V", "height", "slip", "sigma", "rubbed", "struck")
+        return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in saved})
 
     def on_plane(self, body: AbstractBody, states: Any) -> tuple[BodyOnPlane, ContactState]:
         """The system on its plane, with its states, of whose bodies these are the ``states``."""
