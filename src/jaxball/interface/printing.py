@@ -48,7 +48,8 @@ def in_short(value: Any) -> str:
 
 def _within(value: Any) -> str:
     if is_array(value):
-        return _shape(value) if not _is_known(value) or value.size > FEW else _nested(np.asarray(value))
+        by_shape = not _is_known(value) or value.size > FEW or (value.size == 0 and value.ndim > 1)
+        return _shape(value) if by_shape else _nested(np.asarray(value))
     if isinstance(value, eqx.Module):
         return shown_fields(value, dataclasses.fields(value), brief=True)
     if isinstance(value, Mapping):

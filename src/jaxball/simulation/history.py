@@ -13,6 +13,8 @@ from ..physics.contact_law import Contact
 from ..physics.modes import BodyOnPlane, Cause, ContactState, Mode
 from ..physics.released import ReleasedState
 
+MOST_SHOWN = 8  # switches in a summary; `Switches.lines` has all
+
 
 class Switches(Printed):
     """When one mode followed another, in the order of time.
@@ -80,6 +82,27 @@ class ContactHistory(Printed):
     rubbed: Float[Array, "*batch T"]
     struck: Float[Array, "*batch T"]
     switches: Switches
+
+    def __repr__(self) -> str:
+        single = is_single(self.switches.count)
+        return "\n".join(["ContactHistory", *(f"  {line}" for line in self.lines)]) if single else shown(self)
+
+    @property
+    def lines(self) -> list[str]:
+        """How the body moved on its plane, and what that took of its energy. For one trajectory, not for a batch."""
+        count, switches, modes = int(self.switches.count), self.switches.lines, np.asarray(self.mode)
+        known = np.flatnonzero(modes >= 0)
+        if not known.size:
+            return []
+        last = known[-1]
+        when = "is {} at the end" if last == modes.size - 1 else "was {} at the last time that is known"
+        end = when.format(Mode(int(modes[last])).name.lower())
+        changed = "never changed" if count == 0 else "changed once" if count == 1 else f"changed {count:,} times"
+        shown = switches[:MOST_SHOWN] if count else []
+        rest = [f"  and {count - len(shown):,} more"] if count > len(shown) else []
+        rubbed, struck = (float(np.asarray(taken)[last]) for taken in (self.rubbed, self.struck))
+        taken = f"friction of sliding took the energy {rubbed:.10g}, and impacts {struck:.10g}"
+        return [f"the mode of contact {changed}, and {end}", *(f"  {line}" for line in shown), *rest, taken]
 
     def at_rows(self, rows: slice) -> "ContactHistory":
         """The history at some of the saved times, with all switches."""

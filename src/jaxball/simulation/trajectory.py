@@ -264,6 +264,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         if isinstance(self.state, BallState | DiskState):
             z = np.atleast_1d(np.asarray(self.state.z)[-1])
             lines.append("  z at the end: " + ", ".join(f"{value:.12g}" for value in z))
+        if self.contact is not None:
+            lines += [f"  {line}" for line in self.contact.lines]
         return "\n".join(lines)
 
     def _of_many(self) -> str:

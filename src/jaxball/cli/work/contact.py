@@ -13,8 +13,6 @@ from ...scenario.paths import with_values
 from ...simulation.events import AbstractEvent
 from ...simulation.history import ContactHistory, Switches
 
-MOST_SHOWN = 8  # switches in a summary; --json has all
-
 
 def with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:
     """The document with the law of ``--contact``, a coefficient of sliding or keys with their values, for its own.
@@ -40,19 +38,6 @@ def check_against_contact(contact: Contact | None, events: dict[str, AbstractEve
             "Arguments `--friction` and `--detachment` must be left out where the scenario has a law of contact, by "
             "which the body slips and flies where they would end the run."
         )
-
-
-def summary(contact: ContactHistory) -> list[str]:
-    """The lines that say how the body moved on its plane, and what that took of its energy."""
-    count, lines = int(contact.switches.count), contact.switches.lines
-    mode = Mode(int(np.asarray(contact.mode)[-1])).name.lower()
-    changed = "never changed" if count == 0 else "changed once" if count == 1 else f"changed {count:,} times"
-    head = f"  the mode of contact {changed}, and is {mode} at the end"
-    shown = lines[:MOST_SHOWN] if count else []
-    rest = [f"    and {count - len(shown):,} more"] if count > len(shown) else []
-    rubbed, struck = (float(np.asarray(taken)[-1]) for taken in (contact.rubbed, contact.struck))
-    taken = f"  friction of sliding took the energy {rubbed:.10g}, and impacts {struck:.10g}"
-    return [head, *(f"    {line}" for line in shown), *rest, taken]
 
 
 def content(contact: ContactHistory) -> dict[str, Any]:

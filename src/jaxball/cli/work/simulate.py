@@ -128,7 +128,7 @@ def _events(options: argparse.Namespace, scenario: Scenario) -> dict[str, Abstra
 def _checks(trajectory: Trajectory[Any, Any]) -> list[str]:
     """The lines about what held: the contact of a body with its plane, or the conserved quantities."""
     if trajectory.contact is not None:
-        return contact.summary(trajectory.contact)
+        return []  # they are among the trajectory's own lines
     return _contact(trajectory) if isinstance(trajectory.system, AbstractBody) else _conservation(trajectory)
 
 
