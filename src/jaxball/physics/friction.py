@@ -118,8 +118,7 @@ def led(later: Response, R: Float[Array, "3"], mu: Float[Array, ""], sigma: Floa
     ``time``, with an error in the velocities of the third power of that and the second of the growth over the
     stiffness.
     """
-    angle = _angle(sigma)
-    drift, slope = _pull_and_slope(later, mu, angle)
+    drift, slope = _pull_and_slope(later, mu, sigma)
     stiffness = jnp.where(slope < 0, -slope, 1.0)
     along = sliding(later, mu, sigma)
     growth = jnp.maximum(jnp.sum(sigma * along.slip_acceleration[:2]), 0.0)
@@ -139,11 +138,12 @@ def led_direction(
     still so slow that the forces lead it.
     """
 
-    def excess(angle: Float[Array, ""]) -> Float[Array, ""]:
-        return _pull_across(found, mu, angle) - across
+    def newton_step(_, sigma: Float[Array, "2"]) -> Float[Array, "2"]:
+        pulled, slope = _pull_and_slope(found, mu, sigma)
+        turn = (across - pulled) / jnp.where(slope == 0, 1.0, slope)
+        return unit(sigma + jnp.where(slope == 0, 0.0, turn) * _left(sigma))
 
-    angle = _angle(jax.lax.stop_gradient(guess))
-    return _unit(jax.lax.fori_loop(0, steps, lambda _, angle: _newton_step(excess, angle), angle))
+    return jax.lax.fori_loop(0, steps, newton_step, unit(jax.lax.stop_gradient(guess)))
 
 
 class End(NamedTuple):
@@ -160,7 +160,7 @@ def end_of_slip(found: Response, mu: Float[Array, ""], sigma: Float[Array, "2"])
     equations of motion are stiff.
     """
     braking = -jnp.sum(sigma * sliding(found, mu, sigma).slip_acceleration[:2])
-    _, slope = _pull_and_slope(found, mu, _angle(sigma))
+    _, slope = _pull_and_slope(found, mu, sigma)
     return End(braking > 0, (braking > 0) & (-slope > POWER * braking))
 
 
@@ -175,7 +175,7 @@ def diverging(
     """
 
     def parts(angle: Float[Array, ""]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        sigma = _unit(angle)
+        sigma = _at_angle(angle)
         vector, valid = pull(sigma)
         return across(sigma, vector), jnp.where(valid > 0, jnp.sum(sigma * vector), -jnp.inf)
 
@@ -202,7 +202,7 @@ def diverging(
     # Newton's method moves it by rounding alone, and gives it its derivatives: one step the first, another the second.
     for _ in range(2):
         angle = _newton_step(turning, angle)
-    sigma = _unit(angle)
+    sigma = _at_angle(angle)
     vector, _ = pull(sigma)
     return Direction(sigma, jnp.sum(sigma * vector))
 
@@ -217,15 +217,24 @@ def across(sigma: Float[Array, "2"], vector: Float[Array, "size"]) -> Float[Arra
     return sigma[0] * vector[1] - sigma[1] * vector[0]
 
 
-def _pull_across(found: Response, mu: Float[Array, ""], angle: Float[Array, ""]) -> Float[Array, ""]:
-    """The slip acceleration across the direction of a slip."""
-    sigma = _unit(angle)
-    return across(sigma, sliding(found, mu, sigma).slip_acceleration)
+def unit(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
+    """σ with length 1; 0 of 0."""
+    square = jnp.sum(sigma**2)
+    return sigma / jnp.sqrt(jnp.where(square > 0, square, 1.0))
 
 
-def _pull_and_slope(found: Response, mu: Float[Array, ""], angle: Float[Array, ""]) -> tuple[Array, Array]:
-    """The same, with its derivative by the angle."""
-    return jax.jvp(lambda angle: _pull_across(found, mu, angle), (angle,), (jnp.ones_like(angle),))
+def _left(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
+    """σ turned by a right angle."""
+    return jnp.stack([-sigma[1], sigma[0]])
+
+
+def _pull_and_slope(found: Response, mu: Float[Array, ""], sigma: Float[Array, "2"]) -> tuple[Array, Array]:
+    """The slip acceleration across the direction of a slip, and its derivative by the angle of that."""
+
+    def pull_across(sigma: Float[Array, "2"]) -> Float[Array, ""]:
+        return across(sigma, sliding(found, mu, sigma).slip_acceleration)
+
+    return jax.jvp(pull_across, (sigma,), (_left(sigma),))
 
 
 def _angle(sigma: Float[Array, "2"]) -> Float[Array, ""]:
@@ -239,5 +248,5 @@ def _newton_step(function: Callable[[Float[Array, ""]], Float[Array, ""]], x: Fl
     return x - jnp.where(slope == 0, 0.0, value / jnp.where(slope == 0, 1.0, slope))
 
 
-def _unit(angle: Float[Array, ""]) -> Float[Array, "2"]:
+def _at_angle(angle: Float[Array, ""]) -> Float[Array, "2"]:
     return jnp.stack([jnp.cos(angle), jnp.sin(angle)])

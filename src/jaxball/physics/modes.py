@@ -258,7 +258,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
     def _direction(self, t: Float[Array, ""], state: ContactState, found: Response) -> Float[Array, "2"]:
         """σ of the friction: that of the state, or where the forces lead it, theirs."""
-        sigma = _unit(state.sigma)
+        sigma = friction.unit(state.sigma)
         if self.body.planar:
             return sigma
         speed = jnp.sum(slip_velocity(self.body, t, state.released)[:2] * sigma)
@@ -269,7 +269,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         self, t: Float[Array, ""], state: ContactState, slip: Float[Array, "3"], gain: Float[Array, "3"]
     ) -> Float[Array, ""]:
         """The rate at which σ turns: the slip acceleration across it over the speed."""
-        sigma = _unit(state.sigma)
+        sigma = friction.unit(state.sigma)
         speed = jnp.sum(slip[:2] * sigma)
         eps = float(jnp.finfo(t.dtype).eps)
         moves = ~self.is_still(t, state.released, ROUNDING * eps, 0.0) & ~state.led
@@ -307,7 +307,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         if self.body.planar:
             return jnp.zeros_like(t)
         slides, released = state.is_in(Mode.SLIDING), state.released
-        end = friction.end_of_slip(found, self.contact.sliding, _unit(state.sigma))
+        end = friction.end_of_slip(found, self.contact.sliding, friction.unit(state.sigma))
         led = slides & end.led & self.is_still(t, released, SLOW * rtol, SLOW * atol)
         steady = slides & end.comes & self.is_still(t, released, STILL * rtol, STILL * atol)
         guide = jnp.where(led, int(Guide.FORCES), jnp.where(steady, int(Guide.NONE), int(Guide.SLIP)))
@@ -323,7 +323,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             lambda x: (x.sigma, x.guide, x.until, x.turning),
             state,
             (
-                jnp.where(turned, friction.slip_direction(slip, state.sigma), _unit(state.sigma)),
+                jnp.where(turned, friction.slip_direction(slip, state.sigma), friction.unit(state.sigma)),
                 jnp.where(begins, state.guide, guide),
                 jnp.where(begins, state.until, ever),
                 jnp.where(begins, state.turning, 0.0),
@@ -465,8 +465,3 @@ def _where_rolling(state: ContactState, rolling: PlacedState, other: PlacedState
 def body_of(system: Any, state: Any) -> tuple[Any, Any]:
     """A system and its state; where they are those of a body on its plane, those of the body."""
     return (system.body, state.body) if isinstance(system, BodyOnPlane) else (system, state)
-
-
-def _unit(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
-    square = jnp.sum(sigma**2)
-    return sigma / jnp.sqrt(jnp.where(square > 0, square, 1.0))

@@ -15,6 +15,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
+from ..numerics.bracketing import Sample, between, other_end
 from ..physics.modes import CAUSES, Cause
 from ..physics.packing import Packing
 from ..solvers.dense.sampling import sampling
@@ -24,7 +25,8 @@ NEAR = 1e-10  # of the length of a step: where it ends so close to the end of a 
 TOGETHER = 1e-6  # of the length of a step: what ends a mode at nearly the same time as something else
 MOST_TRIES = 40
 LEAST = 8  # the length of a step, in units of rounding of the time
-HALVINGS = 24  # of a place of a quartic
+ROOT_STEPS = 8  # of the Illinois method, to the zero of a quartic
+POWERS = sampling().powers.tolist()
 REAL = 1e-6  # what is not below this part of its size in a step is no zero
 NOTHING = 1e-9  # a normal force below this part of its size in a step is none
 GRAZING = 1e-6  # a function that falls by less than this part of its size in a step touches zero
@@ -38,24 +40,24 @@ class Aim(NamedTuple):
     ``x``, ``f`` and ``slope`` are those of the function where it was last seen, and ``size`` its size in the step.
     """
 
-    on: Bool[Array, ""]
-    which: Int[Array, ""]
-    low: Float[Array, ""]
-    high: Float[Array, ""]
-    target: Float[Array, ""]
-    x: Float[Array, ""]
-    f: Float[Array, ""]
-    slope: Float[Array, ""]
-    size: Float[Array, ""]
-    tries: Int[Array, ""]
+    on: Bool[Array, "*lanes"]
+    which: Int[Array, "*lanes"]
+    low: Float[Array, "*lanes"]
+    high: Float[Array, "*lanes"]
+    target: Float[Array, "*lanes"]
+    x: Float[Array, "*lanes"]
+    f: Float[Array, "*lanes"]
+    slope: Float[Array, "*lanes"]
+    size: Float[Array, "*lanes"]
+    tries: Int[Array, "*lanes"]
 
     @classmethod
-    def none(cls, t: Float[Array, ""]) -> "Aim":
+    def none(cls, t: Float[Array, "*lanes"]) -> "Aim":
         """No aim."""
-        zero, first = jnp.zeros_like(t), jnp.asarray(0)
-        return cls(jnp.asarray(False), first, t, t, t, t, zero, zero, zero, first)
+        no, first, zero = jnp.zeros_like(t, bool), jnp.zeros_like(t, int), jnp.zeros_like(t)
+        return cls(no, first, t, t, t, t, zero, zero, zero, first)
 
-    def nearer(self, x: Float[Array, ""], f: Float[Array, ""]) -> "Aim":
+    def nearer(self, x: Float[Array, "*lanes"], f: Float[Array, "*lanes"]) -> "Aim":
         """The aim after a step to ``x`` that found ``f`` there; halfway where a secant leads outside."""
         low, high = jnp.where(f > 0, x, self.low), jnp.where(f > 0, self.high, x)
         again = (self.tries > 0) & (x != self.x)
@@ -100,17 +102,19 @@ class Course(NamedTuple):
     """
 
     aim: Aim
-    pending: Int[Array, ""]
-    length: Float[Array, ""]
-    begun: Float[Array, " size"]
-    switches: Int[Array, ""]
-    crowd: Int[Array, ""]
-    last: Float[Array, ""]
-    status: Int[Array, ""]
+    pending: Int[Array, "*lanes"]
+    length: Float[Array, "*lanes"]
+    begun: Float[Array, "size *lanes"]
+    switches: Int[Array, "*lanes"]
+    crowd: Int[Array, "*lanes"]
+    last: Float[Array, "*lanes"]
+    status: Int[Array, "*lanes"]
     kept: Kept | None
 
     @classmethod
-    def start(cls, t0: Float[Array, ""], y0: Float[Array, " size"], length: Float[Array, ""]) -> "Course":
+    def start(
+        cls, t0: Float[Array, "*lanes"], y0: Float[Array, "size *lanes"], length: Float[Array, "*lanes"]
+    ) -> "Course":
         """The course of a solve before its first step, of ``length``."""
         none, success = jnp.asarray(0), jnp.asarray(int(Status.SUCCESS))
         return cls(Aim.none(t0), jnp.asarray(int(Cause.START)), length, y0, none, none, t0, success, None)
@@ -122,10 +126,10 @@ class Ended(NamedTuple):
     ``jumps`` says whether the field is another there than at the end of the step.
     """
 
-    mode: Float[Array, ""]
-    still: Bool[Array, ""]
-    jumps: Bool[Array, ""]
-    stepped: Float[Array, " size"]
+    mode: Float[Array, "*lanes"]
+    still: Bool[Array, "*lanes"]
+    jumps: Bool[Array, "*lanes"]
+    stepped: Float[Array, "size *lanes"]
 
 
 class Judged(NamedTuple):
@@ -134,10 +138,10 @@ class Judged(NamedTuple):
     ``jumps`` says whether the next step begins with another slope than this one ended with.
     """
 
-    retried: Bool[Array, ""]
-    target: Float[Array, ""]
-    y: Float[Array, " size"]
-    jumps: Bool[Array, ""]
+    retried: Bool[Array, "*lanes"]
+    target: Float[Array, "*lanes"]
+    y: Float[Array, "size *lanes"]
+    jumps: Bool[Array, "*lanes"]
     course: Course
 
 
@@ -281,13 +285,13 @@ class Switching(eqx.Module):
 
 def looked(
     course: Course,
-    start: Float[Array, ""],
-    end: Float[Array, ""],
-    y: Float[Array, " size"],
-    lasting: Float[Array, "3 nodes"],
+    start: Float[Array, "*lanes"],
+    end: Float[Array, "*lanes"],
+    y: Float[Array, "size *lanes"],
+    lasting: Float[Array, "3 nodes *lanes"],
     ended: Ended,
 ) -> Judged:
-    """What becomes of a step, by the functions ``lasting`` at nodes in it, and by its end."""
+    """What becomes of a step, or of one in each lane, by the functions ``lasting`` at nodes in it, and by its end."""
     aim = course.aim
     at_aim = aim.on & (end == aim.target)
     first = _first_end(start, end, lasting, jnp.where(at_aim, aim.which, NONE))
@@ -296,15 +300,15 @@ def looked(
     # The quartics may show zeros that are none, and then, in a shorter step, others.
     tries = jnp.where(at_aim, aim.tries + 1, 0)
     first = first._replace(on=first.on & earlier & (tries < MOST_TRIES), tries=tries)
-    value = lasting[aim.which, -1]
+    value = _entry(aim.which, lasting[:, -1])
     nearer = aim.nearer(end, value)
     width = jnp.maximum(NEAR * (end - start), 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
     met = (jnp.abs(nearer.target - end) <= width) | (value == 0) | (aim.tries >= MOST_TRIES)
     retried = first.on | at_aim & ~met
     next_aim = _where(retried, _where(first.on, first, nearer), Aim.none(end))
-    cause = jnp.asarray(CAUSES)[ended.mode.astype(int), aim.which]
+    cause = _cause(ended.mode, aim.which)
     # Where friction gives way because nothing is left that presses, the body lifts.
-    lifts = (cause == int(Cause.GIVES_WAY)) & (lasting[1, -1] <= NOTHING * jnp.max(jnp.abs(lasting[1])))
+    lifts = (cause == int(Cause.GIVES_WAY)) & (lasting[1, -1] <= NOTHING * jnp.max(jnp.abs(lasting[1]), axis=0))
     cause = jnp.where(lifts, int(Cause.LIFTS), cause)
     real = jnp.where(cause == int(Cause.STOPS), ended.still, jnp.abs(value) <= REAL * aim.size)
     switches = at_aim & ~retried & real
@@ -314,34 +318,46 @@ def looked(
         length=jnp.where(retried | at_aim, course.length, end - start),
     )
     lasts = ~(retried | switches)
-    return Judged(retried, next_aim.target, jnp.where(lasts, ended.stepped, y), lasts & ended.jumps, course)
+    return Judged(retried, next_aim.target, jnp.where(lasts[None], ended.stepped, y), lasts & ended.jumps, course)
 
 
-def passed_by(course: Course, end: Float[Array, ""], y: Float[Array, " size"]) -> Judged:
+def passed_by(course: Course, end: Float[Array, "*lanes"], y: Float[Array, "size *lanes"]) -> Judged:
     """A step that is not kept anyway."""
-    no = jnp.asarray(False)
+    no = jnp.zeros_like(end, bool)
     return Judged(no, end, y, no, course._replace(aim=Aim.none(end)))
 
 
 def _first_end(
-    start: Float[Array, ""], end: Float[Array, ""], seen: Float[Array, "3 nodes"], but: Int[Array, ""]
+    start: Float[Array, "*lanes"],
+    end: Float[Array, "*lanes"],
+    seen: Float[Array, "3 nodes *lanes"],
+    but: Int[Array, "*lanes"],
 ) -> Aim:
     """The first place in a step where a function is not positive, ``but`` for one; before the start all were.
 
-    Functions are seen at a few nodes, and the quartics through these values in 35 places.
+    Functions are seen at a few nodes, and the quartics through these values in 35 places. All is written in whole
+    arrays without a search for an index, because XLA's CPU compiler makes slow loops of these.
     """
-    at = sampling()
-    fractions = jnp.asarray(at.fractions, seen.dtype)
-    over = ((at.polynomials(seen) <= 0) & (jnp.arange(3) != but)[:, None]).at[:, 0].set(False)
-    places = jnp.where(jnp.any(over, axis=1), jnp.argmax(over, axis=1), fractions.size)
-    which = jnp.argmin(places)
-    place, samples = places[which], seen[which]
-    last = fractions.size - 1
-    low, high = fractions[jnp.clip(place - 2, 0, last)], fractions[jnp.clip(place + 1, 0, last)]
-    root = _root(samples, fractions[jnp.clip(place - 1, 0, last)], fractions[jnp.clip(place, 0, last)])
-    slope, _ = at.rates(samples, root)
+    at, ones = sampling(), (1,) * start.ndim
+    last = at.fractions.size - 1
+    fractions = jnp.asarray(at.fractions, seen.dtype).reshape(-1, *ones)
+    index = jnp.arange(last + 1).reshape(-1, *ones)
+    columns = jnp.asarray(at.matrix, seen.dtype).T.reshape(at.nodes.size, 1, -1, *ones)
+    fine = sum(column * values[:, None] for column, values in zip(columns, jnp.moveaxis(seen, 1, 0), strict=True))
+    other = jnp.arange(3).reshape(-1, *ones) != but[None]
+    over = (fine <= 0) & other[:, None] & (index > 0)[None]
+    places = jnp.min(jnp.where(over, index[None], last + 1), axis=1)
+    place = jnp.min(places, axis=0)
+    which = jnp.where(places[0] == place, 0, jnp.where(places[1] == place, 1, 2))
+    samples = _entry(which[None], seen)
+
+    def fraction(k: Int[Array, "*lanes"]) -> Float[Array, "*lanes"]:
+        return jnp.sum(jnp.where(index == jnp.clip(k, 0, last)[None], fractions, 0.0), axis=0)
+
+    low, high = fraction(place - 2), fraction(place + 1)
+    root, slope = _root(samples, fraction(place - 1), fraction(place))
     # A step has some length, also where a function has fallen below zero by rounding as it began.
-    length, zero = end - start, jnp.zeros_like(end)
+    length = end - start
     least = start + LEAST * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
     return Aim(
         on=place <= last,
@@ -350,26 +366,42 @@ def _first_end(
         high=jnp.minimum(start + high * length, end),
         target=jnp.minimum(jnp.maximum(start + root * length, least), end),
         x=start,
-        f=zero,
+        f=jnp.zeros_like(end),
         slope=slope / length,
-        size=jnp.max(jnp.abs(samples)),
-        tries=jnp.asarray(0),
+        size=jnp.max(jnp.abs(samples), axis=0),
+        tries=jnp.zeros_like(which),
     )
 
 
-def _root(samples: Float[Array, " nodes"], low: Float[Array, ""], high: Float[Array, ""]) -> Float[Array, ""]:
-    """Where the quartic through the samples falls to zero between two fractions of a step."""
-    at = sampling()
+def _root(
+    samples: Float[Array, "nodes *lanes"], low: Float[Array, "*lanes"], high: Float[Array, "*lanes"]
+) -> tuple[Float[Array, "*lanes"], Float[Array, "*lanes"]]:
+    """Where the quartic through the samples falls to zero between two fractions of a step, and its slope there."""
+    a0, a1, a2, a3, a4 = (sum(power * sample for power, sample in zip(row, samples, strict=True)) for row in POWERS)
 
-    def halved(_, ends: tuple[Array, Array]) -> tuple[Array, Array]:
-        low, high = ends
-        middle = 0.5 * (low + high)
-        positive = at.value(samples, middle) > 0
-        return jnp.where(positive, middle, low), jnp.where(positive, high, middle)
+    def at(u: Float[Array, "*lanes"]) -> Sample:
+        return Sample(u, a0 + u * (a1 + u * (a2 + u * (a3 + u * a4))))
 
-    low, high = jax.lax.fori_loop(0, HALVINGS, halved, (low, high))
-    return 0.5 * (low + high)
+    def narrowed(_, bracket: tuple[Sample, Sample]) -> tuple[Sample, Sample]:
+        newest = at(between(*bracket))
+        return other_end(*bracket, newest), newest
+
+    u = jax.lax.fori_loop(0, ROOT_STEPS, narrowed, (at(low), at(high)))[1].x
+    return u, a1 + u * (2 * a2 + u * (3 * a3 + u * 4 * a4))
 
 
-def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:
+def _entry(which: Int[Array, "*lanes"], rows: Float[Array, "3 *lanes"]) -> Float[Array, "*lanes"]:
+    return jnp.where(which == 0, rows[0], jnp.where(which == 1, rows[1], rows[2]))
+
+
+def _cause(mode: Float[Array, "*lanes"], which: Int[Array, "*lanes"]) -> Int[Array, "*lanes"]:
+    """The cause for which a function of a mode stands."""
+    cause = jnp.full_like(which, int(Cause.START))
+    for of_mode, causes in enumerate(CAUSES):
+        for k, one in enumerate(causes):
+            cause = jnp.where((mode == of_mode) & (which == k), int(one), cause)
+    return cause
+
+
+def _where(condition: Bool[Array, "*lanes"], first: Any, second: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)
