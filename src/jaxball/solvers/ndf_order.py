@@ -1,0 +1,55 @@
+"""Which order and which length the next step of a numerical differentiation formula has."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+# The next step over the one that its estimated error would let be, at an order lower by one, at the same, and higher.
+# Shampine & Reichelt's own: a change has to pay, and that of the order the more.
+CAUTION = (1 / 1.3, 1 / 1.2, 1 / 1.4)
+# A step less longer than this stays as it is, and so do the matrices of Newton's iteration.
+LEAST_GROWTH = 1.2
+GREATEST_GROWTH = 10.0
+SHORTEST, LONGEST = 0.2, 0.8
+# After an iteration that did not converge.
+GIVEN_UP = 0.3
+
+
+class Plan(NamedTuple):
+    """What follows a step.
+
+    - ``order``: that of the next step.
+    - ``growth``: the next step over this one, if this one is accepted.
+    - ``shrink``: the same if it is rejected.
+    """
+
+    order: Int[Array, ""]
+    growth: Float[Array, ""]
+    shrink: Float[Array, ""]
+
+
+def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""], highest: int) -> Plan:
+    """The plan after a step.
+
+    **Arguments:**
+
+    - ``errors``: of a step of this length by the formulas of order k − 1, k and k + 1, in units of the tolerance.
+    - ``order``: that of the step, k, and ``highest`` the highest there is.
+    - ``equal``: how many steps, this one included, had the same length and order. Errors are believed after k + 1.
+    """
+    orders = order - 1 + jnp.arange(3)
+    lengths = jnp.asarray(CAUTION, errors.dtype) * _ratio(errors, orders)
+    lengths = jnp.where((orders >= 1) & (orders <= highest), lengths, 0.0)
+    best = jnp.argmax(lengths)
+    longest = jnp.max(lengths)
+    changes = (equal > order) & ((longest >= LEAST_GROWTH) | (longest < LONGEST))
+    growth = jnp.where(changes, jnp.minimum(longest, GREATEST_GROWTH), 1.0)
+    shrink = jnp.where(jnp.isfinite(errors[1]), jnp.clip(lengths[1], SHORTEST, LONGEST), GIVEN_UP)
+    return Plan(jnp.where(changes, order - 1 + best, order), growth, shrink)
+
+
+def _ratio(errors: Float[Array, "3"], orders: Int[Array, "3"]) -> Float[Array, "3"]:
+    """The length of a step that has the error 1 over that of one with ``errors``."""
+    safe = jnp.where((errors > 0) & jnp.isfinite(errors), errors, jnp.finfo(errors.dtype).tiny)
+    return (1 / safe) ** (1.0 / (orders + 1).astype(errors.dtype))
