@@ -5,13 +5,14 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-# The next step over the one that its estimated error would let be, at an order lower by one, at the same, and higher.
-# Shampine & Reichelt's own: a change has to pay, and that of the order the more.
-CAUTION = (1 / 1.3, 1 / 1.2, 1 / 1.4)
+# The next step over the one that would have an error of 1, by the estimate.
+CAUTION = 0.8
 # A step less longer than this stays as it is, and so do the matrices of Newton's iteration.
 LEAST_GROWTH = 1.2
 GREATEST_GROWTH = 10.0
-SHORTEST, LONGEST = 0.2, 0.8
+# Where the error is so near to 1 that the next step should be shorter than this, it is, and does not fail later.
+LONGEST_SHRUNK = 0.9
+SHORTEST, LONGEST_AGAIN = 0.2, 0.8
 # After an iteration that did not converge.
 GIVEN_UP = 0.3
 
@@ -39,14 +40,14 @@ def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""]
     - ``equal``: how many steps, this one included, had the same length and order. Errors are believed after k + 1.
     """
     orders = order - 1 + jnp.arange(3)
-    lengths = jnp.asarray(CAUTION, errors.dtype) * _ratio(errors, orders)
-    lengths = jnp.where((orders >= 1) & (orders <= highest), lengths, 0.0)
-    best = jnp.argmax(lengths)
-    longest = jnp.max(lengths)
-    changes = (equal > order) & ((longest >= LEAST_GROWTH) | (longest < LONGEST))
-    growth = jnp.where(changes, jnp.minimum(longest, GREATEST_GROWTH), 1.0)
-    shrink = jnp.where(jnp.isfinite(errors[1]), jnp.clip(lengths[1], SHORTEST, LONGEST), GIVEN_UP)
-    return Plan(jnp.where(changes, order - 1 + best, order), growth, shrink)
+    lengths = jnp.where((orders >= 1) & (orders <= highest), CAUTION * _ratio(errors, orders), 0.0)
+    longest, here = jnp.max(lengths), lengths[1]
+    changes = (equal > order) & ((longest >= LEAST_GROWTH) | (longest < LONGEST_SHRUNK))
+    kept = jnp.where((equal <= order) & (here < LONGEST_SHRUNK), here, 1.0)
+    growth = jnp.where(changes, jnp.minimum(longest, GREATEST_GROWTH), kept)
+    again = jnp.clip(LONGEST_SHRUNK * here, SHORTEST, LONGEST_AGAIN)
+    shrink = jnp.where(jnp.isfinite(errors[1]), again, GIVEN_UP)
+    return Plan(jnp.where(changes, order - 1 + jnp.argmax(lengths), order), growth, shrink)
 
 
 def _ratio(errors: Float[Array, "3"], orders: Int[Array, "3"]) -> Float[Array, "3"]:
