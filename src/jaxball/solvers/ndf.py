@@ -221,9 +221,9 @@ def _begun(problem: FlatProblem, t0: Float[Array, ""], state: NDFState, first: B
 
     rows = jnp.arange(len(state.differences))[:, None]
     slopes = jax.lax.cond(first, slope, lambda: jnp.zeros_like(problem.x0))
-    fresh = jnp.where(rows == 0, problem.x0, jnp.where(rows == 1, slopes, 0.0))
+    fresh = jnp.where(rows == 0, problem.x0[None], jnp.where(rows == 1, slopes[None], 0.0))
     # Every difference has the last point once.
-    moved = state.differences + (problem.x0 - state.differences[0])
+    moved = state.differences + (problem.x0 - state.differences[0])[None]
     return state._replace(
         differences=jnp.where(first, fresh, moved),
         length=jnp.where(first, problem.control, state.length),
