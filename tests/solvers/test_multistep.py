@@ -1,4 +1,4 @@
-"""Runs of the methods of variable order: starts and jumps, derivatives, their pairing, what diffrax does with a solver."""
+"""Runs of the methods of variable order: starts and jumps, derivatives, pairing, what diffrax does with a solver."""
 
 import functools
 from typing import Any, NamedTuple
@@ -17,7 +17,7 @@ TURNS = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 
 class Method(NamedTuple):
-    """A solver, its controller and the other's, and how its errors at a tolerance of 1e-10 compare with those of Adams."""
+    """A solver, its controller and the other's, how its errors at 1e-10 compare with those of Adams, and its orders."""
 
     solver: Any
     controller: type
@@ -93,14 +93,14 @@ class TestOneRun:
         first = solve(method, oscillator, 4.0, START, saveat=diffrax.SaveAt(t1=True, **kept))
         end = jax.tree.map(lambda leaf: leaf[0], first.ys)
         state = {"solver_state": first.solver_state, "controller_state": first.controller_state}
-        second = solve(method, oscillator, 8.0, end, t0=4.0, dt0=0.05, **state)
+        second = solve(method, oscillator, 8.0, end, t0=4.0, dt0=first.controller_state[0], **state)
         anew = solve(method, oscillator, 8.0, end, t0=4.0)
         truth = [np.cos(8.0), np.sin(8.0)]
         np.testing.assert_allclose(second.ys["y"][0], truth, rtol=0, atol=3e-9 * method.errors)
         assert second.stats["num_steps"] < anew.stats["num_steps"] - 10
 
     def test_fewer_steps_the_higher_the_order(self, method):
-        solvers = (method.solver(method.highest // 2), method.solver())
+        solvers = (method.solver(method.highest // 2 + 1), method.solver())
         steps = [int(solve(method, oscillator, 20.0, START, solver=s).stats["num_steps"]) for s in solvers]
         assert steps[0] > 1.3 * steps[1]
 
