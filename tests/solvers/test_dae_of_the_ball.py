@@ -114,7 +114,7 @@ def test_the_first_component_throughout(stages):
             assert np.max(errors) < 1e7 * tolerance
 
 
-@pytest.mark.parametrize(("stages", "tolerance", "bound"), [(5, 1e-12, 5e-9), (0, 1e-11, 1e-6)])
+@pytest.mark.parametrize(("stages", "tolerance", "bound"), [(5, 1e-12, 5e-9), (0, 1e-8, 2e-3)])
 def test_a_ball_that_spins_through_twenty_zeros(stages, tolerance, bound):
     """Twelve radians a time unit, against an explicit method for the ordinary differential equation.
 

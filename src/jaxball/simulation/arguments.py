@@ -151,8 +151,8 @@ def require_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> 
         )
     if not isinstance(solver, RadauIIA | NDF):
         raise TypeError(
-            "Argument `solver` must be a jaxball.solvers.RadauIIA or NDF where `dae` is True, because other solvers know "
-            f"no mass matrix, but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
+            "Argument `solver` must be a jaxball.solvers.RadauIIA or NDF where `dae` is True, because other solvers "
+            f"know no mass matrix, but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
         )
 
 

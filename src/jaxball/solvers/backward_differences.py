@@ -82,7 +82,8 @@ def advanced(
     summed = jnp.sum(jnp.where(_from(rows)[:, :, None], kept[None], 0.0), axis=1) + change[None]
     here, above = ((jnp.arange(rows) == order + i)[:, None] for i in (1, 2))
     before = jnp.sum(jnp.where(here, differences, 0.0), axis=0)
-    return jnp.where(up_to(order, rows), summed, jnp.where(here, change[None], jnp.where(above, (change - before)[None], 0.0)))
+    beyond = jnp.where(here, change[None], jnp.where(above, (change - before)[None], 0.0))
+    return jnp.where(up_to(order, rows), summed, beyond)
 
 
 def _from(rows: int) -> np.ndarray:
