@@ -18,6 +18,7 @@ from .backward_differences import (
     error_constants,
     leading,
     resampled,
+    stretched,
     up_to,
 )
 from .consistency import start_of_step
@@ -39,6 +40,8 @@ EULER = diagonally_implicit([1.0], [[1.0]])
 REUSE, SLOWEST = 0.6, 0.3
 # Two steps are equal if their lengths differ by less than this, relative to them.
 EQUAL = 0.01
+# Lengths of equal steps differ by rounding, and their differences by so little that its square is nothing.
+ROUNDING = 1e-8
 # A step that is shorter than this, relative to the distance of the points, leaves none behind.
 TINY = 0.2
 
@@ -199,7 +202,10 @@ class NDF(AbstractMultistep):
         # After a step much shorter than those before, rounding errors of its differences would grow with the next
         # steps. The points stay on the polynomial that they had; the next step begins where this one ended.
         stays = ~state.stayed & (ratio < TINY)
-        kept = resampled(_of_polynomial(state), jnp.ones_like(ratio), ratio)
+        polynomial = _of_polynomial(state)
+        kept = jax.lax.cond(
+            stays, lambda: resampled(polynomial, jnp.ones_like(ratio), ratio), lambda: jnp.zeros_like(polynomial)
+        )
         new = NDFState(
             differences=jnp.where(stays, jnp.zeros_like(after).at[: len(kept)].set(kept), after),
             length=jnp.where(stays, state.length, problem.control),
@@ -242,12 +248,18 @@ def _of_polynomial(state: NDFState) -> Float[Array, "rows n"]:
 
 def _at_distance(state: NDFState, ratio: Float[Array, ""]) -> Float[Array, "rows n"]:
     """The differences for points at the distance ``ratio`` H. Those beyond the polynomial are scaled."""
-    inside = resampled(_of_polynomial(state), ratio)
-    rows = len(state.differences)
-    powers = ratio ** jnp.arange(rows, dtype=ratio.dtype)
-    beyond = powers.astype(inside.dtype)[:, None] * state.differences
-    inside = jnp.zeros_like(beyond).at[: len(inside)].set(inside)
-    return jnp.where(up_to(state.order, rows), inside, beyond)
+    polynomial, beyond = _of_polynomial(state), state.differences
+    rows, powers = len(beyond), jnp.arange(len(beyond), dtype=ratio.dtype)
+
+    def together(inside: Float[Array, "inside n"], scales: Float[Array, " rows"]) -> Float[Array, "rows n"]:
+        inside = jnp.zeros_like(beyond).at[: len(inside)].set(inside)
+        return jnp.where(up_to(state.order, rows), inside, scales.astype(beyond.dtype)[:, None] * beyond)
+
+    return jax.lax.cond(
+        jnp.abs(ratio - 1) < ROUNDING,
+        lambda: together(stretched(polynomial, ratio - 1), 1 + powers * (ratio - 1)),
+        lambda: together(resampled(polynomial, ratio), ratio**powers),
+    )
 
 
 def _at(rows, index: Int[Array, ""], dtype: Any) -> Array:

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
@@ -12,6 +13,8 @@ LEAST_GROWTH = 1.2
 GREATEST_GROWTH = 10.0
 # Where the error is so near to 1 that the next step should be shorter than this, it is, and does not fail later.
 LONGEST_SHRUNK = 0.9
+# With a smaller error than this, none of the orders makes the next step as short as that.
+SURELY_KEPT = (CAUTION / LONGEST_SHRUNK) ** 6
 SHORTEST, LONGEST_AGAIN = 0.2, 0.8
 # After an iteration that did not converge.
 GIVEN_UP = 0.3
@@ -39,15 +42,22 @@ def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""]
     - ``order``: that of the step, k, and ``highest`` the highest there is.
     - ``equal``: how many steps, this one included, had the same length and order. Errors are believed after k + 1.
     """
-    orders = order - 1 + jnp.arange(3)
-    lengths = jnp.where((orders >= 1) & (orders <= highest), CAUTION * _ratio(errors, orders), 0.0)
-    longest, here = jnp.max(lengths), lengths[1]
-    changes = (equal > order) & ((longest >= LEAST_GROWTH) | (longest < LONGEST_SHRUNK))
-    kept = jnp.where((equal <= order) & (here < LONGEST_SHRUNK), here, 1.0)
-    growth = jnp.where(changes, jnp.minimum(longest, GREATEST_GROWTH), kept)
-    again = jnp.clip(LONGEST_SHRUNK * here, SHORTEST, LONGEST_AGAIN)
-    shrink = jnp.where(jnp.isfinite(errors[1]), again, GIVEN_UP)
-    return Plan(jnp.where(changes, order - 1 + jnp.argmax(lengths), order), growth, shrink)
+    ready = equal > order
+
+    def changed() -> Plan:
+        orders = order - 1 + jnp.arange(3)
+        lengths = jnp.where((orders >= 1) & (orders <= highest), CAUTION * _ratio(errors, orders), 0.0)
+        longest, here = jnp.max(lengths), lengths[1]
+        changes = ready & ((longest >= LEAST_GROWTH) | (longest < LONGEST_SHRUNK))
+        kept = jnp.where(~ready & (here < LONGEST_SHRUNK), here, 1.0)
+        growth = jnp.where(changes, jnp.minimum(longest, GREATEST_GROWTH), kept)
+        again = jnp.clip(LONGEST_SHRUNK * here, SHORTEST, LONGEST_AGAIN)
+        shrink = jnp.where(jnp.isfinite(errors[1]), again, GIVEN_UP)
+        return Plan(jnp.where(changes, order - 1 + jnp.argmax(lengths), order), growth, shrink)
+
+    # Most steps leave all as it is, and powers are a good part of what a step of few equations costs.
+    same = Plan(order, jnp.ones_like(errors[1]), jnp.ones_like(errors[1]))
+    return jax.lax.cond(ready | ~(errors[1] < SURELY_KEPT), changed, lambda: same)
 
 
 def _ratio(errors: Float[Array, "3"], orders: Int[Array, "3"]) -> Float[Array, "3"]:
