@@ -21,7 +21,7 @@ class AbstractMultistep(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptive
     """
 
     term_structure: ClassVar = diffrax.AbstractTerm
-    controller_cls: eqx.AbstractClassVar[type[AbstractMultistepController]]
+    controller_cls: ClassVar[type[AbstractMultistepController]]
 
     max_order: eqx.AbstractVar[int]
     root_finder: eqx.AbstractVar[Any]  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -50,7 +50,7 @@ class AbstractMultistepController(diffrax.AbstractAdaptiveStepSizeController):
     dtmin: Any
     dtmax: Any
 
-    solver: eqx.AbstractClassVar[str]
+    solver: ClassVar[str]
 
     def __init__(
         self,
