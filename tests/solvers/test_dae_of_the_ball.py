@@ -114,11 +114,13 @@ def test_the_first_component_throughout(stages):
             assert np.max(errors) < 1e7 * tolerance
 
 
-@pytest.mark.parametrize(("stages", "tolerance", "bound"), [(5, 1e-12, 5e-9), (0, 1e-8, 2e-3)])
-def test_a_ball_that_spins_through_twenty_zeros(stages, tolerance, bound):
+@pytest.mark.parametrize(
+    ("stages", "tolerance", "bound", "left"), [(5, 1e-12, 5e-9, 2e-14), (0, 1e-8, 2e-3, 1e-8)], ids=["radau 5", "ndf"]
+)
+def test_a_ball_that_spins_through_twenty_zeros(stages, tolerance, bound, left):
     """Twelve radians a time unit, against an explicit method for the ordinary differential equation.
 
-    NDF keeps its differences of all components where another becomes algebraic.
+    NDF keeps its differences of all components where another becomes algebraic. |q| = 1 holds to what is left by Newton.
     """
     end, spin = 11.0, jnp.asarray([12.0, 0.5, -0.3])
     grid = np.linspace(0.0, end, 2001)
@@ -134,7 +136,7 @@ def test_a_ball_that_spins_through_twenty_zeros(stages, tolerance, bound):
     for name in ("q", "Omega", "z"):
         found, expected = (getattr(state, name)[-1] for state in (solution.ys[0], run.state))
         np.testing.assert_allclose(found, expected, rtol=0, atol=bound)
-    np.testing.assert_allclose(np.linalg.norm(solution.ys[0].q[-1]), 1.0, rtol=0, atol=2e-14)
+    np.testing.assert_allclose(np.linalg.norm(solution.ys[0].q[-1]), 1.0, rtol=0, atol=left)
 
 
 class TestSimulateRefuses:
