@@ -120,7 +120,7 @@ def test_the_first_component_throughout(stages):
 def test_a_ball_that_spins_through_twenty_zeros(stages, tolerance, bound, left):
     """Twelve radians a time unit, against an explicit method for the ordinary differential equation.
 
-    NDF keeps its differences of all components where another becomes algebraic. |q| = 1 holds to what is left by Newton.
+    NDF keeps its differences of all components where another becomes algebraic. |q| is 1 to what Newton leaves.
     """
     end, spin = 11.0, jnp.asarray([12.0, 0.5, -0.3])
     grid = np.linspace(0.0, end, 2001)
