@@ -10,6 +10,7 @@ import pytest
 from jaxball import BallState, Disk, DiskState, Fixed, FunctionForce, PointMass, Status, paper, simulate
 from jaxball.classical import FreeRigidBody
 from jaxball.ensemble import Maximum, simulate_ensemble
+from jaxball.solvers import NDF, Adams
 
 RUNS = 40
 TIMES = np.linspace(0.0, 5.0, 6)
@@ -204,6 +205,8 @@ def _with_mass(system, m):
     ("change", "words"),
     [
         ({"solver": diffrax.Kvaerno5()}, "Argument `solver` must be an explicit Runge-Kutta method"),
+        ({"solver": Adams()}, "Argument `solver` must be an explicit Runge-Kutta method .* but it is .*Adams"),
+        ({"solver": NDF()}, "Argument `solver` must be an explicit Runge-Kutta method .* but it is .*NDF"),
         ({"times": np.zeros((3, 2))}, "the same number of runs as leading axis"),
         ({"in_axes": (None, None)}, "the same number of runs as leading axis"),
         ({"in_axes": 1}, "Argument `in_axes` must be 0 where arrays have the runs as leading axis"),

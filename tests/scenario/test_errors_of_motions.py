@@ -211,12 +211,12 @@ RUNS = {
     "another solver": (
         BALL + '[solve]\nsolver = "euler"',
         'Key `solve.solver` must be one of "dopri5", "dopri8", "tsit5", "kvaerno3", "kvaerno5", "adams", "radau5", '
-        '"radau9", "radau13", "gauss16", "trapezoidal", "tr-bdf2", but it is "euler".',
+        '"radau9", "radau13", "ndf", "gauss16", "trapezoidal", "tr-bdf2", but it is "euler".',
     ),
     "a DAE by a solver for ODEs": (
         BALL + '[solve]\nsolver = "gauss16"\ndae = true',
-        'Key `solve.solver` must be one of "radau5", "radau9", "radau13" where `solve.dae` is true, because other '
-        'solvers know no mass matrix, but it is "gauss16".',
+        'Key `solve.solver` must be one of "radau5", "radau9", "radau13", "ndf" where `solve.dae` is true, because '
+        'other solvers know no mass matrix, but it is "gauss16".',
     ),
     "a DAE of a disk": (
         DISK + '[solve]\nsolver = "radau5"\ndae = true',

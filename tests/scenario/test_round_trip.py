@@ -135,8 +135,9 @@ TIME = st.one_of(
     table(start=numbers(-5.0, -0.1), end=numbers(0.1, 9.0), saves=st.integers(2, 50)),
     st.fixed_dictionaries({"at": increasing(4)}),
 )
-RADAU = ["radau5", "radau9", "radau13"]
-SOLVERS = ["dopri5", "dopri8", "tsit5", "kvaerno3", "kvaerno5", "adams", *RADAU, "gauss16", "trapezoidal", "tr-bdf2"]
+KNOW_MASS_MATRICES = ["radau5", "radau9", "radau13", "ndf"]
+SOLVERS = ["dopri5", "dopri8", "tsit5", "kvaerno3", "kvaerno5", "adams", "gauss16", "trapezoidal", "tr-bdf2"]
+SOLVERS += KNOW_MASS_MATRICES
 SOLVE = table(
     optional={
         "solver": st.sampled_from(SOLVERS),
@@ -147,7 +148,7 @@ SOLVE = table(
         "project": st.booleans(),
     }
 )
-SOLVE_DAE = table(solver=st.sampled_from(RADAU), dae=st.booleans())
+SOLVE_DAE = table(solver=st.sampled_from(KNOW_MASS_MATRICES), dae=st.booleans())
 ACTUATION = st.one_of(st.none(), st.just("integrated"), st.just("servo"))
 
 

@@ -42,6 +42,7 @@ def error(name, columns):
         ("gauss16", 1e-9, 3e-12),
         ("tr-bdf2", 1e-6, 2e-3),
         ("adams", 1e-9, 2e-7),
+        ("ndf", 1e-9, 5e-7),
         pytest.param("radau5", 1e-9, 1e-10, marks=pytest.mark.slow),
         pytest.param("trapezoidal", 1e-6, 3e-3, marks=pytest.mark.slow),
     ],
@@ -66,7 +67,7 @@ def test_ball_with_projection():
 
 @pytest.mark.parametrize(
     ("solver", "order"),
-    [("radau5", 5), ("radau9", 9), ("radau13", 13), ("gauss16", 16), ("trapezoidal", 2), ("tr-bdf2", 2)],
+    [("radau5", 5), ("radau9", 9), ("radau13", 13), ("ndf", 5), ("gauss16", 16), ("trapezoidal", 2), ("tr-bdf2", 2)],
 )
 def test_names_are_of_methods_of_that_order(solver, order):
     assert SOLVERS[solver]().order(diffrax.ODETerm(lambda t, y, args: y)) == order
@@ -90,6 +91,6 @@ def test_differential_algebraic_form_by_another_solver(tmp_path, capsys, solver)
         captured = capsys.readouterr()
         assert captured.out == ""
         assert captured.err == (
-            f'jaxball: {name} must be one of "radau5", "radau9", "radau13" where `solve.dae` is true, '
+            f'jaxball: {name} must be one of "radau5", "radau9", "radau13", "ndf" where `solve.dae` is true, '
             f'because other solvers know no mass matrix, but it is "{solver}".\n'
         )

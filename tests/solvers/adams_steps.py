@@ -6,16 +6,16 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 
-from jaxball.solvers import Adams
+from jaxball.solvers import Adams, AdamsController
 from jaxball.solvers.adams import AdamsState
-from jaxball.solvers.adams_controller import AdamsNorm
+from jaxball.solvers.multistep_controller import PairedNorm
 
 ROWS = 13
 # Tolerances that say nothing: the order is given.
 SOLVER = eqx.tree_at(
     lambda s: (s.root_finder.rtol, s.root_finder.atol, s.root_finder.norm),
     Adams(),
-    (1.0, 1.0, AdamsNorm(optx.max_norm)),
+    (1.0, 1.0, PairedNorm(optx.max_norm, AdamsController)),
 )
 
 

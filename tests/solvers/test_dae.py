@@ -176,10 +176,13 @@ class TestRefusals:
         [
             (diffrax.Dopri5(), "`solver` must know mass matrices"),
             (diffrax.Kvaerno5(), "`solver` must know mass matrices"),
-            (Gauss(8), "`solver` must be a RadauIIA"),
-            (Gauss(3, root_finder=SimplifiedNewton()), "`solver` must be a RadauIIA"),
-            (Trapezoidal(), "`solver` must be a RadauIIA for a term with a mass matrix.*but it is a Trapezoidal"),
-            (TRBDF2(), "`solver` must be a RadauIIA for a term with a mass matrix.*but it is a TRBDF2"),
+            (Gauss(8), "`solver` must be a RadauIIA or an NDF"),
+            (Gauss(3, root_finder=SimplifiedNewton()), "`solver` must be a RadauIIA or an NDF"),
+            (
+                Trapezoidal(),
+                "`solver` must be a RadauIIA or an NDF for a term with a mass matrix.*but it is a Trapezoidal",
+            ),
+            (TRBDF2(), "`solver` must be a RadauIIA or an NDF for a term with a mass matrix.*but it is a TRBDF2"),
             (RadauIIA(3, root_finder=FixedPoint()), "`root_finder` must be a SimplifiedNewton"),
         ],
         ids=["Dopri5", "Kvaerno5", "Gauss", "Gauss with Newton", "Trapezoidal", "TRBDF2", "FixedPoint"],

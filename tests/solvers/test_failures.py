@@ -14,9 +14,9 @@ import pytest
 import jaxball
 from jaxball import Status
 from jaxball.solvers import (
+    NDF,
     TRBDF2,
     Adams,
-    AdamsController,
     EmbeddedError,
     FixedPoint,
     Gauss,
@@ -26,6 +26,7 @@ from jaxball.solvers import (
     Trapezoidal,
     explain,
 )
+from jaxball.solvers.multistep import controller_class
 
 NOT_FINITE = "vector field is not a finite number"
 TOO_MANY = "has taken all the steps that it may"
@@ -41,6 +42,7 @@ SOLVERS = {
     "trapezoidal": Trapezoidal(),
     "tr-bdf2": TRBDF2(),
     "adams": Adams(),
+    "ndf": NDF(),
 }
 FIXED_POINT = [name for name, solver in SOLVERS.items() if isinstance(solver.root_finder, FixedPoint)]
 
@@ -62,8 +64,6 @@ def field(t, x, index):
 
 @functools.cache
 def program(solver):
-    by_tolerances = AdamsController if solver == "adams" else diffrax.PIDController
-
     @jax.jit
     def run(index):
         solution = diffrax.diffeqsolve(
@@ -74,7 +74,7 @@ def program(solver):
             None,
             jnp.asarray(1.0),
             args=index,
-            stepsize_controller=by_tolerances(rtol=1e-8, atol=1e-8),
+            stepsize_controller=controller_class(SOLVERS[solver])(rtol=1e-8, atol=1e-8),
             saveat=diffrax.SaveAt(steps=True),
             max_steps=MOST_STEPS,
             adjoint=diffrax.ForwardMode(),

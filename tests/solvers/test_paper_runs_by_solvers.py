@@ -12,7 +12,7 @@ import pytest
 import jaxball
 from jaxball import paper
 from jaxball.paper import reference
-from jaxball.solvers import TRBDF2, Adams, Gauss, RadauIIA, Trapezoidal
+from jaxball.solvers import NDF, TRBDF2, Adams, Gauss, RadauIIA, Trapezoidal
 
 SECONDS = np.linspace(0.0, 20.0, 21)
 SOLVERS = {
@@ -23,6 +23,7 @@ SOLVERS = {
     "trapezoidal": Trapezoidal(),
     "tr-bdf2": TRBDF2(),
     "adams": Adams(),
+    "ndf": NDF(),
 }
 
 
@@ -49,6 +50,15 @@ ADAMS = [
     ("ball", 1e-10, 500.0),
     *(long("disk", tolerance, 100.0) for tolerance in (1e-6, 1e-8, 1e-10)),
     *(long("ball", tolerance, 500.0) for tolerance in (1e-6, 1e-8, 1e-12)),
+]
+NDFS = [
+    ("disk", False, 1e-12, 700.0),
+    ("ball", False, 1e-10, 30_000.0),
+    ("ball", True, 1e-10, 5_000.0),
+    long("disk", False, 1e-8, 700.0),
+    long("ball", False, 1e-6, 30_000.0),
+    long("ball", True, 1e-6, 5_000.0),
+    long("ball", True, 1e-12, 10_000.0),
 ]
 # The same over the tolerance to the power 2/3, for methods of order 2.
 SECOND_ORDER = [
@@ -102,6 +112,13 @@ def test_collocation(name, solver, dae, bound):
 def test_adams(name, tolerance, bound, step_to_times):
     """A tolerance is that of a step, and many steps take part in an error. With SciPy's LSODA it is larger."""
     assert error(name, "adams", tolerance, step_to_times=step_to_times) < bound * tolerance
+
+
+@pytest.mark.parametrize("step_to_times", [False, True], ids=["dense output", "to times"])
+@pytest.mark.parametrize(("name", "dae", "tolerance", "bound"), NDFS)
+def test_ndf(name, dae, tolerance, bound, step_to_times):
+    """SciPy's BDF needs 4 % more steps for the ball at 1e-10, and has an error of 6,000 times the tolerance."""
+    assert error(name, "ndf", tolerance, dae=dae, step_to_times=step_to_times) < bound * tolerance
 
 
 @pytest.mark.parametrize(("name", "solver", "bound"), SECOND_ORDER)

@@ -21,10 +21,10 @@ def _of_jaxball(solver: str, **settings: Any) -> Callable[[], Any]:
     return functools.partial(_made, "jaxball.solvers", solver, **settings)
 
 
-# Those of jaxball have their order in their name, as the codes of Hairer & Wanner do.
+# Radau IIA has its order in its name, as the codes of Hairer & Wanner do.
 KNOW_MASS_MATRICES: "Mapping[str, Callable[[], diffrax.AbstractAdaptiveSolver]]" = {
     f"radau{2 * stages - 1}": _of_jaxball("RadauIIA", stages=stages) for stages in (3, 5, 7)
-}
+} | {"ndf": _of_jaxball("NDF")}
 SOLVERS: "Mapping[str, Callable[[], diffrax.AbstractAdaptiveSolver]]" = {
     "dopri5": _of_diffrax("Dopri5"),
     "dopri8": _of_diffrax("Dopri8"),

@@ -18,7 +18,7 @@ from ..physics.contact_law import Contact
 from ..physics.dae import WITH_UNIT
 from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem, default_of, require_state
-from ..solvers import RadauIIA
+from ..solvers import NDF, RadauIIA
 
 DEFAULT_TOLERANCE = 1e-10
 DEFAULT_SOLVER = diffrax.Dopri8()
@@ -175,10 +175,10 @@ def require_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> 
             f"Argument `state` must be {WITH_UNIT} where `dae` is True, because it is a component of their unit "
             f"vector that becomes algebraic, but it is a {type(state).__name__}."
         )
-    if not isinstance(solver, RadauIIA):
+    if not isinstance(solver, RadauIIA | NDF):
         raise TypeError(
-            "Argument `solver` must be a jaxball.solvers.RadauIIA where `dae` is True, because other solvers know no "
-            f"mass matrix, but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
+            "Argument `solver` must be a jaxball.solvers.RadauIIA or NDF where `dae` is True, because other solvers "
+            f"know no mass matrix, but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
         )
 
 

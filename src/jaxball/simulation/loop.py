@@ -16,7 +16,7 @@ from equinox.internal import while_loop
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
-from ..solvers import AdamsController
+from ..solvers.multistep_controller import AbstractMultistepController
 from .switching import NONE, Course, Switching
 
 # A step that would end this close to the end of the run, relative to it, ends there.
@@ -168,7 +168,7 @@ class _Solve(NamedTuple):
 
     def advanced(self, state: Any, course: Course | None = None) -> tuple[Any, Any, Bool[Array, ""], Course | None]:
         """The state after a step, what the step's interpolation is made of, and whether the step was accepted."""
-        smooth = isinstance(self.controller, diffrax.PIDController | AdamsController)
+        smooth = isinstance(self.controller, diffrax.PIDController | AbstractMultistepController)
         jumps = self.switching is not None or not smooth
         y, error, info, solver_state, step_result = self.solver.step(
             self.terms,

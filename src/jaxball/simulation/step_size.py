@@ -9,7 +9,9 @@ import optimistix as optx
 from jaxtyping import Array, Float, PyTree
 
 from ..physics.system import AbstractSystem
-from ..solvers import Adams, AdamsController, StepToKinks
+from ..solvers import StepToKinks
+from ..solvers.multistep import AbstractMultistep
+from ..solvers.multistep_controller import AbstractMultistepController
 
 
 def by_tolerances(
@@ -17,10 +19,10 @@ def by_tolerances(
     atol: Float[Array, ""],
     solver: diffrax.AbstractSolver | None = None,
     norm: Callable[[PyTree], Float[Array, ""]] = optx.rms_norm,
-) -> diffrax.PIDController | AdamsController:
+) -> diffrax.PIDController | AbstractMultistepController:
     """Steps by the tolerances alone, by the controller that ``solver`` needs. A step below 1e-30 ends the solve."""
-    if isinstance(solver, Adams):
-        return AdamsController(rtol, atol, norm, dtmin=1e-30)
+    if isinstance(solver, AbstractMultistep):
+        return solver.controller_cls(rtol, atol, norm, dtmin=1e-30)
     return diffrax.PIDController(rtol=rtol, atol=atol, norm=norm, dtmin=1e-30, force_dtmin=False)
 
 

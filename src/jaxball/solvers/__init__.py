@@ -1,11 +1,10 @@
-"""Solvers for diffrax: collocation of Radau and Gauss, mass matrices, trapezoidal rule, TR-BDF2, and Adams methods.
+"""Solvers for diffrax: collocation of Radau and Gauss, mass matrices, trapezoidal rule, TR-BDF2, Adams methods, NDFs.
 
 They are for any problem of diffrax, and know nothing of mechanics.
 """
 
 from ..interface.names import interface as _interface
 from .adams import Adams as Adams
-from .adams_controller import AdamsController as AdamsController
 from .consistency import InitialValues as InitialValues, consistent_initial_values as consistent_initial_values
 from .errors import (
     AbstractErrorEstimate as AbstractErrorEstimate,
@@ -21,6 +20,8 @@ from .mass import (
     MassMatrixTerm as MassMatrixTerm,
     SwitchingMassMatrixTerm as SwitchingMassMatrixTerm,
 )
+from .multistep_controller import AdamsController as AdamsController, NDFController as NDFController
+from .ndf import NDF as NDF
 from .newton import SimplifiedNewton as SimplifiedNewton
 from .outcome import explain as explain
 from .projection import Projected as Projected

@@ -2,18 +2,18 @@
 
 from typing import Any, ClassVar, NamedTuple
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
-from .adams_controller import AdamsError, AdamsNorm
 from .adams_order import Plan, plan
 from .differences import Points, error_constants, sums
 from .flat import FlatProblem, flat_problem
 from .interpolation import AdamsPolynomial
+from .multistep import AbstractMultistep, checked_order
+from .multistep_controller import AdamsController, PlannedError
 from .outcome import RESULTS, at_limit
 from .stages import FROM_CONTROLLER
 
@@ -52,7 +52,7 @@ class AdamsState(NamedTuple):
     rising: Bool[Array, ""]
 
 
-class Adams(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptiveSolver):
+class Adams(AbstractMultistep):
     """The Adams–Bashforth–Moulton methods of orders 1 to 12, with variable order and step.
 
     The integral of the polynomial through the slopes at the last k points predicts the state at the end of the step.
@@ -84,16 +84,14 @@ class Adams(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptiveSolver):
     [-3.992344 -3.866665]
     """
 
-    term_structure: ClassVar = diffrax.AbstractTerm
     interpolation_cls: ClassVar = AdamsPolynomial
+    controller_cls: ClassVar = AdamsController
 
     max_order: int = eqx.field(static=True)
     root_finder: Any  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def __init__(self, max_order: int = HIGHEST):
-        if isinstance(max_order, bool) or max_order not in range(1, HIGHEST + 1):
-            raise ValueError(f"Argument `max_order` must be a whole number from 1 to {HIGHEST}, but it is {max_order}.")
-        self.max_order = max_order
+        self.max_order = checked_order(max_order, HIGHEST)
         self.root_finder = PredictorCorrector()  # pyright: ignore[reportIncompatibleVariableOverride]
 
     @property
@@ -104,9 +102,6 @@ class Adams(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptiveSolver):
     def order(self, terms) -> int:
         """That of the result at the largest number of points, which local extrapolation makes one more than it."""
         return self.max_order + 1
-
-    def func(self, terms, t0, y0, args):
-        return terms.vf(t0, y0, args)
 
     def init(self, terms, t0: Any, t1: Any, y0, args) -> AdamsState:
         x0, _ = ravel_pytree(y0)
@@ -119,7 +114,7 @@ class Adams(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptiveSolver):
         )
 
     def step(self, terms, t0: Any, t1: Any, y0, args, solver_state, made_jump: Any):
-        self._require_controller()
+        self.require_controller()
         problem = flat_problem(terms, t0, t1, y0, args)
         problem.refuse_mass(self)
         first = (solver_state.order == 0) | made_jump
@@ -132,31 +127,19 @@ class Adams(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptiveSolver):
         result = RESULTS.where(finite, RESULTS.successful, RESULTS.nonfinite)
         after, following = _after(state, points, attempt, first, sizes)
         dense = {"y0": y0, "terms": jax.vmap(problem.unravel)(attempt.terms), "past": state.past}
-        error = AdamsError(size, following.growth, following.shrink)
+        error = PlannedError(size, following.growth, following.shrink, self.controller_cls)
         return problem.unravel(attempt.x1), error, dense, after, result
 
     def _errors(
         self, problem: FlatProblem, state: AdamsState, points: Points, attempt: "Attempt"
     ) -> tuple[Float[Array, ""], Float[Array, " rows"]]:
-        """The error of the step, and those of all orders had all steps been as long, in units of the tolerance.
-
-        They serve to choose steps, and are not to be differentiated.
-        """
-        x0, x1, corrections, points = jax.lax.stop_gradient((problem.x0, attempt.x1, attempt.corrections, points))
-        rtol, atol, norm = self.root_finder.rtol, self.root_finder.atol, self.root_finder.norm
-        tolerance = atol + rtol * jnp.maximum(jnp.abs(x0), jnp.abs(x1))
-        sizes = jax.vmap(lambda row: norm(problem.unravel(row / tolerance)))(corrections)
+        """The error of the step, and those of all orders had all steps been as long, in units of the tolerance."""
+        points = jax.lax.stop_gradient(points)
+        sizes = self.sizes(problem, attempt.x1, attempt.corrections)
         g, evenness = (a.astype(sizes.dtype) for a in (points.integrals(), points.evenness()))
         rows = jnp.arange(sizes.size)
         size = jnp.sum(jnp.where(rows == state.order, jnp.abs(g - jnp.roll(g, 1)) * sizes, 0.0))
         return size, jnp.asarray(error_constants(rows.size), sizes.dtype) * evenness * sizes
-
-    def _require_controller(self) -> None:
-        if not isinstance(self.root_finder.norm, AdamsNorm):
-            raise TypeError(
-                "Argument `stepsize_controller` must be a jaxball.solvers.AdamsController, or a controller around one, "
-                "where the solver is Adams, which chooses its order together with the step, but it is another."
-            )
 
 
 class Attempt(NamedTuple):

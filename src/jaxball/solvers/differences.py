@@ -31,14 +31,14 @@ class Points(NamedTuple):
 
     def factors(self) -> Float[Array, " rows"]:
         """β_j, the product of (t − t_{n−i}) / (t_n − t_{n−1−i}) over i < j, with t the end of the step."""
-        return _products((self.h + self.past[:-1]) / (self.past[1:] - self.past[0]))
+        return products((self.h + self.past[:-1]) / (self.past[1:] - self.past[0]))
 
     def evenness(self) -> Float[Array, " rows"]:
         """j! hʲ over the product of t − t_{n−i} over i < j: 1 if all steps had the length h.
 
         It takes a difference to what it would be then, as far as one can know.
         """
-        return _products(jnp.arange(1, self.past.size, dtype=self.h.dtype) * self.h / (self.h + self.past[:-1]))
+        return products(jnp.arange(1, self.past.size, dtype=self.h.dtype) * self.h / (self.h + self.past[:-1]))
 
     def integrals(self, end: Float[Array, ""] | float = 1.0) -> Float[Array, " rows"]:
         """g_j, the integrals of the products of (s − t_{n−i}) / (t − t_{n−i}) over i < j, from 0 to ``end``, over h.
@@ -49,7 +49,7 @@ class Points(NamedTuple):
         nodes, weights = np.polynomial.legendre.leggauss(self.past.size // 2 + 1)
         nodes, weights = (jnp.asarray(x, self.h.dtype) for x in (0.5 + 0.5 * nodes, 0.5 * weights))
         past = self.past[:-1, None]
-        polynomials = _products((end * nodes[None] * self.h + past) / (self.h + past))
+        polynomials = products((end * nodes[None] * self.h + past) / (self.h + past))
         return end * jnp.sum(weights[None] * polynomials, axis=1)
 
     def advanced(self) -> Float[Array, " rows"]:
@@ -62,7 +62,7 @@ def sums(rows: Float[Array, "rows n"]) -> Float[Array, "rows n"]:
     return jnp.sum(jnp.where(_before(len(rows), len(rows))[:, :, None], rows[None], 0.0), axis=1)
 
 
-def _products(factors: Float[Array, "count *n"]) -> Float[Array, "rows *n"]:
+def products(factors: Float[Array, "count *n"]) -> Float[Array, "rows *n"]:
     """The products of all factors before each place, and of all of them: 1, a, ab, abc, …"""
     before = _before(len(factors) + 1, len(factors))
     return jnp.prod(jnp.where(before.reshape(*before.shape, *(1,) * (factors.ndim - 1)), factors[None], 1.0), axis=1)

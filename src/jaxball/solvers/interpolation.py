@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
+from .backward_differences import ascending
 from .differences import Points
 
 
@@ -65,11 +66,31 @@ class AdamsPolynomial(diffrax.AbstractLocalInterpolation):
             return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
         width = self.t1 - self.t0
         weights = Points(self.past, jnp.where(width == 0, 1.0, width)).integrals(_fraction(self, t0))
+        return jax.tree.map(lambda y, terms: y + _weighted(weights, terms), self.y0, self.terms)
 
-        def combined(y, terms):
-            return y + jnp.sum(weights.astype(y.dtype).reshape(-1, *(1,) * y.ndim) * terms, axis=0)
 
-        return jax.tree.map(combined, self.y0, self.terms)
+class BackwardPolynomial(diffrax.AbstractLocalInterpolation):
+    """u(t0 + θh) = y₁ + Σⱼ (θ − 1) θ ⋯ (θ + j − 2)/j! termⱼ, the polynomial with the backward differences ``terms``.
+
+    It is taken from y₀ = y₁ − term₁ on, for the sake of rounding.
+    """
+
+    t0: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
+    t1: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]
+    y0: PyTree[Array]
+    terms: PyTree[Array]
+
+    def evaluate(self, t0: Any, t1: Any = None, left=True):
+        if t1 is not None:
+            return jax.tree.map(lambda a, b: b - a, self.evaluate(t0), self.evaluate(t1))
+        fraction = _fraction(self, t0)
+        count = len(jax.tree.leaves(self.terms)[0])
+        weights = ascending(fraction - 1, count + 1)[1:].at[0].set(fraction)
+        return jax.tree.map(lambda y, terms: y + _weighted(weights, terms), self.y0, self.terms)
+
+
+def _weighted(weights: Float[Array, " rows"], terms: Float[Array, "rows *shape"]) -> Float[Array, "*shape"]:
+    return jnp.sum(weights.astype(terms.dtype).reshape(-1, *(1,) * (terms.ndim - 1)) * terms, axis=0)
 
 
 def _fraction(step, t: Float[Array, ""]) -> Float[Array, ""]:

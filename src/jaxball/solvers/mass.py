@@ -13,6 +13,8 @@ from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
+from .linear import inverses, product
+
 VectorField = Callable[[Any, Any, Any], Any]
 
 
@@ -31,13 +33,18 @@ class Mass(eqx.Module):
         """M Zᵢ for each of the s rows."""
         return _each(self.matrix, Z)
 
+    def rates(self, g: Float[Array, " n"]) -> Float[Array, " n"]:
+        """The v of M v = g without an algebraic part, or that of the nearest g for which there is one."""
+        matrix = product(self.matrix.T, self.matrix) + self.variables
+        return product(inverses(matrix[None])[0], _each(self.matrix.T, g[None])[0][:, None])[:, 0]
+
     def without_algebraic(self, x: Float[Array, " n"]) -> Float[Array, " n"]:
         """``x`` with its algebraic part taken off."""
         return x - _each(self.variables, x[None])[0]
 
 
 class AbstractMassTerm(diffrax.AbstractTerm):
-    """M ẋ = g(t, x), for the solvers of this package that know a mass matrix: ``RadauIIA``.
+    """M ẋ = g(t, x), for the solvers of this package that know a mass matrix: ``RadauIIA`` and ``NDF``.
 
     Another solver would integrate ẋ = g without a word, so ``prod``, which it calls, refuses.
     """
@@ -56,7 +63,7 @@ class AbstractMassTerm(diffrax.AbstractTerm):
     def prod(self, vf, control):
         raise TypeError(
             "Argument `solver` must know mass matrices where the term is a MassMatrixTerm, M ẋ = g(t, x), but it "
-            "does not; use jaxball.solvers.RadauIIA, or, where M is regular, an ODETerm for ẋ = M⁻¹ g."
+            "does not; use jaxball.solvers.RadauIIA or NDF, or, where M is regular, an ODETerm for ẋ = M⁻¹ g."
         )
 
 

@@ -14,9 +14,6 @@ from .linear import inverses, solutions
 from .stages import FROM_CONTROLLER, AbstractStageIteration, Memory, StageEquations, Stages, combine
 from .tableau import Tableau
 
-# Matrices whose iteration converged more slowly than this are not used again.
-SLOWEST_REUSED = 0.1
-
 
 class SimplifiedNewton(AbstractStageIteration):
     """For stiff problems, and for any with a mass matrix.
@@ -35,6 +32,8 @@ class SimplifiedNewton(AbstractStageIteration):
       inverse, and the iteration converges well with them; 1 makes them anew at every step. Unless given, it is 0.8
       with the tolerances of a step-size controller, which shortens a step whose iteration fails, and 1 with
       tolerances of one's own, as steps of constant length need them: there a failure would be the end.
+    - ``slowest``: matrices with which an error became smaller by less than this factor in an iteration are not used
+      again.
     """
 
     kappa: float
@@ -43,6 +42,7 @@ class SimplifiedNewton(AbstractStageIteration):
     atol: Any
     norm: Any
     reuse: float
+    slowest: float
 
     def __init__(
         self,
@@ -52,10 +52,12 @@ class SimplifiedNewton(AbstractStageIteration):
         atol: Any = FROM_CONTROLLER,
         norm: Any = FROM_CONTROLLER,
         reuse: float | None = None,
+        slowest: float = 0.1,
     ):
         self.kappa, self.max_steps = kappa, max_steps
         self.rtol, self.atol, self.norm = rtol, atol, norm
         self.reuse = (0.8 if rtol is FROM_CONTROLLER else 1.0) if reuse is None else reuse
+        self.slowest = slowest
 
     def start(self, tableau: Tableau, x0: Float[Array, " n"]) -> Memory:
         inverses = jnp.zeros((tableau.eigenvalues.size, x0.size, x0.size), _dtype_of_modes(tableau, x0))
@@ -106,7 +108,7 @@ class SimplifiedNewton(AbstractStageIteration):
             return renew()
         ratio = control / made_for
         near = (ratio * self.reuse < 1) & (ratio > self.reuse)
-        return jax.lax.cond(near & (memory.rate < SLOWEST_REUSED), keep, renew)
+        return jax.lax.cond(near & (memory.rate < self.slowest), keep, renew)
 
     def tangents(self, equations, stages, changes):
         """One linear system of s·n equations with the Jacobian of each stage its own, solved exactly."""

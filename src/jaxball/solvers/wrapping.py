@@ -27,6 +27,11 @@ class AbstractWrappingSolver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWra
         return self.solver.root_finder  # pyright: ignore[reportAttributeAccessIssue]
 
     @property
+    def controller_cls(self) -> Any:
+        """The class of the step-size controllers of a multistep method."""
+        return self.solver.controller_cls  # pyright: ignore[reportAttributeAccessIssue]
+
+    @property
     def scan_kind(self) -> Any:
         """The kind of loop of an explicit solver, where ``diffrax.ForwardMode`` puts one that has a jvp."""
         return self.solver.scan_kind  # pyright: ignore[reportAttributeAccessIssue]

@@ -25,6 +25,7 @@ ALL: dict[str, Contender] = {
     for contender in (
         _ours("Adams", explicit=True),
         _ours("Gauss", explicit=True),
+        _ours("NDF", daes=True),
         _ours("RadauIIA 3", daes=True),
         _ours("RadauIIA 5", daes=True),
         _ours("RadauIIA 7", daes=True),

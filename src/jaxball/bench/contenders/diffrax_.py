@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from ... import solvers
 from ...paper.reproduce.evaluations import Counter
+from ...solvers.multistep import controller_class
 from ..problem import Form, Problem
 from ..translate import jax_field, jax_parameters
 from .base import MAX_STEPS, Outcome, Program, Run, Work
@@ -24,6 +25,7 @@ METHODS: dict[str, diffrax.AbstractAdaptiveSolver] = {
     "Kvaerno5": diffrax.Kvaerno5(),
     "Adams": solvers.Adams(),
     "Gauss": solvers.Gauss(stages=8, error=solvers.StepError()),
+    "NDF": solvers.NDF(),
     "RadauIIA 3": solvers.RadauIIA(stages=3),
     "RadauIIA 5": solvers.RadauIIA(stages=5),
     "RadauIIA 7": solvers.RadauIIA(stages=7),
@@ -133,8 +135,7 @@ def _counting(field: Field, counter: Counter) -> Field:
 
 
 def _solve(solver, problem: Problem, term, initial: Float[Array, " state"], tolerance: Float[Array, ""]) -> Ended:
-    by_tolerances = solvers.AdamsController if isinstance(solver, solvers.Adams) else diffrax.PIDController
-    controller = by_tolerances(rtol=tolerance, atol=tolerance * problem.atol_over_rtol)
+    controller = controller_class(solver)(rtol=tolerance, atol=tolerance * problem.atol_over_rtol)
     if problem.kinks:
         controller = solvers.StepToKinks(controller, problem.kinks)
     solution = diffrax.diffeqsolve(

@@ -1,4 +1,4 @@
-"""Runs of jaxball by the Adams method, against runs by others, and how often both evaluate the equations."""
+"""Runs of jaxball by the methods of variable order, against runs by others, and how often they evaluate f."""
 
 import functools
 
@@ -14,10 +14,19 @@ from jaxball.paper import reference
 from jaxball.paper.reproduce.evaluations import Counter, CountingSolver
 from jaxball.physics.packing import Packing
 from jaxball.simulation.step_size import by_tolerances, kinks_of, to_kinks
-from jaxball.solvers import Adams
+from jaxball.solvers import NDF, Adams
 from tests.support.paper import paper_ball
 
 ADAMS, DOPRI8 = Adams(), diffrax.Dopri8()
+# With how their errors compare with those of Adams: that of NDF has order 5.
+ERRORS = {ADAMS: 1.0, NDF(): 20.0}
+
+
+@pytest.fixture(params=ERRORS, ids=lambda solver: type(solver).__name__)
+def solver(request):
+    return request.param
+
+
 BALL = paper_ball()
 TIMES = np.linspace(0.0, 3.0, 31)
 
@@ -31,20 +40,23 @@ def split(ball, parts):
 class TestOneRun:
     @staticmethod
     @functools.cache
-    def run():
-        return simulate(BALL, TIMES, solver=ADAMS, dense=True, throw=True)
+    def run(solver):
+        return simulate(BALL, TIMES, solver=solver, dense=True, throw=True)
 
-    def test_agrees_with_a_run_by_dopri8(self):
+    def test_agrees_with_a_run_by_dopri8(self, solver):
         other = simulate(BALL, TIMES, rtol=1e-12, atol=1e-12, step_to_times=True, throw=True)
-        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=0, atol=5e-9), self.run().state, other.state)
+        bound = 5e-9 * ERRORS[solver]
+        jax.tree.map(
+            lambda a, b: np.testing.assert_allclose(a, b, rtol=0, atol=bound), self.run(solver).state, other.state
+        )
 
-    def test_the_steps_are_those_of_diffrax(self):
+    def test_the_steps_are_those_of_diffrax(self, solver):
         packing, t = Packing.of(BALL.prepare(), BallState()), jnp.asarray(TIMES)
-        controller = by_tolerances(jnp.asarray(1e-10), jnp.asarray(1e-10), ADAMS)
+        controller = by_tolerances(jnp.asarray(1e-10), jnp.asarray(1e-10), solver)
         solution = jax.jit(
             lambda: diffrax.diffeqsolve(
                 diffrax.ODETerm(lambda t, x, _: packing.field(jnp.asarray(t), x)),
-                ADAMS,
+                solver,
                 t[0],
                 t[-1],
                 None,
@@ -53,43 +65,43 @@ class TestOneRun:
                 stepsize_controller=to_kinks(controller, kinks_of(BALL)),
             )
         )()
-        assert self.run().steps == solution.stats["num_steps"]
-        assert self.run().rejected == solution.stats["num_rejected_steps"]
+        assert self.run(solver).steps == solution.stats["num_steps"]
+        assert self.run(solver).rejected == solution.stats["num_rejected_steps"]
         states = jax.vmap(packing.unpack)(t, solution.ys)
-        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=0, atol=2e-13), self.run().state, states)
+        jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, rtol=0, atol=2e-13), self.run(solver).state, states)
 
-    def test_can_be_evaluated_at_any_time(self):
+    def test_can_be_evaluated_at_any_time(self, solver):
         t = np.array([0.05, 0.15, 1.234])
         other = simulate(BALL, [0.0, *t, 3.0], rtol=1e-12, atol=1e-12, step_to_times=True, throw=True).state
         for i, time in enumerate(t):
-            np.testing.assert_allclose(self.run().at(time).q, other.q[i + 1], rtol=0, atol=5e-9)
+            np.testing.assert_allclose(self.run(solver).at(time).q, other.q[i + 1], rtol=0, atol=5e-9 * ERRORS[solver])
 
-    def test_contact_extremes(self):
-        ours, theirs = (jaxball.contact_extremes(run) for run in (self.run(), simulate(BALL, TIMES, dense=True)))
-        np.testing.assert_allclose(ours.least_normal_force, theirs.least_normal_force, rtol=1e-7)
+    def test_contact_extremes(self, solver):
+        ours, theirs = (jaxball.contact_extremes(run) for run in (self.run(solver), simulate(BALL, TIMES, dense=True)))
+        np.testing.assert_allclose(ours.least_normal_force, theirs.least_normal_force, rtol=1e-7 * ERRORS[solver])
 
 
 def turned(ball, t, state):
     return state.q[1]
 
 
-def test_events_happen_when_they_do_in_another_run():
+def test_events_happen_when_they_do_in_another_run(solver):
     events = {"turned": Event(turned, terminal=True)}
-    times = [simulate(BALL, TIMES, solver=solver, events=events).reached for solver in (ADAMS, DOPRI8)]
+    times = [simulate(BALL, TIMES, solver=method, events=events).reached for method in (solver, DOPRI8)]
     assert 0.0 < times[1] < 3.0
-    np.testing.assert_allclose(times[0], times[1], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(times[0], times[1], rtol=0, atol=1e-8 * ERRORS[solver])
 
 
-def test_projection():
-    state = simulate(BALL, TIMES[[0, -1]], solver=ADAMS, project=True, throw=True).state
+def test_projection(solver):
+    state = simulate(BALL, TIMES[[0, -1]], solver=solver, project=True, throw=True).state
     np.testing.assert_allclose(np.linalg.norm(state.q, axis=1), 1.0, rtol=0, atol=5e-16)
 
 
 @pytest.mark.parametrize("differentiate", [jax.grad, jax.jacfwd], ids=["reverse", "forward"])
-def test_derivatives_agree_with_those_of_dopri8(differentiate):
+def test_derivatives_agree_with_those_of_dopri8(solver, differentiate):
     adjoint = diffrax.ForwardMode() if differentiate is jax.jacfwd else None
 
-    def end(scale, solver, tolerance):
+    def end(scale, method, tolerance):
         ball = Ball(
             mass=BALL.mass * scale,
             inertia=BALL.inertia,
@@ -97,20 +109,20 @@ def test_derivatives_agree_with_those_of_dopri8(differentiate):
             offset=BALL.offset,
             masses=BALL.point_masses,
         )
-        run = simulate(ball, TIMES[[0, -1]], solver=solver, rtol=tolerance, atol=tolerance, adjoint=adjoint)
+        run = simulate(ball, TIMES[[0, -1]], solver=method, rtol=tolerance, atol=tolerance, adjoint=adjoint)
         return run.state.z[-1, 0]
 
-    ours = differentiate(lambda scale: end(scale, ADAMS, 1e-11))(1.0)
+    ours = differentiate(lambda scale: end(scale, solver, 1e-11))(1.0)
     theirs = differentiate(lambda scale: end(scale, DOPRI8, 1e-12))(1.0)
-    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8 * ERRORS[solver])
 
 
-def test_batches():
+def test_batches(solver):
     """Each run takes its own orders and steps."""
 
     def end(phidot):
         state = BallState(Omega=jnp.stack([jnp.zeros_like(phidot), phidot, jnp.zeros_like(phidot)]))
-        run = simulate(BALL, TIMES[[0, -1]], state, solver=ADAMS)
+        run = simulate(BALL, TIMES[[0, -1]], state, solver=solver)
         return run.state.z[-1], run.steps
 
     rates = jnp.array([0.0, 2.0])
@@ -128,12 +140,12 @@ def test_batches():
         pytest.param((split(BALL, 100), reference.ball, slice(-2, None)), id="ball with 300 masses"),
     ],
 )
-def test_fewer_evaluations_than_dopri8(case):
+def test_fewer_evaluations_by_adams_than_dopri8(case):
     ball, truth, columns = case
     counts = []
-    for solver in (ADAMS, DOPRI8):
+    for method in (ADAMS, DOPRI8):
         counter = Counter()
-        run = simulate(ball, [0.0, 20.0], solver=CountingSolver(solver, counter), throw=True)
+        run = simulate(ball, [0.0, 20.0], solver=CountingSolver(method, counter), throw=True)
         np.testing.assert_allclose(run.state.z[-1], truth().values[-1, columns], rtol=0, atol=1e-7)
         counts.append(counter.read())
     assert counts[0] < 0.7 * counts[1]

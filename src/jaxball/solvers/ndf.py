@@ -1,0 +1,269 @@
+"""The numerical differentiation formulas of variable order, with steps that are nearly constant."""
+
+from typing import Any, ClassVar, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Float, Int
+
+from .backward_differences import (
+    GAMMA,
+    HIGHEST,
+    KAPPAS,
+    Kappa,
+    advanced,
+    error_constants,
+    leading,
+    resampled,
+    stretched,
+    up_to,
+)
+from .consistency import start_of_step
+from .diagonal import diagonally_implicit
+from .flat import FlatProblem, Slope, flat_problem
+from .interpolation import BackwardPolynomial
+from .mass import mass_term
+from .multistep import AbstractMultistep, checked_order
+from .multistep_controller import NDFController, PlannedError
+from .ndf_order import Plan, plan
+from .newton import SimplifiedNewton
+from .outcome import NO_FAULT, UNKNOWN, outcome
+from .stages import FROM_CONTROLLER, AbstractStageIteration, Memory, Stages
+
+# M (x − P) − (h/α) g(t, x) = −M ψ is the equation of a step of Euler's implicit method, of length h/α.
+EULER = diagonally_implicit([1.0], [[1.0]])
+# A prediction by several points is so near that the iteration may be slower than for other methods. With these numbers
+# a third fewer matrices are made than with the usual ones, in no more steps.
+REUSE, SLOWEST = 0.6, 0.3
+# Two steps are equal if their lengths differ by less than this, relative to them.
+EQUAL = 0.01
+# Lengths of equal steps differ by rounding, and their differences by so little that its square is nothing.
+ROUNDING = 1e-8
+# A step that is shorter than this, relative to the distance of the points, leaves none behind.
+TINY = 0.2
+
+
+class NDFState(NamedTuple):
+    """What the steps so far leave to the next.
+
+    - ``differences``: the backward differences of the last states, from order 0 to two more than the highest.
+    - ``length``: the distance of their points, which is that of the last step.
+    - ``order``: of the next step; 0 where nothing is known yet.
+    - ``equal``: how many of the last steps had one length and order.
+    - ``stayed``: whether the last step was so short that it left no point.
+    - ``memory``: what the iteration leaves.
+    - ``fault``: what is wrong with a problem M ẋ = g.
+    """
+
+    differences: Float[Array, "rows n"]
+    length: Float[Array, ""]
+    order: Int[Array, ""]
+    equal: Int[Array, ""]
+    stayed: Bool[Array, ""]
+    memory: Memory
+    fault: Int[Array, ""] | None
+
+
+class NDF(AbstractMultistep):
+    """The numerical differentiation formulas of Klopfenstein and Shampine, of orders 1 to 5, as in MATLAB's ode15s.
+
+    The derivative, at the end of the step, of the polynomial through the last k + 1 states equals the slope there. For
+    stiff problems at moderate accuracy, and M ẋ = g(t, x) of index 1: a step solves one system of n real equations, by
+    matrices that often serve for several steps. Orders 1 and 2 are A-stable, 3 to 5 A(α)-stable: where eigenvalues of
+    the Jacobian lie near the imaginary axis, :class:`RadauIIA` is better.
+
+    The order is chosen together with the step, so that the step-size controller must be :class:`NDFController`;
+    ``jaxball.simulate`` takes that by itself. The first step, and the first one after a jump, has order 1.
+
+    **Arguments:**
+
+    - ``max_order``: the largest order, from 1 to 5.
+    - ``kappa``: "ndf" for the coefficients of Shampine & Reichelt (1997), whose steps may be up to a quarter longer, or
+      "bdf" for the backward differentiation formulas, which are stable in wider angles at orders 3 and 4.
+    - ``root_finder``: :class:`SimplifiedNewton`, which keeps its matrices longer than in other methods unless given,
+      or :class:`FixedPoint` where the problem is not stiff. Its tolerances are those of the controller.
+
+    Source: Shampine & Reichelt, *The MATLAB ODE Suite*, SIAM J. Sci. Comput. 18 (1997) 1–22; Hairer, Nørsett & Wanner,
+    *Solving Ordinary Differential Equations I* (1993), section III.5.
+
+    **Raises:** ``ValueError`` for another ``max_order`` or ``kappa``, and for a root finder with tolerances of its own;
+    in a solve, ``TypeError`` for another step-size controller.
+
+    **Example:**
+
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> from jaxball import paper, simulate
+    >>> from jaxball.solvers import NDF
+    >>> run = simulate(paper.ball(), [0.0, 20.0], solver=NDF())
+    >>> print(run.state.z[-1].round(5))
+    [-3.99234 -3.86667]
+    """
+
+    interpolation_cls: ClassVar = BackwardPolynomial
+    controller_cls: ClassVar = NDFController
+
+    max_order: int = eqx.field(static=True)
+    kappa: Kappa = eqx.field(static=True)
+    root_finder: AbstractStageIteration  # pyright: ignore[reportIncompatibleVariableOverride]
+
+    def __init__(
+        self, max_order: int = HIGHEST, kappa: Kappa = "ndf", root_finder: AbstractStageIteration | None = None
+    ):
+        if kappa not in KAPPAS:
+            raise ValueError(f'Argument `kappa` must be "ndf" or "bdf", but it is {kappa!r}.')
+        root_finder = SimplifiedNewton(reuse=REUSE, slowest=SLOWEST) if root_finder is None else root_finder
+        if any(getattr(root_finder, name) is not FROM_CONTROLLER for name in ("rtol", "atol", "norm")):
+            raise ValueError(
+                "Argument `root_finder` must have no tolerances and no norm of its own, because the order is chosen by "
+                "those of the step-size controller, but it has some."
+            )
+        self.max_order, self.kappa = checked_order(max_order, HIGHEST), kappa
+        self.root_finder = root_finder  # pyright: ignore[reportIncompatibleVariableOverride]
+
+    @property
+    def root_find_max_steps(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Iterations after which a step is given up."""
+        return self.root_finder.max_steps
+
+    def order(self, terms) -> int:
+        return self.max_order
+
+    def init(self, terms, t0: Any, t1: Any, y0, args) -> NDFState:
+        x0, _ = ravel_pytree(y0)
+        return NDFState(
+            differences=jnp.zeros((self.max_order + 3, x0.size), x0.dtype),
+            length=terms.contr(t0, t1),
+            order=jnp.asarray(0),
+            equal=jnp.asarray(0),
+            stayed=jnp.asarray(False),
+            memory=self.root_finder.start(EULER, x0),
+            fault=None if mass_term(terms) is None else jnp.asarray(UNKNOWN),
+        )
+
+    def step(self, terms, t0: Any, t1: Any, y0, args, solver_state, made_jump: Any):
+        self.require_controller()
+        problem, fault = flat_problem(terms, t0, t1, y0, args), solver_state.fault
+        first = (solver_state.order == 0) | made_jump
+        if problem.mass is not None:
+            x0, fault = start_of_step(problem, problem.mass, t0, self.root_finder, fault, made_jump)
+            problem = problem._replace(x0=x0)
+        state = _begun(problem, t0, solver_state._replace(fault=fault), first)
+        before = _at_distance(state, problem.control / state.length)
+        stages = self._solved(problem, t1, before, state)
+        after = advanced(before, stages.Z[0], state.order)
+        errors = self._errors(problem, state.order, after)
+        sizes = self.sizes(problem, after[0], errors)
+        size, result = outcome(stages, sizes[1:2], t0, t1, NO_FAULT if fault is None else fault)
+        moved, following = self._after(problem, state, stages, after, sizes)
+        error = PlannedError(size[0], following.growth, following.shrink, self.controller_cls)
+        terms_between = jnp.where(up_to(state.order, len(after)), after, 0.0)[1 : self.max_order + 1]
+        dense = {"y0": problem.unravel(problem.x0), "terms": jax.vmap(problem.unravel)(terms_between)}
+        return problem.unravel(after[0]), error, dense, moved, result
+
+    def _solved(
+        self, problem: FlatProblem, t1: Float[Array, ""], before: Float[Array, "rows n"], state: NDFState
+    ) -> Stages:
+        """The change of the state beside where ``before`` predicts it for the end of the step, as the one stage."""
+        alpha = _at(leading(self.kappa), state.order, problem.x0.dtype)
+        inside = jnp.where(up_to(state.order, len(before)), before, 0.0)
+        gammas = jnp.asarray(GAMMA[: self.max_order + 1], inside.dtype)[:, None]
+        psi = jnp.sum(gammas * inside[: self.max_order + 1], axis=0) / alpha
+        mass_psi = (psi if problem.mass is None else problem.mass.times(psi[None])[0])[None]
+        control = problem.control / alpha.astype(problem.control.dtype)
+        scaled = problem._replace(slope=Slope(problem.field, control), control=control)
+        equations = scaled.equations(EULER, t1, t1[None], jnp.sum(inside, axis=0), known=-mass_psi)
+        return self.root_finder.solve(equations, mass_psi, state.memory)
+
+    def _errors(
+        self, problem: FlatProblem, order: Int[Array, ""], after: Float[Array, "rows n"]
+    ) -> Float[Array, "3 n"]:
+        """The errors of the formulas of one order less, of the step's own, and of one more."""
+        constants = np.concatenate([[0.0], error_constants(self.kappa), [0.0]])[: len(after)]
+        of_orders = jnp.asarray(constants, after.dtype)[:, None] * after
+        errors = jnp.stack([_at(of_orders, order + i, after.dtype) for i in range(3)])
+        return errors if problem.mass is None else jax.vmap(problem.mass.without_algebraic)(errors)
+
+    def _after(
+        self,
+        problem: FlatProblem,
+        state: NDFState,
+        stages: Stages,
+        after: Float[Array, "rows n"],
+        sizes: Float[Array, "3"],
+    ) -> tuple[NDFState, Plan]:
+        """What an attempt leaves to the next step if it is accepted, and what follows it in any case."""
+        ratio = problem.control / state.length
+        equal = jnp.where(jnp.abs(ratio - 1) <= EQUAL, state.equal + 1, 1)
+        following = plan(jnp.where(stages.converged, sizes, jnp.inf), state.order, equal, self.max_order)
+        # After a step much shorter than those before, rounding errors of its differences would grow with the next
+        # steps. The points stay on the polynomial that they had; the next step begins where this one ended.
+        stays = ~state.stayed & (ratio < TINY)
+        polynomial = _of_polynomial(state)
+        kept = jax.lax.cond(
+            stays, lambda: resampled(polynomial, jnp.ones_like(ratio), ratio), lambda: jnp.zeros_like(polynomial)
+        )
+        new = NDFState(
+            differences=jnp.where(stays, jnp.zeros_like(after).at[: len(kept)].set(kept), after),
+            length=jnp.where(stays, state.length, problem.control),
+            order=following.order,
+            equal=jnp.where(stays | (following.order != state.order), 0, equal),
+            stayed=stays,
+            memory=jax.lax.stop_gradient(stages.memory),
+            fault=state.fault,
+        )
+        return new, following
+
+
+def _begun(problem: FlatProblem, t0: Float[Array, ""], state: NDFState, first: Bool[Array, ""]) -> NDFState:
+    """The state with x₀ as its last point, which a projection may have moved; in a first step, with its slope alone."""
+
+    def slope():
+        K = problem.slope(t0, problem.x0)
+        return K if problem.mass is None else problem.mass.rates(K)
+
+    rows = jnp.arange(len(state.differences))[:, None]
+    slopes = jax.lax.cond(first, slope, lambda: jnp.zeros_like(problem.x0))
+    fresh = jnp.where(rows == 0, problem.x0[None], jnp.where(rows == 1, slopes[None], 0.0))
+    # Every difference has the last point once.
+    moved = state.differences + (problem.x0 - state.differences[0])[None]
+    return state._replace(
+        differences=jnp.where(first, fresh, moved),
+        length=jnp.where(first, problem.control, state.length),
+        order=jnp.where(first, 1, state.order),
+        equal=jnp.where(first, 0, state.equal),
+        stayed=state.stayed & ~first,
+        memory=state.memory.forgotten(first),
+    )
+
+
+def _of_polynomial(state: NDFState) -> Float[Array, "rows n"]:
+    """The differences of which the polynomial through the last points is made."""
+    rows = len(state.differences) - 2
+    return jnp.where(up_to(state.order, rows), state.differences[:rows], 0.0)
+
+
+def _at_distance(state: NDFState, ratio: Float[Array, ""]) -> Float[Array, "rows n"]:
+    """The differences for points at the distance ``ratio`` H. Those beyond the polynomial are scaled."""
+    polynomial, beyond = _of_polynomial(state), state.differences
+    rows, powers = len(beyond), jnp.arange(len(beyond), dtype=ratio.dtype)
+
+    def together(inside: Float[Array, "inside n"], scales: Float[Array, " rows"]) -> Float[Array, "rows n"]:
+        inside = jnp.zeros_like(beyond).at[: len(inside)].set(inside)
+        return jnp.where(up_to(state.order, rows), inside, scales.astype(beyond.dtype)[:, None] * beyond)
+
+    return jax.lax.cond(
+        jnp.abs(ratio - 1) < ROUNDING,
+        lambda: together(stretched(polynomial, ratio - 1), 1 + powers * (ratio - 1)),
+        lambda: together(resampled(polynomial, ratio), ratio**powers),
+    )
+
+
+def _at(rows, index: Int[Array, ""], dtype: Any) -> Array:
+    """The row of a number, zero where there is none."""
+    rows = jnp.asarray(rows, dtype)
+    here = (jnp.arange(len(rows)) == index).reshape(-1, *(1,) * (rows.ndim - 1))
+    return jnp.sum(jnp.where(here, rows, 0.0), axis=0)

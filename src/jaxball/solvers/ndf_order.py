@@ -1,0 +1,66 @@
+"""Which order and which length the next step of a numerical differentiation formula has."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+# The next step over the one that would have an error of 1, by the estimate.
+CAUTION = 0.8
+# A step less longer than this stays as it is, and so do the matrices of Newton's iteration.
+LEAST_GROWTH = 1.2
+GREATEST_GROWTH = 10.0
+# Where the error is so near to 1 that the next step should be shorter than this, it is, and does not fail later.
+LONGEST_SHRUNK = 0.9
+# With a smaller error than this, none of the orders makes the next step as short as that.
+SURELY_KEPT = (CAUTION / LONGEST_SHRUNK) ** 6
+SHORTEST, LONGEST_AGAIN = 0.2, 0.8
+# After an iteration that did not converge.
+GIVEN_UP = 0.3
+
+
+class Plan(NamedTuple):
+    """What follows a step.
+
+    - ``order``: that of the next step.
+    - ``growth``: the next step over this one, if this one is accepted.
+    - ``shrink``: the same if it is rejected.
+    """
+
+    order: Int[Array, ""]
+    growth: Float[Array, ""]
+    shrink: Float[Array, ""]
+
+
+def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""], highest: int) -> Plan:
+    """The plan after a step.
+
+    **Arguments:**
+
+    - ``errors``: of a step of this length by the formulas of order k − 1, k and k + 1, in units of the tolerance.
+    - ``order``: that of the step, k, and ``highest`` the highest there is.
+    - ``equal``: how many steps, this one included, had the same length and order. Errors are believed after k + 1.
+    """
+    ready = equal > order
+
+    def changed() -> Plan:
+        orders = order - 1 + jnp.arange(3)
+        lengths = jnp.where((orders >= 1) & (orders <= highest), CAUTION * _ratio(errors, orders), 0.0)
+        longest, here = jnp.max(lengths), lengths[1]
+        changes = ready & ((longest >= LEAST_GROWTH) | (longest < LONGEST_SHRUNK))
+        kept = jnp.where(~ready & (here < LONGEST_SHRUNK), here, 1.0)
+        growth = jnp.where(changes, jnp.minimum(longest, GREATEST_GROWTH), kept)
+        again = jnp.clip(LONGEST_SHRUNK * here, SHORTEST, LONGEST_AGAIN)
+        shrink = jnp.where(jnp.isfinite(errors[1]), again, GIVEN_UP)
+        return Plan(jnp.where(changes, order - 1 + jnp.argmax(lengths), order), growth, shrink)
+
+    # Most steps leave all as it is, and powers are a good part of what a step of few equations costs.
+    same = Plan(order, jnp.ones_like(errors[1]), jnp.ones_like(errors[1]))
+    return jax.lax.cond(ready | ~(errors[1] < SURELY_KEPT), changed, lambda: same)
+
+
+def _ratio(errors: Float[Array, "3"], orders: Int[Array, "3"]) -> Float[Array, "3"]:
+    """The length of a step that has the error 1 over that of one with ``errors``."""
+    safe = jnp.where((errors > 0) & jnp.isfinite(errors), errors, jnp.finfo(errors.dtype).tiny)
+    return (1 / safe) ** (1.0 / (orders + 1).astype(errors.dtype))
