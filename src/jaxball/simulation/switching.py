@@ -390,7 +390,7 @@ def _root(
     return u, a1 + u * (2 * a2 + u * (3 * a3 + u * 4 * a4))
 
 
-def _entry(which: Int[Array, "*lanes"], rows: Float[Array, "3 *lanes"]) -> Float[Array, "*lanes"]:
+def _entry(which: Int[Array, "*#lanes"], rows: Float[Array, "3 *lanes"]) -> Float[Array, "*lanes"]:
     return jnp.where(which == 0, rows[0], jnp.where(which == 1, rows[1], rows[2]))
 
 
