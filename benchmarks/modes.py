@@ -5,6 +5,7 @@
 The same balls, each with an offset of its own, at the same times: without a law of contact; with one that holds them,
 so that they roll as well; in the air all the time; and with friction and restitution such that rows slide, roll, fly
 and bounce. A microsecond for a lane's step says what a step costs, and the number of steps what modes add to that.
+Balls without masses, whose equations are as short as can be, and the paper's ball with its three masses.
 """
 
 import argparse
@@ -18,15 +19,23 @@ SEED = 1
 HELD = 50.0  # a coefficient of friction with which nothing slips
 HIGH = 100.0
 ROOM = 16
+SPREAD = 0.1  # of the offsets
 
 
 def main() -> None:
     options = _options()
     harness.set_up_jax(cpu_settings=True)
-    rows = measured(options.rows, options.rounds)
+    from jaxball import Ball, load_scenario
+
+    alone = Ball(mass=1.0, inertia=(0.4, 0.45, 0.5), radius=1.0, gravity=9.81)
+    bodies = {"no masses": alone, "three masses": load_scenario("ball").system}
+    rows = [
+        {"body": name} | row for name, body in bodies.items() for row in measured(body, options.rows, options.rounds)
+    ]
     for row in rows:
         print(
-            f"{row['runs']:22}{row['rate']:9.0f} runs/s{row['steps']:8.1f} steps{row['switches']:7.1f} switches"
+            f"{row['body']:14}{row['runs']:22}{row['rate']:9.0f} runs/s{row['steps']:8.1f} steps"
+            f"{row['switches']:7.1f} switches"
             f"{row['lane_step']:8.2f} us a lane's step, efficiency {row['efficiency']:.0%}, {row['failed']} failed"
         )
     if options.json:
@@ -35,15 +44,16 @@ def main() -> None:
         harness.write_json(options.json, content)
 
 
-def measured(rows: int, rounds: int) -> list[dict]:
-    """What every kind of runs costs."""
+def measured(body, rows: int, rounds: int) -> list[dict]:
+    """What every kind of runs of a body costs."""
+    import equinox as eqx
     import jax
 
-    from jaxball import Ball, BallState, Contact, ReleasedState
+    from jaxball import BallState, Contact, ReleasedState
     from jaxball.ensemble import simulate_ensemble
 
     def ball(offset):
-        return Ball(mass=1.0, inertia=(0.4, 0.45, 0.5), radius=1.0, gravity=9.81, offset=offset)
+        return eqx.tree_at(lambda one: one.offset, body, offset)
 
     def thrown(q, Omega, V, height):
         return ReleasedState(BallState(q=q, Omega=Omega), V=V, height=height)
@@ -56,7 +66,7 @@ def measured(rows: int, rounds: int) -> list[dict]:
     q, Omega, V = (random.normal(size=(rows, n)) for n in (4, 3, 3))
     V[:, 2] *= falls
     q /= np.linalg.norm(q, axis=1, keepdims=True)
-    balls = jax.vmap(ball)(0.1 * random.normal(size=(rows, 3)))
+    balls = jax.vmap(ball)(SPREAD * random.normal(size=(rows, 3)))
     height = np.where(falls, random.uniform(0.0, 0.5, rows), 0.0)
     starts = [jax.vmap(thrown)(q, 3 * Omega, V, h) for h in (height, height + HIGH)]
     mu, e = random.uniform(0.02, 0.8, rows), random.choice([0.0, 0.3, 0.7, 0.9], rows)

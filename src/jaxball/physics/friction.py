@@ -109,7 +109,9 @@ class Led(NamedTuple):
     turning: Float[Array, ""]
 
 
-def led(later: Response, R: Float[Array, "3"], mu: Float[Array, ""], sigma: Float[Array, "2"], after: Array) -> Led:
+def led(
+    later: Response, R: Float[Array, "3"], mu: Float[Array, ""], sigma: Float[Array, "2"], after: Float[Array, ""]
+) -> Led:
     """How a slip begins, in the direction σ and with the reaction ``R``; ``later`` is the response ``after`` a moment.
 
     Its direction φ obeys s φ̇ = the slip acceleration across it, where s is its speed, which grows from zero. This
@@ -123,7 +125,8 @@ def led(later: Response, R: Float[Array, "3"], mu: Float[Array, ""], sigma: Floa
     along = sliding(later, mu, sigma)
     growth = jnp.maximum(jnp.sum(sigma * along.slip_acceleration[:2]), 0.0)
     slowly = jax.lax.stop_gradient(growth / stiffness)
-    change = jax.lax.stop_gradient(jnp.sum((along.R - R) ** 2) / jnp.sum(R**2)) / after**2
+    square, change = jax.lax.stop_gradient((jnp.sum(R**2), jnp.sum((along.R - R) ** 2)))
+    change = change / (jnp.where(square > 0, square, 1.0) * after**2)
     longest = LED * jnp.minimum(1.0, (TENTATIVE / jnp.maximum(slowly, TENTATIVE)) ** (2 / 3))
     time = longest / jnp.sqrt(change + (MOMENT / after) ** 2)
     return Led((slope < 0) & (slowly < 1), time, drift / (after * (stiffness + growth)))

@@ -31,7 +31,6 @@ from .system import AbstractState, AbstractSystem
 SLOW = 1000  # times the tolerances: a slip that ends and is slower may be led by the forces; of errors of many steps
 STILL = 30  # times the tolerances: a slip that ends and is slower keeps its direction, and is over in no time
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
-TINY = 1e-30
 NEWTON_STEPS = 3  # to the direction of a slip that is led, from that with which it began
 
 
@@ -372,7 +371,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         state = eqx.tree_at(
             lambda x: (x.height, x.guide, x.turning), state, (jnp.where(starts, state.height, 0.0), zero, zero)
         )
-        moment = friction.MOMENT * root(self.body.radius / jnp.maximum(jnp.abs(self.body.gravity), TINY))
+        g = jnp.abs(self.body.gravity)
+        moment = friction.MOMENT * root(self.body.radius / jnp.where(g > 0, g, 1.0))
 
         def part(carry: tuple, stage: Int[Array, ""]) -> tuple:
             state, ahead, R, still, flies = carry
