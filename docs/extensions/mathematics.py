@@ -39,7 +39,7 @@ def visit_inline(translator: HTML5Translator, node: nodes.math) -> None:
 
 
 def visit_block(translator: HTML5Translator, node: nodes.math_block) -> None:
-    label = node["label"]
+    label = node.get("label")
     number = f'<span class="number">({escape(str(node["number"]))})</span>' if node.get("number") else ""
     identity = f' id="equation-{escape(label)}"' if label else ""
     translator.body.append(f'<div class="formula"{identity}>{picture(node.astext(), inline=False)}{number}</div>')

@@ -23,7 +23,7 @@ SMALLEST = 1e-17  # where an error of exactly zero is drawn
 GAP = 0.043  # between two labels, as a fraction of the height
 LABELS_AT = 1.05
 LEADER = {"arrowstyle": "-", "linewidth": 0.4, "linestyle": ":", "shrinkA": 2, "shrinkB": 3, "relpos": (0.0, 0.5)}
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "h")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "h", "*")
 
 
 class Pen(NamedTuple):
