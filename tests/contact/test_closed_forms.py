@@ -236,3 +236,27 @@ def test_the_plane_is_left_when_the_event_finds():
     np.testing.assert_allclose(run.contact.height[flies], m / total * (drift * t - jump) - 0.5 * G * t**2, atol=CLOSE)
     assert np.all(np.asarray(run.observables.normal_force) >= 0)
     assert np.all(np.asarray(run.contact.height) >= 0)
+
+
+def test_a_slip_that_begins_from_rest_takes_what_the_energy_loses():
+    """An unbalanced ball on a slope that friction cannot hold; its slip turns, and is stiff as it begins."""
+    ball = jaxball.Ball(
+        mass=M,
+        inertia=(0.5, 0.6, 0.7),
+        radius=R,
+        gravity=G,
+        offset=(0.2, 0.1, -0.1),
+        ground=jaxball.Ground(0.9, 0.3),
+    )
+    body, law = jaxball.BallState(q=Q), Contact(sliding=0.35)
+    fine, released, coarse = (
+        jaxball.simulate(ball, TIMES[:9], state, contact=law, rtol=tolerance, atol=tolerance)
+        for state, tolerance in ((body, 1e-12), (ReleasedState(body), 1e-12), (body, 1e-8))
+    )
+    for run, close in ((fine, CLOSE), (released, CLOSE), (coarse, 1e-6)):
+        assert run.ok
+        assert run.contact.mode[1] == Mode.SLIDING
+        energy = run.observables.energy
+        np.testing.assert_allclose(energy[0] - energy, run.contact.rubbed, rtol=0, atol=close)
+        np.testing.assert_allclose(run.contact.V, fine.contact.V, rtol=0, atol=close)
+    assert fine.contact.rubbed[-1] > 0.1

@@ -124,12 +124,12 @@ def led(
     stiffness = jnp.where(slope < 0, -slope, 1.0)
     along = sliding(later, mu, sigma)
     growth = jnp.maximum(jnp.sum(sigma * along.slip_acceleration[:2]), 0.0)
-    slowly = jax.lax.stop_gradient(growth / stiffness)
+    ratio = jax.lax.stop_gradient(growth / stiffness)
     square, change = jax.lax.stop_gradient((jnp.sum(R**2), jnp.sum((along.R - R) ** 2)))
     change = change / (jnp.where(square > 0, square, 1.0) * after**2)
-    longest = LED * jnp.minimum(1.0, (TENTATIVE / jnp.maximum(slowly, TENTATIVE)) ** (2 / 3))
+    longest = LED * jnp.minimum(1.0, (TENTATIVE / jnp.maximum(ratio, TENTATIVE)) ** (2 / 3))
     time = longest / jnp.sqrt(change + (MOMENT / after) ** 2)
-    return Led((slope < 0) & (slowly < 1), time, drift / (after * (stiffness + growth)))
+    return Led((slope < 0) & (ratio < 1), time, drift / (after * (stiffness + growth)))
 
 
 def led_direction(
@@ -144,7 +144,7 @@ def led_direction(
     def newton_step(_, sigma: Float[Array, "2"]) -> Float[Array, "2"]:
         pulled, slope = _pull_and_slope(found, mu, sigma)
         turn = (across - pulled) / jnp.where(slope == 0, 1.0, slope)
-        return unit(sigma + jnp.where(slope == 0, 0.0, turn) * _left(sigma))
+        return unit(sigma + jnp.where(slope == 0, 0.0, turn) * left(sigma))
 
     return jax.lax.fori_loop(0, steps, newton_step, unit(jax.lax.stop_gradient(guess)))
 
@@ -226,7 +226,7 @@ def unit(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
     return sigma / jnp.sqrt(jnp.where(square > 0, square, 1.0))
 
 
-def _left(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
+def left(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
     """σ turned by a right angle."""
     return jnp.stack([-sigma[1], sigma[0]])
 
@@ -237,7 +237,7 @@ def _pull_and_slope(found: Response, mu: Float[Array, ""], sigma: Float[Array, "
     def pull_across(sigma: Float[Array, "2"]) -> Float[Array, ""]:
         return across(sigma, sliding(found, mu, sigma).slip_acceleration)
 
-    return jax.jvp(pull_across, (sigma,), (_left(sigma),))
+    return jax.jvp(pull_across, (sigma,), (left(sigma),))
 
 
 def _angle(sigma: Float[Array, "2"]) -> Float[Array, ""]:

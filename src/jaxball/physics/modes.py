@@ -31,6 +31,7 @@ from .system import AbstractState, AbstractSystem
 SLOW = 1000  # times the tolerances: a slip that ends and is slower may be led by the forces; of errors of many steps
 STILL = 30  # times the tolerances: a slip that ends and is slower keeps its direction, and is over in no time
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
+IMPACT, MODE, TURN = range(3)  # what follows a mode, in this order
 NEWTON_STEPS = 3  # to the direction of a slip that is led, from that with which it began
 
 
@@ -235,7 +236,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         rates_of_all = jax.tree.map(jnp.zeros_like, state).moved(moved)
         turning = 0.0 if self.body.planar else self._turning(t, state, slip, acting.slip_acceleration)
         rubbing = -jnp.sum(acting.R[:2] * slip[:2])
-        sigmadot = turning * jnp.stack([-state.sigma[1], state.sigma[0]])
+        sigmadot = turning * friction.left(state.sigma)
         return eqx.tree_at(lambda x: (x.rubbed, x.sigma), rates_of_all, (rubbing, sigmadot))
 
     # The plane.
@@ -376,21 +377,21 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
         def part(carry: tuple, stage: Int[Array, ""]) -> tuple:
             state, ahead, R, still, flies = carry
-            now = t + jnp.where(stage == 2, moment, 0.0)
+            now = t + jnp.where(stage == TURN, moment, 0.0)
             found = self.response(now, eqx.tree_at(lambda x: x.mode, ahead, zero + int(Mode.SLIDING)))
             struck, sticks = self._struck(now, ahead, found)
             decided = self._decided(now, ahead, found, cause, still, flies)
             guided = state if self.body.planar else self._guided(t, state, found, R, moment)
-            after = _where(stage == 0, _where(lands, struck, state), _where(stage == 1, decided, guided))
+            after = _where(stage == IMPACT, _where(lands, struck, state), _where(stage == MODE, decided, guided))
             acting = friction.sliding(found, self.contact.sliding, after.sigma)
             moving = rates(self.body, after.released, found, acting.slip_acceleration, acting.normal)
-            moves = (stage == 1) & after.led
+            moves = (stage == MODE) & after.led
             ahead = jax.tree.map(lambda x, rate: x + jnp.where(moves, moment * rate, 0.0), after.released, moving)
-            impacts = (stage == 0) & lands
+            impacts = (stage == IMPACT) & lands
             carry = after, after.moved(ahead), acting.R, still | impacts & sticks, flies | impacts & (struck.V[2] > 0)
             return carry, None
 
-        stages = jnp.arange(2 if self.body.planar else 3)
+        stages = jnp.asarray([IMPACT, MODE] if self.body.planar else [IMPACT, MODE, TURN])
         (after, *_), _ = jax.lax.scan(part, (state, state, jnp.zeros_like(state.V), still, flies), stages)
         return after
 

@@ -92,6 +92,10 @@ def checked_steps(max_steps: int) -> int:
 def checked_adjoint(
     adjoint: diffrax.AbstractAdjoint | None,
 ) -> diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode:
+    """The adjoint, or the default.
+
+    **Raises:** ``TypeError`` for what is not one, or not one of these.
+    """
     if adjoint is None:
         return DEFAULT_ADJOINT
     if isinstance(adjoint, diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode):
@@ -109,6 +113,10 @@ def checked_adjoint(
 
 
 def checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax.AbstractProgressMeter:
+    """The progress meter, or none.
+
+    **Raises:** ``TypeError`` for what is not one.
+    """
     if progress is None:
         return NO_PROGRESS
     must = "a progress meter, such as diffrax.TextProgressMeter()"
@@ -170,6 +178,7 @@ def _shapes_of(kind: type[AbstractState], dtype: np.dtype) -> dict[str, tuple[in
 
 
 def require_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> None:
+    """Raises ``TypeError`` for a state without a unit vector, and for a solver that knows no mass matrix."""
     if state.unit_vector is None:
         raise TypeError(
             f"Argument `state` must be {WITH_UNIT} where `dae` is True, because it is a component of their unit "
