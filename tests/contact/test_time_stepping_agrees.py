@@ -1,7 +1,8 @@
 """Random unbalanced balls that slip, fly and strike, against an independent scheme of complementarity in NumPy.
 
 The scheme is of first order, so half its steps halve its distance from the exact motion. What is left after these is
-the distance between two of its runs, or less.
+the distance between two of its runs, or less. Where a body bounces often, each impact moves by a part of a step, and
+that order is seen only with shorter ones.
 """
 
 import jax.numpy as jnp
@@ -16,7 +17,7 @@ from tests.support.released_cases import random_case
 
 MASSES = 3
 NOTHING = 1e-9  # of the masses that a case has not
-STEPS = 1000
+FEWEST_STEPS, MOST_STEPS = 1000, 16000
 REST = 1e-3  # speed below which an impact has no rebound, in both
 SEEDS = [*range(3), *(pytest.param(seed, marks=pytest.mark.slow) for seed in (*range(3, 40), 48))]
 
@@ -75,5 +76,10 @@ def test_the_scheme_converges_to_the_run(seed):
     run = jaxball.simulate(ball_of(system), [0.0, duration], thrown(state), contact=law, inside=False)
     assert run.ok
     exact = end_of(run)
-    coarse, fine = (end_by_steps(system, state, duration, steps) for steps in (STEPS, 2 * STEPS))
-    assert np.max(np.abs(fine - exact)) < 2 * np.max(np.abs(fine - coarse)) + 1e-6
+    steps, fine = FEWEST_STEPS, end_by_steps(system, state, duration, FEWEST_STEPS)
+    agrees = False
+    while not agrees and steps < MOST_STEPS:
+        steps, coarse = 2 * steps, fine
+        fine = end_by_steps(system, state, duration, steps)
+        agrees = np.max(np.abs(fine - exact)) < 2 * np.max(np.abs(fine - coarse)) + 1e-6
+    assert agrees, f"{steps} steps end {np.abs(fine - exact)} from the run, and half of them {np.abs(coarse - exact)}"
