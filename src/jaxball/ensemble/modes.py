@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.status import Status
 from ..numerics.pieces import separately
 from ..physics.packing import Packing
-from ..simulation.switching import NONE, Course, Ended, Judged, Kept, Switching, looked, passed_by
+from ..simulation.switching import NONE, Course, Ended, Judged, Kept, Switching, felt, looked, passed_by
 from ..solvers.dense.sampling import sampling
 from .control import Limits, Verdict
 from .parameters import Prepared
@@ -97,6 +97,10 @@ class Modes(NamedTuple):
 
         return jax.vmap(end, in_axes=-1)(t, x)
 
+    def felt(self, course: Course, step: Step) -> Step:
+        """The step, with errors of the directions of slips as the velocities come to feel them."""
+        return step._replace(error=felt(course, step.error, self.packing))
+
     def judged(
         self, course: Course, given: Given, step: Step, verdict: Verdict, memory: Any
     ) -> tuple[Verdict, Float[Array, "size lanes"], Course]:
@@ -113,7 +117,7 @@ class Modes(NamedTuple):
         verdict = verdict._replace(
             kept=kept,
             start=jnp.where(retried, step.start, verdict.start),
-            end=jnp.where(retried, judged.target, verdict.end),
+            end=jnp.where(retried, judged.target, verdict.start + judged.shorter * (verdict.end - verdict.start)),
             memory=_where(retried, memory, verdict.memory),
             jumped=verdict.jumped | judged.jumps,
         )
@@ -156,7 +160,7 @@ class Modes(NamedTuple):
             after = one._replace(
                 running=(done.course.status == int(Status.SUCCESS)) & (done.t < t1),
                 start=done.t,
-                end=jnp.minimum(done.end(one.end), t1),
+                end=jnp.minimum(jnp.maximum(one.end, done.end), t1),
                 x=done.y,
                 fresh=jnp.asarray(True),
                 course=done.course,
@@ -192,7 +196,7 @@ def _judged(
     kept: Bool[Array, " lanes"],
 ) -> Judged:
     """What becomes of the steps, of which some are not kept anyway."""
-    seen = looked(course, start, end, y, lasting, Ended(at_end[0], at_end[1] != 0, at_end[2] != 0, at_end[3:]))
+    seen = looked(course, start, end, y, lasting, Ended(at_end[0], at_end[1] != 0, at_end[2] != 0, at_end[3], at_end[4:]))
 
     def choose(a: Array, b: Array) -> Array:
         return separately(jnp.where(kept.reshape((1,) * (a.ndim - 1) + (-1,)), a, b))

@@ -150,21 +150,26 @@ def led_direction(
 
 
 class End(NamedTuple):
-    """Whether a slip is about to end, and whether the forces lead its direction then, whatever it is now."""
+    """Whether a slip is about to end, whether the forces lead its direction then, and the angle from it to theirs."""
 
     comes: Bool[Array, ""]
     led: Bool[Array, ""]
+    angle: Float[Array, ""]
 
 
-def end_of_slip(found: Response, mu: Float[Array, ""], sigma: Float[Array, "2"]) -> End:
-    """The end of a slow slip in the direction σ.
+def end_of_slip(
+    found: Response, mu: Float[Array, ""], slip: Float[Array, "3"], sigma: Float[Array, "2"], soon: Float[Array, ""]
+) -> End:
+    """The end of a slow slip in the direction σ, which comes if its deceleration stops it ``soon``.
 
     As it ends, its direction comes near to that of the forces as a power of its speed; where that is a high one, the
     equations of motion are stiff.
     """
     braking = -jnp.sum(sigma * sliding(found, mu, sigma).slip_acceleration[:2])
-    _, slope = _pull_and_slope(found, mu, sigma)
-    return End(braking > 0, (braking > 0) & (-slope > POWER * braking))
+    pulled, slope = _pull_and_slope(found, mu, sigma)
+    comes = braking * soon > jnp.sum(sigma * slip[:2])
+    led = comes & (-slope > POWER * braking)
+    return End(comes, led, jnp.where(led, -pulled / jnp.where(led, slope, 1.0), jnp.inf))
 
 
 def diverging(

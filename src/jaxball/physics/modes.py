@@ -125,6 +125,11 @@ class ContactState(AbstractState):
     until: Float[Array, "*batch"]
     turning: Float[Array, "*batch"]
 
+    def directions(self) -> "ContactState":
+        """True for what is a direction of slip, False for all else."""
+        nothing = jax.tree.map(lambda x: jnp.zeros_like(x, bool), self)
+        return eqx.tree_at(lambda x: x.sigma, nothing, jnp.ones_like(self.sigma, bool))
+
     def projected(self) -> "ContactState":
         return eqx.tree_at(lambda x: x.body, self, self.body.projected())
 
@@ -307,8 +312,12 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         if self.body.planar:
             return jnp.zeros_like(t)
         slides, released = state.is_in(Mode.SLIDING), state.released
-        end = friction.end_of_slip(found, self.contact.sliding, friction.unit(state.sigma))
-        led = slides & end.led & self.is_still(t, released, SLOW * rtol, SLOW * atol)
+        soon = friction.LED * self._unit_of_time()
+        slip, sigma = slip_velocity(self.body, t, released), friction.unit(state.sigma)
+        end = friction.end_of_slip(found, self.contact.sliding, slip, sigma, soon)
+        # The forces take over where the slip is so slow that the velocities do not feel it.
+        most = 1 / jnp.maximum(jnp.abs(end.angle), 1 / SLOW)
+        led = slides & end.led & self.is_still(t, released, most * rtol, most * atol)
         steady = slides & end.comes & self.is_still(t, released, STILL * rtol, STILL * atol)
         guide = jnp.where(led, int(Guide.FORCES), jnp.where(steady, int(Guide.NONE), int(Guide.SLIP)))
         return guide.astype(t.dtype)
@@ -318,17 +327,23 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         slip, begins = slip_velocity(self.body, t, state.released), state.led & (t < state.until)
         # A slip that came near its end and did not end has turned round.
         turned = state.is_in(Mode.SLIDING) & ~begins & (jnp.sum(slip[:2] * state.sigma) <= 0)
-        ever = jnp.full_like(t, float(jnp.finfo(t.dtype).max) ** 0.5)
         return eqx.tree_at(
             lambda x: (x.sigma, x.guide, x.until, x.turning),
             state,
             (
                 jnp.where(turned, friction.slip_direction(slip, state.sigma), friction.unit(state.sigma)),
                 jnp.where(begins, state.guide, guide),
-                jnp.where(begins, state.until, ever),
+                jnp.where(begins, state.until, t),
                 jnp.where(begins, state.turning, 0.0),
             ),
         )
+
+    def share(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
+        """What of an error of σ comes of it in the velocities: a slow slip does not last long enough for all of it."""
+        slip = jnp.abs(jnp.sum(slip_velocity(self.body, t, state.released)[:2] * state.sigma))
+        speed = self._speed(state.released)
+        slides = state.is_in(Mode.SLIDING) & (slip < speed)
+        return jnp.where(slides, slip / jnp.where(slides, speed, 1.0), 1.0)
 
     def has_stopped(
         self, t: Float[Array, ""], state: ContactState, rtol: Float[Array, ""], atol: Float[Array, ""]
@@ -341,8 +356,16 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     ) -> Bool[Array, ""]:
         """Whether the slip velocity is zero to these tolerances."""
         slip = slip_velocity(self.body, t, state)
-        speed = root(jnp.sum(state.V**2)) + self.body.radius * root(jnp.sum(state.body.Omega**2))
-        return root(jnp.sum(slip[:2] ** 2)) <= atol + rtol * speed
+        return root(jnp.sum(slip[:2] ** 2)) <= atol + rtol * self._speed(state)
+
+    def _unit_of_time(self) -> Float[Array, ""]:
+        """√(r/g); √r without gravity."""
+        g = jnp.abs(self.body.gravity)
+        return root(self.body.radius / jnp.where(g > 0, g, 1.0))
+
+    def _speed(self, state: ReleasedState) -> Float[Array, ""]:
+        """A speed beside which errors of velocities are seen."""
+        return root(jnp.sum(state.V**2)) + self.body.radius * root(jnp.sum(state.body.Omega**2))
 
     # How modes begin.
 
@@ -372,8 +395,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         state = eqx.tree_at(
             lambda x: (x.height, x.guide, x.turning), state, (jnp.where(starts, state.height, 0.0), zero, zero)
         )
-        g = jnp.abs(self.body.gravity)
-        moment = friction.MOMENT * root(self.body.radius / jnp.where(g > 0, g, 1.0))
+        moment = friction.MOMENT * self._unit_of_time()
 
         def part(carry: tuple, stage: Int[Array, ""]) -> tuple:
             state, ahead, R, still, flies = carry

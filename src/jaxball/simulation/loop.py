@@ -160,9 +160,8 @@ class _Solve(NamedTuple):
         """The state with which the next step begins: that of the mode that follows, where one has ended."""
         assert self.switching is not None
         ended = course.pending != NONE
-        settled = self.switching.settled(course, state.tprev, state.y, self.t1 - self.t0, self.args)
-        t, y, course = settled
-        end = jnp.minimum(settled.end(state.tnext), self.switching.latest_end(t, y, self.args))
+        t, y, end, course = self.switching.settled(course, state.tprev, state.y, self.t1 - self.t0, self.args)
+        end = jnp.minimum(jnp.minimum(jnp.maximum(state.tnext, end), self.t1), self.switching.latest_end(t, y, self.args))
         state = dataclasses.replace(state, tprev=t, tnext=end, y=y, made_jump=state.made_jump | ended)
         return state, course
 
@@ -185,7 +184,7 @@ class _Solve(NamedTuple):
             state.y,
             y,
             self.args,
-            jax.tree.map(lambda leaf: jnp.where(jnp.isnan(leaf), jnp.inf, leaf), error),
+            jax.tree.map(lambda leaf: jnp.where(jnp.isnan(leaf), jnp.inf, leaf), self._felt(error, course)),
             self.solver.error_order(self.terms),
             state.controller_state,
         )
@@ -193,11 +192,11 @@ class _Solve(NamedTuple):
         if self.switching is not None and course is not None:
             interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
             judged = self.switching.judged(course, state.tprev, state.tnext, y, interpolation, keep, self.args)
-            retried, target, y, jumps_after, course = judged
+            retried, target, y, jumps_after, shorter, course = judged
             keep &= ~retried
             made_jump = made_jump | jumps_after
             tprev = jnp.where(retried, state.tprev, tprev)
-            tnext = jnp.where(retried, target, tnext)
+            tnext = jnp.where(retried, target, tprev + shorter * (tnext - tprev))
             controller_state = _where(retried, state.controller_state, controller_state)
         tprev = jnp.minimum(tprev, self.t1)
         almost = self.t1 - CLOSE * float(jnp.finfo(self.t1.dtype).eps) * jnp.abs(self.t1)
@@ -223,6 +222,12 @@ class _Solve(NamedTuple):
         if self.event is not None:
             state = _stopped_by_event(state, self.event, self.args, self.t0)
         return state, info, keep, course
+
+    def _felt(self, error: Any, course: Course | None) -> Any:
+        """The error of a step, as a controller is to see it; that of a multistep method holds more than this."""
+        if self.switching is None or course is None or not isinstance(error, jax.Array):
+            return error
+        return self.switching.felt(course, error, self.args)
 
 
 def _kept_for_dense_output(state: Any, info: Any, keep: Bool[Array, ""]) -> Any:

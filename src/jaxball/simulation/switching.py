@@ -16,9 +16,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..numerics.bracketing import Sample, between, other_end
-from ..physics.modes import CAUSES, Cause
+from ..physics.modes import CAUSES, Cause, Mode
 from ..physics.packing import Packing
 from ..solvers.dense.sampling import sampling
+from ..solvers.kinks import before_kink
 
 NONE = -1  # no cause
 NEAR = 1e-10  # of the length of a step: where it ends so close to the end of a mode, one step of Newton's is exact
@@ -32,6 +33,7 @@ NOTHING = 1e-9  # a normal force below this part of its size in a step is none
 GRAZING = 1e-6  # a function that falls by less than this part of its size in a step touches zero
 CLOSE = 1e-9  # switches that are nearer to each other than this part of a run are too many
 TOO_MANY = 64  # of these
+SHORTEST = 0.01  # of a step, the next one, where a slip slows down
 
 
 class Aim(NamedTuple):
@@ -93,7 +95,8 @@ class Course(NamedTuple):
     """What a solve carries from mode to mode.
 
     - ``pending``: the :class:`Cause` with which a mode has just ended, ``NONE`` while it lasts.
-    - ``length``: of the last step that no end of a mode cut short.
+    - ``length``: of the longest step that no end of a mode cut short, with which what follows a slip begins.
+    - ``share``: of an error of the direction of a slip, what comes of it in the velocities.
     - ``begun``: the vector with which the first mode began.
     - ``switches``: how many there have been.
     - ``crowd``: how many in a row were too near to each other, ``last`` the time of the last.
@@ -104,6 +107,7 @@ class Course(NamedTuple):
     aim: Aim
     pending: Int[Array, "*lanes"]
     length: Float[Array, "*lanes"]
+    share: Float[Array, "*lanes"]
     begun: Float[Array, "size *lanes"]
     switches: Int[Array, "*lanes"]
     crowd: Int[Array, "*lanes"]
@@ -116,46 +120,45 @@ class Course(NamedTuple):
         cls, t0: Float[Array, "*lanes"], y0: Float[Array, "size *lanes"], length: Float[Array, "*lanes"]
     ) -> "Course":
         """The course of a solve before its first step, of ``length``."""
-        none, success = jnp.asarray(0), jnp.asarray(int(Status.SUCCESS))
-        return cls(Aim.none(t0), jnp.asarray(int(Cause.START)), length, y0, none, none, t0, success, None)
+        none, success, whole = jnp.asarray(0), jnp.asarray(int(Status.SUCCESS)), jnp.ones_like(t0)
+        return cls(Aim.none(t0), jnp.asarray(int(Cause.START)), length, whole, y0, none, none, t0, success, None)
 
 
 class Ended(NamedTuple):
     """A step's end, if its mode lasts: the mode, whether a slip is over, and the vector with which the next begins.
 
-    ``jumps`` says whether the field is another there than at the end of the step.
+    ``jumps`` says whether the field is another there than at the end of the step. ``share`` is that of a ``Course``.
     """
 
     mode: Float[Array, "*lanes"]
     still: Bool[Array, "*lanes"]
     jumps: Bool[Array, "*lanes"]
+    share: Float[Array, "*lanes"]
     stepped: Float[Array, "size *lanes"]
 
 
 class Judged(NamedTuple):
     """What becomes of a step that the controller would keep: it stays, or is ``retried`` with an end at ``target``.
 
-    ``jumps`` says whether the next step begins with another slope than this one ended with.
+    ``jumps`` says whether the next step begins with another slope than this one ended with. ``shorter`` is the length of
+    the next step in units of what the controller makes of it.
     """
 
     retried: Bool[Array, "*lanes"]
     target: Float[Array, "*lanes"]
     y: Float[Array, "size *lanes"]
     jumps: Bool[Array, "*lanes"]
+    shorter: Float[Array, "*lanes"]
     course: Course
 
 
 class Settled(NamedTuple):
-    """Where the next step begins."""
+    """Where the next step begins, and the ``end`` that it has at the earliest."""
 
     t: Float[Array, ""]
     y: Float[Array, " size"]
+    end: Float[Array, ""]
     course: Course
-
-    def end(self, wanted: Float[Array, ""]) -> Float[Array, ""]:
-        """Where the next step ends if it was to end at ``wanted``: later than it begins, also where the time moved."""
-        least = self.t + LEAST * float(jnp.finfo(self.t.dtype).eps) * jnp.abs(self.t)
-        return jnp.where(wanted > self.t, wanted, least)
 
 
 class Followed(NamedTuple):
@@ -192,14 +195,18 @@ class Switching(eqx.Module):
         """What follows a mode that has ended at ``t``, in a run of the length ``run``; before a step."""
 
         def follow(course: Course) -> Settled:
-            (t_after, after, new), place, switch = self.followed(course, t, y, run, parameters)
+            settled, place, switch = self.followed(course, t, y, run, parameters)
             kept = None if course.kept is None else course.kept.having(place, switch)
-            return Settled(t_after, after, new._replace(kept=kept))
+            return settled._replace(course=settled.course._replace(kept=kept))
 
         def pass_by(course: Course) -> Settled:
-            return Settled(t, y, course)
+            return Settled(t, y, t, course)
 
         return jax.lax.cond(course.pending == NONE, pass_by, follow, course)
+
+    def felt(self, course: Course, error: Float[Array, " size"], parameters: Any) -> Float[Array, " size"]:
+        """The error of a step, with that of the direction of a slip as the velocities come to feel it."""
+        return felt(course, error, self._packing(parameters))
 
     def judged(
         self,
@@ -244,7 +251,8 @@ class Switching(eqx.Module):
         system, state = packing.system, packing.unravel(y)
         still = system.has_stopped(t, state, self.rtol, self.atol)
         stepped = system.stepped(t, state, guide)
-        return Ended(state.mode, still, stepped.guide != state.guide, ravel_pytree(stepped)[0])
+        share = system.share(t, stepped)
+        return Ended(state.mode, still, stepped.guide != state.guide, share, ravel_pytree(stepped)[0])
 
     def followed(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
@@ -280,7 +288,17 @@ class Switching(eqx.Module):
         )
         grazing = jnp.abs(slope) * course.length <= GRAZING * course.aim.size
         switch = Kept(t, cause, packing.pack(t, state), after, grazing)
-        return Followed(Settled(t, after, course), place, switch)
+        # A slip has ended in ever shorter steps, which say nothing about what follows.
+        least = LEAST * float(jnp.finfo(fixed.dtype).eps) * jnp.abs(fixed)
+        length = jnp.where(cause == int(Cause.STOPS), course.length, least)
+        end = before_kink(jax.lax.stop_gradient(system.driving_kinks()), fixed, fixed + length)
+        return Followed(Settled(t, after, end, course), place, switch)
+
+
+def felt(course: Course, error: Float[Array, "size *lanes"], packing: Packing) -> Float[Array, "size *lanes"]:
+    """The errors of steps, with those of the directions of slips as the velocities come to feel them."""
+    turns = ravel_pytree(packing.unravel(jnp.zeros(error.shape[0], error.dtype)).directions())[0]
+    return jnp.where(turns.reshape(-1, *(1,) * course.share.ndim), course.share[None] * error, error)
 
 
 def looked(
@@ -312,19 +330,32 @@ def looked(
     cause = jnp.where(lifts, int(Cause.LIFTS), cause)
     real = jnp.where(cause == int(Cause.STOPS), ended.still, jnp.abs(value) <= REAL * aim.size)
     switches = at_aim & ~retried & real
+    lasts = ~(retried | switches)
     course = course._replace(
         aim=next_aim,
         pending=jnp.where(switches, cause, NONE),
-        length=jnp.where(retried | at_aim, course.length, end - start),
+        length=jnp.where(retried | at_aim, course.length, jnp.maximum(course.length, end - start)),
+        share=jnp.where(lasts, ended.share, jnp.where(retried, course.share, 1.0)),
     )
-    lasts = ~(retried | switches)
-    return Judged(retried, next_aim.target, jnp.where(lasts[None], ended.stepped, y), lasts & ended.jumps, course)
+    shorter = jnp.where(lasts, _shorter(ended.mode, lasting[0]), 1.0)
+    stepped = jnp.where(lasts[None], ended.stepped, y)
+    return Judged(retried, next_aim.target, stepped, lasts & ended.jumps, shorter, course)
 
 
 def passed_by(course: Course, end: Float[Array, "*lanes"], y: Float[Array, "size *lanes"]) -> Judged:
     """A step that is not kept anyway."""
     no = jnp.zeros_like(end, bool)
-    return Judged(no, end, y, no, course._replace(aim=Aim.none(end)))
+    return Judged(no, end, y, no, jnp.ones_like(end), course._replace(aim=Aim.none(end)))
+
+
+def _shorter(mode: Float[Array, "*lanes"], forward: Float[Array, "nodes *lanes"]) -> Float[Array, "*lanes"]:
+    """The length of the next step in units of this one, by which a controller sees the same error again.
+
+    A slip turns ever faster as its speed falls, by so much in the time in which that falls by a part of it.
+    """
+    before, after = forward[0], forward[-1]
+    slows = (mode == int(Mode.SLIDING)) & (before > 0)
+    return jnp.where(slows, jnp.clip(after / jnp.where(slows, before, 1.0), SHORTEST, 1.0), 1.0)
 
 
 def _first_end(

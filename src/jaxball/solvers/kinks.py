@@ -72,10 +72,7 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
         return keep, past, self._clip(past, past + length), made_jump | jumped, (length, state), result
 
     def _clip(self, t0: Float[Array, ""], t1: Float[Array, ""]) -> Float[Array, ""]:
-        """``t1``, or the last time before the next kink if that is earlier."""
-        ends = _before(self.kinks.astype(t0.dtype))
-        end = jnp.min(jnp.where(ends > t0, ends, jnp.inf))
-        return jnp.minimum(end, t1)
+        return before_kink(self.kinks.astype(t0.dtype), t0, t1)
 
     def _past(self, t: Float[Array, ""]) -> tuple[Float[Array, ""], Bool[Array, ""]]:
         """The first time after the kink where ``t`` is the last one before it, and whether it is."""
@@ -84,6 +81,12 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
         beyond = jnp.min(jnp.where(here, _after(kinks), jnp.inf))
         jumped = jnp.any(here)
         return jnp.where(jumped, beyond, t), jumped
+
+
+def before_kink(kinks: Float[Array, " kinks"], t0: Float[Array, ""], t1: Float[Array, ""]) -> Float[Array, ""]:
+    """``t1``, or the last time before the next kink after ``t0`` if that is earlier."""
+    ends = _before(kinks)
+    return jnp.minimum(jnp.min(jnp.where(ends > t0, ends, jnp.inf), initial=jnp.inf), t1)
 
 
 def _before(t: Float[Array, "..."]) -> Float[Array, "..."]:
