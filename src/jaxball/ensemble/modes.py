@@ -72,14 +72,14 @@ class Modes(NamedTuple):
         """``prepared`` takes a function of (system, t, vector) and numbers to its program for all rows."""
         room, unravel = packing.system.contact.room, packing.unravel
 
-        def seen(system, t, x, rtol, atol):
-            return _switching(rtol, atol, room).seen(t, x, Packing(system.prepare(), unravel))
+        def seen(system, t, x):
+            return _switching(t, t, room).seen(t, x, Packing(system.prepare(), unravel))
 
-        def ended(system, t, x, guide, rtol, atol):
-            end = _switching(rtol, atol, room).ended(t, x, guide, Packing(system.prepare(), unravel))
+        def ended(system, t, x, rtol, atol):
+            end = _switching(rtol, atol, room).ended(t, x, Packing(system.prepare(), unravel))
             return end._replace(still=end.still.astype(x.dtype), jumps=end.jumps.astype(x.dtype))
 
-        return cls(prepared(seen, 2), prepared(ended, 3), between, packing, shared, room)
+        return cls(prepared(seen, 0), prepared(ended, 2), between, packing, shared, room)
 
     def record(self, rows: int, size: int, dtype: Any) -> Float[Array, "rows room numbers"]:
         """Room for the switches of all rows: NaN, before there are any."""
@@ -87,7 +87,8 @@ class Modes(NamedTuple):
 
     def begin(self, t0: Float[Array, " lanes"], x: Float[Array, "size lanes"], end: Float[Array, " lanes"]) -> Course:
         """The courses of lanes before their first step."""
-        return jax.vmap(Course.start, in_axes=-1, out_axes=-1)(t0, x, end - t0)
+        course = jax.vmap(Course.start, in_axes=-1, out_axes=-1)(t0, x, end - t0)
+        return course._replace(lasting=jnp.ones((3, *t0.shape), t0.dtype))
 
     def latest_end(self, t: Float[Array, " lanes"], x: Float[Array, "size lanes"]) -> Float[Array, " lanes"]:
         """The time at which a step must end because the direction of a slip is led until then."""
@@ -102,17 +103,17 @@ class Modes(NamedTuple):
         return step._replace(error=felt(course, step.error, self.packing))
 
     def judged(
-        self, course: Course, given: Given, step: Step, verdict: Verdict, memory: Any
+        self, course: Course, given: Given, step: Step, fresh: Bool[Array, " lanes"], verdict: Verdict, memory: Any
     ) -> tuple[Verdict, Float[Array, "size lanes"], Course]:
         """What becomes of a step that the controller has judged: the verdict, the state at its end, and the courses.
 
-        ``memory`` is what the controller remembered before.
+        ``memory`` is what the controller remembered before. Steps are ``fresh`` that begin with another field than the
+        last one ended with.
         """
-        lasting, guide = self._samples(given, step)
-        limits = given.limits
-        end = jax.lax.stop_gradient(step.end)
-        at_end = self.ended(given.ended, end, step.y, guide, limits.rtol, limits.atol)
-        judged = _judged(course, *jax.lax.stop_gradient((step.start, step.end)), step.y, lasting, at_end, verdict.kept)
+        start, end, limits = jax.lax.stop_gradient((step.start, step.end, given.limits))
+        before = self._before_end(course, given, step, fresh)
+        at_end = self.ended(given.ended, end, step.y, limits.rtol, limits.atol)
+        judged = _judged(course, start, end, step.y, before, at_end, verdict.kept)
         retried, kept = judged.retried, verdict.kept & ~judged.retried
         verdict = verdict._replace(
             kept=kept,
@@ -123,20 +124,21 @@ class Modes(NamedTuple):
         )
         return verdict, judged.y, judged.course
 
-    def _samples(self, given: Given, step: Step) -> tuple[Float[Array, "3 nodes lanes"], Float[Array, " lanes"]]:
-        """What a mode lasts by, at nodes in a step, and what turns the direction of a slip at its end."""
-        own, step, limits = jax.lax.stop_gradient((given.seen, step, given.limits))
-        nodes = jnp.asarray(sampling().nodes, step.x.dtype)
-        last = nodes.size - 1
+    def _before_end(
+        self, course: Course, given: Given, step: Step, fresh: Bool[Array, " lanes"]
+    ) -> Float[Array, "3 inner lanes"]:
+        """What a mode lasts by, at the nodes in a step before its last; at the first, only fresh lanes look for it."""
+        own, step, known = jax.lax.stop_gradient((given.seen, step, course.lasting))
+        nodes = jnp.asarray(sampling().nodes[:-1], step.x.dtype)
 
         def one(i, samples):
             t = step.start + nodes[i] * (step.end - step.start)
-            x = jnp.where(i == last, step.y, self.between(step, t))
-            return samples.at[i].set(self.seen(own, t, x, limits.rtol, limits.atol))
+            seen = self.seen(own, t, self.between(step, t))
+            return samples.at[i].set(jnp.where((i > 0) | fresh, seen, known))
 
-        empty = jnp.zeros((nodes.size, 4, step.start.size), step.x.dtype)
-        samples = jax.lax.fori_loop(0, nodes.size, one, empty)
-        return jnp.moveaxis(samples[:, :3], 0, 1), samples[-1, 3]
+        samples = jnp.zeros((nodes.size, 3, step.start.size), step.x.dtype).at[0].set(known)
+        samples = jax.lax.fori_loop(jnp.where(jnp.any(fresh), 0, 1), nodes.size, one, samples)
+        return jnp.moveaxis(samples, 0, 1)
 
     def settled(
         self, lanes: Lanes, given: Given, record: Float[Array, "rows room numbers"]
@@ -191,12 +193,13 @@ def _judged(
     start: Float[Array, " lanes"],
     end: Float[Array, " lanes"],
     y: Float[Array, "size lanes"],
-    lasting: Float[Array, "3 nodes lanes"],
+    before: Float[Array, "3 inner lanes"],
     at_end: Float[Array, "numbers lanes"],
     kept: Bool[Array, " lanes"],
 ) -> Judged:
     """What becomes of the steps, of which some are not kept anyway."""
-    seen = looked(course, start, end, y, lasting, Ended(at_end[0], at_end[1] != 0, at_end[2] != 0, at_end[3], at_end[4:]))
+    ended = Ended(at_end[0], at_end[1] != 0, at_end[2] != 0, at_end[3], at_end[4:7], at_end[7:])
+    seen = looked(course, start, end, y, before, ended)
 
     def choose(a: Array, b: Array) -> Array:
         return separately(jnp.where(kept.reshape((1,) * (a.ndim - 1) + (-1,)), a, b))

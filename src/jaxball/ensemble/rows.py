@@ -241,7 +241,9 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[st
     if method.modes is not None:
         assert course is not None
         assert problem.modes is not None
-        verdict, y, course = method.modes.judged(course, problem.modes, taken, verdict, lanes.memory)
+        verdict, y, course = method.modes.judged(
+            course, problem.modes, taken, lanes.fresh & running, verdict, lanes.memory
+        )
     kept, observed = verdict.kept, lanes.observed
     steps, finite = lanes.steps + running.astype(jnp.int32), lanes.finite & (verdict.fine | ~running)
     lanes = lanes._replace(observed={})

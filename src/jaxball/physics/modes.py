@@ -12,7 +12,7 @@ On the plane, what does not slip rolls if friction can hold it, and else begins 
 
 import enum
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -200,43 +200,30 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         bodies = (None if given is None else given.body for given in (state, states))
         yield from self.body.breaches(times, *bodies)
 
-    # What a solve advances: locked velocities while the body rolls, as without a law of contact, and plain ones else. A
-    # body that slips is looked at with a versor of length 1, because near the end of a slip small errors turn it far.
-
-    def to_packed(self, t: Float[Array, ""], state: ContactState) -> ContactState:
-        return _with_body(state, _where_rolling(state, self.body.to_packed(t, state.body), state.body))
+    # What a solve advances. A body is looked at with a versor of length 1, because near the end of a slip small errors
+    # turn it far.
 
     def from_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
-        body = _where_rolling(packed, self.body.from_packed(t, packed.body), packed.body)
-        V = jnp.where(packed.is_in(Mode.ROLLING), released(self.body, t, body).V, packed.V)
-        return eqx.tree_at(lambda x: (x.body, x.V), packed, (body, V))
+        V = jnp.where(packed.is_in(Mode.ROLLING), released(self.body, t, packed.body).V, packed.V)
+        return eqx.tree_at(lambda x: x.V, packed, V)
 
     def packed_field(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
-        return jax.lax.cond(
-            packed.is_in(Mode.ROLLING),
-            lambda t, packed: self._rolling_rates(t, packed),
-            lambda t, packed: self.field(t, packed.projected()),
-            t,
-            packed,
-        )
-
-    def _rolling_rates(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
-        body = packed.body
-        rates = self.body.packed_field(t, body)
+        state = self.from_packed(t, packed.projected())
+        body, moved, rolls = state.body, self.field(t, state), state.is_in(Mode.ROLLING)
         speeds = jnp.concatenate([body.Omega, body.thetadot])
-        gains = jnp.concatenate([rates.Omega, rates.thetadot])
+        gains = jnp.concatenate([moved.body.Omega, moved.body.thetadot])
         g, r = self.body.gravity, self.body.radius
         least = ROUNDING * float(jnp.finfo(g.dtype).eps) * jnp.minimum(g, g / r)
-        rests = jnp.all(speeds == 0) & jnp.all(jnp.abs(gains) <= least)
+        rests = rolls & jnp.all(speeds == 0) & jnp.all(jnp.abs(gains) <= least)
         # Rounding must not set a body in motion that friction holds; its derivatives stay as they are.
-        rates = jax.tree.map(lambda x: x - jnp.where(rests, jax.lax.stop_gradient(x), 0.0), rates)
-        return _with_body(jax.tree.map(jnp.zeros_like, packed), rates)
+        moved = jax.tree.map(lambda x: x - jnp.where(rests, jax.lax.stop_gradient(x), 0.0), moved)
+        return eqx.tree_at(lambda x: x.V, moved, jnp.where(rolls, 0.0, moved.V))
 
     def field(self, t: Float[Array, ""], state: ContactState, found: Response | None = None) -> ContactState:
-        """ẋ, also where the body rolls, with all velocities plain; ``found`` is the response, if it is known."""
+        """ẋ; ``found`` is the response, if it is known."""
         found = self.response(t, state) if found is None else found
         acting = self.interaction(t, state, found)
-        slip = slip_velocity(self.body, t, state.released)
+        slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
         moved = rates(self.body, state.released, found, acting.slip_acceleration, acting.normal)
         rates_of_all = jax.tree.map(jnp.zeros_like, state).moved(moved)
         turning = 0.0 if self.body.planar else self._turning(t, state, slip, acting.slip_acceleration)
@@ -397,92 +384,103 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         )
         moment = friction.MOMENT * self._unit_of_time()
 
-        def part(carry: tuple, stage: Int[Array, ""]) -> tuple:
-            state, ahead, R, still, flies = carry
+        def needed(carry: _Following, stage: Int[Array, ""]) -> Bool[Array, ""]:
+            return jnp.where(stage == IMPACT, lands, (stage == MODE) | carry.state.led)
+
+        def advanced(carry: _Following, stage: Int[Array, ""]) -> _Following:
             now = t + jnp.where(stage == TURN, moment, 0.0)
-            found = self.response(now, eqx.tree_at(lambda x: x.mode, ahead, zero + int(Mode.SLIDING)))
-            struck, sticks = self._struck(now, ahead, found)
-            decided = self._decided(now, ahead, found, cause, still, flies)
-            guided = state if self.body.planar else self._guided(t, state, found, R, moment)
-            after = _where(stage == IMPACT, _where(lands, struck, state), _where(stage == MODE, decided, guided))
-            acting = friction.sliding(found, self.contact.sliding, after.sigma)
-            moving = rates(self.body, after.released, found, acting.slip_acceleration, acting.normal)
-            moves = (stage == MODE) & after.led
-            ahead = jax.tree.map(lambda x, rate: x + jnp.where(moves, moment * rate, 0.0), after.released, moving)
-            impacts = (stage == IMPACT) & lands
-            carry = after, after.moved(ahead), acting.R, still | impacts & sticks, flies | impacts & (struck.V[2] > 0)
-            return carry, None
+            found = self.response(now, eqx.tree_at(lambda x: x.mode, carry.ahead, zero + int(Mode.SLIDING)))
+            carry = jax.lax.switch(
+                stage,
+                (
+                    lambda carry: self._struck(t, carry, found),
+                    lambda carry: self._decided(t, carry, found, cause),
+                    lambda carry: self._guided(t, carry, found, moment),
+                ),
+                carry,
+            )
+            state = carry.state
+            acting = friction.sliding(found, self.contact.sliding, state.sigma)
+            moving = rates(self.body, state.released, found, acting.slip_acceleration, acting.normal)
+            moves = (stage == MODE) & state.led
+            ahead = jax.tree.map(lambda x, rate: x + jnp.where(moves, moment * rate, 0.0), state.released, moving)
+            return carry._replace(ahead=state.moved(ahead), R=acting.R)
+
+        def part(carry: _Following, stage: Int[Array, ""]) -> tuple[_Following, None]:
+            return jax.lax.cond(needed(carry, stage), advanced, lambda carry, _: carry, carry, stage), None
 
         stages = jnp.asarray([IMPACT, MODE] if self.body.planar else [IMPACT, MODE, TURN])
-        (after, *_), _ = jax.lax.scan(part, (state, state, jnp.zeros_like(state.V), still, flies), stages)
-        return after
+        first = _Following(state, state, jnp.zeros_like(state.V), still, flies)
+        return jax.lax.scan(part, first, stages)[0].state
 
-    def _struck(
-        self, t: Float[Array, ""], state: ContactState, found: Response
-    ) -> tuple[ContactState, Bool[Array, ""]]:
-        """The state after an impact, and whether it sticks. A rebound that is too slow is none."""
-        contact, coming = self.contact, -slip_velocity(self.body, t, state.released)[2]
+    def _struck(self, t: Float[Array, ""], carry: "_Following", found: Response) -> "_Following":
+        """After an impact. A rebound that is too slow is none."""
+        state, contact = carry.state, self.contact
+        coming = -slip_velocity(self.body, t, state.released)[2]
         unit = root(jnp.abs(self.body.gravity) * self.body.radius)
         rebounds = contact.restitution * coming > contact.slowest * unit
         e = jnp.where(rebounds, contact.restitution, 0.0)
         done = impact(self.body, t, state.released, found, contact.sliding, e)
         V = done.state.V.at[2].set(jnp.where(rebounds, done.state.V[2], 0.0))
         after = state.moved(ReleasedState(done.state.body, V, state.height))
-        return eqx.tree_at(lambda x: x.struck, after, state.struck - done.work), done.collision.sticks
+        after = eqx.tree_at(lambda x: x.struck, after, state.struck - done.work)
+        return carry._replace(
+            state=after, still=carry.still | done.collision.sticks, flies=carry.flies | (after.V[2] > 0)
+        )
 
     def _decided(
-        self,
-        t: Float[Array, ""],
-        state: ContactState,
-        found: Response,
-        cause: Int[Array, ""],
-        still: Bool[Array, ""],
-        flies: Bool[Array, ""],
-    ) -> ContactState:
-        """The state in its mode, by the forces that each mode would need; they lead a slip that begins."""
-        body, contact, given = self.body, self.contact, state.released
+        self, t: Float[Array, ""], carry: "_Following", found: Response, cause: Int[Array, ""]
+    ) -> "_Following":
+        """In the mode that follows, by the forces that each mode would need; they lead a slip that begins."""
+        state, body, contact = carry.state, self.body, self.contact
+        given, flies = state.released, carry.flies
         slip = slip_velocity(body, t, given)
-        still |= self.is_still(t, given, ROUNDING * float(jnp.finfo(slip.dtype).eps), 0.0)
+        still = carry.still | self.is_still(t, given, ROUNDING * float(jnp.finfo(slip.dtype).eps), 0.0)
         R = friction.rolling(found).R
         holds = (friction.margin(R, contact.static) >= 0) & (R[2] > 0) & (contact.static > 0)
         rolls = still & holds & (cause != int(Cause.GIVES_WAY))
-        first = friction.first_slip(found, contact.sliding)
-        sigma = jnp.where(still, first.sigma, friction.slip_direction(slip, first.sigma))
+        sigma = jax.lax.cond(
+            still & ~rolls & ~flies,
+            lambda: friction.first_slip(found, contact.sliding).sigma,
+            lambda: friction.slip_direction(slip, state.sigma),
+        )
         flies |= ~rolls & ~(friction.sliding(found, contact.sliding, sigma).normal > 0)
         mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
         # What is left of a slip that ends is taken by the friction that would have taken it.
         stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
         state = _where(still & ~flies, state.moved(stopped), state)
         V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
-        after = eqx.tree_at(lambda x: (x.V, x.mode, x.sigma), state, (V, mode.astype(V.dtype), sigma))
         begins = (mode == int(Mode.SLIDING)) & still
-        return eqx.tree_at(lambda x: x.guide, after, jnp.where(begins, float(Guide.FORCES), 0.0).astype(V.dtype))
+        guide = jnp.where(begins, float(Guide.FORCES), 0.0).astype(V.dtype)
+        after = eqx.tree_at(lambda x: (x.V, x.mode, x.sigma, x.guide), state, (V, mode.astype(V.dtype), sigma, guide))
+        return carry._replace(state=after)
 
     def _guided(
-        self,
-        t: Float[Array, ""],
-        state: ContactState,
-        later: Response,
-        R: Float[Array, "3"],
-        moment: Float[Array, ""],
-    ) -> ContactState:
-        """The state with what turns the direction of a slip that begins; ``later`` is the response after a moment."""
-        led = friction.led(later, R, self.contact.sliding, state.sigma, moment)
-        guide = jnp.where(state.led & led.applies, state.guide, 0.0)
-        turning = jnp.where(state.led, led.turning, 0.0)
-        return eqx.tree_at(lambda x: (x.guide, x.until, x.turning), state, (guide, t + led.time, turning))
+        self, t: Float[Array, ""], carry: "_Following", later: Response, moment: Float[Array, ""]
+    ) -> "_Following":
+        """With what turns the direction of a slip that begins; ``later`` is the response after a moment."""
+        state = carry.state
+        led = friction.led(later, carry.R, self.contact.sliding, state.sigma, moment)
+        guide = jnp.where(led.applies, state.guide, 0.0)
+        after = eqx.tree_at(lambda x: (x.guide, x.until, x.turning), state, (guide, t + led.time, led.turning))
+        return carry._replace(state=after)
 
 
-def _with_body(state: ContactState, body: PlacedState) -> ContactState:
-    return eqx.tree_at(lambda x: x.body, state, body)
+class _Following(NamedTuple):
+    """On the way from a mode to the next: the state, the same a moment ahead, and the reaction of sliding.
+
+    ``still`` says that it does not slip, ``flies`` that it leaves the plane.
+    """
+
+    state: ContactState
+    ahead: ContactState
+    R: Float[Array, "3"]
+    still: Bool[Array, ""]
+    flies: Bool[Array, ""]
 
 
 def _where(condition: Bool[Array, ""], first: ContactState, second: ContactState) -> ContactState:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)
-
-
-def _where_rolling(state: ContactState, rolling: PlacedState, other: PlacedState) -> PlacedState:
-    return jax.tree.map(lambda a, b: jnp.where(state.is_in(Mode.ROLLING), a, b), rolling, other)
 
 
 def body_of(system: Any, state: Any) -> tuple[Any, Any]:

@@ -161,7 +161,8 @@ class _Solve(NamedTuple):
         assert self.switching is not None
         ended = course.pending != NONE
         t, y, end, course = self.switching.settled(course, state.tprev, state.y, self.t1 - self.t0, self.args)
-        end = jnp.minimum(jnp.minimum(jnp.maximum(state.tnext, end), self.t1), self.switching.latest_end(t, y, self.args))
+        latest = jnp.minimum(self.switching.latest_end(t, y, self.args), self.t1)
+        end = jnp.minimum(jnp.maximum(state.tnext, end), latest)
         state = dataclasses.replace(state, tprev=t, tnext=end, y=y, made_jump=state.made_jump | ended)
         return state, course
 

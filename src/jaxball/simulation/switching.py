@@ -97,6 +97,7 @@ class Course(NamedTuple):
     - ``pending``: the :class:`Cause` with which a mode has just ended, ``NONE`` while it lasts.
     - ``length``: of the longest step that no end of a mode cut short, with which what follows a slip begins.
     - ``share``: of an error of the direction of a slip, what comes of it in the velocities.
+    - ``lasting``: the functions that say that the mode lasts, as the step begins; None where each step looks.
     - ``begun``: the vector with which the first mode began.
     - ``switches``: how many there have been.
     - ``crowd``: how many in a row were too near to each other, ``last`` the time of the last.
@@ -108,6 +109,7 @@ class Course(NamedTuple):
     pending: Int[Array, "*lanes"]
     length: Float[Array, "*lanes"]
     share: Float[Array, "*lanes"]
+    lasting: Float[Array, "3 *lanes"] | None
     begun: Float[Array, "size *lanes"]
     switches: Int[Array, "*lanes"]
     crowd: Int[Array, "*lanes"]
@@ -121,27 +123,29 @@ class Course(NamedTuple):
     ) -> "Course":
         """The course of a solve before its first step, of ``length``."""
         none, success, whole = jnp.asarray(0), jnp.asarray(int(Status.SUCCESS)), jnp.ones_like(t0)
-        return cls(Aim.none(t0), jnp.asarray(int(Cause.START)), length, whole, y0, none, none, t0, success, None)
+        return cls(Aim.none(t0), jnp.asarray(int(Cause.START)), length, whole, None, y0, none, none, t0, success, None)
 
 
 class Ended(NamedTuple):
     """A step's end, if its mode lasts: the mode, whether a slip is over, and the vector with which the next begins.
 
-    ``jumps`` says whether the field is another there than at the end of the step. ``share`` is that of a ``Course``.
+    ``jumps`` says whether the field is another there than at the end of the step. ``share`` and ``lasting`` are those
+    of a ``Course``.
     """
 
     mode: Float[Array, "*lanes"]
     still: Bool[Array, "*lanes"]
     jumps: Bool[Array, "*lanes"]
     share: Float[Array, "*lanes"]
+    lasting: Float[Array, "3 *lanes"]
     stepped: Float[Array, "size *lanes"]
 
 
 class Judged(NamedTuple):
     """What becomes of a step that the controller would keep: it stays, or is ``retried`` with an end at ``target``.
 
-    ``jumps`` says whether the next step begins with another slope than this one ended with. ``shorter`` is the length of
-    the next step in units of what the controller makes of it.
+    ``jumps`` says whether the next step begins with another slope than this one ended with. ``shorter`` is the length
+    of the next step in units of what the controller makes of it.
     """
 
     retried: Bool[Array, "*lanes"]
@@ -223,10 +227,9 @@ class Switching(eqx.Module):
         def look(course: Course) -> Judged:
             fixed = jax.lax.stop_gradient((start, end))
             times = sampling().times(*fixed, sampling().nodes)
-            inner = jax.vmap(interpolation.evaluate)(times[:-1])
-            vectors, constants = jax.lax.stop_gradient((jnp.concatenate([inner, y[None]]), parameters))
-            lasting, guide = jax.lax.stop_gradient(jax.vmap(lambda t, x: self.seen(t, x, constants))(times, vectors))
-            return looked(course, *fixed, y, lasting.T, self.ended(fixed[1], y, guide[-1], parameters))
+            inner, constants = jax.lax.stop_gradient((jax.vmap(interpolation.evaluate)(times[:-1]), parameters))
+            lasting = jax.vmap(lambda t, x: self.seen(t, x, constants))(times[:-1], inner)
+            return looked(course, *fixed, y, lasting.T, self.ended(fixed[1], y, parameters))
 
         def pass_by(course: Course) -> Judged:
             return passed_by(course, end, y)
@@ -236,23 +239,23 @@ class Switching(eqx.Module):
     def _packing(self, parameters: Any) -> Packing:
         return self.unpack(parameters)[0]
 
-    def seen(
-        self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any
-    ) -> tuple[Float[Array, "3"], Float[Array, ""]]:
-        """The functions that are positive while the mode lasts, and what turns the direction of a slip."""
+    def seen(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Float[Array, "3"]:
+        """The functions that are positive while the mode lasts."""
         packing = self._packing(parameters)
-        system, state = packing.system, packing.unpack(t, y)
-        found = system.response(t, state)
-        return system.lasting(t, state, found), system.guide(t, state, found, self.rtol, self.atol)
+        return packing.system.lasting(t, packing.unpack(t, y))
 
-    def ended(self, t: Float[Array, ""], y: Float[Array, " size"], guide: Float[Array, ""], parameters: Any) -> Ended:
-        """The end of a step, after which ``guide`` turns the direction of a slip."""
+    def ended(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Ended:
+        """The end of a step."""
         packing = self._packing(parameters)
         system, state = packing.system, packing.unravel(y)
+        fixed_system, fixed = jax.lax.stop_gradient((system, packing.unpack(t, y)))
+        found = fixed_system.response(t, fixed)
+        lasting = fixed_system.lasting(t, fixed, found)
+        guide = fixed_system.guide(t, fixed, found, self.rtol, self.atol)
         still = system.has_stopped(t, state, self.rtol, self.atol)
         stepped = system.stepped(t, state, guide)
-        share = system.share(t, stepped)
-        return Ended(state.mode, still, stepped.guide != state.guide, share, ravel_pytree(stepped)[0])
+        jumps, share = stepped.guide != state.guide, system.share(t, stepped)
+        return Ended(state.mode, still, jumps, share, lasting, ravel_pytree(stepped)[0])
 
     def followed(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
@@ -306,11 +309,11 @@ def looked(
     start: Float[Array, "*lanes"],
     end: Float[Array, "*lanes"],
     y: Float[Array, "size *lanes"],
-    lasting: Float[Array, "3 nodes *lanes"],
+    before: Float[Array, "3 inner *lanes"],
     ended: Ended,
 ) -> Judged:
-    """What becomes of a step, or of one in each lane, by the functions ``lasting`` at nodes in it, and by its end."""
-    aim = course.aim
+    """What becomes of a step, or of one in each lane, by the functions ``before`` its end, at nodes, and by its end."""
+    aim, lasting = course.aim, jnp.concatenate([before, ended.lasting[:, None]], axis=1)
     at_aim = aim.on & (end == aim.target)
     first = _first_end(start, end, lasting, jnp.where(at_aim, aim.which, NONE))
     # Two functions may fall to zero together; then one of them is as good as the other.
@@ -336,6 +339,7 @@ def looked(
         pending=jnp.where(switches, cause, NONE),
         length=jnp.where(retried | at_aim, course.length, jnp.maximum(course.length, end - start)),
         share=jnp.where(lasts, ended.share, jnp.where(retried, course.share, 1.0)),
+        lasting=None if course.lasting is None else jnp.where(lasts[None], ended.lasting, course.lasting),
     )
     shorter = jnp.where(lasts, _shorter(ended.mode, lasting[0]), 1.0)
     stepped = jnp.where(lasts[None], ended.stepped, y)
