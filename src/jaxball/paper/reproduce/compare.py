@@ -17,14 +17,15 @@ LEGEND = (
     "Counterpart: the same method in jaxball or diffrax, with the paper's tolerance, "
     f"{paper.DISK_TOLERANCE:.0e} for the disk and {paper.BALL_TOLERANCE:.0e} for the ball.",
     *(f"{NEAREST} The nearest: {nearest.why_nearest}" for nearest in authors.DAE.values() if nearest.why_nearest),
-    "DAE: |q|² = 1 in the place of one component's rate in the equations, of the first in the paper, of the largest here.",
-    "Accepted, rejected: steps. Evaluations: of the right-hand side, counted; one for a Jacobian. Error: largest component "
-    "at t = 0, 1, ..., 20 against a reference of 30 digits. Time: median of warm calls. Compile: how much longer the "
-    "first call took; little where the program was kept from an earlier run.",
-    "All these are the counterpart's. The authors published no steps, evaluations or errors, only that all solvers agreed "
-    "and that ode113 was the fastest. Steps here end at t = 0, 1, ..., 20 and at the kinks of the actuation, and the "
-    "motion of the masses is not integrated with the rest, so MATLAB will have taken others.",
-    f"Authors' time: from {authors.SOURCE_OF_TIMES}. So it cannot be compared with ours as if both were of one machine.",
+    "DAE: |q|² = 1 takes the place of one component's equation, the first's in the paper, the largest's here.",
+    "Accepted, rejected: steps. Evaluations: of the right-hand side, counted; one for a Jacobian. Error: largest "
+    "component at t = 0, 1, ..., 20 against a reference of 30 digits. Time: median of warm calls. Compile: how much "
+    "longer the first call took; little where the program was kept from an earlier run.",
+    "All these are the counterpart's. The authors published no steps, evaluations or errors, only that all solvers "
+    "agreed and that ode113 was the fastest. Steps here end at t = 0, 1, ..., 20 and at the kinks of the actuation, "
+    "and the motion of the masses is not integrated with the rest, so the authors' solvers took other steps.",
+    f"Authors' time: from {authors.SOURCE_OF_TIMES}. "
+    "So it cannot be compared with ours as if both were of one machine.",
 )
 
 
@@ -68,7 +69,7 @@ TABLE: Table[Comparison] = Table(
         Column("Compile", lambda c: f"{c.measurement.compile_time:.1f} s", 7),
         Column("Authors' time", lambda c: UNKNOWN if c.authors_time is None else f"{c.authors_time:.2f} s", 13),
     ),
-    legend=tuple(line for paragraph in LEGEND for line in textwrap.wrap(paragraph, 120)),
+    legend=tuple(textwrap.fill(paragraph, 120) for paragraph in LEGEND),
 )
 
 
@@ -99,7 +100,7 @@ def compare_solvers(
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
 
-    echo(f"{counted(len(cases), 'row')}, each of which takes ten to twenty seconds, mostly to compile.\n")
+    echo(f"Measuring {counted(len(cases), 'row')}, at ten to twenty seconds a row, most of it compiling.\n")
     comparisons = TABLE.printed((_compared(*case) for case in cases), echo)
     conclusion = _conclusion(comparisons)
     TABLE.write(out, comparisons, conclusion, source_of_authors_time=authors.SOURCE_OF_TIMES)
@@ -134,14 +135,16 @@ def _compared(experiment: Experiment, name: str, counterpart: Counterpart) -> Co
 
 
 def _conclusion(comparisons: Sequence[Comparison]) -> str:
-    """The largest errors and, where several were measured, which solvers were the fastest."""
-    sentences = [agreement([comparison.measurement for comparison in comparisons])]
-    fastest = []
-    for system in dict.fromkeys(comparison.measurement.system for comparison in comparisons):
-        of_system = [comparison for comparison in comparisons if comparison.measurement.system == system]
-        if len(of_system) > 1:
-            first = min(of_system, key=lambda comparison: comparison.measurement.run_time)
-            fastest.append(f"{first.counterpart} for the {system}")
-    if fastest:
-        sentences.append(f"Fastest here: {all_of(fastest)}.")
-    return " ".join(sentences)
+    """The largest errors, and where several were measured, which solvers needed the fewest evaluations."""
+    of_systems: dict[str, list[Comparison]] = {}
+    for comparison in comparisons:
+        of_systems.setdefault(comparison.measurement.system, []).append(comparison)
+    fewest = {
+        system: min(some, key=lambda comparison: comparison.measurement.evaluations).counterpart
+        for system, some in of_systems.items()
+        if len(some) > 1
+    }
+    sentence = agreement([comparison.measurement for comparison in comparisons], "all counterparts")
+    if not fewest:
+        return sentence
+    return f"{sentence} Fewest evaluations: {all_of([f'{name} for the {system}' for system, name in fewest.items()])}."

@@ -20,8 +20,8 @@ TABLE: Table[Measurement] = Table(
         Column("Compile", lambda m: f"{m.compile_time:.1f} s", 7),
     ),
     legend=(
-        "Accepted, rejected: steps. Evaluations: of the right-hand side, counted; one for a Jacobian.",
-        "Error: largest component at t = 0, 1, ..., 20, which are stepped to, and at t = 20 alone,",
+        "Accepted, rejected: steps. Evaluations: of the right-hand side, counted; one for a Jacobian.\n"
+        "Error: largest component at t = 0, 1, ..., 20, which are stepped to, and at t = 20 alone,\n"
         "against a reference of 30 digits. Run: median of warm calls. Compile: how much longer the first call took.",
     ),
 )

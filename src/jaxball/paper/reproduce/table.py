@@ -37,7 +37,7 @@ class Table(NamedTuple, Generic[Row]):
     """A table whose rows are dataclasses.
 
     - ``name``: of its files, without a suffix.
-    - ``legend``: the lines below it.
+    - ``legend``: the paragraphs below it.
     """
 
     name: str
@@ -75,7 +75,7 @@ class Table(NamedTuple, Generic[Row]):
             "|" + "|".join(":--" if column.left else "--:" for column in self.columns) + "|",
             *("| " + " | ".join(column.cell(row) for column in self.columns) + " |" for row in rows),
         ]
-        return "\n".join([*lines, "", *self.legend, "", conclusion, ""])
+        return "\n\n".join(["\n".join(lines), *self.legend, conclusion]) + "\n"
 
 
 def _as_json(rows: Sequence[Any], about: dict[str, Any]) -> str:
@@ -97,9 +97,9 @@ STEPS: tuple[Column[Measurement], ...] = (
 )
 
 
-def agreement(measurements: Sequence[Measurement]) -> str:
-    """A sentence with the largest error of all solvers, system by system."""
+def agreement(measurements: Sequence[Measurement], solvers: str = "") -> str:
+    """A sentence with the largest error of all ``solvers``, system by system; their names where it is not said."""
     systems = dict.fromkeys(m.system for m in measurements)
     parts = [f"{max(m.error for m in measurements if m.system == system):.1e} for the {system}" for system in systems]
-    solvers = ", ".join(dict.fromkeys(m.solver for m in measurements))
+    solvers = solvers or ", ".join(dict.fromkeys(m.solver for m in measurements))
     return f"Agreement with the paper's runs: the largest error of {solvers} is {' and '.join(parts)}."
