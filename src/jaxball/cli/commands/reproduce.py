@@ -16,7 +16,7 @@ def add(commands) -> None:
         "--solvers",
         action="store_true",
         help="instead of figures, a table of every solver that the paper names beside its counterpart here: steps, "
-        "evaluations, error and time; about three minutes",
+        "evaluations, error and time; three or four minutes",
     )
     parser.set_defaults(run=_run)
 

@@ -83,7 +83,7 @@ def compare_solvers(
     """Measures, for every solver that sections 4 and 5 of the paper name, the same method here.
 
     Writes ``solvers.md`` and ``solvers.json`` into the folder ``out``, which is created if necessary. The ball is
-    solved in both of the paper's forms. It takes about three minutes on two cores, most of it compiling.
+    solved in both of the paper's forms. It takes three or four minutes on two cores, most of them compiling.
 
     **Arguments:**
 
