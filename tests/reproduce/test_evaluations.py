@@ -51,7 +51,7 @@ def test_stages_and_jacobians(stages, mass, backwards):
     counter = Counter()
     solution = diffrax.diffeqsolve(
         term,
-        CountingSolver(RadauIIA(stages, root_finder), counter),
+        CountingSolver(RadauIIA(stages=stages, root_finder=root_finder), counter),
         *ends,
         (ends[1] - ends[0]) / STEPS,
         jnp.array([2.0, 2.0]),

@@ -27,7 +27,7 @@ ODE = {
     "ode15s": Counterpart("NDF()", solvers.NDF()),
     "ode23t": Counterpart("Trapezoidal()", solvers.Trapezoidal()),
     "ode23tb": Counterpart("TRBDF2()", solvers.TRBDF2()),
-    "radau5": Counterpart("RadauIIA(3)", solvers.RadauIIA(3)),
+    "radau5": Counterpart("RadauIIA()", solvers.RadauIIA()),
 }
 # Section 5 alone, `rolling_ball_dae_g`.
 DAE = {
