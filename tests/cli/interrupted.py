@@ -37,6 +37,7 @@ COMMANDS = {
     ("stability", "ball.toml", "--rate", "1", "--plot", "eigenvalues.png"): 15,
     ("validate", "ball.toml", "study.toml"): 8,
     ("reproduce", "--out", "out"): 25,
+    ("reproduce", "--solvers", "--out", "out"): 25,
     ("bench", "--quick", "--out", "bench"): 25,
     ("sweep", "study.toml", "--out", "s.zarr"): 25,
     ("sweep", "study.toml", "--out", "s.zarr", "--workers", "2"): 25,

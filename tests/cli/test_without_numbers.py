@@ -30,6 +30,7 @@ print(json.dumps(answers))
 REFUSED = {
     "simulte ball": 'there is no "simulte"; did you mean "simulate"?',
     "reproduce --to x": "unrecognized arguments: --to x",
+    "reproduce --solvers ode45": "unrecognized arguments: ode45",
     "simulate ball --solver dopri9": 'argument --solver: there is no "dopri9"; did you mean "dopri8"?',
     "simulate ball --rtol -1": "argument --rtol: it must be a positive number, but it is -1",
     "scenarios bal": 'NAME must be that of a built-in scenario, but it is "bal"; did you mean "ball"?',

@@ -3,10 +3,12 @@
 import diffrax
 import jax.numpy as jnp
 import numpy as np
+import optimistix
 import pytest
 
 import jaxball
 from jaxball.paper.reproduce.evaluations import Counter, CountingSolver
+from jaxball.solvers import MassMatrixTerm, RadauIIA, SimplifiedNewton
 
 STEPS = 10
 
@@ -31,6 +33,31 @@ def test_fixed_steps(solver, count):
         diffrax.ODETerm(decay), CountingSolver(solver, counter), 0.0, 1.0, 1.0 / STEPS, jnp.asarray(1.0)
     )
     assert counter.read() == count
+
+
+def at_rest(t, y, args):
+    """ẋ₀ = 0 and, with the mass matrix below, x₁ = x₀."""
+    return jnp.stack([jnp.zeros_like(y[0]), y[0] - y[1]])
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+@pytest.mark.parametrize("stages", [3, 5, 7])
+@pytest.mark.parametrize("mass", [None, (1.0, 0.0)], ids=["ODE", "DAE"])
+def test_stages_and_jacobians(stages, mass, backwards):
+    """Where nothing moves, a step is a Jacobian and one pass over its stages; a DAE's start is checked by one more."""
+    term = diffrax.ODETerm(at_rest) if mass is None else MassMatrixTerm(at_rest, jnp.asarray(mass))
+    root_finder = SimplifiedNewton(rtol=1e-8, atol=1e-8, norm=optimistix.max_norm)
+    ends = (1.0, 0.0) if backwards else (0.0, 1.0)
+    counter = Counter()
+    solution = diffrax.diffeqsolve(
+        term,
+        CountingSolver(RadauIIA(stages=stages, root_finder=root_finder), counter),
+        *ends,
+        (ends[1] - ends[0]) / STEPS,
+        jnp.array([2.0, 2.0]),
+    )
+    np.testing.assert_array_equal(solution.ys, [[2.0, 2.0]])
+    assert counter.read() == (stages + 1) * STEPS + (mass is not None)
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import functools
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import diffrax
 import jax
@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ... import solvers
-from ...paper.reproduce.evaluations import Counter
+from ...paper.reproduce.evaluations import Counter, Field, counting
 from ...solvers.multistep import controller_class
 from ..problem import Form, Problem
 from ..translate import jax_field, jax_parameters
@@ -35,7 +35,6 @@ METHODS: dict[str, diffrax.AbstractAdaptiveSolver] = {
 }
 LOOSE = 1e-3
 COUNTABLE = 10_000  # steps; each evaluation calls Python, and more would take minutes
-Field = Callable[[Any, Any, Any], Float[Array, " state"]]
 
 
 class Ended(NamedTuple):
@@ -59,7 +58,7 @@ def program(method: str, problem: Problem) -> Program:
         term = statement.term(jax.jit(field))
         return jax.jit(lambda initial, tolerance: _solve(METHODS[method], problem, term, initial, tolerance))
 
-    solve, counted = solve_with(statement.field), solve_with(_counting(statement.field, counter))
+    solve, counted = solve_with(statement.field), solve_with(counting(statement.field, counter))
     run = functools.partial(_Run, statement, solve, counted, counter)
     first, again = (_seconds(run(LOOSE)) for _ in range(2))
     return Program(max(first - again, 0.0), run)
@@ -122,16 +121,6 @@ def _mass_term(problem: Problem, g: Field) -> diffrax.AbstractTerm:
         mass=lambda place: jnp.where(indices == place, 0.0, 1.0),
         choose=choose,
     )
-
-
-def _counting(field: Field, counter: Counter) -> Field:
-    """``field`` that tells ``counter`` of each evaluation; under vmap, of each lane, because it passes on t and x."""
-
-    def counted(t, x, args):
-        jax.debug.callback(lambda t, x: counter(), t, x)
-        return field(t, x, args)
-
-    return counted
 
 
 def _solve(solver, problem: Problem, term, initial: Float[Array, " state"], tolerance: Float[Array, ""]) -> Ended:

@@ -1,6 +1,7 @@
 """The paper's two runs reproduced: the figures of sections 4 and 5, and solvers against a 30-digit reference."""
 
 from ...interface.names import interface as _interface
+from .compare import Comparison as Comparison, compare_solvers as compare_solvers
 from .experiments import (
     SOLVERS as SOLVERS,
     Experiment as Experiment,

@@ -1,13 +1,16 @@
 """Counts how often a solver evaluates the right-hand side, by observing it and not by a formula."""
 
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import diffrax
 import equinox as eqx
 import jax
 
-from ...solvers import AbstractWrappingSolver
+from ...solvers import AbstractMassTerm, AbstractWrappingSolver
+from ...solvers.mass import mass_term, unwrapped
+
+Field = Callable[[Any, Any, Any], Any]
 
 
 class Counter:
@@ -25,6 +28,20 @@ class Counter:
         return self.count
 
 
+def counting(field: Field, tick: Callable[[], None]) -> Field:
+    """``field``, which calls ``tick`` on the host each time it is evaluated.
+
+    Under ``vmap``, as over the stages of a step, it does so for each of them, because it passes t and x on. A Jacobian
+    is one evaluation: one pass through the field with all its tangents.
+    """
+
+    def counted(t, x, args):
+        jax.debug.callback(lambda t, x: tick(), t, x)
+        return field(t, x, args)
+
+    return counted
+
+
 class CountingTerm(diffrax.AbstractTerm):
     """``term`` itself, which calls ``tick`` on the host each time its vector field is evaluated."""
 
@@ -34,8 +51,7 @@ class CountingTerm(diffrax.AbstractTerm):
     tick: Callable[[], None] = eqx.field(static=True)
 
     def vf(self, t, y, args):
-        jax.debug.callback(self.tick)
-        return self.term.vf(t, y, args)
+        return counting(self.term.vf, self.tick)(t, y, args)
 
     def contr(self, t0, t1, **kwargs):
         return self.term.contr(t0, t1, **kwargs)
@@ -47,11 +63,19 @@ class CountingTerm(diffrax.AbstractTerm):
         return self.term.is_vf_expensive(t0, t1, y, args)
 
 
-class CountingSolver(AbstractWrappingSolver):
-    """``solver`` itself, for an ordinary differential equation, which counts its evaluations with ``tick``.
+class CountingMassTerm(AbstractMassTerm):
+    """``term`` itself, M ẋ = g(t, x), which calls ``tick`` on the host each time g is evaluated."""
 
-    A Jacobian counts as one evaluation, because it is one pass through the right-hand side with all its tangents.
-    """
+    term: AbstractMassTerm
+    tick: Callable[[], None] = eqx.field(static=True)
+
+    def at_step(self, t, y, args):
+        g, mass = self.term.at_step(t, y, args)
+        return counting(g, self.tick), mass
+
+
+class CountingSolver(AbstractWrappingSolver):
+    """``solver`` itself, which counts its evaluations of f(t, x) or, with a mass matrix, of g(t, x) with ``tick``."""
 
     solver: diffrax.AbstractSolver  # pyright: ignore[reportIncompatibleVariableOverride]
     tick: Callable[[], None] = eqx.field(static=True)
@@ -65,5 +89,9 @@ class CountingSolver(AbstractWrappingSolver):
     def func(self, terms, t0, y0, args):
         return self.solver.func(self._counted(terms), t0, y0, args)
 
-    def _counted(self, term: diffrax.AbstractTerm) -> CountingTerm:
-        return CountingTerm(term, self.tick)
+    def _counted(self, term: diffrax.AbstractTerm) -> diffrax.AbstractTerm:
+        with_mass = mass_term(term)
+        if with_mass is None:
+            return CountingTerm(term, self.tick)
+        # In its place, because solvers ask it for g, and what is around it for the direction of time.
+        return eqx.tree_at(unwrapped, term, CountingMassTerm(with_mass, self.tick))

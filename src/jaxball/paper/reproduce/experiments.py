@@ -2,6 +2,7 @@
 
 import statistics
 import time
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import diffrax
@@ -25,6 +26,7 @@ SOLVERS: dict[str, diffrax.AbstractAdaptiveSolver] = {
     "Kvaerno5": diffrax.Kvaerno5(),
 }
 WARM_CALLS = 5
+MAX_STEPS = 100_000  # at the paper's tolerances, a method of order 2 takes some 25,000
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class Experiment:
       states.
     - ``symbols``: the parts of the state that are compared with the reference; angles that are prescribed in closed
       form are not among them.
+    - ``dae``: whether it is solved in the differential-algebraic form, as of :func:`~jaxball.simulate`.
     """
 
     name: str
@@ -44,6 +47,7 @@ class Experiment:
     tolerance: float
     reference: Reference
     symbols: tuple[str, ...]
+    dae: bool = False
 
     def solve(self, solver: diffrax.AbstractAdaptiveSolver) -> Trajectory:
         """The trajectory at the reference's times, each of which the solver steps to.
@@ -57,6 +61,8 @@ class Experiment:
             rtol=self.tolerance,
             atol=self.tolerance,
             step_to_times=True,
+            dae=self.dae,
+            max_steps=MAX_STEPS,
             throw=True,
         )
 
@@ -95,17 +101,24 @@ def disk_experiment() -> Experiment:
     return Experiment("disk", paper.disk(), paper.DISK_TOLERANCE, reference.disk(), ("phi", "phidot"))
 
 
-def ball_experiment() -> Experiment:
-    """The ball of section 5 at its tolerance."""
-    return Experiment("ball", paper.ball(), paper.BALL_TOLERANCE, reference.ball(), ("q", "Omega", "z"))
+def ball_experiment(dae: bool = False) -> Experiment:
+    """The ball of section 5 at its tolerance.
+
+    **Arguments:**
+
+    - ``dae``: whether in the differential-algebraic form.
+    """
+    return Experiment("ball", paper.ball(), paper.BALL_TOLERANCE, reference.ball(), ("q", "Omega", "z"), dae)
 
 
-def measure(experiment: Experiment, solver_name: str) -> Measurement:
-    """Measures ``experiment`` with the solver of that name in :data:`SOLVERS`.
+EXPERIMENTS: dict[str, Callable[[], Experiment]] = {"disk": disk_experiment, "ball": ball_experiment}
+
+
+def measure(experiment: Experiment, name: str, solver: diffrax.AbstractAdaptiveSolver) -> Measurement:
+    """Measures ``experiment`` with ``solver``, which is called ``name``.
 
     **Raises:** :class:`~jaxball.SolveError` when the solve fails.
     """
-    solver = SOLVERS[solver_name]
     first, trajectory = _timed(experiment, solver)
     warm = statistics.median(_timed(experiment, solver)[0] for _ in range(WARM_CALLS))
     counter = Counter()
@@ -114,7 +127,7 @@ def measure(experiment: Experiment, solver_name: str) -> Measurement:
     errors = experiment.errors(trajectory)
     return Measurement(
         system=experiment.name,
-        solver=solver_name,
+        solver=name,
         tolerance=experiment.tolerance,
         accepted=int(counted.steps - counted.rejected),
         rejected=int(counted.rejected),
@@ -131,3 +144,10 @@ def _timed(experiment: Experiment, solver: diffrax.AbstractAdaptiveSolver) -> tu
     trajectory = experiment.solve(solver)
     jax.block_until_ready(trajectory.state)
     return time.perf_counter() - start, trajectory
+
+
+def check_names(argument: str, names: Sequence[str], known: Collection[str]) -> None:
+    """Raises ``ValueError`` where ``names`` are none, or one of them is not ``known``."""
+    unknown = [name for name in names if name not in known]
+    if unknown or not names:
+        raise ValueError(f"Argument `{argument}` must hold one or more of {', '.join(known)}, but it is {list(names)}.")

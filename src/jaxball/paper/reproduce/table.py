@@ -1,22 +1,26 @@
-"""The table of measurements, as plain text, Markdown and JSON."""
+"""Tables of measurements, as plain text, Markdown and JSON."""
 
 import dataclasses
 import json
 import platform
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import version
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, Generic, NamedTuple, TypeVar
 
+from ...interface.output import replacing
 from .experiments import Measurement
 
 PACKAGES = ("jaxball", "diffrax", "equinox", "jax", "jaxlib", "numpy")
+Row = TypeVar("Row")
+Whole = TypeVar("Whole")
 
 
-class Column(NamedTuple):
-    """A column's heading and how it shows a measurement; words are aligned left, numbers right."""
+class Column(NamedTuple, Generic[Row]):
+    """A column's heading and how it shows a row; words are aligned left, numbers right."""
 
     heading: str
-    cell: Callable[[Measurement], str]
+    cell: Callable[[Row], str]
     width: int
     left: bool = False
 
@@ -24,60 +28,78 @@ class Column(NamedTuple):
         """``text`` padded with blanks to the column's width."""
         return text.ljust(self.width) if self.left else text.rjust(self.width)
 
+    def of(self, part: Callable[[Whole], Row]) -> "Column[Whole]":
+        """The same column for rows of which this one shows a part."""
+        return Column(self.heading, lambda whole: self.cell(part(whole)), self.width, self.left)
 
-COLUMNS = (
-    Column("System", lambda m: m.system, 6, left=True),
-    Column("Solver", lambda m: m.solver, 8, left=True),
-    Column("Tolerance", lambda m: f"{m.tolerance:.0e}", 9),
+
+class Table(NamedTuple, Generic[Row]):
+    """A table whose rows are dataclasses.
+
+    - ``name``: of its files, without a suffix.
+    - ``legend``: the paragraphs below it.
+    """
+
+    name: str
+    columns: Sequence[Column[Row]]
+    legend: Sequence[str]
+
+    @property
+    def files(self) -> tuple[str, str]:
+        """The names of its files."""
+        return f"{self.name}.md", f"{self.name}.json"
+
+    def printed(self, rows: Iterable[Row], echo: Callable[[str], None]) -> list[Row]:
+        """All ``rows``, each of which is printed as soon as it is there."""
+        titles = "  ".join(column.aligned(column.heading) for column in self.columns)
+        echo(titles + "\n" + "  ".join("-" * column.width for column in self.columns))
+        taken = []
+        for row in rows:
+            taken.append(row)
+            echo("  ".join(column.aligned(column.cell(row)) for column in self.columns))
+        return taken
+
+    def write(self, folder: Path, rows: Sequence[Row], conclusion: str, **about: Any) -> None:
+        """Writes the table with its legend and ``conclusion`` as Markdown, and the rows with ``about`` as JSON.
+
+        **Raises:** :class:`~jaxball.results.OutputError` when a file cannot be written.
+        """
+        contents = self._markdown(rows, conclusion), _as_json(rows, about)
+        for name, content in zip(self.files, contents, strict=True):
+            with replacing(folder / name) as temporary:
+                temporary.write_text(content, encoding="utf-8")
+
+    def _markdown(self, rows: Sequence[Row], conclusion: str) -> str:
+        lines = [
+            "| " + " | ".join(column.heading for column in self.columns) + " |",
+            "|" + "|".join(":--" if column.left else "--:" for column in self.columns) + "|",
+            *("| " + " | ".join(column.cell(row) for column in self.columns) + " |" for row in rows),
+        ]
+        return "\n\n".join(["\n".join(lines), *self.legend, conclusion]) + "\n"
+
+
+def _as_json(rows: Sequence[Any], about: dict[str, Any]) -> str:
+    """The rows in full precision, with the versions that made them."""
+    content = {
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+        **about,
+        "measurements": [dataclasses.asdict(row) for row in rows],
+    }
+    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+# The columns that the tables share.
+STEPS: tuple[Column[Measurement], ...] = (
     Column("Accepted", lambda m: str(m.accepted), 8),
     Column("Rejected", lambda m: str(m.rejected), 8),
     Column("Evaluations", lambda m: str(m.evaluations), 11),
     Column("Error", lambda m: f"{m.error:.1e}", 7),
-    Column("Error at 20", lambda m: f"{m.error_at_end:.1e}", 11),
-    Column("Run", lambda m: f"{1e3 * m.run_time:.2f} ms", 9),
-    Column("Compile", lambda m: f"{m.compile_time:.1f} s", 7),
-)
-
-LEGEND = (
-    "Accepted, rejected: steps. Evaluations: of the right-hand side, counted; one for a Jacobian.",
-    "Error: largest component at t = 0, 1, ..., 20, which are stepped to, and at t = 20 alone,",
-    "against a reference of 30 digits. Run: median of warm calls. Compile: how much longer the first call took.",
 )
 
 
-def heading() -> str:
-    """The two lines above the rows in a terminal."""
-    titles = "  ".join(column.aligned(column.heading) for column in COLUMNS)
-    return titles + "\n" + "  ".join("-" * column.width for column in COLUMNS)
-
-
-def row(measurement: Measurement) -> str:
-    """One measurement as a line for a terminal."""
-    return "  ".join(column.aligned(column.cell(measurement)) for column in COLUMNS)
-
-
-def agreement(measurements: Sequence[Measurement]) -> str:
-    """A sentence with the largest error of all solvers, system by system."""
+def agreement(measurements: Sequence[Measurement], solvers: str = "") -> str:
+    """A sentence with the largest error of all ``solvers``, system by system; their names where it is not said."""
     systems = dict.fromkeys(m.system for m in measurements)
     parts = [f"{max(m.error for m in measurements if m.system == system):.1e} for the {system}" for system in systems]
-    solvers = ", ".join(dict.fromkeys(m.solver for m in measurements))
+    solvers = solvers or ", ".join(dict.fromkeys(m.solver for m in measurements))
     return f"Agreement with the paper's runs: the largest error of {solvers} is {' and '.join(parts)}."
-
-
-def markdown(measurements: Sequence[Measurement]) -> str:
-    """The table, its legend and the agreement as Markdown."""
-    lines = [
-        "| " + " | ".join(column.heading for column in COLUMNS) + " |",
-        "|" + "|".join(":--" if column.left else "--:" for column in COLUMNS) + "|",
-        *("| " + " | ".join(column.cell(m) for column in COLUMNS) + " |" for m in measurements),
-    ]
-    return "\n".join([*lines, "", *LEGEND, "", agreement(measurements), ""])
-
-
-def as_json(measurements: Sequence[Measurement]) -> str:
-    """The measurements in full precision, with the versions that made them."""
-    content = {
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
-        "measurements": [dataclasses.asdict(m) for m in measurements],
-    }
-    return json.dumps(content, indent=2) + "\n"

@@ -1,0 +1,150 @@
+"""Every solver that the authors name beside its counterpart here: what sections 4 and 5 say of solvers, measured."""
+
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ... import paper
+from ...interface.wording import all_of, counted
+from . import authors
+from .authors import Counterpart
+from .experiments import EXPERIMENTS, Experiment, Measurement, ball_experiment, check_names, measure
+from .table import STEPS, Column, Table, agreement
+
+UNKNOWN, NEAREST = "not published", "†"
+LEGEND = (
+    "Counterpart: the same method in jaxball or diffrax, with the paper's tolerance, "
+    f"{paper.DISK_TOLERANCE:.0e} for the disk and {paper.BALL_TOLERANCE:.0e} for the ball.",
+    *(f"{NEAREST} The nearest: {nearest.why_nearest}" for nearest in authors.DAE.values() if nearest.why_nearest),
+    "DAE: |q|² = 1 takes the place of one component's equation, the first's in the paper, the largest's here.",
+    "Accepted, rejected: steps. Evaluations: of the right-hand side, counted; one for a Jacobian. Error: largest "
+    "component at t = 0, 1, ..., 20 against a reference of 30 digits. Time: median of warm calls. Compile: how much "
+    "longer the first call took; little where the program was kept from an earlier run.",
+    "All these are the counterpart's. The authors published no steps, evaluations or errors, only that all solvers "
+    "agreed and that ode113 was the fastest. Steps here end at t = 0, 1, ..., 20 and at the kinks of the actuation, "
+    "and the motion of the masses is not integrated with the rest, so the authors' solvers took other steps.",
+    f"Authors' time: from {authors.SOURCE_OF_TIMES}. "
+    "So it cannot be compared with ours as if both were of one machine.",
+)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One of the authors' solvers, and what its counterpart here took.
+
+    - ``paper_solver``: as the paper calls it.
+    - ``form``: "ODE", or "DAE" for the differential-algebraic form.
+    - ``authors_time``: what it took the authors, in seconds, on a machine that is not named; None where they do not
+      say. They give no steps, evaluations or errors.
+    - ``why_nearest``: why no other is nearer, where the counterpart is not the same method; else empty.
+    - ``measurement``: of the counterpart.
+    """
+
+    paper_solver: str
+    form: str
+    authors_time: float | None
+    why_nearest: str
+    measurement: Measurement
+
+    @property
+    def counterpart(self) -> str:
+        """The counterpart's name, marked where it is not the same method."""
+        return self.measurement.solver + (f" {NEAREST}" if self.why_nearest else "")
+
+
+def _measured(comparison: Comparison) -> Measurement:
+    return comparison.measurement
+
+
+TABLE: Table[Comparison] = Table(
+    name="solvers",
+    columns=(
+        Column("System", lambda c: c.measurement.system, 6, left=True),
+        Column("Paper's solver", lambda c: c.paper_solver, 14, left=True),
+        Column("Counterpart", lambda c: c.counterpart, 13, left=True),
+        Column("Form", lambda c: c.form, 4, left=True),
+        *(column.of(_measured) for column in STEPS),
+        Column("Time", lambda c: f"{1e3 * c.measurement.run_time:.2f} ms", 9),
+        Column("Compile", lambda c: f"{c.measurement.compile_time:.1f} s", 7),
+        Column("Authors' time", lambda c: UNKNOWN if c.authors_time is None else f"{c.authors_time:.2f} s", 13),
+    ),
+    legend=tuple(textwrap.fill(paragraph, 120) for paragraph in LEGEND),
+)
+
+
+def compare_solvers(
+    out: Path | str = "out",
+    *,
+    solvers: Sequence[str] = tuple(authors.ODE),
+    systems: Sequence[str] = tuple(EXPERIMENTS),
+    echo: Callable[[str], None] = print,
+) -> list[Comparison]:
+    """Measures, for every solver that sections 4 and 5 of the paper name, the same method here.
+
+    Writes ``solvers.md`` and ``solvers.json`` into the folder ``out``, which is created if necessary. The ball is
+    solved in both of the paper's forms. It takes three or four minutes on two cores, most of them compiling.
+
+    **Arguments:**
+
+    - ``solvers``: which of the authors' ode45, ode113, ode15s, ode23t, ode23tb and radau5.
+    - ``systems``: the disk, the ball, or both.
+    - ``echo``: called with each part of the report; with a row as soon as it is measured.
+
+    **Raises:** ``ValueError`` for a name that is none of those, :class:`~jaxball.PrecisionError` without
+    float64, and :class:`~jaxball.SolveError` when a solve fails.
+    """
+    check_names("solvers", solvers, authors.ODE)
+    check_names("systems", systems, EXPERIMENTS)
+    cases = list(_cases(solvers, systems))
+    out = Path(out)
+    out.mkdir(parents=True, exist_ok=True)
+
+    echo(f"Measuring {counted(len(cases), 'row')}, at ten to twenty seconds a row, most of it compiling.\n")
+    comparisons = TABLE.printed((_compared(*case) for case in cases), echo)
+    conclusion = _conclusion(comparisons)
+    TABLE.write(out, comparisons, conclusion, source_of_authors_time=authors.SOURCE_OF_TIMES)
+
+    echo("\n" + "\n".join(TABLE.legend))
+    echo(f"\nWrote {' and '.join(TABLE.files)} into {out}.")
+    echo("\n" + conclusion)
+    return comparisons
+
+
+def _cases(solvers: Sequence[str], systems: Sequence[str]) -> Iterator[tuple[Experiment, str, Counterpart]]:
+    """What is measured: each system in each of its forms, by each of the solvers that the authors used for it."""
+    for system in systems:
+        for experiment, counterparts in _forms(system):
+            yield from ((experiment, name, counterparts[name]) for name in solvers if name in counterparts)
+
+
+def _forms(system: str) -> Iterator[tuple[Experiment, Mapping[str, Counterpart]]]:
+    yield EXPERIMENTS[system](), authors.ODE
+    if system == "ball":
+        yield ball_experiment(dae=True), authors.DAE
+
+
+def _compared(experiment: Experiment, name: str, counterpart: Counterpart) -> Comparison:
+    return Comparison(
+        paper_solver=name,
+        form="DAE" if experiment.dae else "ODE",
+        authors_time=None if experiment.dae else authors.TIMES[experiment.name][name],
+        why_nearest=counterpart.why_nearest,
+        measurement=measure(experiment, counterpart.name, counterpart.solver),
+    )
+
+
+def _conclusion(comparisons: Sequence[Comparison]) -> str:
+    """The largest errors, and where several were measured, which solvers needed the fewest evaluations."""
+    of_systems: dict[str, list[Comparison]] = {}
+    for comparison in comparisons:
+        of_systems.setdefault(comparison.measurement.system, []).append(comparison)
+    fewest = {
+        system: min(some, key=lambda comparison: comparison.measurement.evaluations).counterpart
+        for system, some in of_systems.items()
+        if len(some) > 1
+    }
+    sentence = agreement([comparison.measurement for comparison in comparisons], "all counterparts")
+    if not fewest:
+        return sentence
+    return f"{sentence} Fewest evaluations: {all_of([f'{name} for the {system}' for system, name in fewest.items()])}."
