@@ -30,7 +30,7 @@ from .friction import diverging, push, slip_direction
 from .released import ReleasedState, Response, slip_velocity, with_slip
 
 MOST_STEPS = 20_000
-ERROR = 500  # of a step, in units of rounding, to which its length is chosen
+ERROR = 500  # of a step, in units of rounding of the velocity before, to which its length is chosen
 TURNING = 0.5  # of the impulse in which v_s changes by itself: the longest step over which σ turns at all
 LIMITED = 1e-3  # a rebound slower than Newton's by a lesser part, in square roots of rounding, is Newton's
 
@@ -125,13 +125,13 @@ def _after_jvp(primals, tangents):
 def _followed(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
     """v_s after the process: by steps while it slips, straight on for what is left of the slip or of the impact."""
     process, eps = _Process(D, inverse(D), mu, -restitution * slip[2]), float(jnp.finfo(slip.dtype).eps)
-    still = care.still * root(jnp.sum(slip[:2] ** 2))
+    error, still = ERROR * eps * root(jnp.sum(slip**2)), care.still * root(jnp.sum(slip[:2] ** 2))
 
     def slips(x: Float[Array, "4"]) -> Bool[Array, ""]:
         return jnp.sum(x[:2] ** 2) > still**2
 
     def next_step(x: Float[Array, "4"]) -> Float[Array, ""]:
-        most, remaining = process.longest(x, care.share, ERROR * eps), process.remaining(x)
+        most, remaining = process.longest(x, care.share, error), process.remaining(x)
         needed = slips(x) & (jnp.abs(remaining) > eps**0.5 * most)
         return jnp.where(needed, jnp.clip(remaining, -most, most), 0.0)
 
@@ -150,7 +150,8 @@ def _followed(D, slip, mu, restitution, care: _Care) -> Float[Array, "3"]:
     remaining, stop = process.remaining(x), jnp.where(slips(x), process.stop(x), 0.0)
     ends = remaining < stop
     x = process.straight(x, jnp.where(ends, remaining, stop))
-    after = jnp.where(ends, x[:3], jnp.where(process.holds, process.held(x), process.again(x)))
+    holds = ends | process.holds
+    after = jax.lax.cond(holds, lambda x: jnp.where(ends, x[:3], process.held(x)), process.again, x)
     return after * jnp.where(h == 0, 1.0, jnp.nan)
 
 
@@ -178,17 +179,18 @@ class _Process(NamedTuple):
         pull = self.pull(_direction(x))
         return x + jnp.append(h * pull, h * x[2] + 0.5 * h**2 * pull[2])
 
-    def longest(self, x: Float[Array, "4"], share: float, error: float) -> Float[Array, ""]:
-        """A step with an error that is a part of v_s, the smaller the less σ turns; no more than a share of v_s."""
+    def longest(self, x: Float[Array, "4"], share: float, error: Float[Array, ""]) -> Float[Array, ""]:
+        """A step with such an error of v_s, which is the smaller the less σ turns; no more than a share of v_s."""
         D, sigma = self.D, _direction(x)
         pull = self.pull(sigma)[:2]
         turning = jnp.abs(sigma[0] * pull[1] - sigma[1] * pull[0])
         uneven = root((D[0, 0] - D[1, 1]) ** 2 + 4 * D[0, 1] ** 2)
         fastest = jnp.maximum(root(jnp.sum(pull**2)), root(jnp.sum(D[:2, 2] ** 2)) + self.mu * uneven)
-        moved, turns = fastest > 0, turning > error * fastest
-        allowed = 3 * (error * fastest / jnp.where(turns, turning, 1.0)) ** (1 / 9)
+        speed = root(jnp.sum(x[:2] ** 2))
+        moved, turns = fastest > 0, turning * speed > error * fastest
+        allowed = 3 * (error * fastest / jnp.where(turns, turning * speed, 1.0)) ** (1 / 9)
         part = jnp.where(turns, jnp.minimum(min(share, TURNING), allowed), share)
-        length = part * root(jnp.sum(x[:2] ** 2)) / jnp.where(moved, fastest, 1.0)
+        length = part * speed / jnp.where(moved, fastest, 1.0)
         return jnp.where(moved, length, jnp.inf)
 
     def remaining(self, x: Float[Array, "4"]) -> Float[Array, ""]:
