@@ -77,7 +77,8 @@ class Modes(NamedTuple):
 
         def ended(system, t, x, rtol, atol):
             end = _switching(rtol, atol, room).ended(t, x, Packing(system.prepare(), unravel))
-            return end._replace(still=end.still.astype(x.dtype), jumps=end.jumps.astype(x.dtype))
+            still, led, jumps = (says.astype(x.dtype) for says in (end.still, end.led, end.jumps))
+            return end._replace(still=still, led=led, jumps=jumps)
 
         return cls(prepared(seen, 0), prepared(ended, 2), between, packing, shared, room)
 
@@ -112,6 +113,7 @@ class Modes(NamedTuple):
         """
         start, end, limits = jax.lax.stop_gradient((step.start, step.end, given.limits))
         before = self._before_end(course, given, step, fresh)
+        course = course._replace(lasting=before[:, 0])
         at_end = self.ended(given.ended, end, step.y, limits.rtol, limits.atol)
         judged = _judged(course, start, end, step.y, before, at_end, verdict.kept)
         retried, kept = judged.retried, verdict.kept & ~judged.retried
@@ -198,7 +200,8 @@ def _judged(
     kept: Bool[Array, " lanes"],
 ) -> Judged:
     """What becomes of the steps, of which some are not kept anyway."""
-    ended = Ended(at_end[0], at_end[1] != 0, at_end[2] != 0, at_end[3], at_end[4:7], at_end[7:])
+    mode, still, led, jumps, share = at_end[:5]
+    ended = Ended(mode, still != 0, led.astype(int), jumps != 0, share, at_end[5:8], at_end[8:])
     seen = looked(course, start, end, y, before, ended)
 
     def choose(a: Array, b: Array) -> Array:

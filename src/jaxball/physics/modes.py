@@ -30,8 +30,11 @@ from .system import AbstractState, AbstractSystem
 
 SLOW = 1000  # times the tolerances: a slip that ends and is slower may be led by the forces; of errors of many steps
 STILL = 30  # times the tolerances: a slip that ends and is slower keeps its direction, and is over in no time
+LED_SLIP = 2 / friction.LED**2  # times the tolerances: a slip that has begun and is slower may be led further
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
 IMPACT, MODE, TURN = range(3)  # what follows a mode, in this order
+# In the place of a cause, where no mode has ended: the forces lead the direction of a slip further, or no longer.
+LED_ON, LET_GO = -2, -3
 NEWTON_STEPS = 3  # to the direction of a slip that is led, from that with which it began
 
 
@@ -111,7 +114,7 @@ class ContactState(AbstractState):
       told from these where the slip is small.
     - ``guide``: a :class:`Guide`, as a number; another than ``SLIP`` where the slip has just begun or is about to end.
     - ``until``: the time until which it is the guide.
-    - ``turning``: the rate at which the direction turns as the slip begins.
+    - ``turning``, ``bending``: the rate at which the direction turns while the forces lead it, and the rate of that.
     """
 
     body: PlacedState
@@ -124,6 +127,7 @@ class ContactState(AbstractState):
     guide: Float[Array, "*batch"]
     until: Float[Array, "*batch"]
     turning: Float[Array, "*batch"]
+    bending: Float[Array, "*batch"]
 
     def directions(self) -> "ContactState":
         """True for what is a direction of slip, False for all else."""
@@ -229,7 +233,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         turning = 0.0 if self.body.planar else self._turning(t, state, slip, acting.slip_acceleration)
         rubbing = -jnp.sum(acting.R[:2] * slip[:2])
         sigmadot = turning * friction.left(state.sigma)
-        return eqx.tree_at(lambda x: (x.rubbed, x.sigma), rates_of_all, (rubbing, sigmadot))
+        bending = jnp.where(state.led, state.bending, 0.0)
+        return eqx.tree_at(lambda x: (x.rubbed, x.sigma, x.turning), rates_of_all, (rubbing, sigmadot, bending))
 
     # The plane.
 
@@ -312,18 +317,29 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     def stepped(self, t: Float[Array, ""], state: ContactState, guide: Float[Array, ""]) -> ContactState:
         """The state after a step in which its mode lasted; ``guide`` is what turns a slip's direction from now on."""
         slip, begins = slip_velocity(self.body, t, state.released), state.led & (t < state.until)
+        ends = ~begins & (guide == int(Guide.FORCES))
         # A slip that came near its end and did not end has turned round.
         turned = state.is_in(Mode.SLIDING) & ~begins & (jnp.sum(slip[:2] * state.sigma) <= 0)
         return eqx.tree_at(
-            lambda x: (x.sigma, x.guide, x.until, x.turning),
+            lambda x: (x.sigma, x.guide, x.until, x.turning, x.bending),
             state,
             (
                 jnp.where(turned, friction.slip_direction(slip, state.sigma), friction.unit(state.sigma)),
                 jnp.where(begins, state.guide, guide),
                 jnp.where(begins, state.until, t),
-                jnp.where(begins, state.turning, 0.0),
+                *(jnp.where(ends, 0.0, rate) for rate in (state.turning, state.bending)),
             ),
         )
+
+    def led_to_here(self, t: Float[Array, ""], state: ContactState) -> Bool[Array, ""]:
+        """Whether the forces lead the direction of a slip that has begun, and were to do so until now."""
+        return state.is_in(Mode.SLIDING) & state.led & (t == state.until)
+
+    def is_led_on(
+        self, t: Float[Array, ""], state: ContactState, rtol: Float[Array, ""], atol: Float[Array, ""]
+    ) -> Bool[Array, ""]:
+        """Whether they still lead it, because it is so slow that its velocity does not feel what this neglects."""
+        return self.is_still(t, state.released, LED_SLIP * rtol, LED_SLIP * atol)
 
     def share(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
         """What of an error of σ comes of it in the velocities: a slow slip does not last long enough for all of it."""
@@ -365,24 +381,23 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         given = released(self.body, t, state) if rolls else state
         zero, still = jnp.zeros_like(given.height), jnp.zeros_like(given.V[:2])
         mode = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT)
-        return ContactState(given.body, given.V, given.height, zero, zero, mode, still, zero, zero, zero)
+        return ContactState(given.body, given.V, given.height, zero, zero, mode, still, zero, zero, zero, zero)
 
     def followed(self, t: Float[Array, ""], state: ContactState, cause: Int[Array, ""]) -> ContactState:
         """What follows where a mode ends.
 
         An impact comes first, if the body comes down, then the mode with the velocities after it, and then how the
         direction of a slip that begins will turn. All need the response of the body, whose formulas are long, and so
-        are one loop.
+        are one loop. With ``LED_ON`` for a cause, only the last is looked at again.
         """
         starts = cause == int(Cause.START)
         lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
         still = (cause == int(Cause.GIVES_WAY)) | (cause == int(Cause.STOPS)) | state.is_in(Mode.ROLLING)
         flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
         zero = jnp.zeros_like(state.height)
-        state = eqx.tree_at(
-            lambda x: (x.height, x.guide, x.turning), state, (jnp.where(starts, state.height, 0.0), zero, zero)
-        )
+        state = eqx.tree_at(lambda x: (x.height, x.guide), state, (jnp.where(starts, state.height, 0.0), zero))
         moment = friction.MOMENT * self._unit_of_time()
+        stages = [IMPACT, MODE] if self.body.planar else [IMPACT, MODE, TURN]
 
         def needed(carry: _Following, stage: Int[Array, ""]) -> Bool[Array, ""]:
             return jnp.where(stage == IMPACT, lands, (stage == MODE) | carry.state.led)
@@ -391,11 +406,12 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             now = t + jnp.where(stage == TURN, moment, 0.0)
             found = self.response(now, eqx.tree_at(lambda x: x.mode, carry.ahead, zero + int(Mode.SLIDING)))
             carry = jax.lax.switch(
-                stage,
+                jnp.where((stage == MODE) & (cause <= LED_ON), TURN + 1, stage),
                 (
                     lambda carry: self._struck(t, carry, found),
                     lambda carry: self._decided(t, carry, found, cause),
-                    lambda carry: self._guided(t, carry, found, moment),
+                    lambda carry: self._guided(t, carry, found, cause, moment),
+                    lambda carry: self._led(t, carry, found, cause),
                 ),
                 carry,
             )
@@ -409,9 +425,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         def part(carry: _Following, stage: Int[Array, ""]) -> tuple[_Following, None]:
             return jax.lax.cond(needed(carry, stage), advanced, lambda carry, _: carry, carry, stage), None
 
-        stages = jnp.asarray([IMPACT, MODE] if self.body.planar else [IMPACT, MODE, TURN])
         first = _Following(state, state, jnp.zeros_like(state.V), still, flies)
-        return jax.lax.scan(part, first, stages)[0].state
+        return jax.lax.scan(part, first, jnp.asarray(stages))[0].state
 
     def _struck(self, t: Float[Array, ""], carry: "_Following", found: Response) -> "_Following":
         """After an impact. A rebound that is too slow is none."""
@@ -455,14 +470,34 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         after = eqx.tree_at(lambda x: (x.V, x.mode, x.sigma, x.guide), state, (V, mode.astype(V.dtype), sigma, guide))
         return carry._replace(state=after)
 
+    def _led(self, t: Float[Array, ""], carry: "_Following", found: Response, cause: Int[Array, ""]) -> "_Following":
+        """In the direction in which it was led; where it is led on, in that in which a slip would begin now."""
+        state, on = carry.state, cause == LED_ON
+        speed = jnp.sum(slip_velocity(self.body, t, state.released)[:2] * state.sigma)
+        across = jnp.where(on, 0.0, speed * state.turning)
+        sigma = friction.led_direction(found, self.contact.sliding, state.sigma, across, NEWTON_STEPS)
+        guide = jnp.where(on, float(Guide.FORCES), float(Guide.SLIP)).astype(sigma.dtype)
+        return carry._replace(state=eqx.tree_at(lambda x: (x.sigma, x.guide), state, (sigma, guide)))
+
     def _guided(
-        self, t: Float[Array, ""], carry: "_Following", later: Response, moment: Float[Array, ""]
+        self,
+        t: Float[Array, ""],
+        carry: "_Following",
+        later: Response,
+        cause: Int[Array, ""],
+        moment: Float[Array, ""],
     ) -> "_Following":
-        """With what turns the direction of a slip that begins; ``later`` is the response after a moment."""
+        """With what turns the direction of a slip that begins; ``later`` is the response after a moment.
+
+        Where it was led before, for about as long, the rate at which it turns has changed by what one sees.
+        """
         state = carry.state
         led = friction.led(later, carry.R, self.contact.sliding, state.sigma, moment)
         guide = jnp.where(led.applies, state.guide, 0.0)
-        after = eqx.tree_at(lambda x: (x.guide, x.until, x.turning), state, (guide, t + led.time, led.turning))
+        bending = jnp.where(cause == LED_ON, state.bending + (led.turning - state.turning) / led.time, 0.0)
+        after = eqx.tree_at(
+            lambda x: (x.guide, x.until, x.turning, x.bending), state, (guide, t + led.time, led.turning, bending)
+        )
         return carry._replace(state=after)
 
 

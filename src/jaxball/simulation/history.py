@@ -113,5 +113,5 @@ class ContactHistory(Printed):
         """The system on its plane, with its states, of whose bodies these are the ``states``."""
         zero, mode = jnp.zeros_like(self.height), self.mode.astype(self.height.dtype)
         return BodyOnPlane(body, self.law), ContactState(
-            states, self.V, self.height, self.rubbed, self.struck, mode, self.sigma, zero, zero, zero
+            states, self.V, self.height, self.rubbed, self.struck, mode, self.sigma, zero, zero, zero, zero
         )

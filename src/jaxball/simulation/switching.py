@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..numerics.bracketing import Sample, between, other_end
-from ..physics.modes import CAUSES, Cause, Mode
+from ..physics.modes import CAUSES, LED_ON, LET_GO, Cause, Mode
 from ..physics.packing import Packing
 from ..solvers.dense.sampling import sampling
 from ..solvers.kinks import before_kink
@@ -94,7 +94,7 @@ class Kept(NamedTuple):
 class Course(NamedTuple):
     """What a solve carries from mode to mode.
 
-    - ``pending``: the :class:`Cause` with which a mode has just ended, ``NONE`` while it lasts.
+    - ``pending``: the :class:`Cause` with which a mode has just ended, ``LED_ON``, ``LET_GO``, or ``NONE``.
     - ``length``: of the longest step that no end of a mode cut short, with which what follows a slip begins.
     - ``share``: of an error of the direction of a slip, what comes of it in the velocities.
     - ``lasting``: the functions that say that the mode lasts, as the step begins; None where each step looks.
@@ -129,12 +129,14 @@ class Course(NamedTuple):
 class Ended(NamedTuple):
     """A step's end, if its mode lasts: the mode, whether a slip is over, and the vector with which the next begins.
 
-    ``jumps`` says whether the field is another there than at the end of the step. ``share`` and ``lasting`` are those
-    of a ``Course``.
+    ``led`` is that of a slip whose direction the forces were to lead until then: ``LED_ON`` or ``LET_GO``, and else
+    ``NONE``. ``jumps`` says whether the field is another there than at the end of the step. ``share`` and ``lasting``
+    are those of a ``Course``.
     """
 
     mode: Float[Array, "*lanes"]
     still: Bool[Array, "*lanes"]
+    led: Int[Array, "*lanes"]
     jumps: Bool[Array, "*lanes"]
     share: Float[Array, "*lanes"]
     lasting: Float[Array, "3 *lanes"]
@@ -253,9 +255,11 @@ class Switching(eqx.Module):
         lasting = fixed_system.lasting(t, fixed, found)
         guide = fixed_system.guide(t, fixed, found, self.rtol, self.atol)
         still = system.has_stopped(t, state, self.rtol, self.atol)
+        goes_on = jnp.where(system.is_led_on(t, state, self.rtol, self.atol), LED_ON, LET_GO)
+        led = jnp.where(system.led_to_here(t, state), goes_on, NONE)
         stepped = system.stepped(t, state, guide)
         jumps, share = stepped.guide != state.guide, system.share(t, stepped)
-        return Ended(state.mode, still, jumps, share, lasting, ravel_pytree(stepped)[0])
+        return Ended(state.mode, still, led, jumps, share, lasting, ravel_pytree(stepped)[0])
 
     def followed(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
@@ -263,29 +267,30 @@ class Switching(eqx.Module):
         """What follows the mode that has ended."""
         packing, cause = self._packing(parameters), course.pending
         system, starts = packing.system, cause == int(Cause.START)
+        switches = ~starts & (cause > NONE)
 
         state = packing.unpack(t, y)
         rates = jax.lax.stop_gradient(system.field(t, state))
         values, slopes = jax.jvp(system.lasting, (t, state), (jnp.ones_like(t), rates))
         which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
         slope = jax.lax.stop_gradient(slopes[which])
-        sloping = ~starts & (slope != 0)
+        sloping = switches & (slope != 0)
         # By this the time moves by next to nothing, and gets its derivatives: those of the zero of the function.
         shift = jnp.where(sloping, -values[which] / jnp.where(sloping, slope, 1.0), 0.0)
         t, state = t + shift, jax.tree.map(lambda x, rate: x + shift * rate, state, rates)
         after = packing.pack(t, system.followed(t, state, cause))
         fixed = jax.lax.stop_gradient(t)
-        crowded = ~starts & (cause != int(Cause.LANDS)) & (fixed - course.last <= CLOSE * run)
-        crowd = jnp.where(crowded, course.crowd + 1, 0)
+        crowded = switches & (cause != int(Cause.LANDS)) & (fixed - course.last <= CLOSE * run)
+        crowd = jnp.where(crowded, course.crowd + 1, jnp.where(cause < NONE, course.crowd, 0))
         status = jnp.where(crowd > TOO_MANY, int(Status.CHATTERED), course.status)
         status = jnp.where(cause == int(Cause.JAMS), int(Status.JAMMED), status)
-        place = jnp.where(starts, self.room, course.switches)
+        place = jnp.where(switches, course.switches, self.room)
         course = course._replace(
             pending=jnp.asarray(NONE),
             begun=jnp.where(starts, after, course.begun),
-            switches=course.switches + jnp.where(starts, 0, 1),
+            switches=course.switches + jnp.where(switches, 1, 0),
             crowd=crowd,
-            last=fixed,
+            last=jnp.where(cause < NONE, course.last, fixed),
             status=status,
             kept=None,
         )
@@ -336,7 +341,7 @@ def looked(
     lasts = ~(retried | switches)
     course = course._replace(
         aim=next_aim,
-        pending=jnp.where(switches, cause, NONE),
+        pending=jnp.where(switches, cause, jnp.where(lasts, ended.led, NONE)),
         length=jnp.where(retried | at_aim, course.length, jnp.maximum(course.length, end - start)),
         share=jnp.where(lasts, ended.share, jnp.where(retried, course.share, 1.0)),
         lasting=None if course.lasting is None else jnp.where(lasts[None], ended.lasting, course.lasting),
