@@ -23,6 +23,7 @@ from .backward_differences import (
 )
 from .consistency import start_of_step
 from .diagonal import diagonally_implicit
+from .differences import products
 from .flat import FlatProblem, Slope, flat_problem
 from .interpolation import BackwardPolynomial
 from .mass import mass_term
@@ -258,7 +259,7 @@ def _at_distance(state: NDFState, ratio: Float[Array, ""]) -> Float[Array, "rows
     return jax.lax.cond(
         jnp.abs(ratio - 1) < ROUNDING,
         lambda: together(stretched(polynomial, ratio - 1), 1 + powers * (ratio - 1)),
-        lambda: together(resampled(polynomial, ratio), ratio**powers),
+        lambda: together(resampled(polynomial, ratio), products(jnp.broadcast_to(ratio, rows - 1))),
     )
 
 
