@@ -156,7 +156,7 @@ class NDF(AbstractMultistep):
         before = _at_distance(state, problem.control / state.length)
         stages = self._solved(problem, t1, before, state)
         after = advanced(before, stages.Z[0], state.order)
-        errors = self._errors(problem, state.order, after)
+        errors = self._errors(problem, state.order, before, stages.Z[0])
         sizes = self.sizes(problem, after[0], errors)
         size, result = outcome(stages, sizes[1:2], t0, t1, NO_FAULT if fault is None else fault)
         moved, following = self._after(problem, state, stages, after, sizes)
@@ -180,12 +180,16 @@ class NDF(AbstractMultistep):
         return self.root_finder.solve(equations, mass_psi, state.memory)
 
     def _errors(
-        self, problem: FlatProblem, order: Int[Array, ""], after: Float[Array, "rows n"]
+        self, problem: FlatProblem, order: Int[Array, ""], before: Float[Array, "rows n"], change: Float[Array, " n"]
     ) -> Float[Array, "3 n"]:
-        """The errors of the formulas of one order less, of the step's own, and of one more."""
-        constants = np.concatenate([[0.0], error_constants(self.kappa), [0.0]])[: len(after)]
-        of_orders = jnp.asarray(constants, after.dtype)[:, None] * after
-        errors = jnp.stack([_at(of_orders, order + i, after.dtype) for i in range(3)])
+        """The errors of the formulas of one order less, of the step's own, and of one more.
+
+        They are multiples of the differences that :func:`advanced` gives the orders k, k + 1 and k + 2.
+        """
+        here, above = (_at(before, order + i, before.dtype) for i in range(2))
+        constants = np.concatenate([[0.0], error_constants(self.kappa), [0.0]])[: len(before)]
+        scales = jnp.stack([_at(constants, order + i, before.dtype) for i in range(3)])
+        errors = scales[:, None] * jnp.stack([here + change, change, change - above])
         return errors if problem.mass is None else jax.vmap(problem.mass.without_algebraic)(errors)
 
     def _after(
