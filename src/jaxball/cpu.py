@@ -31,8 +31,8 @@ KNOWN_GOOD = ((0, 10), (0, 11))
 def prepare() -> bool:
     """Sets ``XLA_FLAGS`` for fast solves on a CPU, beside the flags that are there already.
 
-    It also turns off JAX's option ``jax_cpu_enable_async_dispatch``, so that a program runs in the thread that calls it:
-    to hand it over takes 10 to 80 µs, as long as some solves.
+    It also turns off JAX's option ``jax_cpu_enable_async_dispatch``, so that a program runs in the thread that calls
+    it: to hand it over takes 10 to 80 µs, as long as some solves.
 
     Call it before the first array is made. The command line does; importing the library sets
     nothing. These options are internals of XLA, and XLA stops the process at an unknown flag, so for

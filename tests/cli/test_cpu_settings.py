@@ -70,7 +70,12 @@ def test_the_probe(flags):
 
 
 def test_programs_run_in_the_thread_that_calls_them():
-    program = "from jaxball import cpu; cpu.prepare(); import jax; print(jax.config.read('jax_cpu_enable_async_dispatch'))"
+    program = """if True:
+        from jaxball import cpu
+        cpu.prepare()
+        import jax
+        print(jax.config.read("jax_cpu_enable_async_dispatch"))
+    """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"
 

@@ -66,7 +66,7 @@ def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""]
 def _error_of(growth: float, orders: Int[Array, "3"], highest: int, dtype: Any) -> Float[Array, "3"]:
     """The error of a step of each order, where the next one is to be ``growth`` times as long."""
     errors = jnp.asarray((CAUTION / growth) ** np.arange(1, highest + 3), dtype)
-    return jnp.sum(jnp.where(orders[:, None] == jnp.arange(highest + 2), errors, 0.0), axis=1)
+    return jnp.sum(jnp.where(orders[:, None] == jnp.arange(highest + 2)[None], errors[None], 0.0), axis=1)
 
 
 def _ratio(errors: Float[Array, "3"], orders: Int[Array, "3"]) -> Float[Array, "3"]:
