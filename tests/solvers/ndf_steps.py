@@ -7,6 +7,7 @@ import numpy as np
 import optimistix as optx
 
 from jaxball.solvers import NDF, NDFController
+from jaxball.solvers.backward_differences import HIGHEST
 from jaxball.solvers.multistep_controller import PairedNorm
 
 ROWS = 8
@@ -38,7 +39,10 @@ def state_of(values, distance, order, term=None):
     term = diffrax.ODETerm(lambda t, y, args: y) if term is None else term
     zero = jnp.asarray(0.0)
     state = SOLVERS["ndf"].init(term, zero, jnp.asarray(distance, float), jnp.asarray(values[0]), None)
-    return state._replace(differences=jnp.asarray(backward_differences(values)), order=jnp.asarray(order))
+    differences = backward_differences(values)
+    inside = np.where(np.arange(HIGHEST + 1)[:, None] <= order, differences[: HIGHEST + 1], 0.0)
+    beyond = differences[order + 1 : order + 3]
+    return state._replace(differences=jnp.asarray(inside), beyond=jnp.asarray(beyond), order=jnp.asarray(order))
 
 
 def step(kappa, field, state, t0, t1, y0, args=None):
