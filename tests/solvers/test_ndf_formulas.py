@@ -13,7 +13,7 @@ from jaxball.solvers import MassMatrixTerm
 from jaxball.solvers.backward_differences import GAMMA, HIGHEST, KAPPAS as VALUES, error_constants, resampled
 from tests.solvers import rotating
 from tests.solvers.fixed_steps import FRACTIONS, observed_order
-from tests.solvers.ndf_steps import KAPPAS, ROWS, backward_differences, state_of, step
+from tests.solvers.ndf_steps import KAPPAS, ROWS, at_order, backward_differences, state_of, step
 
 ORDERS = range(1, 6)
 DISTANCE = 0.1
@@ -191,7 +191,7 @@ def march(kappa, term, state, order, ends, y, args):
 
     def one(carry, times):
         y, state = carry
-        y, _, between, state = step(kappa, term, state._replace(order=order), *times, y, args)
+        y, _, between, state = step(kappa, term, at_order(state, order), *times, y, args)
         return (y, state), jax.vmap(between.evaluate)(times[0] + FRACTIONS * (times[1] - times[0]))
 
     (y, _), within = jax.lax.scan(one, (y, state), (ends[:-1], ends[1:]))
