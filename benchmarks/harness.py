@@ -56,13 +56,13 @@ def timed(call: Callable) -> tuple[float, object]:
     return time.perf_counter() - start, result
 
 
-def interleaved_medians(calls: dict[str, Callable], rounds: int = 30, block: int = 10) -> dict[str, float]:
+def interleaved_medians(calls: dict[Any, Callable], rounds: int = 30, block: int = 10) -> dict[Any, float]:
     """The median time of each call in seconds.
 
     The contenders take turns, ``block`` calls at a time, so that a drift of the machine's speed meets
     them all alike. The first call of a block, which finds the caches cold, is not timed.
     """
-    times: dict[str, list[float]] = {name: [] for name in calls}
+    times: dict[Any, list[float]] = {name: [] for name in calls}
     for _ in range(rounds):
         for name, call in calls.items():
             call()

@@ -1,10 +1,10 @@
-"""A run of the ball with 3 and with 30 masses, beside the cost of their moments alone.
+"""Runs of the ball with 3, 30 and 300 masses by Dopri8 and by Adams, beside the cost of their moments alone.
 
     python benchmarks/many_masses.py [--json FILE]
 
-Each of the paper's three masses is split into ten of a tenth of its mass in the same place, so both
-balls move alike and take the same steps. What the second run takes longer should be its evaluations of
-the right-hand side times what 30 masses' moments take longer than those of 3.
+Each of the paper's three masses is split into ten or a hundred parts of equal mass in the same place, so all balls move
+alike and take the same steps. What a run with more masses takes longer should be its evaluations of the right-hand side
+times what their moments take longer than those of 3; and a method that evaluates less often should gain by it.
 """
 
 import argparse
@@ -12,7 +12,9 @@ from pathlib import Path
 
 import harness
 
-SPLIT = 10
+PARTS = (1, 10, 100)
+# At equal tolerances Adams has the larger error: at the tighter one it is about as large as that of Dopri8.
+SETTINGS = (("Dopri8", 1e-10), ("Adams", 1e-10), ("Adams", 1e-12))
 LOOP = 1000
 
 
@@ -22,44 +24,68 @@ def main() -> None:
     options = parser.parse_args()
     harness.set_up_jax(cpu_settings=True)
     content = {
-        "benchmark": "the paper's ball with every mass whole and with every mass split into ten",
+        "benchmark": "the paper's ball with every mass whole, and split into ten and into a hundred",
         **harness.description("jaxball", "jax", "jaxlib", "diffrax", "equinox"),
         **measure(),
     }
+    print(f"{'Masses':>6}  {'Solver':8}{'Tolerance':>10}{'Evaluations':>12}{'Error':>9}{'Time':>11}{'Build':>8}")
     for row in content["rows"]:
         print(
-            f"{row['masses']:3} masses: {1e6 * row['run_time']:.0f} us for {row['evaluations']} evaluations, "
-            f"moments alone {1e6 * row['moments_time']:.3f} us an evaluation"
+            f"{row['masses']:>6}  {row['solver']:8}{row['tolerance']:>10.0e}{row['evaluations']:>12}"
+            f"{row['error']:>9.0e}{1e6 * row['time']:>8.0f} us{row['build_time']:>6.1f} s"
         )
-    print(f"The run with more masses takes {1e6 * content['run_difference']:.0f} us longer; ", end="")
-    print(f"their moments alone take {1e6 * content['moments_difference']:.0f} us longer.")
+    for row in content["moments"]:
+        print(
+            f"{row['masses']} masses: the moments alone take {1e6 * row['time']:.3f} us an evaluation; a run by Dopri8 "
+            f"takes {1e6 * row['run_longer']:.0f} us longer than with the fewest, and its moments "
+            f"{1e6 * row['moments_longer']:.0f} us."
+        )
     if options.json:
         harness.write_json(options.json, content)
 
 
 def measure() -> dict:
-    """Times in seconds of one run and of one evaluation of the moments, for both balls."""
-    from jaxball import paper
+    """``rows``: one for each ball and setting. ``moments``: one for each ball, beside the one with the fewest masses.
 
-    balls = {1: paper.ball(), SPLIT: split(paper.ball(), SPLIT)}
-    calls = {("run", parts): run(ball) for parts, ball in balls.items()}
-    calls |= {("moments", parts): moments_loop(ball) for parts, ball in balls.items()}
-    medians = harness.interleaved_medians(calls)
+    Times are in seconds; errors are those of (q, Omega, z) at t = 20.
+    """
+    from jaxball import paper
+    from jaxball.paper import reference
+
+    balls = {parts: split(paper.ball(), parts) for parts in PARTS}
+    runs = {(parts, *setting): run(ball, *setting) for parts, ball in balls.items() for setting in SETTINGS}
+    build_times = {key: harness.timed(call)[0] - harness.timed(call)[0] for key, call in runs.items()}
+    loops = {("moments", parts): moments_loop(ball) for parts, ball in balls.items()}
+    medians = harness.interleaved_medians({**runs, **loops}, rounds=20, block=5)
+    exact = reference.ball().values[-1, -9:]
     rows = [
         {
-            "masses": ball.n_masses,
-            "run_time": medians["run", parts],
-            "moments_time": medians["moments", parts] / LOOP,
-            "evaluations": evaluations(ball),
+            "masses": balls[parts].n_masses,
+            "solver": solver,
+            "tolerance": tolerance,
+            "evaluations": evaluations(balls[parts], solver, tolerance),
+            "error": float(max(abs(call() - exact))),
+            "time": medians[parts, solver, tolerance],
+            "build_time": build_times[parts, solver, tolerance],
         }
-        for parts, ball in balls.items()
+        for (parts, solver, tolerance), call in runs.items()
     ]
-    few, many = rows
-    return {
-        "rows": rows,
-        "run_difference": many["run_time"] - few["run_time"],
-        "moments_difference": (many["moments_time"] - few["moments_time"]) * many["evaluations"],
-    }
+    return {"rows": rows, "moments": moments(rows, {parts: medians["moments", parts] / LOOP for parts in balls})}
+
+
+def moments(rows: list[dict], times: dict[int, float]) -> list[dict]:
+    """What runs by the first setting, and their moments alone, take longer than with the fewest masses."""
+    first = [row for row in rows if (row["solver"], row["tolerance"]) == SETTINGS[0]]
+    fewest = times[PARTS[0]]
+    return [
+        {
+            "masses": row["masses"],
+            "time": time,
+            "run_longer": row["time"] - first[0]["time"],
+            "moments_longer": (time - fewest) * row["evaluations"],
+        }
+        for row, time in zip(first, times.values(), strict=True)
+    ]
 
 
 def split(ball, parts: int):
@@ -70,14 +96,27 @@ def split(ball, parts: int):
     return Ball(mass=ball.mass, inertia=ball.inertia, radius=ball.radius, offset=ball.offset, masses=masses)
 
 
-def run(ball):
-    """A compiled run from t = 0 to 20 by the default settings."""
+def solver_named(name: str):
+    """A new solver of that name."""
+    import diffrax
+
+    from jaxball.solvers import Adams
+
+    return {"Dopri8": diffrax.Dopri8, "Adams": Adams}[name]()
+
+
+def run(ball, solver: str, tolerance: float):
+    """A compiled run from t = 0 to 20, which returns (q, Omega, z) at its end."""
     import jax
+    import jax.numpy as jnp
+    import numpy as np
+    from jaxball_ball import TIMES, final
 
-    from jaxball import paper, simulate
+    from jaxball import simulate
 
-    solve = jax.jit(lambda ball: simulate(ball, (paper.START, paper.END)).state.z[-1])
-    return lambda: jax.block_until_ready(solve(ball))
+    method = solver_named(solver)
+    solve = jax.jit(lambda ball, rtol: final(simulate(ball, TIMES, solver=method, rtol=rtol, atol=rtol).state, jnp))
+    return lambda: np.asarray(solve(ball, tolerance))
 
 
 def moments_loop(ball):
@@ -101,14 +140,16 @@ def moments_loop(ball):
     return lambda: jax.block_until_ready(loop(ball))
 
 
-def evaluations(ball) -> int:
-    """How often a run by the default settings evaluates the right-hand side."""
-    from jaxball import paper, simulate
+def evaluations(ball, solver: str, tolerance: float) -> int:
+    """How often a run evaluates the right-hand side."""
+    from jaxball_ball import TIMES
+
+    from jaxball import simulate
     from jaxball.paper.reproduce.evaluations import Counter, CountingSolver
-    from jaxball.simulation.arguments import DEFAULT_SOLVER
 
     counter = Counter()
-    simulate(ball, (paper.START, paper.END), solver=CountingSolver(DEFAULT_SOLVER, counter), throw=True)
+    method = CountingSolver(solver_named(solver), counter)
+    simulate(ball, TIMES, solver=method, rtol=tolerance, atol=tolerance, throw=True)
     return counter.read()
 
 

@@ -69,6 +69,17 @@ def test_the_probe(flags):
     assert not cpu._accepted("--xla_no_such_flag=1")
 
 
+def test_programs_run_in_the_thread_that_calls_them():
+    program = """if True:
+        from jaxball import cpu
+        cpu.prepare()
+        import jax
+        print(jax.config.read("jax_cpu_enable_async_dispatch"))
+    """
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
 FORWARD_MODE = """
 from jaxball import cpu
 assert cpu.prepare()

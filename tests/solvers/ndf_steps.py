@@ -7,6 +7,7 @@ import numpy as np
 import optimistix as optx
 
 from jaxball.solvers import NDF, NDFController
+from jaxball.solvers.backward_differences import HIGHEST
 from jaxball.solvers.multistep_controller import PairedNorm
 
 ROWS = 8
@@ -38,7 +39,20 @@ def state_of(values, distance, order, term=None):
     term = diffrax.ODETerm(lambda t, y, args: y) if term is None else term
     zero = jnp.asarray(0.0)
     state = SOLVERS["ndf"].init(term, zero, jnp.asarray(distance, float), jnp.asarray(values[0]), None)
-    return state._replace(differences=jnp.asarray(backward_differences(values)), order=jnp.asarray(order))
+    return _split(state, jnp.asarray(backward_differences(values)), jnp.asarray(order))
+
+
+def at_order(state, order):
+    """The state for a step of this order, whichever the method has planned."""
+    rows, (first, second) = jnp.arange(ROWS)[:, None], state.beyond
+    last = jnp.where(rows == state.order + 1, first[None], jnp.where(rows == state.order + 2, second[None], 0.0))
+    return _split(state, last.at[: HIGHEST + 1].add(state.differences), order)
+
+
+def _split(state, differences, order):
+    rows = jnp.arange(HIGHEST + 1)[:, None]
+    inside = jnp.where(rows <= order, differences[: HIGHEST + 1], 0.0)
+    return state._replace(differences=inside, beyond=differences[order + 1 + jnp.arange(2)], order=order)
 
 
 def step(kappa, field, state, t0, t1, y0, args=None):

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from jaxball.solvers import MassMatrixTerm
-from jaxball.solvers.backward_differences import GAMMA, KAPPAS as VALUES, error_constants, resampled
+from jaxball.solvers.backward_differences import GAMMA, HIGHEST, KAPPAS as VALUES, error_constants, resampled
 from tests.solvers import rotating
 from tests.solvers.fixed_steps import FRACTIONS, observed_order
-from tests.solvers.ndf_steps import KAPPAS, ROWS, backward_differences, state_of, step
+from tests.solvers.ndf_steps import KAPPAS, ROWS, at_order, backward_differences, state_of, step
 
 ORDERS = range(1, 6)
 DISTANCE = 0.1
@@ -129,12 +129,12 @@ def amplification(kappa, order, z):
     """The matrix by which a step takes the differences of y′ = zy, as complex numbers, to those at its end."""
 
     def image(row):
-        differences = jnp.eye(ROWS)[row][:, None] * jnp.asarray([[1.0, 0.0]])
+        differences = jnp.eye(HIGHEST + 1)[row][:, None] * jnp.asarray([[1.0, 0.0]])
         state = state_of(np.zeros((ROWS, 2)), 1.0, 1)._replace(differences=differences, order=order)
         _, _, _, after = step(kappa, rotation, state, jnp.asarray(0.0), jnp.asarray(1.0), differences[0], z)
         return after.differences
 
-    return jnp.moveaxis(jax.vmap(image)(jnp.arange(6)), 0, 1)[:6]
+    return jnp.moveaxis(jax.vmap(image)(jnp.arange(HIGHEST + 1)), 0, 1)
 
 
 def growth(kappa, order, z):
@@ -191,7 +191,7 @@ def march(kappa, term, state, order, ends, y, args):
 
     def one(carry, times):
         y, state = carry
-        y, _, between, state = step(kappa, term, state._replace(order=order), *times, y, args)
+        y, _, between, state = step(kappa, term, at_order(state, order), *times, y, args)
         return (y, state), jax.vmap(between.evaluate)(times[0] + FRACTIONS * (times[1] - times[0]))
 
     (y, _), within = jax.lax.scan(one, (y, state), (ends[:-1], ends[1:]))

@@ -10,7 +10,9 @@ import optimistix
 import pytest
 
 from jaxball.solvers import (
+    NDF,
     TRBDF2,
+    Adams,
     FixedPoint,
     Gauss,
     MassMatrixTerm,
@@ -21,6 +23,7 @@ from jaxball.solvers import (
     Trapezoidal,
     explain,
 )
+from jaxball.solvers.multistep import controller_class
 
 # With tolerances, and bounds on the errors of an oscillation: at the ends of steps, between them, of the slope between.
 SOLVERS = {
@@ -52,7 +55,7 @@ class TestBatches:
             None,
             jnp.asarray([2.0, 0.0]),
             args=mu,
-            stepsize_controller=pid(1e-6),
+            stepsize_controller=controller_class(solver)(rtol=1e-6, atol=1e-6),
             adjoint=diffrax.ForwardMode(),
             throw=False,
         )
@@ -62,6 +65,8 @@ class TestBatches:
         "solver",
         [
             RadauIIA(3),
+            NDF(),
+            pytest.param(Adams(), marks=SLOW),
             pytest.param(Gauss(6), marks=SLOW),
             pytest.param(TRBDF2(), marks=SLOW),
             pytest.param(RadauIIA(7), marks=SLOW),
@@ -71,7 +76,7 @@ class TestBatches:
     def test_lanes_are_single_runs(self, solver):
         lanes = jax.jit(jax.vmap(functools.partial(self.one, solver)))(self.mu)
         single = jax.jit(functools.partial(self.one, solver))
-        # Fixed-point iteration takes too many steps for the stiffest.
+        # Fixed-point iteration and Adams take too many steps for the stiffest.
         stiffest = len(self.mu) - 1
         np.testing.assert_array_equal(lanes[2][:stiffest], np.isfinite(self.mu[:stiffest]))
         for mu, x, steps, ok in zip(self.mu, *lanes, strict=True):

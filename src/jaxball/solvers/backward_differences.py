@@ -82,16 +82,11 @@ def advanced(
 ) -> Float[Array, "rows n"]:
     """The differences at the end of a step, which ends by ``change`` beside where they predict it.
 
-    ``change`` is the difference of the order after that of the step, and with it comes the one after that. Those of
-    higher orders are not known.
+    They are zero above the order of the step. ``change`` is the difference of the order after that.
     """
     rows = len(differences)
-    kept = jnp.where(up_to(order, rows), differences, 0.0)
-    summed = jnp.sum(jnp.where(_from(rows)[:, :, None], kept[None], 0.0), axis=1) + change[None]
-    here, above = ((jnp.arange(rows) == order + i)[:, None] for i in (1, 2))
-    before = jnp.sum(jnp.where(here, differences, 0.0), axis=0)
-    beyond = jnp.where(here, change[None], jnp.where(above, (change - before)[None], 0.0))
-    return jnp.where(up_to(order, rows), summed, beyond)
+    summed = jnp.sum(jnp.where(_from(rows)[:, :, None], differences[None], 0.0), axis=1) + change[None]
+    return jnp.where(up_to(order, rows), summed, 0.0)
 
 
 @functools.cache

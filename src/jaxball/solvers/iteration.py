@@ -39,16 +39,27 @@ def iterate(
     there are two changes, ``rate`` stands for the rate. A change that is not a number is hopeless at once.
     """
 
+    guessed = jnp.maximum(rate**0.8, LEAST_GUESS)
+
     def body(at: Iterate) -> Iterate:
         x, change = update(at.x)
         first = at.passes == 0
-        rate = jnp.where(first, jnp.maximum(at.rate**0.8, LEAST_GUESS), change / at.change)
+        rate = jnp.where(first, guessed, change / at.change)
         left = max_steps - 1 - at.passes
         remaining = rate / jnp.maximum(1 - rate, 1e-3) * change
         converged = (remaining <= limit) & (rate < 1) | (change <= floor)
-        too_slow = (rate >= 1) | (remaining * rate**left > limit)
+        too_slow = (rate >= 1) | (remaining * _power(rate, left, max_steps) > limit)
         hopeless = ~converged & (~jnp.isfinite(change) | ~first & too_slow | (left == 0))
         return Iterate(x, change, rate, at.passes + 1, converged, hopeless)
 
     start = Iterate(start, jnp.ones_like(floor), rate, jnp.asarray(0), jnp.asarray(False), jnp.asarray(False))
     return jax.lax.while_loop(lambda at: ~at.converged & ~at.hopeless, body, start)
+
+
+def _power(base: Float[Array, ""], exponent: Int[Array, ""], largest: int) -> Float[Array, ""]:
+    """``base`` to a whole number from 0 to ``largest``, by products: a library's power costs more than a small step."""
+    power, square = jnp.ones_like(base), base
+    for bit in range(largest.bit_length()):
+        power = jnp.where((exponent >> bit) & 1 == 1, power * square, power)
+        square = square * square
+    return power

@@ -1,9 +1,10 @@
 """Which order and which length the next step of a numerical differentiation formula has."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 # The next step over the one that would have an error of 1, by the estimate.
@@ -13,8 +14,6 @@ LEAST_GROWTH = 1.2
 GREATEST_GROWTH = 10.0
 # Where the error is so near to 1 that the next step should be shorter than this, it is, and does not fail later.
 LONGEST_SHRUNK = 0.9
-# With a smaller error than this, none of the orders makes the next step as short as that.
-SURELY_KEPT = (CAUTION / LONGEST_SHRUNK) ** 6
 SHORTEST, LONGEST_AGAIN = 0.2, 0.8
 # After an iteration that did not converge.
 GIVEN_UP = 0.3
@@ -43,13 +42,17 @@ def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""]
     - ``equal``: how many steps, this one included, had the same length and order. Errors are believed after k + 1.
     """
     ready = equal > order
+    orders = order - 1 + jnp.arange(3)
+    exists = (orders >= 1) & (orders <= highest)
+    # Whether the next step by each order would be longer than this one by so much, told without powers.
+    grows = exists & (errors <= _error_of(LEAST_GROWTH, orders, highest, errors.dtype))
+    stays = exists & (errors <= _error_of(LONGEST_SHRUNK, orders, highest, errors.dtype))
+    changes = ready & (jnp.any(grows) | ~jnp.any(stays))
 
     def changed() -> Plan:
-        orders = order - 1 + jnp.arange(3)
-        lengths = jnp.where((orders >= 1) & (orders <= highest), CAUTION * _ratio(errors, orders), 0.0)
+        lengths = jnp.where(exists, CAUTION * _ratio(errors, orders), 0.0)
         longest, here = jnp.max(lengths), lengths[1]
-        changes = ready & ((longest >= LEAST_GROWTH) | (longest < LONGEST_SHRUNK))
-        kept = jnp.where(~ready & (here < LONGEST_SHRUNK), here, 1.0)
+        kept = jnp.where(ready | stays[1], 1.0, here)
         growth = jnp.where(changes, jnp.minimum(longest, GREATEST_GROWTH), kept)
         again = jnp.clip(LONGEST_SHRUNK * here, SHORTEST, LONGEST_AGAIN)
         shrink = jnp.where(jnp.isfinite(errors[1]), again, GIVEN_UP)
@@ -57,7 +60,13 @@ def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""]
 
     # Most steps leave all as it is, and powers are a good part of what a step of few equations costs.
     same = Plan(order, jnp.ones_like(errors[1]), jnp.ones_like(errors[1]))
-    return jax.lax.cond(ready | ~(errors[1] < SURELY_KEPT), changed, lambda: same)
+    return jax.lax.cond(changes | ~stays[1], changed, lambda: same)
+
+
+def _error_of(growth: float, orders: Int[Array, "3"], highest: int, dtype: Any) -> Float[Array, "3"]:
+    """The error of a step of each order, where the next one is to be ``growth`` times as long."""
+    errors = jnp.asarray((CAUTION / growth) ** np.arange(1, highest + 3), dtype)
+    return jnp.sum(jnp.where(orders[:, None] == jnp.arange(highest + 2)[None], errors[None], 0.0), axis=1)
 
 
 def _ratio(errors: Float[Array, "3"], orders: Int[Array, "3"]) -> Float[Array, "3"]:
