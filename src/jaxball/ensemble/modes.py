@@ -130,6 +130,7 @@ class Modes(NamedTuple):
         self, course: Course, given: Given, step: Step, fresh: Bool[Array, " lanes"]
     ) -> Float[Array, "3 inner lanes"]:
         """What a mode lasts by, at the nodes in a step before its last; at the first, only fresh lanes look for it."""
+        assert course.lasting is not None
         own, step, known = jax.lax.stop_gradient((given.seen, step, course.lasting))
         nodes = jnp.asarray(sampling().nodes[:-1], step.x.dtype)
 

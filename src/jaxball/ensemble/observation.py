@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..numerics.batches import map_batches
-from ..physics.modes import body_of
+from ..physics.body_on_plane import body_of
 from ..physics.packing import Packing
 from .extremes import Extremes
 from .observers import AbstractObserver, Integrals, Saves

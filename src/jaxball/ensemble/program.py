@@ -11,8 +11,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..numerics import programs
+from ..physics.body_on_plane import BodyOnPlane
 from ..physics.confinement import until_left
-from ..physics.modes import BodyOnPlane, ContactState
+from ..physics.modes import ContactState
 from ..physics.packing import Packing
 from ..physics.validity import possible_start
 from ..simulation.modal import slips, unpacked_switch

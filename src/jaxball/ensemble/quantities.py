@@ -8,8 +8,9 @@ from jaxtyping import Array, Float
 from ..numerics.norms import root
 from ..numerics.vectors import cross
 from ..physics.body import System
+from ..physics.body_on_plane import BodyOnPlane
 from ..physics.contact import Reaction, reaction
-from ..physics.modes import BodyOnPlane, ContactState, Mode
+from ..physics.modes import ContactState, Mode
 from ..physics.observables import observe
 from ..physics.released import released_energy
 from ..physics.state import BallState, DiskState, State

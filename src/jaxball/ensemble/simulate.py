@@ -15,8 +15,8 @@ from ..interface.arguments import described, require
 from ..interface.printing import Printed, shown
 from ..numerics.arrays import Numbers, to_numpy
 from ..numerics.batches import even_size, in_threads, unpadded
+from ..physics.body_on_plane import BodyOnPlane
 from ..physics.contact_law import Contact
-from ..physics.modes import BodyOnPlane
 from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import (

@@ -8,11 +8,12 @@ from jaxtyping import Array, Float
 from ..interface.printing import Printed, in_short
 from ..numerics.vectors import apply, dot
 from .body import AbstractBody
+from .body_on_plane import BodyOnPlane
 from .contact import ContactForce, reaction_in_body
 from .dynamics import accelerations, equations
 from .energy import accelerations_of_masses, actuation_power, dissipation, kinetic_energy, potential_energy
 from .load import Load, in_three, load
-from .modes import BodyOnPlane, ContactState, Mode
+from .modes import ContactState, Mode
 from .moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
 from .momentum import linear_momentum
 from .motion import Kinematics

@@ -9,8 +9,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed, is_single, shown
 from ..physics.body import AbstractBody
+from ..physics.body_on_plane import BodyOnPlane
 from ..physics.contact_law import Contact
-from ..physics.modes import BodyOnPlane, Cause, ContactState, Mode
+from ..physics.modes import Cause, ContactState, Mode
 from ..physics.released import ReleasedState
 
 MOST_SHOWN = 8  # switches in a summary; `Switches.lines` has all

@@ -10,8 +10,9 @@ from jaxtyping import Array
 from ..interface.arguments import described, require
 from ..numerics import programs
 from ..physics.body import AbstractBody
+from ..physics.body_on_plane import BodyOnPlane
 from ..physics.contact_law import Contact
-from ..physics.modes import BodyOnPlane, ContactState, Mode
+from ..physics.modes import ContactState, Mode
 from ..physics.packing import Packing
 from ..physics.released import slip_velocity
 from ..physics.state import ReducedState

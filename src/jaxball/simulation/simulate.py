@@ -18,9 +18,9 @@ from ..numerics.arrays import Numbers
 from ..numerics.masks import differentiated_where
 from ..numerics.modes import forward_only, reverse_only
 from ..physics.body import System
+from ..physics.body_on_plane import BodyOnPlane
 from ..physics.confinement import until_left
 from ..physics.contact_law import Contact
-from ..physics.modes import BodyOnPlane
 from ..physics.packing import Packing
 from ..physics.released import ReleasedState
 from ..physics.state import State

@@ -16,7 +16,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..numerics.bracketing import Sample, between, other_end
-from ..physics.modes import CAUSES, LED_ON, LET_GO, Cause, Mode
+from ..physics.body_on_plane import LED_ON, LET_GO
+from ..physics.modes import CAUSES, Cause, Mode
 from ..physics.packing import Packing
 from ..solvers.dense.sampling import sampling
 from ..solvers.kinks import before_kink

@@ -22,8 +22,8 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..numerics.masks import differentiated_where
 from ..physics.body import AbstractBody, System
+from ..physics.body_on_plane import body_of
 from ..physics.conditions import Problem
-from ..physics.modes import body_of
 from ..physics.observables import Observables, observe, observe_on_plane
 from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState, ReducedState, RotationState, State

@@ -18,7 +18,7 @@ from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.modes import once
 from ..physics.body import AbstractBody
-from ..physics.modes import body_of
+from ..physics.body_on_plane import body_of
 from ..physics.packing import Packing
 from ..solvers.dense.crossings import Crossings, Kind, crossings
 from ..solvers.dense.steps import Steps
