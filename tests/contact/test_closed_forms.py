@@ -69,6 +69,24 @@ def test_a_homogeneous_ball_slides_in_a_parabola_and_then_rolls(throw):
     assert float(run.contact.rubbed[-1]) == pytest.approx(0.5 * M * K / (1 + K) * speed**2, abs=CLOSE)
 
 
+SOLVERS = {
+    "multistep, stiff": jaxball.solvers.NDF(),
+    "multistep": pytest.param(jaxball.solvers.Adams(), marks=pytest.mark.slow),
+    "implicit": pytest.param(jaxball.solvers.RadauIIA(), marks=pytest.mark.slow),
+}
+
+
+@pytest.mark.parametrize("solver", list(SOLVERS.values()), ids=list(SOLVERS))
+def test_every_kind_of_solver_ends_a_slip_when_it_ends(solver):
+    """In some hundred steps: what a switch sets in a state must not be what multistep methods remember otherwise."""
+    mu, speed = 0.25, 1.5
+    run = jaxball.simulate(
+        BALL, TIMES, start((speed, 0.0, 0.0)), contact=Contact(mu), solver=solver, rtol=1e-9, atol=1e-9, max_steps=1000
+    )
+    assert run.ok
+    assert float(run.contact.switches.times[0]) == pytest.approx(speed * K / (mu * G * (1 + K)), abs=1e-7)
+
+
 def test_backspin_brings_a_ball_back():
     run = slide((1.0, 0.0, 0.0), (0.0, -4.0, 0.0), 0.25)
     x = np.asarray(run.state.z)[:, 0]

@@ -201,7 +201,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             (
                 jnp.where(turned, friction.slip_direction(slip, state.sigma), friction.unit(state.sigma)),
                 jnp.where(begins, state.guide, guide),
-                jnp.where(begins, state.until, t),
+                jnp.where(begins, state.until, _never(t)),
                 *(jnp.where(ends, 0.0, rate) for rate in (state.turning, state.bending)),
             ),
         )
@@ -256,7 +256,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         given = released(self.body, t, state) if rolls else state
         zero, still = jnp.zeros_like(given.height), jnp.zeros_like(given.V[:2])
         mode = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT)
-        return ContactState(given.body, given.V, given.height, zero, zero, mode, still, zero, zero, zero, zero)
+        return ContactState(given.body, given.V, given.height, zero, zero, mode, still, zero, _never(zero), zero, zero)
 
     def followed(self, t: Float[Array, ""], state: ContactState, cause: Int[Array, ""]) -> ContactState:
         """What follows where a mode ends.
@@ -340,7 +340,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
         state = _where(still & ~flies, state.moved(stopped), state)
         V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
-        begins = (mode == int(Mode.SLIDING)) & still
+        begins = (mode == int(Mode.SLIDING)) & still & (not body.planar)
         guide = jnp.where(begins, float(Guide.FORCES), 0.0).astype(V.dtype)
         after = eqx.tree_at(lambda x: (x.V, x.mode, x.sigma, x.guide), state, (V, mode.astype(V.dtype), sigma, guide))
         return carry._replace(state=after)
@@ -387,6 +387,11 @@ class _Following(NamedTuple):
     R: Float[Array, "3"]
     still: Bool[Array, ""]
     flies: Bool[Array, ""]
+
+
+def _never(like: Float[Array, ""]) -> Float[Array, ""]:
+    """A time before all others. It is the same in all steps, because multistep methods remember what they advance."""
+    return jnp.full_like(like, -(float(jnp.finfo(like.dtype).max) ** 0.5))
 
 
 def _where(condition: Bool[Array, ""], first: ContactState, second: ContactState) -> ContactState:

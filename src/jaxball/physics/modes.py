@@ -88,7 +88,7 @@ class ContactState(AbstractState):
     - ``sigma``: the direction of the slip, a unit vector. It is advanced beside the velocities, because it cannot be
       told from these where the slip is small.
     - ``guide``: a :class:`Guide`, as a number; another than ``SLIP`` where the slip has just begun or is about to end.
-    - ``until``: the time until which it is the guide.
+    - ``until``: the time until which it is the guide, where a slip has just begun.
     - ``turning``, ``bending``: the rate at which the direction turns while the forces lead it, and the rate of that.
     """
 

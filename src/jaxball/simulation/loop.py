@@ -197,7 +197,9 @@ class _Solve(NamedTuple):
             keep &= ~retried
             made_jump = made_jump | jumps_after
             tprev = jnp.where(retried, state.tprev, tprev)
-            tnext = jnp.where(retried, target, tprev + shorter * (tnext - tprev))
+            if _is_plain(error):
+                tnext = jnp.where(shorter < 1, tprev + shorter * (tnext - tprev), tnext)
+            tnext = jnp.where(retried, target, tnext)
             controller_state = _where(retried, state.controller_state, controller_state)
         tprev = jnp.minimum(tprev, self.t1)
         almost = self.t1 - CLOSE * float(jnp.finfo(self.t1.dtype).eps) * jnp.abs(self.t1)
@@ -225,10 +227,15 @@ class _Solve(NamedTuple):
         return state, info, keep, course
 
     def _felt(self, error: Any, course: Course | None) -> Any:
-        """The error of a step, as a controller is to see it; that of a multistep method holds more than this."""
-        if self.switching is None or course is None or not isinstance(error, jax.Array):
+        """The error of a step, as a controller is to see it."""
+        if self.switching is None or course is None or not _is_plain(error):
             return error
         return self.switching.felt(course, error, self.args)
+
+
+def _is_plain(error: Any) -> bool:
+    """Whether this is the error of a step alone, and not that of a multistep method, which has planned the next."""
+    return isinstance(error, jax.Array)
 
 
 def _kept_for_dense_output(state: Any, info: Any, keep: Bool[Array, ""]) -> Any:
