@@ -78,7 +78,7 @@ SOLVERS = {
 
 @pytest.mark.parametrize("solver", list(SOLVERS.values()), ids=list(SOLVERS))
 def test_every_kind_of_solver_ends_a_slip_when_it_ends(solver):
-    """In some hundred steps: what a switch sets in a state must not be what multistep methods remember otherwise."""
+    """In fewer than 1000 steps: what is set after each of them must not disturb what multistep methods remember."""
     mu, speed = 0.25, 1.5
     run = jaxball.simulate(
         BALL, TIMES, start((speed, 0.0, 0.0)), contact=Contact(mu), solver=solver, rtol=1e-9, atol=1e-9, max_steps=1000

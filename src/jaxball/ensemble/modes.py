@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ..interface.status import Status
 from ..numerics.pieces import separately
 from ..physics.packing import Packing
-from ..simulation.switching import NONE, Course, Ended, Judged, Kept, Switching, felt, looked, passed_by
+from ..simulation.switching import NONE, Course, Ended, Judged, Kept, Switching, looked, passed_by, weighted
 from ..solvers.dense.sampling import sampling
 from .control import Limits, Verdict
 from .parameters import Prepared
@@ -99,9 +99,9 @@ class Modes(NamedTuple):
 
         return jax.vmap(end, in_axes=-1)(t, x)
 
-    def felt(self, course: Course, step: Step) -> Step:
-        """The step, with errors of the directions of slips as the velocities come to feel them."""
-        return step._replace(error=felt(course, step.error, self.packing))
+    def weighted(self, course: Course, step: Step) -> Step:
+        """The steps, with the weights that the directions of slips have in their errors."""
+        return step._replace(error=weighted(course, step.error, self.packing))
 
     def judged(
         self, course: Course, given: Given, step: Step, fresh: Bool[Array, " lanes"], verdict: Verdict, memory: Any
@@ -201,8 +201,8 @@ def _judged(
     kept: Bool[Array, " lanes"],
 ) -> Judged:
     """What becomes of the steps, of which some are not kept anyway."""
-    mode, still, led, jumps, share = at_end[:5]
-    ended = Ended(mode, still != 0, led.astype(int), jumps != 0, share, at_end[5:8], at_end[8:])
+    mode, still, led, jumps, weight = at_end[:5]
+    ended = Ended(mode, still != 0, led.astype(int), jumps != 0, weight, at_end[5:8], at_end[8:])
     seen = looked(course, start, end, y, before, ended)
 
     def choose(a: Array, b: Array) -> Array:

@@ -236,8 +236,8 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[st
         lanes.slope,
         lanes.fresh & running,
     )
-    felt = taken if course is None or method.modes is None else method.modes.felt(course, taken)
-    verdict, y = judge(method.controller, problem.limits, felt, lanes.memory, method.error_order), taken.y
+    weighted = taken if course is None or method.modes is None else method.modes.weighted(course, taken)
+    verdict, y = judge(method.controller, problem.limits, weighted, lanes.memory, method.error_order), taken.y
     if method.modes is not None:
         assert course is not None
         assert problem.modes is not None

@@ -216,8 +216,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         """Whether they still lead it, because it is so slow that its velocity does not feel what this neglects."""
         return self.is_still(t, state.released, LED_SLIP * rtol, LED_SLIP * atol)
 
-    def share(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """What of an error of σ comes of it in the velocities: a slow slip does not last long enough for all of it."""
+    def direction_weight(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
+        """The weight of an error of σ beside those of velocities, which it comes into with the speed of the slip."""
         slip = jnp.abs(jnp.sum(slip_velocity(self.body, t, state.released)[:2] * state.sigma))
         speed = self._speed(state.released)
         slides = state.is_in(Mode.SLIDING) & (slip < speed)

@@ -185,7 +185,7 @@ class _Solve(NamedTuple):
             state.y,
             y,
             self.args,
-            jax.tree.map(lambda leaf: jnp.where(jnp.isnan(leaf), jnp.inf, leaf), self._felt(error, course)),
+            jax.tree.map(lambda leaf: jnp.where(jnp.isnan(leaf), jnp.inf, leaf), self._weighted(error, course)),
             self.solver.error_order(self.terms),
             state.controller_state,
         )
@@ -226,11 +226,11 @@ class _Solve(NamedTuple):
             state = _stopped_by_event(state, self.event, self.args, self.t0)
         return state, info, keep, course
 
-    def _felt(self, error: Any, course: Course | None) -> Any:
+    def _weighted(self, error: Any, course: Course | None) -> Any:
         """The error of a step, as a controller is to see it."""
         if self.switching is None or course is None or not _is_plain(error):
             return error
-        return self.switching.felt(course, error, self.args)
+        return self.switching.weighted(course, error, self.args)
 
 
 def _is_plain(error: Any) -> bool:

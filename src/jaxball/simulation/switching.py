@@ -97,7 +97,7 @@ class Course(NamedTuple):
 
     - ``pending``: the :class:`Cause` with which a mode has just ended, ``LED_ON``, ``LET_GO``, or ``NONE``.
     - ``length``: of the longest step that no end of a mode cut short, with which what follows a slip begins.
-    - ``share``: of an error of the direction of a slip, what comes of it in the velocities.
+    - ``weight``: of an error of the direction of a slip, beside errors of the velocities.
     - ``lasting``: the functions that say that the mode lasts, as the step begins; None where each step looks.
     - ``begun``: the vector with which the first mode began.
     - ``switches``: how many there have been.
@@ -109,7 +109,7 @@ class Course(NamedTuple):
     aim: Aim
     pending: Int[Array, "*lanes"]
     length: Float[Array, "*lanes"]
-    share: Float[Array, "*lanes"]
+    weight: Float[Array, "*lanes"]
     lasting: Float[Array, "3 *lanes"] | None
     begun: Float[Array, "size *lanes"]
     switches: Int[Array, "*lanes"]
@@ -131,7 +131,7 @@ class Ended(NamedTuple):
     """A step's end, if its mode lasts: the mode, whether a slip is over, and the vector with which the next begins.
 
     ``led`` is that of a slip whose direction the forces were to lead until then: ``LED_ON`` or ``LET_GO``, and else
-    ``NONE``. ``jumps`` says whether the field is another there than at the end of the step. ``share`` and ``lasting``
+    ``NONE``. ``jumps`` says whether the field is another there than at the end of the step. ``weight`` and ``lasting``
     are those of a ``Course``.
     """
 
@@ -139,7 +139,7 @@ class Ended(NamedTuple):
     still: Bool[Array, "*lanes"]
     led: Int[Array, "*lanes"]
     jumps: Bool[Array, "*lanes"]
-    share: Float[Array, "*lanes"]
+    weight: Float[Array, "*lanes"]
     lasting: Float[Array, "3 *lanes"]
     stepped: Float[Array, "size *lanes"]
 
@@ -211,9 +211,9 @@ class Switching(eqx.Module):
 
         return jax.lax.cond(course.pending == NONE, pass_by, follow, course)
 
-    def felt(self, course: Course, error: Float[Array, " size"], parameters: Any) -> Float[Array, " size"]:
-        """The error of a step, with that of the direction of a slip as the velocities come to feel it."""
-        return felt(course, error, self._packing(parameters))
+    def weighted(self, course: Course, error: Float[Array, " size"], parameters: Any) -> Float[Array, " size"]:
+        """The error of a step, with the weight that the direction of a slip has in it."""
+        return weighted(course, error, self._packing(parameters))
 
     def judged(
         self,
@@ -259,8 +259,8 @@ class Switching(eqx.Module):
         goes_on = jnp.where(system.is_led_on(t, state, self.rtol, self.atol), LED_ON, LET_GO)
         led = jnp.where(system.led_to_here(t, state), goes_on, NONE)
         stepped = system.stepped(t, state, guide)
-        jumps, share = stepped.guide != state.guide, system.share(t, stepped)
-        return Ended(state.mode, still, led, jumps, share, lasting, ravel_pytree(stepped)[0])
+        jumps, weight = stepped.guide != state.guide, system.direction_weight(t, stepped)
+        return Ended(state.mode, still, led, jumps, weight, lasting, ravel_pytree(stepped)[0])
 
     def followed(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
@@ -304,10 +304,10 @@ class Switching(eqx.Module):
         return Followed(Settled(t, after, end, course), place, switch)
 
 
-def felt(course: Course, error: Float[Array, "size *lanes"], packing: Packing) -> Float[Array, "size *lanes"]:
-    """The errors of steps, with those of the directions of slips as the velocities come to feel them."""
+def weighted(course: Course, error: Float[Array, "size *lanes"], packing: Packing) -> Float[Array, "size *lanes"]:
+    """The errors of steps, with the weights that the directions of slips have in them."""
     turns = ravel_pytree(packing.unravel(jnp.zeros(error.shape[0], error.dtype)).directions())[0]
-    return jnp.where(turns.reshape(-1, *(1,) * course.share.ndim), course.share[None] * error, error)
+    return jnp.where(turns.reshape(-1, *(1,) * course.weight.ndim), course.weight[None] * error, error)
 
 
 def looked(
@@ -344,7 +344,7 @@ def looked(
         aim=next_aim,
         pending=jnp.where(switches, cause, jnp.where(lasts, ended.led, NONE)),
         length=jnp.where(retried | at_aim, course.length, jnp.maximum(course.length, end - start)),
-        share=jnp.where(lasts, ended.share, jnp.where(retried, course.share, 1.0)),
+        weight=jnp.where(lasts, ended.weight, jnp.where(retried, course.weight, 1.0)),
         lasting=None if course.lasting is None else jnp.where(lasts[None], ended.lasting, course.lasting),
     )
     shorter = jnp.where(lasts, _shorter(ended.mode, lasting[0]), 1.0)
