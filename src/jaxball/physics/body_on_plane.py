@@ -19,23 +19,39 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..numerics.norms import root
-from . import friction
+from . import friction, slip as slips
 from .body import AbstractBody
 from .conditions import Condition, Problem
 from .contact_law import Contact
 from .impact import impact
-from .modes import Cause, ContactState, Guide, Mode
+from .modes import Cause, ContactState, Mode
 from .released import PlacedState, ReleasedState, Response, rates, released, response, slip_velocity, with_slip
 from .system import AbstractSystem
 
-SLOW = 1000  # times the tolerances: a slip that ends and is slower may be led by the forces; of errors of many steps
-STILL = 30  # times the tolerances: a slip that ends and is slower keeps its direction, and is over in no time
-LED_SLIP = 2 / friction.LED**2  # times the tolerances: a slip that has begun and is slower may be led further
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
-IMPACT, MODE, TURN = range(3)  # what follows a mode, in this order
-# In the place of a cause, where no mode has ended: the forces lead the direction of a slip further, or no longer.
-LED_ON, LET_GO = -2, -3
-NEWTON_STEPS = 3  # to the direction of a slip that is led, from that with which it began
+SLOW = 0.3  # power of rounding: of the speed of a body, the slip that is followed to its end in no step of a solve
+ERRORS = 30  # of velocities, in tolerances: a slip that ends may be faster by so much
+WINDOW = 0.1  # of √(r/g): the longest time for which the direction of a slip that begins is known beforehand
+BEFORE_KINK = 0.999  # of the time until the next kink: the same
+LONGEST = 0.25  # power of rounding: of √(r/g), the longest time in which a slip is followed to its end like that
+END, MIDDLE, IMPACT, MODE = range(4)  # what follows a mode, in this order
+
+
+class Heading(NamedTuple):
+    """Along σ, the ``speed`` of a slip as a step begins, and the ``least`` one with which it is not about to end."""
+
+    sigma: Float[Array, "2"]
+    speed: Float[Array, ""]
+    least: Float[Array, ""]
+
+    def as_numbers(self) -> Float[Array, "4"]:
+        """The numbers of a heading, in one array."""
+        return jnp.concatenate([self.sigma, self.speed[None], self.least[None]])
+
+    @classmethod
+    def of_numbers(cls, numbers: Float[Array, "4 *lanes"]) -> "Heading":
+        """The inverse of ``as_numbers``."""
+        return cls(numbers[:2], numbers[2], numbers[3])
 
 
 class BodyOnPlane(AbstractSystem[ContactState]):
@@ -82,13 +98,20 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     # What a solve advances. A body is looked at with a versor of length 1, because near the end of a slip small errors
     # turn it far.
 
+    def to_packed(self, t: Float[Array, ""], state: ContactState) -> ContactState:
+        slip = slip_velocity(self.body, t, state.released)
+        slip = slip.at[:2].set(jnp.where(self._is_still(slip, state), 0.0, slip[:2]))
+        slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip)
+        return eqx.tree_at(lambda x: x.V, state, jnp.where(state.is_in(Mode.FLIGHT), state.V, slip))
+
     def from_packed(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
-        V = jnp.where(packed.is_in(Mode.ROLLING), released(self.body, t, packed.body).V, packed.V)
-        return eqx.tree_at(lambda x: x.V, packed, V)
+        V = packed.V + released(self.body, t, packed.body).V
+        return eqx.tree_at(lambda x: x.V, packed, jnp.where(packed.is_in(Mode.FLIGHT), packed.V, V))
 
     def packed_field(self, t: Float[Array, ""], packed: ContactState) -> ContactState:
         state = self.from_packed(t, packed.projected())
-        body, moved, rolls = state.body, self.field(t, state), state.is_in(Mode.ROLLING)
+        found, rolls = self.response(t, state), state.is_in(Mode.ROLLING)
+        body, moved = state.body, self.field(t, state, found)
         speeds = jnp.concatenate([body.Omega, body.thetadot])
         gains = jnp.concatenate([moved.body.Omega, moved.body.thetadot])
         g, r = self.body.gravity, self.body.radius
@@ -96,7 +119,11 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         rests = rolls & jnp.all(speeds == 0) & jnp.all(jnp.abs(gains) <= least)
         # Rounding must not set a body in motion that friction holds; its derivatives stay as they are.
         moved = jax.tree.map(lambda x: x - jnp.where(rests, jax.lax.stop_gradient(x), 0.0), moved)
-        return eqx.tree_at(lambda x: x.V, moved, jnp.where(rolls, 0.0, moved.V))
+        # The rate of the slip velocity, without the rounding of a difference.
+        acting = self.interaction(t, state, found)
+        slipping = jnp.where(rolls, 0.0, acting.slip_acceleration)
+        V = jnp.where(packed.is_in(Mode.FLIGHT), moved.V, slipping)
+        return eqx.tree_at(lambda x: x.V, moved, V)
 
     def field(self, t: Float[Array, ""], state: ContactState, found: Response | None = None) -> ContactState:
         """ẋ; ``found`` is the response, if it is known."""
@@ -105,11 +132,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         slip = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(self.body, t, state.released))
         moved = rates(self.body, state.released, found, acting.slip_acceleration, acting.normal)
         rates_of_all = jax.tree.map(jnp.zeros_like, state).moved(moved)
-        turning = 0.0 if self.body.planar else self._turning(t, state, slip, acting.slip_acceleration)
-        rubbing = -jnp.sum(acting.R[:2] * slip[:2])
-        sigmadot = turning * friction.left(state.sigma)
-        bending = jnp.where(state.led, state.bending, 0.0)
-        return eqx.tree_at(lambda x: (x.rubbed, x.sigma, x.turning), rates_of_all, (rubbing, sigmadot, bending))
+        return eqx.tree_at(lambda x: x.rubbed, rates_of_all, -jnp.sum(acting.R[:2] * slip[:2]))
 
     # The plane.
 
@@ -119,7 +142,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
     def interaction(self, t: Float[Array, ""], state: ContactState, found: Response) -> friction.Interaction:
         """The reaction of the plane in the mode that the state is in."""
-        sigma = self._direction(t, state, found)
+        sigma = state.direction(t, slip_velocity(self.body, t, state.released))
         sliding = friction.sliding(found, self.contact.sliding, sigma)
         rolling, flying = friction.rolling(found), friction.flight(found)
 
@@ -128,38 +151,27 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
         return jax.tree.map(choose, rolling, sliding, flying)
 
-    def _direction(self, t: Float[Array, ""], state: ContactState, found: Response) -> Float[Array, "2"]:
-        """σ of the friction: that of the state, or where the forces lead it, theirs."""
-        sigma = friction.unit(state.sigma)
-        if self.body.planar:
-            return sigma
-        speed = jnp.sum(slip_velocity(self.body, t, state.released)[:2] * sigma)
-        led = friction.led_direction(found, self.contact.sliding, sigma, speed * state.turning, NEWTON_STEPS)
-        return jnp.where(state.led, led, sigma)
+    def heading(self, t: Float[Array, ""], state: ContactState) -> Heading:
+        """Where a slip goes as a step begins."""
+        slip = slip_velocity(self.body, t, state.released)
+        sigma = state.direction(t, slip)
+        speed = jnp.maximum(jnp.sum(slip[:2] * sigma), 0.0)
+        least = float(jnp.finfo(speed.dtype).eps) ** SLOW * self._speed(state.released)
+        return Heading(sigma, speed, jnp.minimum(least, 0.5 * speed))
 
-    def _turning(
-        self, t: Float[Array, ""], state: ContactState, slip: Float[Array, "3"], gain: Float[Array, "3"]
-    ) -> Float[Array, ""]:
-        """The rate at which σ turns: the slip acceleration across it over the speed."""
-        sigma = friction.unit(state.sigma)
-        speed = jnp.sum(slip[:2] * sigma)
-        eps = float(jnp.finfo(t.dtype).eps)
-        moves = ~self.is_still(t, state.released, ROUNDING * eps, 0.0) & ~state.led
-        rate = jnp.where(moves, friction.across(sigma, gain) / jnp.where(moves, speed, 1.0), state.turning)
-        turns = state.is_in(Mode.SLIDING) & (state.guide != int(Guide.NONE)) & (self.contact.sliding > 0)
-        return jnp.where(turns, rate, 0.0)
-
-    def lasting(self, t: Float[Array, ""], state: ContactState, found: Response | None = None) -> Float[Array, "3"]:
+    def guards(
+        self, t: Float[Array, ""], state: ContactState, heading: Heading, found: Response | None = None
+    ) -> Float[Array, "3"]:
         """Three functions that are positive while the mode lasts; ``CAUSES`` says for what each of them stands.
 
-        ``found`` is the response, if it is known.
+        ``heading`` is that of the step, and ``found`` the response, if it is known.
         """
         found = self.response(t, state) if found is None else found
         acting = self.interaction(t, state, found)
         slip, one = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
         spare = friction.margin(acting.R, self.contact.static)
         # On a smooth plane, a slip that ends is the beginning of another.
-        forward = jnp.where(self.contact.sliding > 0, jnp.sum(slip[:2] * state.sigma), one)
+        forward = jnp.where(self.contact.sliding > 0, jnp.sum(slip[:2] * heading.sigma) - heading.least, one)
         rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
         return jnp.stack(
             [
@@ -169,79 +181,30 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             ]
         )
 
-    def guide(
-        self, t: Float[Array, ""], state: ContactState, found: Response, rtol: Float[Array, ""], atol: Float[Array, ""]
-    ) -> Float[Array, ""]:
-        """What turns the direction of a slip that is about to end: a :class:`Guide`, as a number.
-
-        Where it is slow, its direction turns ever faster, and what it does is of no consequence to the tolerances.
-        """
-        if self.body.planar:
-            return jnp.zeros_like(t)
-        slides, released = state.is_in(Mode.SLIDING), state.released
-        soon = friction.LED * self._unit_of_time()
-        slip, sigma = slip_velocity(self.body, t, released), friction.unit(state.sigma)
-        end = friction.end_of_slip(found, self.contact.sliding, slip, sigma, soon)
-        # The forces take over where the slip is so slow that the velocities do not feel it.
-        most = 1 / jnp.maximum(jnp.abs(end.angle), 1 / SLOW)
-        led = slides & end.led & self.is_still(t, released, most * rtol, most * atol)
-        steady = slides & end.comes & self.is_still(t, released, STILL * rtol, STILL * atol)
-        guide = jnp.where(led, int(Guide.FORCES), jnp.where(steady, int(Guide.NONE), int(Guide.SLIP)))
-        return guide.astype(t.dtype)
-
-    def stepped(self, t: Float[Array, ""], state: ContactState, guide: Float[Array, ""]) -> ContactState:
-        """The state after a step in which its mode lasted; ``guide`` is what turns a slip's direction from now on."""
-        slip, begins = slip_velocity(self.body, t, state.released), state.led & (t < state.until)
-        ends = ~begins & (guide == int(Guide.FORCES))
-        # A slip that came near its end and did not end has turned round.
-        turned = state.is_in(Mode.SLIDING) & ~begins & (jnp.sum(slip[:2] * state.sigma) <= 0)
-        return eqx.tree_at(
-            lambda x: (x.sigma, x.guide, x.until, x.turning, x.bending),
-            state,
-            (
-                jnp.where(turned, friction.slip_direction(slip, state.sigma), friction.unit(state.sigma)),
-                jnp.where(begins, state.guide, guide),
-                jnp.where(begins, state.until, _never(t)),
-                *(jnp.where(ends, 0.0, rate) for rate in (state.turning, state.bending)),
-            ),
-        )
-
-    def led_to_here(self, t: Float[Array, ""], state: ContactState) -> Bool[Array, ""]:
-        """Whether the forces lead the direction of a slip that has begun, and were to do so until now."""
-        return state.is_in(Mode.SLIDING) & state.led & (t == state.until)
-
-    def is_led_on(
-        self, t: Float[Array, ""], state: ContactState, rtol: Float[Array, ""], atol: Float[Array, ""]
+    def is_slow(
+        self,
+        t: Float[Array, ""],
+        state: ContactState,
+        heading: Heading,
+        rtol: Float[Array, ""],
+        atol: Float[Array, ""],
     ) -> Bool[Array, ""]:
-        """Whether they still lead it, because it is so slow that its velocity does not feel what this neglects."""
-        return self.is_still(t, state.released, LED_SLIP * rtol, LED_SLIP * atol)
+        """Whether a slip that does not go on along its heading is so slow that it may be at its end."""
+        slip = slip_velocity(self.body, t, state.released)
+        errors = ERRORS * (atol + rtol * self._speed(state.released))
+        return root(jnp.sum(slip[:2] ** 2)) <= 2 * heading.least + errors
 
-    def direction_weight(self, t: Float[Array, ""], state: ContactState) -> Float[Array, ""]:
-        """The weight of an error of σ beside those of velocities, which it comes into with the speed of the slip."""
-        slip = jnp.abs(jnp.sum(slip_velocity(self.body, t, state.released)[:2] * state.sigma))
-        speed = self._speed(state.released)
-        slides = state.is_in(Mode.SLIDING) & (slip < speed)
-        return jnp.where(slides, slip / jnp.where(slides, speed, 1.0), 1.0)
-
-    def has_stopped(
-        self, t: Float[Array, ""], state: ContactState, rtol: Float[Array, ""], atol: Float[Array, ""]
-    ) -> Bool[Array, ""]:
-        """Whether a slip with no speed along σ is over: what is left across σ is an error of many steps."""
-        return self.is_still(t, state.released, SLOW * rtol, SLOW * atol)
-
-    def is_still(
-        self, t: Float[Array, ""], state: ReleasedState, rtol: Float[Array, ""] | float, atol: Float[Array, ""] | float
-    ) -> Bool[Array, ""]:
-        """Whether the slip velocity is zero to these tolerances."""
-        slip = slip_velocity(self.body, t, state)
-        return root(jnp.sum(slip[:2] ** 2)) <= atol + rtol * self._speed(state)
+    def _is_still(self, slip: Float[Array, "3"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
+        """Whether the slip velocity is zero but for rounding."""
+        least = ROUNDING * float(jnp.finfo(slip.dtype).eps) * self._speed(state)
+        return root(jnp.sum(slip[:2] ** 2)) <= least
 
     def _unit_of_time(self) -> Float[Array, ""]:
         """√(r/g); √r without gravity."""
         g = jnp.abs(self.body.gravity)
         return root(self.body.radius / jnp.where(g > 0, g, 1.0))
 
-    def _speed(self, state: ReleasedState) -> Float[Array, ""]:
+    def _speed(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
         """A speed beside which errors of velocities are seen."""
         return root(jnp.sum(state.V**2)) + self.body.radius * root(jnp.sum(state.body.Omega**2))
 
@@ -254,58 +217,85 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         """
         rolls = not isinstance(state, ReleasedState)
         given = released(self.body, t, state) if rolls else state
-        zero, still = jnp.zeros_like(given.height), jnp.zeros_like(given.V[:2])
+        zero = jnp.zeros_like(given.height)
         mode = zero + int(Mode.ROLLING if rolls else Mode.FLIGHT)
-        return ContactState(given.body, given.V, given.height, zero, zero, mode, still, zero, _never(zero), zero, zero)
+        return ContactState(given.body, given.V, given.height, zero, zero, mode, slips.Beginning.none(zero))
 
-    def followed(self, t: Float[Array, ""], state: ContactState, cause: Int[Array, ""]) -> ContactState:
+    def followed(
+        self, t: Float[Array, ""], state: ContactState, cause: Int[Array, ""], kinks: Float[Array, " kinks"]
+    ) -> "Followed":
         """What follows where a mode ends.
 
-        An impact comes first, if the body comes down, then the mode with the velocities after it, and then how the
-        direction of a slip that begins will turn. All need the response of the body, whose formulas are long, and so
-        are one loop. With ``LED_ON`` for a cause, only the last is looked at again.
+        A slip that ends is followed to its end first. An impact comes next, if the body comes down, then the mode with
+        the velocities after it, and then the direction in which a slip begins. All but this need the response of the
+        body, whose formulas are long, and so are one loop.
         """
         starts = cause == int(Cause.START)
         lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
-        still = (cause == int(Cause.GIVES_WAY)) | (cause == int(Cause.STOPS)) | state.is_in(Mode.ROLLING)
+        still = (cause == int(Cause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
         flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
         zero = jnp.zeros_like(state.height)
-        state = eqx.tree_at(lambda x: (x.height, x.guide), state, (jnp.where(starts, state.height, 0.0), zero))
-        moment = friction.MOMENT * self._unit_of_time()
-        stages = [IMPACT, MODE] if self.body.planar else [IMPACT, MODE, TURN]
+        state = eqx.tree_at(
+            lambda x: (x.height, x.begun), state, (jnp.where(starts, state.height, 0.0), slips.Beginning.none(zero))
+        )
 
         def needed(carry: _Following, stage: Int[Array, ""]) -> Bool[Array, ""]:
-            return jnp.where(stage == IMPACT, lands, (stage == MODE) | carry.state.led)
+            ends = (cause == int(Cause.STOPS)) & ((stage == END) | (stage == MIDDLE) & carry.decides)
+            return ends | (stage == IMPACT) & lands | (stage == MODE) & carry.decides
 
         def advanced(carry: _Following, stage: Int[Array, ""]) -> _Following:
-            now = t + jnp.where(stage == TURN, moment, 0.0)
-            found = self.response(now, eqx.tree_at(lambda x: x.mode, carry.ahead, zero + int(Mode.SLIDING)))
-            carry = jax.lax.switch(
-                jnp.where((stage == MODE) & (cause <= LED_ON), TURN + 1, stage),
+            now, where = carry.ahead
+            found = self.response(now, eqx.tree_at(lambda x: x.mode, where, zero + int(Mode.SLIDING)))
+            return jax.lax.switch(
+                stage,
                 (
-                    lambda carry: self._struck(t, carry, found),
-                    lambda carry: self._decided(t, carry, found, cause),
-                    lambda carry: self._guided(t, carry, found, cause, moment),
-                    lambda carry: self._led(t, carry, found, cause),
+                    lambda carry: self._ending(carry, found),
+                    lambda carry: self._ended(carry, found),
+                    lambda carry: self._struck(carry, found),
+                    lambda carry: self._decided(carry, found, cause),
                 ),
                 carry,
             )
-            state = carry.state
-            acting = friction.sliding(found, self.contact.sliding, state.sigma)
-            moving = rates(self.body, state.released, found, acting.slip_acceleration, acting.normal)
-            moves = (stage == MODE) & state.led
-            ahead = jax.tree.map(lambda x, rate: x + jnp.where(moves, moment * rate, 0.0), state.released, moving)
-            return carry._replace(ahead=state.moved(ahead), R=acting.R)
 
         def part(carry: _Following, stage: Int[Array, ""]) -> tuple[_Following, None]:
             return jax.lax.cond(needed(carry, stage), advanced, lambda carry, _: carry, carry, stage), None
 
-        first = _Following(state, state, jnp.zeros_like(state.V), still, flies)
-        return jax.lax.scan(part, first, jnp.asarray(stages))[0].state
+        first = _Following(t, state, (t, state), still, flies, jnp.asarray(True), jnp.asarray(False))
+        done = jax.lax.scan(part, first, jnp.arange(END, MODE + 1))[0]
+        state = self._begun(done, kinks)
+        return Followed(done.t, state, done.decides, lands)
 
-    def _struck(self, t: Float[Array, ""], carry: "_Following", found: Response) -> "_Following":
+    def _ending(self, carry: "_Following", found: Response) -> "_Following":
+        """Halfway to the end of a slip, if it has one."""
+        end = self._end(carry, found)
+        soon = end.time <= float(jnp.finfo(end.time.dtype).eps) ** LONGEST * self._unit_of_time()
+        return carry._replace(
+            ahead=(carry.t + 0.5 * end.time, self._slowed(carry, found, carry.state, end, 0.5)), decides=end.comes & soon
+        )
+
+    def _ended(self, carry: "_Following", found: Response) -> "_Following":
+        """At the end of a slip, with the response halfway."""
+        end, t = self._end(carry, found), carry.t
+        state = self._slowed(carry, found, carry.ahead[1], end, 1.0)
+        state = eqx.tree_at(lambda x: x.rubbed, state, state.rubbed + end.rubbed)
+        return carry._replace(t=t + end.time, state=state, ahead=(t + end.time, state), still=jnp.asarray(True))
+
+    def _end(self, carry: "_Following", found: Response) -> slips.End:
+        slip = slip_velocity(self.body, carry.t, carry.state.released)
+        return slips.end(found, self.contact.sliding, slip)
+
+    def _slowed(
+        self, carry: "_Following", found: Response, where: ContactState, end: slips.End, share: float
+    ) -> ContactState:
+        """The state after a share of the time in which a slip ends, with the rates ``where`` the response was found."""
+        time, slip = share * end.time, slip_velocity(self.body, carry.t, carry.state.released)
+        braking = jnp.where(end.time > 0, slip / jnp.where(end.time > 0, end.time, 1.0), 0.0).at[2].set(0.0)
+        moved = rates(self.body, where.released, found, -braking, end.normal)
+        return carry.state.moved(jax.tree.map(lambda x, rate: x + time * rate, carry.state.released, moved))
+
+    def _struck(self, carry: "_Following", found: Response) -> "_Following":
         """After an impact. A rebound that is too slow is none."""
-        state, contact = carry.state, self.contact
+        t, state, contact = carry.t, carry.state, self.contact
         coming = -slip_velocity(self.body, t, state.released)[2]
         unit = root(jnp.abs(self.body.gravity) * self.body.radius)
         rebounds = contact.restitution * coming > contact.slowest * unit
@@ -315,24 +305,25 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         after = state.moved(ReleasedState(done.state.body, V, state.height))
         after = eqx.tree_at(lambda x: x.struck, after, state.struck - done.work)
         return carry._replace(
-            state=after, still=carry.still | done.collision.sticks, flies=carry.flies | (after.V[2] > 0)
+            state=after,
+            ahead=(t, after),
+            still=carry.still | done.collision.sticks,
+            flies=carry.flies | (after.V[2] > 0),
         )
 
-    def _decided(
-        self, t: Float[Array, ""], carry: "_Following", found: Response, cause: Int[Array, ""]
-    ) -> "_Following":
-        """In the mode that follows, by the forces that each mode would need; they lead a slip that begins."""
-        state, body, contact = carry.state, self.body, self.contact
+    def _decided(self, carry: "_Following", found: Response, cause: Int[Array, ""]) -> "_Following":
+        """In the mode that follows, by the forces that each mode would need."""
+        t, state, body, contact = carry.t, carry.state, self.body, self.contact
         given, flies = state.released, carry.flies
         slip = slip_velocity(body, t, given)
-        still = carry.still | self.is_still(t, given, ROUNDING * float(jnp.finfo(slip.dtype).eps), 0.0)
+        still = carry.still | self._is_still(slip, state)
         R = friction.rolling(found).R
         holds = (friction.margin(R, contact.static) >= 0) & (R[2] > 0) & (contact.static > 0)
         rolls = still & holds & (cause != int(Cause.GIVES_WAY))
         sigma = jax.lax.cond(
             still & ~rolls & ~flies,
             lambda: friction.first_slip(found, contact.sliding).sigma,
-            lambda: friction.slip_direction(slip, state.sigma),
+            lambda: friction.slip_direction(slip, jnp.zeros_like(slip[:2])),
         )
         flies |= ~rolls & ~(friction.sliding(found, contact.sliding, sigma).normal > 0)
         mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
@@ -340,61 +331,55 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
         state = _where(still & ~flies, state.moved(stopped), state)
         V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
-        begins = (mode == int(Mode.SLIDING)) & still & (not body.planar)
-        guide = jnp.where(begins, float(Guide.FORCES), 0.0).astype(V.dtype)
-        after = eqx.tree_at(lambda x: (x.V, x.mode, x.sigma, x.guide), state, (V, mode.astype(V.dtype), sigma, guide))
-        return carry._replace(state=after)
+        begins = (mode == int(Mode.SLIDING)) & still
+        begun = slips.Beginning.along(t, sigma)
+        after = eqx.tree_at(lambda x: (x.V, x.mode, x.begun), state, (V, mode.astype(V.dtype), begun))
+        return carry._replace(state=after, begins=begins)
 
-    def _led(self, t: Float[Array, ""], carry: "_Following", found: Response, cause: Int[Array, ""]) -> "_Following":
-        """In the direction in which it was led; where it is led on, in that in which a slip would begin now."""
-        state, on = carry.state, cause == LED_ON
-        speed = jnp.sum(slip_velocity(self.body, t, state.released)[:2] * state.sigma)
-        across = jnp.where(on, 0.0, speed * state.turning)
-        sigma = friction.led_direction(found, self.contact.sliding, state.sigma, across, NEWTON_STEPS)
-        guide = jnp.where(on, float(Guide.FORCES), float(Guide.SLIP)).astype(sigma.dtype)
-        return carry._replace(state=eqx.tree_at(lambda x: (x.sigma, x.guide), state, (sigma, guide)))
+    def _begun(self, done: "_Following", kinks: Float[Array, " kinks"]) -> ContactState:
+        """With the direction of a slip that begins, for as long as it is known beforehand."""
+        t, state = done.t, done.state
+        begins = done.begins & (self.contact.sliding > 0)
+        kink = jnp.min(jnp.where(kinks > t, kinks, jnp.inf), initial=jnp.inf)
+        longest = jax.lax.stop_gradient(jnp.minimum(WINDOW * self._unit_of_time(), BEFORE_KINK * (kink - t)))
+        sigma = state.begun.sigma
+        if self.body.planar:
+            begun = slips.Beginning.along(t + longest, sigma)
+        else:
+            begun = jax.lax.cond(
+                begins,
+                lambda: slips.beginning(self.body, self.contact.sliding, t, state.released, sigma, longest),
+                lambda: slips.Beginning.along(t + longest, sigma),
+            )
+        return eqx.tree_at(lambda x: x.begun, state, _where(begins, begun, slips.Beginning.none(t)))
 
-    def _guided(
-        self,
-        t: Float[Array, ""],
-        carry: "_Following",
-        later: Response,
-        cause: Int[Array, ""],
-        moment: Float[Array, ""],
-    ) -> "_Following":
-        """With what turns the direction of a slip that begins; ``later`` is the response after a moment.
 
-        Where it was led before, for about as long, the rate at which it turns has changed by what one sees.
-        """
-        state = carry.state
-        led = friction.led(later, carry.R, self.contact.sliding, state.sigma, moment)
-        guide = jnp.where(led.applies, state.guide, 0.0)
-        bending = jnp.where(cause == LED_ON, state.bending + (led.turning - state.turning) / led.time, 0.0)
-        after = eqx.tree_at(
-            lambda x: (x.guide, x.until, x.turning, x.bending), state, (guide, t + led.time, led.turning, bending)
-        )
-        return carry._replace(state=after)
+class Followed(NamedTuple):
+    """What follows a mode: the time and the state, whether the mode has ended, and whether the body came down."""
+
+    t: Float[Array, ""]
+    state: ContactState
+    ends: Bool[Array, ""]
+    lands: Bool[Array, ""]
 
 
 class _Following(NamedTuple):
-    """On the way from a mode to the next: the state, the same a moment ahead, and the reaction of sliding.
+    """On the way from a mode to the next: time and state, and those for which the response is needed next.
 
-    ``still`` says that it does not slip, ``flies`` that it leaves the plane.
+    ``still`` says that it does not slip, ``flies`` that it leaves the plane, ``decides`` that the mode has ended, and
+    ``begins`` that a slip begins.
     """
 
+    t: Float[Array, ""]
     state: ContactState
-    ahead: ContactState
-    R: Float[Array, "3"]
+    ahead: tuple[Float[Array, ""], ContactState]
     still: Bool[Array, ""]
     flies: Bool[Array, ""]
+    decides: Bool[Array, ""]
+    begins: Bool[Array, ""]
 
 
-def _never(like: Float[Array, ""]) -> Float[Array, ""]:
-    """A time before all others. It is the same in all steps, because multistep methods remember what they advance."""
-    return jnp.full_like(like, -(float(jnp.finfo(like.dtype).max) ** 0.5))
-
-
-def _where(condition: Bool[Array, ""], first: ContactState, second: ContactState) -> ContactState:
+def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:
     return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)
 
 

@@ -18,10 +18,6 @@ from ..numerics.vectors import apply
 from .released import Response
 
 SAMPLES = 24  # of directions between which one is sought
-LED = 3e-3  # of the time in which the reaction changes by itself, or of √(r/g)
-TENTATIVE = 0.02  # growth of a slip over its stiffness, above which its direction is led for a shorter time
-MOMENT = 1e-8  # of √(r/g): the moment after which it is seen where a slip turns
-POWER = 0.5  # of its speed: with a higher one, the direction of a slip that ends is led by the forces
 STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quarter
 
 
@@ -101,77 +97,6 @@ def first_slip(found: Response, mu: Float[Array, ""]) -> Direction:
     return diverging(pull, -rolling(found).R[:2])
 
 
-class Led(NamedTuple):
-    """Whether the forces lead the direction of a slip at first, for how long, and the rate at which it turns then."""
-
-    applies: Bool[Array, ""]
-    time: Float[Array, ""]
-    turning: Float[Array, ""]
-
-
-def led(
-    later: Response, R: Float[Array, "3"], mu: Float[Array, ""], sigma: Float[Array, "2"], after: Float[Array, ""]
-) -> Led:
-    """How a slip begins, in the direction σ and with the reaction ``R``; ``later`` is the response ``after`` a moment.
-
-    Its direction φ obeys s φ̇ = the slip acceleration across it, where s is its speed, which grows from zero. This
-    forces φ to follow the forces where that acceleration by φ, the stiffness, is large beside the growth of s:
-    equations of motion that are stiff beyond all bounds at first. So ``led_direction`` stands for φ in a short
-    ``time``, with an error in the velocities of the third power of that and the second of the growth over the
-    stiffness.
-    """
-    drift, slope = _pull_and_slope(later, mu, sigma)
-    stiffness = jnp.where(slope < 0, -slope, 1.0)
-    along = sliding(later, mu, sigma)
-    growth = jnp.maximum(jnp.sum(sigma * along.slip_acceleration[:2]), 0.0)
-    ratio = jax.lax.stop_gradient(growth / stiffness)
-    square, change = jax.lax.stop_gradient((jnp.sum(R**2), jnp.sum((along.R - R) ** 2)))
-    change = change / (jnp.where(square > 0, square, 1.0) * after**2)
-    longest = LED * jnp.minimum(1.0, (TENTATIVE / jnp.maximum(ratio, TENTATIVE)) ** (2 / 3))
-    time = longest / jnp.sqrt(change + (MOMENT / after) ** 2)
-    return Led((slope < 0) & (ratio < 1), time, drift / (after * (stiffness + growth)))
-
-
-def led_direction(
-    found: Response, mu: Float[Array, ""], guess: Float[Array, "2"], across: Float[Array, ""], steps: int
-) -> Float[Array, "2"]:
-    """The direction σ, near ``guess``, in which a slip has the acceleration ``across`` perpendicular to it.
-
-    A slip of speed s that turns at the rate φ̇ has the acceleration s φ̇ there. So this is the direction of one that is
-    still so slow that the forces lead it.
-    """
-
-    def newton_step(_, sigma: Float[Array, "2"]) -> Float[Array, "2"]:
-        pulled, slope = _pull_and_slope(found, mu, sigma)
-        turn = (across - pulled) / jnp.where(slope == 0, 1.0, slope)
-        return unit(sigma + jnp.where(slope == 0, 0.0, turn) * left(sigma))
-
-    return jax.lax.fori_loop(0, steps, newton_step, unit(jax.lax.stop_gradient(guess)))
-
-
-class End(NamedTuple):
-    """Whether a slip is about to end, whether the forces lead its direction then, and the angle from it to theirs."""
-
-    comes: Bool[Array, ""]
-    led: Bool[Array, ""]
-    angle: Float[Array, ""]
-
-
-def end_of_slip(
-    found: Response, mu: Float[Array, ""], slip: Float[Array, "3"], sigma: Float[Array, "2"], soon: Float[Array, ""]
-) -> End:
-    """The end of a slow slip in the direction σ, which comes if its deceleration stops it ``soon``.
-
-    As it ends, its direction comes near to that of the forces as a power of its speed; where that is a high one, the
-    equations of motion are stiff.
-    """
-    braking = -jnp.sum(sigma * sliding(found, mu, sigma).slip_acceleration[:2])
-    pulled, slope = _pull_and_slope(found, mu, sigma)
-    comes = braking * soon > jnp.sum(sigma * slip[:2])
-    led = comes & (-slope > POWER * braking)
-    return End(comes, led, jnp.where(led, -pulled / jnp.where(led, slope, 1.0), jnp.inf))
-
-
 def diverging(
     pull: Callable[[Float[Array, "2"]], tuple[Float[Array, "2"], Float[Array, ""]]], guess: Float[Array, "2"]
 ) -> Direction:
@@ -234,15 +159,6 @@ def unit(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
 def left(sigma: Float[Array, "2"]) -> Float[Array, "2"]:
     """σ turned by a right angle."""
     return jnp.stack([-sigma[1], sigma[0]])
-
-
-def _pull_and_slope(found: Response, mu: Float[Array, ""], sigma: Float[Array, "2"]) -> tuple[Array, Array]:
-    """The slip acceleration across the direction of a slip, and its derivative by the angle of that."""
-
-    def pull_across(sigma: Float[Array, "2"]) -> Float[Array, ""]:
-        return across(sigma, sliding(found, mu, sigma).slip_acceleration)
-
-    return jax.jvp(pull_across, (sigma,), (left(sigma),))
 
 
 def _angle(sigma: Float[Array, "2"]) -> Float[Array, ""]:

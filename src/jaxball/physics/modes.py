@@ -4,12 +4,13 @@ import enum
 from collections.abc import Iterator
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from .conditions import Condition
+from .friction import slip_direction
 from .released import PlacedState, ReleasedState
+from .slip import Beginning
 from .system import AbstractState
 
 
@@ -71,25 +72,14 @@ CAUSES = (
 )
 
 
-class Guide(enum.IntEnum):
-    """What turns the direction of a slip: the slip acceleration; the forces alone, which lead it; or nothing."""
-
-    SLIP = 0
-    FORCES = 1
-    NONE = 2
-
-
 class ContactState(AbstractState):
     """What a solve advances of a body that rolls, slides or flies.
 
-    - ``body``, ``V``, ``height``: as of a :class:`ReleasedState`. While the body rolls, ``V`` is not looked at.
+    - ``body``, ``V``, ``height``: as of a :class:`ReleasedState`. A solve advances the slip velocity in the place of
+      ``V``, but in flight, so that no rounding is left of it where the body rolls.
     - ``rubbed``, ``struck``: the energy that friction of sliding and impacts have taken.
     - ``mode``: a :class:`Mode`, as a number.
-    - ``sigma``: the direction of the slip, a unit vector. It is advanced beside the velocities, because it cannot be
-      told from these where the slip is small.
-    - ``guide``: a :class:`Guide`, as a number; another than ``SLIP`` where the slip has just begun or is about to end.
-    - ``until``: the time until which it is the guide, where a slip has just begun.
-    - ``turning``, ``bending``: the rate at which the direction turns while the forces lead it, and the rate of that.
+    - ``begun``: the direction of a slip that has just begun, which cannot be told from its velocity.
     """
 
     body: PlacedState
@@ -98,16 +88,7 @@ class ContactState(AbstractState):
     rubbed: Float[Array, "*batch"]
     struck: Float[Array, "*batch"]
     mode: Float[Array, "*batch"]
-    sigma: Float[Array, "*batch 2"]
-    guide: Float[Array, "*batch"]
-    until: Float[Array, "*batch"]
-    turning: Float[Array, "*batch"]
-    bending: Float[Array, "*batch"]
-
-    def directions(self) -> "ContactState":
-        """True for what is a direction of slip, False for all else."""
-        nothing = jax.tree.map(lambda x: jnp.zeros_like(x, bool), self)
-        return eqx.tree_at(lambda x: x.sigma, nothing, jnp.ones_like(self.sigma, bool))
+    begun: Beginning
 
     def projected(self) -> "ContactState":
         return eqx.tree_at(lambda x: x.body, self, self.body.projected())
@@ -128,10 +109,10 @@ class ContactState(AbstractState):
         """The state with another place and motion of the body."""
         return eqx.tree_at(lambda x: (x.body, x.V, x.height), self, (to.body, to.V, to.height))
 
-    @property
-    def led(self) -> Bool[Array, ""]:
-        """Whether the forces lead the direction of the slip."""
-        return self.guide == int(Guide.FORCES)
+    def direction(self, t: Float[Array, ""], slip: Float[Array, "3"]) -> Float[Array, "2"]:
+        """σ of a body that slips with v_s; 0 where there is none."""
+        begins = t < self.begun.until
+        return jnp.where(begins, self.begun.direction(t), slip_direction(slip, jnp.zeros_like(slip[:2])))
 
     def is_in(self, mode: Mode) -> Bool[Array, ""]:
         """Whether this is the mode."""

@@ -13,6 +13,7 @@ from ..physics.body_on_plane import BodyOnPlane
 from ..physics.contact_law import Contact
 from ..physics.modes import Cause, ContactState, Mode
 from ..physics.released import ReleasedState
+from ..physics.slip import Beginning
 
 MOST_SHOWN = 8  # switches in a summary; `Switches.lines` has all
 
@@ -112,7 +113,8 @@ class ContactHistory(Printed):
 
     def on_plane(self, body: AbstractBody, states: Any) -> tuple[BodyOnPlane, ContactState]:
         """The system on its plane, with its states, of whose bodies these are the ``states``."""
-        zero, mode = jnp.zeros_like(self.height), self.mode.astype(self.height.dtype)
+        mode, ever = self.mode.astype(self.height.dtype), jnp.full_like(self.height, jnp.finfo(self.height.dtype).max)
+        begun = Beginning.along(ever, self.sigma)
         return BodyOnPlane(body, self.law), ContactState(
-            states, self.V, self.height, self.rubbed, self.struck, mode, self.sigma, zero, zero, zero, zero
+            states, self.V, self.height, self.rubbed, self.struck, mode, begun
         )

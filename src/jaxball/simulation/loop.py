@@ -161,8 +161,7 @@ class _Solve(NamedTuple):
         assert self.switching is not None
         ended = course.pending != NONE
         t, y, end, course = self.switching.settled(course, state.tprev, state.y, self.t1 - self.t0, self.args)
-        latest = jnp.minimum(self.switching.latest_end(t, y, self.args), self.t1)
-        end = jnp.minimum(jnp.maximum(state.tnext, end), latest)
+        end = jnp.minimum(jnp.maximum(state.tnext, end), self.t1)
         state = dataclasses.replace(state, tprev=t, tnext=end, y=y, made_jump=state.made_jump | ended)
         return state, course
 
@@ -185,7 +184,7 @@ class _Solve(NamedTuple):
             state.y,
             y,
             self.args,
-            jax.tree.map(lambda leaf: jnp.where(jnp.isnan(leaf), jnp.inf, leaf), self._weighted(error, course)),
+            jax.tree.map(lambda leaf: jnp.where(jnp.isnan(leaf), jnp.inf, leaf), error),
             self.solver.error_order(self.terms),
             state.controller_state,
         )
@@ -193,9 +192,8 @@ class _Solve(NamedTuple):
         if self.switching is not None and course is not None:
             interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
             judged = self.switching.judged(course, state.tprev, state.tnext, y, interpolation, keep, self.args)
-            retried, target, y, jumps_after, shorter, course = judged
+            retried, target, shorter, course = judged
             keep &= ~retried
-            made_jump = made_jump | jumps_after
             tprev = jnp.where(retried, state.tprev, tprev)
             if _is_plain(error):
                 tnext = jnp.where(shorter < 1, tprev + shorter * (tnext - tprev), tnext)
@@ -225,12 +223,6 @@ class _Solve(NamedTuple):
         if self.event is not None:
             state = _stopped_by_event(state, self.event, self.args, self.t0)
         return state, info, keep, course
-
-    def _weighted(self, error: Any, course: Course | None) -> Any:
-        """The error of a step, as a controller is to see it."""
-        if self.switching is None or course is None or not _is_plain(error):
-            return error
-        return self.switching.weighted(course, error, self.args)
 
 
 def _is_plain(error: Any) -> bool:

@@ -76,18 +76,19 @@ def unpacked_switch(packing: Packing, kept: Kept) -> Unpacked:
 def of_modes(system: BodyOnPlane, times: Any, solved: Any, switches: Any, start: Any) -> Trajectory[Any, Any]:
     """The trajectory of the body, from the states of the system on its plane."""
     saved, *others = solved
-    slip = _compiled_slips(system, times, saved)
+    slip, sigma = _compiled_slips(system, times, saved)
     return Trajectory.of(
-        system.body, times, saved.body, *others, {}, start, history(system.contact, saved, slip, *switches)
+        system.body, times, saved.body, *others, {}, start, history(system.contact, saved, slip, sigma, *switches)
     )
 
 
-def slips(system: BodyOnPlane, times: Array, states: ContactState) -> Array:
-    """The slip velocities; exactly 0 of a body that rolls."""
+def slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Array, Array]:
+    """The slip velocities, exactly 0 of a body that rolls, and their directions, 0 where there is none."""
     prepared = system.prepare()
 
-    def slip(t: Array, state: ContactState) -> Array:
-        return jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(prepared.body, t, state.released))
+    def slip(t: Array, state: ContactState) -> tuple[Array, Array]:
+        velocity = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(prepared.body, t, state.released))
+        return velocity, jnp.where(state.is_in(Mode.SLIDING), state.direction(t, velocity), 0.0)
 
     return jax.vmap(slip)(times, states)
 
@@ -95,7 +96,9 @@ def slips(system: BodyOnPlane, times: Array, states: ContactState) -> Array:
 _compiled_slips = programs.filter_jit(slips)
 
 
-def history(law: Contact, saved: ContactState, slip: Array, count: Array, switches: Unpacked) -> ContactHistory:
+def history(
+    law: Contact, saved: ContactState, slip: Array, sigma: Array, count: Array, switches: Unpacked
+) -> ContactHistory:
     """What became of the contact in one run, or in several with these as leading axis."""
     (times, causes, _, _, grazing), before, after = switches
     known = jnp.isfinite(times)
@@ -105,7 +108,7 @@ def history(law: Contact, saved: ContactState, slip: Array, count: Array, switch
         V=saved.V,
         height=saved.height,
         slip=slip,
-        sigma=saved.sigma,
+        sigma=sigma,
         rubbed=saved.rubbed,
         struck=saved.struck,
         switches=Switches(

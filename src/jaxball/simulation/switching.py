@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..numerics.bracketing import Sample, between, other_end
-from ..physics.body_on_plane import LED_ON, LET_GO
+from ..physics.body_on_plane import Heading
 from ..physics.modes import CAUSES, Cause, Mode
 from ..physics.packing import Packing
 from ..solvers.dense.sampling import sampling
@@ -95,10 +95,9 @@ class Kept(NamedTuple):
 class Course(NamedTuple):
     """What a solve carries from mode to mode.
 
-    - ``pending``: the :class:`Cause` with which a mode has just ended, ``LED_ON``, ``LET_GO``, or ``NONE``.
+    - ``pending``: the :class:`Cause` with which a mode has just ended, or ``NONE``.
     - ``length``: of the longest step that no end of a mode cut short, with which what follows a slip begins.
-    - ``weight``: of an error of the direction of a slip, beside errors of the velocities.
-    - ``lasting``: the functions that say that the mode lasts, as the step begins; None where each step looks.
+    - ``guards``: the functions that say that the mode lasts, as the step begins; None where each step looks.
     - ``begun``: the vector with which the first mode began.
     - ``switches``: how many there have been.
     - ``crowd``: how many in a row were too near to each other, ``last`` the time of the last.
@@ -109,8 +108,7 @@ class Course(NamedTuple):
     aim: Aim
     pending: Int[Array, "*lanes"]
     length: Float[Array, "*lanes"]
-    weight: Float[Array, "*lanes"]
-    lasting: Float[Array, "3 *lanes"] | None
+    guards: Float[Array, "3 *lanes"] | None
     begun: Float[Array, "size *lanes"]
     switches: Int[Array, "*lanes"]
     crowd: Int[Array, "*lanes"]
@@ -123,38 +121,26 @@ class Course(NamedTuple):
         cls, t0: Float[Array, "*lanes"], y0: Float[Array, "size *lanes"], length: Float[Array, "*lanes"]
     ) -> "Course":
         """The course of a solve before its first step, of ``length``."""
-        none, success, whole = jnp.asarray(0), jnp.asarray(int(Status.SUCCESS)), jnp.ones_like(t0)
-        return cls(Aim.none(t0), jnp.asarray(int(Cause.START)), length, whole, None, y0, none, none, t0, success, None)
+        none, success = jnp.asarray(0), jnp.asarray(int(Status.SUCCESS))
+        return cls(Aim.none(t0), jnp.asarray(int(Cause.START)), length, None, y0, none, none, t0, success, None)
 
 
 class Ended(NamedTuple):
-    """A step's end, if its mode lasts: the mode, whether a slip is over, and the vector with which the next begins.
-
-    ``led`` is that of a slip whose direction the forces were to lead until then: ``LED_ON`` or ``LET_GO``, and else
-    ``NONE``. ``jumps`` says whether the field is another there than at the end of the step. ``weight`` and ``lasting``
-    are those of a ``Course``.
-    """
+    """A step's end, if its mode lasts: the mode, whether a slip may be at its end, and the functions of a ``Course``."""
 
     mode: Float[Array, "*lanes"]
-    still: Bool[Array, "*lanes"]
-    led: Int[Array, "*lanes"]
-    jumps: Bool[Array, "*lanes"]
-    weight: Float[Array, "*lanes"]
-    lasting: Float[Array, "3 *lanes"]
-    stepped: Float[Array, "size *lanes"]
+    slow: Bool[Array, "*lanes"]
+    guards: Float[Array, "3 *lanes"]
 
 
 class Judged(NamedTuple):
     """What becomes of a step that the controller would keep: it stays, or is ``retried`` with an end at ``target``.
 
-    ``jumps`` says whether the next step begins with another slope than this one ended with. ``shorter`` is the length
-    of the next step in units of what the controller makes of it.
+    ``shorter`` is the length of the next step in units of what the controller makes of it.
     """
 
     retried: Bool[Array, "*lanes"]
     target: Float[Array, "*lanes"]
-    y: Float[Array, "size *lanes"]
-    jumps: Bool[Array, "*lanes"]
     shorter: Float[Array, "*lanes"]
     course: Course
 
@@ -191,11 +177,6 @@ class Switching(eqx.Module):
         """The course of a solve before its first step."""
         return Course.start(t0, y0, length)._replace(kept=Kept.empty(self.room, y0))
 
-    def latest_end(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Float[Array, ""]:
-        """The time after ``t`` at which a step must end because the direction of a slip is led until then."""
-        state = self._packing(parameters).unravel(y)
-        return jnp.where(state.led & (state.until > t), state.until, jnp.inf)
-
     def settled(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
     ) -> Settled:
@@ -210,10 +191,6 @@ class Switching(eqx.Module):
             return Settled(t, y, t, course)
 
         return jax.lax.cond(course.pending == NONE, pass_by, follow, course)
-
-    def weighted(self, course: Course, error: Float[Array, " size"], parameters: Any) -> Float[Array, " size"]:
-        """The error of a step, with the weight that the direction of a slip has in it."""
-        return weighted(course, error, self._packing(parameters))
 
     def judged(
         self,
@@ -231,36 +208,35 @@ class Switching(eqx.Module):
             fixed = jax.lax.stop_gradient((start, end))
             times = sampling().times(*fixed, sampling().nodes)
             inner, constants = jax.lax.stop_gradient((jax.vmap(interpolation.evaluate)(times[:-1]), parameters))
-            lasting = jax.vmap(lambda t, x: self.seen(t, x, constants))(times[:-1], inner)
-            return looked(course, *fixed, y, lasting.T, self.ended(fixed[1], y, parameters))
+            heading = self.heading(fixed[0], inner[0], constants)
+            guards = jax.vmap(lambda t, x: self.guards(t, x, heading, constants))(times[:-1], inner)
+            ended = self.ended(fixed[1], jax.lax.stop_gradient(y), heading, constants)
+            return looked(course, *fixed, guards.T, ended)
 
         def pass_by(course: Course) -> Judged:
-            return passed_by(course, end, y)
+            return passed_by(course, end)
 
         return jax.lax.cond(kept, look, pass_by, course)
 
     def _packing(self, parameters: Any) -> Packing:
         return self.unpack(parameters)[0]
 
-    def seen(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Float[Array, "3"]:
-        """The functions that are positive while the mode lasts."""
+    def heading(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Heading:
+        """Where a slip goes as a step begins."""
         packing = self._packing(parameters)
-        return packing.system.lasting(t, packing.unpack(t, y))
+        return packing.system.heading(t, packing.unpack(t, y))
 
-    def ended(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Ended:
+    def guards(self, t: Float[Array, ""], y: Float[Array, " size"], heading: Heading, parameters: Any) -> Array:
+        """The three functions that are positive while the mode lasts."""
+        packing = self._packing(parameters)
+        return packing.system.guards(t, packing.unpack(t, y), heading)
+
+    def ended(self, t: Float[Array, ""], y: Float[Array, " size"], heading: Heading, parameters: Any) -> Ended:
         """The end of a step."""
         packing = self._packing(parameters)
-        system, state = packing.system, packing.unravel(y)
-        fixed_system, fixed = jax.lax.stop_gradient((system, packing.unpack(t, y)))
-        found = fixed_system.response(t, fixed)
-        lasting = fixed_system.lasting(t, fixed, found)
-        guide = fixed_system.guide(t, fixed, found, self.rtol, self.atol)
-        still = system.has_stopped(t, state, self.rtol, self.atol)
-        goes_on = jnp.where(system.is_led_on(t, state, self.rtol, self.atol), LED_ON, LET_GO)
-        led = jnp.where(system.led_to_here(t, state), goes_on, NONE)
-        stepped = system.stepped(t, state, guide)
-        jumps, weight = stepped.guide != state.guide, system.direction_weight(t, stepped)
-        return Ended(state.mode, still, led, jumps, weight, lasting, ravel_pytree(stepped)[0])
+        system, state = packing.system, packing.unpack(t, y)
+        slow = system.is_slow(t, state, heading, self.rtol, self.atol)
+        return Ended(state.mode, slow, system.guards(t, state, heading))
 
     def followed(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
@@ -268,21 +244,26 @@ class Switching(eqx.Module):
         """What follows the mode that has ended."""
         packing, cause = self._packing(parameters), course.pending
         system, starts = packing.system, cause == int(Cause.START)
-        switches = ~starts & (cause > NONE)
+        kinks = jax.lax.stop_gradient(system.driving_kinks())
 
         state = packing.unpack(t, y)
+        heading = jax.lax.stop_gradient(system.heading(t, state))
+        heading = heading._replace(least=heading.speed)
         rates = jax.lax.stop_gradient(system.field(t, state))
-        values, slopes = jax.jvp(system.lasting, (t, state), (jnp.ones_like(t), rates))
+        values, slopes = jax.jvp(
+            lambda t, state: system.guards(t, state, heading), (t, state), (jnp.ones_like(t), rates)
+        )
         which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
         slope = jax.lax.stop_gradient(slopes[which])
-        sloping = switches & (slope != 0)
+        sloping = ~starts & (slope != 0)
         # By this the time moves by next to nothing, and gets its derivatives: those of the zero of the function.
         shift = jnp.where(sloping, -values[which] / jnp.where(sloping, slope, 1.0), 0.0)
-        t, state = t + shift, jax.tree.map(lambda x, rate: x + shift * rate, state, rates)
-        after = packing.pack(t, system.followed(t, state, cause))
+        t, before = t + shift, jax.tree.map(lambda x, rate: x + shift * rate, state, rates)
+        t, state, ends, lands = system.followed(t, before, cause, kinks)
+        after, switches = packing.pack(t, state), jnp.where(starts, lands, ends)
         fixed = jax.lax.stop_gradient(t)
         crowded = switches & (cause != int(Cause.LANDS)) & (fixed - course.last <= CLOSE * run)
-        crowd = jnp.where(crowded, course.crowd + 1, jnp.where(cause < NONE, course.crowd, 0))
+        crowd = jnp.where(crowded, course.crowd + 1, jnp.where(switches, 0, course.crowd))
         status = jnp.where(crowd > TOO_MANY, int(Status.CHATTERED), course.status)
         status = jnp.where(cause == int(Cause.JAMS), int(Status.JAMMED), status)
         place = jnp.where(switches, course.switches, self.room)
@@ -291,43 +272,36 @@ class Switching(eqx.Module):
             begun=jnp.where(starts, after, course.begun),
             switches=course.switches + jnp.where(switches, 1, 0),
             crowd=crowd,
-            last=jnp.where(cause < NONE, course.last, fixed),
+            last=jnp.where(switches, fixed, course.last),
             status=status,
             kept=None,
         )
-        grazing = jnp.abs(slope) * course.length <= GRAZING * course.aim.size
-        switch = Kept(t, cause, packing.pack(t, state), after, grazing)
+        grazing = ~starts & (jnp.abs(slope) * course.length <= GRAZING * course.aim.size)
+        kind = jnp.where(starts, int(Cause.LANDS), cause)
+        switch = Kept(t, kind, packing.pack(t, before), after, grazing)
         # A slip has ended in ever shorter steps, which say nothing about what follows.
         least = LEAST * float(jnp.finfo(fixed.dtype).eps) * jnp.abs(fixed)
-        length = jnp.where(cause == int(Cause.STOPS), course.length, least)
-        end = before_kink(jax.lax.stop_gradient(system.driving_kinks()), fixed, fixed + length)
-        return Followed(Settled(t, after, end, course), place, switch)
-
-
-def weighted(course: Course, error: Float[Array, "size *lanes"], packing: Packing) -> Float[Array, "size *lanes"]:
-    """The errors of steps, with the weights that the directions of slips have in them."""
-    turns = ravel_pytree(packing.unravel(jnp.zeros(error.shape[0], error.dtype)).directions())[0]
-    return jnp.where(turns.reshape(-1, *(1,) * course.weight.ndim), course.weight[None] * error, error)
+        length = jnp.where((cause == int(Cause.STOPS)) & ends, course.length, least)
+        return Followed(Settled(t, after, before_kink(kinks, fixed, fixed + length), course), place, switch)
 
 
 def looked(
     course: Course,
     start: Float[Array, "*lanes"],
     end: Float[Array, "*lanes"],
-    y: Float[Array, "size *lanes"],
     before: Float[Array, "3 inner *lanes"],
     ended: Ended,
 ) -> Judged:
     """What becomes of a step, or of one in each lane, by the functions ``before`` its end, at nodes, and by its end."""
-    aim, lasting = course.aim, jnp.concatenate([before, ended.lasting[:, None]], axis=1)
+    aim, guards = course.aim, jnp.concatenate([before, ended.guards[:, None]], axis=1)
     at_aim = aim.on & (end == aim.target)
-    first = _first_end(start, end, lasting, jnp.where(at_aim, aim.which, NONE))
+    first = _first_end(start, end, guards, jnp.where(at_aim, aim.which, NONE))
     # Two functions may fall to zero together; then one of them is as good as the other.
     earlier = ~at_aim | (first.target < end - TOGETHER * (end - start))
     # The quartics may show zeros that are none, and then, in a shorter step, others.
     tries = jnp.where(at_aim, aim.tries + 1, 0)
     first = first._replace(on=first.on & earlier & (tries < MOST_TRIES), tries=tries)
-    value = _entry(aim.which, lasting[:, -1])
+    value = _entry(aim.which, guards[:, -1])
     nearer = aim.nearer(end, value)
     width = jnp.maximum(NEAR * (end - start), 4 * float(jnp.finfo(end.dtype).eps) * jnp.abs(end))
     met = (jnp.abs(nearer.target - end) <= width) | (value == 0) | (aim.tries >= MOST_TRIES)
@@ -335,27 +309,24 @@ def looked(
     next_aim = _where(retried, _where(first.on, first, nearer), Aim.none(end))
     cause = _cause(ended.mode, aim.which)
     # Where friction gives way because nothing is left that presses, the body lifts.
-    lifts = (cause == int(Cause.GIVES_WAY)) & (lasting[1, -1] <= NOTHING * jnp.max(jnp.abs(lasting[1]), axis=0))
+    lifts = (cause == int(Cause.GIVES_WAY)) & (guards[1, -1] <= NOTHING * jnp.max(jnp.abs(guards[1]), axis=0))
     cause = jnp.where(lifts, int(Cause.LIFTS), cause)
-    real = jnp.where(cause == int(Cause.STOPS), ended.still, jnp.abs(value) <= REAL * aim.size)
+    real = jnp.where(cause == int(Cause.STOPS), ended.slow, jnp.abs(value) <= REAL * aim.size)
     switches = at_aim & ~retried & real
     lasts = ~(retried | switches)
     course = course._replace(
         aim=next_aim,
-        pending=jnp.where(switches, cause, jnp.where(lasts, ended.led, NONE)),
+        pending=jnp.where(switches, cause, NONE),
         length=jnp.where(retried | at_aim, course.length, jnp.maximum(course.length, end - start)),
-        weight=jnp.where(lasts, ended.weight, jnp.where(retried, course.weight, 1.0)),
-        lasting=None if course.lasting is None else jnp.where(lasts[None], ended.lasting, course.lasting),
+        guards=None if course.guards is None else jnp.where(lasts[None], ended.guards, course.guards),
     )
-    shorter = jnp.where(lasts, _shorter(ended.mode, lasting[0]), 1.0)
-    stepped = jnp.where(lasts[None], ended.stepped, y)
-    return Judged(retried, next_aim.target, stepped, lasts & ended.jumps, shorter, course)
+    shorter = jnp.where(lasts, _shorter(ended.mode, guards[0]), 1.0)
+    return Judged(retried, next_aim.target, shorter, course)
 
 
-def passed_by(course: Course, end: Float[Array, "*lanes"], y: Float[Array, "size *lanes"]) -> Judged:
+def passed_by(course: Course, end: Float[Array, "*lanes"]) -> Judged:
     """A step that is not kept anyway."""
-    no = jnp.zeros_like(end, bool)
-    return Judged(no, end, y, no, jnp.ones_like(end), course._replace(aim=Aim.none(end)))
+    return Judged(jnp.zeros_like(end, bool), end, jnp.ones_like(end), course._replace(aim=Aim.none(end)))
 
 
 def _shorter(mode: Float[Array, "*lanes"], forward: Float[Array, "nodes *lanes"]) -> Float[Array, "*lanes"]:

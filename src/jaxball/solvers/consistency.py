@@ -10,7 +10,7 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, PyTree
 
 from .flat import FlatProblem
-from .linear import inverses, product
+from ..numerics.linear import inverses, product
 from .mass import AbstractMassTerm, Mass
 from .newton import value_and_jacobian
 from .outcome import INCONSISTENT, NO_FAULT, NOT_INDEX_ONE, UNKNOWN

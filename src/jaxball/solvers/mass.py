@@ -13,7 +13,7 @@ from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from .linear import inverses, product
+from ..numerics.linear import inverses, product
 
 VectorField = Callable[[Any, Any, Any], Any]
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Inexact
 
 from .iteration import iterate
-from .linear import inverses, solutions
+from ..numerics.linear import inverses, solutions
 from .stages import FROM_CONTROLLER, AbstractStageIteration, Memory, StageEquations, Stages, combine
 from .tableau import Tableau
 
