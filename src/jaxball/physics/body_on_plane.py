@@ -228,7 +228,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
         A slip that ends is followed to its end first. An impact comes next, if the body comes down, then the mode with
         the velocities after it, and then the direction in which a slip begins. All but this need the response of the
-        body, whose formulas are long, and so are one loop.
+        body, whose formulas are long, and so are one loop. A negative cause is none, and the mode goes on, with the
+        direction that its velocity has.
         """
         starts = cause == int(Cause.START)
         lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
@@ -260,7 +261,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         def part(carry: _Following, stage: Int[Array, ""]) -> tuple[_Following, None]:
             return jax.lax.cond(needed(carry, stage), advanced, lambda carry, _: carry, carry, stage), None
 
-        first = _Following(t, state, (t, state), still, flies, jnp.asarray(True), jnp.asarray(False))
+        first = _Following(t, state, (t, state), still, flies, cause >= int(Cause.START), jnp.asarray(False))
         done = jax.lax.scan(part, first, jnp.arange(END, MODE + 1))[0]
         state = self._begun(done, kinks)
         return Followed(done.t, state, done.decides, lands)

@@ -111,7 +111,7 @@ class ContactState(AbstractState):
 
     def direction(self, t: Float[Array, ""], slip: Float[Array, "3"]) -> Float[Array, "2"]:
         """σ of a body that slips with v_s; 0 where there is none."""
-        begins = t < self.begun.until
+        begins = t <= self.begun.until
         return jnp.where(begins, self.begun.direction(t), slip_direction(slip, jnp.zeros_like(slip[:2])))
 
     def is_in(self, mode: Mode) -> Bool[Array, ""]:

@@ -161,7 +161,8 @@ class _Solve(NamedTuple):
         assert self.switching is not None
         ended = course.pending != NONE
         t, y, end, course = self.switching.settled(course, state.tprev, state.y, self.t1 - self.t0, self.args)
-        end = jnp.minimum(jnp.maximum(state.tnext, end), self.t1)
+        latest = jnp.minimum(self.switching.latest_end(t, y, self.args), self.t1)
+        end = jnp.minimum(jnp.maximum(state.tnext, end), latest)
         state = dataclasses.replace(state, tprev=t, tnext=end, y=y, made_jump=state.made_jump | ended)
         return state, course
 
@@ -192,11 +193,11 @@ class _Solve(NamedTuple):
         if self.switching is not None and course is not None:
             interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
             judged = self.switching.judged(course, state.tprev, state.tnext, y, interpolation, keep, self.args)
-            retried, target, shorter, course = judged
+            retried, target, longest, course = judged
             keep &= ~retried
             tprev = jnp.where(retried, state.tprev, tprev)
             if _is_plain(error):
-                tnext = jnp.where(shorter < 1, tprev + shorter * (tnext - tprev), tnext)
+                tnext = jnp.where(longest < tnext - tprev, tprev + longest, tnext)
             tnext = jnp.where(retried, target, tnext)
             controller_state = _where(retried, state.controller_state, controller_state)
         tprev = jnp.minimum(tprev, self.t1)

@@ -23,6 +23,7 @@ from ..solvers.dense.sampling import sampling
 from ..solvers.kinks import before_kink
 
 NONE = -1  # no cause
+WINDOW = -2  # no cause either: the end of the time for which the direction of a slip was known beforehand
 NEAR = 1e-10  # of the length of a step: where it ends so close to the end of a mode, one step of Newton's is exact
 TOGETHER = 1e-6  # of the length of a step: what ends a mode at nearly the same time as something else
 MOST_TRIES = 40
@@ -34,7 +35,7 @@ NOTHING = 1e-9  # a normal force below this part of its size in a step is none
 GRAZING = 1e-6  # a function that falls by less than this part of its size in a step touches zero
 CLOSE = 1e-9  # switches that are nearer to each other than this part of a run are too many
 TOO_MANY = 64  # of these
-SHORTEST = 0.01  # of a step, the next one, where a slip slows down
+SHARE = 0.3
 
 
 class Aim(NamedTuple):
@@ -95,7 +96,7 @@ class Kept(NamedTuple):
 class Course(NamedTuple):
     """What a solve carries from mode to mode.
 
-    - ``pending``: the :class:`Cause` with which a mode has just ended, or ``NONE``.
+    - ``pending``: the :class:`Cause` with which a mode has just ended, ``WINDOW``, or ``NONE``.
     - ``length``: of the longest step that no end of a mode cut short, with which what follows a slip begins.
     - ``guards``: the functions that say that the mode lasts, as the step begins; None where each step looks.
     - ``begun``: the vector with which the first mode began.
@@ -126,22 +127,26 @@ class Course(NamedTuple):
 
 
 class Ended(NamedTuple):
-    """A step's end, if its mode lasts: the mode, whether a slip may be at its end, and the functions of a ``Course``."""
+    """A step's end, if its mode lasts: the mode, whether a window ends, whether a slip may be at its end, the ``least``
+    speed of a heading, and the guards of a ``Course``.
+    """
 
     mode: Float[Array, "*lanes"]
+    window: Bool[Array, "*lanes"]
     slow: Bool[Array, "*lanes"]
+    least: Float[Array, "*lanes"]
     guards: Float[Array, "3 *lanes"]
 
 
 class Judged(NamedTuple):
     """What becomes of a step that the controller would keep: it stays, or is ``retried`` with an end at ``target``.
 
-    ``shorter`` is the length of the next step in units of what the controller makes of it.
+    ``longest`` is the longest next step.
     """
 
     retried: Bool[Array, "*lanes"]
     target: Float[Array, "*lanes"]
-    shorter: Float[Array, "*lanes"]
+    longest: Float[Array, "*lanes"]
     course: Course
 
 
@@ -177,6 +182,12 @@ class Switching(eqx.Module):
         """The course of a solve before its first step."""
         return Course.start(t0, y0, length)._replace(kept=Kept.empty(self.room, y0))
 
+    def latest_end(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Float[Array, ""]:
+        """The time after ``t`` at which a step must end because a window does."""
+        state = self._packing(parameters).unravel(y)
+        ends = state.is_in(Mode.SLIDING) & (state.begun.until > t)
+        return jnp.where(ends, state.begun.until, jnp.inf)
+
     def settled(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
     ) -> Settled:
@@ -211,7 +222,7 @@ class Switching(eqx.Module):
             heading = self.heading(fixed[0], inner[0], constants)
             guards = jax.vmap(lambda t, x: self.guards(t, x, heading, constants))(times[:-1], inner)
             ended = self.ended(fixed[1], jax.lax.stop_gradient(y), heading, constants)
-            return looked(course, *fixed, guards.T, ended)
+            return looked(course, *fixed, guards.T, ended, jnp.asarray(SHARE))
 
         def pass_by(course: Course) -> Judged:
             return passed_by(course, end)
@@ -236,7 +247,8 @@ class Switching(eqx.Module):
         packing = self._packing(parameters)
         system, state = packing.system, packing.unpack(t, y)
         slow = system.is_slow(t, state, heading, self.rtol, self.atol)
-        return Ended(state.mode, slow, system.guards(t, state, heading))
+        window = state.is_in(Mode.SLIDING) & (state.begun.until == t)
+        return Ended(state.mode, window, slow, heading.least, system.guards(t, state, heading))
 
     def followed(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
@@ -255,12 +267,12 @@ class Switching(eqx.Module):
         )
         which = jnp.argmax(jnp.asarray(CAUSES)[state.mode.astype(int)] == cause)
         slope = jax.lax.stop_gradient(slopes[which])
-        sloping = ~starts & (slope != 0)
+        sloping = (cause > int(Cause.START)) & (slope != 0)
         # By this the time moves by next to nothing, and gets its derivatives: those of the zero of the function.
         shift = jnp.where(sloping, -values[which] / jnp.where(sloping, slope, 1.0), 0.0)
         t, before = t + shift, jax.tree.map(lambda x, rate: x + shift * rate, state, rates)
         t, state, ends, lands = system.followed(t, before, cause, kinks)
-        after, switches = packing.pack(t, state), jnp.where(starts, lands, ends)
+        after, switches = packing.pack(t, state), jnp.where(starts, lands, ends & (cause != WINDOW))
         fixed = jax.lax.stop_gradient(t)
         crowded = switches & (cause != int(Cause.LANDS)) & (fixed - course.last <= CLOSE * run)
         crowd = jnp.where(crowded, course.crowd + 1, jnp.where(switches, 0, course.crowd))
@@ -276,7 +288,7 @@ class Switching(eqx.Module):
             status=status,
             kept=None,
         )
-        grazing = ~starts & (jnp.abs(slope) * course.length <= GRAZING * course.aim.size)
+        grazing = (cause > int(Cause.START)) & (jnp.abs(slope) * course.length <= GRAZING * course.aim.size)
         kind = jnp.where(starts, int(Cause.LANDS), cause)
         switch = Kept(t, kind, packing.pack(t, before), after, grazing)
         # A slip has ended in ever shorter steps, which say nothing about what follows.
@@ -291,6 +303,7 @@ def looked(
     end: Float[Array, "*lanes"],
     before: Float[Array, "3 inner *lanes"],
     ended: Ended,
+    share: Float[Array, "*lanes"],
 ) -> Judged:
     """What becomes of a step, or of one in each lane, by the functions ``before`` its end, at nodes, and by its end."""
     aim, guards = course.aim, jnp.concatenate([before, ended.guards[:, None]], axis=1)
@@ -316,27 +329,32 @@ def looked(
     lasts = ~(retried | switches)
     course = course._replace(
         aim=next_aim,
-        pending=jnp.where(switches, cause, NONE),
+        pending=jnp.where(switches, cause, jnp.where(lasts & ended.window, WINDOW, NONE)),
         length=jnp.where(retried | at_aim, course.length, jnp.maximum(course.length, end - start)),
         guards=None if course.guards is None else jnp.where(lasts[None], ended.guards, course.guards),
     )
-    shorter = jnp.where(lasts, _shorter(ended.mode, guards[0]), 1.0)
-    return Judged(retried, next_aim.target, shorter, course)
+    longest = jnp.where(lasts, _longest(ended.mode, start, end, guards[0] + ended.least, ended.least, share), jnp.inf)
+    return Judged(retried, next_aim.target, longest, course)
 
 
 def passed_by(course: Course, end: Float[Array, "*lanes"]) -> Judged:
     """A step that is not kept anyway."""
-    return Judged(jnp.zeros_like(end, bool), end, jnp.ones_like(end), course._replace(aim=Aim.none(end)))
+    return Judged(jnp.zeros_like(end, bool), end, jnp.full_like(end, jnp.inf), course._replace(aim=Aim.none(end)))
 
 
-def _shorter(mode: Float[Array, "*lanes"], forward: Float[Array, "nodes *lanes"]) -> Float[Array, "*lanes"]:
-    """The length of the next step in units of this one, by which a controller sees the same error again.
-
-    A slip turns ever faster as its speed falls, by so much in the time in which that falls by a part of it.
-    """
+def _longest(
+    mode: Float[Array, "*lanes"],
+    start: Float[Array, "*lanes"],
+    end: Float[Array, "*lanes"],
+    forward: Float[Array, "nodes *lanes"],
+    least: Float[Array, "*lanes"],
+    share: Float[Array, "*lanes"],
+) -> Float[Array, "*lanes"]:
+    """The longest next step: infinite, but where a slip slows down, a share of the time until its end."""
     before, after = forward[0], forward[-1]
-    slows = (mode == int(Mode.SLIDING)) & (before > 0)
-    return jnp.where(slows, jnp.clip(after / jnp.where(slows, before, 1.0), SHORTEST, 1.0), 1.0)
+    slows = (mode == int(Mode.SLIDING)) & (after > 3 * least) & (before > after)
+    until_end = after * (end - start) / jnp.where(slows, before - after, 1.0)
+    return jnp.where(slows, share * until_end, jnp.inf)
 
 
 def _first_end(
