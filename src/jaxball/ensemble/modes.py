@@ -14,8 +14,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..numerics.pieces import separately
+from ..physics.body_on_plane import Heading
+from ..physics.modes import Mode
 from ..physics.packing import Packing
-from ..simulation.switching import NONE, Course, Ended, Judged, Kept, Switching, looked, passed_by, weighted
+from ..simulation.switching import NONE, Course, Ended, Judged, Kept, Switching, looked, passed_by, share
 from ..solvers.dense.sampling import sampling
 from .control import Limits, Verdict
 from .parameters import Prepared
@@ -27,7 +29,8 @@ FIRST = 3  # of a record: time, cause, whether it grazes; then the vectors befor
 class Given(NamedTuple):
     """What the programs of a lane are given, and the limits of its steps; the lanes are the last axis."""
 
-    seen: Any
+    heading: Any
+    guards: Any
     ended: Any
     t0: Float[Array, " lanes"]
     t1: Float[Array, " lanes"]
@@ -49,17 +52,20 @@ class Lanes(NamedTuple):
 class Modes(NamedTuple):
     """The modes of the systems of rows.
 
-    - ``seen``, ``ended``: the methods of ``Switching``, in lanes.
+    - ``heading``, ``guards``, ``ended``: the methods of ``Switching``, in lanes.
     - ``packing``: of each row, with the rows as leading axis; of all of them where ``shared``.
     - ``room``: for switches of each row.
+    - ``order``: that of the errors that the method sees.
     """
 
-    seen: Prepared
+    heading: Prepared
+    guards: Prepared
     ended: Prepared
     between: Between
     packing: Packing
     shared: bool
     room: int
+    order: Any
 
     @classmethod
     def of(
@@ -68,19 +74,25 @@ class Modes(NamedTuple):
         between: Between,
         packing: Packing,
         shared: bool,
+        order: Any,
     ) -> "Modes":
         """``prepared`` takes a function of (system, t, vector) and numbers to its program for all rows."""
         room, unravel = packing.system.contact.room, packing.unravel
 
-        def seen(system, t, x):
-            return _switching(t, t, room).seen(t, x, Packing(system.prepare(), unravel))
+        def heading(system, t, x):
+            return _switching(t, t, room, order).heading(t, x, Packing(system.prepare(), unravel)).as_numbers()
 
-        def ended(system, t, x, rtol, atol):
-            end = _switching(rtol, atol, room).ended(t, x, Packing(system.prepare(), unravel))
-            still, led, jumps = (says.astype(x.dtype) for says in (end.still, end.led, end.jumps))
-            return end._replace(still=still, led=led, jumps=jumps)
+        def guards(system, t, x, *heading):
+            along = Heading.of_numbers(jnp.stack(heading))
+            return _switching(t, t, room, order).guards(t, x, along, Packing(system.prepare(), unravel))
 
-        return cls(prepared(seen, 0), prepared(ended, 2), between, packing, shared, room)
+        def ended(system, t, x, rtol, atol, *heading):
+            along = Heading.of_numbers(jnp.stack(heading))
+            end = _switching(rtol, atol, room, order).ended(t, x, along, Packing(system.prepare(), unravel))
+            return end._replace(window=end.window.astype(x.dtype), slow=end.slow.astype(x.dtype))
+
+        programs = prepared(heading, 0), prepared(guards, 4), prepared(ended, 6)
+        return cls(*programs, between, packing, shared, room, order)
 
     def record(self, rows: int, size: int, dtype: Any) -> Float[Array, "rows room numbers"]:
         """Room for the switches of all rows: NaN, before there are any."""
@@ -89,59 +101,71 @@ class Modes(NamedTuple):
     def begin(self, t0: Float[Array, " lanes"], x: Float[Array, "size lanes"], end: Float[Array, " lanes"]) -> Course:
         """The courses of lanes before their first step."""
         course = jax.vmap(Course.start, in_axes=-1, out_axes=-1)(t0, x, end - t0)
-        return course._replace(lasting=jnp.ones((3, *t0.shape), t0.dtype))
+        return course._replace(guards=jnp.ones((3, *t0.shape), t0.dtype))
 
     def latest_end(self, t: Float[Array, " lanes"], x: Float[Array, "size lanes"]) -> Float[Array, " lanes"]:
         """The time at which a step must end because the direction of a slip is led until then."""
 
         def end(t: Array, y: Array) -> Array:
-            return _switching(t, t, self.room).latest_end(t, y, self.packing)
+            return _switching(t, t, self.room, self.order).latest_end(t, y, self.packing)
 
         return jax.vmap(end, in_axes=-1)(t, x)
 
-    def weighted(self, course: Course, step: Step) -> Step:
-        """The steps, with the weights that the directions of slips have in their errors."""
-        return step._replace(error=weighted(course, step.error, self.packing))
-
     def judged(
         self, course: Course, given: Given, step: Step, fresh: Bool[Array, " lanes"], verdict: Verdict, memory: Any
-    ) -> tuple[Verdict, Float[Array, "size lanes"], Course]:
-        """What becomes of a step that the controller has judged: the verdict, the state at its end, and the courses.
+    ) -> tuple[Verdict, Course]:
+        """What becomes of a step that the controller has judged: the verdict, and the courses.
 
         ``memory`` is what the controller remembered before. Steps are ``fresh`` that begin with another field than the
         last one ended with.
         """
         start, end, limits = jax.lax.stop_gradient((step.start, step.end, given.limits))
-        before = self._before_end(course, given, step, fresh)
-        course = course._replace(lasting=before[:, 0])
-        at_end = self.ended(given.ended, end, step.y, limits.rtol, limits.atol)
-        judged = _judged(course, start, end, step.y, before, at_end, verdict.kept)
+        heading = self.heading(given.heading, *jax.lax.stop_gradient((step.start, step.x)))
+        before = self._before_end(course, given, step, heading, fresh)
+        course = course._replace(guards=before[:, 0])
+        y = jax.lax.stop_gradient(step.y)
+        at_end = self.ended(given.ended, end, y, limits.rtol, limits.atol, heading)
+        longest = share(self.order, jnp.maximum(limits.rtol, limits.atol))
+        judged = _judged(course, start, end, before, at_end, longest, verdict.kept)
         retried, kept = judged.retried, verdict.kept & ~judged.retried
+        following = jnp.minimum(verdict.end, verdict.start + judged.longest)
         verdict = verdict._replace(
             kept=kept,
             start=jnp.where(retried, step.start, verdict.start),
-            end=jnp.where(retried, judged.target, verdict.start + judged.shorter * (verdict.end - verdict.start)),
+            end=jnp.where(retried, judged.target, following),
             memory=_where(retried, memory, verdict.memory),
-            jumped=verdict.jumped | judged.jumps,
         )
-        return verdict, judged.y, judged.course
+        return verdict, judged.course
 
     def _before_end(
-        self, course: Course, given: Given, step: Step, fresh: Bool[Array, " lanes"]
+        self,
+        course: Course,
+        given: Given,
+        step: Step,
+        heading: Float[Array, "4 lanes"],
+        fresh: Bool[Array, " lanes"],
     ) -> Float[Array, "3 inner lanes"]:
-        """What a mode lasts by, at the nodes in a step before its last; at the first, only fresh lanes look for it."""
-        assert course.lasting is not None
-        own, step, known = jax.lax.stop_gradient((given.seen, step, course.lasting))
+        """The guards at the nodes in a step before its last; at the first, only fresh lanes look for them."""
+        assert course.guards is not None
+        own, step, known = jax.lax.stop_gradient((given.guards, step, course.guards))
         nodes = jnp.asarray(sampling().nodes[:-1], step.x.dtype)
+        # The speed of a slip is seen along the heading of each step.
+        forward = Heading.of_numbers(heading).speed - Heading.of_numbers(heading).least
+        slides = self._slides(step.x)
+        known = known.at[0].set(jnp.where(slides, forward, known[0]))
 
         def one(i, samples):
             t = step.start + nodes[i] * (step.end - step.start)
-            seen = self.seen(own, t, self.between(step, t))
+            seen = self.guards(own, t, self.between(step, t), heading)
             return samples.at[i].set(jnp.where((i > 0) | fresh, seen, known))
 
         samples = jnp.zeros((nodes.size, 3, step.start.size), step.x.dtype).at[0].set(known)
         samples = jax.lax.fori_loop(jnp.where(jnp.any(fresh), 0, 1), nodes.size, one, samples)
         return jnp.moveaxis(samples, 0, 1)
+
+    def _slides(self, x: Float[Array, "size lanes"]) -> Bool[Array, " lanes"]:
+        unravel = self.packing.unravel
+        return jax.vmap(lambda vector: unravel(vector).is_in(Mode.SLIDING), in_axes=-1)(x)
 
     def settled(
         self, lanes: Lanes, given: Given, record: Float[Array, "rows room numbers"]
@@ -160,7 +184,7 @@ class Modes(NamedTuple):
             lane = jnp.min(jnp.where(waits(lanes), index, index.size - 1))
             one, t0, t1, limits = jax.tree.map(lambda leaf: leaf[..., lane], (lanes, given.t0, given.t1, given.limits))
             packing = self.packing if self.shared else jax.tree.map(lambda leaf: leaf[one.row], self.packing)
-            switching = _switching(limits.rtol, limits.atol, self.room)
+            switching = _switching(limits.rtol, limits.atol, self.room, self.order)
             done, place, kept = switching.followed(one.course, one.start, one.x, t1 - t0, packing)
             after = one._replace(
                 running=(done.course.status == int(Status.SUCCESS)) & (done.t < t1),
@@ -195,25 +219,25 @@ def _judged(
     course: Course,
     start: Float[Array, " lanes"],
     end: Float[Array, " lanes"],
-    y: Float[Array, "size lanes"],
     before: Float[Array, "3 inner lanes"],
     at_end: Float[Array, "numbers lanes"],
+    longest: Float[Array, " lanes"],
     kept: Bool[Array, " lanes"],
 ) -> Judged:
     """What becomes of the steps, of which some are not kept anyway."""
-    mode, still, led, jumps, weight = at_end[:5]
-    ended = Ended(mode, still != 0, led.astype(int), jumps != 0, weight, at_end[5:8], at_end[8:])
-    seen = looked(course, start, end, y, before, ended)
+    mode, window, slow, least = at_end[:4]
+    ended = Ended(mode, window != 0, slow != 0, least, at_end[4:])
+    seen = looked(course, start, end, before, ended, longest)
 
     def choose(a: Array, b: Array) -> Array:
         return separately(jnp.where(kept.reshape((1,) * (a.ndim - 1) + (-1,)), a, b))
 
-    return jax.tree.map(choose, seen, passed_by(course, end, y))
+    return jax.tree.map(choose, seen, passed_by(course, end))
 
 
-def _switching(rtol: Float[Array, ""], atol: Float[Array, ""], room: int) -> Switching:
+def _switching(rtol: Float[Array, ""], atol: Float[Array, ""], room: int, order: Any) -> Switching:
     """The modes of a system whose packing takes the place of its parameters."""
-    return Switching(rtol, atol, _itself, room)
+    return Switching(rtol, atol, _itself, room, float(order))
 
 
 def _itself(packing: Packing) -> tuple[Packing]:

@@ -69,6 +69,7 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
 
     field = prepared(lambda system, t, x: Packing.of(system.prepare(), like[1]).field(t, x))
     observation = Observation.of(settings.solver, settings.reductions, prepared, like[1], field, times, x)
+    error_order = settings.solver.error_order(diffrax.ODETerm(lambda t, y, args: y))
     limits, end, modes, given = Limits(kinks.T, rtol, atol), jnp.where(startable, t1, t0), None, None
     if isinstance(system, BodyOnPlane):
 
@@ -76,13 +77,13 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
             return Packing.of(system.prepare(), like[1])
 
         packing = packed(system) if all(shared) else jax.vmap(packed, in_axes=along[:1])(system)
-        modes = Modes.of(prepared, observation.between, packing, all(shared))
-        given = Given(modes.seen.own, modes.ended.own, t0, end, limits)
+        modes = Modes.of(prepared, observation.between, packing, all(shared), error_order)
+        given = Given(modes.heading.own, modes.guards.own, modes.ended.own, t0, end, limits)
     solved = solve_rows(
         Method(
             field=field,
             tableau=tableau_of(settings.solver),
-            error_order=settings.solver.error_order(diffrax.ODETerm(lambda t, y, args: y)),
+            error_order=error_order,
             controller=lambda kinks, rtol, atol: to_kinks(by_tolerances(rtol, atol), kinks),
             max_steps=settings.max_steps,
             modes=modes,
@@ -130,9 +131,9 @@ def _started(
 
 
 def _contact(each: Callable[..., Any], times: Array, states: ContactState, solved: Solved) -> tuple[Any, ...]:
-    """The slips at the times of rows, and their switches: how many, and those that are kept."""
+    """The slips at the times of rows, their directions, and the switches: how many, and those that are kept."""
     assert solved.switches is not None
-    slip = each(lambda system, state, times, states: slips(system.prepare(), times, states), times, states)
+    slip, sigma = each(lambda system, state, times, states: slips(system.prepare(), times, states), times, states)
 
     def unpacked(kept: Kept) -> Any:
         return each(lambda system, state, one: unpacked_switch(Packing.of(system.prepare(), state), one), kept)
@@ -140,7 +141,7 @@ def _contact(each: Callable[..., Any], times: Array, states: ContactState, solve
     # One after the other, because states of all switches of many rows are much at a time.
     kept = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), switches_of(solved.switches))
     switches = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1), jax.lax.map(unpacked, kept))
-    return slip, solved.course[1], switches
+    return slip, sigma, solved.course[1], switches
 
 
 def _status(solved: Solved, startable: Bool[Array, " runs"], t1: Float[Array, " runs"]) -> Int[Array, " runs"]:

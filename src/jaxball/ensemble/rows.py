@@ -236,12 +236,11 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[st
         lanes.slope,
         lanes.fresh & running,
     )
-    weighted = taken if course is None or method.modes is None else method.modes.weighted(course, taken)
-    verdict, y = judge(method.controller, problem.limits, weighted, lanes.memory, method.error_order), taken.y
+    verdict = judge(method.controller, problem.limits, taken, lanes.memory, method.error_order)
     if method.modes is not None:
         assert course is not None
         assert problem.modes is not None
-        verdict, y, course = method.modes.judged(
+        verdict, course = method.modes.judged(
             course, problem.modes, taken, lanes.fresh & running, verdict, lanes.memory
         )
     kept, observed = verdict.kept, lanes.observed
@@ -251,7 +250,7 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[st
         running=running & finite & (verdict.start < problem.t1) & (steps < method.max_steps),
         start=verdict.start,
         end=jnp.minimum(verdict.end, problem.t1),
-        x=jnp.where(kept[None], y, lanes.x),
+        x=jnp.where(kept[None], taken.y, lanes.x),
         slope=jnp.where(kept[None], taken.last, taken.slopes[0]),
         fresh=kept & verdict.jumped,
         memory=verdict.memory,

@@ -29,7 +29,7 @@ from .released import PlacedState, ReleasedState, Response, rates, released, res
 from .system import AbstractSystem
 
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
-SLOW = 0.3  # power of rounding: of the speed of a body, the slip that is followed to its end in no step of a solve
+SLOW = 0.36  # power of rounding: of the speed of a body, the slip that is followed to its end in no step of a solve
 ERRORS = 30  # of velocities, in tolerances: a slip that ends may be faster by so much
 WINDOW = 0.1  # of √(r/g): the longest time for which the direction of a slip that begins is known beforehand
 BEFORE_KINK = 0.999  # of the time until the next kink: the same
@@ -270,9 +270,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         """Halfway to the end of a slip, if it has one."""
         end = self._end(carry, found)
         soon = end.time <= float(jnp.finfo(end.time.dtype).eps) ** LONGEST * self._unit_of_time()
-        return carry._replace(
-            ahead=(carry.t + 0.5 * end.time, self._slowed(carry, found, carry.state, end, 0.5)), decides=end.comes & soon
-        )
+        halfway = self._slowed(carry, found, carry.state, end, 0.5)
+        return carry._replace(ahead=(carry.t + 0.5 * end.time, halfway), decides=end.comes & soon)
 
     def _ended(self, carry: "_Following", found: Response) -> "_Following":
         """At the end of a slip, with the response halfway."""

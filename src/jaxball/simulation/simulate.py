@@ -239,10 +239,10 @@ def _solve(
     def dae_field(t, x, parameters, component):
         return unpack_parameters(parameters)[0].dae_field(t, x, component)
 
-    switching = None
+    switching, term = None, diffrax.ODETerm(field)
     if isinstance(system, BodyOnPlane):
-        switching = Switching(rtol, atol, unpack_parameters, system.contact.room)
-    term = diffrax.ODETerm(field)
+        order = float(method.solver.error_order(term) or 1)  # pyright: ignore
+        switching = Switching(rtol, atol, unpack_parameters, system.contact.room, order)
     if method.dae:
         term = SwitchingMassMatrixTerm(
             dae_field,

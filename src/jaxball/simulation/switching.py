@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
@@ -35,7 +34,7 @@ NOTHING = 1e-9  # a normal force below this part of its size in a step is none
 GRAZING = 1e-6  # a function that falls by less than this part of its size in a step touches zero
 CLOSE = 1e-9  # switches that are nearer to each other than this part of a run are too many
 TOO_MANY = 64  # of these
-SHARE = 0.3
+TRUNCATED = 2e5  # tolerances: the most of a step's error beside the speed of a slip that ends, for its derivatives
 
 
 class Aim(NamedTuple):
@@ -170,13 +169,15 @@ class Followed(NamedTuple):
 class Switching(eqx.Module):
     """The modes of the system of a solve; ``unpack`` takes its parameters apart, the first of which is a packing.
 
-    ``room`` is how many switches are kept, and ``rtol``, ``atol`` are the tolerances of the solve.
+    ``room`` is how many switches are kept, ``rtol``, ``atol`` are the tolerances of the solve, and ``order`` is that of
+    the errors that its method sees.
     """
 
     rtol: Float[Array, ""]
     atol: Float[Array, ""]
     unpack: Any = eqx.field(static=True)
     room: int = eqx.field(static=True)
+    order: float = eqx.field(static=True)
 
     def begin(self, t0: Float[Array, ""], y0: Float[Array, " size"], length: Float[Array, ""]) -> Course:
         """The course of a solve before its first step."""
@@ -222,12 +223,16 @@ class Switching(eqx.Module):
             heading = self.heading(fixed[0], inner[0], constants)
             guards = jax.vmap(lambda t, x: self.guards(t, x, heading, constants))(times[:-1], inner)
             ended = self.ended(fixed[1], jax.lax.stop_gradient(y), heading, constants)
-            return looked(course, *fixed, guards.T, ended, jnp.asarray(SHARE))
+            return looked(course, *fixed, guards.T, ended, self.share())
 
         def pass_by(course: Course) -> Judged:
             return passed_by(course, end)
 
         return jax.lax.cond(kept, look, pass_by, course)
+
+    def share(self) -> Float[Array, ""]:
+        """The longest step of a slip that ends, over the time until its end."""
+        return share(self.order, jnp.maximum(self.rtol, self.atol))
 
     def _packing(self, parameters: Any) -> Packing:
         return self.unpack(parameters)[0]
@@ -340,6 +345,11 @@ def looked(
 def passed_by(course: Course, end: Float[Array, "*lanes"]) -> Judged:
     """A step that is not kept anyway."""
     return Judged(jnp.zeros_like(end, bool), end, jnp.full_like(end, jnp.inf), course._replace(aim=Aim.none(end)))
+
+
+def share(order: float, tolerance: Float[Array, "*lanes"]) -> Float[Array, "*lanes"]:
+    """The longest step of a slip that ends, over the time until its end, where the direction turns ever faster."""
+    return jnp.minimum((TRUNCATED * tolerance) ** (1 / (order + 1)), 1.0)
 
 
 def _longest(

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Bool, Float, Int, PyTree
 
-from .flat import FlatProblem
 from ..numerics.linear import inverses, product
+from .flat import FlatProblem
 from .mass import AbstractMassTerm, Mass
 from .newton import value_and_jacobian
 from .outcome import INCONSISTENT, NO_FAULT, NOT_INDEX_ONE, UNKNOWN

@@ -9,8 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Inexact
 
-from .iteration import iterate
 from ..numerics.linear import inverses, solutions
+from .iteration import iterate
 from .stages import FROM_CONTROLLER, AbstractStageIteration, Memory, StageEquations, Stages, combine
 from .tableau import Tableau
 
