@@ -125,7 +125,7 @@ class Modes(NamedTuple):
         course = course._replace(guards=before[:, 0])
         y = jax.lax.stop_gradient(step.y)
         at_end = self.ended(given.ended, end, y, limits.rtol, limits.atol, heading)
-        longest = share(self.order, jnp.maximum(limits.rtol, limits.atol))
+        longest = share(float(self.order), jnp.maximum(limits.rtol, limits.atol))
         judged = _judged(course, start, end, before, at_end, longest, verdict.kept)
         retried, kept = judged.retried, verdict.kept & ~judged.retried
         following = jnp.minimum(verdict.end, verdict.start + judged.longest)

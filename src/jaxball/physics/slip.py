@@ -24,9 +24,8 @@ from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
 from ..numerics import cooper_verner
-from ..numerics.linear import inverses
+from ..numerics.linear import inverses, solutions
 from ..numerics.norms import root
-from ..numerics.vectors import apply
 from .body import AbstractBody
 from .friction import across, left, sliding, unit
 from .released import ReleasedState, Response, rates, response
@@ -150,9 +149,9 @@ def beginning(
         aside = jax.vmap(across)(sigmas, slips)
         along = jnp.sum(sigmas * slips, axis=1) / (1 + tangents**2)
         slopes = span * integrals * jax.vmap(lambda one: jax.vmap(lambda two: across(one, two))(change))(sigmas)
-        change_of_tangents = apply(inverses((slopes[1:, 1:] - jnp.diag(along[1:]))[None])[0], aside[1:])
-        tangents = tangents.at[1:].add(-jnp.clip(change_of_tangents, -1.0, 1.0))
-        x = x0 + span * jnp.sum(integrals[:, :, None] * rate[None], axis=1)
+        turns = solutions(inverses((slopes[1:, 1:] - jnp.diag(along[1:]))[None]), aside[None, 1:])[0]
+        tangents = tangents.at[1:].add(-jnp.clip(turns, -1.0, 1.0))
+        x = x0[None] + span * jnp.sum(integrals[:, :, None] * rate[None], axis=1)
         last = jnp.abs(jnp.sum(jnp.asarray(at.last, x0.dtype) * tangents))
         done = (sweeps + 1) % SWEEPS == 0
         found = done & (last <= RESOLVED) & jnp.all(along[1:] > 0)
