@@ -10,17 +10,17 @@ import tomli_w
 
 from ..physics.body import Ball, Disk
 from ..physics.contact_law import Contact
+from ..physics.motion import Driven
 from ..physics.system import AbstractSystem
 from .actuation import FORMS, apply_actuation, is_linear, targets_of, write_actuation
-from .body import BALL, DISK, kind_of, read_force, read_shell, write_body
+from .body import BALL, DISK, FORCES, check_force, kind_of, read_force, read_shell, write_body
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, read_classical, write_classical
 from .contact import CONTACT, read_contact
 from .errors import each_of
 from .ground import GROUND, read_ground
-from .harmonics import FORCE
 from .initial import INITIAL, balanced, initial_state, read_initial, released_from, write_initial
 from .masses import CHOICES as MASSES, read_masses, write_masses
-from .mechanisms import MECHANISM, read_mechanisms, write_mechanisms
+from .mechanisms import MECHANISM, joints_in_state, read_mechanisms, write_mechanisms
 from .resistance import RESISTANCE, read_resistance
 from .scenario import Scenario
 from .shell import check_confined, check_start
@@ -45,7 +45,7 @@ _SHARED = {
 KEYS = {
     **_SHARED,
     "body": Key(unread(tables={"ball": BALL, "disk": DISK})),
-    "force": Key(unread(tables={"": FORCE.keys}), None),
+    "force": Key(unread(tables=keys_of(FORCES)), None),
     "ground": Key(unread(tables={"": GROUND.keys}), None),
     "resistance": Key(unread(tables={"": RESISTANCE.keys}), None),
     "contact": Key(unread(tables={"": CONTACT.keys}), None),
@@ -171,6 +171,8 @@ def read_contents(document: dict[str, Any]) -> Contents:
     masses = balanced(masses, mechanisms, resting, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]
     actuated = apply_actuation(actuation, "actuation", masses, mechanisms, kind)
+    driven = sum(isinstance(item.motion, Driven) for item in actuated.masses)
+    check_force(surroundings.get("force"), "force", driven + len(joints_in_state(mechanisms)))
     system = (Disk if kind == "disk" else Ball)(
         **shell,
         **surroundings,
