@@ -180,7 +180,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         body = self._body("The sensors")
         require_sensors(sensors, body)
         on_plane = (body, self.state) if self.contact is None else self.contact.on_plane(body, self.state)
-        return _measure_all(*on_plane, self.times, dict(sensors))
+        found = _measure_all(*on_plane, self.times, dict(sensors))
+        return {name: found[name] for name in sensors}  # in their order, which JAX does not keep
 
     @property
     def laws(self) -> Any:
