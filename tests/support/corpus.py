@@ -37,6 +37,7 @@ constant = [0.01, 0.0, 0.0]
 amplitude = [[0.0, 0.02, 0.0]]
 frequency = [1.5]
 phase = [0.1]
+powers = [[0.0, 0.01, 0.0], [0.001, 0.0, 0.0]]
 
 [[masses]]
 mass = 0.5
