@@ -1,4 +1,4 @@
-"""A scenario with every joint but prescribed ones, every force on them, a ground, resistance, a linear law and sensors."""
+"""A scenario with every joint but prescribed ones, every force, a ground, resistance, a linear law and sensors."""
 
 import jax.numpy as jnp
 
