@@ -29,6 +29,14 @@ class BodyMotion(NamedTuple):
     - ``Lambda``: the rotation matrix Λ from body to space, shape (3, 3).
     - ``Omega``: the angular velocity Ω, body axes, rad/time, shape (3,).
     - ``theta``, ``thetadot``: θ and θ̇ of the driven masses and the joints, as a state has them, shape (coordinates,).
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BodyMotion
+    >>> still, none = jnp.zeros(3), jnp.zeros(0)
+    >>> BodyMotion(still, still, jnp.eye(3), jnp.array([0.0, 1.0, 0.0]), none, none).omega
+    Array([0., 1., 0.], dtype=float64)
     """
 
     position: Float[Array, "3"]
@@ -51,6 +59,15 @@ class Wrench(NamedTuple):
 
     - ``force``: space axes, mass length/time², shape (3,).
     - ``torque``: space axes, mass length²/time², shape (3,); None for none.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import FunctionWrench, Wrench
+    >>> def spun(t, motion, torque):
+    ...     return Wrench(jnp.zeros(3), jnp.stack([0.0 * torque, torque, 0.0 * torque]))
+    >>> FunctionWrench(spun, 0.3)
+    FunctionWrench(function=spun, parameters=0.3, kink_times=())
     """
 
     force: Float[Array, "3"]
