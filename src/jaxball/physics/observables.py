@@ -154,9 +154,9 @@ def movement(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskS
     acting = load(system, t, state)
     found = accelerations(system, t, state, acting)
     in_space = state.in_space()
-    R = reaction_in_body(found.at, system.radius, acting, in_space.Omega, found.Omegadot)
-    in_space_R = apply(in_space.Lambda, R)
-    return Movement(in_space, found.Omegadot, found.angles, acting, found.at, found.dry, in_space_R, None)
+    reaction = reaction_in_body(found.at, system.radius, acting, in_space.Omega, found.Omegadot)
+    R = apply(in_space.Lambda, reaction)
+    return Movement(in_space, found.Omegadot, found.angles, acting, found.at, found.dry, R, None)
 
 
 def movement_on_plane(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Movement:
