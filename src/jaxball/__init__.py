@@ -10,6 +10,7 @@ A body (``Ball``, ``Disk``) holds point masses (``PointMass``), each with a moti
 - ``classical``: the heavy top, Suslov's problem and other systems.
 - ``design``, ``ensemble``, ``sweep``: designs by gradients, many runs side by side, studies.
 - ``plot``, ``results``, ``scenario``: figures, files out, files in.
+- ``sensors``: accelerometers, gyroscopes and encoders, to be read along a run.
 - ``solvers``: implicit methods for diffrax.
 - ``paper``, ``reproduce``, ``verify``, ``bench``: the paper's systems and figures, checks, comparisons of solvers.
 - ``cpu``, ``cache``: settings for fast solves on a CPU, compiled programs kept from one process to the next.
@@ -37,6 +38,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         plot as plot,
         results as results,
         scenario as scenario,
+        sensors as sensors,
         solvers as solvers,
         stability as stability,
         sweep as sweep,
@@ -63,8 +65,12 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     )
     from .physics.force import (
         AbstractForce as AbstractForce,
+        AbstractWrench as AbstractWrench,
+        BodyMotion as BodyMotion,
         FunctionForce as FunctionForce,
+        FunctionWrench as FunctionWrench,
         HarmonicForce as HarmonicForce,
+        Wrench as Wrench,
     )
     from .physics.frames import (
         AbstractFrame as AbstractFrame,
@@ -182,7 +188,7 @@ else:
         "simulation.extremes": "ContactExtremes contact_extremes",
         "physics.contact_law": "Contact",
         "physics.feedback": "AbstractLaw FollowSchedules FunctionLaw LinearLaw Servo",
-        "physics.force": "AbstractForce FunctionForce HarmonicForce",
+        "physics.force": "AbstractForce AbstractWrench BodyMotion FunctionForce FunctionWrench HarmonicForce Wrench",
         "physics.frames": "AbstractFrame MatrixFrame SphericalFrame VersorFrame",
         "physics.ground": "Ground Turntable",
         "numerics.harmonics": "HarmonicSeries",
@@ -230,6 +236,7 @@ else:
             "plot",
             "results",
             "scenario",
+            "sensors",
             "solvers",
             "stability",
             "sweep",

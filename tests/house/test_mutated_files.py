@@ -5,7 +5,13 @@ import re
 import numpy as np
 import pytest
 
+from jaxball.design.families import PLANE, constraints_of, objectives_of
 from jaxball.scenario import ScenarioError
+from jaxball.scenario.joint_forces import FORCES
+from jaxball.scenario.joints import JOINTS
+from jaxball.scenario.rails import RAILS
+from jaxball.scenario.schedules import SCHEDULES
+from jaxball.scenario.sensors import SENSORS
 from tests.support import corpus
 from tests.support.mutations import mutated
 
@@ -35,6 +41,12 @@ def check(name, document, seed):
     except Exception as error:
         raise AssertionError(f"{name}, seed {seed}: {type(error).__name__} of the file\n{text}") from error
     return 0
+
+
+def test_every_kind_is_among_the_files_that_are_mutated():
+    """So that one which is added to a registry is put there, too."""
+    registries = (RAILS, SCHEDULES, JOINTS, FORCES, SENSORS, objectives_of(PLANE), constraints_of(PLANE))
+    assert {kind for family in registries for kind in family} <= corpus.kinds()
 
 
 @pytest.mark.parametrize("kind", QUICK)

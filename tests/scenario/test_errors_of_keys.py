@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from jaxball.scenario import ScenarioError, builtin_text, load_scenario, read_scenario, write_scenario
+from jaxball.scenario.rails import RAILS
 
 from .documents import BALL, DISK, TURNING, edited, with_motion, with_rail, with_schedule
 
+RAIL_KINDS = ", ".join(f'"{kind}"' for kind in RAILS)
 TYPES = {
     "not TOML": (
         "format = ",
@@ -110,8 +112,7 @@ KEYS = {
     ),
     "missing kind": (
         with_rail("{ radius = 0.9 }"),
-        'Key `masses[0].rail.kind` must be one of "circle", "ellipse", "gerono-eight", "bernoulli-eight", '
-        '"tube", "fourier", "spline", but it is missing.',
+        f"Key `masses[0].rail.kind` must be one of {RAIL_KINDS}, but it is missing.",
     ),
     "missing schedule": (
         edited(TURNING, ""),

@@ -65,7 +65,8 @@ FUNCTIONS = {
     ),
     "force": (
         {"force": FunctionForce(nowhere)},
-        "Key `force` must be one of HarmonicForce to be written to a file, but it is a FunctionForce" + SCRIPT,
+        "Key `force` must be one of HarmonicForce, FunctionWrench to be written to a file, but it is a FunctionForce"
+        + SCRIPT,
     ),
 }
 

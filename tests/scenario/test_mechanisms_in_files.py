@@ -330,7 +330,9 @@ def test_friction_without_a_normal_force_is_refused_in_files():
 
 def test_every_number_can_be_traced():
     changes = {
-        "force.powers[0][1]": 0.02,
+        "force.parameters.drag": 0.05,
+        "force.parameters.velocity[1]": 0.2,
+        "force.kink_times[0]": 0.7,
         "ground.turntable.turning.rate": 0.2,
         "ground.motion.schedule.amplitude[0]": 0.2,
         "ground.turntable.centre[0]": 0.4,
@@ -350,7 +352,7 @@ def test_every_number_can_be_traced():
         np.testing.assert_allclose(ours, theirs, rtol=1e-15, atol=0)
 
 
-@pytest.mark.parametrize("path", ["mechanisms[0].joints[1].on", "mechanisms[0].masses[0].joint"])
+@pytest.mark.parametrize("path", ["mechanisms[0].joints[1].on", "mechanisms[0].masses[0].joint", "sensors.felt.at[0]"])
 def test_what_shapes_a_mechanism_cannot_change(path):
     with pytest.raises(ScenarioError, match="must be the same in all rows"):
         jaxball.scenario.paths.check_number(tomllib.loads(corpus.EVERY_MECHANISM), path)

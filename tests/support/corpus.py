@@ -37,6 +37,7 @@ constant = [0.01, 0.0, 0.0]
 amplitude = [[0.0, 0.02, 0.0]]
 frequency = [1.5]
 phase = [0.1]
+powers = [[0.0, 0.01, 0.0], [0.001, 0.0, 0.0]]
 
 [[masses]]
 mass = 0.5
@@ -250,6 +251,11 @@ kind = "duration"
 kind = "go-far"
 
 [[objectives]]
+kind = "function"
+function = "tests.support.corpus:last_speed"
+weight = 0.5
+
+[[objectives]]
 kind = "follow-curve"
 curve = { kind = "sigmoid", length = 2.0, height = HEIGHT, steepness = 8.0, origin = PLACE }
 
@@ -264,6 +270,11 @@ distance = 0.1
 [[constraints]]
 kind = "regular-rails"
 least = 0.1
+
+[[constraints]]
+kind = "function"
+function = "tests.support.corpus:speeds"
+parameters = [2.0]
 """
 _CONTROL = """
 [control]
@@ -302,6 +313,14 @@ kind = "power-effort"
 [[objectives]]
 kind = "force-effort"
 
+[[objectives]]
+kind = "joint-effort"
+
+[[objectives]]
+kind = "running-function"
+function = "tests.support.corpus:speeds"
+parameters = { scale = [2.0] }
+
 [[constraints]]
 kind = "rails-inside"
 clearance = 0.05
@@ -321,6 +340,14 @@ most = 1.0
 [[constraints]]
 kind = "force-limit"
 most = 1.0
+
+[[constraints]]
+kind = "joint-effort-limit"
+most = 1.0
+
+[[constraints]]
+kind = "running-function"
+function = "tests.support.corpus:speeds"
 
 [[constraints]]
 kind = "normal-force"
@@ -351,6 +378,27 @@ def every_kind(body: dict[str, str], controlled: bool) -> str:
     for name, value in body.items():
         text = re.sub(rf"\b{name}\b", value, text)
     return text
+
+
+def speeds(run: Any, parameters: Any) -> Any:
+    """An objective or a constraint at each time."""
+    return run.observables.kinetic_energy
+
+
+def last_speed(run: Any, parameters: Any) -> Any:
+    """An objective of a whole run."""
+    return run.observables.kinetic_energy[-1]
+
+
+def kinds() -> set[str]:
+    """The kinds of tables that documents with everything have."""
+
+    def within(value: Any) -> set[str]:
+        items = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+        here = {value["kind"]} if isinstance(value, dict) and "kind" in value else set()
+        return here.union(*map(within, items))
+
+    return set().union(*map(within, with_everything()))
 
 
 def scenarios() -> dict[str, dict[str, Any]]:

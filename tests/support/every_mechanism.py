@@ -1,4 +1,15 @@
-"""A scenario with every joint but prescribed ones, every force on them, a ground, resistance and a linear law."""
+"""A scenario with every joint but prescribed ones, every force, a ground, resistance, a linear law and sensors."""
+
+import jax.numpy as jnp
+
+import jaxball
+
+
+def wind(t, motion, parameters):
+    """A force and a torque of a function that a file names."""
+    velocity = parameters["velocity"] - motion.velocity
+    return jaxball.Wrench(parameters["drag"] * velocity, -parameters["spin"] * jnp.cos(t) * motion.omega)
+
 
 EVERY_MECHANISM = """
 format = 1
@@ -12,8 +23,9 @@ inertia = [0.9, 1.0, 1.1]
 gravity = 1.0
 
 [force]
-constant = [0.01, 0.0, 0.0]
-powers = [[0.0, 0.01, 0.0], [0.001, 0.0, 0.0]]
+function = "tests.support.every_mechanism:wind"
+parameters = { drag = 0.02, spin = 0.01, velocity = [0.3, 0.1, 0.0] }
+kink_times = [1.0]
 
 [ground]
 angle = 0.1
@@ -119,6 +131,25 @@ signals = [0.1, { kind = "sinusoids", theta = 0.0, amplitude = [0.2], frequency 
 Omega = [0.0, 0.1, 0.0]
 theta = [0.4, 0.1, 0.0, 0.1, 0.2, 0.3]
 thetadot = [0.0, 0.0, 0.1, 0.0, 0.0, 0.0]
+
+[sensors.felt]
+kind = "accelerometer"
+at = [0.1, 0.0, 0.2]
+on = "mechanisms[0].joints[1]"
+frame = { matrix = [[0, -1, 0], [1, 0, 0], [0, 0, 1]] }
+
+[sensors.turned]
+kind = "gyroscope"
+on = "masses[0]"
+frame = { versor = [1.0, 0.2, 0.0, 0.0] }
+
+[sensors.angle]
+kind = "encoder"
+on = "mechanisms[1].joints[0]"
+
+[sensors.rate]
+kind = "tachometer"
+on = "masses[0]"
 
 [time]
 start = 0.0

@@ -151,6 +151,7 @@ def _solution(body, setting, moment, theta, thetadot, given):
     level = omega * jnp.array([1.0, 1.0, 0.0])
     dry = setting["mu_r"] * body["radius"] * level / jnp.sqrt(level @ level + setting["epsilon"] ** 2)
     torque = -setting["c_r"] * level - setting["c_s"] * (omega[2] - setting["W"]) * E3 - setting["c_w"] * omega
+    torque = torque + setting["Te"]
     force = setting["Fe"] - setting["c_v"] * ydot[4:7]
 
     def power(ydot, force, torque):

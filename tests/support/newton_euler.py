@@ -9,7 +9,7 @@ followed outwards for positions, velocities and accelerations; each joint is cut
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.support.robots import Answer, Pushed, Slides, centre_velocity
+from tests.support.robots import Answer, Pushed, Slides, centre_velocity, rotation
 
 E3 = np.array([0.0, 0.0, 1.0])
 
@@ -161,7 +161,7 @@ def solve(robot, setting, moment, contact=None):
     level = omega * (1 - E3)
     viscous = -setting.c_r * level - setting.c_s * (omega[2] - setting.W) * E3
     dry = setting.mu_r * robot.radius * level / np.hypot(np.linalg.norm(level), setting.epsilon)
-    torque = unknowns.known(touching * viscous - setting.c_w * omega)
+    torque = unknowns.known(touching * viscous - setting.c_w * omega + setting.Te)
     torque = torque - np.outer(touching * dry, R[2]) - robot.radius * _cross(E3) @ R
     inertia = shell.turn @ np.diag(robot.inertia) @ shell.turn.T
     spin = inertia @ shell.alpha + unknowns.known(np.cross(omega, inertia @ omega))
@@ -172,6 +172,19 @@ def solve(robot, setting, moment, contact=None):
     found = np.append(found, 1.0)
     found[:-1] -= np.linalg.solve(matrix[:, :-1], matrix @ found)
     return _answer(robot, moment, found, unknowns, relative)
+
+
+def carried(robot, setting, moment, answer, chain, link, place):
+    """Acceleration in space, angular velocity and rotation of what is on a link, 0 for the shell, with an answer."""
+    turn, rolling = rotation(moment), moment.V is None
+    a = np.append(answer.zddot, answer.rise) + setting.X2
+    V = centre_velocity(robot, setting, moment) if rolling else moment.V
+    alpha = turn @ answer.Omegadot
+    frame = _Frame(turn, np.append(moment.z, 0.0), V, a[:, None], turn @ moment.Omega, alpha[:, None])
+    rates = moment.theta[chain], moment.thetadot[chain], answer.thetaddot[chain]
+    for joint, *motion, acceleration in zip(robot.chains[chain].joints[:link], *(x[:link] for x in rates), strict=True):
+        frame, *_ = BEYOND[joint.kind](frame, joint, *motion, np.array([acceleration]))
+    return frame.carry(frame.at(place))[1][:, 0], frame.omega, frame.turn
 
 
 def _answer(robot, moment, found, unknowns, relative):

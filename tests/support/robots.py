@@ -67,6 +67,7 @@ class Setting:
     Wdot: float = 0.0
     centre: np.ndarray = field(default_factory=lambda: np.zeros(2))  # of the turntable
     Fe: np.ndarray = field(default_factory=lambda: np.zeros(3))  # force at the geometric centre, in space
+    Te: np.ndarray = field(default_factory=lambda: np.zeros(3))  # torque that acts with it
     c_r: float = 0.0  # viscous rolling
     c_s: float = 0.0  # viscous spinning on the plane
     c_v: float = 0.0  # drag of a medium that is at rest in the space axes

@@ -5,8 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..interface.arguments import require_callable
 from ..physics.body import Disk
 from ..physics.system import AbstractSystem
+from ..scenario.functions import FUNCTION, trying
 from ..scenario.table import Family, Key, Module, join, member_of
 from ..scenario.values import NOT_ALL_ZERO, POSITIVE, Flag, Numbers, Rule, key_error
 from . import constraints, objectives
@@ -108,6 +110,8 @@ def objectives_of(plane: Plane) -> Family:
         "power-effort": Module(objectives.PowerEffort, WEIGHT),
         "force-effort": Module(objectives.ForceEffort, WEIGHT),
         "joint-effort": Module(objectives.JointEffort, WEIGHT),
+        "function": Module(objectives.FunctionObjective, {**FUNCTION, **WEIGHT}, check=_check_function),
+        "running-function": Module(objectives.FunctionRunningObjective, {**FUNCTION, **WEIGHT}, check=_check_function),
     }
 
 
@@ -126,11 +130,18 @@ def constraints_of(plane: Plane) -> Family:
         "friction": Module(constraints.Friction, {"mu": Key(SIZE)}),
         "clear-of-obstacles": Module(constraints.ClearOfObstacles, _discs(plane), check=_check_discs),
         "within": Module(constraints.Within, {"low": Key(plane.place), "high": Key(plane.place)}, check=_check_corners),
+        "function": Module(constraints.FunctionConstraint, FUNCTION, check=_check_function),
+        "running-function": Module(constraints.FunctionRunningConstraint, FUNCTION, check=_check_function),
     }
 
 
 def _discs(plane: Plane) -> dict[str, Key]:
     return {"centres": Key(plane.places), "radii": Key(Numbers((None,), POSITIVE))}
+
+
+def _check_function(values: dict[str, Any], path: str) -> None:
+    with trying(join(path, "function")):
+        require_callable("function", values["function"], "run", "parameters")
 
 
 def _check_points(values: dict[str, Any], path: str) -> None:

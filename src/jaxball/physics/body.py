@@ -180,7 +180,7 @@ class Ball(AbstractBody):
     - ``radius``: r, length.
     - ``offset``: χ_0 = ζ_0, from the geometric centre to the shell's centre of mass, body axes, length, shape (3,).
     - ``gravity``: g, length/time².
-    - ``force``: Fe(t) at the geometric centre, or None.
+    - ``force``: Fe(t) at the geometric centre, a :class:`~jaxball.FunctionWrench` where it feels the motion, or None.
     - ``masses``: the point masses, in any number.
     - ``law``: the feedback law that drives the :class:`~jaxball.Driven` masses and :class:`~jaxball.Accelerated`
       joints, if there are any.

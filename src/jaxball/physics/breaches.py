@@ -31,6 +31,7 @@ from .confinement import (
     time_of_crossing,
     time_samples,
 )
+from .force import AbstractForce
 from .mechanisms import AbstractMechanism
 from .motion import AbstractPrescribedMotion, Driven, Fixed, OnRail, Oscillating
 from .parameters import BodyParameters
@@ -217,7 +218,8 @@ def _course(system: BodyParameters, motion: Any, t):
 def in_plane(system: BodyParameters, times: Float[Array, " T"]) -> Iterator[Condition]:
     """The conditions on a disk's force and on the motion of its ground, as far as they are seen; traceable."""
     motion = None if system.ground is None else system.ground.motion
-    for name, vector in (("force", system.force), ("ground.motion", motion)):
+    force = system.force if isinstance(system.force, AbstractForce) else None
+    for name, vector in (("force", force), ("ground.motion", motion)):
         if not system.planar or vector is None:
             continue
         seen = jax.vmap(vector)(time_samples(times))

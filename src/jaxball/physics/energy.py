@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..numerics.vectors import apply, cross, dot
+from .force import Wrench
 from .load import Load
 from .motion import Kinematics
 
@@ -73,17 +74,24 @@ def actuation_power(
 def dissipation(
     acting: Load,
     dry: Float[Array, "3"] | None,
-    force: Float[Array, "3"],
     Lambda: Float[Array, "3 3"],
     velocity: Float[Array, "3"],
     omega: Float[Array, "3"],
 ) -> Float[Array, ""]:
-    """The rate at which resistance takes energy: −T·ω − F_m·ż.
+    """The rate at which resistance takes energy: −T·ω − F_m·ż, of all that is no external force.
 
-    ``dry`` is the torque of dry friction in body axes, ``force`` the external force, which is no resistance, and
-    ``velocity`` ż.
+    ``dry`` is the torque of dry friction in body axes, and ``velocity`` ż.
     """
     lost = jnp.zeros_like(acting.g)
     for torque in (acting.torque, dry):
         lost = lost if torque is None else lost - dot(apply(Lambda, torque), omega)
-    return lost if acting.force is None else lost - dot(apply(Lambda, acting.force) - force, velocity)
+    lost = lost if acting.force is None else lost - dot(apply(Lambda, acting.force), velocity)
+    return lost if acting.applied is None else lost + applied_power(acting.applied, Lambda, velocity, omega)
+
+
+def applied_power(
+    applied: Wrench, Lambda: Float[Array, "3 3"], velocity: Float[Array, "3"], omega: Float[Array, "3"]
+) -> Float[Array, ""]:
+    """F·ż + T·ω, the rate at which the external force and its torque, in body axes, do work."""
+    power = dot(apply(Lambda, applied.force), velocity)
+    return power if applied.torque is None else power + dot(apply(Lambda, applied.torque), omega)

@@ -1,28 +1,103 @@
-"""External forces Fe(t) at the geometric centre, in space axes."""
+"""What acts on the body from outside, in space axes: forces Fe(t) at the geometric centre, and wrenches."""
 
 import abc
 from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ..interface.arguments import require_function
+from ..interface.arguments import require_callable, require_function, require_value
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, a_number, default_dtype, numbers, require_shape, to_array
 from ..numerics.harmonics import HarmonicSeries
+from ..numerics.vectors import apply
 
 
-class AbstractForce(Printed):
+class BodyMotion(NamedTuple):
+    """Where a body is and how it moves, for a force that depends on it. It may roll, slip or fly.
+
+    Space axes move with the plane and never turn; velocities are relative to them.
+
+    **Arguments:**
+
+    - ``position``: of the geometric centre, the third entry its height over that of rolling, space axes, length,
+      shape (3,).
+    - ``velocity``: of the geometric centre, space axes, length/time, shape (3,).
+    - ``Lambda``: the rotation matrix Λ from body to space, shape (3, 3).
+    - ``Omega``: the angular velocity Ω, body axes, rad/time, shape (3,).
+    - ``theta``, ``thetadot``: θ and θ̇ of the driven masses and the joints, as a state has them, shape (coordinates,).
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import BodyMotion
+    >>> still, none = jnp.zeros(3), jnp.zeros(0)
+    >>> BodyMotion(still, still, jnp.eye(3), jnp.array([0.0, 1.0, 0.0]), none, none).omega
+    Array([0., 1., 0.], dtype=float64)
+    """
+
+    position: Float[Array, "3"]
+    velocity: Float[Array, "3"]
+    Lambda: Float[Array, "3 3"]
+    Omega: Float[Array, "3"]
+    theta: Float[Array, " coordinates"]
+    thetadot: Float[Array, " coordinates"]
+
+    @property
+    def omega(self) -> Float[Array, "3"]:
+        """ω = ΛΩ, the angular velocity in space axes."""
+        return apply(self.Lambda, self.Omega)
+
+
+class Wrench(NamedTuple):
+    """A force at the geometric centre, and a torque about it.
+
+    **Arguments:**
+
+    - ``force``: space axes, mass length/time², shape (3,).
+    - ``torque``: space axes, mass length²/time², shape (3,); None for none.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import FunctionWrench, Wrench
+    >>> def spun(t, motion, torque):
+    ...     return Wrench(jnp.zeros(3), jnp.stack([0.0 * torque, torque, 0.0 * torque]))
+    >>> FunctionWrench(spun, 0.3)
+    FunctionWrench(function=spun, parameters=0.3, kink_times=())
+    """
+
+    force: Float[Array, "3"]
+    torque: Float[Array, "3"] | None = None
+
+
+class AbstractWrench(Printed):
+    """A force, and perhaps a torque, that act on the body from outside, as the time and the body's motion have them.
+
+    It knows no acceleration and no reaction. Of a disk, what is beside its plane is taken by what holds it upright.
+    """
+
+    @abc.abstractmethod
+    def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
+        """The wrench at time ``t`` on a body that moves so."""
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times at which the force or the torque, or one of their derivatives, jumps."""
+        return jnp.zeros((0,), dtype=default_dtype())
+
+
+class AbstractForce(AbstractWrench):
     """A force Fe(t) that acts at the geometric centre (section 3.2, ``eq_dS1``)."""
 
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
         """Fe(t) in space axes."""
 
-    def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which the force or one of its derivatives jumps."""
-        return jnp.zeros((0,), dtype=default_dtype())
+    def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
+        return Wrench(self(t))
 
 
 class HarmonicForce(AbstractForce):
@@ -97,3 +172,64 @@ class FunctionForce(AbstractForce):
 
     def kinks(self) -> Float[Array, " kinks"]:
         return self.kink_times
+
+
+class FunctionWrench(AbstractWrench):
+    """The force function(t, motion, parameters), or the :class:`~jaxball.Wrench` that it gives: wind, drag, a magnet.
+
+    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+
+    **Arguments:**
+
+    - ``function``: of (t, motion, parameters), where ``motion`` is a :class:`~jaxball.BodyMotion`, to the force at the
+      geometric centre, space axes, mass length/time², shape (3,), or to a :class:`~jaxball.Wrench`.
+    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
+    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+
+    **Example:**
+
+    >>> import jax.numpy as jnp
+    >>> from jaxball import Ball, BallState, FunctionWrench, simulate
+    >>> def drag(t, motion, coefficient):
+    ...     return -coefficient * jnp.linalg.norm(motion.velocity) * motion.velocity
+    >>> ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), force=FunctionWrench(drag, 0.7))
+    >>> run = simulate(ball, jnp.array([0.0, 2.0]), BallState(Omega=(0.0, 1.0, 0.0)))
+    >>> round(float(run.state.Omega[-1, 1]), 6)  # 1 / (1 + c v₀ t / (m + d / r²))
+    0.5
+    """
+
+    function: Callable[[Float[Array, ""], BodyMotion, PyTree], Float[Array, "3"] | Wrench] = eqx.field(static=True)
+    parameters: PyTree = None
+    kink_times: Float[Array, "*group kinks"] = eqx.field(converter=numbers("kink_times", ("kinks",)), default=())
+
+    def __check_init__(self):
+        require_callable("function", self.function, "t", "motion", "parameters")
+
+    def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
+        given = self.function(t, motion, self.parameters)
+        return _checked("function", given if isinstance(given, Wrench) else Wrench(given))
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        return self.kink_times
+
+
+def require_wrench(name: str, force: AbstractWrench, coordinates: int) -> None:
+    """Raises a ``TypeError`` where a body with so many ``coordinates`` gets no force, or no torque, from ``force``.
+
+    It is traced for this; an error that it raises itself is passed on with a note.
+    """
+    shapes = ((3,), (3,), (3, 3), (3,), (coordinates,), (coordinates,))
+    unknown: list[Any] = [jax.ShapeDtypeStruct(shape, default_dtype()) for shape in shapes]
+
+    def traced(t, motion):
+        return _checked(name, force.wrench(t, motion)).force
+
+    traced.__name__ = getattr(force, "function", force.wrench).__name__
+    require_function(name, traced, (3,), t=a_number(), motion=BodyMotion(*unknown))
+
+
+def _checked(name: str, wrench: Wrench) -> Wrench:
+    for part in wrench:
+        if part is not None:
+            require_value(name, part, (3,))
+    return wrench

@@ -6,17 +6,19 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from ..numerics.vectors import apply, cross
+from .force import BodyMotion, Wrench
 from .ground import TableMotion
 from .moments import AbstractMoments
 from .parameters import BodyParameters
-from .state import BallState, ReducedState, RotationState, State, rolling_velocity
+from .state import BallState, DiskState, ReducedState, RotationState, State, centre_velocity, rolling_velocity
 
 
 class Load(NamedTuple):
     """The load on a body, in body axes.
 
     ``gamma`` is γ = Λ⁻¹(Ẍ + u̇ − **g**), and None on a level plane at rest, where it is gΓ. ``force`` is F̃ of all forces
-    at the geometric centre, ``torque`` T̃ of all torques, each None where there are none.
+    at the geometric centre, ``torque`` T̃ of all torques, each None where there are none. ``applied`` is what of both is
+    the external force and its torque.
     """
 
     g: Float[Array, ""]
@@ -24,6 +26,7 @@ class Load(NamedTuple):
     gamma: Float[Array, "3"] | None
     force: Float[Array, "3"] | None
     torque: Float[Array, "3"] | None
+    applied: Wrench | None
 
     @property
     def weight(self) -> Float[Array, "3"]:
@@ -53,18 +56,20 @@ def load(
     state: State,
     slip: Float[Array, "3"] | None = None,
     touching: Bool[Array, ""] | None = None,
+    height: Float[Array, ""] | None = None,
 ) -> Load:
     """The load at a state, but for dry friction, which depends on the normal force.
 
     ``slip`` is the slip velocity in space axes, where the body does not roll; ``touching`` whether the plane resists
-    its turning, which it does if not given. Reduced states, which do not know Λ, are refused where an external force
-    acts or the ground is not level and at rest.
+    its turning, which it does if not given; ``height`` how far the body is over the plane, 0 if not given. Reduced
+    states, which do not know Λ, are refused where an external force acts or the ground is not level and at rest.
     """
     r, g, Gamma = system.radius, system.gravity, state.Gamma
-    gamma = force = torque = velocity = W = None
+    gamma = force = torque = applied = velocity = W = None
     if system.force is not None:
         assert not isinstance(state, ReducedState)
-        force = apply(state.Lambda.T, system.force(t))
+        applied = _applied(system, t, state, slip, height)
+        force, torque = applied
     if system.ground is not None:
         assert not isinstance(state, ReducedState)
         lift = system.ground.lift(t, g)
@@ -82,10 +87,38 @@ def load(
         rolling = r * cross(Omega, Gamma)
         drag = -resistance.drag * (rolling if velocity is None else rolling + velocity)
         force = drag if force is None else force + drag
-        torque = resistance.contact_torque(Omega, Gamma, W)
-        torque = torque if touching is None else jnp.where(touching, torque, 0.0)
-        torque = torque - resistance.rotational_drag * Omega
-    return Load(g, Gamma, gamma, force, torque)
+        resisting = resistance.contact_torque(Omega, Gamma, W)
+        resisting = resisting if touching is None else jnp.where(touching, resisting, 0.0)
+        resisting = resisting - resistance.rotational_drag * Omega
+        torque = resisting if torque is None else torque + resisting
+    return Load(g, Gamma, gamma, force, torque, applied)
+
+
+def _applied(
+    system: BodyParameters,
+    t: Float[Array, ""],
+    state: BallState | RotationState | DiskState,
+    slip: Float[Array, "3"] | None,
+    height: Float[Array, ""] | None,
+) -> Wrench:
+    """The external force and its torque in body axes; on a disk, what of them is in its plane."""
+    assert system.force is not None
+    velocity = in_three(centre_velocity(state.Lambda, state.Omega, system.radius, system.drift(t, state)))
+    velocity = velocity if slip is None else velocity + slip
+    position = in_three(place(state))
+    position = position if height is None else position.at[2].set(height)
+    motion = BodyMotion(position, velocity, state.Lambda, state.Omega, state.theta, state.thetadot)
+    force, torque = system.force.wrench(t, motion)
+    if system.planar:
+        force = force.at[1].set(0.0)
+        torque = None if torque is None else jnp.zeros_like(torque).at[1].set(torque[1])
+    into_body = state.Lambda.T
+    return Wrench(apply(into_body, force), None if torque is None else apply(into_body, torque))
+
+
+def place(state: BallState | RotationState | DiskState) -> Float[Array, "2"]:
+    """Where the geometric centre is over the plane; a disk moves along e1."""
+    return jnp.stack([state.z, jnp.zeros_like(state.z)]) if isinstance(state, DiskState) else state.z
 
 
 def table_under(

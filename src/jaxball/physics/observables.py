@@ -11,7 +11,14 @@ from .body import AbstractBody
 from .body_on_plane import BodyOnPlane
 from .contact import ContactForce, reaction_in_body
 from .dynamics import accelerations, equations
-from .energy import accelerations_of_masses, actuation_power, dissipation, kinetic_energy, potential_energy
+from .energy import (
+    accelerations_of_masses,
+    actuation_power,
+    applied_power,
+    dissipation,
+    kinetic_energy,
+    potential_energy,
+)
 from .load import Load, in_three, load
 from .modes import ContactState, Mode
 from .moments import AbstractMoments, joint_motion, kinematics, point_mass_values, principal_inertia
@@ -103,48 +110,38 @@ def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskSt
     >>> observe(ball, jnp.array(0.0), BallState(z=(3.0, 4.0))).contact_point
     Array([ 3. ,  4. , -0.5], dtype=float64)
     """
-    acting = load(system, t, state)
-    found = accelerations(system, t, state, acting)
-    in_space = state.in_space()
-    R = reaction_in_body(found.at, system.radius, acting, in_space.Omega, found.Omegadot)
-    motion = _Motion(in_space, found.Omegadot, found.angles, found.at, found.dry, apply(in_space.Lambda, R))
-    return _observed(system, t, acting, motion, None)
+    return _observed(system, t, movement(system, t, state))
 
 
 def observe_on_plane(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Observables:
     """The observables of a body that rolls, slides or flies."""
-    system, body = plane.body, state.body
-    response = plane.response(t, state)
-    force = plane.interaction(t, state, response)
-    in_space = body if isinstance(body, BallState) else body.in_space()
-    slip = slip_velocity(system, t, state.released)
-    touching = ~state.is_in(Mode.FLIGHT)
-    acting = load(system, t, body, slip, touching)
-    Omegadot, thetaddot = response.accelerations(force.slip_acceleration, force.normal)
-    dry = None if system.resistance is None else system.resistance.dry_torque(system.radius, body.Omega, body.Gamma)
-    motion = _Motion(
-        in_space,
-        Omegadot,
-        (body.theta, body.thetadot, thetaddot),
-        equations(system, t, body).at,
-        dry if dry is None else force.normal * dry,
-        force.R,
-    )
-    return _observed(system, t, acting, motion, _Slip(slip, force.slip_acceleration, state.height))
+    return _observed(plane.body, t, movement_on_plane(plane, t, state))
 
 
-class _Motion(NamedTuple):
-    """How a body moves: Ω̇ in body axes, θ, θ̇ and θ̈, its moments, the torque of dry friction, R in space axes."""
+class Movement(NamedTuple):
+    """How a body moves at one moment: what its accelerations are, and what acts on it.
+
+    Ω̇ in body axes, θ, θ̇ and θ̈, the load, the moments, the torque of dry friction, R in space axes, and the slip of a
+    body that need not roll.
+    """
 
     state: BallState
     Omegadot: Float[Array, "3"]
     angles: Rates
+    acting: Load
     at: AbstractMoments
     dry: Float[Array, "3"] | None
     R: Float[Array, "3"]
+    slip: "Slip | None"
+
+    @property
+    def weight(self) -> Float[Array, "3"]:
+        """γ + Λ⁻¹v̇_s, which makes of a + γ the force that a unit of mass needs wherever it is carried; body axes."""
+        weight = self.acting.weight
+        return weight if self.slip is None else weight + apply(self.state.Lambda.T, self.slip.acceleration)
 
 
-class _Slip(NamedTuple):
+class Slip(NamedTuple):
     """What a body does beside rolling: v_s and v̇_s in space axes, and its height over the plane."""
 
     velocity: Float[Array, "3"]
@@ -152,10 +149,40 @@ class _Slip(NamedTuple):
     height: Float[Array, ""]
 
 
-def _observed(
-    system: AbstractBody, t: Float[Array, ""], acting: Load, motion: _Motion, slip: _Slip | None
-) -> Observables:
-    in_space, at = motion.state, motion.at
+def movement(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Movement:
+    """The movement of a body that rolls."""
+    acting = load(system, t, state)
+    found = accelerations(system, t, state, acting)
+    in_space = state.in_space()
+    reaction = reaction_in_body(found.at, system.radius, acting, in_space.Omega, found.Omegadot)
+    R = apply(in_space.Lambda, reaction)
+    return Movement(in_space, found.Omegadot, found.angles, acting, found.at, found.dry, R, None)
+
+
+def movement_on_plane(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Movement:
+    """The movement of a body that rolls, slides or flies."""
+    system, body = plane.body, state.body
+    response = plane.response(t, state)
+    force = plane.interaction(t, state, response)
+    slip = slip_velocity(system, t, state.released)
+    touching = ~state.is_in(Mode.FLIGHT)
+    acting = load(system, t, body, slip, touching, state.height)
+    Omegadot, thetaddot = response.accelerations(force.slip_acceleration, force.normal)
+    dry = None if system.resistance is None else system.resistance.dry_torque(system.radius, body.Omega, body.Gamma)
+    return Movement(
+        body if isinstance(body, BallState) else body.in_space(),
+        Omegadot,
+        (body.theta, body.thetadot, thetaddot),
+        acting,
+        equations(system, t, body).at,
+        dry if dry is None else force.normal * dry,
+        force.R,
+        Slip(slip, force.slip_acceleration, state.height),
+    )
+
+
+def _observed(system: AbstractBody, t: Float[Array, ""], motion: Movement) -> Observables:
+    in_space, at, acting, slip = motion.state, motion.at, motion.acting, motion.slip
     r, g, Omega, Lambda = system.radius, system.gravity, in_space.Omega, in_space.Lambda
     Gamma, omega, Omegadot = Lambda[2], apply(Lambda, Omega), motion.Omegadot
     points = kinematics(system, t, motion.angles)
@@ -170,17 +197,18 @@ def _observed(
     contact = ContactForce(motion.R[2], motion.R[:2])
     u = system.drift(t, in_space)
     velocity, lowest = in_three(centre_velocity(Lambda, Omega, r, u)), None if u is None else in_three(u)
-    centre, weight = in_three(in_space.z), acting.weight
+    centre, weight = in_three(in_space.z), motion.weight
     if slip is not None:
         velocity, lowest = velocity + slip.velocity, slip.velocity if lowest is None else lowest + slip.velocity
-        centre, weight = centre.at[2].set(slip.height), weight + apply(Lambda.T, slip.acceleration)
+        centre = centre.at[2].set(slip.height)
     drift = None if lowest is None else apply(Lambda.T, lowest)
     up = jnp.zeros_like(Omega).at[2].set(1.0) if system.ground is None else system.ground.up()
-    force = jnp.zeros_like(Omega) if system.force is None else system.force(t)
-    lost = dissipation(acting, motion.dry, force, Lambda, velocity, omega)
+    lost = dissipation(acting, motion.dry, Lambda, velocity, omega)
     if slip is not None:
         lost = lost - jnp.sum(contact.friction * slip.velocity[:2])
-    power = actuation_power(m, with_shell, a, weight) + dot(force, velocity) - lost
+    power = actuation_power(m, with_shell, a, weight) - lost
+    if acting.applied is not None:
+        power = power + applied_power(acting.applied, Lambda, velocity, omega)
     if u is not None:
         power = power + jnp.sum(contact.friction * u)
     if system.ground is not None and system.ground.motion is not None:

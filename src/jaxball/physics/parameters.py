@@ -13,12 +13,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..interface.arguments import require, require_each, require_function
+from ..interface.arguments import require, require_each
 from ..interface.printing import Printed, entry, shown, shown_fields
 from ..interface.wording import all_of
-from ..numerics.arrays import Numbers, a_number, is_traced, numbers
+from ..numerics.arrays import Numbers, is_traced, numbers
 from .feedback import AbstractLaw
-from .force import AbstractForce, FunctionForce, HarmonicForce
+from .force import AbstractWrench, FunctionForce, HarmonicForce, require_wrench
 from .ground import Ground
 from .mechanisms import AbstractMechanism
 from .motion import AbstractMotion, Driven
@@ -75,7 +75,7 @@ class BodyParameters(Printed):
     radius: Float[Array, "*group"]
     offset: Float[Array, "*group 3"]
     gravity: Float[Array, "*group"]
-    force: AbstractForce | None
+    force: AbstractWrench | None
     groups: tuple[PointMass, ...]
     order: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     driven: tuple[int, ...] = eqx.field(static=True)
@@ -93,7 +93,7 @@ class BodyParameters(Printed):
         radius: Numbers = 1.0,
         offset: Numbers = (0.0, 0.0, 0.0),
         gravity: Numbers = 1.0,
-        force: AbstractForce | None = None,
+        force: AbstractWrench | None = None,
         masses: Sequence[PointMass] = (),
         law: AbstractLaw | None = None,
         mechanisms: Sequence[AbstractMechanism] = (),
@@ -118,7 +118,7 @@ class BodyParameters(Printed):
             raise ValueError(
                 "Argument `ground` must have no turntable under a disk, which rolls on a line; use a Ball."
             )
-        _require_force(force)
+        _require_force(self)
         _require_law(self)
 
     def __repr__(self) -> str:
@@ -243,13 +243,15 @@ def _entry(leaf: Any, index: int) -> Any:
     return jnp.asarray(np.asarray(np.asarray(leaf)[index]), dtype=leaf.dtype) if known else leaf[index]
 
 
-def _require_force(force: AbstractForce | None) -> None:
+def _require_force(body: "BodyParameters") -> None:
+    force = body.force
     if force is None:
         return
     given = isinstance(force, list | tuple | jax.Array | np.ndarray)
-    require("force", force, AbstractForce, "a force or None", "HarmonicForce(constant) is one" if given else "")
+    remedy = "HarmonicForce(constant) is one" if given else "FunctionWrench(function) is one" if callable(force) else ""
+    require("force", force, AbstractWrench, "a force or None", remedy)
     if not isinstance(force, HarmonicForce | FunctionForce):  # which have been checked when they were made
-        require_function("force", force, (3,), t=a_number())
+        require_wrench("force", force, len(body.coordinates))
 
 
 def _require_law(body: "BodyParameters") -> None:

@@ -32,7 +32,7 @@ from .contact import reaction_in_body
 from .coupling import Joints, joined
 from .dynamics import equations
 from .energy import kinetic_energy, potential_energy
-from .load import in_three, load, table_under
+from .load import in_three, load, place, table_under
 from .moments import kinematics, point_mass_values, principal_inertia
 from .motion import Kinematics
 from .state import BallState, DiskState, RotationState, centre_velocity
@@ -144,7 +144,7 @@ def response(
     """
     body, r = state.body, system.radius
     Lambda, slip = body.Lambda, slip_velocity(system, t, state)
-    acting = load(system, t, body, slip, touching)
+    acting = load(system, t, body, slip, touching, state.height)
     found = equations(system, t, body)
     lever = found.at.M * r * found.Gamma + found.at.p
     p = [link.weights for link in found.free]
@@ -235,9 +235,9 @@ def released_energy(system: AbstractBody, t: Float[Array, ""], state: ReleasedSt
     m = jnp.concatenate([system.mass[None], point_mass_values(system)])
     lowest = state.V - in_three(centre_velocity(body.Lambda, body.Omega, r, None))
     up = jnp.zeros_like(state.V).at[2].set(1.0) if system.ground is None else system.ground.up()
-    place = in_three(_place(body)).at[2].set(state.height)
+    centre = in_three(place(body)).at[2].set(state.height)
     T = kinetic_energy(m, principal_inertia(system), r, masses, body.Omega, body.Gamma, apply(body.Lambda.T, lowest))
-    return T + potential_energy(m, system.gravity, masses, apply(body.Lambda.T, up), dot(up, place))
+    return T + potential_energy(m, system.gravity, masses, apply(body.Lambda.T, up), dot(up, centre))
 
 
 def _combined(amounts: Float[Array, "3"], rows: Float[Array, "3 n"]) -> Float[Array, " n"]:
@@ -245,11 +245,6 @@ def _combined(amounts: Float[Array, "3"], rows: Float[Array, "3 n"]) -> Float[Ar
     return jnp.sum(amounts[:, None] * rows, axis=0)
 
 
-def _place(body: PlacedState) -> Float[Array, "2"]:
-    """Where the geometric centre is over the plane; a disk moves along e1."""
-    return jnp.stack([body.z, jnp.zeros_like(body.z)]) if isinstance(body, DiskState) else body.z
-
-
-def _placed(body: PlacedState, place: Float[Array, "3"]) -> PlacedState:
+def _placed(body: PlacedState, at: Float[Array, "3"]) -> PlacedState:
     """The state, or its rates, with another place or velocity of the geometric centre."""
-    return eqx.tree_at(lambda x: x.z, body, place[0] if isinstance(body, DiskState) else place[:2])
+    return eqx.tree_at(lambda x: x.z, body, at[0] if isinstance(body, DiskState) else at[:2])

@@ -27,6 +27,7 @@ from .designs import (
     rail_accelerations as rail_accelerations,
     rail_angles as rail_angles,
 )
+from .measurements import measurements as measurements
 from .mechanisms import joint_angles as joint_angles, joint_efforts as joint_efforts
 from .paths import body_paths as body_paths, centre_path as centre_path, space_paths as space_paths
 from .report import figures as figures, overview as overview

@@ -1,6 +1,6 @@
 """The standard figures of a trajectory: written into a folder, or together on one page."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +10,13 @@ from matplotlib.figure import Figure
 from ..interface.output import replacing
 from ..physics.body import AbstractBody, Disk
 from ..physics.system import AbstractSystem
+from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
 from .actuation import acceleration, accelerations
 from .classical import classical_motion, law_errors
 from .configuration import configuration
 from .contact import of_contact
+from .measurements import measurements
 from .mechanisms import joint_angles, joint_efforts
 from .modes import share_bands
 from .paths import body_paths, centre_path, space_paths
@@ -39,7 +41,12 @@ OF_JOINTS = (joint_angles, joint_efforts)
 
 
 def figures(
-    trajectory: Trajectory[Any, Any], folder: str | Path, title: str = "", *, formats: Sequence[str] = ("png",)
+    trajectory: Trajectory[Any, Any],
+    folder: str | Path,
+    title: str = "",
+    *,
+    formats: Sequence[str] = ("png",),
+    sensors: Mapping[str, AbstractSensor] | None = None,
 ) -> list[Path]:
     """Writes the standard figures of a trajectory into ``folder``, and returns their paths.
 
@@ -54,6 +61,7 @@ def figures(
     - ``folder``: where to write; it is created if it does not exist.
     - ``title``: a line that says which system it is, such as that of a scenario.
     - ``formats``: png, pdf or svg.
+    - ``sensors``: those of :mod:`jaxball.sensors`, by their names, whose readings are drawn too.
 
     **Raises:** ``ValueError`` for a reduced trajectory or a batch.
     """
@@ -62,16 +70,19 @@ def figures(
         record(trajectory)
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    kind, paths = trajectory.system.title.lower().replace(" ", "_"), []
+    kind = trajectory.system.title.lower().replace(" ", "_")
+    drawn: dict[str, Axes | Figure] = {}
     joints = OF_JOINTS if not classical and trajectory.system.mechanisms else ()
     for draw in CLASSICAL if classical else (*STANDARD, *of_contact(trajectory), *joints):
         if (draw is acceleration and not accelerations(trajectory)) or (draw is law_errors and not trajectory.laws):
             continue
-        drawn = draw(trajectory)
-        for suffix in formats:
-            paths.append(folder / f"{kind}_{draw.__name__}.{suffix}")
-            write_figure(drawn, paths[-1], trajectory.system, title)
-    return paths
+        drawn[draw.__name__] = draw(trajectory)
+    if sensors:
+        drawn[measurements.__name__] = measurements(trajectory, sensors)
+    files = {folder / f"{kind}_{name}.{suffix}": one for name, one in drawn.items() for suffix in formats}
+    for path, one in files.items():
+        write_figure(one, path, trajectory.system, title)
+    return list(files)
 
 
 def write_figure(drawn: Axes | Figure, path: Path, system: AbstractSystem, title: str = "") -> None:

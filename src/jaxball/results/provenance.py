@@ -2,6 +2,7 @@
 
 import dataclasses
 import importlib.metadata
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -12,6 +13,7 @@ from ..physics.body import AbstractBody
 from ..physics.released import ReleasedState
 from ..physics.state import ReducedState, RotationState
 from ..scenario import Scenario, ScenarioError, read_scenario, write_scenario
+from ..sensors import AbstractSensor
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
 from .contact import contact_attributes
@@ -21,11 +23,13 @@ PACKAGES = ("jaxball", "jax", "diffrax")
 UNKNOWN_SOLVER = "# Made from a trajectory, which does not hold its solver settings: there is no table [solve].\n"
 
 
-def attributes(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> dict[str, str | int | float]:
+def attributes(
+    trajectory: Trajectory[Any, Any], scenario: Scenario | None, sensors: Mapping[str, AbstractSensor] | None = None
+) -> dict[str, str | int | float]:
     """Title, how the solve ended, the scenario's text, and the versions of the packages.
 
-    Without a ``scenario``, its text is that of the trajectory's system, initial state and times, and empty where a file
-    cannot hold them. ``format`` is the version of the file format, which :func:`load_run` checks.
+    Without a ``scenario``, its text is that of the trajectory's system, initial state, times and ``sensors``, and empty
+    where a file cannot hold them. ``format`` is the version of the file format, which :func:`load_run` checks.
     ``ok`` is 1 for a solve that reached its end and 0 for one that failed. A run with dense output also has the
     extremes of the contact force, ``contact_friction_needed`` and the others of :class:`~jaxball.ContactExtremes`. One
     with a law of contact has its coefficients instead, ``contact_sliding`` and so on, and its ``contact_switches``.
@@ -39,7 +43,7 @@ def attributes(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> d
         "reached": float(trajectory.reached),
         "steps": int(trajectory.steps),
         "rejected_steps": int(trajectory.rejected),
-        "scenario": _of_trajectory(trajectory) if scenario is None else write_scenario(scenario),
+        "scenario": _of_trajectory(trajectory, sensors or {}) if scenario is None else write_scenario(scenario),
     }
     if trajectory.contact is not None:
         run |= contact_attributes(trajectory.contact)
@@ -49,7 +53,7 @@ def attributes(trajectory: Trajectory[Any, Any], scenario: Scenario | None) -> d
     return run | {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
 
 
-def _of_trajectory(trajectory: Trajectory[Any, Any]) -> str:
+def _of_trajectory(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> str:
     """The text of a scenario made of the trajectory; empty where a file cannot hold it."""
     state = jax.tree.map(lambda leaf: leaf[0], trajectory.state)
     state = state.in_space() if isinstance(state, RotationState) else state
@@ -61,7 +65,8 @@ def _of_trajectory(trajectory: Trajectory[Any, Any]) -> str:
         rolls = not isinstance(trajectory.start, ReleasedState)
         state = state if rolls else ReleasedState(state, contact.V[0], contact.height[0])
     try:
-        text = write_scenario(Scenario("", trajectory.system, state, np.asarray(trajectory.times), contact=law))
+        times = np.asarray(trajectory.times)
+        text = write_scenario(Scenario("", trajectory.system, state, times, contact=law, sensors=sensors))
         read_scenario(text)
     except ScenarioError:
         return ""

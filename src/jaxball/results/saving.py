@@ -1,6 +1,7 @@
 """A trajectory as a labelled data set, and saved to a file."""
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,17 +11,22 @@ from ..interface.output import check_destination, replacing
 from ..physics.state import DiskState
 from ..scenario import Scenario
 from ..scenario.paths import entries
+from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
 from .contact import history_values, switch_values
 from .files import SUFFIXES
 from .provenance import attributes
-from .variables import Variable, described, labels, values
+from .variables import Variable, described, labels, measured_values, values
 
 if TYPE_CHECKING:
     import xarray
 
 
-def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = None) -> "xarray.Dataset":
+def to_dataset(
+    trajectory: Trajectory[Any, Any],
+    scenario: Scenario | None = None,
+    sensors: Mapping[str, AbstractSensor] | None = None,
+) -> "xarray.Dataset":
     """The trajectory and all its observables, or the laws of a classical system, as an ``xarray.Dataset``.
 
     Dimensions are ``time``, ``mass``, ``driven`` (the masses whose angles belong to the state, by their
@@ -33,8 +39,10 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
     - ``trajectory``: what :func:`jaxball.simulate` returns.
     - ``scenario``: the scenario of the run; without one, a file of the system, its initial state and the times is kept,
       if a file can hold them.
+    - ``sensors``: those of :mod:`jaxball.sensors` whose readings it has too, each under its name after ``measured_``;
+      those of the scenario if not given.
 
-    **Raises:** ``ValueError`` for a batch of trajectories.
+    **Raises:** ``ValueError`` for a batch of trajectories, and where the body does not have what a sensor is on.
 
     **Example:**
 
@@ -46,18 +54,24 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
     # Imported here, because it takes longer than all of jaxball's own modules.
     import xarray
 
+    scenario, sensors = _settled(scenario, sensors)
     variables, sizes = {}, {}
-    for leading, saved in (("time", _over_time(trajectory)), ("switch", _of_switches(trajectory))):
+    for leading, saved in (("time", _over_time(trajectory, sensors)), ("switch", _of_switches(trajectory))):
         for name, (variable, array) in saved.items():
             variables[name] = ((leading, *variable.dimensions), array, variable.notes)
             sizes |= zip((leading, *variable.dimensions), array.shape, strict=True)
     sizes.pop("time")
     times = ("time", np.asarray(trajectory.times), {"units": "time", "long_name": "time"})
     coordinates = {"time": times, **labels(trajectory.system, sizes)}
-    return xarray.Dataset(variables, coordinates, attributes(trajectory, scenario))
+    return xarray.Dataset(variables, coordinates, attributes(trajectory, scenario, sensors))
 
 
-def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario | None = None) -> Path:
+def save(
+    trajectory: Trajectory[Any, Any],
+    path: str | Path,
+    scenario: Scenario | None = None,
+    sensors: Mapping[str, AbstractSensor] | None = None,
+) -> Path:
     """Saves a trajectory with all its observables, or laws, in the format that the suffix of ``path`` names.
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
@@ -70,6 +84,7 @@ def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario 
         that reached its end, and the number of its :class:`~jaxball.Status` for one that failed. The switches of a run
         with a law of contact are left out.
     - ``scenario``: the scenario of the run, whose text is saved with it; None if there is none.
+    - ``sensors``: as of :func:`to_dataset`.
 
     A failed solve is saved too, with its status, and NaN after the time that it reached. The write is atomic, so a
     failure never harms an existing file. A symbolic link is followed.
@@ -77,7 +92,7 @@ def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario 
     **Returns:** ``path``.
 
     **Raises:** :class:`OutputError` when the suffix is another one, or the file cannot be written,
-    ``ValueError`` for a batch of trajectories.
+    ``ValueError`` for a batch of trajectories, and where the body does not have what a sensor is on.
 
     **Example:**
 
@@ -93,17 +108,26 @@ def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario 
     path = Path(path)
     check_destination(path, SUFFIXES)
     with replacing(path) as temporary:
-        WRITERS[path.suffix](trajectory, temporary, scenario)
+        WRITERS[path.suffix](trajectory, temporary, *_settled(scenario, sensors))
     return path
 
 
+Sensors = Mapping[str, AbstractSensor]
 Values = dict[str, tuple[Variable, np.ndarray]]
 
 
-def _over_time(trajectory: Trajectory[Any, Any]) -> Values:
+def _settled(scenario: Scenario | None, sensors: Sensors | None) -> tuple[Scenario | None, Sensors]:
+    """The sensors that are given, or else those of the scenario, and the scenario with them."""
+    if sensors is None:
+        return scenario, {} if scenario is None else scenario.sensors
+    return None if scenario is None else dataclasses.replace(scenario, sensors=sensors), sensors
+
+
+def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Values:
     """Every variable over time, with its array."""
     history = trajectory.contact
-    return values(trajectory) | ({} if history is None else history_values(history))
+    modes = {} if history is None else history_values(history)
+    return values(trajectory) | modes | measured_values(trajectory, sensors)
 
 
 def _of_switches(trajectory: Trajectory[Any, Any]) -> Values:
@@ -114,21 +138,21 @@ def _of_switches(trajectory: Trajectory[Any, Any]) -> Values:
     return switch_values(trajectory.contact, {name: described(name, planar) for name in vars(trajectory.state)})
 
 
-def _write_netcdf(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None) -> None:
-    to_dataset(trajectory, scenario).to_netcdf(path, engine="h5netcdf")
+def _write_netcdf(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None, sensors: Sensors) -> None:
+    to_dataset(trajectory, scenario, sensors).to_netcdf(path, engine="h5netcdf")
 
 
-def _write_npz(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None) -> None:
+def _write_npz(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None, sensors: Sensors) -> None:
     arrays: dict[str, Any] = {"time": np.asarray(trajectory.times)}
-    both = _over_time(trajectory) | _of_switches(trajectory)
+    both = _over_time(trajectory, sensors) | _of_switches(trajectory)
     arrays |= {name: array for name, (_, array) in both.items()}
-    arrays |= {name: np.asarray(value) for name, value in attributes(trajectory, scenario).items()}
+    arrays |= {name: np.asarray(value) for name, value in attributes(trajectory, scenario, sensors).items()}
     np.savez_compressed(path, **arrays)
 
 
-def _write_csv(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None) -> None:
+def _write_csv(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario | None, sensors: Sensors) -> None:
     columns = {"time": np.asarray(trajectory.times)}
-    for name, (_, array) in _over_time(trajectory).items():
+    for name, (_, array) in _over_time(trajectory, sensors).items():
         for entry, index in entries(name, array.shape[1:]).items():
             columns[entry] = array[(slice(None), *index)]
     columns["status"] = np.full(columns["time"].shape, int(trajectory.status))
@@ -136,6 +160,6 @@ def _write_csv(trajectory: Trajectory[Any, Any], path: Path, scenario: Scenario 
     np.savetxt(path, table, fmt="%.17g", delimiter=",", header=",".join(columns), comments="")
 
 
-WRITERS: dict[str, Callable[[Trajectory[Any, Any], Path, Scenario | None], None]] = dict(
+WRITERS: dict[str, Callable[[Trajectory[Any, Any], Path, Scenario | None, Sensors], None]] = dict(
     zip(SUFFIXES, (_write_netcdf, _write_npz, _write_csv), strict=True)
 )

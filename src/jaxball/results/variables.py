@@ -8,6 +8,7 @@ import numpy as np
 
 from ..physics.body import AbstractBody
 from ..physics.state import DiskState, ReducedState
+from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
 
 
@@ -124,6 +125,19 @@ def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.nda
         array[missing] = np.nan
         if array.size or "joint" not in variable.dimensions:
             variables[name] = (variable, array)
+    return variables
+
+
+def measured_values(
+    trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]
+) -> dict[str, tuple[Variable, np.ndarray]]:
+    """What sensors read over time, each under its name after ``measured_``; a vector has the axes of its sensor."""
+    variables = {}
+    for name, leaf in (trajectory.measured(sensors) if sensors else {}).items():
+        array, sensor = np.asarray(leaf), sensors[name]
+        known = {(): (), (3,): ("axis",)}.get(array.shape[1:])
+        dimensions = undescribed(name, array.ndim - 1).dimensions if known is None else known
+        variables[f"measured_{name}"] = Variable(dimensions, sensor.units, sensor.meaning), array
     return variables
 
 

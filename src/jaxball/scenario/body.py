@@ -1,14 +1,16 @@
-"""The body of a scenario file: the shell, gravity and the external force."""
+"""The body of a scenario file: the shell, gravity and what acts on it from outside."""
 
 from typing import Any
 
 from ..physics.body import Ball, Disk, System
+from ..physics.force import AbstractWrench, FunctionWrench, require_wrench
+from .functions import FUNCTION, trying
 from .ground import GROUND
 from .harmonics import FORCE
 from .resistance import RESISTANCE
-from .table import Key, join, read_table, write_member, write_table
+from .table import Family, Key, Module, join, read_one_of, read_table, write_member, write_table
 from .traced import namespace, require, require_conditions
-from .values import LENGTH, POSITIVE, Numbers
+from .values import LENGTH, POSITIVE, TIME, Numbers
 
 SHELL = {
     "mass": Key(Numbers(rule=POSITIVE)),
@@ -20,6 +22,10 @@ BALL = {**SHELL, "inertia": Key(Numbers((3,), POSITIVE))}
 DISK = {**SHELL, "inertia": Key(Numbers(rule=POSITIVE))}
 FLAT = "in the plane of a disk, E1 and E3, with second entry 0"
 BODIES = {"ball": (Ball, BALL), "disk": (Disk, DISK)}
+FORCES: Family = {
+    "": FORCE,
+    "function": Module(FunctionWrench, {**FUNCTION, "kink_times": Key(Numbers((None,), dimension=TIME), ())}),
+}
 
 
 def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
@@ -31,8 +37,12 @@ def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
     return shell
 
 
-def read_force(values: Any, path: str, kind: str) -> Any:
-    """The external force; that on a disk must lie in the disk's plane."""
+def read_force(values: Any, path: str, kind: str) -> AbstractWrench:
+    """The external force: a function of one's own, or a series, which on a disk must lie in the disk's plane."""
+    choices = {name: force.keys for name, force in FORCES.items() if name}
+    if read_one_of(values, path, choices, FORCE.keys)[0]:
+        with trying(join(path, "function")):
+            return FORCES["function"].read(values, path)
     force = FORCE.read(values, path)
     for name in ("constant", "amplitude", "powers"):
         array = getattr(force.series, name)
@@ -43,16 +53,23 @@ def read_force(values: Any, path: str, kind: str) -> Any:
     return force
 
 
+def check_force(force: AbstractWrench | None, path: str, coordinates: int) -> None:
+    """Raises where a function makes no force on a body with so many ``coordinates``."""
+    if isinstance(force, FunctionWrench):
+        with trying(join(path, "function")):
+            require_wrench("function", force, coordinates)
+
+
 def write_body(system: System) -> dict[str, Any]:
     """The table [body], and [force], [ground] and [resistance] where there are such."""
     kind = kind_of(system)
     keys = BODIES[kind][1]
     tables = {"body": write_table({name: getattr(system, name) for name in keys}, "body", keys)}
-    surroundings = {"force": FORCE, "ground": GROUND, "resistance": RESISTANCE}
-    for name, module in surroundings.items():
+    surroundings: dict[str, Family] = {"force": FORCES, "ground": {"": GROUND}, "resistance": {"": RESISTANCE}}
+    for name, family in surroundings.items():
         if getattr(system, name) is not None:
-            table = write_member(getattr(system, name), name, {name: module})[1]
-            first, key = next(iter(module.keys.items()))
+            kind, table = write_member(getattr(system, name), name, family)
+            first, key = next(iter(family[kind].keys.items()))
             tables[name] = table or {first: key.kind.write(key.default, name)}  # lest it be taken for none at all
     return tables
 

@@ -10,19 +10,21 @@ import tomli_w
 
 from ..physics.body import Ball, Disk
 from ..physics.contact_law import Contact
+from ..physics.motion import Driven
 from ..physics.system import AbstractSystem
+from ..sensors import AbstractSensor
 from .actuation import FORMS, apply_actuation, is_linear, targets_of, write_actuation
-from .body import BALL, DISK, kind_of, read_force, read_shell, write_body
+from .body import BALL, DISK, FORCES, check_force, kind_of, read_force, read_shell, write_body
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, read_classical, write_classical
 from .contact import CONTACT, read_contact
 from .errors import each_of
 from .ground import GROUND, read_ground
-from .harmonics import FORCE
 from .initial import INITIAL, balanced, initial_state, read_initial, released_from, write_initial
 from .masses import CHOICES as MASSES, read_masses, write_masses
-from .mechanisms import MECHANISM, read_mechanisms, write_mechanisms
+from .mechanisms import MECHANISM, joints_in_state, read_mechanisms, write_mechanisms
 from .resistance import RESISTANCE, read_resistance
 from .scenario import Scenario
+from .sensors import SENSORS, check_sensors, read_sensors, write_sensors
 from .shell import check_confined, check_start
 from .solve import SOLVE, check_dae
 from .sources import document_of, naming, scenario_text
@@ -45,7 +47,7 @@ _SHARED = {
 KEYS = {
     **_SHARED,
     "body": Key(unread(tables={"ball": BALL, "disk": DISK})),
-    "force": Key(unread(tables={"": FORCE.keys}), None),
+    "force": Key(unread(tables=keys_of(FORCES)), None),
     "ground": Key(unread(tables={"": GROUND.keys}), None),
     "resistance": Key(unread(tables={"": RESISTANCE.keys}), None),
     "contact": Key(unread(tables={"": CONTACT.keys}), None),
@@ -53,6 +55,7 @@ KEYS = {
     "mechanisms": Key(unread(tables={"": MECHANISM}), []),
     "actuation": Key(unread(tables=keys_of(FORMS)), None),
     "initial": Key(unread(tables=INITIAL), None),
+    "sensors": Key(unread("a table of tables", keys_of(SENSORS)), None),
 }
 CLASSICAL_KEYS = {
     **_SHARED,
@@ -138,11 +141,14 @@ class Contents(NamedTuple):
     contact: Contact | None
     times: SaveTimes
     solve: dict[str, Any]
+    sensors: dict[str, AbstractSensor]
 
     def scenario(self) -> Scenario:
         """The scenario, whose numbers must be known."""
         times = self.times.array(self.times.count)
-        return Scenario(self.title, self.system, self.state, times, **self.solve, contact=self.contact)
+        return Scenario(
+            self.title, self.system, self.state, times, **self.solve, contact=self.contact, sensors=self.sensors
+        )
 
 
 def read_contents(document: dict[str, Any]) -> Contents:
@@ -155,7 +161,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
     kind = str(document.get("kind"))
     if kind not in BODIES:
         read_table(document, "", KEYS)
-    table, shell, surroundings, contact, times, solve, masses, mechanisms, initial = each_of(
+    table, shell, surroundings, contact, times, solve, masses, mechanisms, initial, sensors = each_of(
         lambda: read_table(document, "", KEYS),
         lambda: "body" in document and read_shell(document["body"], "body", kind),
         lambda: _read_surroundings(document, kind),
@@ -165,12 +171,15 @@ def read_contents(document: dict[str, Any]) -> Contents:
         lambda: read_masses(document.get("masses", []), "masses", not is_linear(document.get("actuation"))),
         lambda: read_mechanisms(document.get("mechanisms", []), "mechanisms"),
         lambda: read_initial(document.get("initial", {}), "initial", kind),
+        lambda: read_sensors(document.get("sensors", {}), "sensors"),
     )
     start = times.start
     resting = {**shell, "ground": surroundings.get("ground")}
     masses = balanced(masses, mechanisms, resting, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]
     actuated = apply_actuation(actuation, "actuation", masses, mechanisms, kind)
+    driven = sum(isinstance(item.motion, Driven) for item in actuated.masses)
+    check_force(surroundings.get("force"), "force", driven + len(joints_in_state(mechanisms)))
     system = (Disk if kind == "disk" else Ball)(
         **shell,
         **surroundings,
@@ -182,7 +191,9 @@ def read_contents(document: dict[str, Any]) -> Contents:
     check_dae(system, contact, solve["solver"], solve["dae"])
     check_confined(system, namespace(times.start, times.end).stack([times.start, times.end]), state)
     check_start(system, start, state)
-    return Contents(table["title"], system, released_from(initial, "initial", state, contact), contact, times, solve)
+    check_sensors(sensors, "sensors", system)
+    state = released_from(initial, "initial", state, contact)
+    return Contents(table["title"], system, state, contact, times, solve, sensors)
 
 
 def _read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
@@ -204,7 +215,7 @@ def _read_classical(document: dict[str, Any]) -> Contents:
     )
     system, state = read_classical(table["kind"], table["body"], table["initial"], times.start)
     check_dae(system, None, solve["solver"], solve["dae"])
-    return Contents(table["title"], system, state, None, times, solve)
+    return Contents(table["title"], system, state, None, times, solve, {})
 
 
 def write_scenario(scenario: Scenario) -> str:
@@ -226,7 +237,8 @@ def write_scenario(scenario: Scenario) -> str:
     True
     """
     # NumPy's are taken apart without compiling anything.
-    system, state, contact = jax.tree.map(np.asarray, (scenario.system, scenario.state, scenario.contact))
+    parts = scenario.system, scenario.state, scenario.contact, dict(scenario.sensors)
+    system, state, contact, sensors = jax.tree.map(np.asarray, parts)
     tables = {
         "format": FORMAT,
         "title": scenario.title,
@@ -234,6 +246,7 @@ def write_scenario(scenario: Scenario) -> str:
         "contact": {} if contact is None else CONTACT.write(contact, "contact"),
         "time": write_times(scenario.times),
         "solve": write_table({name: getattr(scenario, name) for name in SOLVE}, "solve", SOLVE),
+        "sensors": write_sensors({name: sensors[name] for name in scenario.sensors}, "sensors"),
     }
     return tomli_w.dumps({name: value for name, value in tables.items() if value not in ({}, [], "")})
 

@@ -15,7 +15,7 @@ _PATH = re.compile(rf"{_NAME}(\.{_NAME}|\[\d+\])*")
 _WORD = re.compile(r"[A-Za-z][\w+-]*")
 # These change what is compiled or how much is saved, and not the motion.
 _FIXED = re.compile(
-    r"format|time\.saves|solve\.max_steps|.*\.balance\.masses\[\d+\]|actuation\.masses\[\d+\]|mechanisms.*\.(on|joint)"
+    r"format|time\.saves|solve\.max_steps|.*\.balance\.masses\[\d+\]|actuation\.masses\[\d+\]|mechanisms.*\.(on|joint)|sensors\..*"
 )
 
 

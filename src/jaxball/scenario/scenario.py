@@ -13,6 +13,7 @@ from ..interface.wording import one_of
 from ..physics.contact_law import Contact
 from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
+from ..sensors import AbstractSensor
 from ..simulation.arguments import DEFAULT_TOLERANCE
 from ..simulation.events import AbstractEvent
 from ..simulation.simulate import simulate
@@ -34,6 +35,7 @@ class Scenario:
     - ``rtol``, ``atol``, ``max_steps``, ``step_to_times``, ``dae``, ``project``: as in :func:`jaxball.simulate`.
     - ``contact``: the :class:`~jaxball.Contact`, the law by which a ball or a disk may slip, fly and bounce; None for
       one that rolls all the time.
+    - ``sensors``: those of :mod:`jaxball.sensors` whose readings are saved and drawn with a run, by their names.
 
     **Example:**
 
@@ -56,11 +58,13 @@ class Scenario:
     dae: bool = False
     project: bool = False
     contact: Contact | None = None
+    sensors: Mapping[str, AbstractSensor] = dataclasses.field(default_factory=dict)
 
     def __repr__(self) -> str:
         span = f"{len(self.times)} times from {self.times[0]:g} to {self.times[-1]:g}"
         head = f"Scenario {self.title!r}: {span}, {self.solver} at rtol {self.rtol:g}"
         parts = [str(self.system), shown(self.state), *([] if self.contact is None else [str(self.contact)])]
+        parts += [f"{name}: {sensor}" for name, sensor in self.sensors.items()]
         return "\n  ".join([head, *"\n".join(parts).splitlines()])
 
     def simulate(

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Generic
 
 import diffrax
@@ -22,9 +22,9 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
 from ..numerics.masks import differentiated_where
 from ..physics.body import AbstractBody, System
-from ..physics.body_on_plane import body_of
+from ..physics.body_on_plane import BodyOnPlane, body_of
 from ..physics.conditions import Problem
-from ..physics.observables import Observables, observe, observe_on_plane
+from ..physics.observables import Observables, movement, movement_on_plane, observe, observe_on_plane
 from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState, ReducedState, RotationState, State
 from ..physics.system import AbstractState, AbstractSystem
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     import xarray
 
     from ..plot.view.page import View
+    from ..sensors import AbstractSensor
 
 
 if TYPE_CHECKING:  # a trajectory is of a ball or a disk unless it is said to be of something else
@@ -157,20 +158,30 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         **Raises:** ``ValueError`` for a reduced trajectory, which does not know where the ball is, and for
         one of another system, which may have ``laws``.
         """
-        if not isinstance(self.system, AbstractBody):
-            raise ValueError(
-                "The observables are those of a ball or a disk, but this trajectory is of a "
-                f"{type(self.system).__name__}; its `laws` say what is constant in it."
-            )
-        if isinstance(self.state, ReducedState):
-            raise ValueError(
-                "The observables need the full state, but this trajectory is of a ReducedState; simulate "
-                "with a BallState."
-            )
+        body = self._body("The observables")
         if self.contact is not None:
-            plane, states = self.contact.on_plane(self.system, self.state)
+            plane, states = self.contact.on_plane(body, self.state)
             return _observe_all_on_plane(plane, self.times, states)
-        return _observe_all(self.system, self.times, self.state)
+        return _observe_all(body, self.times, self.state)
+
+    def measured(self, sensors: "Mapping[str, AbstractSensor]") -> dict[str, Array]:
+        """What sensors read at every saved time, by their names; NaN at times that the solve did not reach.
+
+        **Arguments:**
+
+        - ``sensors``: such as an :class:`~jaxball.sensors.Accelerometer`, each by a name of one's own.
+
+        **Returns:** for each sensor an array with T as leading axis.
+
+        **Raises:** ``ValueError`` where the body does not have what a sensor is on, and as ``observables``.
+        """
+        from ..sensors.base import require_sensors  # here, because a simulation does without
+
+        body = self._body("The sensors")
+        require_sensors(sensors, body)
+        on_plane = (body, self.state) if self.contact is None else self.contact.on_plane(body, self.state)
+        found = _measure_all(*on_plane, self.times, dict(sensors))
+        return {name: found[name] for name in sensors}  # in their order, which JAX does not keep
 
     @property
     def laws(self) -> Any:
@@ -184,6 +195,19 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
                 "the modules jaxball.physics.integrals and jaxball.physics.momentum have its integrals."
             )
         return _laws_of_all(self.system, self.times, self.state)
+
+    def _body(self, what: str) -> AbstractBody:
+        """The system, which must be a body, and its place known: ``what`` needs both."""
+        if not isinstance(self.system, AbstractBody):
+            raise ValueError(
+                f"{what} are those of a ball or a disk, but this trajectory is of a {type(self.system).__name__}; its "
+                "`laws` say what is constant in it."
+            )
+        if isinstance(self.state, ReducedState):
+            raise ValueError(
+                f"{what} need the full state, but this trajectory is of a ReducedState; simulate with a BallState."
+            )
+        return self.system
 
     @property
     def friction_needed(self) -> Float[Array, ""]:
@@ -292,15 +316,28 @@ def _outline() -> Any:
 
 @programs.filter_jit
 def _observe_all(system, times, state) -> Observables:
-    def observed(system, t, x):
-        return observe(system, t, x.in_space() if isinstance(x, RotationState) else x)
-
-    return _at_each(observed, system.prepare(), times, state)
+    return _at_each(lambda system, t, x: observe(system, t, _placed(x)), system.prepare(), times, state)
 
 
 @programs.filter_jit
 def _observe_all_on_plane(plane, times, states) -> Observables:
     return _at_each(observe_on_plane, plane.prepare(), times, states)
+
+
+@programs.filter_jit
+def _measure_all(system, states, times, sensors) -> dict[str, Array]:
+    def measured(system, t, x):
+        on_plane = isinstance(system, BodyOnPlane)
+        moves = movement_on_plane(system, t, x) if on_plane else movement(system, t, _placed(x))
+        body = system.body if on_plane else system
+        known = jnp.all(jnp.isfinite(moves.state.Omega))
+        return {name: jnp.where(known, one.reading(body, t, moves), jnp.nan) for name, one in sensors.items()}
+
+    return _at_each(measured, system.prepare(), times, states)
+
+
+def _placed(state: Any) -> Any:
+    return state.in_space() if isinstance(state, RotationState) else state
 
 
 @programs.filter_jit

@@ -1,7 +1,6 @@
 """What a study finds of each run while it is computed."""
 
 import dataclasses
-import importlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,6 +9,7 @@ from ..ensemble.runge_kutta import fits
 from ..interface.wording import did_you_mean
 from ..physics.body import AbstractBody
 from ..scenario import Scenario
+from ..scenario.functions import imported
 from ..scenario.solvers import SOLVERS
 from ..scenario.table import Key, read_one_of
 from ..scenario.values import Text, key_error, shown
@@ -30,23 +30,11 @@ class Find:
     def reduction(self) -> AbstractReduction:
         """The reduction itself.
 
-        **Raises:** :class:`StudyError` when there is no such function.
+        **Raises:** :class:`~jaxball.ScenarioError` when there is no such function.
         """
         if not self.kind:
             return REDUCTIONS[self.name]
-        module, _, name = self.function.partition(":")
-        try:
-            function = getattr(importlib.import_module(module), name)
-        except (ImportError, AttributeError, ValueError, TypeError) as error:
-            reason = str(error)
-        else:
-            if callable(function):
-                return KINDS[self.kind](function)
-            reason = "it is no function"
-        raise StudyError(
-            f'Key `find` must name functions that can be imported as "module:function", but {shown(self.function)} '
-            f"cannot: {reason}."
-        )
+        return KINDS[self.kind](imported("find", self.function))
 
 
 def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:

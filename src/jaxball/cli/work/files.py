@@ -52,12 +52,13 @@ def write_outputs(
     return written_line(written)
 
 
-def draw_figures(trajectory: Trajectory[Any, Any], folder: Path, formats: list[str] | None, title: str) -> str:
-    """Draws the standard figures, and returns how many there are and where."""
+def draw_figures(trajectory: Trajectory[Any, Any], folder: Path, formats: list[str] | None, scenario: Scenario) -> str:
+    """Draws the standard figures of a run of a scenario, and returns how many there are and where."""
     # Imported here, because matplotlib takes longer to import than many a run.
     from ... import plot
 
-    paths = plot.figures(trajectory, folder, title, formats=tuple(dict.fromkeys(formats or ("png",))))
+    suffixes = tuple(dict.fromkeys(formats or ("png",)))
+    paths = plot.figures(trajectory, folder, scenario.title, formats=suffixes, sensors=scenario.sensors)
     return f"{counted(len(paths), 'figure')} in {folder}"
 
 

@@ -91,7 +91,7 @@ def _draw(options: argparse.Namespace, scenario: Scenario, trajectory: Trajector
     written = []
     if options.plot is not None:
         with working(options, "drawing"):
-            written.append(draw_figures(trajectory, options.plot, options.plot_format, scenario.title))
+            written.append(draw_figures(trajectory, options.plot, options.plot_format, scenario))
     if options.animate is not None:
         write_animation(options, scenario)
         written.append(str(options.animate))

@@ -7,6 +7,10 @@ from .contact import (
     NormalForce as NormalForce,
     Within as Within,
 )
+from .function import (
+    FunctionConstraint as FunctionConstraint,
+    FunctionRunningConstraint as FunctionRunningConstraint,
+)
 from .masses import (
     AccelerationLimit as AccelerationLimit,
     ForceLimit as ForceLimit,

@@ -13,6 +13,7 @@ from jaxtyping import Array, Float, Int
 from ...interface.status import Status
 from ...numerics.arrays import Numbers, to_array
 from ...physics.body import System
+from ...physics.force import AbstractForce
 from ...physics.imbalance import Imbalance, imbalance
 from ...physics.packing import Packing
 from ...physics.schedules import AbstractSchedule
@@ -143,7 +144,8 @@ class Rolling(AbstractControlProblem):
         flat = isinstance(state, DiskState)
         beside = left.beside[:1] if flat else left.beside
         parts = [state.thetadot, state.phidot[None] if flat else state.Omega, beside / r]
-        if not flat and self.system.ground is not None and self.system.force is not None:
+        ground, force = self.system.ground, self.system.force
+        if not flat and force is not None and (ground is not None or not isinstance(force, AbstractForce)):
             parts.append(left.torque[2:] / (left.M * r * self.system.gravity))  # else 0 where the others are
         parts.append(left.efforts[self._without_motor] / (left.M * r * self.system.gravity))
         if self.depth is not None:

@@ -19,6 +19,10 @@ from .ends import (
     ReachPose as ReachPose,
     StopAtRest as StopAtRest,
 )
+from .function import (
+    FunctionObjective as FunctionObjective,
+    FunctionRunningObjective as FunctionRunningObjective,
+)
 from .paths import (
     AvoidObstacles as AvoidObstacles,
     FollowCurve as FollowCurve,

@@ -234,11 +234,16 @@ class Mechanism(AbstractMechanism):
         on = self.joints[a].on
         return a - 1 if on is None else on
 
-    def places(self, theta: Float[Array, " k"]) -> Places:
+    def links(self, theta: Float[Array, " k"]) -> list[Moved]:
+        """Where each joint places its link, and how it moves it."""
         links: list[Moved] = []
         for a, joint in enumerate(self.joints):
             on = self._on(a)
             links.append(joint.moved(links[on].placement if on >= 0 else in_place(theta), theta[a]))
+        return links
+
+    def places(self, theta: Float[Array, " k"]) -> Places:
+        links = self.links(theta)
         loaded = tuple(dict.fromkeys(self.carrier))  # the links that have masses, each once
         order = [np.flatnonzero(np.asarray(self.carrier) == link) for link in loaded]
         points = [links[link].placement.of_points(self.place[which]) for link, which in zip(loaded, order, strict=True)]

@@ -1,0 +1,50 @@
+"""Constraints that are functions of one's own."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+from jaxtyping import Array, Float, PyTree
+
+from ...interface.arguments import require_callable
+from ..run import Run
+from .base import AbstractConstraint, AbstractRunningConstraint
+
+
+class FunctionConstraint(AbstractConstraint):
+    """function(run, parameters) ≤ 0, of any shape.
+
+    **Arguments:**
+
+    - ``function``: of (run, parameters), to an array that is positive where the constraint is violated; ``run`` is as
+      of a :class:`FunctionObjective`.
+    - ``parameters``: arrays, in any PyTree, that it is given.
+    """
+
+    function: Callable[[Run, PyTree], Float[Array, "..."]] = eqx.field(static=True)
+    parameters: PyTree = None
+
+    def __check_init__(self):
+        require_callable("function", self.function, "run", "parameters")
+
+    def __call__(self, run: Run):
+        return self.function(run, self.parameters)
+
+
+class FunctionRunningConstraint(AbstractRunningConstraint):
+    """function(run, parameters) ≤ 0 at each time, which it knows by itself.
+
+    **Arguments:**
+
+    - ``function``: as of a :class:`FunctionConstraint`, with the times of the run as the first axis. Optimal control
+      needs second derivatives of it.
+    - ``parameters``: arrays, in any PyTree, that it is given.
+    """
+
+    function: Callable[[Run, PyTree], Float[Array, "t ..."]] = eqx.field(static=True)
+    parameters: PyTree = None
+
+    def __check_init__(self):
+        require_callable("function", self.function, "run", "parameters")
+
+    def __call__(self, run: Run):
+        return self.function(run, self.parameters)

@@ -1,0 +1,115 @@
+"""Functions of one's own that a file names as "module:function", and the numbers that they are given."""
+
+import contextlib
+import importlib
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+from ..numerics.arrays import to_array
+from .errors import ScenarioError, key_error, shown
+from .table import Key, join
+from .values import Numbers
+
+
+def imported(path: str, named: str) -> Callable[..., Any]:
+    """The function that the key at ``path`` names; modules are found in the current folder, too.
+
+    **Raises:** :class:`ScenarioError` where there is no such function.
+    """
+    module, _, name = named.partition(":")
+    try:
+        with _current_folder():
+            function = getattr(importlib.import_module(module), name)
+    except Exception as error:  # of whatever kind: the module is somebody's own
+        reason = f"{error}" if isinstance(error, ImportError | AttributeError) else f"{type(error).__name__}: {error}"
+        reason = " ".join(reason.split())
+    else:
+        if callable(function):
+            return function
+        reason = "it is no function"
+    raise ScenarioError(
+        f'Key `{path}` must name functions that can be imported as "module:function", but {shown(named)} cannot: '
+        f"{reason.rstrip('.')}."
+    )
+
+
+@contextlib.contextmanager
+def _current_folder() -> Iterator[None]:
+    """The current folder is the last in which modules are looked for, as it is for a program that is no command."""
+    added = "" not in sys.path
+    if added:
+        sys.path.append("")
+    try:
+        yield
+    finally:
+        if added:
+            sys.path.remove("")
+
+
+@contextlib.contextmanager
+def trying(path: str) -> Iterator[None]:
+    """Whatever a function raises that is tried within, as the error of the key at ``path``, which names it."""
+    try:
+        yield
+    except ScenarioError:
+        raise
+    except Exception as error:
+        sentence, own = " ".join(str(error).split()).rstrip("."), "Argument `function` "
+        if sentence.startswith(own):
+            raise ScenarioError(f"Key `{path}` {sentence.removeprefix(own)}.") from None
+        raised = f"{type(error).__name__}: {sentence}" if sentence else type(error).__name__
+        raise ScenarioError(f"Key `{path}` must name a function that fits here, but it raises {raised}.") from error
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function that can be imported."""
+
+    words: str = 'a function that can be imported, as "module:function"'
+
+    def read(self, value: Any, path: str) -> Callable[..., Any]:
+        if not isinstance(value, str):
+            raise key_error(path, self.words, shown(value))
+        return imported(path, value)
+
+    def write(self, value: Any, path: str) -> str:
+        name = f"{getattr(value, '__module__', '')}:{getattr(value, '__qualname__', '')}"
+        if not name.startswith("__main__:"):
+            with contextlib.suppress(ScenarioError):
+                if imported(path, name) is value:
+                    return name
+        raise ScenarioError(
+            f"Key `{path}` must be a function that can be imported to be written to a file, but {name} cannot be; "
+            "keep its scenario as a Python script."
+        )
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """What a function is given: a number, a list of numbers, or a table of these by their names."""
+
+    words: str = "a number, a list of numbers, or a table of these"
+
+    def read(self, value: Any, path: str) -> Any:
+        """Arrays, one or a dictionary of them."""
+        if isinstance(value, dict):
+            return {name: self.read(item, join(path, name)) for name, item in value.items()}
+        depth, inner = 0, value
+        while isinstance(inner, list):
+            depth, inner = depth + 1, inner[0] if inner else None
+        return to_array(Numbers((None,) * depth).read(value, path))
+
+    def write(self, value: Any, path: str) -> Any:
+        if isinstance(value, dict) and all(isinstance(name, str) for name in value):
+            return {name: self.write(item, join(path, name)) for name, item in value.items()}
+        if not jax.tree_util.all_leaves([value]):
+            raise key_error(path, f"{self.words} to be written to a file", f"a {type(value).__name__}")
+        return np.asarray(value, dtype=float).tolist()
+
+
+FUNCTION = {"function": Key(Function()), "parameters": Key(Parameters(), None)}

@@ -1,0 +1,111 @@
+"""Inertial sensors: accelerometers and gyroscopes."""
+
+from typing import ClassVar
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from ..interface.arguments import require
+from ..numerics.arrays import numbers
+from ..numerics.vectors import apply
+from ..physics.body import AbstractBody
+from ..physics.energy import accelerations_of_masses
+from ..physics.frames import AbstractFrame, MatrixFrame
+from ..physics.motion import Kinematics
+from ..physics.observables import Movement
+from .base import AbstractSensor
+from .mount import Mount, mount, mounts
+
+
+class Accelerometer(AbstractSensor):
+    """The specific force at a mount, its acceleration less that of gravity, in the axes of the sensor.
+
+    At rest on a level plane it is g upwards, and in the centre of mass of what falls 0. The acceleration is that in
+    space, so that the motion of the plane is in it, and that of slipping and of flight. An impact, which takes no time,
+    is not read.
+
+    **Arguments:**
+
+    - ``at``: its place, length, shape (3,): on the shell or a link from the geometric centre, in body axes, where every
+      θ is 0; on a mass from the mass.
+    - ``on``: what it is on: the link that ``"mechanisms[0].joints[1]"`` moves, the mass ``"masses[2]"`` or
+      ``"mechanisms[0].masses[1]"``, and None for the shell.
+    - ``frame``: the axes of the sensor in those of what it is on, such as a :class:`~jaxball.SphericalFrame`.
+
+    **Example:**
+
+    >>> from jaxball import Ball, Ground, simulate
+    >>> from jaxball.sensors import Accelerometer
+    >>> slope = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=Ground(angle=0.1))
+    >>> run = simulate(slope, [0.0, 1.0])
+    >>> run.measured({"centre": Accelerometer()})["centre"][0].round(6)  # (−2/7 g sin a, 0, g cos a) where it starts
+    Array([-0.028524,  0.      ,  0.995004], dtype=float64)
+    """
+
+    at: Float[Array, "3"] = eqx.field(converter=numbers("at", (3,)), default=(0.0, 0.0, 0.0))
+    on: str | None = eqx.field(static=True, default=None)
+    frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
+
+    units: ClassVar[str] = "length/time^2"
+    meaning: ClassVar[str] = "specific force in the axes of the sensor"
+
+    def __check_init__(self):
+        _require_mount(self.on, self.frame)
+
+    @classmethod
+    def places(cls, system: AbstractBody) -> tuple[str, ...]:
+        return mounts(system)
+
+    def reading(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> Float[Array, "3"]:
+        on = mount(system, t, movement.angles, self.on, self.at)
+        point = Kinematics(*(x[None] for x in on.point))
+        state = movement.state
+        a = accelerations_of_masses(system.radius, point, state.Omega, movement.Omegadot, state.Gamma)[0]
+        return _in_sensor(self.frame, on, a + movement.weight)
+
+
+class Gyroscope(AbstractSensor):
+    """The angular velocity in space of what it is on, in the axes of the sensor.
+
+    **Arguments:**
+
+    - ``on``, ``frame``: as of an :class:`Accelerometer`; where on a link it is does not matter.
+
+    **Example:**
+
+    >>> from jaxball import Ball, BallState, ConstantRate, planar_pendulum, simulate
+    >>> from jaxball.sensors import Gyroscope
+    >>> arm = planar_pendulum(0.5, 0.6, drive=ConstantRate(0.0, rate=2.0))
+    >>> ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), mechanisms=[arm])
+    >>> run = simulate(ball, [0.0, 1.0], BallState(Omega=(0.0, 1.0, 0.0)))
+    >>> run.measured({"arm": Gyroscope(on="mechanisms[0].joints[0]")})["arm"][0]  # Ω₂ + θ̇
+    Array([0., 3., 0.], dtype=float64)
+    """
+
+    on: str | None = eqx.field(static=True, default=None)
+    frame: AbstractFrame = eqx.field(default_factory=MatrixFrame)
+
+    units: ClassVar[str] = "rad/time"
+    meaning: ClassVar[str] = "angular velocity in the axes of the sensor"
+
+    def __check_init__(self):
+        _require_mount(self.on, self.frame)
+
+    @classmethod
+    def places(cls, system: AbstractBody) -> tuple[str, ...]:
+        return mounts(system)
+
+    def reading(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> Float[Array, "3"]:
+        Omega = movement.state.Omega
+        on = mount(system, t, movement.angles, self.on, 0.0 * Omega)
+        return _in_sensor(self.frame, on, Omega + on.rate)
+
+
+def _require_mount(on: str | None, frame: AbstractFrame) -> None:
+    require("on", on, (str, type(None)), 'the name of a link or a mass, such as "mechanisms[0].joints[0]", or None')
+    require("frame", frame, AbstractFrame, "a frame, such as VersorFrame(...)")
+
+
+def _in_sensor(frame: AbstractFrame, on: Mount, vector: Float[Array, "3"]) -> Float[Array, "3"]:
+    """A vector of the body's axes in those of a sensor."""
+    return apply(frame.matrix().T, apply(on.turn.T, vector))

@@ -1,0 +1,170 @@
+"""Functions that a file names as "module:function": forces on the body, objectives and constraints of a design."""
+
+import sys
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import Ball, BallState, FunctionWrench, Scenario, ScenarioError, design, read_scenario, write_scenario
+
+ROLLING = """
+format = 1
+kind = "ball"
+body = { mass = 1.3, radius = 0.9, inertia = [0.6, 0.6, 0.6], gravity = 2.0 }
+initial = { Omega = [0.0, 1.0, 0.0] }
+time = { start = 0.0, end = 3.0, saves = 4 }
+
+[force]
+function = "my_forces:drag"
+parameters = { c = 0.7 }
+"""
+MODULE = """
+import jax.numpy as jnp
+
+def drag(t, motion, parameters):
+    return -parameters["c"] * jnp.sqrt(jnp.sum(motion.velocity**2)) * motion.velocity
+
+def of_two(t, motion, parameters):
+    return motion.velocity[:2]
+
+def far(run, parameters):
+    return -run.z[-1, 0] / run.length
+
+def fast(run, parameters):
+    return jnp.abs(run.state.Omega[:, 1]) - parameters
+
+def speeds(run, parameters):
+    return parameters[0] * run.state.Omega[:, 1] ** 2
+
+number = 3
+"""
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """A module beside the file, in the current folder, which no path leads to."""
+    (tmp_path / "my_forces.py").write_text(MODULE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path not in ("", str(tmp_path))])
+    monkeypatch.delitem(sys.modules, "my_forces", raising=False)
+    yield tmp_path
+    sys.modules.pop("my_forces", None)
+
+
+def test_a_force_of_a_function_of_a_file(module):
+    """v = v0 / (1 + c v0 t / (m + d/r²)), as the function has it; the text that is written says the same."""
+    scenario = read_scenario(ROLLING)
+    again = read_scenario(write_scenario(scenario))
+    assert "" not in sys.path
+    t = scenario.times
+    for run in (scenario.simulate(), again.simulate()):
+        expected = 1 / (1 + 0.7 * 0.9 * t / (1.3 + 0.6 / 0.9**2))
+        np.testing.assert_allclose(run.state.Omega[:, 1], expected, rtol=0, atol=1e-9)
+    saved = jaxball.load_run(scenario.simulate().save(module / "run.npz"))
+    assert saved.system.force.function is scenario.system.force.function
+
+
+def following(t, motion, parameters):
+    return motion.velocity
+
+
+def test_a_script_keeps_its_own_functions():
+    ball = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), force=FunctionWrench(lambda t, motion, p: motion.velocity))
+    with pytest.raises(ScenarioError, match=r"Key `force\.function` must be a function that can be imported .* script"):
+        write_scenario(Scenario("", ball, BallState(), np.array([0.0, 1.0])))
+    listed = Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), force=FunctionWrench(following, [jnp.ones(())]))
+    with pytest.raises(ScenarioError, match=r"Key `force\.parameters` must be a number, .* but it is a list"):
+        write_scenario(Scenario("", listed, BallState(), np.array([0.0, 1.0])))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "my_forces:drag",
+            "no_such_module:drag",
+            "Key `force.function` must name functions .* No module named 'no_such",
+        ),
+        ("my_forces:drag", "my_forces:pull", "cannot: module 'my_forces' has no attribute 'pull'"),
+        ("my_forces:drag", "my_forces:number", "cannot: it is no function"),
+        ("my_forces:drag", "my_forces:of_two", r"Key `force\.function` must give an array of shape \(3,\), but"),
+        (
+            "my_forces:drag",
+            "my_forces:far",
+            r"Key `force\.function` must be a function of \(t, motion, parameters\), but",
+        ),
+        ("{ c = 0.7 }", "{ d = 0.7 }", "must name a function that fits here, but it raises KeyError: 'c'"),
+        ("{ c = 0.7 }", "{ c = true }", r"Key `force\.parameters\.c` must be a finite number, but it is true"),
+        ('"my_forces:drag"', "3", r"Key `force\.function` must be a function that can be imported, as .* it is 3"),
+        ("{ c = 0.7 }", "{ c = 0.7 }\nconstant = [1.0, 0.0, 0.0]", r"Key `force\.constant` is not known"),
+    ],
+)
+def test_what_is_no_such_function_is_named(module, old, new, words):
+    with pytest.raises(ScenarioError, match=words):
+        read_scenario(ROLLING.replace(old, new))
+
+
+PROBLEM = f"""
+format = 1
+
+[[variables]]
+path = "force.parameters.c"
+lower = 0.1
+upper = 2.0
+
+[[objectives]]
+kind = "function"
+function = "my_forces:far"
+weight = 2.0
+
+[[objectives]]
+kind = "running-function"
+function = "my_forces:speeds"
+parameters = [3.0]
+
+[[constraints]]
+kind = "function"
+function = "my_forces:fast"
+parameters = 0.5
+
+[scenario]
+{ROLLING.replace("[force]", "[scenario.force]").strip()}
+"""
+
+
+def test_objectives_and_constraints_of_functions_of_a_file(module):
+    """Their values in closed form, and their derivatives by the coefficient that the force has."""
+    found = design.read_problem(PROBLEM).problem
+    weights = {name: float(one.weight) for name, one in found.objectives.items()}
+    assert weights == {"function": 2.0, "running-function": 1.0}
+    evaluation = found.evaluate_run(found.run(jnp.asarray(found.space.start)))
+    k, t, v0 = 0.7 / (1.3 + 0.6 / 0.9**2), np.linspace(0.0, 3.0, 4), 0.9
+    rate = 1 / (1 + k * v0 * t)
+    path = np.log(1 + k * v0 * t) / k
+    np.testing.assert_allclose(evaluation.terms[0], -path[-1] / 0.9, rtol=1e-9)
+    squares = 3.0 * rate**2
+    np.testing.assert_allclose(evaluation.terms[1], np.mean((squares[1:] + squares[:-1]) / 2), rtol=1e-9)
+    np.testing.assert_allclose(evaluation.violations, rate - 0.5, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "my_forces:far",
+            "my_forces:drag",
+            r"Key `objectives.0.\.function` must be a function of \(run, parameters",
+        ),
+        (
+            "my_forces:fast",
+            "my_forces:slow",
+            r"Key `constraints.0.\.function` .* no attribute 'slow'",
+        ),
+        ("parameters = 0.5", 'parameters = "fast"', r"Key `constraints\[0\]\.parameters` must be a finite number"),
+    ],
+)
+def test_what_is_no_objective_is_named(module, old, new, words):
+    with pytest.raises(ScenarioError, match=words):
+        design.read_problem(PROBLEM.replace(old, new))
