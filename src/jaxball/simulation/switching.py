@@ -34,6 +34,7 @@ NOTHING = 1e-9  # a normal force below this part of its size in a step is none
 GRAZING = 1e-6  # a function that falls by less than this part of its size in a step touches zero
 CLOSE = 1e-9  # switches that are nearer to each other than this part of a run are too many
 TOO_MANY = 64  # of these
+NEARLY = 3  # times the least speed of a slip: one that is slower than that may end in the next step
 TRUNCATED = 2e5  # tolerances: the most of a step's error beside the speed of a slip that ends, for its derivatives
 
 
@@ -338,7 +339,7 @@ def looked(
         length=jnp.where(retried | at_aim, course.length, jnp.maximum(course.length, end - start)),
         guards=None if course.guards is None else jnp.where(lasts[None], ended.guards, course.guards),
     )
-    longest = jnp.where(lasts, _longest(ended.mode, start, end, guards[0] + ended.least, ended.least, share), jnp.inf)
+    longest = jnp.where(lasts, _longest(ended, start, end, guards[0], share), jnp.inf)
     return Judged(retried, next_aim.target, longest, course)
 
 
@@ -353,16 +354,15 @@ def share(order: float, tolerance: Float[Array, "*lanes"]) -> Float[Array, "*lan
 
 
 def _longest(
-    mode: Float[Array, "*lanes"],
+    ended: Ended,
     start: Float[Array, "*lanes"],
     end: Float[Array, "*lanes"],
     forward: Float[Array, "nodes *lanes"],
-    least: Float[Array, "*lanes"],
     share: Float[Array, "*lanes"],
 ) -> Float[Array, "*lanes"]:
     """The longest next step: infinite, but where a slip slows down, a share of the time until its end."""
-    before, after = forward[0], forward[-1]
-    slows = (mode == int(Mode.SLIDING)) & (after > 3 * least) & (before > after)
+    before, after = forward[0] + ended.least, forward[-1] + ended.least
+    slows = (ended.mode == int(Mode.SLIDING)) & (after > NEARLY * ended.least) & (before > after)
     until_end = after * (end - start) / jnp.where(slows, before - after, 1.0)
     return jnp.where(slows, share * until_end, jnp.inf)
 
