@@ -12,10 +12,10 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from equinox.internal import while_loop
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
+from ..internals import while_loop
 from ..solvers.multistep_controller import AbstractMultistepController
 from .switching import NONE, Course, Switching
 
