@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from ..internals import is_traced
+from ..compat import is_traced
 
 FEW = 9
 

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 from typing_extensions import TypeAliasType
 
+from ..compat import is_traced as is_traced
 from ..interface.arguments import refusal
-from ..internals import is_traced as is_traced
 
 AnyArray = Array | np.ndarray
 # A number, an array, or nested sequences of numbers; an alias with a name, which help() shows.

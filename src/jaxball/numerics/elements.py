@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..internals import ClosedJaxpr, Literal, argument, branches, called, function_of, loop, primitives
+from ..compat import ClosedJaxpr, Literal, argument, branches, called, function_of, loop, primitives
 from .expressions import Graph, Node
 from .trigonometry import sine_cosine_p, written_out
 

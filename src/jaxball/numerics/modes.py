@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 from jaxtyping import PyTree
 
-from ..internals import declare_linear, differentiate_by, primitive
+from ..compat import declare_linear, differentiate_by, primitive
 
 WAY_OUT = (
     "pass adjoint=diffrax.ForwardMode() to simulate, with jax.jvp or jax.jacfwd, and for second derivatives "

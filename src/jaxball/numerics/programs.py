@@ -17,7 +17,7 @@ import numpy as np
 from ..cache import current, executables
 from ..cache.current import Store
 from ..cache.names import NoNameError
-from ..internals import is_traced, settings, trace_context
+from ..compat import is_traced, settings, trace_context
 from .fingerprints import digest
 
 P = ParamSpec("P")

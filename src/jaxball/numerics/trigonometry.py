@@ -11,7 +11,7 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..internals import differentiate_by, primitive
+from ..compat import differentiate_by, primitive
 
 # π/2 in three parts; the first two have 33 bits, so that multiples of them up to 2²⁰ are exact.
 HALF_PI = (

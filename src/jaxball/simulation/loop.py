@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from ..compat import while_loop
 from ..interface.status import Status
-from ..internals import while_loop
 from ..solvers.multistep_controller import AbstractMultistepController
 from .switching import NONE, Course, Switching
 

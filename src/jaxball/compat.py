@@ -22,6 +22,12 @@ except ImportError:  # in a version that has it elsewhere
         return tuple(settings().items())
 
 
+try:
+    from jax import enable_x64
+except ImportError:  # in older versions
+    from jax.experimental import enable_x64
+
+
 __all__ = [
     "ClosedJaxpr",
     "Literal",
@@ -32,6 +38,7 @@ __all__ = [
     "called",
     "declare_linear",
     "differentiate_by",
+    "enable_x64",
     "function_of",
     "is_traced",
     "loop",
