@@ -49,7 +49,7 @@ def test_nothing_else_imports_what_is_not_documented():
     paths = sorted(set(SOURCE.rglob("*.py")) - {SOURCE / "compat.py"})
     assert len(paths) > 300
     assert [use for path in paths for use in undocumented(path)] == []
-    assert len(list(undocumented(SOURCE / "compat.py"))) >= 9  # the negative control
+    assert len(list(undocumented(SOURCE / "compat.py"))) >= 7  # the negative control
 
 
 def the_equation(function, *given):

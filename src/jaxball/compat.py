@@ -1,17 +1,16 @@
 """All that jaxball takes from JAX and equinox beside their documented interfaces, and where their releases differ.
 
-``tests/test_internals.py`` tries each of it with the version that is installed.
+``tests/test_compat.py`` tries each of it with the version that is installed.
 """
 
+import importlib
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
 from equinox.internal import while_loop
 from jax.core import Tracer
-from jax.extend.core import ClosedJaxpr, Literal, Primitive, primitives
 from jax.interpreters import ad, batching, mlir
-from jax.tree_util import PyTreeDef
 
 try:
     from jax._src.config import trace_context
@@ -22,17 +21,16 @@ except ImportError:  # in a version that has it elsewhere
         return tuple(settings().items())
 
 
-try:
-    from jax import enable_x64
-except ImportError:  # in older versions
-    from jax.experimental import enable_x64
-
+# Releases of JAX have these in other places, or under types that type checkers see in some of them alone.
+_core: Any = importlib.import_module("jax.extend.core")
+ClosedJaxpr, Literal, Primitive, primitives = _core.ClosedJaxpr, _core.Literal, _core.Primitive, _core.primitives
+enable_x64: Any = (jax if hasattr(jax, "enable_x64") else importlib.import_module("jax.experimental")).enable_x64
+Program = Any  # a jaxpr with its constants
 
 __all__ = [
-    "ClosedJaxpr",
     "Literal",
     "Loop",
-    "Primitive",
+    "Program",
     "argument",
     "branches",
     "called",
@@ -61,12 +59,12 @@ def settings() -> Mapping[str, Any]:
     return jax.config.values
 
 
-def node_of(structure: PyTreeDef) -> tuple[type, Any] | None:
+def node_of(structure: Any) -> tuple[type, Any] | None:
     """The type at the root of a PyTree and what it holds beside its children; None for a leaf."""
     return structure.node_data()
 
 
-def primitive(name: str, function: Callable[..., Any], results: int | None = None) -> Primitive:
+def primitive(name: str, function: Callable[..., Any], results: int | None = None) -> Any:
     """An operation of JAX that computes ``function`` of an array.
 
     It gives as many arrays of the same shape and type as ``results`` says, or one that is in no tuple.
@@ -84,12 +82,12 @@ def primitive(name: str, function: Callable[..., Any], results: int | None = Non
     return new
 
 
-def differentiate_by(own: Primitive, rule: Callable[..., tuple[Any, Any]]) -> None:
+def differentiate_by(own: Any, rule: Callable[..., tuple[Any, Any]]) -> None:
     """Has ``own`` differentiated by ``rule(primals, tangents)``, which gives results and their tangents."""
     ad.primitive_jvps[own] = rule
 
 
-def declare_linear(own: Primitive, transposed: Callable[..., Any]) -> None:
+def declare_linear(own: Any, transposed: Callable[..., Any]) -> None:
     """Has ``own`` be its own derivative, with ``transposed(cotangent, x)`` for the cotangents of its operands."""
     ad.deflinear2(own, transposed)
 
@@ -103,7 +101,7 @@ class Loop(NamedTuple):
     - ``backwards``: whether the last step is the first to be done.
     """
 
-    body: ClosedJaxpr
+    body: Program
     constants: int
     carried: int
     length: int
@@ -122,12 +120,12 @@ def loop(equation: Any) -> Loop:
     return Loop(body, constants, carried, argument(equation, "length"), argument(equation, "reverse"))
 
 
-def branches(equation: Any) -> tuple[ClosedJaxpr, ...]:
+def branches(equation: Any) -> tuple[Program, ...]:
     """The programs between which the equation of a ``jax.lax.cond`` or ``jax.lax.switch`` chooses."""
     return argument(equation, "branches")
 
 
-def called(equation: Any) -> ClosedJaxpr | None:
+def called(equation: Any) -> Program | None:
     """The program that an equation calls, if its operations say all: not where it has a rule for derivatives."""
     if equation.primitive.name == "scan" or equation.primitive.name.startswith(("custom_jvp_call", "custom_vjp_call")):
         return None

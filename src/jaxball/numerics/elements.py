@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..compat import ClosedJaxpr, Literal, argument, branches, called, function_of, loop, primitives
+from ..compat import Literal, Program, argument, branches, called, function_of, loop, primitives
 from .expressions import Graph, Node
 from .trigonometry import sine_cosine_p, written_out
 
@@ -47,7 +47,7 @@ def inputs(like: Any) -> Elements:
     return _each(like.shape, lambda: Node(None, (), like.dtype))
 
 
-def evaluated(graph: Graph, program: ClosedJaxpr, given: Sequence[Elements]) -> list[Elements]:
+def evaluated(graph: Graph, program: Program, given: Sequence[Elements]) -> list[Elements]:
     """The outputs of a program for the inputs given."""
     jaxpr = program.jaxpr
     values: dict[Any, Elements] = dict(zip(jaxpr.constvars, map(np.asarray, program.consts), strict=True))
@@ -86,7 +86,7 @@ def _equation(graph: Graph, equation: Any, operands: list[Elements]) -> Sequence
     return _as_arrays(graph, equation, operands)
 
 
-def _program_within(equation: Any) -> ClosedJaxpr | None:
+def _program_within(equation: Any) -> Program | None:
     """The program that an equation stands for."""
     if equation.primitive in WRITTEN_OUT:
         return jax.make_jaxpr(WRITTEN_OUT[equation.primitive])(*(variable.aval for variable in equation.invars))
