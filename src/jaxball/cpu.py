@@ -19,13 +19,14 @@ VECTORS = "-vectorize-memory-check-threshold=100000,-force-target-instruction-co
 # Where there are registers of 512 bits, they are used.
 WIDE = "--xla_cpu_prefer_vector_width=512"
 # XLA's older way of compiling fused operations takes a tenth to a third less time. Its programs ran a tenth faster to a
-# fifth slower than those of the newer way, by the processor.
+# fifth slower than those of the newer way, by the processor. jaxlib 0.11 and later have the newer one alone.
 OLDER = "--xla_cpu_use_fusion_emitters=false"
 EXTRA = "--xla_backend_extra_options"
-FLAGS = (f"{EXTRA}={SMALL_LOOPS},{VECTORS}", WIDE, OLDER)
+FLAGS = (f"{EXTRA}={SMALL_LOOPS},{VECTORS}", WIDE)
 
+WITHOUT_OLDER = (0, 11)
 # The versions of jaxlib, from the first to before the second, that were seen to accept the flags.
-KNOWN_GOOD = ((0, 10), (0, 11))
+KNOWN_GOOD = ((0, 10), (0, 13))
 
 
 def prepare() -> bool:
@@ -46,11 +47,17 @@ def prepare() -> bool:
     if any(flag.startswith(EXTRA) for flag in present):
         return FLAGS[0] in present
     own = {flag.split("=")[0] for flag in present}
-    flags = " ".join([*present, *(flag for flag in FLAGS if flag.split("=")[0] not in own)])
-    if not _known_good(importlib.metadata.version("jaxlib")) and not _accepted(flags):
+    version = tuple(int(part) for part in re.findall(r"\d+", importlib.metadata.version("jaxlib"))[:3])
+    flags = " ".join([*present, *(flag for flag in flags_of(version) if flag.split("=")[0] not in own)])
+    if not KNOWN_GOOD[0] <= version < KNOWN_GOOD[1] and not _accepted(flags):
         return False
     os.environ["XLA_FLAGS"] = flags
     return True
+
+
+def flags_of(version: tuple[int, ...]) -> tuple[str, ...]:
+    """The flags for a version of jaxlib."""
+    return FLAGS if version >= WITHOUT_OLDER else (*FLAGS, OLDER)
 
 
 def cores() -> int:
@@ -62,11 +69,6 @@ def _run_in_the_calling_thread() -> None:
     import jax  # only here, because the settings of a process may be asked for without it
 
     jax.config.update("jax_cpu_enable_async_dispatch", False)
-
-
-def _known_good(version: str) -> bool:
-    numbers = tuple(int(part) for part in re.findall(r"\d+", version)[:3])
-    return KNOWN_GOOD[0] <= numbers < KNOWN_GOOD[1]
 
 
 def _accepted(flags: str) -> bool:

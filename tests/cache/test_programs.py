@@ -10,6 +10,7 @@ import pytest
 
 from jaxball import Disk, DiskState, Fixed, PointMass, Pulse, contact_extremes, simulate
 from jaxball.cache import current, surroundings
+from jaxball.compat import enable_x64
 from jaxball.numerics import programs, vectors
 from jaxball.scenario.initial import starting_angles
 
@@ -136,7 +137,7 @@ def test_static_numbers_of_other_kinds_are_told_apart(in_process, contents):
 
 def test_settings_are_told_apart(in_process, contents):
     in_process(cross, A, B)
-    with jax.enable_x64(False):
+    with enable_x64(False):
         single, _ = in_process(cross, A, B)
     with jax.default_matmul_precision("float32"):
         in_process(cross, A, B)
@@ -145,7 +146,7 @@ def test_settings_are_told_apart(in_process, contents):
     # Also within a process.
     with current.kept_in(Memory(contents)):
         assert cross(A, B).dtype == jnp.float64
-        with jax.enable_x64(False):
+        with enable_x64(False):
             assert cross(A, B).dtype == jnp.float32
 
 

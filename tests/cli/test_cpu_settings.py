@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 
+import jaxlib.version
 import pytest
 
 from jaxball import cpu
@@ -13,7 +14,7 @@ from jaxball import cpu
 def flags(monkeypatch):
     """The environment, restored afterwards."""
     monkeypatch.delenv("XLA_FLAGS", raising=False)
-    monkeypatch.setattr("importlib.metadata.version", lambda name: "0.10.1")
+    monkeypatch.setattr("importlib.metadata.version", lambda name: "0.12.0.1")
     return monkeypatch
 
 
@@ -45,17 +46,20 @@ def test_extra_options_of_the_user_stay(flags):
 def test_a_vector_width_of_the_user_stays(flags):
     flags.setenv("XLA_FLAGS", "--xla_cpu_prefer_vector_width=256")
     assert cpu.prepare()
-    assert os.environ["XLA_FLAGS"].split() == ["--xla_cpu_prefer_vector_width=256", cpu.FLAGS[0], cpu.OLDER]
+    assert os.environ["XLA_FLAGS"].split() == ["--xla_cpu_prefer_vector_width=256", cpu.FLAGS[0]]
 
 
-@pytest.mark.parametrize("version", ["0.10.0", "0.10.1"])
-def test_known_versions_are_not_probed(flags, version):
+@pytest.mark.parametrize(
+    ("version", "older"), [("0.10.0", True), ("0.10.1", True), ("0.11.2", False), ("0.12.0.1", False)]
+)
+def test_known_versions_are_not_probed(flags, version, older):
     flags.setattr("importlib.metadata.version", lambda name: version)
     flags.setattr(cpu, "_accepted", lambda flags: pytest.fail("probed"))
     assert cpu.prepare()
+    assert (cpu.OLDER in os.environ["XLA_FLAGS"].split()) is older
 
 
-@pytest.mark.parametrize("version", ["0.9.2", "0.12.0.1", "1.0"])
+@pytest.mark.parametrize("version", ["0.9.2", "0.13.0", "1.0"])
 @pytest.mark.parametrize("accepted", [True, False])
 def test_other_versions_are_probed(flags, version, accepted):
     flags.setattr("importlib.metadata.version", lambda name: version)
@@ -64,8 +68,11 @@ def test_other_versions_are_probed(flags, version, accepted):
     assert ("XLA_FLAGS" in os.environ) is accepted
 
 
-def test_the_probe(flags):
-    assert cpu._accepted(" ".join(cpu.FLAGS))
+def test_the_installed_version_accepts_its_flags():
+    assert cpu._accepted(" ".join(cpu.flags_of(jaxlib.version.__version_info__)))
+
+
+def test_the_probe_finds_what_is_not_accepted():
     assert not cpu._accepted("--xla_no_such_flag=1")
 
 

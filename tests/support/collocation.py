@@ -16,7 +16,7 @@ def radau_points(s):
     def difference(c):
         return mp.legendre(s, 2 * c - 1) - mp.legendre(s - 1, 2 * c - 1)
 
-    guesses = np.sort(np.polynomial.Legendre([0.0] * (s - 1) + [-1.0, 1.0]).roots())[:-1]
+    guesses = np.sort(np.polynomial.Legendre([0.0] * (s - 1) + [-1.0, 1.0]).roots().real)[:-1]  # complex from NumPy 2.5
     return [*(mp.findroot(difference, (x + 1) / 2) for x in guesses), mp.mpf(1)]
 
 

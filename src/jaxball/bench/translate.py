@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..compat import enable_x64
 from ..numerics.elements import evaluated, inputs
 from ..numerics.expressions import Elementwise, Graph, Node, in_order, is_node
 from .problem import Piece, Problem, Rates
@@ -72,7 +73,7 @@ def jacobian_source(g: Rates, states: int, parameters: int, name: str = "jacobia
 def _source(signature: str, function: Callable[..., Any], target: str, states: int, parameters: int) -> str:
     """A Python function ``def signature:`` of one assignment a line, of the operations that the results need."""
     number = jax.ShapeDtypeStruct((), np.float64)
-    with _float64()(True):
+    with enable_x64(True):
         program = jax.make_jaxpr(lambda *given: jnp.stack(function(*given)))(
             number, [number] * states, [number] * parameters
         )
@@ -86,11 +87,6 @@ def _source(signature: str, function: Callable[..., Any], target: str, states: i
         texts[node] = f"v{k}"
     lines += [f"    {target.format(*place)} = {_operand(item, texts)}" for place, item in np.ndenumerate(results)]
     return "\n".join([*lines, ""])
-
-
-def _float64() -> Any:
-    """The context in which numbers are float64; releases of JAX keep it in two places."""
-    return jax.enable_x64 if hasattr(jax, "enable_x64") else importlib.import_module("jax.experimental").enable_x64
 
 
 def _operation(node: Node, texts: Mapping[Node, str]) -> str:

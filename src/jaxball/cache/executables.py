@@ -5,12 +5,11 @@ import io
 import pickle
 import sys
 import types
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
 from jax.experimental import serialize_executable
-from jax.tree_util import PyTreeDef, default_registry
+from jax.tree_util import PyTreeDef
 
 from .names import name_of
 
@@ -64,7 +63,7 @@ class _Pickler(pickle.Pickler):
 
     def reducer_override(self, obj: Any) -> Any:
         if isinstance(obj, PyTreeDef):
-            return _structure_of, (obj.node_data(), obj.children())
+            return _structure_of, (obj.unflatten([0] * obj.num_leaves),)
         if obj is not type(None) and isinstance(obj, type | types.FunctionType):
             name_of(obj)
         elif getattr(obj, "__dict__", None) == {}:  # perhaps one whose identity is its meaning
@@ -73,12 +72,5 @@ class _Pickler(pickle.Pickler):
         return NotImplemented
 
 
-def _structure_of(node: tuple[type, Any] | None, children: Sequence[Any]) -> Any:
-    if node is None:
-        return jax.tree.structure(0)
-    return _from_node_data(default_registry, node, children)
-
-
-# Older versions of JAX have the longer name.
-_NAMES = ("from_node_data_and_children", "make_from_node_data_and_children")
-_from_node_data: Any = next(getattr(PyTreeDef, name) for name in _NAMES if hasattr(PyTreeDef, name))
+def _structure_of(tree: Any) -> Any:
+    return jax.tree.structure(tree)

@@ -7,13 +7,12 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from ..cpu import cores
 from ..interface.arguments import described, require
 from ..interface.printing import Printed, shown
-from ..numerics.arrays import Numbers, to_numpy
+from ..numerics.arrays import Numbers, is_traced, to_numpy
 from ..numerics.batches import even_size, in_threads, unpadded
 from ..physics.body_on_plane import BodyOnPlane
 from ..physics.contact_law import Contact
@@ -55,7 +54,7 @@ class Ensemble(Printed):
     def __repr__(self) -> str:
         lines = [repr(self.trajectory)]
         for name, values in self.reductions.items():
-            if isinstance(values, Tracer):
+            if is_traced(values):
                 lines.append(f"  {name} {shown(values)}")
                 continue
             finite = np.asarray(values)[np.isfinite(values)]
@@ -148,7 +147,7 @@ def simulate_ensemble(
     whole = given if given.ndim == 2 else jnp.broadcast_to(given, (runs, given.shape[-1]))
     limits = tuple(x if x.ndim else jnp.broadcast_to(x, (runs,)) for x in (rtol, atol))
     leaves = jax.tree.leaves((parameters, whole, limits))
-    traced = any(isinstance(leaf, Tracer) for leaf in (*leaves, jnp.zeros(())))
+    traced = any(map(is_traced, (*leaves, jnp.zeros(()))))
     on_cpu = jax.default_backend() == "cpu"
     threads = threads or (cores() if on_cpu else jax.local_device_count())
     block = runs if traced else block or min(runs, even_size(runs, BLOCK if on_cpu else runs, threads))

@@ -8,7 +8,8 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from jax.core import Tracer
+
+from ..compat import is_traced
 
 FEW = 9
 
@@ -90,7 +91,7 @@ def is_array(value: Any) -> bool:
 
 def is_single(*values: Any) -> bool:
     """Whether these are known numbers: not traced, and not of a batch."""
-    return all(not isinstance(value, Tracer | jax.ShapeDtypeStruct) and np.ndim(value) == 0 for value in values)
+    return all(not _is_abstract(value) and np.ndim(value) == 0 for value in values)
 
 
 def entry(value: Any, axis: int, index: int) -> Any:
@@ -102,8 +103,12 @@ def entry(value: Any, axis: int, index: int) -> Any:
     return np.take(np.asarray(value), index, axis=axis)
 
 
+def _is_abstract(value: Any) -> bool:
+    return is_traced(value) or isinstance(value, jax.ShapeDtypeStruct)
+
+
 def _is_known(array: Any) -> bool:
-    if isinstance(array, Tracer | jax.ShapeDtypeStruct):
+    if _is_abstract(array):
         return False
     return not isinstance(array, jax.Array) or (array.is_fully_addressable and not array.is_deleted())
 

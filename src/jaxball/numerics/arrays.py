@@ -6,10 +6,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 from typing_extensions import TypeAliasType
 
+from ..compat import is_traced as is_traced
 from ..interface.arguments import refusal
 
 AnyArray = Array | np.ndarray
@@ -37,11 +37,6 @@ def to_array(x: Numbers, name: str = "x") -> Float[Array, "..."]:
         raise
     except (TypeError, ValueError):
         raise refusal(name, "numbers", x) from None
-
-
-def is_traced(x: Any) -> bool:
-    """Whether the value of ``x`` is not known, as within jit, vmap and grad."""
-    return isinstance(x, Tracer)
 
 
 def namespace_of(x: Any) -> Any:

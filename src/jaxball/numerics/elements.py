@@ -13,9 +13,8 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
-from jax.extend.core import ClosedJaxpr, Literal
 
+from ..compat import Literal, Program, argument, branches, called, function_of, loop, primitives
 from .expressions import Graph, Node
 from .trigonometry import sine_cosine_p, written_out
 
@@ -34,12 +33,12 @@ ELEMENTWISE = frozenset({
 # Functions whose derivatives follow from their operations, so that these may stand for them.
 WRITTEN_OUT: Mapping[Any, Callable[..., Any]] = {sine_cosine_p: written_out}
 REDUCTIONS: Mapping[str, Any] = {
-    "reduce_sum": lax.add_p,
-    "reduce_max": lax.max_p,
-    "reduce_min": lax.min_p,
-    "reduce_prod": lax.mul_p,
-    "reduce_and": lax.and_p,
-    "reduce_or": lax.or_p,
+    "reduce_sum": primitives.add_p,
+    "reduce_max": primitives.max_p,
+    "reduce_min": primitives.min_p,
+    "reduce_prod": primitives.mul_p,
+    "reduce_and": primitives.and_p,
+    "reduce_or": primitives.or_p,
 }
 
 
@@ -48,7 +47,7 @@ def inputs(like: Any) -> Elements:
     return _each(like.shape, lambda: Node(None, (), like.dtype))
 
 
-def evaluated(graph: Graph, program: ClosedJaxpr, given: Sequence[Elements]) -> list[Elements]:
+def evaluated(graph: Graph, program: Program, given: Sequence[Elements]) -> list[Elements]:
     """The outputs of a program for the inputs given."""
     jaxpr = program.jaxpr
     values: dict[Any, Elements] = dict(zip(jaxpr.constvars, map(np.asarray, program.consts), strict=True))
@@ -64,7 +63,7 @@ def evaluated(graph: Graph, program: ClosedJaxpr, given: Sequence[Elements]) -> 
 
 
 def _equation(graph: Graph, equation: Any, operands: list[Elements]) -> Sequence[Elements]:
-    name, params = equation.primitive.name, equation.params
+    name = equation.primitive.name
     inner = _program_within(equation)
     if inner is not None:
         return evaluated(graph, inner, operands)
@@ -73,13 +72,13 @@ def _equation(graph: Graph, equation: Any, operands: list[Elements]) -> Sequence
     if name in ELEMENTWISE:
         return [_elementwise(graph, equation, operands)]
     if name == "scan":
-        return _unrolled(graph, params, operands)
+        return _unrolled(graph, equation, operands)
     if name == "cond":
         return _chosen(graph, equation, *operands)
     if name == "dot_general":
         return [_product(graph, equation, *operands)]
     if name in REDUCTIONS:
-        return [_reduced(graph, REDUCTIONS[name], [int(axis) for axis in params["axes"]], operands[0])]
+        return [_reduced(graph, REDUCTIONS[name], [int(axis) for axis in argument(equation, "axes")], operands[0])]
     if (name in MOVES and all(map(_known, operands[1:]))) or name in ("concatenate", "stack"):
         return MOVES[name](equation, operands)
     if name == "scatter" and _known(operands[1]):
@@ -87,15 +86,11 @@ def _equation(graph: Graph, equation: Any, operands: list[Elements]) -> Sequence
     return _as_arrays(graph, equation, operands)
 
 
-def _program_within(equation: Any) -> ClosedJaxpr | None:
-    """The program that an equation calls, if its operations say all: not where it has a rule for derivatives."""
-    primitive, params = equation.primitive, equation.params
-    if primitive in WRITTEN_OUT:
-        return jax.make_jaxpr(WRITTEN_OUT[primitive])(*(variable.aval for variable in equation.invars))
-    if primitive.name == "scan" or primitive.name.startswith(("custom_jvp_call", "custom_vjp_call")):
-        return None
-    inner = params.get("jaxpr", params.get("call_jaxpr"))
-    return inner if isinstance(inner, ClosedJaxpr) else None
+def _program_within(equation: Any) -> Program | None:
+    """The program that an equation stands for."""
+    if equation.primitive in WRITTEN_OUT:
+        return jax.make_jaxpr(WRITTEN_OUT[equation.primitive])(*(variable.aval for variable in equation.invars))
+    return called(equation)
 
 
 def _known(x: Elements) -> bool:
@@ -114,7 +109,7 @@ def _at_once(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
             jnp.asarray(x, variable.aval.dtype) if x.size else jnp.zeros(x.shape, variable.aval.dtype)
             for x, variable in zip(operands, equation.invars, strict=True)
         ]
-        results = _function(equation)(*arrays)
+        results = function_of(equation)(*arrays)
     return [np.asarray(x) for x in (results if equation.primitive.multiple_results else [results])]
 
 
@@ -143,34 +138,34 @@ def _reduced(graph: Graph, primitive: Any, axes: Sequence[int], x: Elements) -> 
     return results
 
 
-def _unrolled(graph: Graph, params: Mapping[str, Any], operands: Sequence[Elements]) -> list[Elements]:
+def _unrolled(graph: Graph, equation: Any, operands: list[Elements]) -> list[Elements]:
     """A scan, step by step."""
-    start, end = params["num_consts"], params["num_consts"] + params["num_carry"]
-    constants, carry, sequences = operands[:start], list(operands[start:end]), operands[end:]
-    order = range(params["length"])
+    body, constants, carried, length, backwards = loop(equation)
+    carry, sequences = operands[constants : constants + carried], operands[constants + carried :]
     rows = []
-    for k in reversed(order) if params["reverse"] else order:
-        results = evaluated(graph, params["jaxpr"], [*constants, *carry, *(np.asarray(x[k]) for x in sequences)])
-        carry = results[: len(carry)]
-        rows.append(results[len(carry) :])
-    if params["reverse"]:
+    for k in reversed(range(length)) if backwards else range(length):
+        step = [*operands[:constants], *carry, *(np.asarray(x[k]) for x in sequences)]
+        results = evaluated(graph, body, step)
+        carry = results[:carried]
+        rows.append(results[carried:])
+    if backwards:
         rows.reverse()
     return [*carry, *(np.stack([as_objects(x) for x in column]) for column in zip(*rows, strict=True))]
 
 
 def _chosen(graph: Graph, equation: Any, which: Elements, *operands: Elements) -> list[Elements]:
     """One of several programs: lanes may differ in which, so that all of them are computed, and one is selected."""
-    branches = equation.params["branches"]
+    programs = branches(equation)
     if _known(which):
-        return evaluated(graph, branches[int(which)], operands)
-    results = zip(*(evaluated(graph, branch, operands) for branch in branches), strict=True)
+        return evaluated(graph, programs[int(which)], operands)
+    results = zip(*(evaluated(graph, program, operands) for program in programs), strict=True)
     chosen = which.item()
-    if len(branches) == 2:
-        chosen = graph.operation(lax.ne_p, {}, (chosen, np.int32(0)), np.dtype(bool))
+    if len(programs) == 2:
+        chosen = graph.operation(primitives.ne_p, {}, (chosen, np.int32(0)), np.dtype(bool))
 
     def select(dtype: np.dtype, *x: Any) -> Any:
         same = all(item is x[0] for item in x)
-        return x[0] if same else graph.operation(lax.select_n_p, {}, (chosen, *x), dtype)
+        return x[0] if same else graph.operation(primitives.select_n_p, {}, (chosen, *x), dtype)
 
     return [
         _each(variable.aval.shape, functools.partial(select, variable.aval.dtype), *map(as_objects, each))
@@ -180,7 +175,7 @@ def _chosen(graph: Graph, equation: Any, which: Elements, *operands: Elements) -
 
 def _product(graph: Graph, equation: Any, a: Elements, b: Elements) -> Elements:
     """A product of matrices, as products and sums of elements."""
-    (a_sum, b_sum), (a_batch, b_batch) = equation.params["dimension_numbers"]
+    (a_sum, b_sum), (a_batch, b_batch) = argument(equation, "dimension_numbers")
     a_rest = [axis for axis in range(a.ndim) if axis not in (*a_sum, *a_batch)]
     b_rest = [axis for axis in range(b.ndim) if axis not in (*b_sum, *b_batch)]
     shape, dtype = equation.outvars[0].aval.shape, equation.outvars[0].aval.dtype
@@ -189,15 +184,15 @@ def _product(graph: Graph, equation: Any, a: Elements, b: Elements) -> Elements:
     whole = [*batch, *left, *right, *summed]
     a = a.transpose([*a_batch, *a_rest, *a_sum]).reshape([*batch, *left, *(1 for _ in right), *summed])
     b = b.transpose([*b_batch, *b_rest, *b_sum]).reshape([*batch, *(1 for _ in left), *right, *summed])
-    multiply = functools.partial(graph.operation, lax.mul_p, {})
+    multiply = functools.partial(graph.operation, primitives.mul_p, {})
     products = _each(
         tuple(whole), lambda x, y: multiply((x, y), dtype), np.broadcast_to(a, whole), np.broadcast_to(b, whole)
     )
-    return _reduced(graph, lax.add_p, range(len(shape), len(whole)), products)
+    return _reduced(graph, primitives.add_p, range(len(shape), len(whole)), products)
 
 
 def _broadcast(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
-    shape, places = equation.params["shape"], equation.params["broadcast_dimensions"]
+    shape, places = argument(equation, "shape"), argument(equation, "broadcast_dimensions")
     spread = [1] * len(shape)
     for place, size in zip(places, operands[0].shape, strict=True):
         spread[place] = size
@@ -205,9 +200,8 @@ def _broadcast(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
 
 
 def _sliced(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
-    params = equation.params
-    strides = params["strides"] or [1] * operands[0].ndim
-    places = zip(params["start_indices"], params["limit_indices"], strides, strict=True)
+    strides = argument(equation, "strides") or [1] * operands[0].ndim
+    places = zip(argument(equation, "start_indices"), argument(equation, "limit_indices"), strides, strict=True)
     return [operands[0][tuple(slice(*place) for place in places)]]
 
 
@@ -216,16 +210,16 @@ def _reshaped(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
 
 
 def _split(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
-    ends = list(itertools.accumulate(equation.params["sizes"]))
-    return np.split(operands[0], ends[:-1], axis=equation.params["axis"])
+    ends = list(itertools.accumulate(argument(equation, "sizes")))
+    return np.split(operands[0], ends[:-1], axis=argument(equation, "axis"))
 
 
 def _concatenated(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
-    return [np.concatenate([as_objects(x) for x in operands], axis=equation.params["dimension"])]
+    return [np.concatenate([as_objects(x) for x in operands], axis=argument(equation, "dimension"))]
 
 
 def _stacked(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
-    return [np.stack([as_objects(x) for x in operands], axis=equation.params["axis"])]
+    return [np.stack([as_objects(x) for x in operands], axis=argument(equation, "axis"))]
 
 
 def _picked(equation: Any, operands: Sequence[Elements]) -> list[Elements]:
@@ -256,12 +250,12 @@ MOVES: Mapping[str, Callable[[Any, Sequence[Elements]], Sequence[Elements]]] = {
     "expand_dims": _reshaped,
     "gather": _picked,
     "reshape": _reshaped,
-    "rev": lambda equation, operands: [np.flip(operands[0], equation.params["dimensions"])],
+    "rev": lambda equation, operands: [np.flip(operands[0], argument(equation, "dimensions"))],
     "slice": _sliced,
     "split": _split,
     "squeeze": _reshaped,
     "stack": _stacked,
-    "transpose": lambda equation, operands: [operands[0].transpose(equation.params["permutation"])],
+    "transpose": lambda equation, operands: [operands[0].transpose(argument(equation, "permutation"))],
 }
 
 
@@ -279,7 +273,7 @@ def _as_arrays(graph: Graph, equation: Any, operands: Sequence[Elements]) -> lis
             else jnp.zeros((*lanes, *shape), dtype)
             for end, shape, dtype in zip(ends, shapes, dtypes, strict=True)
         ]
-        results = functools.reduce(lambda f, _: jax.vmap(f), lanes, _function(equation))(*arrays)
+        results = functools.reduce(lambda f, _: jax.vmap(f), lanes, function_of(equation))(*arrays)
         return tuple(results) if equation.primitive.multiple_results else (results,)
 
     flat = [item for x in operands for item in as_objects(x).reshape(-1)]
@@ -296,10 +290,3 @@ def _as_arrays(graph: Graph, equation: Any, operands: Sequence[Elements]) -> lis
 
 def _entry(k: int, index: tuple[int, ...], arrays: tuple[jax.Array, ...]) -> jax.Array:
     return arrays[k][(..., *index)]
-
-
-def _function(equation: Any) -> Callable[..., Any]:
-    """What an equation computes, with its own rules of derivatives; releases of JAX keep these in two ways."""
-    bound = equation.primitive.get_bind_params(equation.params)
-    functions, params = ((), bound) if isinstance(bound, Mapping) else bound
-    return functools.partial(equation.primitive.bind, *functions, **params)

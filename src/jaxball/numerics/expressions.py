@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import lax
+
+from ..compat import primitives
 
 COMMUTATIVE = frozenset({"add", "mul", "max", "min", "and", "or", "eq", "ne"})
 
@@ -54,7 +55,7 @@ class Graph:
         if not any(is_node(item) for item in operands):
             return _folded(primitive, params, operands)
         if name == "integer_pow" and params["y"] == 2:
-            return self.operation(lax.mul_p, {}, (operands[0], operands[0]), dtype)
+            return self.operation(primitives.mul_p, {}, (operands[0], operands[0]), dtype)
         simpler = _simplified(name, operands, dtype)
         if simpler is not None:
             return simpler

@@ -14,10 +14,10 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.core import Tracer
 from jax.tree_util import PyTreeDef
 
 from ..cache.names import NoNameError, name_of
+from ..compat import is_traced, node_of
 
 _WITHOUT_EFFECT = ("__annotations__", "__doc__")  # of methods that equinox binds
 
@@ -76,7 +76,7 @@ def _plain(value: Any) -> bytes:
 
 
 def _array(value: Any) -> bytes:
-    if isinstance(value, Tracer):
+    if is_traced(value):
         raise NoNameError("The value of a traced array is not known.")
     array = np.asarray(value)
     if array.dtype.hasobject:
@@ -87,7 +87,7 @@ def _array(value: Any) -> bytes:
 
 
 def _structure(structure: Any) -> bytes:
-    node, children = structure.node_data(), structure.children()
+    node, children = node_of(structure), jax.tree_util.treedef_children(structure)
     if node is None or node[0] is type(None):
         return _tagged("none" if node else "leaf")
     return _tagged("node", _named(node[0]), _bytes(node[1]), *map(_structure, children))

@@ -11,9 +11,9 @@ from typing import Any, NoReturn
 
 import equinox as eqx
 import jax
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
 from jaxtyping import PyTree
+
+from ..compat import declare_linear, differentiate_by, primitive
 
 WAY_OUT = (
     "pass adjoint=diffrax.ForwardMode() to simulate, with jax.jvp or jax.jacfwd, and for second derivatives "
@@ -62,16 +62,6 @@ def _same(x: Any, **_) -> Any:
     return x
 
 
-def _primitive(name: str) -> Primitive:
-    """An identity."""
-    primitive = Primitive(name)
-    primitive.def_impl(_same)
-    primitive.def_abstract_eval(_same)
-    batching.defvectorized(primitive)
-    mlir.register_lowering(primitive, mlir.lower_fun(_same, multiple_results=False))
-    return primitive
-
-
 def _no_forward(*_, **__) -> NoReturn:
     raise TypeError(NO_FORWARD)
 
@@ -88,24 +78,21 @@ def _no_second(*_, **__) -> NoReturn:
     raise TypeError(NO_SECOND)
 
 
-_number = _primitive("number_of_solve")
-_tangent = _primitive("tangent_of_solve")
-_cotangent = _primitive("cotangent_of_solve")
-_result = _primitive("result_of_solve")
-_found = _primitive("found_in_solve")
-_tangent_of_found = _primitive("tangent_of_found_in_solve")
+_number = primitive("number_of_solve", _same)
+_tangent = primitive("tangent_of_solve", _no_forward)
+_cotangent = primitive("cotangent_of_solve", _same)
+_result = primitive("result_of_solve", _same)
+_found = primitive("found_in_solve", _same)
+_tangent_of_found = primitive("tangent_of_found_in_solve", _same)
 
-ad.primitive_jvps[_number] = lambda primals, tangents: (_number.bind(*primals), _tangent.bind(*tangents))
-_tangent.def_impl(_no_forward)
-mlir.register_lowering(_tangent, _no_forward)
-batching.primitive_batchers[_tangent] = _no_forward
-ad.deflinear2(_tangent, lambda cotangent, _: [_cotangent.bind(cotangent)])
-ad.deflinear2(_cotangent, _no_second)
-ad.deflinear2(_result, _no_reverse)
+differentiate_by(_number, lambda primals, tangents: (_number.bind(*primals), _tangent.bind(*tangents)))
+declare_linear(_tangent, lambda cotangent, _: [_cotangent.bind(cotangent)])
+declare_linear(_cotangent, _no_second)
+declare_linear(_result, _no_reverse)
 
-ad.primitive_jvps[_found] = lambda primals, tangents, what: (
-    _found.bind(*primals, what=what),
-    _tangent_of_found.bind(*tangents, what=what),
+differentiate_by(
+    _found,
+    lambda primals, tangents, what: (_found.bind(*primals, what=what), _tangent_of_found.bind(*tangents, what=what)),
 )
-ad.deflinear2(_tangent_of_found, lambda cotangent, _, what: [cotangent])
-ad.primitive_jvps[_tangent_of_found] = _no_second_of
+declare_linear(_tangent_of_found, lambda cotangent, _, what: [cotangent])
+differentiate_by(_tangent_of_found, _no_second_of)

@@ -13,20 +13,12 @@ from typing import Any, NamedTuple, ParamSpec, TypeVar
 import equinox as eqx
 import jax
 import numpy as np
-from jax.core import Tracer
 
 from ..cache import current, executables
 from ..cache.current import Store
 from ..cache.names import NoNameError
+from ..compat import is_traced, settings, trace_context
 from .fingerprints import digest
-
-try:
-    from jax._src.config import trace_context as _trace_context
-except ImportError:  # in a version that has it elsewhere
-
-    def _trace_context() -> Any:
-        return tuple(jax.config.values.items())
-
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -55,7 +47,7 @@ def compiled_quickly(wanted: bool = True) -> Iterator[None]:
 
     For what runs once. The results differ by rounding. Threads share the setting.
     """
-    before = jax.config.values["jax_disable_most_optimizations"]
+    before = settings()["jax_disable_most_optimizations"]
     jax.config.update("jax_disable_most_optimizations", wanted or before)
     try:
         yield
@@ -101,7 +93,7 @@ class _Program:
         if store is None:
             return self._compiled(*args, **kwargs)
         leaves, structure = jax.tree.flatten((args, kwargs))
-        if any(isinstance(leaf, Tracer) for leaf in leaves):
+        if any(map(is_traced, leaves)):
             return self._compiled(*args, **kwargs)
         rest, arrays = self._parted(leaves, structure)
         program = self._kept_for(store, rest, arrays)
@@ -168,7 +160,7 @@ def _kind(array: Any) -> Any:
     """What a program knows of an array, for a key within this process."""
     if type(array) is np.ndarray:
         return array.shape, array.dtype
-    return array.aval if isinstance(array, jax.Array) else (type(array), np.shape(array))
+    return jax.typeof(array) if isinstance(array, jax.Array) else (type(array), np.shape(array))
 
 
 def _describe(arrays: Sequence[Any]) -> list[Any]:
@@ -180,14 +172,14 @@ def _describe(arrays: Sequence[Any]) -> list[Any]:
         if not isinstance(dtype, np.dtype | type):  # as of random keys
             raise NoNameError(f"Arrays of {dtype} are not kept.")
         kinds.append((np.shape(array), dtype, weak))
-    return [kinds, {name: value for name, value in jax.config.values.items() if name != "jax_default_device"}]
+    return [kinds, {name: value for name, value in settings().items() if name != "jax_default_device"}]
 
 
 def _settings() -> Any:
     """JAX's settings, for a key within this process."""
     config: Any = jax.config
     debugging = config.jax_debug_nans, config.jax_debug_infs, config.jax_disable_jit
-    return _trace_context(), config.jax_default_device, debugging
+    return trace_context(), config.jax_default_device, debugging
 
 
 def _usable() -> bool:

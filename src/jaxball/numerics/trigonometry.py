@@ -9,9 +9,9 @@ are cut where the next term is below half a unit of float64's last place.
 import math
 
 import jax.numpy as jnp
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, Float
+
+from ..compat import differentiate_by, primitive
 
 # π/2 in three parts; the first two have 33 bits, so that multiples of them up to 2²⁰ are exact.
 HALF_PI = (
@@ -60,10 +60,5 @@ def _jvp(primals, tangents):
 
 
 # A primitive, so that a program that takes operations apart knows this one by what it is.
-sine_cosine_p = Primitive("sine_cosine")
-sine_cosine_p.multiple_results = True
-sine_cosine_p.def_impl(written_out)
-sine_cosine_p.def_abstract_eval(lambda x: (x, x))
-mlir.register_lowering(sine_cosine_p, mlir.lower_fun(written_out, multiple_results=True))
-batching.primitive_batchers[sine_cosine_p] = lambda given, axes: (sine_cosine_p.bind(*given), (*axes, *axes))
-ad.primitive_jvps[sine_cosine_p] = _jvp
+sine_cosine_p = primitive("sine_cosine", written_out, results=2)
+differentiate_by(sine_cosine_p, _jvp)

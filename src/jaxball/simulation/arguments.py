@@ -7,13 +7,12 @@ from typing import Any
 import diffrax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array
 
 from ..interface.arguments import refusal, require
 from ..interface.errors import UserError
 from ..interface.printing import is_array
-from ..numerics.arrays import Numbers, default_dtype, require_numbers, to_array
+from ..numerics.arrays import Numbers, default_dtype, is_traced, require_numbers, to_array
 from ..physics.contact_law import Contact
 from ..physics.dae import WITH_UNIT
 from ..physics.released import ReleasedState
@@ -33,7 +32,7 @@ class PrecisionError(UserError):
 
 def _as_array(name: str, x: Numbers) -> Array | np.ndarray:
     """``x`` as an array; kept in NumPy where it is known, because that costs microseconds less a call."""
-    if isinstance(x, Tracer):
+    if is_traced(x):
         return to_array(x, name)
     require_numbers(name, x)
     try:

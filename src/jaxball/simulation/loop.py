@@ -12,9 +12,9 @@ import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from equinox.internal import while_loop
 from jaxtyping import Array, Bool, Float, Int
 
+from ..compat import while_loop
 from ..interface.status import Status
 from ..solvers.multistep_controller import AbstractMultistepController
 from .switching import NONE, Course, Switching

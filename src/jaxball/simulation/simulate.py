@@ -8,13 +8,12 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
 from ..interface.status import Status
 from ..numerics import programs
-from ..numerics.arrays import Numbers
+from ..numerics.arrays import Numbers, is_traced
 from ..numerics.masks import differentiated_where
 from ..numerics.modes import forward_only, reverse_only
 from ..physics.body import System
@@ -190,10 +189,10 @@ def _run(
             return of_modes(system, times, solved, course, state)
         return Trajectory.of(system, times, *solved, {}, state, None)
 
-    if method.dense and not isinstance(jnp.zeros(()), Tracer):
+    if method.dense and not is_traced(jnp.zeros(())):
         for room in (room for room in FEW_STEPS if room < method.max_steps):
             trajectory = trajectory_by(method._replace(max_steps=room))
-            if not isinstance(trajectory.status, Tracer) and np.max(trajectory.steps) < room:
+            if not is_traced(trajectory.status) and np.max(trajectory.steps) < room:
                 return trajectory
     return trajectory_by(method)
 
@@ -350,7 +349,7 @@ def at_rest(system: AbstractSystem) -> AbstractState:
 
 
 def _check_untraced(trajectory: Trajectory[Any, Any]) -> None:
-    if isinstance(trajectory.status, Tracer):
+    if is_traced(trajectory.status):
         raise ValueError(
             "Argument `throw` must be False where the solve is traced, as within jit or vmap, but it is True; "
             "return the trajectory's status and look at it outside."

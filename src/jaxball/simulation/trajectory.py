@@ -11,7 +11,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 from typing_extensions import TypeVar
 
@@ -19,7 +18,7 @@ from ..interface.printing import Printed
 from ..interface.status import SolveError, Status
 from ..interface.wording import counted
 from ..numerics import programs
-from ..numerics.arrays import Numbers, to_array
+from ..numerics.arrays import Numbers, is_traced, to_array
 from ..numerics.masks import differentiated_where
 from ..physics.body import AbstractBody, System
 from ..physics.body_on_plane import BodyOnPlane, body_of
@@ -273,7 +272,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return view
 
     def __repr__(self) -> str:
-        if isinstance(self.status, Tracer):
+        if is_traced(self.status):
             return f"Trajectory of a {self.system.described()}, traced, with {self.times.shape[-1]} times"
         if np.ndim(self.status):
             return self._of_many()

@@ -10,12 +10,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from ..interface.arguments import require
 from ..interface.status import Status
 from ..numerics import programs
+from ..numerics.arrays import is_traced
 from ..numerics.modes import once
 from ..physics.body import AbstractBody
 from ..physics.body_on_plane import body_of
@@ -92,7 +92,7 @@ def room_for(trajectory: Trajectory[Any, Any]) -> int:
     """How many steps to look at: those that were taken and a few more, or all there is room for where traced."""
     assert trajectory.interpolant is not None
     largest = cast(Any, trajectory.interpolant.solution.interpolation).ts.shape[-1] - 1
-    if isinstance(trajectory.steps, Tracer):
+    if is_traced(trajectory.steps):
         return largest
     accepted = int(np.max(np.asarray(trajectory.steps) - np.asarray(trajectory.rejected)))
     return min(largest, STEPS_AT_A_TIME * -(-max(accepted, 1) // STEPS_AT_A_TIME))

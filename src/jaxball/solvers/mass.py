@@ -9,10 +9,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
+from ..numerics.arrays import is_traced
 from ..numerics.linear import inverses, product
 
 VectorField = Callable[[Any, Any, Any], Any]
@@ -160,7 +160,7 @@ def _may_be_full(mass: PyTree) -> bool:
 
 
 def _null_spaces(mass: Any) -> tuple[np.ndarray, np.ndarray]:
-    if isinstance(mass, Tracer):
+    if is_traced(mass):
         raise ValueError(
             "Argument `mass` must be known when the term is made if it is a full matrix, but it is traced by JAX; "
             "make it of NumPy arrays outside of the transformation, or give a diagonal."

@@ -1,0 +1,154 @@
+"""All that jaxball takes from JAX and equinox beside their documented interfaces, and where their releases differ.
+
+``tests/test_compat.py`` tries each of it with the version that is installed.
+"""
+
+import importlib
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import jax
+from equinox.internal import while_loop
+from jax.core import Tracer
+from jax.interpreters import ad, batching, mlir
+
+try:
+    from jax._src.config import trace_context
+except ImportError:  # in a version that has it elsewhere
+
+    def trace_context() -> Any:
+        """What decides, beside a function and its arguments, how the function is traced."""
+        return tuple(settings().items())
+
+
+# Releases of JAX have these in other places, or under types that type checkers see in some of them alone.
+_core: Any = importlib.import_module("jax.extend.core")
+ClosedJaxpr, Literal, Primitive, primitives = _core.ClosedJaxpr, _core.Literal, _core.Primitive, _core.primitives
+enable_x64: Any = (jax if hasattr(jax, "enable_x64") else importlib.import_module("jax.experimental")).enable_x64
+Program = Any  # a jaxpr with its constants
+
+__all__ = [
+    "Literal",
+    "Loop",
+    "Program",
+    "argument",
+    "branches",
+    "called",
+    "declare_linear",
+    "differentiate_by",
+    "enable_x64",
+    "function_of",
+    "is_traced",
+    "loop",
+    "node_of",
+    "primitive",
+    "primitives",
+    "settings",
+    "trace_context",
+    "while_loop",
+]
+
+
+def is_traced(x: Any) -> bool:
+    """Whether the value of ``x`` is not known, as within jit, vmap and grad."""
+    return isinstance(x, Tracer)
+
+
+def settings() -> Mapping[str, Any]:
+    """JAX's settings by their names, as they are in this place of the program."""
+    return jax.config.values
+
+
+def node_of(structure: Any) -> tuple[type, Any] | None:
+    """The type at the root of a PyTree and what it holds beside its children; None for a leaf."""
+    return structure.node_data()
+
+
+def primitive(name: str, function: Callable[..., Any], results: int | None = None) -> Any:
+    """An operation of JAX that computes ``function`` of an array.
+
+    It gives as many arrays of the same shape and type as ``results`` says, or one that is in no tuple.
+    """
+    new = Primitive(name)
+    new.multiple_results = results is not None
+
+    def of_each(x: Any) -> Any:
+        return x if results is None else (x,) * results
+
+    new.def_impl(function)
+    new.def_abstract_eval(lambda x, **_: of_each(x))
+    mlir.register_lowering(new, mlir.lower_fun(function, multiple_results=new.multiple_results))
+    batching.primitive_batchers[new] = lambda given, axes, **params: (new.bind(*given, **params), of_each(axes[0]))
+    return new
+
+
+def differentiate_by(own: Any, rule: Callable[..., tuple[Any, Any]]) -> None:
+    """Has ``own`` differentiated by ``rule(primals, tangents)``, which gives results and their tangents."""
+    ad.primitive_jvps[own] = rule
+
+
+def declare_linear(own: Any, transposed: Callable[..., Any]) -> None:
+    """Has ``own`` be its own derivative, with ``transposed(cotangent, x)`` for the cotangents of its operands."""
+    ad.deflinear2(own, transposed)
+
+
+class Loop(NamedTuple):
+    """What the equation of a ``jax.lax.scan`` says.
+
+    - ``body``: the program of a step, from constants, what is carried and elements of sequences to the last two.
+    - ``constants``, ``carried``: how many operands are, in this order, the one and the other; the rest are sequences.
+    - ``length``: how many steps there are.
+    - ``backwards``: whether the last step is the first to be done.
+    """
+
+    body: Program
+    constants: int
+    carried: int
+    length: int
+    backwards: bool
+
+
+def loop(equation: Any) -> Loop:
+    """The loop that an equation is. Releases of JAX count its operands in several ways; sequences have an axis more."""
+    body = argument(equation, "jaxpr")
+
+    def of_one_rank(outer: Any, inner: Any) -> int:
+        return sum(x.aval.ndim == y.aval.ndim for x, y in zip(outer, inner, strict=True))
+
+    carried = of_one_rank(equation.outvars, body.jaxpr.outvars)
+    constants = of_one_rank(equation.invars, body.jaxpr.invars) - carried
+    return Loop(body, constants, carried, argument(equation, "length"), argument(equation, "reverse"))
+
+
+def branches(equation: Any) -> tuple[Program, ...]:
+    """The programs between which the equation of a ``jax.lax.cond`` or ``jax.lax.switch`` chooses."""
+    return argument(equation, "branches")
+
+
+def called(equation: Any) -> Program | None:
+    """The program that an equation calls, if its operations say all: not where it has a rule for derivatives."""
+    if equation.primitive.name == "scan" or equation.primitive.name.startswith(("custom_jvp_call", "custom_vjp_call")):
+        return None
+    inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
+    return inner if isinstance(inner, ClosedJaxpr) else None
+
+
+def argument(equation: Any, name: str) -> Any:
+    """What the function of ``jax.lax`` that an equation stands for was given under the name of this argument.
+
+    **Raises:** ``RuntimeError`` where this version of JAX keeps it otherwise.
+    """
+    try:
+        return equation.params[name]
+    except KeyError:
+        raise RuntimeError(
+            f"JAX {jax.__version__} writes the operation `{equation.primitive.name}` down without `{name}`, which "
+            "jaxball reads there; install a version of JAX that jaxball was tried with: `pip install jaxball` does."
+        ) from None
+
+
+def function_of(equation: Any) -> Callable[..., Any]:
+    """What an equation computes, with its own rules of derivatives; releases of JAX keep these in two ways."""
+    bound = equation.primitive.get_bind_params(equation.params)
+    functions, params = ((), bound) if isinstance(bound, Mapping) else bound
+    return lambda *operands: equation.primitive.bind(*functions, *operands, **params)

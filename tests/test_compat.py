@@ -1,0 +1,263 @@
+"""What jaxball takes from JAX beside its documented interface is as it must be, in the version that is installed."""
+
+import ast
+import functools
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax import lax
+
+import jaxball
+from jaxball import BallState, compat
+
+SOURCE = Path(jaxball.__file__).parent
+# fmt: off
+UNDOCUMENTED = (
+    "jax.api_util", "jax.config.values", "jax.core", "jax.extend", "jax.interpreters", "jax.linear_util", "jaxlib",
+    "equinox.internal",
+)
+# fmt: on
+LIBRARIES = {"jax": "jax", "eqx": "equinox", "lax": "jax.lax", "jnp": "jax.numpy", "diffrax": "diffrax"} | {
+    name: name for name in ("equinox", "jaxlib", "lineax", "optimistix", "optax")
+}
+
+
+def undocumented(path):
+    """Every name of a library that its documentation leaves out, as far as a file writes it out."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Attribute) and ast.unparse(node).replace(".", "_").isidentifier():
+            library, _, rest = ast.unparse(node).partition(".")
+            names = [f"{LIBRARIES.get(library, '')}.{rest}"]
+        else:
+            continue
+        for name in names:
+            parts = name.split(".")
+            hidden = any(part.startswith("_") and not part.startswith("__") for part in parts[1:])
+            hidden |= any(f"{name}.".startswith(f"{module}.") for module in UNDOCUMENTED)
+            if parts[0] in LIBRARIES.values() and hidden:
+                yield f"{path.relative_to(SOURCE)}:{node.lineno}: {name}"
+
+
+def test_nothing_else_imports_what_is_not_documented():
+    paths = sorted(set(SOURCE.rglob("*.py")) - {SOURCE / "compat.py"})
+    assert len(paths) > 300
+    assert [use for path in paths for use in undocumented(path)] == []
+    assert len(list(undocumented(SOURCE / "compat.py"))) >= 7  # the negative control
+
+
+def the_equation(function, *given):
+    (equation,) = jax.make_jaxpr(function)(*given).jaxpr.eqns
+    return equation
+
+
+def test_traced_numbers_are_told_from_known_ones():
+    seen = []
+
+    def watch(x):
+        seen.append(compat.is_traced(x))
+        return x * 1.0
+
+    for transformation in (lambda f: f, jax.jit, jax.vmap, jax.jacrev, jax.jacfwd):
+        transformation(watch)(jnp.ones(2))
+    assert seen == [False, True, True, True, True]
+    assert not any(map(compat.is_traced, (1.0, np.ones(2), None, "x", jax.ShapeDtypeStruct((), float))))
+
+
+CONTEXTS = [lambda: compat.enable_x64(False), lambda: jax.default_matmul_precision("float32")]
+
+
+@pytest.mark.parametrize("told", [compat.trace_context, compat.settings], ids=["trace context", "settings"])
+@pytest.mark.parametrize("context", CONTEXTS, ids=["precision of numbers", "precision of products"])
+def test_settings_are_those_of_their_place(told, context):
+    before = told()
+    with context():
+        assert told() != before
+        assert told() == told()
+    assert told() == before
+
+
+def test_settings_go_by_the_names_under_which_they_are_set():
+    assert compat.settings()["jax_enable_x64"] is jax.config.jax_enable_x64
+    with compat.enable_x64(False):
+        assert jnp.zeros(()).dtype == jnp.float32
+    with compat.enable_x64(True):
+        assert jnp.zeros(()).dtype == jnp.float64
+    assert "jax_disable_most_optimizations" in compat.settings()
+
+
+def test_structures_show_what_is_at_their_root():
+    kind, fields = compat.node_of(jax.tree.structure({"b": 1, "a": (2, None)}))
+    assert (kind, list(fields)) == (dict, ["a", "b"])
+    assert compat.node_of(jax.tree.structure(1.0)) is None
+    assert compat.node_of(jax.tree.structure(None))[0] is type(None)
+    assert compat.node_of(jax.tree.structure(BallState()))[0] is BallState
+
+
+@functools.cache
+def doubled():
+    """x ↦ 2x, with 5 for its derivative, and x ↦ 3x, linear, with 7 backwards."""
+    own = compat.primitive("doubled", lambda x: 2 * x)
+    compat.differentiate_by(own, lambda primals, tangents: (own.bind(*primals), 5 * tangents[0]))
+    linear = compat.primitive("tripled", lambda x, **_: 3 * x)
+    compat.declare_linear(linear, lambda cotangent, x, **_: [7 * cotangent])
+    return own.bind, linear.bind
+
+
+@pytest.mark.parametrize("compiled", [lambda f: f, jax.jit], ids=["at once", "compiled"])
+def test_an_operation_of_its_own(compiled):
+    double, triple = map(compiled, doubled())
+    x = jnp.arange(6.0).reshape(2, 3)
+    np.testing.assert_array_equal(double(x), 2 * x)
+    np.testing.assert_array_equal(jax.vmap(double, in_axes=1)(x), 2 * x.T)
+    np.testing.assert_array_equal(jax.vmap(double, in_axes=1, out_axes=1)(x), 2 * x)
+    np.testing.assert_array_equal(jax.jvp(double, (x,), (x,))[1], 5 * x)
+    np.testing.assert_array_equal(jax.grad(lambda x: double(x).sum())(x), np.full((2, 3), 5.0))
+    np.testing.assert_array_equal(jax.jvp(triple, (x,), (x,))[1], 3 * x)
+    np.testing.assert_array_equal(jax.grad(lambda x: triple(x).sum())(x), np.full((2, 3), 7.0))
+
+
+def test_an_operation_of_its_own_with_parameters_and_several_results():
+    both = compat.primitive("both", lambda x, power: (x, x**power), results=2)
+    function = functools.partial(both.bind, power=3)
+    x = jnp.arange(6.0).reshape(2, 3)
+    for found in (function(x), jax.jit(function)(x), jax.vmap(function)(x), jax.eval_shape(function, x)):
+        assert [leaf.shape for leaf in found] == [(2, 3), (2, 3)]
+    np.testing.assert_array_equal(jax.vmap(jax.jit(function), in_axes=1, out_axes=1)(x)[1], x**3)
+    assert the_equation(function, x).primitive is both
+
+
+def _sum(carry, x):
+    return carry + x, carry
+
+
+A, B = jnp.arange(3.0), jnp.ones((3, 3))
+# A program, and of its loop: constants, what is carried, sequences, results of each step, the length, backwards.
+LOOPS = {
+    "sum": (lambda: lax.scan(_sum, 0.0, A), (0, 1, 1, 1, 3, False)),
+    "backwards": (lambda: lax.scan(_sum, 0.0, A, reverse=True), (0, 1, 1, 1, 3, True)),
+    "constants": (lambda x: lax.scan(lambda c, a: (c * x[0] + a, c), 0.0, A), (1, 1, 1, 1, 3, False)),
+    "of rows": (lambda x: lax.scan(lambda c, row: (c + row @ x, 2 * row), x, B), (1, 1, 1, 1, 3, False)),
+    "no sequence": (lambda x: lax.scan(lambda c, _: (c * x, None), x, None, length=4), (1, 1, 0, 0, 4, False)),
+    "nothing carried": (lambda x: lax.map(lambda a: a * x, B), (1, 0, 1, 1, 3, False)),
+    "two of each": (
+        lambda x: lax.scan(lambda c, s: ((c[0] + s[0] * x, c[1] + s[1]), (s[0] + 1, s[1] + 2)), (x, x[0]), (A, A)),
+        (1, 2, 2, 2, 3, False),
+    ),
+    "counted": (lambda x: lax.fori_loop(0, 5, lambda i, y: y * x, x), (1, 2, 0, 0, 5, False)),
+}
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_loops_are_read(name):
+    function, (constants, carried, sequences, results, length, backwards) = LOOPS[name]
+    given = [A] * function.__code__.co_argcount
+    (equation,) = [e for e in jax.make_jaxpr(function)(*given).jaxpr.eqns if e.primitive.name == "scan"]
+    loop = compat.loop(equation)
+    assert (loop.constants, loop.carried, loop.length, loop.backwards) == (constants, carried, length, backwards)
+    assert len(loop.body.in_avals) == constants + carried + sequences
+    assert len(loop.body.out_avals) == carried + results
+
+
+def test_branches_are_in_the_order_of_their_numbers():
+    functions = [jnp.sin, jnp.cos, jnp.tan]
+    equations = jax.make_jaxpr(lambda k, x: lax.switch(k, functions, x))(jnp.asarray(1), 1.0).jaxpr.eqns
+    names = [[e.primitive.name for e in b.jaxpr.eqns] for b in compat.branches(equations[-1])]
+    assert names == [["sin"], ["cos"], ["tan"]]
+    equations = jax.make_jaxpr(lambda yes, x: lax.cond(yes, jnp.sin, jnp.cos, x))(jnp.asarray(True), 1.0).jaxpr.eqns
+    names = [[e.primitive.name for e in b.jaxpr.eqns] for b in compat.branches(equations[-1])]
+    assert names == [["cos"], ["sin"]]
+
+
+@jax.custom_jvp
+def _own_jvp(x):
+    return 2 * x
+
+
+_own_jvp.defjvp(lambda primals, tangents: (_own_jvp(*primals), 5 * tangents[0]))
+
+
+@jax.custom_vjp
+def _own_vjp(x):
+    return 2 * x
+
+
+_own_vjp.defvjp(lambda x: (_own_vjp(x), None), lambda _, cotangent: (7 * cotangent,))
+
+
+def test_programs_within_are_found_where_their_operations_say_all():
+    inner = compat.called(the_equation(jax.jit(jnp.sin), 1.0))
+    assert [e.primitive.name for e in inner.jaxpr.eqns] == ["sin"]
+    for function in (_own_jvp, _own_vjp, jnp.sin, lambda x: lax.scan(_sum, x, A)):
+        assert compat.called(the_equation(function, 1.0)) is None
+
+
+@pytest.mark.parametrize("function", [jnp.sin, _own_jvp, _own_vjp, jax.jit(_own_jvp), jax.jit(_own_vjp)])
+def test_an_equation_is_a_function_with_its_own_derivatives(function):
+    equation = the_equation(function, 1.0)
+    (again,) = jax.tree.leaves(compat.function_of(equation)(jnp.asarray(1.3)))
+    np.testing.assert_allclose(again, function(1.3), rtol=1e-15)
+
+    def number(x):
+        return jnp.sum(jax.tree.leaves(compat.function_of(equation)(x))[0])
+
+    np.testing.assert_allclose(jax.vmap(jax.grad(number))(A), jax.vmap(jax.grad(function))(A), rtol=1e-15)
+
+
+T = jnp.arange(24.0).reshape(2, 3, 4)
+PRODUCT = (((2,), (2,)), ((0,), (0,)))
+# Functions of JAX, and what they were given by name.
+ARGUMENTS = [
+    (lambda x: lax.slice(x, (0, 1, 0), (1, 3, 4), (1, 1, 2)), {"start_indices": (0, 1, 0), "limit_indices": (1, 3, 4)}),
+    (lambda x: lax.slice(x, (0, 1, 0), (1, 3, 4), (1, 1, 2)), {"strides": (1, 1, 2)}),
+    (lambda x: lax.slice(x, (0, 1, 0), (1, 3, 4)), {"strides": None}),
+    (lambda x: lax.rev(x, (2, 0)), {"dimensions": (2, 0)}),
+    (lambda x: lax.transpose(x, (2, 0, 1)), {"permutation": (2, 0, 1)}),
+    (lambda x: lax.broadcast_in_dim(x, (2, 5, 3, 4), (0, 2, 3)), {"broadcast_dimensions": (0, 2, 3)}),
+    (lambda x: lax.concatenate([x, x], 1), {"dimension": 1}),
+    (lambda x: lax.split(x, (1, 2), axis=1), {"sizes": (1, 2), "axis": 1}),
+    (lambda x: jnp.sum(x, (0, 2)), {"axes": (0, 2)}),
+    (lambda x: jnp.max(x, (0, 2)), {"axes": (0, 2)}),
+    (lambda x: jnp.all(x > 0, (0, 2)), {"axes": (0, 2)}),
+    (lambda x: lax.dot_general(x, x, PRODUCT), {"dimension_numbers": PRODUCT}),
+    (lambda x: lax.integer_pow(x, 3), {"y": 3}),
+]
+
+
+@pytest.mark.parametrize(("function", "named"), ARGUMENTS)
+def test_arguments_are_kept_under_their_names(function, named):
+    equation = jax.make_jaxpr(function)(T).jaxpr.eqns[-1]
+    for name, value in named.items():
+        assert compat.argument(equation, name) == value
+
+
+def test_an_argument_that_is_kept_under_another_name_is_said_to_be_missing():
+    sentence = (
+        rf"JAX {jax.__version__} writes the operation `rev` down without `axes`, which jaxball reads there; install a "
+        r"version of JAX that jaxball was tried with: `pip install jaxball` does\."
+    )
+    with pytest.raises(RuntimeError, match=sentence):
+        compat.argument(the_equation(lambda x: lax.rev(x, (0,)), T), "axes")
+
+
+@pytest.mark.parametrize(("kind", "derivative"), [("checkpointed", jax.jacrev), ("lax", jax.jacfwd)])
+def test_loops_that_end_by_themselves_are_differentiated(kind, derivative):
+    def power(x, n):
+        def step(carry):
+            k, y, seen = carry
+            return k + 1, y * x, seen.at[k].set(y)
+
+        seen = jnp.zeros(8)
+        return compat.while_loop(
+            lambda carry: carry[0] < n, step, (0, 1.0, seen), max_steps=8, buffers=lambda carry: carry[2], kind=kind
+        )[1:]
+
+    y, seen = derivative(power)(1.5, 4)
+    np.testing.assert_allclose(y, 4 * 1.5**3, rtol=1e-15)
+    np.testing.assert_allclose(seen, [0, 1, 3, 6.75, 0, 0, 0, 0], rtol=1e-15)
