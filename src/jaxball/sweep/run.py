@@ -1,6 +1,5 @@
 """A study run, or resumed: chunks computed by workers, each written to the store as it ends."""
 
-import concurrent.futures
 import contextlib
 import io
 from collections.abc import Iterator
@@ -15,7 +14,7 @@ from .batch import Engine
 from .chunk import Task
 from .engine import solve_in_lanes
 from .errors import StudyError
-from .executors import executor_of, kill_workers, solve_all
+from .executors import executor_of, solve_all
 from .outputs import outputs_of
 from .progress import Progress, Stream
 from .store import Store, open_store
@@ -24,7 +23,7 @@ from .table import has_table, write_table
 from .tally import tally
 
 TASKS_PER_WORKER = 2
-STOPPING = "Stopping when what is being computed is in the store; press Ctrl-C again to stop at once."
+STOPPING = "Stopping when what is being computed is in the store; {again} to stop at once."
 
 
 class Outcome(NamedTuple):
@@ -33,7 +32,7 @@ class Outcome(NamedTuple):
     - ``store``, ``table``: the Zarr store, and the Parquet table, which is there once ``finished``.
     - ``rows``, ``done``: how many rows there are, and how many of them are in the store.
     - ``finished``: whether all are.
-    - ``interrupted``: whether Ctrl-C ended the run.
+    - ``interrupted``: whether a signal, Ctrl-C or a command's SIGTERM, ended the run.
     """
 
     store: Path
@@ -120,10 +119,13 @@ def _running(executor: Any, workers: int) -> Iterator[Any]:
     if executor is not None:
         yield executor
         return
-    own: concurrent.futures.Executor = executor_of(workers)
+    own = executor_of(workers)
     try:
-        with on_interrupt(kill_workers):
+        with on_interrupt(own.kill):
             yield own
+    except BaseException:
+        own.kill()
+        raise
     finally:
         own.shutdown(wait=True, cancel_futures=True)
 
