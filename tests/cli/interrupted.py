@@ -128,7 +128,7 @@ def judged(folder: Path, process: subprocess.Popen, ended_before: bool, alive: b
         return f"good: one sentence, {code}" if sentences == 1 else f"good: stopping, then one sentence, {code}"
     if code in (1, -number) and (not text or "KeyboardInterrupt" in text) and "/jaxball/" not in text:
         return "good: Python itself was starting, and nothing of this package had been reached"
-    if code == 0 and not sentences:
+    if code == 0 and sentences == text.count("jaxball: Stopping"):
         return "good: it came to its end meanwhile"
     return f"bad: exit code {code}"
 

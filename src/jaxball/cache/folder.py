@@ -13,7 +13,7 @@ from typing import NamedTuple
 LIMIT = 512 * 10**6
 KEPT_OF_LIMIT = 0.9  # so that what is new does not push something out each time
 SECONDS_OF_A_WRITE = 3600
-SECONDS_OF_A_COMPILATION = 900
+SECONDS_OF_A_COMPILATION = 900.0
 MAGIC = b"jaxball program 1\n"
 CHECKSUM = hashlib.blake2b(digest_size=32)
 _ENTRY = re.compile(r"[0-9a-f]{40}\.program")

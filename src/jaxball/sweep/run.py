@@ -10,6 +10,7 @@ import jax
 
 from ..cpu import cores
 from ..interface.interruption import on_interrupt, stop_requested
+from ..interface.wording import counted
 from .batch import Engine
 from .chunk import Task
 from .engine import solve_in_lanes
@@ -21,6 +22,7 @@ from .store import Store, open_store
 from .study import Study
 from .table import has_table, write_table
 from .tally import tally
+from .whole import Damage
 
 TASKS_PER_WORKER = 2
 STOPPING = "Stopping when what is being computed is in the store; {again} to stop at once."
@@ -56,8 +58,9 @@ def sweep(
     """Runs a study, or resumes it, and writes a Zarr store and, at the end, a Parquet table.
 
     Chunks of rows are written atomically, and so a run that was killed at any moment is resumed when it is called
-    again. The finished files are the same, byte for byte, whatever the number of workers and the order of chunks, as
-    long as all workers have the same versions, the same ``XLA_FLAGS`` and the same kind of processor.
+    again; chunks of which something else has changed a file are then computed again. The finished files are the same,
+    byte for byte, whatever the number of workers and the order of chunks, as long as all workers have the same
+    versions, the same ``XLA_FLAGS`` and the same kind of processor.
 
     **Arguments:**
 
@@ -75,19 +78,14 @@ def sweep(
     was killed, ``ValueError`` for arguments that cannot be.
     """
     _check(workers, shard)
-    template = study.template()
-    store = open_store(Path(out).resolve(), study, template, outputs_of(study, template))
+    store = open_store(Path(out).resolve(), study, outputs_of(study, study.template()))
+    words = STOPPING if stream is not None else ""
+    stream = io.StringIO() if stream is None else stream
+    stream.write(_mended(study, store.mend()))
     parallel = workers if executor is None else _size(executor)
     before, known = set(store.done()), tally(store.folder)
     mine = [k for k in range(shard[0] - 1, study.chunks, shard[1]) if k not in before]
-    progress = Progress(
-        io.StringIO() if stream is None else stream,
-        study.rows,
-        known,
-        sum(len(study.rows_of(k)) for k in mine),
-        parallel,
-    )
-    words = STOPPING if stream is not None else ""
+    progress = Progress(stream, study.rows, known, sum(len(study.rows_of(k)) for k in mine), parallel)
     threads = max(1, cores() // workers) if executor is None else 1
     tasks = (Task(study, store.folder, k, engine, threads) for k in mine)
     with stop_requested(words) as stop, _running(executor, min(workers, max(len(mine), 1))) as pool:
@@ -100,6 +98,16 @@ def sweep(
         progress.close(tally(store.folder))
         interrupted = stop.is_set()
     return _ended(store, interrupted)
+
+
+def _mended(study: Study, damages: list[Damage]) -> str:
+    """The line that says what is computed again; empty where nothing is."""
+    if not damages:
+        return ""
+    others = f" and {counted(len(damages) - 1, 'other file')}" if damages[1:] else ""
+    rows = sum(len(study.rows_of(chunk)) for chunk in {one.chunk for one in damages} - {None})
+    again = f"{counted(rows, 'row')} {'is' if rows == 1 else 'are'} computed again" if rows else "it is written again"
+    return f'Something has changed "{damages[0].path}"{others}; {again}.\n'
 
 
 def _ended(store: Store, interrupted: bool) -> Outcome:
