@@ -20,7 +20,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if of_process:
         interruption.end_at_signals()
         if isinstance(sys.stdout, io.TextIOWrapper):
-            sys.stdout.reconfigure(line_buffering=True)  # so that no line is lost
+            # So that no line is lost, and a file's name is printed that is no text.
+            sys.stdout.reconfigure(line_buffering=True, errors="surrogateescape")
     # Imported here, so that signals are handled before anything that takes time.
     from .dispatch import run
 
