@@ -16,7 +16,7 @@ from pathlib import Path
 from jaxball.interface import interruption
 from jaxball.interface.output import replacing
 
-interruption.end_at_ctrl_c()
+interruption.end_at_signals()
 press = lambda: (os.kill(os.getpid(), signal.SIGINT), time.sleep(60))
 """
 

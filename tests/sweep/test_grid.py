@@ -62,8 +62,8 @@ def test_a_grid_has_the_values_of_its_axes_as_coordinates(unfinished):
 def test_a_grid_reads_what_is_asked_for(unfinished, tmp_path):
     store = tmp_path / "s.zarr"
     shutil.copytree(unfinished, store)
-    (store / "phi" / "c" / "3" / "0").write_bytes(b"short")
     grid = open_grid(store)
+    (store / "phi" / "c" / "3" / "0").write_bytes(b"short")
     np.testing.assert_allclose(grid["phi"].sel({"body.mass": 0.5, "save": 0}), 0.5 * g, rtol=1e-15)
     with pytest.raises(ValueError, match="size"):
         grid["phi"].sel({"body.mass": 2.0}).load()

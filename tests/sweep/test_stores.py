@@ -1,6 +1,7 @@
 """Stores: whole whatever the order, the workers and the ends of runs; and never another study's."""
 
 import concurrent.futures
+import io
 import os
 import signal
 
@@ -8,7 +9,9 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxball.sweep import StoreError, StudyError, describe, engine, executors, sweep
+from jaxball.sweep import StoreError, StudyError, describe, engine, executors, open_dataset, open_grid, sweep
+from jaxball.sweep.outputs import outputs_of
+from jaxball.sweep.store import Store
 from tests.sweep.studies import GRAVITIES, MASSES, files, pretend, study
 
 SMALL = "chunk = 4"
@@ -156,29 +159,76 @@ def test_a_folder_that_cannot_be_written(tmp_path):
         sweep(study(tmp_path), tmp_path / "s.nc", engine=pretend)
 
 
-def test_a_file_that_something_else_changed_is_named(tmp_path):
+CHANGES = {
+    "removed": lambda path: path.unlink(),
+    "cut": lambda path: path.write_bytes(path.read_bytes()[:-1]),
+    "longer": lambda path: path.write_bytes(path.read_bytes() + b"0"),
+    "empty": lambda path: path.write_bytes(b""),
+}
+OF_ROWS = ("row", "body.mass", "body.gravity", "status", "steps", "rejected", "reached", "phi", "phidot", "z", "time")
+
+
+@pytest.mark.parametrize("name", OF_ROWS)
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_rows_whose_files_something_else_changed_are_named_and_computed_again(tmp_path, name, change):
+    found = study(tmp_path, settings='chunk = 4\nsave = "times"')
+    outcome = sweep(found, tmp_path / "s.zarr", engine=pretend)
+    before = files(outcome.store)
+    (path,) = [path for path in (outcome.store / name / "c" / "2").rglob("*") if path.is_file()] or [
+        outcome.store / name / "c" / "2"
+    ]
+    change(path)
+    for read in (describe, open_dataset, open_grid):
+        with pytest.raises(StoreError, match=f'{path}" must be as the sweep wrote it, but something .* run the study'):
+            read(outcome.store)
+    said = io.StringIO()
+    assert sweep(found, outcome.store, engine=pretend, stream=said).finished
+    assert said.getvalue().startswith(f'Something has changed "{path}"; 4 rows are computed again.\n11 of 15 rows')
+    assert files(outcome.store) == before
+
+
+@pytest.mark.parametrize("content", [b"\0\0\0\xff", b"\0\0\0\x63"])
+def test_statuses_that_there_are_not_are_not_counted(tmp_path, content):
     found = study(tmp_path, settings=SMALL)
     outcome = sweep(found, tmp_path / "s.zarr", engine=pretend)
-    outcome.table.unlink()
-    (outcome.store / "phi" / "c" / "2").write_bytes(b"short")
-    with pytest.raises(StoreError, match=r'phi/c/2" must hold a chunk of 4 rows.* remove "\S+/.done/2" and run'):
-        sweep(found, outcome.store, engine=pretend)
-    assert not outcome.table.exists()
-
-
-@pytest.mark.parametrize("content", [None, b"", b"\0\0\0", b"\0\0\0\xff", b"\0\0\0\x63"])
-def test_statuses_that_something_else_changed_are_not_counted(tmp_path, content):
-    outcome = sweep(study(tmp_path, settings=SMALL), tmp_path / "s.zarr", engine=pretend)
-    place = outcome.store / "status" / "c" / "2"
-    place.unlink() if content is None else place.write_bytes(content)
-    sentence = r'status/c/2" must hold a number for each row.* remove "\S+/.done/2" and run'
-    with pytest.raises(StoreError, match=sentence):
+    (outcome.store / "status" / "c" / "2").write_bytes(content)
+    with pytest.raises(StoreError, match=r'status/c/2" must be as the sweep wrote it'):
         describe(outcome.store)
-    with pytest.raises(StoreError, match=sentence):
-        sweep(study(tmp_path, settings=SMALL), outcome.store, engine=pretend)
-    (outcome.store / ".done" / "2").unlink()
-    assert sweep(study(tmp_path, settings=SMALL), outcome.store, engine=pretend).finished
+    assert sweep(found, outcome.store, engine=pretend).finished
     assert describe(outcome.store).startswith("15 of 15")
+
+
+def test_several_files_that_something_else_changed_are_counted(tmp_path):
+    found = study(tmp_path, settings=SMALL)
+    outcome = sweep(found, tmp_path / "s.zarr", engine=pretend)
+    before = files(outcome.store)
+    for name, chunk in (("phi", 0), ("z", 0), ("phi", 3)):
+        (outcome.store / name / "c" / str(chunk)).unlink()
+    said = io.StringIO()
+    assert sweep(found, outcome.store, engine=pretend, stream=said).finished
+    assert 'phi/c/0" and 2 other files; 7 rows are computed again.\n8 of 15 rows' in said.getvalue()
+    assert files(outcome.store) == before
+
+
+def test_what_is_the_same_for_all_rows_is_written_again(tmp_path):
+    found = study(tmp_path, settings=SMALL)
+    outcome = sweep(found, tmp_path / "s.zarr", engine=pretend)
+    before = files(outcome.store)
+    (outcome.store / "axes" / "body.mass" / "c" / "0").write_bytes(b"short")
+    with pytest.raises(StoreError, match=r'axes/body.mass/c/0" must be as the sweep wrote it'):
+        open_grid(outcome.store)
+    said = io.StringIO()
+    assert sweep(found, outcome.store, engine=failing, stream=said).finished  # nothing is computed again
+    assert said.getvalue().endswith('axes/body.mass/c/0"; it is written again.\n')
+    assert files(outcome.store) == before
+
+
+def test_a_file_that_changes_before_the_table_is_written_is_named(tmp_path):
+    found = study(tmp_path, settings=SMALL)
+    outcome = sweep(found, tmp_path / "s.zarr", engine=pretend)
+    (outcome.store / "phi" / "c" / "2").write_bytes(b"short")
+    with pytest.raises(StoreError, match=r'phi/c/2" must be as the sweep wrote it'):
+        Store(outcome.store, found, outputs_of(found, found.template())).read("phi", 2)
 
 
 def test_rows_with_another_number_of_save_times_are_named(tmp_path):

@@ -56,8 +56,8 @@ def enable(folder: str | os.PathLike[str] | None = None) -> bool:
     - ``folder``: where; by default, what the variable ``JAXBALL_CACHE_DIR`` says, or the user's cache folder.
 
     **Returns:** whether programs are kept: False where the variable ``JAXBALL_NO_CACHE`` is set, where JAX keeps them
-    itself (``JAX_COMPILATION_CACHE_DIR``), or where the folder
-    belongs to somebody else or can be written by others. :func:`contents` has the reason.
+    itself (``JAX_COMPILATION_CACHE_DIR``), or where the folder cannot be made, belongs to somebody else or can be
+    written by others. :func:`contents` has the reason.
     """
     place = _folder(folder)
     if _objection(place) is not None:

@@ -21,6 +21,10 @@ class Store(Protocol):
         """Keeps the content for later, if it can."""
         ...
 
+    def alone(self, key: str) -> contextlib.AbstractContextManager[bytes | None]:
+        """No other process compiles the program of this key in this block; what one has written of it meanwhile."""
+        ...
+
     def early(self, key: str) -> Any:
         """The program as :class:`~.executables.Loaded`, where that was begun before it was asked for; else None."""
         ...

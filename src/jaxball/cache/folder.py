@@ -6,16 +6,18 @@ import os
 import re
 import stat
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 LIMIT = 512 * 10**6
 KEPT_OF_LIMIT = 0.9  # so that what is new does not push something out each time
 SECONDS_OF_A_WRITE = 3600
+SECONDS_OF_A_COMPILATION = 900.0
 MAGIC = b"jaxball program 1\n"
 CHECKSUM = hashlib.blake2b(digest_size=32)
 _ENTRY = re.compile(r"[0-9a-f]{40}\.program")
-_UNFINISHED = re.compile(r"\.part-.*\.program")
+_UNFINISHED = re.compile(r"\.part-.*\.program|[0-9a-f]{40}\.lock")
 
 
 class Entry(NamedTuple):
@@ -44,7 +46,8 @@ class Folder:
         try:
             status = self.path.stat()
         except FileNotFoundError:
-            return None if _can_be_made(self.path) else "does not exist and cannot be made"
+            obstacle = _obstacle(self.path)
+            return obstacle and f"does not exist and cannot be made: {obstacle}"
         except OSError as error:
             return f"cannot be used: {error.strerror}"
         if not stat.S_ISDIR(status.st_mode):
@@ -52,10 +55,6 @@ class Folder:
         if not _is_own(status):
             return "belongs to another user"
         return "can be written by others" if _is_open(status) else None
-
-    def can_be_written(self) -> bool:
-        """Whether programs can be added."""
-        return os.access(self.path, os.W_OK | os.X_OK) if self.path.exists() else _can_be_made(self.path)
 
     def read(self, key: str) -> bytes | None:
         """What was written under the key, whole and as it was; None if it is not there."""
@@ -78,20 +77,28 @@ class Folder:
 
     def write(self, key: str, content: bytes) -> None:
         """Keeps the content, if there is room, and removes what is too much."""
-        if len(content) > self.limit or self.objection() is not None:
+        if len(content) > self.limit or not self._made():
             return
         # Imported here, because a command that is refused at once has no time for it.
         from ..interface.output import atomic_write
 
         with contextlib.suppress(OSError):
-            self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
-            if self.objection() is not None:
-                return
             with atomic_write(self._path(key)) as temporary:
                 descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
                 with open(descriptor, "wb") as file:
                     file.write(_head(key, content) + content)
             self._make_room()
+
+    @contextlib.contextmanager
+    def alone(self, key: str) -> Iterator[None]:
+        """No other process is in such a block of this key, as long as none takes longer than a compilation."""
+        from .lock import held  # here, as above
+
+        if not self._made():
+            yield
+            return
+        with held(self.path / f"{key}.lock", SECONDS_OF_A_COMPILATION):
+            yield
 
     def entries(self) -> list[Entry]:
         """The programs, those used longest ago first."""
@@ -106,6 +113,15 @@ class Folder:
         for entry in (*removed, *self._files(_UNFINISHED)):
             entry.path.unlink(missing_ok=True)
         return removed
+
+    def _made(self) -> bool:
+        """Makes the folder where it is not there, and says whether it can be used."""
+        if self.objection() is not None:
+            return False
+        with contextlib.suppress(OSError):
+            self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
+            return self.objection() is None
+        return False
 
     def _make_room(self) -> None:
         entries = self.entries()
@@ -158,6 +174,13 @@ def _is_open(status: os.stat_result) -> bool:
     return hasattr(os, "geteuid") and bool(status.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
 
 
-def _can_be_made(path: Path) -> bool:
-    existing = next((parent for parent in path.absolute().parents if parent.exists()), None)
-    return existing is not None and existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)
+def _obstacle(path: Path) -> str | None:
+    """Why a folder cannot be made, in the words of the system, which alone knows; None where it can."""
+    existing = next(place for place in (path, *path.absolute().parents) if os.path.lexists(place))
+    tried = existing / f".part-{os.getpid()}-{os.urandom(4).hex()}"
+    try:
+        tried.mkdir()
+        tried.rmdir()
+    except OSError as error:
+        return os.strerror(error.errno) if error.errno else str(error)
+    return None

@@ -1,9 +1,11 @@
 """The folder as a store of programs, which loads those of a command early."""
 
 import concurrent.futures
+import contextlib
 import functools
 import hashlib
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from .folder import Folder
@@ -51,6 +53,18 @@ class FolderStore:
             self.folder.write(key, content)
             self._used[key] = None
 
+    @contextlib.contextmanager
+    def alone(self, key: str) -> Iterator[bytes | None]:
+        """No other process compiles the program of this key in this block; what one has written of it meanwhile.
+
+        What is there and cannot be loaded is compiled by each.
+        """
+        if self.folder.read(key) is not None:
+            yield None
+            return
+        with self.folder.alone(key):
+            yield self.read(key)
+
     def early(self, key: str) -> Any:
         """The program, where :meth:`begin` has begun to load it."""
         future = self._early.pop(key, None)
@@ -75,5 +89,6 @@ class FolderStore:
             self.folder.write(self._list(), "\n".join(self._used).encode())
 
     def _list(self) -> str:
-        named = "\0".join(("a command", self.identity(), *self._arguments))
-        return hashlib.blake2b(named.encode(), digest_size=20).hexdigest()
+        # Names of files, too, which need not be text.
+        named = b"\0".join(map(os.fsencode, ("a command", self.identity(), *self._arguments)))
+        return hashlib.blake2b(named, digest_size=20).hexdigest()

@@ -34,7 +34,7 @@ def identity(sources: str) -> str:
         spec = importlib.util.find_spec(library)
         if spec is not None and spec.origin is not None:
             parts.extend(_dates(Path(spec.origin).parent))
-    return hashlib.blake2b("\n".join(parts).encode(), digest_size=20).hexdigest()
+    return hashlib.blake2b(os.fsencode("\n".join(parts)), digest_size=20).hexdigest()
 
 
 def sources() -> str:

@@ -11,17 +11,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command, and returns its exit code.
 
     0 for success, 1 for a run that cannot be believed or a design that violates a constraint, 2 for bad input, 3 for
-    a solve that failed, 130 for Ctrl-C, 141 where nothing reads the output any more.
+    a solve that failed, 130 for Ctrl-C, 143 for SIGTERM, 141 where nothing reads the output any more.
 
-    Without ``arguments`` the command is that of the process, and Ctrl-C ends it at once. Called from Python with
+    Without ``arguments`` the command is that of the process, and either ends it at once. Called from Python with
     ``arguments`` it leaves signals as they are.
     """
     of_process = arguments is None
     if of_process:
-        interruption.end_at_ctrl_c()
+        interruption.end_at_signals()
         if isinstance(sys.stdout, io.TextIOWrapper):
-            sys.stdout.reconfigure(line_buffering=True)  # so that no line is lost
-    # Imported here, so that Ctrl-C is handled before anything that takes time.
+            # So that no line is lost, and a file's name is printed that is no text.
+            sys.stdout.reconfigure(line_buffering=True, errors="surrogateescape")
+    # Imported here, so that signals are handled before anything that takes time.
     from .dispatch import run
 
     code = run(sys.argv[1:] if arguments is None else arguments)

@@ -18,7 +18,7 @@ COPY = "problem.toml"
 def write_text(path: Path, text: str) -> Path:
     """Writes a file atomically; its path."""
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", errors="surrogateescape")  # as of a file's name that is no text
     return path
 
 

@@ -1,4 +1,4 @@
-"""What Ctrl-C does.
+"""What Ctrl-C does, and SIGTERM, with which schedulers stop a job.
 
 Python raises ``KeyboardInterrupt`` wherever the main thread happens to be: in a callback of XLA it kills the process or
 is lost, during an import it leaves a module half imported, and during a compilation it is not raised at all. So in a
@@ -14,38 +14,53 @@ from collections.abc import Callable, Iterator
 
 INTERRUPTED = 130
 STOPPED = "Stopped."
+SECONDS_FOR_THE_MAIN_THREAD = 0.2
+# What each signal does by default, and how it is given once more.
+_HANDLED = {
+    signal.SIGINT: (signal.default_int_handler, "press Ctrl-C again"),
+    signal.SIGTERM: (signal.SIG_DFL, "send SIGTERM again"),
+}
 
-_listening = False
+_heard: set[int] = set()
+_received = signal.SIGINT
+_ending, _main_thread_waits = threading.Event(), threading.Event()
 _actions: list[Callable[[], object]] = []
 _messages: list[Callable[[], str]] = [lambda: STOPPED]
 _stops: list[tuple[threading.Event, str]] = []
 
 
-def end_at_ctrl_c() -> None:
-    """Makes Ctrl-C end this process with a sentence and exit code 130; only for the process of a command.
+def end_at_signals() -> None:
+    """Makes Ctrl-C and SIGTERM end this process with a sentence and exit code 130 or 143; only for that of a command.
 
-    A process that ignores Ctrl-C, as a shell's background job does, or that handles it itself stays as it is.
+    What the process ignores, as a shell's background job does Ctrl-C, or handles itself stays as it is.
     """
-    global _listening
-    if _listening or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+    if _heard:
+        return
+    _heard.update(number for number, (default, _) in _HANDLED.items() if signal.getsignal(number) is default)
+    if not _heard:
         return
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
-    threading.Thread(target=_listen, args=(reading,), name="Ctrl-C", daemon=True).start()
+    threading.Thread(target=_listen, args=(reading,), name="signals", daemon=True).start()
     signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
-    signal.signal(signal.SIGINT, _raise_nothing)
-    _listening = True
+    for number in _heard:
+        signal.signal(number, _in_the_main_thread)
 
 
 def stop_listening() -> None:
-    """Makes Ctrl-C change nothing any more, because the command has finished."""
-    if _listening:
-        ignore_ctrl_c()
+    """Makes the signals change nothing any more, because the command has finished."""
+    for number in _heard:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def exit_code() -> int:
+    """That of a command which a signal has stopped."""
+    return 128 + _received
 
 
 @contextlib.contextmanager
 def on_interrupt(action: Callable[[], object]) -> Iterator[None]:
-    """Calls ``action``, such as the removal of a half-written file, if Ctrl-C ends the process in this block.
+    """Calls ``action``, such as the removal of a half-written file, if a signal ends the process in this block.
 
     It runs in a thread of its own and must import nothing.
     """
@@ -58,7 +73,7 @@ def on_interrupt(action: Callable[[], object]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def interrupt_message(message: Callable[[], str]) -> Iterator[None]:
-    """Prints ``message()`` if Ctrl-C ends the process in this block; it is called then and must import nothing."""
+    """Prints ``message()`` if a signal ends the process in this block; it is called then and must import nothing."""
     _messages.append(message)
     try:
         yield
@@ -71,12 +86,13 @@ def interrupt_message(message: Callable[[], str]) -> Iterator[None]:
 
 @contextlib.contextmanager
 def stop_requested(message: str = "") -> Iterator[threading.Event]:
-    """An event that the first Ctrl-C sets, printing ``message``; the second one ends or interrupts at once.
+    """An event that the first signal sets, printing ``message``; the second one ends or interrupts at once.
 
-    Outside the main thread, where Python delivers no signals, only a command's Ctrl-C sets it.
+    In the message ``{again}`` says how the second one is given. In Python the signal is Ctrl-C alone; outside the main
+    thread, where Python delivers none, only those of a command set the event.
     """
     event = threading.Event()
-    if _listening:
+    if _heard:
         _stops.append((event, message))
         try:
             yield event
@@ -91,8 +107,7 @@ def stop_requested(message: str = "") -> Iterator[threading.Event]:
     def stop(*_) -> None:
         event.set()
         signal.signal(signal.SIGINT, before)
-        if message:
-            _say(message)
+        _say_stopping(message, signal.SIGINT)
 
     signal.signal(signal.SIGINT, stop)
     try:
@@ -103,39 +118,50 @@ def stop_requested(message: str = "") -> Iterator[threading.Event]:
 
 @contextlib.contextmanager
 def blocked_in_children() -> Iterator[None]:
-    """Processes that start in this block do not receive Ctrl-C, not even while they start; this one does."""
+    """Processes that start in this block receive neither signal, not even while they start; this one does."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _HANDLED)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def ignore_ctrl_c() -> None:
-    """Makes Ctrl-C do nothing, in a worker whose parent receives it too."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def leave_to_parent() -> None:
+    """Makes the signals do nothing in a worker, whose parent receives them too."""
+    for number in _HANDLED:
+        signal.signal(number, signal.SIG_IGN)
 
 
-def _raise_nothing(*_) -> None:
+def _in_the_main_thread(*_) -> None:
     """The handler that Python calls in the main thread, some time after the listening thread has acted."""
+    if _ending.is_set():
+        _main_thread_waits.set()
+        threading.Event().wait()
 
 
 def _listen(reading: int) -> None:
+    global _received
     while True:
-        if signal.SIGINT not in os.read(reading, 64):
+        numbers = [number for number in os.read(reading, 64) if number in _heard]
+        if not numbers:
             continue
+        _received = numbers[-1]
         pending = [(event, message) for event, message in tuple(_stops) if not event.is_set()]
         if not pending:
             _end()
         for event, message in pending:
             event.set()
-            _say(message)
+            _say_stopping(message, _received)
 
 
 def _end() -> None:
+    # Else the main thread might make a file anew that an action has just removed.
+    _ending.set()
+    signal.raise_signal(_received)
+    _main_thread_waits.wait(SECONDS_FOR_THE_MAIN_THREAD)
     for action in reversed(tuple(_actions)):
         with contextlib.suppress(Exception):
             action()
@@ -144,7 +170,12 @@ def _end() -> None:
         message = _messages[-1]()
     _say(message)
     # Not sys.exit, which ends only this thread; and the interpreter's orderly exit does not survive a busy XLA.
-    os._exit(INTERRUPTED)
+    os._exit(exit_code())
+
+
+def _say_stopping(message: str, number: int) -> None:
+    if message:
+        _say(message.format(again=_HANDLED[signal.Signals(number)][1]))
 
 
 def _say(message: str) -> None:
@@ -152,4 +183,4 @@ def _say(message: str) -> None:
     with contextlib.suppress(OSError):
         # On a terminal "^C" is on the current line, perhaps behind a line of progress.
         line = "\n" if os.isatty(2) else ""
-        os.write(2, f"{line}jaxball: {message}\n".encode())
+        os.write(2, f"{line}jaxball: {message}\n".encode(errors="surrogateescape"))

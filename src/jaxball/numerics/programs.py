@@ -127,15 +127,18 @@ class _Program:
             key = digest(store.identity(), self._function, self._is_dynamic is None, rest, *_describe(arrays))
         except NoNameError:
             return None
-        loaded = store.early(key) or executables.loaded(store.read(key))
-        if loaded is not None:
-            with contextlib.suppress(Exception):  # whatever a class of another version raises
-                return functools.partial(_run, loaded.executable, _Rest(*loaded.result()))
+        program = _as_kept(store.early(key)) or _as_kept(executables.loaded(store.read(key)))
+        if program is not None:
+            return program
+        with store.alone(key) as written:
+            return _as_kept(executables.loaded(written)) or self._compiled_for(store, key, rest, arrays)
+
+    def _compiled_for(self, store: Store, key: str, rest: _Rest, arrays: list[Any]) -> Callable[[list[Any]], Any]:
+        """The program, compiled and written to the store."""
         compiled, result = self._made(rest, arrays)
         gives = sum(result.dynamic) if result.dynamic else result.structure.num_leaves
-        content = executables.content(compiled, len(arrays), gives, tuple(result))
-        if content is not None:
-            store.write(key, content)
+        # Nothing, where it cannot be kept, so that no process waits for another one that compiles it.
+        store.write(key, executables.content(compiled, len(arrays), gives, tuple(result)) or b"")
         return functools.partial(_run, compiled, result)
 
     def _made(self, rest: _Rest, arrays: list[Any]) -> tuple[Any, _Rest]:
@@ -150,6 +153,14 @@ class _Program:
         of_arrays.__name__ = of_arrays.__qualname__ = getattr(self, "__name__", "program")
         compiled = jax.jit(of_arrays).lower(arrays).compile()
         return compiled, results[-1]
+
+
+def _as_kept(loaded: executables.Loaded | None) -> Callable[[list[Any]], Any] | None:
+    """A program that was loaded; None where there is none."""
+    if loaded is not None:
+        with contextlib.suppress(Exception):  # whatever a class of another version raises
+            return functools.partial(_run, loaded.executable, _Rest(*loaded.result()))
+    return None
 
 
 def _run(compiled: Any, result: _Rest, arrays: list[Any]) -> Any:

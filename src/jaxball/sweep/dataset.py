@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from .attributes import read_attributes
 from .errors import StoreError
 from .layout import AXES
+from .whole import check_whole
 
 if TYPE_CHECKING:
     import xarray
@@ -14,12 +15,14 @@ if TYPE_CHECKING:
 def open_dataset(folder: str | Path) -> "xarray.Dataset":
     """The rows of a store, done or not, as ``xarray.open_zarr`` opens them; nothing is read but what is asked for.
 
-    **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study.
+    **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study,
+    and when something else has changed a file of it.
     """
     # Imported here, because it takes longer than all of jaxball's own modules.
     import xarray
 
     read_attributes(Path(folder))
+    check_whole(Path(folder))
     return xarray.open_zarr(folder, chunks=None)
 
 

@@ -1,14 +1,19 @@
 """Where chunks are computed: in this process, in processes of its own, or wherever an executor sends them."""
 
 import concurrent.futures
+import contextlib
 import multiprocessing
-import multiprocessing.context
-import multiprocessing.util
+import os
 import threading
 import time
+import traceback
 from collections.abc import Iterable, Iterator
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
+
+import jax
 
 from .. import cache
 from ..interface import interruption
@@ -16,13 +21,13 @@ from .chunk import Done, Task, solve_chunk, solve_chunk_elsewhere
 from .errors import WorkerError
 
 SECONDS_BETWEEN_LOOKS = 0.02
-_starting = threading.Lock()
 
 
-class _Here(concurrent.futures.Executor):
+class Here(concurrent.futures.Executor):
     """Computes at once, in this process."""
 
     def submit(self, fn, /, *args, **kwargs):
+        """The result of ``fn``, as a future."""
         future = concurrent.futures.Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -30,46 +35,109 @@ class _Here(concurrent.futures.Executor):
             future.set_exception(error)
         return future
 
-
-class _Worker(multiprocessing.context.SpawnProcess):
-    """Importing JAX takes seconds, in which a Ctrl-C at the terminal would reach it too."""
-
-    def start(self) -> None:
-        with _starting, interruption.blocked_in_children():
-            super().start()
+    def kill(self) -> None:
+        """There is nothing beside this process."""
 
 
-class _Context(multiprocessing.context.SpawnContext):
-    Process = _Worker
+class Processes(concurrent.futures.ThreadPoolExecutor):
+    """So many processes, each started afresh by a thread that hands it one call after another.
+
+    A process shares its pipe with nobody, so that its end, however it comes, holds up no other.
+    """
+
+    def __init__(self, workers: int):
+        super().__init__(workers)
+        self._of_thread, self._starting, self._killed = threading.local(), threading.Lock(), False
+        self._started: list[tuple[Any, Connection]] = []
+
+    def submit(self, fn, /, *args, **kwargs):
+        """The result of ``fn``, a function of a module, as a future.
+
+        Its ``result`` raises ``BrokenExecutor`` when the process was killed.
+        """
+        return super().submit(self._call, fn, args, kwargs)
+
+    def kill(self) -> None:
+        """Ends the processes at once; what they have not finished has no mark in the store. No other is started."""
+        with self._starting:
+            self._killed = True
+            for process, _ in self._started:
+                process.kill()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Ends the processes when they have done what they are at."""
+        super().shutdown(wait, cancel_futures=cancel_futures)
+        for process, pipe in self._started:
+            pipe.close()
+            process.join()
+
+    def _call(self, *call: Any) -> Any:
+        pipe = self._pipe()
+        try:
+            pipe.send(call)
+            result, error = pipe.recv()
+        except (EOFError, OSError):
+            raise concurrent.futures.BrokenExecutor("A process ended before its call did.") from None
+        if error is not None:
+            raise error
+        return result
+
+    def _pipe(self) -> Connection:
+        """That to the process of this thread."""
+        with self._starting:
+            if self._killed:
+                raise concurrent.futures.BrokenExecutor("The processes were ended.")
+            if not hasattr(self._of_thread, "pipe"):
+                spawn = multiprocessing.get_context("spawn")
+                here, there = spawn.Pipe()
+                process = spawn.Process(target=_serve, args=(there, cache.in_use(), _settings()), daemon=True)
+                if os.name != "nt":  # where it starts one first, Python lets the signals through again
+                    resource_tracker.ensure_running()
+                # Importing JAX takes seconds, in which a Ctrl-C at the terminal would reach it too.
+                with interruption.blocked_in_children():
+                    process.start()
+                there.close()
+                self._started.append((process, here))
+                self._of_thread.pipe = here
+        return self._of_thread.pipe
 
 
-def executor_of(workers: int) -> concurrent.futures.Executor:
-    """An executor with so many processes, each started afresh; this process itself for one worker."""
-    if workers == 1:
-        return _Here()
-    return concurrent.futures.ProcessPoolExecutor(
-        workers, mp_context=_Context(), initializer=_begin, initargs=(cache.in_use(),)
-    )
+def _settings() -> dict[str, Any]:
+    """Those of JAX, on which results and the names of kept programs depend."""
+    return {name: value for name, value in jax.config.values.items() if isinstance(value, bool | int | float | str)}
 
 
-def _begin(folder: Path | None) -> None:
-    """What a worker does first: it leaves Ctrl-C to its parent, and keeps programs where this does."""
-    interruption.ignore_ctrl_c()
+def _serve(pipe: Connection, folder: Path | None, settings: dict[str, Any]) -> None:
+    """What a process does, until there is nothing more to do, or nobody to do it for."""
+    interruption.leave_to_parent()
+    threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
+    for name, value in settings.items():
+        if jax.config.values.get(name) != value:
+            jax.config.update(name, value)
     if folder is not None:
         cache.enable(folder)
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            function, args, kwargs = pipe.recv()
+            try:
+                answer = function(*args, **kwargs), None
+            except Exception as error:
+                error.add_note(f"In a worker: {traceback.format_exc()}")
+                answer = None, error
+            pipe.send(answer)
 
 
-def kill_workers() -> None:
-    """Ends the processes of :func:`executor_of` at once; what they have not finished has no mark in the store.
+def _end_with_parent() -> None:
+    """Ends this process, whatever it is doing, when its parent has ended, however that did."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
-    For a process that ends: no worker can be started any more.
-    """
-    # A worker that is just being started is not yet among the children, and would complain of its parent's end.
-    _starting.acquire()
-    for process in multiprocessing.active_children():
-        process.kill()
-    # As Python does where a process ends by itself; else its tracker of resources complains of those that they shared.
-    multiprocessing.util._run_finalizers(0)  # pyright: ignore[reportAttributeAccessIssue]
+
+def executor_of(workers: int) -> Here | Processes:
+    """An executor with so many processes; this process itself for one worker."""
+    return Here() if workers == 1 else Processes(workers)
 
 
 def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.Event) -> Iterator[Done]:
@@ -80,9 +148,9 @@ def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.
 
     **Raises:** what a task raised, and :class:`WorkerError` when a worker was killed.
     """
-    function = solve_chunk if isinstance(executor, _Here) else solve_chunk_elsewhere
+    function = solve_chunk if isinstance(executor, Here) else solve_chunk_elsewhere
     waiting, tasks = [], iter(tasks)
-    ahead = 1 if isinstance(executor, _Here) else ahead
+    ahead = 1 if isinstance(executor, Here) else ahead
     try:
         while True:
             while len(waiting) < ahead and not stop.is_set():

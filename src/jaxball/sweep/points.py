@@ -35,13 +35,14 @@ def _table(path: Path, digest: str) -> tuple[tuple[str, ...], np.ndarray]:
     import pyarrow.csv
     import pyarrow.parquet
 
-    if hashlib.sha256(path.read_bytes()).hexdigest() != digest:
+    content = path.read_bytes()
+    if hashlib.sha256(content).hexdigest() != digest:
         raise StudyError(f'Key `points` must stay the same file while a study runs, but "{path}" has changed.')
     if path.suffix not in (".csv", ".parquet"):
         raise StudyError(f'Key `points` must be a .csv or .parquet file, but it is "{path}".')
     try:
         read = pyarrow.csv.read_csv if path.suffix == ".csv" else pyarrow.parquet.read_table
-        table = read(path)
+        table = read(pyarrow.BufferReader(content))
     except (ValueError, OSError) as error:
         raise StudyError(f'Key `points` must be a table, but "{path}" is not: {error}.') from None
     for field in table.schema if table.num_rows else ():

@@ -1,6 +1,5 @@
 """A study run, or resumed: chunks computed by workers, each written to the store as it ends."""
 
-import concurrent.futures
 import contextlib
 import io
 from collections.abc import Iterator
@@ -11,20 +10,22 @@ import jax
 
 from ..cpu import cores
 from ..interface.interruption import on_interrupt, stop_requested
+from ..interface.wording import counted
 from .batch import Engine
 from .chunk import Task
 from .engine import solve_in_lanes
 from .errors import StudyError
-from .executors import executor_of, kill_workers, solve_all
+from .executors import executor_of, solve_all
 from .outputs import outputs_of
 from .progress import Progress, Stream
 from .store import Store, open_store
 from .study import Study
 from .table import has_table, write_table
 from .tally import tally
+from .whole import Damage
 
 TASKS_PER_WORKER = 2
-STOPPING = "Stopping when what is being computed is in the store; press Ctrl-C again to stop at once."
+STOPPING = "Stopping when what is being computed is in the store; {again} to stop at once."
 
 
 class Outcome(NamedTuple):
@@ -33,7 +34,7 @@ class Outcome(NamedTuple):
     - ``store``, ``table``: the Zarr store, and the Parquet table, which is there once ``finished``.
     - ``rows``, ``done``: how many rows there are, and how many of them are in the store.
     - ``finished``: whether all are.
-    - ``interrupted``: whether Ctrl-C ended the run.
+    - ``interrupted``: whether a signal, Ctrl-C or a command's SIGTERM, ended the run.
     """
 
     store: Path
@@ -57,8 +58,9 @@ def sweep(
     """Runs a study, or resumes it, and writes a Zarr store and, at the end, a Parquet table.
 
     Chunks of rows are written atomically, and so a run that was killed at any moment is resumed when it is called
-    again. The finished files are the same, byte for byte, whatever the number of workers and the order of chunks, as
-    long as all workers have the same versions, the same ``XLA_FLAGS`` and the same kind of processor.
+    again; chunks of which something else has changed a file are then computed again. The finished files are the same,
+    byte for byte, whatever the number of workers and the order of chunks, as long as all workers have the same
+    versions, the same ``XLA_FLAGS`` and the same kind of processor.
 
     **Arguments:**
 
@@ -76,19 +78,14 @@ def sweep(
     was killed, ``ValueError`` for arguments that cannot be.
     """
     _check(workers, shard)
-    template = study.template()
-    store = open_store(Path(out).resolve(), study, template, outputs_of(study, template))
+    store = open_store(Path(out).resolve(), study, outputs_of(study, study.template()))
+    words = STOPPING if stream is not None else ""
+    stream = io.StringIO() if stream is None else stream
+    stream.write(_mended(study, store.mend()))
     parallel = workers if executor is None else _size(executor)
     before, known = set(store.done()), tally(store.folder)
     mine = [k for k in range(shard[0] - 1, study.chunks, shard[1]) if k not in before]
-    progress = Progress(
-        io.StringIO() if stream is None else stream,
-        study.rows,
-        known,
-        sum(len(study.rows_of(k)) for k in mine),
-        parallel,
-    )
-    words = STOPPING if stream is not None else ""
+    progress = Progress(stream, study.rows, known, sum(len(study.rows_of(k)) for k in mine), parallel)
     threads = max(1, cores() // workers) if executor is None else 1
     tasks = (Task(study, store.folder, k, engine, threads) for k in mine)
     with stop_requested(words) as stop, _running(executor, min(workers, max(len(mine), 1))) as pool:
@@ -101,6 +98,16 @@ def sweep(
         progress.close(tally(store.folder))
         interrupted = stop.is_set()
     return _ended(store, interrupted)
+
+
+def _mended(study: Study, damages: list[Damage]) -> str:
+    """The line that says what is computed again; empty where nothing is."""
+    if not damages:
+        return ""
+    others = f" and {counted(len(damages) - 1, 'other file')}" if damages[1:] else ""
+    rows = sum(len(study.rows_of(chunk)) for chunk in {one.chunk for one in damages} - {None})
+    again = f"{counted(rows, 'row')} {'is' if rows == 1 else 'are'} computed again" if rows else "it is written again"
+    return f'Something has changed "{damages[0].path}"{others}; {again}.\n'
 
 
 def _ended(store: Store, interrupted: bool) -> Outcome:
@@ -120,10 +127,13 @@ def _running(executor: Any, workers: int) -> Iterator[Any]:
     if executor is not None:
         yield executor
         return
-    own: concurrent.futures.Executor = executor_of(workers)
+    own = executor_of(workers)
     try:
-        with on_interrupt(kill_workers):
+        with on_interrupt(own.kill):
             yield own
+    except BaseException:
+        own.kill()
+        raise
     finally:
         own.shutdown(wait=True, cancel_futures=True)
 

@@ -11,13 +11,15 @@ from ..interface.status import Status
 from ..scenario import ScenarioError, read_document
 from ..scenario.paths import with_numbers
 from .attributes import read_attributes
-from .tally import STATUS, column, tally
+from .tally import column, tally
+from .whole import STATUS
 
 
 def describe(folder: str | Path) -> str:
     """How many rows of a store are done, with which statuses, and what is wrong with the first row that failed.
 
-    **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study.
+    **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study,
+    and when something else has changed a file of it.
     """
     folder = Path(folder)
     attributes, tallied = read_attributes(folder), tally(folder)

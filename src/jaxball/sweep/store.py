@@ -5,6 +5,7 @@ place and moved there. When all files of a chunk of rows are on the disk, a mark
 again.
 """
 
+import contextlib
 import os
 import shutil
 import tempfile
@@ -18,15 +19,13 @@ import numpy as np
 from ..interface import interruption
 from ..interface.output import flush_to_disk, part_prefix
 from ..interface.status import Status
-from ..interface.wording import counted
-from ..scenario import Scenario
 from .attributes import differences, identity_of, read_attributes
 from .errors import StoreError
 from .filesystem import remove_dead_parts, remove_parts, write_whole
 from .layout import AXES, dimensions, layout_of
 from .outputs import Output, labels_of
 from .study import Study
-from .tally import MARKS, done
+from .whole import MARKS, Damage, changed, damages, done
 
 POINTS_TOGETHER = 2**20
 
@@ -78,12 +77,27 @@ class Store:
         shape = (self.study.chunk, *output.shape)
         content = path.read_bytes() if path.exists() else b""
         if len(content) != int(np.prod(shape)) * output.dtype.itemsize:
-            raise StoreError(
-                f'The file "{path}" must hold a chunk of {counted(shape[0], "row")}, but something has changed it; '
-                f'remove "{self._mark(chunk)}" and run the same command, to compute the chunk again.'
-            )
+            raise changed(path)
         array = np.frombuffer(content, output.dtype.newbyteorder("<")).reshape(shape)
         return array[: len(self.study.rows_of(chunk))]
+
+    def mend(self) -> list[Damage]:
+        """Takes the marks of chunks of whose files something else has changed one, so that they are computed again.
+
+        What is the same for all rows is written again. Returns what was changed.
+
+        **Raises:** :class:`StoreError` when that cannot be.
+        """
+        found = list(damages(self.folder))
+        for damage in found:
+            if damage.chunk is not None:
+                self._mark(damage.chunk).unlink(missing_ok=True)
+        lost = [damage.path for damage in found if damage.chunk is None]
+        if lost:
+            with _made(self, identity_of(self.study)) as made:
+                for path in lost:
+                    (made / path.relative_to(self.folder)).replace(path)
+        return found
 
     def tidy(self) -> None:
         """Removes what killed processes left."""
@@ -97,7 +111,7 @@ class Store:
         return self.folder / MARKS / str(chunk)
 
 
-def open_store(folder: Path, study: Study, template: Scenario, outputs: dict[str, Output]) -> Store:
+def open_store(folder: Path, study: Study, outputs: dict[str, Output]) -> Store:
     """The store of ``study`` at ``folder``, made where there is none.
 
     **Raises:** :class:`StoreError` when there is something else at that place, the store of another study or of other
@@ -114,7 +128,7 @@ def open_store(folder: Path, study: Study, template: Scenario, outputs: dict[str
                 f'The table of the study would be "{store.table}", but that exists and is not of this study; choose '
                 "another name for the store, or move the table."
             )
-        _create(folder, study, template, outputs, wanted)
+        _create(store, wanted)
     differing = differences(read_attributes(folder), wanted)
     if differing:
         raise StoreError(
@@ -124,22 +138,22 @@ def open_store(folder: Path, study: Study, template: Scenario, outputs: dict[str
     return store
 
 
-def _create(
-    folder: Path, study: Study, template: Scenario, outputs: dict[str, Output], attributes: dict[str, Any]
-) -> None:
+@contextlib.contextmanager
+def _made(store: Store, attributes: dict[str, Any]) -> Iterator[Path]:
+    """A store without results, in a folder beside that is removed afterwards.
+
+    **Raises:** :class:`StoreError` when it cannot be made.
+    """
+    folder = store.folder
     try:
         with (
             tempfile.TemporaryDirectory(prefix=part_prefix(), dir=folder.parent) as beside,
             interruption.on_interrupt(lambda: shutil.rmtree(beside)),
         ):
             made = Path(beside) / "store"
-            _write_metadata(made, study, template, outputs, attributes)
+            _write_metadata(made, store.study, store.outputs, attributes)
             (made / MARKS).mkdir()
-            try:
-                made.rename(folder)
-            except OSError:
-                if not (folder / "zarr.json").exists():  # unless another shard was faster
-                    raise
+            yield made
         flush_to_disk(folder.parent)
     except OSError as error:
         raise StoreError(
@@ -148,12 +162,20 @@ def _create(
         ) from error
 
 
-def _write_metadata(
-    folder: Path, study: Study, template: Scenario, outputs: dict[str, Output], attributes: dict[str, Any]
-) -> None:
+def _create(store: Store, attributes: dict[str, Any]) -> None:
+    with _made(store, attributes) as made:
+        try:
+            made.rename(store.folder)
+        except OSError:
+            if not (store.folder / "zarr.json").exists():  # unless another shard was faster
+                raise
+
+
+def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attributes: dict[str, Any]) -> None:
     # Imported here, because it belongs to the extra `sweep`.
     import zarr
 
+    template = study.template()
     solve = {name: getattr(template, name) for name in ("solver", "rtol", "atol", "max_steps")}
     about = {
         "title": study.title,

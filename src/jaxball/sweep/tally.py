@@ -8,10 +8,7 @@ from jaxtyping import Int
 
 from ..interface.status import Status
 from .attributes import read_attributes
-from .errors import StoreError
-
-MARKS = ".done"  # the folder with a mark for each chunk that is whole
-STATUS = np.dtype(np.int8)
+from .whole import STATUS, changed, check_whole, done
 
 
 class Tally(NamedTuple):
@@ -38,22 +35,15 @@ def tally(folder: Path) -> Tally:
     file of it.
     """
     attributes = read_attributes(folder)
+    check_whole(folder)
     rows, size = attributes["rows"], attributes["chunk"]
     counts, first = np.zeros(len(Status), dtype=int), None
     for chunk in done(folder):
         status = column(folder, "status", chunk, size, STATUS)[: rows - chunk * size]
-        if not np.all((status >= 0) & (status < len(Status))):
-            raise _changed(folder, "status", chunk)
         counts += np.bincount(status, minlength=len(Status))
         if first is None and np.any(status):
             first = chunk * size + int(np.argmax(status != Status.SUCCESS))
     return Tally(counts, first)
-
-
-def done(folder: Path) -> list[int]:
-    """The chunks that are whole, in their order."""
-    marks = folder / MARKS
-    return sorted(int(path.name) for path in marks.iterdir() if path.name.isdigit()) if marks.is_dir() else []
 
 
 def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> np.ndarray:
@@ -64,12 +54,5 @@ def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> n
     path = folder / name / "c" / str(chunk)
     content = path.read_bytes() if path.is_file() else b""
     if len(content) != rows * dtype.itemsize:
-        raise _changed(folder, name, chunk)
+        raise changed(path)
     return np.frombuffer(content, dtype)
-
-
-def _changed(folder: Path, name: str, chunk: int) -> StoreError:
-    return StoreError(
-        f'The file "{folder / name / "c" / str(chunk)}" must hold a number for each row, but something has changed it; '
-        f'remove "{folder / MARKS / str(chunk)}" and run the study again, to compute the chunk again.'
-    )

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from ..numerics import programs
 from ..numerics.batches import in_batches
 from ..physics.body import AbstractBody
 from ..scenario.solvers import SOLVERS
@@ -57,27 +58,34 @@ def _run(method: _Method, stacked: Any) -> dict[str, Any]:
 
 
 @functools.cache
-def _program(method: _Method) -> Callable[..., Any]:
-    def one(system, times, state, rtol, atol, contact):
-        trajectory = simulate(
-            system,
-            times,
-            state,
-            solver=SOLVERS[method.solver](),
-            rtol=rtol,
-            atol=atol,
-            max_steps=method.max_steps,
-            step_to_times=method.step_to_times,
-            dae=method.dae,
-            project=method.project,
-            dense=method.looks_within_steps,
-            events={"detachment": Detachment()} if method.detachment else None,
-            contact=contact,
-        )
-        touches = method.contact and isinstance(system, AbstractBody)
-        extremes = contact_extremes(trajectory) if touches else None
-        results = {name: getattr(trajectory, name) for name in ("status", "steps", "rejected", "reached")}
-        results |= vars(trajectory.state) | contact_results(trajectory)
-        return results if extremes is None else results | {name: getattr(extremes, name) for name in CONTACT}
+def _program(method: _Method) -> Callable[..., dict[str, Any]]:
+    return programs.jit(functools.partial(_solve, method))
 
-    return jax.jit(jax.vmap(one))
+
+def _solve(method: _Method, *stacked: Any) -> dict[str, Any]:
+    return jax.vmap(functools.partial(_solve_one, method))(*stacked)
+
+
+def _solve_one(
+    method: _Method, system: Any, times: Any, state: Any, rtol: Any, atol: Any, contact: Any
+) -> dict[str, Any]:
+    trajectory = simulate(
+        system,
+        times,
+        state,
+        solver=SOLVERS[method.solver](),
+        rtol=rtol,
+        atol=atol,
+        max_steps=method.max_steps,
+        step_to_times=method.step_to_times,
+        dae=method.dae,
+        project=method.project,
+        dense=method.looks_within_steps,
+        events={"detachment": Detachment()} if method.detachment else None,
+        contact=contact,
+    )
+    touches = method.contact and isinstance(system, AbstractBody)
+    extremes = contact_extremes(trajectory) if touches else None
+    results = {name: getattr(trajectory, name) for name in ("status", "steps", "rejected", "reached")}
+    results |= vars(trajectory.state) | contact_results(trajectory)
+    return results if extremes is None else results | {name: getattr(extremes, name) for name in CONTACT}

@@ -21,6 +21,7 @@ def write_json(options: argparse.Namespace, content: dict[str, Any]) -> None:
     if options.json is None:
         return
     text = json.dumps(json_types(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    text = text.encode(errors="backslashreplace").decode()  # a file's name that is no text, in JSON's own way
     if options.json == STDOUT:
         sys.stdout.write(text)
         return

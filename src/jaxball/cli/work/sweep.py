@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from ... import sweep
-from ...interface.interruption import INTERRUPTED, STOPPED, interrupt_message
+from ...interface.interruption import STOPPED, exit_code, interrupt_message
 from ...interface.wording import counted
 from ...scenario.sources import naming
 from ..options import FAILED_SOLVE, BadInputError
@@ -58,7 +58,7 @@ def _sweep(study, options: argparse.Namespace) -> int:
             f"jaxball: Stopped with {outcome.done:,} of {outcome.rows:,} rows done; run the same command to resume.",
             file=sys.stderr,
         )
-        return INTERRUPTED
+        return exit_code()
     print(sweep.describe(outcome.store))
     written = f"{outcome.store}, {outcome.table}" if outcome.finished else f"{outcome.store}; other shards are not done"
     print(f"  written: {written}")
