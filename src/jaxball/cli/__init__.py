@@ -1,10 +1,13 @@
 """The command line: ``jaxball`` and its commands, one a file in ``commands``."""
 
+import gc
 import io
 import sys
 from collections.abc import Sequence
 
 from ..interface import interruption
+
+MANY_OBJECTS = 50_000
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -22,10 +25,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if isinstance(sys.stdout, io.TextIOWrapper):
             # So that no line is lost, and a file's name is printed that is no text.
             sys.stdout.reconfigure(line_buffering=True, errors="surrogateescape")
+        # What a command imports and traces stays until it ends: the collector is spared looking through it each time,
+        # and at the end, which together take as long as importing JAX.
+        gc.set_threshold(MANY_OBJECTS)
     # Imported here, so that signals are handled before anything that takes time.
     from .dispatch import run
 
     code = run(sys.argv[1:] if arguments is None else arguments)
     if of_process:
         interruption.stop_listening()
+        gc.freeze()
     return code

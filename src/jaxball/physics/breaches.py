@@ -147,9 +147,11 @@ def _of_mechanisms(
 ) -> Iterator[Problem]:
     chi = np.asarray(_places_of_mechanisms(system, group, order, times, theta))
     outside = beyond(system, length(chi))
-    aside = np.asarray(_pushed_aside(system, group, order, times[0], theta[0]))
+    aside = (
+        np.asarray(_pushed_aside(system, group, order, times[0], theta[0])) if system.planar else len(order) * [False]
+    )
     for k, index in enumerate(order):
-        if system.planar and aside[k]:
+        if aside[k]:
             must = "move its masses in the plane of a disk, with hinges about E2"
             yield Problem(f"mechanisms[{index}]", must, "a joint of it pushes one aside")
         yield from _out_of_plane(system, f"mechanisms[{index}]", chi[:, k].reshape(-1, 3))

@@ -17,7 +17,6 @@ from ..physics.motion import Driven, OnRail
 from ..physics.released import ReleasedState
 from ..physics.schedules import AbstractSchedule
 from ..physics.state import BallState, DiskState, State
-from ..simulation.equilibrium import balance, with_angles
 from .errors import UntraceableError
 from .mechanisms import ReadMechanism, joints_in_state
 from .table import Key, join, read_one_of, read_table, write_table
@@ -195,6 +194,9 @@ def balanced(
     wanted = fields["balance"]
     if wanted is None:
         return masses
+    # Imported here, because few files need it, and what it imports takes long.
+    from ..simulation.equilibrium import balance, with_angles
+
     path = join(path, "balance")
     on_rails = [index for index, item in enumerate(masses) if isinstance(item.motion, OnRail)]
     if not set(wanted["masses"]) <= set(on_rails):

@@ -2,9 +2,8 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import diffrax
 import numpy as np
 
 from ..interface.arguments import refusal
@@ -14,12 +13,15 @@ from ..physics.contact_law import Contact
 from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem
 from ..sensors import AbstractSensor
-from ..simulation.arguments import DEFAULT_TOLERANCE
-from ..simulation.events import AbstractEvent
-from ..simulation.simulate import simulate
-from ..simulation.trajectory import Trajectory
+from ..simulation.defaults import DEFAULT_TOLERANCE
 from .solve import check_dae
 from .solvers import SOLVERS
+
+if TYPE_CHECKING:
+    import diffrax
+
+    from ..simulation.events import AbstractEvent
+    from ..simulation.trajectory import Trajectory
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -75,14 +77,17 @@ class Scenario:
         atol: float | None = None,
         max_steps: int | None = None,
         dense: bool = False,
-        events: Mapping[str, AbstractEvent] | None = None,
-        progress: diffrax.AbstractProgressMeter | None = None,
+        events: "Mapping[str, AbstractEvent] | None" = None,
+        progress: "diffrax.AbstractProgressMeter | None" = None,
         throw: bool = False,
-    ) -> Trajectory[Any, Any]:
+    ) -> "Trajectory[Any, Any]":
         """The trajectory, with the scenario's own settings where no other is given.
 
         **Raises:** as :func:`jaxball.simulate`, and :class:`ScenarioError` where the solver does not go with ``dae``.
         """
+        # Imported here, because to read a scenario takes no solver, and these take long to import.
+        from ..simulation.simulate import simulate
+
         named = "Key `solve.solver`" if solver is None else "Argument `solver`"
         solver = self.solver if solver is None else solver
         if not isinstance(solver, str) or solver not in SOLVERS:

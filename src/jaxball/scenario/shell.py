@@ -1,7 +1,7 @@
 """What of a scenario cannot be, in the words of its file."""
 
 import re
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,10 +17,12 @@ from ..physics.coupling import moved_masses
 from ..physics.dynamics import solvable_friction
 from ..physics.reach import surely_stay
 from ..physics.state import BallState, DiskState
-from ..simulation.trajectory import Trajectory
 from .table import join
 from .traced import any_traced, leave_open
 from .values import ScenarioError
+
+if TYPE_CHECKING:
+    from ..simulation.trajectory import Trajectory
 
 
 def check_confined(system: System, times: Any, state: BallState | DiskState) -> None:
@@ -66,7 +68,7 @@ def _can_start(system: System, t: Float[Array, ""], state: BallState | DiskState
     return all_hold(system.start_conditions(t, state))
 
 
-def message_in_keys(trajectory: Trajectory[Any, Any]) -> str:
+def message_in_keys(trajectory: "Trajectory[Any, Any]") -> str:
     """How the solve of a scenario ended, in a sentence that names keys of its file where no body can have them."""
     return trajectory.message_of([problem.sentence("Key", key_of(problem.name)) for problem in trajectory.problems])
 

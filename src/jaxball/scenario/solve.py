@@ -4,7 +4,7 @@ from ..classical import NonholonomicParticle, VakonomicParticle
 from ..physics.body import Disk
 from ..physics.contact_law import Contact
 from ..physics.system import AbstractSystem
-from ..simulation.arguments import DEFAULT_TOLERANCE
+from ..simulation.defaults import DEFAULT_TOLERANCE
 from .solvers import KNOW_MASS_MATRICES, SOLVERS
 from .table import Key
 from .values import POSITIVE, Choice, Flag, Integer, Numbers, ScenarioError

@@ -18,8 +18,8 @@ from ..physics.dae import WITH_UNIT
 from ..physics.released import ReleasedState
 from ..physics.system import AbstractState, AbstractSystem, default_of, require_state
 from ..solvers import NDF, RadauIIA
+from .defaults import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 
-DEFAULT_TOLERANCE = 1e-10
 DEFAULT_SOLVER = diffrax.Dopri8()
 DEFAULT_ADJOINT = diffrax.RecursiveCheckpointAdjoint()
 NO_PROGRESS = diffrax.NoProgressMeter()

@@ -35,11 +35,14 @@ def write_table(store: Store) -> None:
     together = max(1, ROWS_OF_A_GROUP // store.study.chunk)
     try:
         # The file is opened here, because pyarrow takes no name that is not text.
-        with atomic_write(store.table, flush=True) as beside, beside.open("wb") as file:
-            with pyarrow.parquet.ParquetWriter(file, schema) as writer:
-                for start in range(0, store.study.chunks, together):
-                    chunks = range(start, min(start + together, store.study.chunks))
-                    writer.write_table(pyarrow.table(_group(store, columns, chunks), schema=schema))
+        with (
+            atomic_write(store.table, flush=True) as beside,
+            beside.open("wb") as file,
+            pyarrow.parquet.ParquetWriter(file, schema) as writer,
+        ):
+            for start in range(0, store.study.chunks, together):
+                chunks = range(start, min(start + together, store.study.chunks))
+                writer.write_table(pyarrow.table(_group(store, columns, chunks), schema=schema))
         flush_to_disk(store.table.parent)
     except OSError as error:
         raise StoreError(
