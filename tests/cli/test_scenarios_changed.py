@@ -111,7 +111,10 @@ def test_one_key_takes_the_place_of_another(folder, capsys):
         ("body[0]=2", "because `body` is no list"),
         ("title.x=2", "because `title` is no table"),
         ("initial.Omega[1]=2", "because the list `initial.Omega` is not in the scenario; give all of it."),
-        ("body.mas=", "Path `body.mas` cannot be taken away, because it is not in the scenario; did you mean `body.mass`?"),
+        (
+            "body.mas=",
+            "Path `body.mas` cannot be taken away, because it is not in the scenario; did you mean `body.mass`?",
+        ),
         ("masses[1]=", "is not in the scenario; did you mean `masses[0]`?"),
         ("body.mass.x=", "Path `body.mass.x` cannot be taken away"),
         ("solve.rtol=", "because it is not in the scenario."),

@@ -31,8 +31,8 @@ def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = Non
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
-    - ``scenario``: the scenario of the run; without one, a file of the system, its initial state and the times is kept,
-      if a file can hold them.
+    - ``scenario``: the scenario of the run, if it is not that which made the trajectory. Where there is none, a file of
+      the system, its initial state and the times is kept, if a file can hold them.
 
     **Raises:** ``ValueError`` for a batch of trajectories.
 
@@ -69,7 +69,7 @@ def save(trajectory: Trajectory[Any, Any], path: str | Path, scenario: Scenario 
         ``mass_positions_body[0][2]`` (mass 0, the third axis); the column ``status`` is 0 for a solve
         that reached its end, and the number of its :class:`~jaxball.Status` for one that failed. The switches of a run
         with a law of contact are left out.
-    - ``scenario``: the scenario of the run, whose text is saved with it; None if there is none.
+    - ``scenario``: the scenario whose text is saved with it, as in :func:`to_dataset`.
 
     A failed solve is saved too, with its status, and NaN after the time that it reached. The write is atomic, so a
     failure never harms an existing file. A symbolic link is followed.
