@@ -23,10 +23,11 @@ if TYPE_CHECKING:
 def to_dataset(trajectory: Trajectory[Any, Any], scenario: Scenario | None = None) -> "xarray.Dataset":
     """The trajectory and all its observables, or the laws of a classical system, as an ``xarray.Dataset``.
 
-    Dimensions are ``time``, ``mass``, ``driven`` (the masses whose angles belong to the state, by their
-    numbers) and those of vectors: ``axis``, ``direction`` in the plane, ``component`` of a versor. All
-    are counted from 0. Attributes say how the solve ended, and hold the scenario's file. A run with a law of contact
-    has its modes too, and along ``switch`` what became of one mode after another.
+    Dimensions are ``time``, ``mass``, ``joint`` (by name, ``mechanisms[0].joints[1]``), ``driven`` (the masses whose
+    angles belong to the state, by their numbers, or, with joints among them, all by name) and those of vectors:
+    ``axis``, ``direction`` in the plane, ``component`` of a versor. All are counted from 0. Attributes say how the
+    solve ended, and hold the scenario's file. A run with a law of contact has its modes too, and along ``switch`` what
+    became of one mode after another.
 
     **Arguments:**
 

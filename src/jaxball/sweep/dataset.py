@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from .attributes import read_attributes
 from .errors import StoreError
-from .layout import AXES
+from .layout import AXES, NAMES
 
 if TYPE_CHECKING:
     import xarray
@@ -14,13 +14,18 @@ if TYPE_CHECKING:
 def open_dataset(folder: str | Path) -> "xarray.Dataset":
     """The rows of a store, done or not, as ``xarray.open_zarr`` opens them; nothing is read but what is asked for.
 
+    Joints have their names as labels, ``data["theta"].sel(driven="mechanisms[0].joints[1]")``. In the store these are
+    an attribute, ``names``, because not every library reads texts from Zarr.
+
     **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study.
     """
     # Imported here, because it takes longer than all of jaxball's own modules.
     import xarray
 
     read_attributes(Path(folder))
-    return xarray.open_zarr(folder, chunks=None)
+    data = xarray.open_zarr(folder, chunks=None)
+    named = {name: data[name].attrs[NAMES] for name in data.indexes if NAMES in data[name].attrs}
+    return data.assign_coords(named)
 
 
 def open_grid(folder: str | Path) -> "xarray.Dataset":
