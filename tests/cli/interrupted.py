@@ -35,6 +35,7 @@ COMMANDS = {
     ("chaos", "ball", "--plot", "means.png"): 20,
     ("verify", "disk", "--json", "report.json"): 20,
     ("stability", "ball.toml", "--rate", "1", "--plot", "eigenvalues.png"): 15,
+    ("periodic", "roboball", "--after", "20", "--period", "3", "--plot", "multipliers.png"): 25,
     ("validate", "ball.toml", "study.toml"): 8,
     ("reproduce", "--out", "out"): 25,
     ("reproduce", "--solvers", "--out", "out"): 25,
