@@ -92,7 +92,7 @@ def scenario_floquet_chart(
         max_steps=template.max_steps,
         progress=progress,
     )
-    data["closed"].values.ravel()[cells.impossible] = False
+    data["closed"].values.flat[cells.impossible] = False
     return cells.finished(data, ("growth", "multiplier", "angle", "period", "residual", "least_normal_force"))
 
 
@@ -150,6 +150,6 @@ class _Cells:
     def finished(self, data: "xarray.Dataset", unknown: tuple[str, ...]) -> "xarray.Dataset":
         """The chart with the values of its axes, and nothing known where no body can be."""
         for name in unknown:
-            data[name].values.ravel()[self.impossible] = np.nan
-        data["status"].values.ravel()[self.impossible] = Status.IMPOSSIBLE
+            data[name].values.flat[self.impossible] = np.nan
+        data["status"].values.flat[self.impossible] = Status.IMPOSSIBLE
         return data.assign_coords({axis.path: axis.values(np.arange(axis.size))[:, 0] for axis in self.axes})
