@@ -44,6 +44,7 @@ COMMANDS = {
     ("view", "run.nc", "--out", "view.html"): 10,
     ("sweep", "plot", "done.zarr", "--out", "drawn"): 10,
     ("sweep", "status", "done.zarr"): 5,
+    ("periodic", "roboball", "--after", "20", "--period", "3", "--plot", "multipliers.png"): 25,
     ("validate", "ball.toml", "study.toml"): 8,
     ("reproduce", "--out", "out"): 25,
     ("reproduce", "--solvers", "--out", "out"): 25,

@@ -189,7 +189,7 @@ def test_a_run_ends_where_more_friction_is_needed_than_there_is(folder, monkeypa
     assert "because rolling needed all the friction there is" in capsys.readouterr().err
     with xarray.open_dataset(folder / "run.nc") as data:
         assert data.attrs["status"] == "SLIPPED"
-        np.testing.assert_allclose(data.attrs["contact_friction_needed"], 0.29, atol=1e-6)
+        np.testing.assert_allclose(data.attrs["friction_needed"], 0.29, atol=1e-6)
         assert 18.0 < data.attrs["reached"] < 19.397
     assert main(["simulate", "disk", "--friction", "0.3"]) == 0
     assert "friction needed, max |f|/N, 0.295097" in capsys.readouterr().out

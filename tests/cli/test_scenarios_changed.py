@@ -77,6 +77,31 @@ def test_a_change_is_a_path_and_a_value(change, path, value):
 
 
 @pytest.mark.parametrize(
+    ("change", "left"),
+    [
+        ("a.b=", {"a": {"list": [1, 2]}, "items": [{"x": 1}, {}]}),
+        ("a.list[0]= ", {"a": {"b": 1, "list": [2]}, "items": [{"x": 1}, {}]}),
+        ("items[0].x=", {"a": {"b": 1, "list": [1, 2]}, "items": [{}, {}]}),
+        ("items[0]=", {"a": {"b": 1, "list": [1, 2]}, "items": [{}]}),
+        ("a=", {"items": [{"x": 1}, {}]}),
+    ],
+)
+def test_a_change_without_a_value_takes_away(change, left):
+    document = {"a": {"b": 1, "list": [1, 2]}, "items": [{"x": 1}, {}]}
+    assert with_values(document, [change]) == left
+    assert document["items"] == [{"x": 1}, {}]
+
+
+def test_one_key_takes_the_place_of_another(folder, capsys):
+    """`time.saves` and `time.step` exclude each other."""
+    assert main(["validate", "disk.toml"]) == 0
+    step = ["--set", "time.step=0.5", "--end", "1", "--quiet"]
+    assert main(["simulate", "disk.toml", *step]) == 2
+    assert main(["simulate", "disk.toml", "--set", "time.saves=", *step, "--out", "run.npz"]) == 0
+    assert load_run(folder / "run.npz").times.tolist() == [0.0, 0.5, 1.0]
+
+
+@pytest.mark.parametrize(
     ("change", "sentence"),
     [
         ("body.mass", "must be PATH=VALUE, such as body.mass=2"),
@@ -86,6 +111,13 @@ def test_a_change_is_a_path_and_a_value(change, path, value):
         ("body[0]=2", "because `body` is no list"),
         ("title.x=2", "because `title` is no table"),
         ("initial.Omega[1]=2", "because the list `initial.Omega` is not in the scenario; give all of it."),
+        (
+            "body.mas=",
+            "Path `body.mas` cannot be taken away, because it is not in the scenario; did you mean `body.mass`?",
+        ),
+        ("masses[1]=", "is not in the scenario; did you mean `masses[0]`?"),
+        ("body.mass.x=", "Path `body.mass.x` cannot be taken away"),
+        ("solve.rtol=", "because it is not in the scenario."),
         ("body.mass=two words", "must be a number, a word, or another value of TOML"),
     ],
 )

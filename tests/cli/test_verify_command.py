@@ -3,10 +3,12 @@
 import json
 import os
 
+import numpy as np
 import pytest
 
 from jaxball.cli import main
-from jaxball.scenario import builtin_text
+from jaxball.results import saved_scenario
+from jaxball.scenario import builtin_text, builtin_title
 
 
 @pytest.fixture(autouse=True)
@@ -39,6 +41,39 @@ def test_a_run_that_is_not_to_be_believed(capsys):
 def test_a_solve_that_fails(capsys):
     assert main(["verify", "fails.toml", "--laws", "energy"]) == 3
     assert "Do not believe this run: The solve stopped at t = " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["run.nc", "run.npz"])
+def test_a_saved_run_is_compared_with_that_of_its_scenario(capsys, name):
+    chosen = ["--laws", "saved", "p_y"]
+    settings = ["--rtol", "1e-6", "--set", "title=saved"]
+    assert main(["simulate", "nonholonomic-particle", *settings, "--out", name, "--quiet"]) == 0
+    assert main(["verify", name, *chosen, "--json", "-"]) == 0
+    captured = capsys.readouterr()
+    assert captured.err.startswith(f"{name}: saved")
+    rows = json.loads(captured.out)[name]["rows"]
+    assert {row["law"]: row["verdict"] for row in rows} == {"saved": "holds", "p_y": "holds"}
+    assert rows[0]["residual"] == 0
+
+
+def test_states_that_were_changed_are_found(tmp_path, capsys):
+    assert main(["simulate", "nonholonomic-particle", "--out", "run.npz", "--quiet"]) == 0
+    with np.load(tmp_path / "run.npz") as data:
+        content = dict(data)
+    content["x"][7] += 1e-4
+    np.savez(tmp_path / "other.npz", **content)
+    assert main(["verify", "other.npz", "--laws", "saved"]) == 1
+    assert "Do not believe this run: saved" in capsys.readouterr().out
+
+
+def test_a_run_is_a_scenario_for_every_command(tmp_path, capsys):
+    assert main(["simulate", "nonholonomic-particle", "--rtol", "1e-6", "--out", "run.nc", "--quiet"]) == 0
+    assert main(["validate", "run.nc"]) == 0
+    assert main(["simulate", "run.nc", "--rtol", "1e-12", "--end", "1", "--out", "finer.nc"]) == 0
+    again = saved_scenario(tmp_path / "finer.nc")
+    assert (again.title, again.rtol, again.times[-1]) == (builtin_title("nonholonomic-particle"), 1e-12, 1.0)
+    assert main(["simulate", "none.nc"]) == 2
+    assert '"none.nc" does not exist.' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,21 @@ def test_the_papers_ball(balls):
         assert_same(found, k, simulate(ball, TIMES, jax.tree.map(lambda leaf, k=k: jnp.asarray(leaf[k]), state)), 1e-11)
 
 
+def test_an_ensemble_is_read_as_a_trajectory_is():
+    system, state = disks([1.0, -1.0, 2.0])
+    found = simulate_ensemble(system, TIMES, state, **SMALL)
+    for name in ("system", "times", "state", "reached", "status", "steps", "rejected", "start", "contact"):
+        assert getattr(found, name) is getattr(found.trajectory, name)
+    assert found.ok.tolist() == [True, False, True]
+    runs = list(found)
+    assert len(runs) == len(found) == 3
+    assert [run.ok for run in runs] == found.ok.tolist()
+    one = single(system, state, 2)
+    np.testing.assert_allclose(runs[2].state.phi, one.state.phi, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found[-1].observables.energy, one.observables.energy, rtol=0, atol=1e-9)
+    assert "no body can have these parameters" in runs[1].message
+
+
 def pushed_from(t, start):
     return jnp.where(t < start, 0.0, 1.0) * jnp.array([3.0, 0.0, 0.0])
 

@@ -85,6 +85,28 @@ def test_a_trajectory_saves_itself_with_its_system(tmp_path):
         trajectory.save(tmp_path / "run.xlsx")
 
 
+@pytest.mark.parametrize("suffix", [".nc", ".npz"])
+def test_a_run_of_a_scenario_saves_its_title_and_settings(tmp_path, suffix):
+    """Those of the call in the place of the scenario's; a run that was read back has them, and saves them again."""
+    settings = '\n[solve]\nsolver = "tsit5"\nmax_steps = 999\nstep_to_times = true\n'
+    scenario = read_scenario('title = "A disk"\n' + DISK + settings)
+    run = scenario.simulate(rtol=1e-7, atol=1e-9)
+    path = run.save(tmp_path / f"run{suffix}")
+    for saved in (path, load_run(path).save(tmp_path / f"again{suffix}")):
+        again = saved_scenario(saved)
+        assert (again.title, again.solver, again.max_steps) == ("A disk", "tsit5", 999)
+        assert (again.rtol, again.atol, again.step_to_times) == (1e-7, 1e-9, True)
+        np.testing.assert_array_equal(again.simulate().state.z, run.state.z)
+    assert run.to_dataset().attrs["title"] == "A disk"
+    assert "A disk" in run.view().html
+
+
+def test_what_a_transformation_returns_has_no_scenario():
+    run = read_scenario(DISK).simulate()
+    assert run.scenario is not None
+    assert jax.tree.map(lambda leaf: 2 * leaf, run).scenario is None
+
+
 def test_a_file_without_a_scenario_needs_the_system(tmp_path):
     def helix(theta, parameters):
         return 0.5 * jnp.stack([jnp.cos(theta), jnp.sin(theta), 0.1 * theta])
@@ -92,6 +114,8 @@ def test_a_file_without_a_scenario_needs_the_system(tmp_path):
     motion = jaxball.OnRail(jaxball.FunctionRail(helix), jaxball.Pulse(0.0))
     ball = jaxball.Ball(mass=1.0, inertia=(0.9, 1.0, 1.1), masses=[jaxball.PointMass(0.2, motion)])
     trajectory = simulate(ball, np.linspace(0.0, 0.1, 3), jaxball.ReducedState(Omega=[0.1, 0.2, 0.3]))
+    scenario = jaxball.Scenario("A helix", ball, trajectory.start, np.asarray(trajectory.times))
+    assert trajectory.made_by(scenario).to_dataset().attrs["title"] == "A helix"
     path = trajectory.save(tmp_path / "run.nc")
     with pytest.raises(RunError, match=r"holds no scenario.*give its system: load_run\(path, system\)\.$"):
         load_run(path)

@@ -1,6 +1,7 @@
 """Saved trajectories are read again by the libraries for their formats, and a failure harms no file."""
 
 import csv
+import json
 
 import numpy as np
 import pandas
@@ -8,11 +9,11 @@ import pytest
 import xarray
 
 from jaxball import ReducedState, Status, simulate
-from jaxball.plot.sweeps.results import result_names
+from jaxball.plot.sweeps.results import label_of, result_names
 from jaxball.results import OutputError, save, to_dataset
 from jaxball.scenario import read_scenario, write_scenario
 from jaxball.scenario.paths import check_number, entries
-from jaxball.sweep import open_dataset, read_study, sweep
+from jaxball.sweep import open_dataset, open_grid, read_study, sweep
 from tests.scenario.documents import BALL, DISK
 
 INTEGRATED = BALL + '[force]\nconstant = [0.1, 0.0, 0.0]\n[actuation]\nform = "integrated"\n'
@@ -97,6 +98,52 @@ def test_runs_and_studies_count_alike(ball, tmp_path):
     for names in (columns, pandas.read_parquet(outcome.table).columns, result_names(data)):
         assert numbers <= set(names)
     check_number({"initial": {"Omega": [0.0, 0.0, 0.1]}}, "initial.Omega[1]")
+
+
+ROBOT = (
+    BALL
+    + """
+[[mechanisms]]
+[[mechanisms.joints]]
+kind = "hinge"
+axis = [0.0, 1.0, 0.0]
+schedule = { kind = "constant-rate", theta = 0.1, rate = 0.2 }
+[[mechanisms.joints]]
+kind = "hinge"
+axis = [1.0, 0.0, 0.0]
+[[mechanisms.masses]]
+mass = 0.2
+place = [0.0, 0.0, -0.5]
+"""
+)
+
+
+def test_joints_have_one_name_in_runs_and_in_stores(tmp_path, recwarn):
+    """Along `driven` and along `joint`; in Zarr as an attribute, because not every library reads texts from it."""
+    scenario = read_scenario(ROBOT)
+    run = scenario.simulate()
+    with xarray.open_dataset(run.save(tmp_path / "run.nc")) as data:
+        assert data["joint"].values.tolist() == ["mechanisms[0].joints[0]", "mechanisms[0].joints[1]"]
+        assert data["driven"].values.tolist() == ["mechanisms[0].joints[1]"]
+        free = data["joint_angles"].sel(joint="mechanisms[0].joints[1]")
+        np.testing.assert_array_equal(free, data["theta"].sel(driven="mechanisms[0].joints[1]"))
+    state = {name: np.asarray(leaf)[None] for name, leaf in vars(run.state).items()}
+
+    def engine(batch, wanted):
+        counts = np.zeros(1, dtype=int)
+        return {"status": counts, "steps": counts, "rejected": counts, "reached": np.ones(1), **state}
+
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    text = 'format = 1\nscenario = "robot.toml"\nsave = "times"\n[[axes]]\npath = "body.mass"\nvalues = [1.0]\n'
+    recwarn.clear()
+    outcome = sweep(read_study(text, tmp_path), tmp_path / "s.zarr", engine=engine)
+    assert [str(item.message) for item in recwarn] == []
+    for data in (open_dataset(outcome.store), open_grid(outcome.store)):
+        np.testing.assert_array_equal(np.ravel(data["theta"].sel(driven="mechanisms[0].joints[1]")), free)
+    assert label_of(open_dataset(outcome.store), "theta[0]") == r"$\theta_{1}$ at the end (rad or length)"
+    metadata = json.loads((outcome.store / "driven" / "zarr.json").read_text())
+    assert metadata["data_type"] == "int64"
+    assert metadata["attributes"]["names"] == ["mechanisms[0].joints[1]"]
 
 
 @pytest.mark.parametrize("suffix", [".nc", ".npz", ".csv"])

@@ -16,6 +16,26 @@ def hinge(axis=(0.0, 1.0, 0.0), drive=None, on=None):
     return Hinge(axis, drive=drive, on=on)
 
 
+def test_joints_start_at_0_where_no_state_is_given():
+    """As in files; what a law drives has a start that it follows from, which must be given."""
+    spring = hinge(drive=jaxball.Spring(stiffness=0.1, rest=0.3))
+    ball = jaxball.Ball(**SHELL, mechanisms=[Mechanism([spring, hinge((1.0, 0.0, 0.0))], [BOB])])
+    run, given = (
+        jaxball.simulate(ball, [0.0, 0.5], state)
+        for state in (None, jaxball.BallState(theta=[0.0, 0.0], thetadot=[0.0, 0.0]))
+    )
+    assert run.ok
+    assert run.start.theta.tolist() == [0.0, 0.0]
+    np.testing.assert_array_equal(run.state.theta, given.state.theta)
+    assert abs(run.state.theta[1, 0]) > 1e-3
+    driven = Mechanism([hinge(drive=jaxball.Accelerated())], [BOB])
+    law = jaxball.FunctionLaw(lambda t, state, _: jnp.zeros(1))
+    with pytest.raises(
+        ValueError, match=r"holds the angles of mechanisms\[0\].joints\[0\], which a law drives; pass Ball"
+    ):
+        jaxball.simulate(jaxball.Ball(**SHELL, mechanisms=[driven], law=law), [0.0, 0.5])
+
+
 @pytest.mark.parametrize(
     ("make", "kind", "sentence"),
     [
@@ -99,8 +119,6 @@ def test_joints_whose_inertia_is_singular_are_named():
 
 
 def test_states_need_the_angles_of_joints():
-    with pytest.raises(ValueError, match=r"it holds the angles of mechanisms\[0\].joints\[0\]"):
-        jaxball.simulate(ball(), [0.0, 1.0])
     with pytest.raises(ValueError, match=r"must have 1 entries in theta and in thetadot, those of mechanisms\[0\]"):
         jaxball.simulate(ball(), [0.0, 1.0], jaxball.BallState())
 

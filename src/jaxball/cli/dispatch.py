@@ -22,6 +22,7 @@ COMMANDS = {
     "view": "show a saved run in one HTML file",
     "chaos": "Lyapunov exponents, charts of them and Poincaré maps of a scenario",
     "stability": "steady motions of a scenario's ball, and their stability",
+    "periodic": "periodic motions of a scenario, their stability, and charts of it",
     "verify": "check the laws of mechanics on a run",
     "sweep": "run a study: a scenario with other numbers in each row",
     "design": "find a design by gradients through the simulation",

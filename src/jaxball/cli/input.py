@@ -1,13 +1,15 @@
-"""The scenario that a command reads: a file, a built-in one or standard input, with some of its values changed.
+"""The scenario that a command reads: a file, a built-in one, that of a run or of standard input, perhaps changed.
 
 As a document it needs no JAX; :func:`scenario_of` does.
 """
 
 import argparse
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .. import scenario
+from ..results.files import READ_BACK, saved_text
 from ..scenario.errors import ScenarioError
 from ..scenario.paths import with_values
 from ..scenario.sources import document_of, naming, scenario_text
@@ -21,22 +23,32 @@ STDIN = "-"
 def add_scenario(parser: argparse.ArgumentParser) -> None:
     """Adds FILE|NAME and --set."""
     parser.add_argument(
-        "scenario", metavar="FILE|NAME", help="a scenario file, a built-in scenario, or - for standard input"
+        "scenario",
+        metavar="FILE|NAME",
+        help="a scenario file, a built-in scenario, a saved run (.nc or .npz), or - for standard input",
     )
     parser.add_argument(
         "--set",
         action="append",
         default=[],
         metavar="PATH=VALUE",
-        help="change a value of the scenario, as in body.mass=2 or 'masses[0].mass=0.3'; may be given several times",
+        help="change a value of the scenario, as in body.mass=2 or 'masses[0].mass=0.3', or take a key away, as in "
+        "time.step=; may be given several times",
     )
 
 
-def input_text(source: str) -> str | None:
-    """The text of standard input where ``source`` is -, else None.
+def is_run(source: str) -> bool:
+    """Whether ``source`` is the name of a saved run, by its suffix."""
+    return Path(source).suffix in READ_BACK
 
-    **Raises:** :class:`~jaxball.ScenarioError` where it is not text.
+
+def input_text(source: str) -> str | None:
+    """The text of standard input where ``source`` is -, that of the scenario in a saved run, or else None.
+
+    **Raises:** :class:`~jaxball.ScenarioError` where it is not text, and where there is none.
     """
+    if is_run(source):
+        return saved_text(Path(source))
     if source != STDIN:
         return None
     try:
@@ -63,7 +75,7 @@ def scenario_document(options: argparse.Namespace, end: float | None = None) -> 
 
 
 def named_document(source: str) -> dict[str, Any]:
-    """The document of a scenario file, of a built-in name, or on standard input.
+    """The document of a scenario file, of a built-in name, of a saved run, or on standard input.
 
     **Raises:** :class:`~jaxball.ScenarioError` where it cannot be read.
     """

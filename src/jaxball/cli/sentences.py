@@ -8,6 +8,7 @@ POSITIONAL = {
     "name": "NAME",
     "problems": "PROBLEM",
     "data": "STORE",
+    "ball": "The scenario's ball",
     "inclination": "INCLINATION",
     "precession": "PRECESSION",
 }

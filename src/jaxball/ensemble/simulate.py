@@ -7,11 +7,12 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from ..cpu import cores
 from ..interface.arguments import described, require
 from ..interface.printing import Printed, shown
+from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, to_numpy
 from ..numerics.batches import even_size, in_threads, unpadded
 from ..physics.body_on_plane import BodyOnPlane
@@ -25,6 +26,7 @@ from ..simulation.arguments import (
     checked_tolerances,
     require_kind_of_state,
 )
+from ..simulation.history import ContactHistory
 from ..simulation.modal import history, on_plane
 from ..simulation.trajectory import Trajectory
 from .parameters import for_all_rows, shared_leaves
@@ -40,11 +42,13 @@ _warm: set[Any] = set()
 
 
 class Ensemble(Printed):
-    """Many runs, with the runs as leading axis.
+    """Many runs, with the runs as leading axis; ``ensemble[k]`` is the trajectory of run k.
 
     - ``trajectory``: as ``jax.vmap`` of :func:`jaxball.simulate` gives it.
     - ``reductions``: what was asked for of each run, by name.
     - ``executed``: the steps of all lanes, idle ones among them.
+    - ``system``, ``times``, ``state``, ``reached``, ``status``, ``steps``, ``rejected``, ``start``, ``contact``: as of
+      ``trajectory``.
     """
 
     trajectory: Trajectory[Any, Any]
@@ -61,6 +65,54 @@ class Ensemble(Printed):
             span = f"from {np.min(finite):.6g} to {np.max(finite):.6g}" if finite.size else "not finite in any run"
             lines.append(f"  {name} {span}")
         return "\n".join(lines)
+
+    def __len__(self) -> int:
+        return len(self.trajectory.status)
+
+    def __getitem__(self, run: int) -> Trajectory[Any, Any]:
+        """The trajectory of one run, with its ``observables``, ``plot()`` and all else."""
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf[run]), self.trajectory)
+
+    @property
+    def system(self) -> Any:
+        return self.trajectory.system
+
+    @property
+    def times(self) -> Float[Array | np.ndarray, "runs T"]:
+        return self.trajectory.times
+
+    @property
+    def state(self) -> Any:
+        return self.trajectory.state
+
+    @property
+    def reached(self) -> Float[Array, " runs"]:
+        return self.trajectory.reached
+
+    @property
+    def status(self) -> Int[Array, " runs"]:
+        return self.trajectory.status
+
+    @property
+    def steps(self) -> Int[Array, " runs"]:
+        return self.trajectory.steps
+
+    @property
+    def rejected(self) -> Int[Array, " runs"]:
+        return self.trajectory.rejected
+
+    @property
+    def start(self) -> Any:
+        return self.trajectory.start
+
+    @property
+    def contact(self) -> ContactHistory | None:
+        return self.trajectory.contact
+
+    @property
+    def ok(self) -> Bool[Array, " runs"]:
+        """Whether each solve reached its end, or an event that it was to end at."""
+        return (self.status == Status.SUCCESS) | (self.status == Status.EVENT)
 
     @property
     def efficiency(self) -> Float[Array, ""]:
@@ -127,8 +179,10 @@ def simulate_ensemble(
     ...     return Disk(mass=1.0, inertia=0.5, radius=radius), DiskState(phidot=-jnp.ones_like(radius))
     >>> disks, starts = jax.vmap(rolling)(jnp.array([1.0, 2.0, 3.0]))
     >>> ensemble = simulate_ensemble(disks, [0.0, 2.0], starts)
-    >>> print(ensemble.trajectory.state.z[:, -1])
+    >>> print(ensemble.state.z[:, -1])
     [2. 4. 6.]
+    >>> float(ensemble[1].observables.kinetic_energy[-1])
+    3.0
     """
     if contact is None or not isinstance(state, ReleasedState):
         require_kind_of_state(system, state)

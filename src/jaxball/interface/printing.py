@@ -80,7 +80,7 @@ def json_types(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return json_types(value.tolist())
     if isinstance(value, complex):
-        return {"real": value.real, "imaginary": value.imag}
+        return {"real": json_types(value.real), "imaginary": json_types(value.imag)}
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -77,12 +77,15 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
             yield from solvable_friction(self.prepare(), t, state)
 
     def default_state(self) -> State:
-        if self.coordinates:
+        by_law = [self.coordinates[slot] for slot in self.accelerated]
+        if by_law:
             raise ValueError(
-                "Argument `state` must be given, because it holds the angles of "
-                f"{all_of(self.coordinates)}; pass {self.state_type.__name__}(theta=..., thetadot=...)."
+                f"Argument `state` must be given, because it holds the angles of {all_of(by_law)}, which a law drives; "
+                f"pass {self.state_type.__name__}(theta=..., thetadot=...)."
             )
-        return AbstractSystem.default_state(self)
+        if not self.joints:
+            return AbstractSystem.default_state(self)
+        return self.state_type(theta=np.zeros(len(self.joints)), thetadot=np.zeros(len(self.joints)))
 
     def require_state(self, state: Any) -> None:
         AbstractSystem.require_state(self, state)

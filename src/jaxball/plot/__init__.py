@@ -13,6 +13,7 @@ from .chaos import (
     chaos_chart as chaos_chart,
     eigenvalues as eigenvalues,
     lyapunov_convergence as lyapunov_convergence,
+    multipliers as multipliers,
     poincare_section as poincare_section,
     stability_chart as stability_chart,
 )

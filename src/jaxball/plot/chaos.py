@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
-from matplotlib.patches import Patch
+from matplotlib.patches import Circle, Patch
 
 from ..chaos import LyapunovSpectrum
-from ..stability import SteadyMotion
+from ..stability import PeriodicMotion, SteadyMotion
 from .style import COMPONENTS, INK, SMALL, SQUARE, colour_bar, legend_above, mass_line, named, plane_axes, zero_line
 from .symbols import symbol
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 CHART = (5.2, 4.0)
 LIFTED, FAILED = "0.82", "#BB5566"
+STABLE = ((True, "stable", "o", COMPONENTS[0]), (False, "unstable", "x", COMPONENTS[1]))
 NEUTRAL = 1e-6  # a growth rate, of either sign, that is rounding
 
 
@@ -141,16 +142,38 @@ def eigenvalues(motions: Sequence[SteadyMotion], ax: Axes | None = None) -> Axes
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
     ax = plane_axes(ax, SQUARE)
+    _in_the_complex_plane(ax, [(motion.stable, motion.eigenvalues) for motion in motions], r"\lambda")
+    return ax
+
+
+def multipliers(motions: Sequence[PeriodicMotion], ax: Axes | None = None) -> Axes:
+    """The Floquet multipliers of periodic motions in the complex plane, with the unit circle, as :func:`eigenvalues`.
+
+    Deviations grow where a multiplier is outside of the circle.
+
+    **Arguments:**
+
+    - ``motions``: what :func:`jaxball.stability.periodic_motion` finds.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax, SQUARE)
+    ax.add_patch(Circle((0.0, 0.0), 1.0, fill=False, color="0.75", linewidth=0.6, zorder=0))
+    _in_the_complex_plane(ax, [(motion.stable, motion.multipliers) for motion in motions if motion.periodic], r"\rho")
+    ax.set_aspect("equal", adjustable="datalim")
+    return ax
+
+
+def _in_the_complex_plane(ax: Axes, found: Sequence[tuple[bool, np.ndarray]], letter: str) -> None:
+    """The numbers of each motion, which is stable or not."""
     ax.axvline(0.0, color="0.75", linewidth=0.6, zorder=0)
     zero_line(ax)
-    looks = ((True, "stable", "o", COMPONENTS[0]), (False, "unstable", "x", COMPONENTS[1]))
-    for stable, label, marker, colour in looks:
-        chosen = [motion.eigenvalues for motion in motions if motion.stable == stable]
+    for stable, label, marker, colour in STABLE:
+        chosen = [numbers for one, numbers in found if one == stable]
         if chosen:
             values = np.concatenate(chosen)
             ax.plot(
                 np.real(values), np.imag(values), marker, ms=5, linestyle="none", color=colour, label=label, mfc="none"
             )
-    named(ax, r"$\mathrm{Re}\,\lambda$", r"$\mathrm{Im}\,\lambda$")
+    named(ax, rf"$\mathrm{{Re}}\,{letter}$", rf"$\mathrm{{Im}}\,{letter}$")
     legend_above(ax)
-    return ax

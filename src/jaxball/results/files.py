@@ -1,11 +1,17 @@
 """The files that a run is saved in and read back from; nothing here needs JAX."""
 
+import contextlib
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from ..scenario.errors import ScenarioError
 
+FORMAT = 1
 SUFFIXES = (".nc", ".npz", ".csv")
 READ_BACK = SUFFIXES[:2]  # a .csv holds only numbers
+UNKNOWN_SOLVER = "# Made from a trajectory, which does not hold its solver settings: there is no table [solve].\n"
 
 
 class RunError(ScenarioError):
@@ -20,3 +26,68 @@ def check_saved(path: Path) -> None:
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "does not exist"
         raise RunError(f'A run is read back from a file, but "{path}" {what}.')
+
+
+def saved_attributes(path: Path) -> Mapping[str, Any]:
+    """The attributes of a saved run.
+
+    **Raises:** :class:`RunError` where there is none, or one of another version of the format.
+    """
+    check_saved(path)
+    with refused(path):
+        about = ATTRIBUTES[path.suffix](path)
+        if "format" not in about:
+            raise ValueError("it has no `format`")
+        number = int(about["format"])
+    if number != FORMAT:
+        raise RunError(
+            f'The run "{path}" was saved by jaxball {about.get("jaxball_version", "?")} in format {number}, '
+            f"and this version reads format {FORMAT}; read it with that version, or a later one."
+        )
+    return about
+
+
+def saved_text(path: Path) -> str:
+    """The text of the scenario in a saved run.
+
+    **Raises:** :class:`RunError` where there is none, and as :func:`saved_attributes`.
+    """
+    text = str(saved_attributes(path).get("scenario", ""))
+    if not text:
+        raise RunError(
+            f'The run "{path}" holds no scenario, because a file cannot hold what it was made of, such as a Python '
+            "function; give its system: load_run(path, system)."
+        )
+    return text
+
+
+@contextlib.contextmanager
+def refused(path: Path) -> Iterator[None]:
+    """Turns what is raised as a file is read into a :class:`RunError`."""
+    try:
+        yield
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise no_run(path, str(error).splitlines()[0] if str(error) else type(error).__name__) from None
+
+
+def no_run(path: Path, reason: str) -> RunError:
+    """The error of a file that is no run."""
+    return RunError(f'The file "{path}" must be a run that jaxball saved, but it is not: {reason}.')
+
+
+def _of_netcdf(path: Path) -> Mapping[str, Any]:
+    # Imported here, as below, because what reads no run has no use for it.
+    import h5netcdf
+
+    with h5netcdf.File(path, "r") as file:
+        return dict(file.attrs)
+
+
+def _of_npz(path: Path) -> Mapping[str, Any]:
+    import numpy as np
+
+    with np.load(path, allow_pickle=False) as data:
+        return {name: array.item() for name in data.files if (array := data[name]).ndim == 0}
+
+
+ATTRIBUTES: dict[str, Callable[[Path], Mapping[str, Any]]] = dict(zip(READ_BACK, (_of_netcdf, _of_npz), strict=True))

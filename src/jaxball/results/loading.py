@@ -1,10 +1,9 @@
 """Reads a saved run back."""
 
 import dataclasses
-import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -15,8 +14,7 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
 from .contact import read_history
-from .files import READ_BACK, RunError, check_saved
-from .provenance import FORMAT
+from .files import READ_BACK, UNKNOWN_SOLVER, RunError, no_run, refused, saved_attributes, saved_text
 
 DRIVEN_FIELDS = ("theta", "thetadot")  # left out of a file where no mass is driven
 
@@ -26,7 +24,8 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
 
     Its system is that of the scenario in the file, and its observables, or laws, are computed from the states. Its
     status is that of the run, so a failed run is not ``ok``. Dense output and events are not in a file: ``at`` raises,
-    and ``events`` is empty. ``contact`` of a run with a law of contact is the same, with its switches.
+    and ``events`` is empty. ``contact`` of a run with a law of contact is the same, with its switches. ``scenario`` is
+    that which made the run, where the file has its settings too.
 
     **Arguments:**
 
@@ -51,13 +50,16 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
       z at the end: 2
     """
     path = Path(path)
-    content = _read(path)
+    about = saved_attributes(path)
+    scenario = None
     if system is None:
-        system = _scenario(content, path).system
-    arrays, about = content
+        scenario = _scenario(path)
+        system = scenario.system
+    with refused(path):
+        arrays = ARRAYS[path.suffix](path)
     state = _state(arrays, system, path)
     try:
-        return Trajectory(
+        run = Trajectory(
             system=system,
             times=arrays["time"],
             state=state,
@@ -65,10 +67,13 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
             status=jnp.asarray(int(Status[str(about["status"])])),
             steps=jnp.asarray(int(about["steps"])),
             rejected=jnp.asarray(int(about["rejected_steps"])),
+            start=None if scenario is None else scenario.state,
             contact=read_history(arrays, about, state),
         )
     except (KeyError, ValueError) as error:
-        raise _no_run(path, f"{error} is missing or wrong") from None
+        raise no_run(path, f"{error} is missing or wrong") from None
+    settings_known = not str(about.get("scenario", "")).startswith(UNKNOWN_SOLVER)
+    return run.made_by(scenario) if scenario is not None and settings_known else run
 
 
 def saved_scenario(path: str | Path) -> Scenario:
@@ -80,45 +85,14 @@ def saved_scenario(path: str | Path) -> Scenario:
 
     **Raises:** :class:`RunError` as :func:`load_run`.
     """
-    path = Path(path)
-    return _scenario(_read(path), path)
+    return _scenario(Path(path))
 
 
-class _Content(NamedTuple):
-    arrays: Mapping[str, np.ndarray]
-    about: Mapping[str, Any]
-
-
-def _read(path: Path) -> _Content:
-    check_saved(path)
+def _scenario(path: Path) -> Scenario:
     try:
-        content = READERS[path.suffix](path)
-        number = int(content.about["format"])
-    except KeyError:
-        raise _no_run(path, "it has no `format`") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise _no_run(path, str(error).splitlines()[0] if str(error) else type(error).__name__) from None
-    if number != FORMAT:
-        raise RunError(
-            f'The run "{path}" was saved by jaxball {content.about.get("jaxball_version", "?")} in format {number}, '
-            f"and this version reads format {FORMAT}; read it with that version, or a later one."
-        )
-    return content
-
-
-def _no_run(path: Path, reason: str) -> RunError:
-    return RunError(f'The file "{path}" must be a run that jaxball saved, but it is not: {reason}.')
-
-
-def _scenario(content: _Content, path: Path) -> Scenario:
-    text = str(content.about.get("scenario", ""))
-    if not text:
-        raise RunError(
-            f'The run "{path}" holds no scenario, because a file cannot hold what it was made of, such as a Python '
-            "function; give its system: load_run(path, system)."
-        )
-    try:
-        return read_scenario(text)
+        return read_scenario(saved_text(path))
+    except RunError:
+        raise
     except ScenarioError as error:
         raise RunError(f'The scenario in the run "{path}" cannot be read by this version of jaxball: {error}') from None
 
@@ -131,22 +105,20 @@ def _state(arrays: Mapping[str, np.ndarray], system: AbstractSystem, path: Path)
         if all(name in arrays or name in DRIVEN_FIELDS for name in names):
             empty = np.zeros((len(arrays["time"]), 0))
             return type_(**{name: to_array(arrays.get(name, empty)) for name in names})
-    raise _no_run(path, f"it has no states of a {type(system).__name__}")
+    raise no_run(path, f"it has no states of a {type(system).__name__}")
 
 
-def _read_netcdf(path: Path) -> _Content:
+def _of_netcdf(path: Path) -> Mapping[str, np.ndarray]:
     # Imported here, because it takes longer than all of jaxball's own modules.
     import xarray
 
     with xarray.load_dataset(path, engine="h5netcdf") as data:
-        return _Content({str(name): variable.values for name, variable in data.variables.items()}, data.attrs)
+        return {str(name): variable.values for name, variable in data.variables.items()}
 
 
-def _read_npz(path: Path) -> _Content:
+def _of_npz(path: Path) -> Mapping[str, np.ndarray]:
     with np.load(path, allow_pickle=False) as data:
-        arrays = {name: data[name] for name in data.files}
-    about = {name: array.item() for name, array in arrays.items() if array.ndim == 0}
-    return _Content(arrays, about)
+        return {name: data[name] for name in data.files}
 
 
-READERS: dict[str, Callable[[Path], _Content]] = dict(zip(READ_BACK, (_read_netcdf, _read_npz), strict=True))
+ARRAYS: dict[str, Callable[[Path], Mapping[str, np.ndarray]]] = dict(zip(READ_BACK, (_of_netcdf, _of_npz), strict=True))

@@ -17,10 +17,9 @@ from ..sensors import AbstractSensor
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
 from .contact import contact_attributes
+from .files import FORMAT, UNKNOWN_SOLVER
 
-FORMAT = 1
 PACKAGES = ("jaxball", "jax", "diffrax")
-UNKNOWN_SOLVER = "# Made from a trajectory, which does not hold its solver settings: there is no table [solve].\n"
 
 
 def attributes(
@@ -28,46 +27,62 @@ def attributes(
 ) -> dict[str, str | int | float]:
     """Title, how the solve ended, the scenario's text, and the versions of the packages.
 
-    Without a ``scenario``, its text is that of the trajectory's system, initial state, times and ``sensors``, and empty
-    where a file cannot hold them. ``format`` is the version of the file format, which :func:`load_run` checks.
-    ``ok`` is 1 for a solve that reached its end and 0 for one that failed. A run with dense output also has the
-    extremes of the contact force, ``contact_friction_needed`` and the others of :class:`~jaxball.ContactExtremes`. One
-    with a law of contact has its coefficients instead, ``contact_sliding`` and so on, and its ``contact_switches``.
+    Without a ``scenario``, it is that which made the trajectory; where none did, its text is that of the trajectory's
+    system, initial state, times and ``sensors``, and empty where a file cannot hold them. ``format`` is the version of
+    the file format, which :func:`load_run` checks. ``ok`` is 1 for a solve that reached its end and 0 for one that
+    failed. A run with dense output also has the extremes of the contact force over the whole run, ``friction_needed``
+    and the others of :class:`~jaxball.ContactExtremes`, by the names that they have in the store of a sweep. One with a
+    law of contact has its coefficients instead, ``contact_sliding`` and so on, and its ``contact_switches``.
     """
+    text = _of_trajectory(trajectory, sensors or {}) if scenario is None else write_scenario(scenario)
+    known = trajectory.scenario if scenario is None else scenario
     run: dict[str, str | int | float] = {
         "format": FORMAT,
-        "title": "" if scenario is None else scenario.title,
+        "title": "" if known is None else known.title,
         "ok": int(trajectory.ok),
         "status": Status(int(trajectory.status)).name,
         "message": trajectory.message,
         "reached": float(trajectory.reached),
         "steps": int(trajectory.steps),
         "rejected_steps": int(trajectory.rejected),
-        "scenario": _of_trajectory(trajectory, sensors or {}) if scenario is None else write_scenario(scenario),
+        "scenario": text,
     }
     if trajectory.contact is not None:
         run |= contact_attributes(trajectory.contact)
     elif trajectory.interpolant is not None and isinstance(trajectory.system, AbstractBody):
         extremes = contact_extremes(trajectory)
-        run |= {f"contact_{field.name}": float(getattr(extremes, field.name)) for field in dataclasses.fields(extremes)}
+        run |= {field.name: float(getattr(extremes, field.name)) for field in dataclasses.fields(extremes)}
     return run | {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
 
 
 def _of_trajectory(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> str:
-    """The text of a scenario made of the trajectory; empty where a file cannot hold it."""
+    """The text of the scenario that made the trajectory, or of one made of it; empty where a file cannot hold it."""
+    text = _text(trajectory.scenario)
+    if not text and (made := _text(_made_of(trajectory, sensors))):
+        text = UNKNOWN_SOLVER + made
+    return text
+
+
+def _text(scenario: Scenario | None) -> str:
+    if scenario is None:
+        return ""
+    try:
+        text = write_scenario(scenario)
+        read_scenario(text)
+    except ScenarioError:
+        return ""
+    return text
+
+
+def _made_of(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Scenario | None:
+    """A scenario of the system, the initial state and the times; None where the state has no place."""
     state = jax.tree.map(lambda leaf: leaf[0], trajectory.state)
     state = state.in_space() if isinstance(state, RotationState) else state
     if isinstance(state, ReducedState):
-        return ""
+        return None
     contact, law = trajectory.contact, None
     if contact is not None:
         law = contact.law
         rolls = not isinstance(trajectory.start, ReleasedState)
         state = state if rolls else ReleasedState(state, contact.V[0], contact.height[0])
-    try:
-        times = np.asarray(trajectory.times)
-        text = write_scenario(Scenario("", trajectory.system, state, times, contact=law, sensors=sensors))
-        read_scenario(text)
-    except ScenarioError:
-        return ""
-    return UNKNOWN_SOLVER + text
+    return Scenario("", trajectory.system, state, np.asarray(trajectory.times), contact=law, sensors=sensors)

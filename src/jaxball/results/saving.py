@@ -29,16 +29,17 @@ def to_dataset(
 ) -> "xarray.Dataset":
     """The trajectory and all its observables, or the laws of a classical system, as an ``xarray.Dataset``.
 
-    Dimensions are ``time``, ``mass``, ``driven`` (the masses whose angles belong to the state, by their
-    numbers) and those of vectors: ``axis``, ``direction`` in the plane, ``component`` of a versor. All
-    are counted from 0. Attributes say how the solve ended, and hold the scenario's file. A run with a law of contact
-    has its modes too, and along ``switch`` what became of one mode after another.
+    Dimensions are ``time``, ``mass``, ``joint`` (by name, ``mechanisms[0].joints[1]``), ``driven`` (the masses whose
+    angles belong to the state, by their numbers, or, with joints among them, all by name) and those of vectors:
+    ``axis``, ``direction`` in the plane, ``component`` of a versor. All are counted from 0. Attributes say how the
+    solve ended, and hold the scenario's file. A run with a law of contact has its modes too, and along ``switch`` what
+    became of one mode after another.
 
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
-    - ``scenario``: the scenario of the run; without one, a file of the system, its initial state and the times is kept,
-      if a file can hold them.
+    - ``scenario``: the scenario of the run, if it is not that which made the trajectory. Where there is none, a file of
+      the system, its initial state and the times is kept, if a file can hold them.
     - ``sensors``: those of :mod:`jaxball.sensors` whose readings it has too, each under its name after ``measured_``;
       those of the scenario if not given.
 
@@ -54,7 +55,7 @@ def to_dataset(
     # Imported here, because it takes longer than all of jaxball's own modules.
     import xarray
 
-    scenario, sensors = _settled(scenario, sensors)
+    scenario, sensors = _settled(trajectory, scenario, sensors)
     variables, sizes = {}, {}
     for leading, saved in (("time", _over_time(trajectory, sensors)), ("switch", _of_switches(trajectory))):
         for name, (variable, array) in saved.items():
@@ -83,7 +84,7 @@ def save(
         ``mass_positions_body[0][2]`` (mass 0, the third axis); the column ``status`` is 0 for a solve
         that reached its end, and the number of its :class:`~jaxball.Status` for one that failed. The switches of a run
         with a law of contact are left out.
-    - ``scenario``: the scenario of the run, whose text is saved with it; None if there is none.
+    - ``scenario``: the scenario whose text is saved with it, as in :func:`to_dataset`.
     - ``sensors``: as of :func:`to_dataset`.
 
     A failed solve is saved too, with its status, and NaN after the time that it reached. The write is atomic, so a
@@ -116,11 +117,14 @@ Sensors = Mapping[str, AbstractSensor]
 Values = dict[str, tuple[Variable, np.ndarray]]
 
 
-def _settled(scenario: Scenario | None, sensors: Sensors | None) -> tuple[Scenario | None, Sensors]:
+def _settled(
+    trajectory: Trajectory[Any, Any], scenario: Scenario | None, sensors: Sensors | None
+) -> tuple[Scenario | None, Sensors]:
     """The sensors that are given, or else those of the scenario, and the scenario with them."""
+    known = trajectory.scenario if scenario is None else scenario
     if sensors is None:
-        return scenario, {} if scenario is None else scenario.sensors
-    return None if scenario is None else dataclasses.replace(scenario, sensors=sensors), sensors
+        return scenario, {} if known is None else known.sensors
+    return None if known is None else dataclasses.replace(known, sensors=sensors), sensors
 
 
 def _over_time(trajectory: Trajectory[Any, Any], sensors: Sensors) -> Values:

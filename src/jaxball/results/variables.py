@@ -161,11 +161,15 @@ def undescribed(name: str, dimensions: int) -> Variable:
 
 
 def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """The coordinate along each dimension: 0, 1, …, and along ``driven`` the numbers of the driven masses.
+    """The coordinate along each dimension: 0, 1, …, but the names of joints, ``mechanisms[0].joints[1]``.
 
-    Where joints are among what is driven, these are the names of all of it.
+    Along ``driven`` are the numbers of the driven masses or, where joints are among what is driven, the names of all.
     """
-    indices = {name: np.arange(size) for name, size in sizes.items()}
-    if "driven" not in sizes:
-        return indices
-    return indices | {"driven": np.asarray(system.coordinates if system.joints else system.driven)}
+    coordinates = {name: np.arange(size) for name, size in sizes.items()}
+    if "driven" in sizes:
+        coordinates["driven"] = np.asarray(system.coordinates if system.joints else system.driven)
+    if "joint" in sizes:
+        coordinates["joint"] = np.asarray(
+            [f"mechanisms[{k}].joints[{a}]" for k, item in enumerate(system.mechanisms) for a in range(item.n_joints)]
+        )
+    return coordinates

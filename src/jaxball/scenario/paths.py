@@ -89,9 +89,11 @@ def with_values(document: Mapping[str, Any], changes: Sequence[str]) -> dict[str
     """A copy of the document with each change, ``PATH=VALUE``, made.
 
     The value is a number or any other of TOML; a single word needs no quotes. Keys and tables that the document leaves
-    out may be named too; whether there are such is found when it is read.
+    out may be named too; whether there are such is found when it is read. ``PATH=``, without a value, takes away the
+    key, the table or the entry of a list.
 
-    **Raises:** :class:`ScenarioError` for what is no change, and for an entry that a list does not have.
+    **Raises:** :class:`ScenarioError` for what is no change, for an entry that a list does not have, and where there is
+    nothing to take away.
     """
     changed = copy.deepcopy(dict(document))
     for change in changes:
@@ -101,13 +103,35 @@ def with_values(document: Mapping[str, Any], changes: Sequence[str]) -> dict[str
             raise ScenarioError(
                 f'A change must be PATH=VALUE, such as body.mass=2 or masses[0].mass=0.3, but it is "{change}".'
             )
-        way = steps(path)
+        way, text = steps(path), text.strip()
+        if not text:
+            _take_away(changed, way, path)
+            continue
         place: Any = changed
         for depth, after in enumerate(way[1:], start=1):
             place = _entry(place, way[:depth], path, {} if isinstance(after, str) else None)
         _entry(place, way, path, 0)
-        place[way[-1]] = _value(text.strip(), path)
+        place[way[-1]] = _value(text, path)
     return changed
+
+
+def _take_away(document: dict[str, Any], way: list[str | int], path: str) -> None:
+    """Removes what stands at the end of ``way``; later entries of a list move up."""
+    *above, last = way
+    try:
+        del _at(document, above)[last]
+    except (LookupError, TypeError):
+        hint = did_you_mean(path, list(_paths(document)), quote="`")
+        raise ScenarioError(f"Path `{path}` cannot be taken away, because it is not in the scenario{hint}") from None
+
+
+def _paths(place: Any, path: str = "") -> Iterator[str]:
+    """The paths of everything below ``place``."""
+    named = place.items() if isinstance(place, Mapping) else enumerate(place) if isinstance(place, list) else ()
+    for step, below in named:
+        name = f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}".removeprefix(".")
+        yield name
+        yield from _paths(below, name)
 
 
 def _entry(place: Any, way: Sequence[str | int], path: str, missing: Any) -> Any:

@@ -81,7 +81,7 @@ class Scenario:
         progress: "diffrax.AbstractProgressMeter | None" = None,
         throw: bool = False,
     ) -> "Trajectory[Any, Any]":
-        """The trajectory, with the scenario's own settings where no other is given.
+        """The trajectory, with the scenario's own settings where no other is given; it knows both, and saves them.
 
         **Raises:** as :func:`jaxball.simulate`, and :class:`ScenarioError` where the solver does not go with ``dae``.
         """
@@ -93,14 +93,21 @@ class Scenario:
         if not isinstance(solver, str) or solver not in SOLVERS:
             raise refusal("solver", f"a name, {one_of(list(SOLVERS))}", solver)
         check_dae(self.system, self.contact, solver, self.dae, named)
+        used = dataclasses.replace(
+            self,
+            solver=solver,
+            rtol=self.rtol if rtol is None else rtol,
+            atol=self.atol if atol is None else atol,
+            max_steps=self.max_steps if max_steps is None else max_steps,
+        )
         trajectory = simulate(
             self.system,
             self.times,
             self.state,
             solver=SOLVERS[solver](),
-            rtol=self.rtol if rtol is None else rtol,
-            atol=self.atol if atol is None else atol,
-            max_steps=self.max_steps if max_steps is None else max_steps,
+            rtol=used.rtol,
+            atol=used.atol,
+            max_steps=used.max_steps,
             step_to_times=self.step_to_times,
             dae=self.dae,
             project=self.project,
@@ -108,5 +115,5 @@ class Scenario:
             events=events,
             contact=self.contact,
             progress=progress,
-        )
+        ).made_by(used)
         return trajectory.raise_if_failed() if throw else trajectory

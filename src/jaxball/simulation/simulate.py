@@ -77,7 +77,7 @@ def simulate(
       :class:`~jaxball.AbstractSystem`.
     - ``times``: increasing, two or more. The solver steps as it likes, and exactly to the kinks of
       actuation and force.
-    - ``state``: the state at ``times[0]``; at rest at the origin if not given. Its kind chooses the
+    - ``state``: the state at ``times[0]``; at rest at the origin if not given, θ of free joints 0. Its kind chooses the
       equations: :class:`~jaxball.BallState` (versor), :class:`~jaxball.RotationState` (matrix),
       :class:`~jaxball.ReducedState` (Ω, Γ), or :class:`~jaxball.DiskState`; other systems mostly have one.
     - ``solver``: any adaptive diffrax solver; ``diffrax.Dopri8()`` if not given.

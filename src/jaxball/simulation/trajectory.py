@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Generic
+from typing import TYPE_CHECKING, Any, ClassVar, Generic
 
 import diffrax
 import equinox as eqx
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     import xarray
 
     from ..plot.view.page import View
+    from ..scenario import Scenario
     from ..sensors import AbstractSensor
 
 
@@ -70,6 +71,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     - ``events``: the :class:`~jaxball.Occurrences` of each event, by name.
     - ``start``: the initial state that was given, also where no solve can start from it.
     - ``contact``: the :class:`ContactHistory` of a run with a law of contact: its modes and switches.
+    - ``scenario``: the :class:`~jaxball.Scenario`, with the settings of the solve, where one was simulated or the
+      trajectory was read from a file of its run; else None. It is no part of the pytree, and lost in transformations.
 
     **Example:**
 
@@ -96,6 +99,13 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     events: dict[str, Occurrences] = eqx.field(default_factory=dict)
     start: Any = None
     contact: ContactHistory | None = None
+    # No field and so no part of the pytree: what a transformation returns need not be of the scenario.
+    scenario: ClassVar["Scenario | None"] = None
+
+    def made_by(self, scenario: "Scenario") -> "Trajectory[AnySystem, AnyState]":
+        """This trajectory, which now knows that it is the run of ``scenario``."""
+        object.__setattr__(self, "scenario", scenario)
+        return self
 
     @classmethod
     def of(cls, *fields: Any) -> "Trajectory[Any, Any]":
@@ -210,7 +220,10 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
     @property
     def friction_needed(self) -> Float[Array, ""]:
-        """The largest |f| / N at the saved times; :func:`~jaxball.contact_extremes` finds μ_min of the whole run."""
+        """The largest |f| / N at the saved times; :func:`~jaxball.contact_extremes` finds μ_min of the whole run.
+
+        The latter is what files and the stores of sweeps call ``friction_needed``.
+        """
         return jnp.max(self.observables.friction_ratio)
 
     # A user has a trajectory in hand and looks there for what can be done with it. These four import, when called,
@@ -225,8 +238,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     def save(self, path: str | os.PathLike[str]) -> "pathlib.Path":
         """Saves the trajectory as ``.nc``, ``.npz`` or ``.csv``; see :func:`jaxball.save`.
 
-        :func:`jaxball.load_run` reads the first two back. With :func:`jaxball.save`, the file can say which scenario
-        it is of.
+        :func:`jaxball.load_run` reads the first two back. The file has the scenario that was simulated, with its title
+        and settings; :func:`jaxball.save` can give it another.
         """
         from .. import results
 
@@ -246,7 +259,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         self,
         path: str | os.PathLike[str] | None = None,
         *,
-        title: str = "",
+        title: str | None = None,
         friction: float | None = None,
         all_times: bool = False,
     ) -> "View":
@@ -258,7 +271,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         **Arguments:**
 
         - ``path``: a file that ends in ``.html``, to which it is written as well; see :func:`jaxball.plot.write_view`.
-        - ``title``: a line that says which system it is.
+        - ``title``: a line that says which system it is; that of the scenario, if there is one, if not given.
         - ``friction``: a coefficient μ, whose cone is drawn at the contact point, and whose line beside |f| / N.
         - ``all_times``: whether a page that would be larger than 1 MB shows all saved times, and not some of them.
 
@@ -266,7 +279,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         """
         from .. import plot
 
-        view = plot.View.of(self, title, friction=friction, all_times=all_times)
+        known = "" if self.scenario is None else self.scenario.title
+        view = plot.View.of(self, known if title is None else title, friction=friction, all_times=all_times)
         if path is not None:
             view.save(path)
         return view

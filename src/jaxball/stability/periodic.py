@@ -160,8 +160,8 @@ def equations_of(
     forced = bool(np.max(np.abs(here - here[0])) > same)
     if forced and np.max(np.abs(later - here)) > same:
         raise ValueError(
-            "Argument `period` must be one of the forcing where time enters the equations, but after "
-            f"{period:.10g} the rates of change are other ones."
+            "Argument `period` must be one of the forcing where time enters the equations, such as "
+            f"2 pi over its angular frequency, but after {period:.10g} the rates of change are other ones."
         )
     angles = candidates.copy()
     angles[candidates] = [bool(np.max(np.abs(rates[:, 2 + k] - rates[:, 1])) <= same) for k in range(len(turned))]

@@ -106,12 +106,12 @@ def require_prescribed(ball: Ball) -> None:
         moving = all_of(ball.coordinates)
         raise ValueError(
             f"Argument `ball` must have nothing that moves by a law or freely, but {moving} do; hold these with a "
-            "schedule."
+            "schedule, or see `periodic_motion`."
         )
     if not ball.is_reducible or ball.resistance is not None:
         raise ValueError(
             "Argument `ball` must roll on a level ground at rest, without force and resistance, but it has a `force`, "
-            "a `ground` or a `resistance`; `stability` takes any steady motion."
+            "a `ground` or a `resistance`; `stability` takes any steady motion, `periodic_motion` one that comes back."
         )
 
 
@@ -156,7 +156,7 @@ def _message(steady: bool, residual: float, kind: str, eigenvalues: np.ndarray) 
     if not steady:
         return (
             f"The state is not steady: it changes at the rate {residual:.3g}, so that the eigenvalues say nothing "
-            "about stability."
+            "about stability; `periodic_motion` takes motions that come back."
         )
     if kind in ("centre", "sink"):
         decay = "all on the imaginary axis" if kind == "centre" else "none with a positive real part"

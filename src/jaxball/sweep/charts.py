@@ -1,4 +1,4 @@
-"""Charts of the largest Lyapunov exponent over two numbers of a scenario's document."""
+"""Charts over two numbers of a scenario's document: largest Lyapunov exponents, and stability of periodic motions."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -7,13 +7,16 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, Int
 
 from ..chaos import chart
 from ..interface.status import Status
-from ..scenario import read_document
+from ..scenario import Scenario, read_document
 from ..scenario.contact import rolling_state
-from ..scenario.paths import check_number
+from ..scenario.paths import check_number, value_at
 from ..scenario.solvers import SOLVERS
+from ..stability import floquet_chart
+from ..stability.periodic import DEFAULT_TOLERANCE
 from .axes import Ranged
 from .rows import read_rows
 from .study import Study
@@ -21,10 +24,12 @@ from .study import Study
 if TYPE_CHECKING:
     import xarray
 
+Axes = tuple[Ranged, Ranged]
+
 
 def scenario_chart(
     document: Mapping[str, Any],
-    axes: tuple[Ranged, Ranged],
+    axes: Axes,
     *,
     end: float | None = None,
     transient: float = 0.0,
@@ -38,31 +43,11 @@ def scenario_chart(
     **Raises:** :class:`~jaxball.ScenarioError` where a path names no number or none of the cells can be, and as the
     chart does.
     """
-    for axis in axes:
-        check_number(document, axis.path)
-    template = read_document(dict(document))
-    rolling_state(template.state, template.contact, "Lyapunov exponents are")
-    rows = math.prod(axis.size for axis in axes)
-    study = Study(
-        title="", document=dict(document), axes=axes, save="end", contact=False, detachment=False, finds=(), chunk=rows
-    )
-    cells = study.rows_of(0)
-    possible, batch = read_rows(study, template, cells, study.values(cells))
-    if batch is None:
-        study.scenario(0)  # raises, and says why
-        raise AssertionError("The first of the impossible rows can be read.")
-    place = np.zeros(rows, dtype=int)
-    place[possible] = np.arange(len(possible))
-    places = jnp.asarray(place.reshape([axis.size for axis in axes]))
-    several = jax.tree.map(jnp.asarray, (batch.system, batch.state))
-
-    def make(up, right):
-        at = places[up.astype(int), right.astype(int)]
-        return jax.tree.map(lambda leaf: leaf[at], several)
-
+    cells = _Cells(document, axes, "Lyapunov exponents are")
+    template = cells.template
     data = chart(
-        make,
-        {axis.path: np.arange(axis.size) for axis in axes},
+        cells.made,
+        cells.indices,
         (template.times[0], template.times[-1] if end is None else end),
         transient=transient,
         interval=interval,
@@ -71,8 +56,100 @@ def scenario_chart(
         atol=template.atol,
         progress=progress,
     )
-    impossible = np.setdiff1d(cells, possible)
-    for name in ("exponent", "exponent_regardless", "standard_error", "least_normal_force"):
-        data[name].values.ravel()[impossible] = np.nan
-    data["status"].values.ravel()[impossible] = Status.IMPOSSIBLE
-    return data.assign_coords({axis.path: axis.values(np.arange(axis.size))[:, 0] for axis in axes})
+    return cells.finished(data, ("exponent", "exponent_regardless", "standard_error", "least_normal_force"))
+
+
+def scenario_floquet_chart(
+    document: Mapping[str, Any],
+    axes: Axes,
+    period: float | str,
+    *,
+    iterations: int = 20,
+    progress: Callable[[int, int], Any] | None = None,
+) -> "xarray.Dataset":
+    """:func:`jaxball.stability.floquet_chart` of a scenario with other numbers at the paths of two ``axes``.
+
+    ``period`` is one number near that of all motions, or the path of an angular frequency, of which each cell has its
+    own or which all have. Each motion is searched for near the scenario's initial state. Cells that no body can have
+    are IMPOSSIBLE.
+
+    **Raises:** as :func:`scenario_chart` and as the chart does.
+    """
+    cells = _Cells(document, axes, "periodic motions are")
+    template = cells.template
+    periods = cells.periods(period)
+
+    def make(up, right):
+        return *cells.made(up, right), periods[up.astype(int), right.astype(int)]
+
+    data = floquet_chart(
+        make,
+        cells.indices,
+        t=template.times[0],
+        rtol=min(template.rtol, DEFAULT_TOLERANCE),
+        atol=min(template.atol, DEFAULT_TOLERANCE),
+        iterations=iterations,
+        max_steps=template.max_steps,
+        progress=progress,
+    )
+    data["closed"].values.flat[cells.impossible] = False
+    return cells.finished(data, ("growth", "multiplier", "angle", "period", "residual", "least_normal_force"))
+
+
+class _Cells:
+    """The scenarios of the cells of a chart, all read before the first is solved."""
+
+    def __init__(self, document: Mapping[str, Any], axes: Axes, what: str):
+        for axis in axes:
+            check_number(document, axis.path)
+        self.document, self.axes = document, axes
+        self.template: Scenario = read_document(dict(document))
+        rolling_state(self.template.state, self.template.contact, what)
+        rows = math.prod(axis.size for axis in axes)
+        study = Study(
+            title="",
+            document=dict(document),
+            axes=axes,
+            save="end",
+            contact=False,
+            detachment=False,
+            finds=(),
+            chunk=rows,
+        )
+        cells = study.rows_of(0)
+        possible, batch = read_rows(study, self.template, cells, study.values(cells))
+        if batch is None:
+            study.scenario(0)  # raises, and says why
+            raise AssertionError("The first of the impossible rows can be read.")
+        self.impossible: Int[np.ndarray, " n"] = np.setdiff1d(cells, possible)
+        place = np.zeros(rows, dtype=int)
+        place[possible] = np.arange(len(possible))
+        self._places = jnp.asarray(place.reshape([axis.size for axis in axes]))
+        self._several = jax.tree.map(jnp.asarray, (batch.system, batch.state))
+
+    @property
+    def indices(self) -> dict[str, Int[np.ndarray, " n"]]:
+        """The parameters of the chart: the path of each axis, and the numbers of its values."""
+        return {axis.path: np.arange(axis.size) for axis in self.axes}
+
+    def made(self, up: Float[Array, ""], right: Float[Array, ""]) -> tuple[Any, Any]:
+        """The system and the initial state of a cell, by the numbers of its values; traceable."""
+        at = self._places[up.astype(int), right.astype(int)]
+        return jax.tree.map(lambda leaf: leaf[at], self._several)
+
+    def periods(self, period: float | str) -> Float[Array, "n m"]:
+        """The period of each cell."""
+        values = [axis.values(np.arange(axis.size))[:, 0] for axis in self.axes]
+        named = dict(zip((axis.path for axis in self.axes), np.meshgrid(*values, indexing="ij"), strict=True))
+        shape = tuple(axis.size for axis in self.axes)
+        if not isinstance(period, str):
+            return jnp.full(shape, period)
+        frequency = named[period] if period in named else value_at(self.document, period)
+        return 2 * jnp.pi / jnp.broadcast_to(jnp.asarray(frequency), shape)
+
+    def finished(self, data: "xarray.Dataset", unknown: tuple[str, ...]) -> "xarray.Dataset":
+        """The chart with the values of its axes, and nothing known where no body can be."""
+        for name in unknown:
+            data[name].values.flat[self.impossible] = np.nan
+        data["status"].values.flat[self.impossible] = Status.IMPOSSIBLE
+        return data.assign_coords({axis.path: axis.values(np.arange(axis.size))[:, 0] for axis in self.axes})

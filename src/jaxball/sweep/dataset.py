@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from .attributes import read_attributes
 from .errors import StoreError
-from .layout import AXES
+from .layout import AXES, NAMES
 from .whole import check_whole
 
 if TYPE_CHECKING:
@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 def open_dataset(folder: str | Path) -> "xarray.Dataset":
     """The rows of a store, done or not, as ``xarray.open_zarr`` opens them; nothing is read but what is asked for.
 
+    Joints have their names as labels, ``data["theta"].sel(driven="mechanisms[0].joints[1]")``. In the store these are
+    an attribute, ``names``, because not every library reads texts from Zarr.
+
     **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study,
     and when something else has changed a file of it.
     """
@@ -23,7 +26,9 @@ def open_dataset(folder: str | Path) -> "xarray.Dataset":
 
     read_attributes(Path(folder))
     check_whole(Path(folder))
-    return xarray.open_zarr(folder, chunks=None)
+    data = xarray.open_zarr(folder, chunks=None)
+    named = {name: data[name].attrs[NAMES] for name in data.indexes if NAMES in data[name].attrs}
+    return data.assign_coords(named)
 
 
 def open_grid(folder: str | Path) -> "xarray.Dataset":

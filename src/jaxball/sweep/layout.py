@@ -8,6 +8,7 @@ from .axes import Axis, Designed, FromFile, Ranged, Zipped
 from .study import Study
 
 AXES = "axes"  # the group of a store that holds the points of each axis
+NAMES = "names"  # the attribute that has the labels along a dimension, where they are no numbers
 _LOGARITHMIC = ("log-uniform", "lognormal")
 
 

@@ -22,7 +22,7 @@ from ..interface.status import Status
 from .attributes import differences, identity_of, read_attributes
 from .errors import StoreError
 from .filesystem import remove_dead_parts, remove_parts, write_whole
-from .layout import AXES, dimensions, layout_of
+from .layout import AXES, NAMES, dimensions, layout_of
 from .outputs import Output, labels_of
 from .study import Study
 from .whole import MARKS, Damage, changed, damages, done
@@ -202,7 +202,15 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
             attributes={"units": output.units, "long_name": output.meaning},
         )
     for name, labels in labels_of(outputs, template).items():
-        group.create_array(name, data=labels, dimension_names=[name], compressors=None)
+        # Of texts there is no type that every Zarr library reads.
+        texts = labels.dtype.kind == "U"
+        group.create_array(
+            name,
+            data=np.arange(len(labels)) if texts else labels,
+            dimension_names=[name],
+            compressors=None,
+            attributes={NAMES: labels.tolist()} if texts else {},
+        )
     _write_points(group.create_group(AXES), study, dimensions(about["paths"], about["path_axis"]))
     with warnings.catch_warnings():
         # zarr warns that its metadata in one file are not yet in the standard; without them xarray warns.

@@ -32,9 +32,10 @@ INTERPOLATION = 10  # the interpolation error at the saved times, in steps
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Case:
-    """A scenario and its runs."""
+    """A scenario and its runs; ``given`` is one that was computed before."""
 
     scenario: Scenario
+    given: Trajectory[Any, Any] | None = None
 
     @property
     def state(self) -> AbstractState:

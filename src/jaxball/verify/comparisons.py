@@ -16,7 +16,7 @@ from ..physics.state import DiskState
 from ..scenario.solvers import SOLVERS
 from ..simulation.trajectory import Trajectory
 from ..solvers import Gauss, RadauIIA
-from .case import Case
+from .case import Case, flat
 from .report import Row
 
 TOLERANCE_FACTORS = (1e4, 1e2, 1.0)  # of the run's tolerance
@@ -26,6 +26,19 @@ INTERPOLATION_FACTOR = 100  # the reference's interpolation error over its toler
 LOOSEST = 1e-2
 
 SLOW = ("solvers", "dae", "embedding")  # each compiles a program of its own
+
+
+def saved(case: Case) -> Row:
+    """The trajectory that was given, up to the time to which it came, and the run, which is solved again."""
+    given = case.given
+    if given is None:
+        return Row("saved", reason="a scenario was given, and not a run")
+    if not np.array_equal(given.times, case.run.times):
+        return Row("saved", note="its times are not those of its scenario")
+    known = np.isfinite(flat(given.state)).all(axis=1)
+    distances = case.distance(given.state, case.run.state)[known]
+    note = "" if known.all() else f"up to t = {float(given.reached):.6g}, to which it came"
+    return Row("saved", float(np.max(distances, initial=0.0)), 2 * case.expected, note=note)
 
 
 def error(case: Case) -> Row:
@@ -85,6 +98,7 @@ def closed_form(case: Case) -> Row:
 
 
 CHECKS: dict[str, Callable[[Case], Row]] = {
+    "saved": saved,
     "error": error,
     "convergence": convergence,
     "solvers": solvers,

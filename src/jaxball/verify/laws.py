@@ -12,6 +12,7 @@ BALANCES: dict[str, str] = {
     "rolling": "z(t) − z(t0) = ∫ (ω × r e3 + u)₁₂, no slip at the contact point",
 }
 COMPARISONS: dict[str, str] = {
+    "saved": "the run that was given, as from a file, is that of its scenario",
     "error": "the run agrees with one at a tolerance of 1e-13",
     "convergence": "the error falls with the tolerance",
     "solvers": "the run agrees with one by a solver of another family",

@@ -12,6 +12,7 @@ from ..physics.state import ReducedState, RotationState
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
 from ..simulation.simulate import at_rest
+from ..simulation.trajectory import Trajectory
 from .balances import laws_along
 from .case import Case
 from .comparisons import CHECKS, SLOW
@@ -20,10 +21,11 @@ from .report import Report, Row
 from .trust import trust
 
 ROLLING_ONLY = "it is for a ball or a disk"
+UNSAID = ("closed-form", "moving-energy", "saved")  # no row says only that there is none, or no turntable, or no file
 
 
 def verify(
-    system: Scenario | AbstractSystem,
+    system: Scenario | Trajectory[Any, Any] | AbstractSystem,
     times: Numbers | None = None,
     state: AbstractState | None = None,
     *,
@@ -35,7 +37,8 @@ def verify(
 
     **Arguments:**
 
-    - ``system``: a :class:`~jaxball.Scenario`; or a system, and then ``times`` and ``state`` are those of
+    - ``system``: a :class:`~jaxball.Scenario`; a trajectory that one made or that :func:`jaxball.load_run` read, which
+      is compared with the run as well; or a system, and then ``times`` and ``state`` are those of
       :func:`jaxball.simulate`, and ``settings`` are fields of a scenario, such as ``solver``, ``rtol`` and ``atol``.
     - ``laws``: the names of the laws to check, from :data:`LAWS` or a classical system's laws; all if not given. Where
       a law does not apply, its row says why.
@@ -46,16 +49,16 @@ def verify(
     **Raises:** ``ValueError`` for a name that is no law and for a scenario with a law of contact, ``TypeError`` for
     states without a place, and what :func:`jaxball.simulate` raises.
     """
-    case = Case(_scenario(system, times, state, settings))
+    given = system if isinstance(system, Trajectory) else None
+    case = Case(_scenario(system, times, state, settings), given)
     _ = case.state  # which one with a law of contact has not
     known = {**laws_along(case.scenario), **CHECKS}
     chosen = [name for name in known if not (quick and name in SLOW)] if laws is None else _checked(laws, known)
     if not case.run.ok:
         return Report(case.scenario.title, (), failure=case.run.message)
     rows = _rows(case, chosen, known)
-    # By default, no row says only that there is no closed form, or no turntable.
     if laws is None:
-        rows = tuple(row for row in rows if row.applies or row.law not in ("closed-form", "moving-energy"))
+        rows = tuple(row for row in rows if row.applies or row.law not in UNSAID)
     needs_trust = laws is None or any(name in CHECKS for name in chosen)
     return Report(case.scenario.title, rows, trust(case) if needs_trust else None)
 
@@ -75,14 +78,22 @@ def _rows(case: Case, chosen: Sequence[str], known: Mapping[str, Callable[[Case]
     return tuple(rows.get(name, Row(name, reason=ROLLING_ONLY)) for name in chosen)
 
 
-def _scenario(system: Scenario | AbstractSystem, times: Any, state: Any, settings: dict[str, Any]) -> Scenario:
-    if isinstance(system, Scenario):
+def _scenario(
+    system: Scenario | Trajectory[Any, Any] | AbstractSystem, times: Any, state: Any, settings: dict[str, Any]
+) -> Scenario:
+    if isinstance(system, Scenario | Trajectory):
         if times is not None or state is not None or settings:
             raise ValueError(
                 "Arguments `times`, `state` and settings must be left out for a Scenario, which has them; use "
                 "dataclasses.replace(scenario, rtol=...)."
             )
-        return system
+        scenario = system.scenario if isinstance(system, Trajectory) else system
+        if scenario is None:
+            raise ValueError(
+                "Argument `system` must be a trajectory that a Scenario made, which has its settings, but this one has "
+                "none; give its system, times and state."
+            )
+        return scenario
     if times is None:
         raise ValueError("Argument `times` must be given for a system, two or more increasing numbers, but it is None.")
     state = at_rest(system) if state is None else state

@@ -3,15 +3,14 @@
 import argparse
 import math
 from pathlib import Path
-from typing import NamedTuple
 
+from ..chart import METAVAR, axes_of
 from ..input import add_scenario, scenario_document
 from ..jax_setup import set_up_jax
 from ..options import BadInputError, number, positive
 from ..output import add_output, check_outputs
 
 DIRECTIONS = {"rising": 1, "falling": -1, "both": 0}
-MOST_VALUES = 10_000  # of one number
 
 
 def add(commands) -> None:
@@ -31,7 +30,7 @@ def add(commands) -> None:
     kinds.add_argument(
         "--chart",
         nargs=2,
-        metavar="PATH=FROM:TO:COUNT",
+        metavar=METAVAR,
         help="a chart instead: the largest exponent over two numbers, as in 'initial.Omega[0]=0:3:30' body.mass=1:2:20",
     )
     kinds.add_argument(
@@ -71,14 +70,12 @@ def _chart(options: argparse.Namespace) -> int:
     check_outputs(options, (".nc", ".csv"))
     if options.exponents is not None:
         raise BadInputError("Argument `--exponents` must be left out with --chart, which shows the largest one.")
-    first, second = (_axis(text) for text in options.chart)
-    if first.path == second.path:
-        raise BadInputError(f"Argument `--chart` must name two numbers, but it names `{first.path}` twice.")
+    axes = axes_of(options)
     document = scenario_document(options)
     set_up_jax()
     from ..work.chaos_chart import run
 
-    return run(options, document, first, second)
+    return run(options, document, axes)
 
 
 def _poincare(options: argparse.Namespace) -> int:
@@ -101,30 +98,6 @@ def _check_options(options: argparse.Namespace) -> None:
             raise BadInputError(f"Argument `--{name}` is for Lyapunov exponents; leave it out with --poincare.")
     if options.poincare is not None and options.transient:
         raise BadInputError("Argument `--transient` is for Lyapunov exponents; leave it out with --poincare.")
-
-
-class Axis(NamedTuple):
-    """An axis of a chart: ``values`` of them of the number at ``path``, equally spaced from ``low`` to ``high``."""
-
-    path: str
-    low: float
-    high: float
-    values: int
-
-
-def _axis(text: str) -> Axis:
-    path, _, values = text.partition("=")
-    parts = values.split(":")
-    try:
-        low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
-    except (ValueError, IndexError):
-        low, high, count = math.nan, math.nan, 0
-    if len(parts) != 3 or not math.isfinite(low + high) or low == high or not 2 <= count <= MOST_VALUES:
-        raise BadInputError(
-            "Argument `--chart` must be PATH=FROM:TO:COUNT, with two different numbers and a count from 2 to "
-            f"{MOST_VALUES:,}, such as 'initial.Omega[0]=0:3:30', but it is \"{text}\"."
-        )
-    return Axis(path.strip(), low, high, count)
 
 
 def _section(text: str) -> tuple[str, float]:

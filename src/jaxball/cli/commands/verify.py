@@ -13,14 +13,15 @@ def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "verify",
-        description="Runs scenarios and checks every law that applies. The exit code is 1 if a run cannot be believed.",
+        description="Runs scenarios and checks every law that applies. A saved run is compared with that of the "
+        "scenario in its file. The exit code is 1 if a run cannot be believed.",
         epilog="Laws: " + "; ".join(f"{name}: {what}" for name, what in LAWS.items()) + ".",
     )
     parser.add_argument(
         "scenarios",
         nargs="*",
         metavar="FILE|NAME",
-        help="scenario files, built-in scenarios (default: all of those), or -",
+        help="scenario files, built-in scenarios (default: all of those), saved runs (.nc or .npz), or -",
     )
     parser.add_argument("--laws", nargs="+", metavar="LAW", help="only these (default: all)")
     parser.add_argument("--quick", action="store_true", help="leave out checks for which another solver is compiled")

@@ -2,17 +2,16 @@
 
 import argparse
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...interface.status import Status
 from ...scenario import read_document
-from ...sweep.axes import Ranged
 from ...sweep.charts import scenario_chart
-from ..commands.chaos import Axis
+from ..chart import Axis
 from ..output import say, working
+from .chart import ranged, save_chart
 from .files import write_json, write_outputs
 
 if TYPE_CHECKING:
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 INTERVAL = 10.0
 
 
-def run(options: argparse.Namespace, document: dict[str, Any], first: Axis, second: Axis) -> int:
+def run(options: argparse.Namespace, document: dict[str, Any], axes: tuple[Axis, Axis]) -> int:
     """Computes the chart of a document, saves it and draws it."""
     with working(options, "computing the chart") as line:
 
@@ -30,7 +29,7 @@ def run(options: argparse.Namespace, document: dict[str, Any], first: Axis, seco
 
         chart = scenario_chart(
             document,
-            (Ranged(*first, False), Ranged(*second, False)),
+            ranged(axes),
             end=options.end,
             transient=options.transient,
             interval=options.interval or INTERVAL,
@@ -40,7 +39,7 @@ def run(options: argparse.Namespace, document: dict[str, Any], first: Axis, seco
     lines = _summary(chart)
     lines.append(
         write_outputs(
-            options, read_document(document), lambda path: _save(chart, path), lambda plot: plot.chaos_chart(chart)
+            options, read_document(document), lambda path: save_chart(chart, path), lambda plot: plot.chaos_chart(chart)
         )
     )
     write_json(options, {**chart.attrs, **{str(name): chart[name].values for name in chart.variables}})
@@ -61,15 +60,3 @@ def _summary(chart: "xarray.Dataset") -> list[str]:
     lines += [f"  {lifted:,} leave the plane"] if lifted else []
     counts = ((item, int(np.sum(status == item))) for item in Status if item != Status.SUCCESS)
     return lines + [f"  {count:,} {item.name}" for item, count in counts if count]
-
-
-def _save(chart: "xarray.Dataset", path: Path) -> None:
-    if path.suffix == ".nc":
-        chart.to_netcdf(path, engine="h5netcdf")
-        return
-    up, right = chart["exponent"].dims
-    grids = np.meshgrid(chart[up].values, chart[right].values, indexing="ij")
-    names = [str(name) for name in chart.data_vars]
-    columns = [*map(np.ravel, grids), *(chart[name].values.ravel() for name in names)]
-    header = ",".join([str(up), str(right), *names])
-    np.savetxt(path, np.column_stack(columns), fmt="%.17g", delimiter=",", header=header, comments="")

@@ -4,8 +4,9 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
+from ...results import load_run
 from ...verify import Report, verify
-from ..input import scenario_of
+from ..input import is_run, scenario_of
 from ..jax_setup import compiled_for
 from ..options import FAILED_SOLVE, BadInputError
 from ..output import STDOUT, say, working
@@ -21,7 +22,9 @@ def run(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]) ->
     for name, scenario in scenarios.items():
         try:
             with working(options, f"checking {name}"), compiled_for(scenario):
-                reports[name] = verify(scenario, laws=options.laws, quick=options.quick)
+                run = load_run(name) if is_run(name) else None
+                known = scenario if run is None or run.scenario is None else run
+                reports[name] = verify(known, laws=options.laws, quick=options.quick)
         except ValueError as error:
             raise BadInputError(str(error)) from None
         say(options, f"{name}: {reports[name]}")

@@ -96,7 +96,8 @@ def _index(data: "xarray.Dataset", dimension: str, k: int) -> str:
     """The index of the paper's symbol: it counts from 1, for a versor from 0; for driven masses it is the mass's."""
     if dimension == "component":
         return str(k)
-    return str(1 + (int(data[dimension][k]) if dimension == "driven" and dimension in data.variables else k))
+    masses = dimension == "driven" and dimension in data.variables and data[dimension].dtype.kind == "i"
+    return str(1 + (int(data[dimension][k]) if masses else k))
 
 
 def _shape(data: "xarray.Dataset", name: str) -> tuple[int, ...]:
