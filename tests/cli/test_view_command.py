@@ -146,6 +146,38 @@ time = { start = 0.0, end = 2.0, saves = 5 }
 """
 
 
+OBSTACLES = """
+[[objectives]]
+kind = "avoid-obstacles"
+centres = [3.0]
+radii = [0.5]
+
+[[constraints]]
+kind = "clear-of-obstacles"
+centres = [-4.0, 6.0]
+radii = [1.0, 0.25]
+"""
+CONTROL = """
+[control]
+place = 1.0
+"""
+
+
+@pytest.mark.parametrize("control", ["", CONTROL])
+def test_obstacles_of_a_design_are_in_its_view(folder, control):
+    """Those of objectives and of constraints, of both kinds of problem."""
+    problem = PROBLEM % SCENARIO
+    if control:
+        problem = problem.partition("[[variables]]")[0] + '[[objectives]]\nkind = "acceleration-effort"\n'
+    result = folder / "result"
+    result.mkdir()
+    (result / "problem.toml").write_text(problem + OBSTACLES + control)
+    (result / "design.toml").write_text(DISK)
+    assert main(["view", "result", "--out", "design.html"]) == 0
+    document = document_in((folder / "design.html").read_text())
+    assert document["obstacles"] == [[3.0, 0.0, 0.5], [-4.0, 0.0, 1.0], [6.0, 0.0, 0.25]]
+
+
 def test_a_design_is_shown_before_and_after_with_the_path_that_is_wanted(folder, capsys):
     """Both are known in closed form: the masses' angles are θ + rate t, with the start of the variable and what was
     found.

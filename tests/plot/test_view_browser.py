@@ -230,7 +230,9 @@ def several(browser, ball_trajectory, others, tmp_path):
     """Three bodies on one plane, coloured by a number whose name is no HTML."""
     runs = {"row 3": ball_trajectory, **others}
     wanted = np.array([[0.0, 0.0], [2.0, 1.0]])
-    plot.write_view(runs, tmp_path / "runs.html", wanted=wanted, scale=plot.ColourScale(HOSTILE, [1.0, 2.0, 4.0]))
+    scale = plot.ColourScale(HOSTILE, [1.0, 2.0, 4.0])
+    discs = [(np.array([3.0, -1.5]), 1.0)]
+    plot.write_view(runs, tmp_path / "runs.html", wanted=wanted, discs=discs, scale=scale)
     browser.get((tmp_path / "runs.html").as_uri())
     return browser
 
@@ -280,9 +282,10 @@ def test_the_body_of_the_pressed_button_is_followed(several):
         assert np.mean(np.any(seen[k] != seen[k - 1], axis=-1)) > 0.02
 
 
-def test_the_momentum_and_the_wanted_path_are_switched(several):
+def test_the_momentum_the_wanted_path_and_obstacles_are_switched(several):
     go_to(several, 2.0)
-    for text, count in (("Angular momentum Π about the contact point", 30), ("Path that is wanted", 20)):
+    momentum = "Angular momentum Π about the contact point"
+    for text, count in ((momentum, 30), ("Path that is wanted", 20), ("Obstacles", 500)):
         before = picture(several)
         choose(several, text)
         assert np.sum(np.any(picture(several) != before, axis=-1)) > count

@@ -171,6 +171,19 @@ def test_the_wanted_path_is_on_the_plane(ball_trajectory, disk_on_a_slope):
     np.testing.assert_allclose(end - start, [2 * np.cos(ANGLE), 0.0, -2 * np.sin(ANGLE)], atol=1e-6)
 
 
+def test_obstacles_are_on_a_floor_that_has_room_for_them(ball_trajectory, disk_on_a_slope):
+    """In the plane's own axes, so that a slope tilts them, too."""
+    discs = ((np.array([30.0, -20.0]), 2.5), (np.array([1.0, 2.0]), 0.5))
+    document = view_document(ball_trajectory, discs=discs)
+    assert document["obstacles"] == [[30.0, -20.0, 2.5], [1.0, 2.0, 0.5]]
+    assert document["floor"]["high"][0] >= 32.5
+    assert document["floor"]["low"][1] <= -22.5
+    assert view_document(ball_trajectory)["obstacles"] == []
+    slope = view_document(disk_on_a_slope, discs=[(np.array([9.0, 0.0]), 1.0)])
+    assert slope["obstacles"] == [[9.0, 0.0, 1.0]]
+    assert slope["floor"]["high"][0] >= 10.0
+
+
 def test_numbers_are_in_float64_where_float32_would_show_a_point_elsewhere():
     near, far = np.array([1 / 3]), np.array([100 + 1 / 3])  # float32 is off by 1e-8 and by 2e-6
     assert [packed(near, 1.0)["type"], packed(far, 1.0)["type"]] == ["float32", "float64"]

@@ -18,8 +18,8 @@ from ..plot.report import write_figure
 from ..scenario import ScenarioError
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
-from .constraints import ClearOfObstacles
-from .objectives import AbstractObjective, AvoidObstacles, FollowCurve, FollowTrajectory, LargestDistance
+from .constraints.contact import discs_to_avoid
+from .objectives import AbstractObjective, FollowCurve, FollowTrajectory, LargestDistance
 from .objectives.paths import wanted_path
 from .plane import Requirement
 from .problem import worst
@@ -124,9 +124,7 @@ def path_figure(
         targets = [item.targets(jnp.asarray(times)) for item in followed if isinstance(item, FollowTrajectory)]
         target = (times, np.asarray(targets[0])[:, 0]) if targets else None
         return plot.place_in_time({"before": before, "after": after}, target)
-    obstacles = [item for item in requirements if isinstance(item, AvoidObstacles | ClearOfObstacles)]
-    discs = [disc for item in obstacles for disc in zip(np.asarray(item.centres), map(float, item.radii), strict=True)]
-    return plot.designed_path(before[1], path, wanted_path(requirements), discs)
+    return plot.designed_path(before[1], path, wanted_path(requirements), discs_to_avoid(requirements))
 
 
 def _verdict(design: Design) -> str:

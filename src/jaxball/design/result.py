@@ -10,9 +10,11 @@ from jaxtyping import Float
 
 from ..scenario import Scenario, load_scenario, read_document
 from ..scenario.sources import naming, scenario_document
+from .constraints.contact import discs_to_avoid
 from .errors import DesignError
 from .files import problem_of
 from .objectives.paths import wanted_path
+from .plane import Requirement
 from .search.design import SCENARIO
 from .source import COPY
 
@@ -24,12 +26,14 @@ class Result(NamedTuple):
     - ``before``: the scenario at the start of the search; of a problem of optimal control, its scenario as it stands.
     - ``after``: the scenario that was found.
     - ``wanted``: points of the curve that is to be followed, length, shape (k, 2); None where there is none.
+    - ``discs``: centre and radius of each disc of the plane that is to be avoided, length.
     """
 
     title: str
     before: Scenario
     after: Scenario
     wanted: Float[np.ndarray, "k 2"] | None
+    discs: tuple[tuple[Float[np.ndarray, "2"], float], ...] = ()
 
 
 def load_result(folder: str | Path) -> Result:
@@ -51,8 +55,8 @@ def load_result(folder: str | Path) -> Result:
         )
     after = load_scenario(folder / SCENARIO)
     with naming(folder / COPY):
-        title, before, wanted = _problem(_document(folder / COPY), folder)
-    return Result(title or after.title, before, after, wanted)
+        title, before, requirements = _problem(_document(folder / COPY), folder)
+    return Result(title or after.title, before, after, wanted_path(requirements), discs_to_avoid(requirements))
 
 
 def _document(path: Path) -> dict[str, Any]:
@@ -62,18 +66,21 @@ def _document(path: Path) -> dict[str, Any]:
         raise DesignError(f"a problem must be a TOML document, but it is not: {error}.") from None
 
 
-def _problem(document: dict[str, Any], folder: Path) -> tuple[str, Scenario, Float[np.ndarray, "k 2"] | None]:
-    """Title, scenario at the start, and the wanted path of a problem of either kind."""
+def _problem(document: dict[str, Any], folder: Path) -> tuple[str, Scenario, list[Requirement]]:
+    """Title, scenario at the start, and the objectives and constraints of a problem of either kind."""
     from .control.files import TABLE, read_control  # here, because searches do without optimal control
 
     if TABLE in document:
         control = read_control(document, folder)
-        objectives = control.problem.objectives.values()
         scenario = read_document(scenario_document(document["scenario"], folder, DesignError))
-        return control.title, scenario, wanted_path(objectives)
+        return control.title, scenario, _requirements(control.problem)
     title, problem, *_ = problem_of(document, folder)
     space = problem.space
-    return title, space.scenario_of(_start(space)), wanted_path(problem.objectives.values())
+    return title, space.scenario_of(_start(space)), _requirements(problem)
+
+
+def _requirements(problem: Any) -> list[Requirement]:
+    return [*problem.objectives.values(), *problem.constraints.values()]
 
 
 def _start(space: Any) -> Float[np.ndarray, " n"]:

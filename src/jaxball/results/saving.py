@@ -109,7 +109,7 @@ def save(
     path = Path(path)
     check_destination(path, SUFFIXES)
     with replacing(path) as temporary:
-        WRITERS[path.suffix](trajectory, temporary, *_settled(scenario, sensors))
+        WRITERS[path.suffix](trajectory, temporary, *_settled(trajectory, scenario, sensors))
     return path
 
 

@@ -48,7 +48,7 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
     def __init__(self, workers: int):
         super().__init__(workers)
         self._of_thread, self._starting, self._killed = threading.local(), threading.Lock(), False
-        self._started: list[tuple[Any, Connection]] = []
+        self._started: list[tuple[Any, Any]] = []
 
     def submit(self, fn, /, *args, **kwargs):
         """The result of ``fn``, a function of a module, as a future.
@@ -82,7 +82,7 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
             raise error
         return result
 
-    def _pipe(self) -> Connection:
+    def _pipe(self) -> Any:
         """That to the process of this thread."""
         with self._starting:
             if self._killed:

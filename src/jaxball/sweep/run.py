@@ -105,7 +105,8 @@ def _mended(study: Study, damages: list[Damage]) -> str:
     if not damages:
         return ""
     others = f" and {counted(len(damages) - 1, 'other file')}" if damages[1:] else ""
-    rows = sum(len(study.rows_of(chunk)) for chunk in {one.chunk for one in damages} - {None})
+    chunks = {one.chunk for one in damages if one.chunk is not None}
+    rows = sum(len(study.rows_of(chunk)) for chunk in chunks)
     again = f"{counted(rows, 'row')} {'is' if rows == 1 else 'are'} computed again" if rows else "it is written again"
     return f'Something has changed "{damages[0].path}"{others}; {again}.\n'
 

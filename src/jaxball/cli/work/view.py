@@ -37,7 +37,7 @@ def of_design(options: argparse.Namespace) -> int:
     result = load_result(options.saved)
     runs = _simulated(options, {"before": result.before, "after": result.after})
     with working(options, "writing the view"):
-        _write(options, runs, result.title, wanted=result.wanted)
+        _write(options, runs, result.title, wanted=result.wanted, discs=result.discs)
     return _say(options, *(f"{name}: {run}" for name, run in runs.items()))
 
 
@@ -105,6 +105,7 @@ def _write(
     title: str,
     *,
     wanted: Any = None,
+    discs: Any = (),
     scale: "ColourScale | None" = None,
 ) -> None:
     """Writes several runs; those of bodies that roll must be on one plane."""
@@ -125,6 +126,7 @@ def _write(
         title,
         friction=options.friction,
         wanted=wanted,
+        discs=discs,
         scale=scale,
         all_times=options.all_times,
     )

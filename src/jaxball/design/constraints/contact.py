@@ -1,5 +1,7 @@
 """What keeps the ball on the plane and from slipping, and away from obstacles."""
 
+from collections.abc import Iterable
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -7,8 +9,8 @@ from jaxtyping import Array, Float
 
 from ...numerics.arrays import numbers
 from ...numerics.norms import norm, room
-from ..objectives.paths import depths
-from ..plane import beside, corner, places
+from ..objectives.paths import AvoidObstacles, depths
+from ..plane import Requirement, beside, corner, places
 from ..run import Run
 from .base import AbstractRunningConstraint
 
@@ -63,6 +65,14 @@ class ClearOfObstacles(AbstractRunningConstraint):
 
     def beyond_a_disk(self):
         return beside(self.centres)
+
+
+def discs_to_avoid(requirements: Iterable[Requirement]) -> tuple[tuple[Float[np.ndarray, "2"], float], ...]:
+    """Centre and radius of each disc of the plane that the geometric centre is to stay out of."""
+    avoiding = [item for item in requirements if isinstance(item, AvoidObstacles | ClearOfObstacles)]
+    return tuple(
+        disc for item in avoiding for disc in zip(np.asarray(item.centres), map(float, item.radii), strict=True)
+    )
 
 
 class Within(AbstractRunningConstraint):

@@ -29,7 +29,8 @@ the ``tip`` whose path is drawn. A particle has ``time``, ``centre``, where it i
 
 ``axes`` are three rows that take space axes to those of the page, whose third axis points against gravity; ``floor`` is
 the plane, in axes of the page, or None where there is none. Where radii differ, it is that of the first body.
-``wanted`` is the place of an array (points, 3) on it, or None. ``scale`` says which number the bodies' colours stand
+``obstacles`` are discs on it, each ``[x, y, radius]`` in space axes. ``wanted`` is the place of an array (points, 3) on
+it, or None. ``scale`` says which number the bodies' colours stand
 for, by its values at equal steps of the colours ``stops``, or is None.
 """
 
@@ -52,7 +53,7 @@ from .packing import Pool, chosen_rows
 from .particle import particle_scene
 from .rigid import rigid_scene
 from .rolling import rolling_scene
-from .scene import Scene
+from .scene import Discs, Scene
 
 FORMAT, VERSION = "jaxball view", 3
 BEFORE, UNKNOWN = "#8a8a8a", "#8a8a8a"
@@ -91,6 +92,7 @@ def view_document(
     friction: float | None = None,
     *,
     wanted: Float[np.ndarray, "k 2"] | None = None,
+    discs: Discs = (),
     scale: ColourScale | None = None,
     room: float = np.inf,
 ) -> dict[str, Any]:
@@ -103,7 +105,7 @@ def view_document(
     named = trajectories if isinstance(trajectories, Mapping) else {"": trajectories}
     _check_number(len(named), scale)
     runs = list(named.values())
-    scene = _scene(named, friction, wanted)
+    scene = _scene(named, friction, wanted, discs)
     looks = _looks(len(named), scale)
     document = {
         "format": FORMAT,
@@ -133,7 +135,10 @@ def view_document(
 
 
 def _scene(
-    named: Mapping[str, Trajectory[Any, Any]], friction: float | None, wanted: Float[np.ndarray, "k 2"] | None
+    named: Mapping[str, Trajectory[Any, Any]],
+    friction: float | None,
+    wanted: Float[np.ndarray, "k 2"] | None,
+    discs: Discs,
 ) -> Scene:
     """The scene of runs of one kind.
 
@@ -154,8 +159,8 @@ def _scene(
                 f"{kind}; show them one by one."
             )
     if kind == ROLLING:
-        return rolling_scene(named, wanted)
-    for name, given in (("friction", friction), ("wanted", wanted)):
+        return rolling_scene(named, wanted, discs)
+    for name, given in (("friction", friction), ("wanted", wanted), ("discs", discs or None)):
         if given is not None:
             raise ValueError(
                 f"Argument `{name}` must be left out for a {kind}, which touches no plane, but it is given."

@@ -16,6 +16,7 @@ from jaxtyping import Float
 from ...interface.output import replacing
 from ...interface.views import MARK, check_view
 from .document import ColourScale, Runs, in_element, view_document
+from .scene import Discs
 
 HERE = Path(__file__).parent
 LARGEST, LARGEST_OF_SEVERAL = 1_000_000, 2_000_000  # bytes of a page, unless all saved times are asked for
@@ -43,13 +44,14 @@ class View:
         *,
         friction: float | None = None,
         wanted: Float[np.ndarray, "k 2"] | None = None,
+        discs: Discs = (),
         scale: ColourScale | None = None,
         all_times: bool = False,
     ) -> "View":
         """The view of a run or of several; the arguments are those of :func:`write_view`, and so are the errors."""
         largest = LARGEST_OF_SEVERAL if isinstance(trajectories, Mapping) and len(trajectories) > 1 else LARGEST
         room = np.inf if all_times else float(largest - len(page({}).encode()))
-        return cls(view_document(trajectories, title, friction, wanted=wanted, scale=scale, room=room))
+        return cls(view_document(trajectories, title, friction, wanted=wanted, discs=discs, scale=scale, room=room))
 
     @functools.cached_property
     def html(self) -> str:
@@ -88,6 +90,7 @@ def write_view(
     *,
     friction: float | None = None,
     wanted: Float[np.ndarray, "k 2"] | None = None,
+    discs: Discs = (),
     scale: ColourScale | None = None,
     all_times: bool = False,
 ) -> Path:
@@ -106,6 +109,7 @@ def write_view(
     - ``friction``: a coefficient μ, whose cone is drawn at the contact point, and whose line beside |f| / N. Without
       it, the cone of a run with a law of contact is that of μ_s.
     - ``wanted``: points of a path that is drawn dashed on the plane, length, shape (k, 2), or None.
+    - ``discs``: centre and radius of each disc of the plane that is to be avoided, length.
     - ``scale``: a :class:`ColourScale`, by which several bodies are coloured.
     - ``all_times``: whether to show all saved times. Without it, a page of one run that would be larger than 1 MB shows
       evenly spaced ones of them, and so does a page of several that would be larger than 2 MB.
@@ -115,11 +119,12 @@ def write_view(
     **Raises:** ``ValueError`` for a system that is neither a ball, a disk, a rigid body nor a particle, runs of more
     than one of these kinds, a reduced trajectory, a batch, one without a finite state, bodies that do not roll on the
     same plane, no run or more than 24, a ``scale`` with another number of values, a ``friction`` that is not positive,
-    and ``friction`` or ``wanted`` for what is on no plane; :class:`~jaxball.results.OutputError` as :meth:`View.save`.
+    and ``friction``, ``wanted`` or ``discs`` for what is on no plane; :class:`~jaxball.results.OutputError` as
+    :meth:`View.save`.
     """
     check_view(Path(path))
-    view = View.of(trajectories, title, friction=friction, wanted=wanted, scale=scale, all_times=all_times)
-    return view.save(path)
+    shown = {"friction": friction, "wanted": wanted, "discs": discs, "scale": scale}
+    return View.of(trajectories, title, **shown, all_times=all_times).save(path)
 
 
 def page(document: Mapping[str, Any]) -> str:

@@ -16,13 +16,15 @@ from ..style import mass_colour
 from .body import Shown, body_document, body_numbers, shown
 from .graphs import BLUE, PAIR, RED, angular_velocity, each, energies, graph, series, taken
 from .packing import Numbers
-from .scene import Scene
+from .scene import Discs, Scene
 
 ELEVATION, AZIMUTH = {False: 20.0, True: 8.0}, {False: -60.0, True: -90.0}  # degrees, of a ball and of a disk
 
 
-def rolling_scene(named: Mapping[str, Trajectory[Any, Any]], wanted: Float[np.ndarray, "k 2"] | None) -> Scene:
-    """The scene of balls or disks.
+def rolling_scene(
+    named: Mapping[str, Trajectory[Any, Any]], wanted: Float[np.ndarray, "k 2"] | None, discs: Discs = ()
+) -> Scene:
+    """The scene of balls or disks, with a path that is wanted and discs to avoid.
 
     **Raises:** ``ValueError`` for bodies that do not roll on the same plane, and as :func:`~.body.shown`.
     """
@@ -33,7 +35,8 @@ def rolling_scene(named: Mapping[str, Trajectory[Any, Any]], wanted: Float[np.nd
     goal = None if wanted is None else np.column_stack([wanted, np.full(len(wanted), -first.radius)])
     stand = {
         "axes": setting.page.tolist(),
-        "floor": _floor(bodies, setting, goal),
+        "floor": _floor(bodies, setting, [*([] if goal is None else [goal]), *_bounds(discs, first.radius)]),
+        "obstacles": [[float(centre[0]), float(centre[1]), float(radius)] for centre, radius in discs],
         **_cone(bodies),
         "camera": {"elevation": ELEVATION[planar], "azimuth": AZIMUTH[planar] + (0 if planar else setting.downhill)},
     }
@@ -62,10 +65,15 @@ def other_ground(systems: Sequence[System]) -> int | None:
     return next(others, None)
 
 
-def _floor(bodies: Sequence[Shown], setting: Setting, goal: Float[np.ndarray, "k 3"] | None) -> dict[str, Any]:
+def _bounds(discs: Discs, r: float) -> list[Float[np.ndarray, "2 3"]]:
+    """Two corners of the square about each disc, on the plane."""
+    return [np.array([[*(np.asarray(centre) + side * radius), -r] for side in (-1, 1)]) for centre, radius in discs]
+
+
+def _floor(bodies: Sequence[Shown], setting: Setting, drawn: Sequence[Float[np.ndarray, "k 3"]]) -> dict[str, Any]:
     r = bodies[0].radius
     paths = [one.run.observables.contact_point + np.array([0.0, 0.0, one.radius - r]) for one in bodies]
-    path = np.concatenate(paths if goal is None else [*paths, goal])
+    path = np.concatenate([*paths, *drawn])
     floor = floor_under(path, max(one.radius for one in bodies), setting)
     return {
         "low": floor.low.tolist(),

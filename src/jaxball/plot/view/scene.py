@@ -1,5 +1,6 @@
 """What a view shows at one place: bodies of one kind, where they are seen from, and the graphs beside them."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,13 +9,14 @@ from jaxtyping import Float
 from ...simulation.trajectory import Trajectory
 from .packing import Numbers
 
+Discs = Sequence[tuple[Float[np.ndarray, "2"], float]]  # of the plane, each with centre and radius
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 class Scene(NamedTuple):
     """Bodies of one kind, in parts of the dictionary of a view."""
 
-    stand: dict[str, Any]  # ``axes``, ``floor`` and ``camera``
+    stand: dict[str, Any]  # ``axes``, ``floor``, ``obstacles`` and ``camera``
     made: list[dict[str, Any]]  # of what each body is made
     numbers: list[dict[str, Numbers]]  # those of each body
     plots: list[dict[str, Any]]
@@ -23,7 +25,12 @@ class Scene(NamedTuple):
 
 def free_stand(azimuth: float) -> dict[str, Any]:
     """The stand of bodies that are on no plane, seen from a direction in degrees."""
-    return {"axes": np.eye(3).tolist(), "floor": None, "camera": {"elevation": 20.0, "azimuth": azimuth}}
+    return {
+        "axes": np.eye(3).tolist(),
+        "floor": None,
+        "obstacles": [],
+        "camera": {"elevation": 20.0, "azimuth": azimuth},
+    }
 
 
 def made(kind: str, trajectory: Trajectory[Any, Any], radius: float, saved: int) -> dict[str, Any]:

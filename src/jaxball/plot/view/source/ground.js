@@ -1,5 +1,5 @@
-// The plane: its floor, which may be the top of a wedge, a grid of one radius, a turntable, and the path that is wanted.
-// All of it moves as the plane does.
+// The plane: its floor, which may be the top of a wedge, a grid of one radius, a turntable, obstacles, and the path that
+// is wanted. All of it moves as the plane does.
 
 import { BufferGeometry, CircleGeometry, Float32BufferAttribute, Group, LineSegments, Mesh } from "three";
 import { row, STILL } from "./data.js";
@@ -10,7 +10,7 @@ import { css } from "./theme.js";
 const MOST_LINES = 200;
 
 export class Ground extends Group {
-  constructor({ axes, floor, wanted }, r) {
+  constructor({ axes, floor, obstacles, wanted }, r) {
     super();
     // The plane's own axes, with its height as origin of the third.
     this.plane = new Group();
@@ -32,6 +32,7 @@ export class Ground extends Group {
     }
     if (floor.table > 0) this.plane.add(this.table(floor, r));
     else this.plane.add(grid(floor, r));
+    if (obstacles.length) this.plane.add(this.discs(obstacles, floor.height, r));
     this.add(this.plane);
     if (!wanted) return;
     this.wanted = segments(lifted(curve(wanted), axes, 0.006 * r), () => css("ink"), 2, {
@@ -55,6 +56,20 @@ export class Ground extends Group {
     this.turning.position.set(centre[0], centre[1], height + 0.001 * r);
     this.turning.add(plate, thin(lines), segments(mark, () => css("shell"), 2));
     return this.turning;
+  }
+
+  discs(obstacles, height, r) {
+    this.obstacles = new Group();
+    for (const [x, y, radius] of obstacles) {
+      const disc = new Group();
+      const shade = { opacity: 0.3, transparent: true, depthWrite: false };
+      const edge = circle((a) => [radius * Math.cos(a), radius * Math.sin(a), 0]);
+      disc.add(new Mesh(new CircleGeometry(radius, 96), flat(() => css("shell"), shade)));
+      disc.add(segments(edge, () => css("shell"), 2));
+      disc.position.set(x, y, height + 0.005 * r);
+      this.obstacles.add(disc);
+    }
+    return this.obstacles;
   }
 
   // As it is at the k-th time of a body.

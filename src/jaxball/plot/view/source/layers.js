@@ -21,6 +21,7 @@ export function layersOf({ bodies, friction, cone, palette }, stage) {
       ["Contact point", arrows("contact"), true],
       ["Trace", stage.traces, true, trail],
       ["Path that is wanted", [stage.ground.wanted].filter(Boolean), true],
+      ["Obstacles", [stage.ground.obstacles].filter(Boolean), true],
       ["Rails", hasRails ? parts("rails") : [], true],
       ["Axes of space", [stage.spaceAxes], false],
       ["Axes of the body", parts("axes"), false],
