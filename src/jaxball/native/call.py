@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from .compiler import ALIGNMENT, Compiler, Entry
+from .elements import UnsupportedError
 from .machine import Code
 from .program import functions_of
 
@@ -27,8 +28,11 @@ class Executable:
     raises ``KeyboardInterrupt`` from within.
     """
 
-    def __init__(self, module: Any):
-        entry = Entry(Compiler(functions_of(module)))
+    def __init__(self, module: Any, arguments: int):
+        functions = functions_of(module)
+        if len(functions["main"].arguments) != arguments:
+            raise UnsupportedError("A program with arguments of JAX's own")
+        entry = Entry(Compiler(functions))
         self._code = Code(entry.text)
         # Of the kind that looks, after the call, for an exception; the code releases Python's lock itself.
         kind = ctypes.PYFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)

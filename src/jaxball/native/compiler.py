@@ -69,7 +69,7 @@ class Compiler:
 
     def __init__(self, functions: dict[str, Block]):
         self.functions, self.module = functions, Module()
-        self.compiled: dict[str, "Signature"] = {}
+        self.compiled: dict[str, Signature] = {}
         self.costs: dict[str, int] = {}
         self._sizes: dict[str, int] = {}
         self._calls: dict[str, int] = {}
@@ -317,8 +317,8 @@ def compile_function(compiler: Compiler, name: str) -> Signature:
         returned = []
         for position, (array, small) in enumerate(zip(results, signature.results, strict=True)):
             if small:
-                flat = storage.to_registers(array).objects().reshape(-1)
-                returned += [number for _, number in parts([array.dtype] * flat.size, flat)]
+                flat = list(storage.to_registers(array).objects().reshape(-1))
+                returned += [number for _, number in parts([array.dtype] * len(flat), flat)]
             else:
                 given.append(f"ptr noalias %r{position}")
                 storage.fill(Memory(array.shape, array.dtype, Buffer(f"%r{position}", 0)), array)
@@ -347,8 +347,8 @@ def call_function(function: Function, name: str, block: Block, operands: Sequenc
     given = ["ptr %control", "ptr %workspace"]
     for array, small in zip(operands, signature.arguments, strict=True):
         if small:
-            flat = storage.to_registers(array).objects().reshape(-1)
-            numbers = parts([array.dtype] * flat.size, flat)
+            flat = list(storage.to_registers(array).objects().reshape(-1))
+            numbers = parts([array.dtype] * len(flat), flat)
             given += [f"{llvm_type(dtype)} {written(number)}" for dtype, number in numbers]
         else:
             given.append(f"ptr {storage.to_memory(array).buffer.name}")

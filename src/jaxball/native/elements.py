@@ -10,7 +10,7 @@ import numpy as np
 
 Name: TypeAlias = str
 Element: TypeAlias = Any
-Index: TypeAlias = "int | Name"
+Index: TypeAlias = int | Name
 
 
 class UnsupportedError(Exception):

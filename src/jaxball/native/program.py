@@ -6,11 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from jaxlib.mlir import ir
-from jaxlib.mlir.dialects import stablehlo
+from jax.extend.mlir import ir
+from jax.extend.mlir.dialects import stablehlo
 
-from .elements import UnsupportedError, dtype_named
-
+from .elements import UnsupportedError, dtype_named, part_of
 
 _OF_STABLEHLO: dict[str, Callable[[Any], Any]] = {
     "comparison_direction": lambda attribute: stablehlo.ComparisonDirectionAttr(attribute).value,
@@ -84,7 +83,7 @@ class Operation:
         if attribute.is_splat:
             number = np.asarray(attribute.get_splat_value().value)
             return np.broadcast_to(number.astype(dtype), shape)
-        if dtype == bool:
+        if dtype.kind == "b":
             return np.array([bool(attribute[k]) for k in range(len(attribute))]).reshape(shape)
         return np.array(attribute).astype(dtype, copy=False).reshape(shape)
 
@@ -196,7 +195,7 @@ _NUMBER = r"(-?[^\s,()\[\]]+)"
 
 
 def _complex_constant(text: str, shape: Sequence[int], dtype: np.dtype) -> np.ndarray:
-    part = np.zeros((), dtype).real.dtype
+    part = part_of(dtype)
     within = text[text.index("dense<") + 6 : text.rindex("> :")]
     if within.startswith('"'):  # of all bytes
         numbers = np.frombuffer(bytes.fromhex(within.strip('"')[2:]), dtype)
@@ -208,7 +207,7 @@ def _complex_constant(text: str, shape: Sequence[int], dtype: np.dtype) -> np.nd
     return np.broadcast_to(numbers[0], shape) if len(numbers) == 1 else numbers.reshape(shape)
 
 
-def _number(text: str, dtype: np.dtype) -> np.floating:
+def _number(text: str, dtype: np.dtype) -> Any:
     if text.startswith("0x"):
         return np.array(int(text, 16), f"u{dtype.itemsize}").view(dtype)[()]
     return dtype.type(text)

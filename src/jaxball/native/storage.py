@@ -174,9 +174,7 @@ class Storage:
         with contextlib.ExitStack() as stack:
             if not size_of(shape):  # written, and never executed
                 stack.enter_context(self.builder.where(np.bool_(False)))
-            yield [
-                stack.enter_context(self.builder.loop(0, length)).index if length > 1 else 0 for length in shape
-            ]
+            yield [stack.enter_context(self.builder.loop(0, length)).index if length > 1 else 0 for length in shape]
 
 
 def parts(dtypes: Sequence[np.dtype], numbers: Sequence[Element]) -> Iterator[tuple[np.dtype, Element]]:
@@ -203,4 +201,3 @@ def is_uniform(numbers: np.ndarray) -> bool:
         return True
     first = numbers.reshape(-1)[:1]
     return numbers.tobytes() == first.tobytes() * numbers.size
-

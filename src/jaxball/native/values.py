@@ -9,7 +9,7 @@ All have ``shape``, ``dtype`` and ``element(builder, index)``.
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -56,7 +56,7 @@ class Registers:
 
     def element(self, builder: Builder, index: Sequence[Index]) -> Element:
         """The element at an index, which must be known in dimensions longer than one."""
-        position = tuple(0 if length == 1 else i for i, length in zip(index, self.shape, strict=True))
+        position: Any = tuple(0 if length == 1 else i for i, length in zip(index, self.shape, strict=True))
         element = self.elements[position]
         return Pair(element.real, element.imag) if self.known and self.dtype.kind == "c" else element
 

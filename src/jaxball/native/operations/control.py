@@ -57,8 +57,7 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
                     if carry.in_memory and isinstance(carry.array, Memory)
                 ]
                 following = [
-                    carry.numbers(result) if carry.phis else []
-                    for carry, result in zip(carries, results, strict=True)
+                    carry.numbers(result) if carry.phis else [] for carry, result in zip(carries, results, strict=True)
                 ]
                 storage.move([target for target, _ in in_memory], [source for _, source in in_memory])
             function.looks_for_signals(b.cost - cost)
@@ -182,14 +181,12 @@ class _Branches:
         with function.executed(region, []) as results:
             for position, array in enumerate(results):
                 if self.small[position]:
-                    flat = storage.to_registers(array).objects().reshape(-1)
-                    numbers = [number for _, number in parts([array.dtype] * flat.size, flat)]
+                    flat = list(storage.to_registers(array).objects().reshape(-1))
+                    numbers = [number for _, number in parts([array.dtype] * len(flat), flat)]
                     self.cases[position].append((numbers, ""))
                 elif self.targets[position] is None:
                     self._choose_target(position, array)
-            moves = [
-                (target, array) for target, array in zip(self.targets, results, strict=True) if target is not None
-            ]
+            moves = [(target, array) for target, array in zip(self.targets, results, strict=True) if target is not None]
             storage.move([target for target, _ in moves], [array for _, array in moves])
             for position, small in enumerate(self.small):
                 if small:

@@ -8,7 +8,7 @@ from ..compiler import Function
 from ..elements import Element, UnsupportedError
 from ..program import Operation
 from ..rules import rule, short
-from ..values import Array, Formula, Registers, is_small
+from ..values import Array, Formula, Registers, is_small, size_of
 from . import complex, real
 
 
@@ -18,10 +18,10 @@ def mapped(
     """The array of what ``compute`` gives for the elements; an operand of shape () is the same for all."""
     builder, storage = function.builder, function.storage
     if is_small(shape):
-        flat = [
-            storage.to_registers(array).objects().reshape(-1).tolist() * (1 if array.shape == shape else int(np.prod(shape)))
-            for array in of
-        ]
+        flat = []
+        for array in of:
+            elements = storage.to_registers(array).objects().reshape(-1).tolist()
+            flat.append(elements if array.shape == shape else elements * size_of(shape))
         return Registers(dtype, collected([compute(*elements) for elements in zip(*flat, strict=True)], shape, dtype))
     arrays = [storage.anywhere(array) for array in of]
 
@@ -97,10 +97,11 @@ def complex_of(function: Function, operation: Operation, operands: list[Array]) 
 
 @rule("stablehlo.real", "stablehlo.imag")
 def part(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """Real and imaginary part; of a real number itself and 0."""
+    """Of a real number itself and 0."""
     result = operation.results[0]
     if operands[0].dtype.kind == "c":
-        return elementwise(function, operation, operands)
+        compute = scalar(operation)
+        return mapped(function, result.shape, result.dtype, lambda x: compute(function.builder, x), operands)
     zero = result.dtype.type(0)
     compute = (lambda x: x) if short(operation.name) == "real" else (lambda x: zero)
     return mapped(function, result.shape, result.dtype, compute, operands)
@@ -108,9 +109,9 @@ def part(function: Function, operation: Operation, operands: list[Array]) -> Arr
 
 @rule("stablehlo.reduce_precision")
 def reduce_precision(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """Rounded to the bits of a type; of float32 in float64, numbers below its smallest normal one stay as they are not."""
+    """Rounded to the bits of its own type, which changes nothing; to others not known."""
     bits = operation.attribute("exponent_bits"), operation.attribute("mantissa_bits")
-    result, builder = operation.results[0], function.builder
+    result = operation.results[0]
     if bits == {8: (11, 52), 4: (8, 23)}[result.dtype.itemsize]:
         return operands[0]
     raise UnsupportedError(f"Rounding of {result.dtype} to {bits[1]} bits")

@@ -173,7 +173,7 @@ def _scattered_registers(
     for index in np.ndindex(*updates[0].shape):
         inside, place = places.of(index)
         if inside:
-            where = tuple(place)
+            where: Any = tuple(place)
             new = combine(
                 *(result[where] for result in results),
                 *(update.element(function.builder, index) for update in updates),

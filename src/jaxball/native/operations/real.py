@@ -72,14 +72,13 @@ def _divided(
     """Division of integers, whose divisor is replaced by 1 where LLVM does not define the result."""
     kind, signed = llvm_type(dtype), dtype.kind == "i"
     zero = b.compare("eq", dtype, y, dtype.type(0))
-    divisor = b.select(dtype, zero, dtype.type(1), y)
+    overflow: Element = np.bool_(False)
     if signed:
         least = b.compare("eq", dtype, x, np.iinfo(dtype).min)
         overflow = b.binary("and", BOOL, least, b.compare("eq", dtype, y, dtype.type(-1)))
-        divisor = b.select(dtype, overflow, dtype.type(1), divisor)
+    divisor = b.select(dtype, b.binary("or", BOOL, zero, overflow), dtype.type(1), y)
     result = b.pure(f"{'s' if signed else 'u'}{operation} {kind} {written(x)}, {written(divisor)}")
-    if signed:
-        result = b.select(dtype, overflow, dtype.type(overflowed), result)
+    result = b.select(dtype, overflow, dtype.type(overflowed), result)
     return b.select(dtype, zero, x if by_zero is None else np.array(by_zero).astype(dtype)[()], result)
 
 

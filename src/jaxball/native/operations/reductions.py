@@ -170,12 +170,12 @@ def _running(
         return [Registers(dtype, result) for dtype, result in zip(dtypes, results, strict=True)]
     sources = [storage.anywhere(array) for array in arrays]
     targets = [storage.allocate(shape, dtype) for dtype in dtypes]
-    with storage.every_index([1 if k == dimension else n for k, n in enumerate(shape)]) as place:
-        with builder.loop(0, length, *parts(dtypes, first)) as turn:
-            i = builder.plus(builder.times(turn.index, -1), length - 1) if backwards else turn.index
-            index = [i if k == dimension else j for k, j in enumerate(place)]
-            numbers = combine(*joined(dtypes, turn.carried), *(source.element(builder, index) for source in sources))
-            for target, number in zip(targets, numbers, strict=True):
-                storage.put(target, index, number)
-            turn.following = [number for _, number in parts(dtypes, numbers)]
+    others = [1 if k == dimension else n for k, n in enumerate(shape)]
+    with storage.every_index(others) as place, builder.loop(0, length, *parts(dtypes, first)) as turn:
+        i = builder.plus(builder.times(turn.index, -1), length - 1) if backwards else turn.index
+        index = [i if k == dimension else j for k, j in enumerate(place)]
+        numbers = combine(*joined(dtypes, turn.carried), *(source.element(builder, index) for source in sources))
+        for target, number in zip(targets, numbers, strict=True):
+            storage.put(target, index, number)
+        turn.following = [number for _, number in parts(dtypes, numbers)]
     return list(targets)

@@ -140,9 +140,7 @@ def reverse(function: Function, operation: Operation, operands: list[Array]) -> 
     builder = function.builder
 
     def source(index: Sequence[Index]) -> list[Index]:
-        return [
-            builder.plus(builder.times(i, -1), shape[k] - 1) if k in dimensions else i for k, i in enumerate(index)
-        ]
+        return [builder.plus(builder.times(i, -1), shape[k] - 1) if k in dimensions else i for k, i in enumerate(index)]
 
     return moved(function, operation, operands[0], lambda elements: np.flip(elements, dimensions), source)
 
@@ -212,5 +210,3 @@ def pad(function: Function, operation: Operation, operands: list[Array]) -> Arra
 @rule("stablehlo.optimization_barrier")
 def optimization_barrier(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
     return operands
-
-

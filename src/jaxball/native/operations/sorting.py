@@ -55,9 +55,7 @@ def _sorted(function: Function, operation: Operation, length: int, rows: list[Me
             middle, end = least(b.plus(start, part), length), least(b.plus(start, twice), length)
             with b.loop(start, end, (INDEX, start), (INDEX, middle)) as one:
                 i, j = one.carried
-                first, second = (
-                    [row.element(b, (least(k, length - 1),)) for row in rows] for k in (i, j)
-                )
+                first, second = ([row.element(b, (least(k, length - 1),)) for row in rows] for k in (i, j))
                 later = comes_before(*(element for two in zip(second, first, strict=True) for element in two))[0]
                 has_first, has_second = b.compare("slt", INDEX, i, middle), b.compare("slt", INDEX, j, end)
                 takes_second = b.binary("and", BOOL, later, has_second)
