@@ -33,7 +33,7 @@ class Module:
 
     def __init__(self) -> None:
         self.declared: dict[str, str] = {}
-        self.constants: dict[tuple[Any, ...], tuple[str, str]] = {}
+        self.constants: dict[bytes, tuple[str, str]] = {}
         self.functions: list[str] = []
         self.workspace = 0
         self.lines = 0

@@ -57,7 +57,7 @@ class Registers:
     def element(self, builder: Builder, index: Sequence[Index]) -> Element:
         """The element at an index, which must be known in dimensions longer than one."""
         position: Any = tuple(0 if length == 1 else i for i, length in zip(index, self.shape, strict=True))
-        element = self.elements[position]
+        element: Any = self.elements[position]
         return Pair(element.real, element.imag) if self.known and self.dtype.kind == "c" else element
 
     def has(self, index: Sequence[Index]) -> bool:
