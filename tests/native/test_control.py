@@ -125,7 +125,7 @@ def test_functions_that_stay_functions(length):
     def long(x, y, k):
         for i in range(90):
             x = jnp.where(x > k, x * 0.9 + y[i % 3], x - 0.1 * y[::-1])
-        return x, y + x[0], jnp.sum(x * 1j), x > 0
+        return x, y + x[0], jnp.sum(x.astype(complex)), x > 0
 
     def f(x):
         first = long(x, 2 * x, 0.3)

@@ -14,24 +14,52 @@ INTEGERS = [f"{kind}{bits}" for kind in ("int", "uint") for bits in (8, 16, 32, 
 COMPLEX = ["complex128", "complex64"]
 
 # What the processor computes, which is the same to the last bit.
-EXACT = dict(
-    abs=lax.abs, neg=lax.neg, sign=lax.sign, floor=lax.floor, ceil=lax.ceil, sqrt=lax.sqrt, is_finite=lax.is_finite,
-    away=lambda x: lax.round(x, lax.RoundingMethod.AWAY_FROM_ZERO),
-    even=lambda x: lax.round(x, lax.RoundingMethod.TO_NEAREST_EVEN),
-    square=lax.square,
-)  # fmt: skip
+EXACT = {
+    "abs": lax.abs,
+    "neg": lax.neg,
+    "sign": lax.sign,
+    "floor": lax.floor,
+    "ceil": lax.ceil,
+    "sqrt": lax.sqrt,
+    "is_finite": lax.is_finite,
+    "away": lambda x: lax.round(x, lax.RoundingMethod.AWAY_FROM_ZERO),
+    "even": lambda x: lax.round(x, lax.RoundingMethod.TO_NEAREST_EVEN),
+    "square": lax.square,
+}
 # Functions of C's library, and XLA's own, which differ by some roundings.
-FUNCTIONS = dict(
-    exp=lax.exp, log=lax.log, sin=lax.sin, cos=lax.cos, tan=lax.tan, tanh=lax.tanh, log1p=lax.log1p, expm1=lax.expm1,
-    rsqrt=lax.rsqrt, cbrt=lax.cbrt, logistic=lax.logistic, asin=lax.asin, acos=lax.acos, atan=lax.atan, sinh=lax.sinh,
-    cosh=lax.cosh, asinh=lax.asinh, acosh=lax.acosh, atanh=lax.atanh, erf=lax.erf, erfc=lax.erfc,
-)  # fmt: skip
-PAIRS = dict(add=lax.add, sub=lax.sub, mul=lax.mul, div=lax.div, rem=lax.rem, max=lax.max, min=lax.min)
-COMPARISONS = dict(eq=lax.eq, ne=lax.ne, lt=lax.lt, le=lax.le, gt=lax.gt, ge=lax.ge)
-BITS = dict(
-    and_=lax.bitwise_and, or_=lax.bitwise_or, xor=lax.bitwise_xor, left=lax.shift_left,
-    arithmetic=lax.shift_right_arithmetic, logical=lax.shift_right_logical,
-)  # fmt: skip
+FUNCTIONS = {
+    "exp": lax.exp,
+    "log": lax.log,
+    "sin": lax.sin,
+    "cos": lax.cos,
+    "tan": lax.tan,
+    "tanh": lax.tanh,
+    "log1p": lax.log1p,
+    "expm1": lax.expm1,
+    "rsqrt": lax.rsqrt,
+    "cbrt": lax.cbrt,
+    "logistic": lax.logistic,
+    "asin": lax.asin,
+    "acos": lax.acos,
+    "atan": lax.atan,
+    "sinh": lax.sinh,
+    "cosh": lax.cosh,
+    "asinh": lax.asinh,
+    "acosh": lax.acosh,
+    "atanh": lax.atanh,
+    "erf": lax.erf,
+    "erfc": lax.erfc,
+}
+PAIRS = {"add": lax.add, "sub": lax.sub, "mul": lax.mul, "div": lax.div, "rem": lax.rem, "max": lax.max, "min": lax.min}
+COMPARISONS = {"eq": lax.eq, "ne": lax.ne, "lt": lax.lt, "le": lax.le, "gt": lax.gt, "ge": lax.ge}
+BITS = {
+    "and_": lax.bitwise_and,
+    "or_": lax.bitwise_or,
+    "xor": lax.bitwise_xor,
+    "left": lax.shift_left,
+    "arithmetic": lax.shift_right_arithmetic,
+    "logical": lax.shift_right_logical,
+}
 
 
 def pairs(dtype):
@@ -83,7 +111,7 @@ def test_powers_angles_and_neighbours(dtype):
 @pytest.mark.parametrize("dtype", INTEGERS)
 def test_integers(dtype):
     agree(*each(PAIRS | COMPARISONS | BITS, *pairs(dtype)))
-    one = dict(sign=lax.sign, inverted=lax.bitwise_not, ones=lax.population_count, zeros=lax.clz)
+    one = {"sign": lax.sign, "inverted": lax.bitwise_not, "ones": lax.population_count, "zeros": lax.clz}
     agree(*each(one | ({"abs": lax.abs, "neg": lax.neg} if dtype.startswith("i") else {}), special(dtype)))
 
 
@@ -103,7 +131,15 @@ def test_complex_arithmetic(dtype):
     rng = np.random.default_rng(1)
     x, y = ((rng.normal(size=100) + 1j * rng.normal(size=100)).astype(dtype) for _ in range(2))
     products = {"mul": lambda x, y: x * y, "div": lambda x, y: x / y, "abs": lambda x, y: abs(x), "pow": lax.pow}
-    functions = dict(exp=lax.exp, log=lax.log, sqrt=lax.sqrt, sin=lax.sin, cos=lax.cos, tanh=lax.tanh, sign=lax.sign)
+    functions = {
+        "exp": lax.exp,
+        "log": lax.log,
+        "sqrt": lax.sqrt,
+        "sin": lax.sin,
+        "cos": lax.cos,
+        "tanh": lax.tanh,
+        "sign": lax.sign,
+    }
 
     def numbers(x, y):
         return {name: f(x, y) for name, f in products.items()} | {name: f(x) for name, f in functions.items()}
@@ -163,9 +199,17 @@ def test_all_numbers_known():
 def test_functions_are_right():
     """To three roundings, by mpmath."""
     x = np.random.default_rng(2).uniform(0.05, 0.95, 40)
-    names = dict(
-        sin="sin", cos="cos", tan="tan", exp="exp", log="log", tanh="tanh", asin="asin", erf="erf", cbrt="cbrt"
-    )
+    names = {
+        "sin": "sin",
+        "cos": "cos",
+        "tan": "tan",
+        "exp": "exp",
+        "log": "log",
+        "tanh": "tanh",
+        "asin": "asin",
+        "erf": "erf",
+        "cbrt": "cbrt",
+    }
     found = native(lambda x: {name: FUNCTIONS[name](x) for name in names}, x)
     for name, of_mpmath in names.items():
         expected = np.array([float(getattr(mpmath, of_mpmath)(mpmath.mpf(number))) for number in x])

@@ -33,13 +33,13 @@ def test_slices_that_move(length):
     def slices(x, i, j):
         return (
             lax.dynamic_slice(x, (i, j), (4, 2)),
-            lax.dynamic_slice(x, (i, 0), (length, 3)),
+            lax.dynamic_slice(x, (i, np.int8(0)), (length, 3)),
             lax.dynamic_update_slice(x, x[:4, :2] * 2, (i, j)),
             lax.dynamic_index_in_dim(x, i, 0, keepdims=False),
         )
 
     for i in (-7, -1, 0, 2, length - 1, length + 5):
-        agree(slices, x, i, np.int8(1))
+        agree(slices, x, np.int8(i), np.int8(1))
 
 
 @pytest.mark.parametrize("length", LENGTHS)
@@ -104,7 +104,7 @@ def test_updates_within_a_loop():
         def body(i, carry):
             x, y = carry
             row = lax.dynamic_index_in_dim(x, i, 0)
-            return lax.dynamic_update_slice(x, row + x[0], (i + 1, 0)), y.at[i % 3].add(row[0, 0])
+            return lax.dynamic_update_slice(x, row + x[:1], (i + 1, 0)), y.at[i % 3].add(row[0, 0])
 
         return lax.fori_loop(0, 90, body, (x, jnp.zeros(3)))
 

@@ -111,8 +111,8 @@ def test_sorting(length):
 def test_sorting_several_together(length):
     rng = np.random.default_rng(5)
     keys, others = rng.integers(0, 4, length), rng.integers(0, 3, length).astype(np.uint8)
-    agree(lambda k, o, x: lax.sort((k, o, x), num_keys=2), keys, others, np.arange(length) + 0j)
-    agree(lambda k: (jnp.unique(k, size=4), jnp.searchsorted(jnp.sort(k), 2), jnp.median(k * 1.0)), keys)
+    agree(lambda k, o, x: lax.sort((k, o, x), num_keys=2), keys, others, np.arange(length).astype(complex))
+    agree(lambda k: (jnp.unique(k, size=4), jnp.searchsorted(jnp.sort(k), 2), jnp.median(k.astype(float))), keys)
 
 
 def test_random_numbers():

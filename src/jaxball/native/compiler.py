@@ -2,66 +2,18 @@
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from .builder import Builder, Module
-from .elements import Element, UnsupportedError, llvm_type, written
+from .elements import Element, UnsupportedError
 from .program import Block, Operation, Value
 from .rules import RULES
-from .storage import Storage, joined, parts
-from .values import Array, Buffer, Formula, Memory, Registers, is_small, size_of, store
+from .storage import Storage
+from .values import Array, Buffer, Formula, Memory, Registers, is_small
 
 MOST_INLINED = 200  # operations of a function that is called more than once and still written where it is called
-ALIGNMENT = 64
-# Instructions between two looks at signals: some milliseconds.
-PATIENCE = 5_000_000
-
-# What a program looks at in between: the instructions left until it next looks for signals, whether it shall stop, and
-# the state of Python's thread, which has given up Python's lock.
-SUPPORT = f"""
-declare ptr @PyEval_SaveThread()
-declare void @PyEval_RestoreThread(ptr)
-declare i32 @PyErr_CheckSignals()
-
-define internal i1 @looks_for_signals(ptr %control) noinline cold {{
-entry:
-  %place = getelementptr i8, ptr %control, i64 8
-  %state.place = getelementptr i8, ptr %control, i64 16
-  %before = load i8, ptr %place
-  %stopped = icmp ne i8 %before, 0
-  br i1 %stopped, label %stop, label %look
-look:
-  store i64 {PATIENCE}, ptr %control
-  %state = load ptr, ptr %state.place
-  call void @PyEval_RestoreThread(ptr %state)
-  %raised = call i32 @PyErr_CheckSignals()
-  %new = call ptr @PyEval_SaveThread()
-  store ptr %new, ptr %state.place
-  %interrupted = icmp ne i32 %raised, 0
-  br i1 %interrupted, label %stop, label %continue
-stop:
-  store i8 1, ptr %place
-  store i64 -1, ptr %control
-  ret i1 true
-continue:
-  ret i1 false
-}}
-
-define void @run(ptr %inputs, ptr %outputs, ptr %workspace) {{
-  %control = alloca [24 x i8], align 8
-  %place = getelementptr i8, ptr %control, i64 8
-  %state.place = getelementptr i8, ptr %control, i64 16
-  %state = call ptr @PyEval_SaveThread()
-  store i64 {PATIENCE}, ptr %control
-  store i8 0, ptr %place
-  store ptr %state, ptr %state.place
-  call void @main(ptr %control, ptr %workspace, ptr %inputs, ptr %outputs)
-  %last = load ptr, ptr %state.place
-  call void @PyEval_RestoreThread(ptr %last)
-  ret void
-}}
-"""
 
 
 class Compiler:
@@ -69,7 +21,7 @@ class Compiler:
 
     def __init__(self, functions: dict[str, Block]):
         self.functions, self.module = functions, Module()
-        self.compiled: dict[str, Signature] = {}
+        self.compiled: dict[str, Any] = {}  # what is known of how each of them is called
         self.costs: dict[str, int] = {}
         self._sizes: dict[str, int] = {}
         self._calls: dict[str, int] = {}
@@ -113,29 +65,6 @@ class Compiler:
 
 
 _INDEXING = ("stablehlo.dynamic_slice", "stablehlo.dynamic_update_slice", "stablehlo.gather", "stablehlo.scatter")
-
-
-class Signature:
-    """How a function of LLVM's is called: which arguments and results are in registers."""
-
-    def __init__(self, compiler: Compiler, block: Block):
-        self.arguments = [compiler.in_registers(value) for value in block.arguments]
-        self.results = [compiler.in_registers(value) for value in block.results]
-        kinds = [llvm_type(dtype) for dtype in self.returned(block)]
-        self.type = f"{{ {', '.join(kinds)} }}" if kinds else "void"
-
-    def returned(self, block: Block) -> list[np.dtype]:
-        """The types of the numbers that are returned."""
-        elements = [
-            value.dtype for value, small in zip(block.results, self.results, strict=True) if small
-            for _ in range(size_of(value.shape))
-        ]  # fmt: skip
-        zeros = [_zero(dtype) for dtype in elements]
-        return [dtype for dtype, _ in parts(elements, zeros)]
-
-
-def _zero(dtype: np.dtype) -> Element:
-    return Registers(dtype, np.zeros((), dtype)).element(None, ())  # type: ignore[arg-type]
 
 
 class Function:
@@ -257,126 +186,3 @@ def _name(operation: Operation) -> str:
     if operation.name == "stablehlo.custom_call":
         return f"{operation.name} of {operation.attribute('call_target_name')}"
     return operation.name
-
-
-class Entry:
-    """The text of a compiled program, and how it is called.
-
-    - ``text``: LLVM's IR of a function ``run(inputs, outputs, workspace)``: the addresses of the arguments, one array
-      in which all results lie, and memory to work in.
-    - ``results``: offset in bytes, shape and type of each result.
-    - ``size``: bytes of all results; ``workspace``: those to work in.
-    """
-
-    def __init__(self, compiler: Compiler):
-        block = compiler.functions["main"]
-        function = Function(compiler, "ret void")
-        arguments = [_argument(function, compiler, value, position) for position, value in enumerate(block.arguments)]
-        self.results: list[tuple[int, tuple[int, ...], np.dtype]] = []
-        self.size = 0
-        with function.executed(block, arguments) as results:
-            for array in results:
-                self.results.append((self.size, array.shape, array.dtype))
-                address = function.builder.address("%outputs", self.size)
-                function.storage.fill(Memory(array.shape, array.dtype, Buffer(address, 0)), array)
-                self.size += -(-max(size_of(array.shape) * array.dtype.itemsize, 1) // ALIGNMENT) * ALIGNMENT
-        function.builder.write("ret void")
-        head = "internal void @main(ptr %control, ptr %workspace, ptr %inputs, ptr %outputs)"
-        compiler.module.functions.append(function.builder.function(head))
-        self.workspace = compiler.module.workspace
-        self.text = SUPPORT + compiler.module.text()
-
-
-def _argument(function: Function, compiler: Compiler, value: Value, position: int) -> Array:
-    b = function.builder
-    address = b.effect(f"load ptr, ptr {b.address('%inputs', 8 * position)}")
-    memory = Memory(value.shape, value.dtype, Buffer(address, 0, writable=False))
-    return function.storage.to_registers(memory) if compiler.in_registers(value) else memory
-
-
-def compile_function(compiler: Compiler, name: str) -> Signature:
-    """A function of the program as a function of LLVM's, written when it is first asked for."""
-    if name in compiler.compiled:
-        return compiler.compiled[name]
-    block = compiler.functions[name]
-    signature = Signature(compiler, block)
-    function = Function(compiler, "ret void" if signature.type == "void" else f"ret {signature.type} zeroinitializer")
-    given, arguments = ["ptr %control", "ptr %workspace"], []
-    for position, (value, small) in enumerate(zip(block.arguments, signature.arguments, strict=True)):
-        if not small:
-            given.append(f"ptr noalias readonly %a{position}")
-            arguments.append(Memory(value.shape, value.dtype, Buffer(f"%a{position}", 0, writable=False)))
-            continue
-        dtypes = [value.dtype] * size_of(value.shape)
-        kinds = [dtype for dtype, _ in parts(dtypes, [_zero(value.dtype)] * len(dtypes))]
-        names = [f"%a{position}.{k}" for k in range(len(kinds))]
-        given += [f"{llvm_type(kind)} {name}" for kind, name in zip(kinds, names, strict=True)]
-        arguments.append(Registers(value.dtype, _shaped(joined(dtypes, names), value.shape)))
-    b, storage = function.builder, function.storage
-    with function.executed(block, arguments) as results:
-        returned = []
-        for position, (array, small) in enumerate(zip(results, signature.results, strict=True)):
-            if small:
-                flat = list(storage.to_registers(array).objects().reshape(-1))
-                returned += [number for _, number in parts([array.dtype] * len(flat), flat)]
-            else:
-                given.append(f"ptr noalias %r{position}")
-                storage.fill(Memory(array.shape, array.dtype, Buffer(f"%r{position}", 0)), array)
-    result = "undef"
-    for position, (dtype, number) in enumerate(zip(signature.returned(block), returned, strict=True)):
-        item = f"{llvm_type(dtype)} {written(number)}"
-        result = b.effect(f"insertvalue {signature.type} {result}, {item}, {position}")
-    b.write("ret void" if signature.type == "void" else f"ret {signature.type} {result}")
-    compiler.module.functions.append(b.function(f"internal {signature.type} @{name}({', '.join(given)})"))
-    compiler.costs[name] = b.cost
-    compiler.compiled[name] = signature
-    return signature
-
-
-def _shaped(elements: Sequence[Element], shape: tuple[int, ...]) -> np.ndarray:
-    array = np.empty(len(elements), object)
-    for position, element in enumerate(elements):
-        array[position] = element
-    return array.reshape(shape)
-
-
-def call_function(function: Function, name: str, block: Block, operands: Sequence[Array]) -> list[Array]:
-    """The results of a call."""
-    signature = compile_function(function.compiler, name)
-    b, storage = function.builder, function.storage
-    given = ["ptr %control", "ptr %workspace"]
-    for array, small in zip(operands, signature.arguments, strict=True):
-        if small:
-            flat = list(storage.to_registers(array).objects().reshape(-1))
-            numbers = parts([array.dtype] * len(flat), flat)
-            given += [f"{llvm_type(dtype)} {written(number)}" for dtype, number in numbers]
-        else:
-            given.append(f"ptr {storage.to_memory(array).buffer.name}")
-    results: list[Array] = []
-    for value, small in zip(block.results, signature.results, strict=True):
-        if not small:
-            target = storage.allocate(value.shape, value.dtype)
-            given.append(f"ptr {target.buffer.name}")
-            results.append(target)
-    call = f"call {signature.type} @{name}({', '.join(given)})"
-    b.cost += function.compiler.costs[name]
-    if signature.type == "void":
-        b.write(call)
-        return results
-    returned = b.effect(call)
-    kinds = signature.returned(block)
-    numbers = iter([b.effect(f"extractvalue {signature.type} {returned}, {k}") for k in range(len(kinds))])
-    memory = iter(results)
-    results = []
-    for value, small in zip(block.results, signature.results, strict=True):
-        if not small:
-            results.append(next(memory))
-            continue
-        dtypes = [value.dtype] * size_of(value.shape)
-        count = len(dtypes) * (2 if value.dtype.kind == "c" else 1)
-        elements = joined(dtypes, [next(numbers) for _ in range(count)])
-        results.append(Registers(value.dtype, _shaped(elements, value.shape)))
-    return results
-
-
-__all__ = ["Compiler", "Entry", "Function", "call_function", "store"]

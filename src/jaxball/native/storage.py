@@ -187,6 +187,11 @@ def parts(dtypes: Sequence[np.dtype], numbers: Sequence[Element]) -> Iterator[tu
             yield dtype, number
 
 
+def parts_of(dtype: np.dtype, count: int) -> list[np.dtype]:
+    """The types of the parts of so many numbers."""
+    return [part_of(dtype)] * (2 * count if dtype.kind == "c" else count)
+
+
 def joined(dtypes: Sequence[np.dtype], numbers: Sequence[Element]) -> list[Element]:
     """The numbers of those parts."""
     rest = iter(numbers)

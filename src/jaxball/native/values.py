@@ -111,6 +111,14 @@ class Formula:
 Array: TypeAlias = Registers | Memory | Formula
 
 
+def registers(dtype: np.dtype, elements: Sequence[Element], shape: tuple[int, ...]) -> Registers:
+    """Registers of elements in the order of their places, row by row."""
+    array = np.empty(len(elements), object)
+    for position, element in enumerate(elements):
+        array[position] = element
+    return Registers(dtype, array.reshape(shape))
+
+
 def size_of(shape: Sequence[int]) -> int:
     return math.prod(shape)
 

@@ -4,12 +4,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..compiler import Function, call_function
+from ..compiler import Function
 from ..elements import Element
-from ..program import Block, Operation, Value
+from ..functions import call_function
+from ..program import Block, Operation
 from ..rules import rule
-from ..storage import joined, parts
-from ..values import Array, Memory, Registers, is_small, size_of
+from ..storage import joined, parts, parts_of
+from ..values import Array, Memory, Registers, is_small, registers, size_of
 
 
 @rule("func.call")
@@ -102,7 +103,7 @@ class _Carry:
         self.first = self.numbers(self.array)
         names = []
         dtypes = [dtype] * size_of(self.array.shape)
-        for kind, _ in parts(dtypes, list(self.array.objects().reshape(-1))):
+        for kind in parts_of(dtype, len(dtypes)):
             names.append(b.fresh())
             self.phis.append((b.reserve(), kind, names[-1]))
         self.array = registers(dtype, joined(dtypes, names), self.array.shape)
@@ -126,13 +127,6 @@ class _Carry:
         self.function.storage.pinned(self.array, -1)
         if self.in_memory:
             self.array.buffers[0].owners = self.owners
-
-
-def registers(dtype: np.dtype, elements: Sequence[Element], shape: tuple[int, ...]) -> Registers:
-    array = np.empty(len(elements), object)
-    for position, element in enumerate(elements):
-        array[position] = element
-    return Registers(dtype, array.reshape(shape))
 
 
 @rule("stablehlo.case", "stablehlo.if")
@@ -218,7 +212,7 @@ class _Branches:
                 results.append(target)
                 continue
             dtypes = [value.dtype] * value.size
-            kinds = [kind for kind, _ in parts(dtypes, [_any(value)] * value.size)]
+            kinds = parts_of(value.dtype, value.size)
             labels = [label for _, label in cases]
             numbers = [
                 b.phi(kind, list(zip(ways, labels, strict=True)))
@@ -226,7 +220,3 @@ class _Branches:
             ]
             results.append(registers(value.dtype, joined(dtypes, numbers), value.shape))
         return results
-
-
-def _any(value: Value) -> Element:
-    return Registers(value.dtype, np.zeros((), value.dtype)).objects()[()]

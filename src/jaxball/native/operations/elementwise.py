@@ -8,7 +8,7 @@ from ..compiler import Function
 from ..elements import Element, UnsupportedError
 from ..program import Operation
 from ..rules import rule, short
-from ..values import Array, Formula, Registers, is_small, size_of
+from ..values import Array, Formula, Registers, is_small, registers, size_of
 from . import complex, real
 
 
@@ -35,10 +35,7 @@ def collected(elements: Sequence[Element], shape: tuple[int, ...], dtype: np.dty
     """An array of elements: of numbers if all are known."""
     if dtype.kind != "c" and not any(isinstance(element, str) for element in elements):
         return np.array(elements, dtype).reshape(shape)
-    array = np.empty(len(elements), object)
-    for position, element in enumerate(elements):
-        array[position] = element
-    return array.reshape(shape)
+    return registers(dtype, elements, shape).elements
 
 
 def scalar(operation: Operation) -> Callable[..., Element]:
