@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 
-from jaxball.native.jit import Program
+from jaxball.native.jitting import Program
 
 
 def native(f, *args):

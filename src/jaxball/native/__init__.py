@@ -10,15 +10,15 @@ From the bottom up, each module a step of the way:
 - ``values``, ``storage``: arrays in registers, in memory, or as formulas of an index; who owns which memory.
 - ``program``: StableHLO as data, with who reads a value last.
 - ``rules``, ``operations``: what each operation computes, one file for each family.
-- ``compiler``: functions, operation by operation.
+- ``lowering``, ``functions``, ``entry``: functions, operation by operation; those that stay functions; the first one.
 - ``machine``: passes of LLVM, machine code, its place in memory.
-- ``call``: arguments, results, threads and Ctrl-C.
-- ``jit``, ``choice``: functions of users, and which compiler compiles them.
+- ``executable``: arguments, results, threads and Ctrl-C.
+- ``jitting``, ``choice``: functions of users, and which compiler compiles them.
 
 It knows nothing of balls.
 """
 
 from .choice import asked_for, compiler
-from .jit import compiled, jit, kind, settings, usable
+from .jitting import compiled, jit, kind, settings, usable
 
 __all__ = ["asked_for", "compiled", "compiler", "jit", "kind", "settings", "usable"]

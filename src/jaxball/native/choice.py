@@ -12,7 +12,7 @@ _asked_for: list[Compiler] = []
 
 
 @contextlib.contextmanager
-def compiler(name: Compiler) -> Iterator[None]:
+def compiler(name: str) -> Iterator[None]:
     """Chooses the compiler of the programs that are called in this block; threads share the choice.
 
     - ``name``: ``"native"``, which compiles small programs for the processor in tenths of a second, by LLVM, or

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .compiler import Compiler, Function
+from .lowering import Compiler, Function
 from .program import Value
 from .values import Array, Buffer, Memory, size_of
 

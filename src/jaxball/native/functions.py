@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .compiler import Compiler, Function
 from .elements import llvm_type, written
+from .lowering import Compiler, Function
 from .program import Block
 from .storage import joined, parts, parts_of
 from .values import Array, Buffer, Memory, registers

@@ -10,9 +10,13 @@ from typing import Any
 _lock = threading.Lock()
 
 
+@functools.cache
 def is_present() -> bool:
     """Whether llvmlite is installed."""
-    return importlib.util.find_spec("llvmlite") is not None
+    try:
+        return importlib.util.find_spec("llvmlite") is not None
+    except ValueError:  # where None stands in its place
+        return False
 
 
 class Code:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from .elements import Element
 
 if TYPE_CHECKING:
-    from .compiler import Function
+    from .lowering import Function
     from .program import Operation
     from .values import Array
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..compiler import Function
 from ..elements import Element
 from ..functions import call_function
+from ..lowering import Function
 from ..program import Block, Operation
 from ..rules import rule
 from ..storage import joined, parts, parts_of

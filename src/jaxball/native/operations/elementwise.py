@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..compiler import Function
 from ..elements import Element, UnsupportedError
+from ..lowering import Function
 from ..program import Operation
 from ..rules import rule, short
 from ..values import Array, Formula, Registers, is_small, registers, size_of

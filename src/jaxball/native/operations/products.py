@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..compiler import Function
 from ..elements import Element, Index
+from ..lowering import Function
 from ..program import Operation
 from ..rules import rule
 from ..values import Array, Formula, Registers, is_small, size_of

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from ..compiler import Function
 from ..elements import Element, Index
+from ..lowering import Function
 from ..program import Operation
 from ..rules import rule
 from ..values import Array, Formula, Registers, is_small, linear, unravelled

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..compiler import Function
 from ..elements import Element, Index
+from ..lowering import Function
 from ..program import Operation
 from ..rules import rule
 from ..values import Array, Memory

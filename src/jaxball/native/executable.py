@@ -8,9 +8,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from .compiler import Compiler
 from .elements import UnsupportedError
 from .entry import ALIGNMENT, Entry
+from .lowering import Compiler
 from .machine import Code
 from .program import functions_of
 

@@ -51,7 +51,7 @@ class _Jitted:
     def __init__(self, function: Callable[..., Any]):
         self._function, self._xla = function, jax.jit(function)
         self._programs: dict[Any, tuple[Program, Any] | None] = {}
-        functools.update_wrapper(self, function)
+        functools.update_wrapper(self, function, updated=())  # whose attributes may be those of another of this class
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         leaves, structure = jax.tree.flatten((args, kwargs))
@@ -84,7 +84,7 @@ class Program:
 
     def __init__(self, function: Callable[[list[Any]], list[Any]], arrays: Sequence[Any]):
         from . import operations  # noqa: F401 (whose rules are entered)
-        from .call import Executable
+        from .executable import Executable
 
         traced = jax.jit(function, keep_unused=True).trace(list(arrays))
         self._types = [np.dtype(_numpy_type(aval)) for aval in traced.jaxpr.in_avals]
@@ -94,7 +94,7 @@ class Program:
         self._executable = Executable(traced.lower().compiler_ir("stablehlo"), len(arrays))
 
     def __call__(self, arrays: Sequence[Any]) -> list[jax.Array]:
-        from .call import as_jax
+        from .executable import as_jax
 
         given = [
             array if isinstance(array, jax.Array) else np.asarray(array, dtype, order="C")
