@@ -45,6 +45,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         verify as verify,
     )
     from .interface.status import SolveError as SolveError, Status as Status
+    from .native import compiler as compiler, jit as jit
     from .numerics.harmonics import HarmonicSeries as HarmonicSeries
     from .paper import reference as reference, reproduce as reproduce
     from .physics.body import (
@@ -191,6 +192,7 @@ else:
         "physics.force": "AbstractForce AbstractWrench BodyMotion FunctionForce FunctionWrench HarmonicForce Wrench",
         "physics.frames": "AbstractFrame MatrixFrame SphericalFrame VersorFrame",
         "physics.ground": "Ground Turntable",
+        "native": "compiler jit",
         "numerics.harmonics": "HarmonicSeries",
         "physics.mechanisms": (
             "AbstractJoint AbstractJointForce AbstractMechanism Accelerated Carriage CarriedMass Damper EndStops "

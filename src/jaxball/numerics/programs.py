@@ -14,6 +14,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from .. import native
 from ..cache import current, executables
 from ..cache.current import Store
 from ..cache.names import NoNameError
@@ -85,19 +86,37 @@ class _Program:
     ):
         self._function, self._compiled, self._is_dynamic = function, compiled, is_dynamic
         self._kept: dict[Any, Callable[[list[Any]], Any] | None] = {}
+        self._native: dict[Any, Callable[[list[Any]], Any] | None] = {}
         self._store: Store | None = None
         functools.update_wrapper(self, function.func if isinstance(function, functools.partial) else function)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        store = current.store
-        if store is None:
+        store, natively = current.store, native.asked_for() == "native"
+        if store is None and not natively:
             return self._compiled(*args, **kwargs)
         leaves, structure = jax.tree.flatten((args, kwargs))
         if any(map(is_traced, leaves)):
             return self._compiled(*args, **kwargs)
         rest, arrays = self._parted(leaves, structure)
-        program = self._kept_for(store, rest, arrays)
+        program = self._native_for(rest, arrays) if natively else None
+        if program is None and store is not None:
+            program = self._kept_for(store, rest, arrays)
         return self._compiled(*args, **kwargs) if program is None else program(arrays)
+
+    def _native_for(self, rest: _Rest, arrays: list[Any]) -> Callable[[list[Any]], Any] | None:
+        """The program for such arguments, compiled natively; None where that is not known how."""
+        if not native.usable(arrays):
+            return None
+        key = (rest, tuple(map(type, rest.static)), tuple(map(native.kind, arrays)), native.settings())
+        try:
+            if key in self._native:
+                return self._native[key]
+        except TypeError:  # something has no hash
+            return None
+        of_arrays, results = self._of_arrays(rest)
+        compiled = native.compiled(of_arrays, arrays, of_arrays.__name__)
+        program = None if compiled is None else functools.partial(_run, compiled, results[-1])
+        return self._native.setdefault(key, program)
 
     def _parted(self, leaves: list[Any], structure: Any) -> tuple[_Rest, list[Any]]:
         if self._is_dynamic is None or not leaves:
@@ -142,6 +161,12 @@ class _Program:
         return functools.partial(_run, compiled, result)
 
     def _made(self, rest: _Rest, arrays: list[Any]) -> tuple[Any, _Rest]:
+        of_arrays, results = self._of_arrays(rest)
+        compiled = jax.jit(of_arrays).lower(arrays).compile()
+        return compiled, results[-1]
+
+    def _of_arrays(self, rest: _Rest) -> tuple[Callable[[list[Any]], list[Any]], list[_Rest]]:
+        """The function of arrays alone, and the list to which tracing it adds what its result has beside them."""
         results: list[_Rest] = []
 
         def of_arrays(arrays: list[Any]) -> list[Any]:
@@ -151,8 +176,7 @@ class _Program:
             return arrays
 
         of_arrays.__name__ = of_arrays.__qualname__ = getattr(self, "__name__", "program")
-        compiled = jax.jit(of_arrays).lower(arrays).compile()
-        return compiled, results[-1]
+        return of_arrays, results
 
 
 def _as_kept(loaded: executables.Loaded | None) -> Callable[[list[Any]], Any] | None:

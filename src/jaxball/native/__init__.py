@@ -1,0 +1,24 @@
+"""A compiler of small programs: StableHLO, as JAX lowers a function to it, to machine code, by LLVM.
+
+XLA is built for large arrays: it takes seconds to compile a program of some thousand operations on single numbers,
+and makes many small loops of it. Here such a program is written as LLVM's IR, number by number, in tenths of a second.
+
+From the bottom up, each module a step of the way:
+
+- ``elements``: types, numbers that are known and names of those that are not.
+- ``builder``: LLVM's IR as text; equal instructions are written once.
+- ``values``, ``storage``: arrays in registers, in memory, or as formulas of an index; who owns which memory.
+- ``program``: StableHLO as data, with who reads a value last.
+- ``rules``, ``operations``: what each operation computes, one file for each family.
+- ``lowering``, ``functions``, ``entry``: functions, operation by operation; those that stay functions; the first one.
+- ``machine``: passes of LLVM, machine code, its place in memory.
+- ``executable``: arguments, results, threads and Ctrl-C.
+- ``jitting``, ``choice``: functions of users, and which compiler compiles them.
+
+It knows nothing of balls.
+"""
+
+from .choice import asked_for, compiler
+from .jitting import compiled, jit, kind, settings, usable
+
+__all__ = ["asked_for", "compiled", "compiler", "jit", "kind", "settings", "usable"]

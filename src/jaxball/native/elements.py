@@ -1,0 +1,78 @@
+"""The types of elements, and elements themselves: numbers that are known, and names of those that are not yet.
+
+An element is a scalar of NumPy, where it is known while compiling; the name of an instruction's result, ``%12``; or,
+of a complex type, a :class:`Pair` of such. An index is an ``int`` or a name.
+"""
+
+from typing import Any, TypeAlias
+
+import numpy as np
+
+Name: TypeAlias = str
+Element: TypeAlias = Any
+Index: TypeAlias = int | Name
+
+
+class UnsupportedError(Exception):
+    """What this compiler does not know, named so that "… is not compiled natively" is a sentence."""
+
+
+class Pair:
+    """A complex number."""
+
+    __slots__ = ("imag", "real")
+
+    def __init__(self, real: Element, imag: Element):
+        self.real, self.imag = real, imag
+
+
+_DTYPES = {"f64": "float64", "f32": "float32", "i1": "bool", "complex<f64>": "complex128", "complex<f32>": "complex64"}
+_DTYPES |= {f"i{bits}": f"int{bits}" for bits in (8, 16, 32, 64)}
+_DTYPES |= {f"ui{bits}": f"uint{bits}" for bits in (8, 16, 32, 64)}
+_NAMED = {name: np.dtype(dtype) for name, dtype in _DTYPES.items()}
+
+
+def dtype_named(name: str) -> np.dtype:
+    """The dtype of an element type of StableHLO."""
+    if name not in _NAMED:
+        raise UnsupportedError(f"An array of {name}")
+    return _NAMED[name]
+
+
+def llvm_type(dtype: np.dtype) -> str:
+    """LLVM's type of a number in a register: complex ones have none, their parts do."""
+    if dtype.kind == "f":
+        return "double" if dtype.itemsize == 8 else "float"
+    return "i1" if dtype.kind == "b" else f"i{8 * dtype.itemsize}"
+
+
+def part_of(dtype: np.dtype) -> np.dtype:
+    """The type of a complex type's parts; any other as it is."""
+    return np.dtype(f"f{dtype.itemsize // 2}") if dtype.kind == "c" else dtype
+
+
+def is_known(element: Element) -> bool:
+    """Whether an element's number is known while compiling."""
+    if isinstance(element, Pair):
+        return is_known(element.real) and is_known(element.imag)
+    return not isinstance(element, str)
+
+
+def written(element: Element) -> str:
+    """A number as LLVM writes it; a name as it is."""
+    if isinstance(element, str):
+        return element
+    if isinstance(element, np.bool_ | bool):
+        return "true" if element else "false"
+    if isinstance(element, np.floating):  # LLVM writes also those of 32 bits by the 64 of the same number
+        return f"0x{np.float64(element).view(np.uint64):016X}"
+    return str(int(element))
+
+
+def as_elements(numbers: np.ndarray) -> np.ndarray:
+    """An array of elements of an array of numbers."""
+    elements = np.empty(numbers.shape, object)
+    flat = elements.reshape(-1)
+    for position, number in enumerate(numbers.reshape(-1)):
+        flat[position] = Pair(number.real, number.imag) if numbers.dtype.kind == "c" else number
+    return elements

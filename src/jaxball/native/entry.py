@@ -1,0 +1,92 @@
+"""The function by which a compiled program is called from Python."""
+
+import numpy as np
+
+from .lowering import Compiler, Function
+from .program import Value
+from .values import Array, Buffer, Memory, size_of
+
+ALIGNMENT = 64
+# Instructions between two looks at signals: some milliseconds.
+PATIENCE = 5_000_000
+
+# What a program looks at in between: the instructions left until it next looks for signals, whether it shall stop, and
+# the state of Python's thread, which has given up Python's lock.
+SUPPORT = f"""
+declare ptr @PyEval_SaveThread()
+declare void @PyEval_RestoreThread(ptr)
+declare i32 @PyErr_CheckSignals()
+
+define internal i1 @looks_for_signals(ptr %control) noinline cold {{
+entry:
+  %place = getelementptr i8, ptr %control, i64 8
+  %state.place = getelementptr i8, ptr %control, i64 16
+  %before = load i8, ptr %place
+  %stopped = icmp ne i8 %before, 0
+  br i1 %stopped, label %stop, label %look
+look:
+  store i64 {PATIENCE}, ptr %control
+  %state = load ptr, ptr %state.place
+  call void @PyEval_RestoreThread(ptr %state)
+  %raised = call i32 @PyErr_CheckSignals()
+  %new = call ptr @PyEval_SaveThread()
+  store ptr %new, ptr %state.place
+  %interrupted = icmp ne i32 %raised, 0
+  br i1 %interrupted, label %stop, label %continue
+stop:
+  store i8 1, ptr %place
+  store i64 -1, ptr %control
+  ret i1 true
+continue:
+  ret i1 false
+}}
+
+define void @run(ptr %inputs, ptr %outputs, ptr %workspace) {{
+  %control = alloca [24 x i8], align 8
+  %place = getelementptr i8, ptr %control, i64 8
+  %state.place = getelementptr i8, ptr %control, i64 16
+  %state = call ptr @PyEval_SaveThread()
+  store i64 {PATIENCE}, ptr %control
+  store i8 0, ptr %place
+  store ptr %state, ptr %state.place
+  call void @main(ptr %control, ptr %workspace, ptr %inputs, ptr %outputs)
+  %last = load ptr, ptr %state.place
+  call void @PyEval_RestoreThread(ptr %last)
+  ret void
+}}
+"""
+
+
+class Entry:
+    """The text of a compiled program, and how it is called.
+
+    - ``text``: LLVM's IR of a function ``run(inputs, outputs, workspace)``: the addresses of the arguments, one array
+      in which all results lie, and memory to work in.
+    - ``results``: offset in bytes, shape and type of each result.
+    - ``size``: bytes of all results; ``workspace``: those to work in.
+    """
+
+    def __init__(self, compiler: Compiler):
+        block = compiler.functions["main"]
+        function = Function(compiler, "ret void")
+        arguments = [_argument(function, compiler, value, position) for position, value in enumerate(block.arguments)]
+        self.results: list[tuple[int, tuple[int, ...], np.dtype]] = []
+        self.size = 0
+        with function.executed(block, arguments) as results:
+            for array in results:
+                self.results.append((self.size, array.shape, array.dtype))
+                address = function.builder.address("%outputs", self.size)
+                function.storage.fill(Memory(array.shape, array.dtype, Buffer(address, 0)), array)
+                self.size += -(-max(size_of(array.shape) * array.dtype.itemsize, 1) // ALIGNMENT) * ALIGNMENT
+        function.builder.write("ret void")
+        head = "internal void @main(ptr %control, ptr %workspace, ptr %inputs, ptr %outputs)"
+        compiler.module.functions.append(function.builder.function(head))
+        self.workspace = compiler.module.workspace
+        self.text = SUPPORT + compiler.module.text()
+
+
+def _argument(function: Function, compiler: Compiler, value: Value, position: int) -> Array:
+    b = function.builder
+    address = b.effect(f"load ptr, ptr {b.address('%inputs', 8 * position)}")
+    memory = Memory(value.shape, value.dtype, Buffer(address, 0, writable=False))
+    return function.storage.to_registers(memory) if compiler.in_registers(value) else memory

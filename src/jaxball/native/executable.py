@@ -1,0 +1,82 @@
+"""How a compiled program is called: arrays in, arrays out, memory to work in for each call that runs."""
+
+import ctypes
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from .elements import UnsupportedError
+from .entry import ALIGNMENT, Entry
+from .lowering import Compiler
+from .machine import Code
+from .program import functions_of
+
+try:
+    from jaxlib._jax import batched_device_put as _put
+except ImportError:  # in a version that has it elsewhere
+    _put = None
+
+_spare = threading.local()
+
+
+class Executable:
+    """A program: called with the arrays of its arguments, it gives those of its results.
+
+    It holds Python's lock only while it looks for signals, so that several threads can run it at once, and Ctrl-C
+    raises ``KeyboardInterrupt`` from within.
+    """
+
+    def __init__(self, module: Any, arguments: int):
+        functions = functions_of(module)
+        if len(functions["main"].arguments) != arguments:
+            raise UnsupportedError("A program with arguments of JAX's own")
+        entry = Entry(Compiler(functions))
+        self._code = Code(entry.text)
+        # Of the kind that looks, after the call, for an exception; the code releases Python's lock itself.
+        kind = ctypes.PYFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+        self._run = kind(self._code.address("run"))
+        self._results, self._size, self._workspace = entry.results, entry.size, entry.workspace
+
+    def __call__(self, arguments: Sequence[np.ndarray | jax.Array]) -> list[np.ndarray]:
+        """The results. The arguments have the types with which the program was compiled, row by row."""
+        addresses = (ctypes.c_void_p * len(arguments))(*map(_address, arguments))
+        block = np.empty(self._size + ALIGNMENT, np.uint8)
+        outputs = block.ctypes.data
+        start = -outputs % ALIGNMENT
+        workspace = _taken(self._workspace)
+        try:
+            self._run(addresses, outputs + start, -(-workspace.ctypes.data // ALIGNMENT) * ALIGNMENT)
+        finally:
+            _given_back(workspace)
+        return [np.ndarray(shape, dtype, block, start + offset) for offset, shape, dtype in self._results]
+
+
+def _address(array: np.ndarray | jax.Array) -> int:
+    if isinstance(array, np.ndarray):
+        return array.ctypes.data
+    return array.block_until_ready().unsafe_buffer_pointer()
+
+
+def _taken(size: int) -> np.ndarray:
+    """Memory to work in, which the thread keeps: a handler of signals may run another program meanwhile."""
+    memory = getattr(_spare, "memory", None)
+    _spare.memory = None
+    if memory is None or memory.size < size + ALIGNMENT:
+        memory = np.empty(size + ALIGNMENT, np.uint8)
+    return memory
+
+
+def _given_back(memory: np.ndarray) -> None:
+    _spare.memory = memory
+
+
+def as_jax(arrays: Sequence[np.ndarray], avals: Sequence[Any]) -> list[jax.Array]:
+    """Arrays of JAX, of the types given, that are not copied where they need not be."""
+    if _put is None:
+        return jax.device_put(list(arrays))
+    device = jax.local_devices(backend="cpu")[0]
+    sharding = jax.sharding.SingleDeviceSharding(device)
+    return [_put(aval, sharding, [array], [device], False) for array, aval in zip(arrays, avals, strict=True)]

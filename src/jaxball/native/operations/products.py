@@ -1,0 +1,69 @@
+"""Products of matrices and of higher arrays."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..elements import Element, Index
+from ..lowering import Function
+from ..program import Operation
+from ..rules import rule
+from ..values import Array, Formula, Registers, is_small, size_of
+from . import complex, real
+from .elementwise import collected
+
+MOST_PRODUCTS = 512  # of one operation that are written out; more are loops
+
+
+@rule("stablehlo.dot_general")
+def dot_general(function: Function, operation: Operation, operands: list[Array]) -> Array:
+    """Sums of products over the dimensions contracted; those of the batch come first, then each operand's others."""
+    storage, builder = function.storage, function.builder
+    result, n = operation.results[0], operation.attribute("dot_dimension_numbers")
+    batch = list(zip(n.lhs_batching_dimensions, n.rhs_batching_dimensions, strict=True))
+    contracted = list(zip(n.lhs_contracting_dimensions, n.rhs_contracting_dimensions, strict=True))
+    left, right = (storage.settled(array) for array in operands)
+    lengths = [left.shape[k] for k, _ in contracted]
+    free = [
+        [k for k in range(len(array.shape)) if all(k != pair[side] for pair in (*batch, *contracted))]
+        for side, array in enumerate((left, right))
+    ]
+    family, dtype = complex if result.dtype.kind == "c" else real, result.dtype
+
+    def converted(array: Array, place: Sequence[Index]) -> Element:
+        conversion = complex.convert if dtype.kind == "c" and array.dtype.kind != "c" else family.convert
+        element = array.element(builder, place)
+        return element if array.dtype == dtype else conversion(builder, array.dtype, dtype, element)
+
+    def at(index: Sequence[Index]) -> Element:
+        def product(within: Sequence[Index]) -> Element:
+            places: list[list[Index]] = [[0] * len(left.shape), [0] * len(right.shape)]
+            for i, pair in [*zip(index, batch, strict=False), *zip(within, contracted, strict=True)]:
+                for side in (0, 1):
+                    places[side][pair[side]] = i
+            rest = iter(index[len(batch) :])
+            for side in (0, 1):
+                for k in free[side]:
+                    places[side][k] = next(rest)
+            x, y = converted(left, places[0]), converted(right, places[1])
+            return family.SCALARS["multiply"](builder, dtype, x, y)
+
+        def step(within: list[Index], numbers: list[Element]) -> list[Element]:
+            return [family.SCALARS["add"](builder, dtype, numbers[0], product(within))]
+
+        # −0 is what leaves every number as it is.
+        zero = dtype.type(-0.0) if dtype.kind == "f" else complex.Pair(*[dtype.type(-0.0).real] * 2)
+        start = [(dtype, dtype.type(0) if dtype.kind in "iub" else zero)]
+        if not size_of(lengths):
+            zero = dtype.type(0)
+            return complex.Pair(zero.real, zero.imag) if dtype.kind == "c" else zero
+        return storage.accumulated(lengths, start, step)[0]
+
+    if is_small(result.shape) and size_of(result.shape) * size_of(lengths) <= MOST_PRODUCTS:
+        if size_of(lengths) > 16:
+            left, right = storage.anywhere(left), storage.anywhere(right)
+        elements = [at(index) for index in np.ndindex(*result.shape)]
+        return Registers(dtype, collected(elements, result.shape, dtype))
+    left, right = storage.anywhere(left), storage.anywhere(right)
+    formula = Formula(result.shape, dtype, at, [left, right])
+    return storage.to_memory(formula)

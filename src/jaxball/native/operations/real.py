@@ -1,0 +1,297 @@
+"""What operations on single numbers compute: floating-point numbers, integers and booleans.
+
+Each function takes the builder, the type of its operands, and the operands. NaN, infinities and signed zeros mean what
+StableHLO says, which is what XLA computes.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..builder import Builder
+from ..elements import Element, UnsupportedError, is_known, llvm_type, written
+
+BOOL = np.dtype(bool)
+
+
+def _suffix(dtype: np.dtype) -> str:
+    return f"f{8 * dtype.itemsize}" if dtype.kind == "f" else f"i{8 * dtype.itemsize}"
+
+
+def intrinsic(name: str) -> Callable[..., Element]:
+    """A function that LLVM knows."""
+
+    def compute(builder: Builder, dtype: np.dtype, *operands: Element) -> Element:
+        if dtype.kind != "f":
+            raise UnsupportedError(f"The function {name} of {dtype}")
+        return builder.call(f"llvm.{name}.{_suffix(dtype)}", dtype, *operands)
+
+    return compute
+
+
+def library(name: str) -> Callable[..., Element]:
+    """A function of C's library, which has one for each type."""
+
+    def compute(builder: Builder, dtype: np.dtype, *operands: Element) -> Element:
+        if dtype.kind != "f":
+            raise UnsupportedError(f"The function {name} of {dtype}")
+        return builder.call(name if dtype.itemsize == 8 else f"{name}f", dtype, *operands)
+
+    return compute
+
+
+def add(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
+    return b.binary("or" if dtype == BOOL else "add", dtype, x, y)
+
+
+def subtract(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
+    return b.binary("sub", dtype, x, y)
+
+
+def multiply(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
+    return b.binary("and" if dtype == BOOL else "mul", dtype, x, y)
+
+
+def divide(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
+    """Of integers: −1 (all bits set) where y is 0; the least integer divided by −1 is itself."""
+    if dtype.kind == "f":
+        return b.binary("div", dtype, x, y)
+    return _divided(b, "div", dtype, x, y, -1, np.iinfo(dtype).min)
+
+
+def remainder(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
+    """With the sign of x. Of integers: x where y is 0."""
+    if dtype.kind == "f":
+        return b.pure(f"frem {llvm_type(dtype)} {written(x)}, {written(y)}")
+    return _divided(b, "rem", dtype, x, y, None, 0)
+
+
+def _divided(
+    b: Builder, operation: str, dtype: np.dtype, x: Element, y: Element, by_zero: int | None, overflowed: int
+) -> Element:
+    """Division of integers, whose divisor is replaced by 1 where LLVM does not define the result."""
+    kind, signed = llvm_type(dtype), dtype.kind == "i"
+    zero = b.compare("eq", dtype, y, dtype.type(0))
+    overflow: Element = np.bool_(False)
+    if signed:
+        least = b.compare("eq", dtype, x, np.iinfo(dtype).min)
+        overflow = b.binary("and", BOOL, least, b.compare("eq", dtype, y, dtype.type(-1)))
+    divisor = b.select(dtype, b.binary("or", BOOL, zero, overflow), dtype.type(1), y)
+    result = b.pure(f"{'s' if signed else 'u'}{operation} {kind} {written(x)}, {written(divisor)}")
+    result = b.select(dtype, overflow, dtype.type(overflowed), result)
+    return b.select(dtype, zero, x if by_zero is None else np.array(by_zero).astype(dtype)[()], result)
+
+
+def negate(b: Builder, dtype: np.dtype, x: Element) -> Element:
+    if dtype.kind != "f":
+        return b.binary("sub", dtype, dtype.type(0), x)
+    return -x if is_known(x) else b.pure(f"fneg {llvm_type(dtype)} {x}")
+
+
+def absolute(b: Builder, dtype: np.dtype, x: Element) -> Element:
+    if dtype.kind == "f":
+        return b.call(f"llvm.fabs.{_suffix(dtype)}", dtype, x)
+    return b.select(dtype, b.compare("slt", dtype, x, dtype.type(0)), negate(b, dtype, x), x)
+
+
+def sign(b: Builder, dtype: np.dtype, x: Element) -> Element:
+    """−1, 0 or 1; NaN and zeros are their own signs."""
+    one, zero = dtype.type(1), dtype.type(0)
+    if dtype.kind == "f":
+        itself = b.pure(f"fcmp ueq {llvm_type(dtype)} {written(x)}, {written(zero)}")
+        return b.select(dtype, itself, x, b.call(f"llvm.copysign.{_suffix(dtype)}", dtype, one, x))
+    above = b.select(dtype, b.compare("eq", dtype, x, zero), zero, one)
+    return above if dtype.kind == "u" else b.select(dtype, b.compare("slt", dtype, x, zero), dtype.type(-1), above)
+
+
+def _extreme(of_floats: str, of_integers: str, of_booleans: str) -> Callable[..., Element]:
+    def compute(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
+        if dtype == BOOL:
+            return b.binary(of_booleans, dtype, x, y)
+        if dtype.kind == "f":  # NaN if either is
+            return b.call(f"llvm.{of_floats}.{_suffix(dtype)}", dtype, x, y)
+        return b.call(f"llvm.{'u' if dtype.kind == 'u' else 's'}{of_integers}.{_suffix(dtype)}", dtype, x, y)
+
+    return compute
+
+
+maximum, minimum = _extreme("maximum", "max", "or"), _extreme("minimum", "min", "and")
+
+
+def clamp(b: Builder, dtype: np.dtype, low: Element, x: Element, high: Element) -> Element:
+    return minimum(b, dtype, maximum(b, dtype, x, low), high)
+
+
+def is_finite(b: Builder, dtype: np.dtype, x: Element) -> Element:
+    return b.compare("olt", dtype, absolute(b, dtype, x), dtype.type(np.inf))
+
+
+def logical(operation: str) -> Callable[..., Element]:
+    return lambda b, dtype, x, y: b.binary(operation, dtype, x, y)
+
+
+def logical_not(b: Builder, dtype: np.dtype, x: Element) -> Element:
+    return b.binary("xor", dtype, x, np.bool_(True) if dtype == BOOL else ~dtype.type(0))
+
+
+def shift(operation: str) -> Callable[..., Element]:
+    """Shifts by the number of bits, or more, leave no bit, or the sign."""
+
+    def compute(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
+        bits, kind = 8 * dtype.itemsize, llvm_type(dtype)
+        inside = b.compare("ult", np.dtype(f"u{dtype.itemsize}"), y, bits) if not is_known(y) else 0 <= y < bits
+        most = bits - 1 if operation == "ashr" else 0
+        by = b.select(dtype, inside, y, dtype.type(most))
+        shifted = b.pure(f"{operation} {kind} {written(x)}, {written(by)}")
+        return shifted if operation == "ashr" else b.select(dtype, inside, shifted, dtype.type(0))
+
+    return compute
+
+
+def population_count(b: Builder, dtype: np.dtype, x: Element) -> Element:
+    return b.call(f"llvm.ctpop.{_suffix(dtype)}", dtype, x)
+
+
+def leading_zeros(b: Builder, dtype: np.dtype, x: Element) -> Element:
+    name, kind = f"@llvm.ctlz.{_suffix(dtype)}", llvm_type(dtype)
+    b.module.declared.setdefault(name, f"declare {kind} {name}({kind}, i1)")
+    return b.pure(f"call {kind} {name}({kind} {written(x)}, i1 false)")
+
+
+def rsqrt(b: Builder, dtype: np.dtype, x: Element) -> Element:
+    return b.binary("div", dtype, dtype.type(1), intrinsic("sqrt")(b, dtype, x))
+
+
+def logistic(b: Builder, dtype: np.dtype, x: Element) -> Element:
+    one = dtype.type(1)
+    grown = intrinsic("exp")(b, dtype, negate(b, dtype, x))
+    return b.binary("div", dtype, one, b.binary("add", dtype, one, grown))
+
+
+def square(b: Builder, dtype: np.dtype, x: Element) -> Element:
+    return multiply(b, dtype, x, x)
+
+
+ORDERED = {"EQ": "oeq", "NE": "une", "LT": "olt", "LE": "ole", "GT": "ogt", "GE": "oge"}
+SIGNED = {"EQ": "eq", "NE": "ne", "LT": "slt", "LE": "sle", "GT": "sgt", "GE": "sge"}
+UNSIGNED = {"EQ": "eq", "NE": "ne", "LT": "ult", "LE": "ule", "GT": "ugt", "GE": "uge"}
+
+
+def comparison(direction: str, total: bool) -> Callable[..., Element]:
+    """``total``: by IEEE 754's total order, −NaN < −∞ < … < −0 < +0 < … < ∞ < NaN."""
+
+    def compute(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
+        if dtype.kind == "f" and total:
+            integer = np.dtype(f"i{dtype.itemsize}")
+            x, y = (_in_order(b, dtype, integer, z) for z in (x, y))
+            return b.compare(SIGNED[direction], integer, x, y)
+        predicates = ORDERED if dtype.kind == "f" else SIGNED if dtype.kind == "i" else UNSIGNED
+        return b.compare(predicates[direction], dtype, x, y)
+
+    return compute
+
+
+def _in_order(b: Builder, dtype: np.dtype, integer: np.dtype, x: Element) -> Element:
+    """An integer that is ordered as the number is."""
+    kind = llvm_type(integer)
+    bits = bitcast(b, dtype, integer, x)
+    sign = b.pure(f"ashr {kind} {bits}, {8 * integer.itemsize - 1}")
+    return b.pure(f"xor {kind} {bits}, {b.pure(f'lshr {kind} {sign}, 1')}")
+
+
+def bitcast(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Element:
+    """The number with the same bits."""
+    if source.itemsize != target.itemsize or "b" in (source.kind, target.kind) or "c" in (source.kind, target.kind):
+        raise UnsupportedError(f"Bits of {source} as {target}")
+    if llvm_type(source) == llvm_type(target):
+        return np.asarray(x).view(target)[()] if is_known(x) else x
+    return b.pure(f"bitcast {llvm_type(source)} {written(x)} to {llvm_type(target)}")
+
+
+def convert(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Element:
+    """A number as the nearest of another type; where there is none, the last one, and of NaN 0."""
+    if source == target:
+        return x
+    if is_known(x) and (source.kind != "f" or target.kind == "f"):
+        with np.errstate(all="ignore"):
+            return np.asarray(x).astype(target)[()]
+    old, new = llvm_type(source), llvm_type(target)
+    if target == BOOL:
+        return b.compare("une" if source.kind == "f" else "ne", source, x, source.type(0))
+    if source.kind == "f" and target.kind == "f":
+        return b.pure(f"{'fpext' if target.itemsize > source.itemsize else 'fptrunc'} {old} {written(x)} to {new}")
+    if source.kind == "f":
+        name = f"@llvm.fpto{'s' if target.kind == 'i' else 'u'}i.sat.{_suffix(target)}.{_suffix(source)}"
+        b.module.declared.setdefault(name, f"declare {new} {name}({old})")
+        return b.pure(f"call {new} {name}({old} {written(x)})")
+    if target.kind == "f":
+        return b.pure(f"{'sitofp' if source.kind == 'i' else 'uitofp'} {old} {x} to {new}")
+    if source != BOOL and source.itemsize == target.itemsize:
+        return x
+    if source != BOOL and source.itemsize > target.itemsize:
+        return b.pure(f"trunc {old} {x} to {new}")
+    return b.pure(f"{'sext' if source.kind == 'i' else 'zext'} {old} {x} to {new}")
+
+
+def select(b: Builder, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:
+    return b.select(dtype, condition, x, y)
+
+
+SCALARS: dict[str, Callable[..., Element]] = {
+    "abs": absolute,
+    "add": add,
+    "and": logical("and"),
+    "ceil": intrinsic("ceil"),
+    "cosine": intrinsic("cos"),
+    "count_leading_zeros": leading_zeros,
+    "divide": divide,
+    "exponential": intrinsic("exp"),
+    "floor": intrinsic("floor"),
+    "is_finite": is_finite,
+    "log": intrinsic("log"),
+    "logistic": logistic,
+    "maximum": maximum,
+    "minimum": minimum,
+    "multiply": multiply,
+    "negate": negate,
+    "not": logical_not,
+    "or": logical("or"),
+    "popcnt": population_count,
+    "power": intrinsic("pow"),
+    "remainder": remainder,
+    "round_nearest_afz": intrinsic("round"),
+    "round_nearest_even": intrinsic("roundeven"),
+    "rsqrt": rsqrt,
+    "shift_left": shift("shl"),
+    "shift_right_arithmetic": shift("ashr"),
+    "shift_right_logical": shift("lshr"),
+    "sign": sign,
+    "sine": intrinsic("sin"),
+    "sqrt": intrinsic("sqrt"),
+    "square": square,
+    "subtract": subtract,
+    "xor": logical("xor"),
+}
+# By C's names.
+SCALARS |= {
+    name: library(function)
+    for name, function in {
+        "acos": "acos",
+        "acosh": "acosh",
+        "asin": "asin",
+        "asinh": "asinh",
+        "atan": "atan",
+        "atan2": "atan2",
+        "atanh": "atanh",
+        "cbrt": "cbrt",
+        "cosh": "cosh",
+        "erf": "erf",
+        "erfc": "erfc",
+        "exponential_minus_one": "expm1",
+        "log_plus_one": "log1p",
+        "next_after": "nextafter",
+        "sinh": "sinh",
+        "tan": "tan",
+        "tanh": "tanh",
+    }.items()
+}

@@ -1,0 +1,213 @@
+"""A StableHLO module as plain data, with what the compiler asks of it: who reads a value, and who reads it last."""
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from jax.extend.mlir import ir
+from jax.extend.mlir.dialects import stablehlo
+
+from .elements import UnsupportedError, dtype_named, part_of
+
+_OF_STABLEHLO: dict[str, Callable[[Any], Any]] = {
+    "comparison_direction": lambda attribute: stablehlo.ComparisonDirectionAttr(attribute).value,
+    "compare_type": lambda attribute: stablehlo.ComparisonTypeAttr(attribute).value,
+    "dimension_numbers": stablehlo.GatherDimensionNumbers,
+    "scatter_dimension_numbers": stablehlo.ScatterDimensionNumbers,
+    "dot_dimension_numbers": stablehlo.DotDimensionNumbers,
+}
+
+
+class Value:
+    """An array that an operation makes or a block is given.
+
+    - ``reads``: how many operands it is, those of operations within regions counted.
+    - ``captured``: whether an operation within a region of its own block reads it.
+    """
+
+    __slots__ = ("block", "captured", "dtype", "reads", "shape")
+
+    def __init__(self, type: Any, block: "Block"):
+        tensor = ir.RankedTensorType(type)
+        self.shape = tuple(tensor.shape)
+        if any(length < 0 for length in self.shape):
+            raise UnsupportedError("an array whose shape is not known")
+        self.dtype = dtype_named(str(tensor.element_type))
+        self.block, self.reads, self.captured = block, 0, False
+
+    @property
+    def size(self) -> int:
+        return int(np.prod(self.shape, dtype=int))
+
+
+class Operation:
+    """An operation: a name, operands, results, attributes, and regions of one block each.
+
+    - ``reads``: the values that it and what is within its regions read, with how often.
+    - ``last``: those that nothing reads after it.
+    """
+
+    __slots__ = ("_attributes", "_text", "last", "name", "operands", "reads", "regions", "results")
+
+    def __init__(self, source: Any, operands: list[Value], block: "Block"):
+        self.name: str = source.name
+        self._attributes, self._text = source.attributes, source.__str__
+        self.operands, self.results = operands, [Value(result.type, block) for result in source.results]
+        self.regions: list[Block] = []
+        self.reads = Counter(operands)
+        self.last: list[Value] = []
+
+    def has(self, name: str) -> bool:
+        return name in self._attributes
+
+    def attribute(self, name: str) -> Any:
+        """An attribute: a number, a text, a list of integers, an array of NumPy, or what StableHLO has."""
+        attribute = self._attributes[name]
+        kind = type(attribute).__name__
+        if kind in ("IntegerAttr", "BoolAttr", "StringAttr", "FlatSymbolRefAttr", "FloatAttr"):
+            return attribute.value
+        if kind in ("DenseI64ArrayAttr", "DenseBoolArrayAttr"):
+            return list(attribute)
+        if kind in ("DenseIntElementsAttr", "DenseElementsAttr"):
+            return np.array(attribute)
+        return _OF_STABLEHLO[name](attribute)
+
+    def constant(self) -> np.ndarray:
+        """The array of a ``stablehlo.constant``, which views one number where all are equal."""
+        shape, dtype = self.results[0].shape, self.results[0].dtype
+        if dtype.kind == "c":  # whose attributes the bindings do not read
+            return _complex_constant(self._text(), shape, dtype)
+        attribute = self._attributes["value"]
+        if attribute.is_splat:
+            number = np.asarray(attribute.get_splat_value().value)
+            return np.broadcast_to(number.astype(dtype), shape)
+        if dtype.kind == "b":
+            return np.array([bool(attribute[k]) for k in range(len(attribute))]).reshape(shape)
+        return np.array(attribute).astype(dtype, copy=False).reshape(shape)
+
+
+class Block:
+    """A function's body, or an operation's region: ``operations`` make ``results`` of ``arguments``."""
+
+    __slots__ = ("arguments", "operations", "results")
+
+    def __init__(self) -> None:
+        self.arguments: list[Value] = []
+        self.operations: list[Operation] = []
+        self.results: list[Value] = []
+
+    def reads(self) -> Counter[Value]:
+        """The values of blocks around this one that it reads, with how often."""
+        reads = Counter(self.results)
+        for operation in self.operations:
+            reads.update(operation.reads)
+        return Counter({value: times for value, times in reads.items() if value.block is not self})
+
+    def every_operation(self) -> Iterator[Operation]:
+        """The operations, and those within them."""
+        for operation in self.operations:
+            yield operation
+            for region in operation.regions:
+                yield from region.every_operation()
+
+
+def functions_of(module: Any) -> dict[str, Block]:
+    """The functions of a module by name; that of the program is ``main``.
+
+    **Raises:** ``UnsupportedError`` for what is no operation on arrays.
+    """
+    functions = {}
+    for function in module.body.operations:
+        operation = function.operation
+        if operation.name != "func.func":
+            raise UnsupportedError(operation.name)
+        functions[operation.attributes["sym_name"].value] = _read(operation.regions[0].blocks[0], {})
+    return functions
+
+
+def _read(source: Any, outer: dict[Any, Value]) -> Block:
+    block, values = Block(), dict(outer)
+    for argument in source.arguments:
+        values[argument] = Value(argument.type, block)
+        block.arguments.append(values[argument])
+    for view in source.operations:
+        operation = view.operation
+        operands = [values[operand] for operand in operation.operands]
+        if operation.name in ("func.return", "stablehlo.return"):
+            block.results = operands
+            break
+        made = Operation(operation, operands, block)
+        values.update(zip(operation.results, made.results, strict=True))
+        for region in operation.regions:
+            if len(region.blocks) != 1:
+                raise UnsupportedError(f"{operation.name} of several blocks")
+            inner = _read(region.blocks[0], values)
+            made.regions.append(inner)
+            made.reads.update(inner.reads())
+        block.operations.append(made)
+    _drop_unread(block)
+    _count(block)
+    return block
+
+
+def _drop_unread(block: Block) -> None:
+    """Leaves out operations whose results nobody reads: none has any other effect."""
+    read, kept = set(block.results), []
+    for operation in reversed(block.operations):
+        if any(result in read for result in operation.results) or not operation.results:
+            kept.append(operation)
+            read.update(operation.reads)
+    block.operations = kept[::-1]
+
+
+def _count(block: Block) -> None:
+    """Notes, of the values of a block, how often each is read, and by whom last."""
+    remaining = set(block.results)
+    for operation in reversed(block.operations):
+        for value, times in operation.reads.items():
+            if value.block is not block:
+                continue
+            value.reads += times
+            value.captured |= value not in operation.operands or times > operation.operands.count(value)
+            if value not in remaining:
+                remaining.add(value)
+                _note_last(operation, value)
+    for value in block.results:
+        if value.block is block:
+            value.reads += 1
+
+
+def _note_last(operation: Operation, value: Value) -> None:
+    """Notes that nothing reads a value after an operation; within a branch, nothing after the last that reads it."""
+    operation.last.append(value)
+    if operation.name not in ("stablehlo.case", "stablehlo.if"):
+        return
+    for region in operation.regions:
+        readers = (inner for inner in reversed(region.operations) if value in inner.reads)
+        reader = next(readers, None)
+        if reader is not None and value not in region.results:
+            _note_last(reader, value)
+
+
+_NUMBER = r"(-?[^\s,()\[\]]+)"
+
+
+def _complex_constant(text: str, shape: Sequence[int], dtype: np.dtype) -> np.ndarray:
+    part = part_of(dtype)
+    within = text[text.index("dense<") + 6 : text.rindex("> :")]
+    if within.startswith('"'):  # of all bytes
+        numbers = np.frombuffer(bytes.fromhex(within.strip('"')[2:]), dtype)
+    else:
+        pairs = re.findall(rf"\({_NUMBER}\s*,\s*{_NUMBER}\)", within)
+        numbers = np.empty(len(pairs), dtype)
+        numbers.real = [_number(real, part) for real, _ in pairs]
+        numbers.imag = [_number(imaginary, part) for _, imaginary in pairs]
+    return np.broadcast_to(numbers[0], shape) if len(numbers) == 1 else numbers.reshape(shape)
+
+
+def _number(text: str, dtype: np.dtype) -> Any:
+    if text.startswith("0x"):
+        return np.array(int(text, 16), f"u{dtype.itemsize}").view(dtype)[()]
+    return dtype.type(text)

@@ -1,0 +1,161 @@
+"""`jaxball.jit` and `jaxball.compiler`: what a user calls, and what compiles it."""
+
+import functools
+import os
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import Disk, DiskState, native
+from jaxball.native import jitting, machine
+from jaxball.numerics import programs
+
+
+@pytest.fixture
+def compiled_natively(monkeypatch):
+    """The names of the programs that are compiled natively."""
+    names = []
+    original = jitting.compiled
+
+    def noted(function, arrays, name):
+        program = original(function, arrays, name)
+        names.append((name, program is not None))
+        return program
+
+    monkeypatch.setattr(jitting, "compiled", noted)
+    monkeypatch.setattr(native, "compiled", noted)
+    return names
+
+
+def test_as_jax_jit(compiled_natively):
+    def f(x, *, scale=2.0):
+        return {"y": x["a"] * scale, "z": (x["b"], None)}
+
+    x = {"a": np.arange(3.0), "b": jnp.int32(4)}
+    found, expected = jaxball.jit(f)(x, scale=3.0), jax.jit(f)(x, scale=3.0)
+    assert jax.tree.structure(found) == jax.tree.structure(expected)
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        assert isinstance(one, jax.Array)
+        assert one.aval == other.aval
+        np.testing.assert_array_equal(one, other)
+    assert compiled_natively == [("f", True)]
+
+
+def test_types_are_those_of_jax():
+    """Python's numbers are of no type of their own, and stay so."""
+    f = jaxball.jit(lambda x, y: (x, x + y, 1.0))
+    for x in (1, 1.5, np.float32(2), jnp.float32(2), np.arange(2)):
+        for one, other in zip(f(x, x), jax.jit(lambda x, y: (x, x + y, 1.0))(x, x), strict=True):
+            assert one.aval == other.aval
+            np.testing.assert_array_equal(one, other)
+
+
+def test_one_program_for_equal_types(compiled_natively):
+    f = jaxball.jit(lambda x: x + 1)
+    f(np.ones(3)), f(np.zeros(3)), f(jnp.zeros(3)), f(jnp.ones(3))
+    assert len(compiled_natively) <= 2  # an array of NumPy and one of JAX may be told apart
+    f(np.ones(4))
+    assert len(compiled_natively) <= 3
+
+
+def test_within_other_transformations():
+    f = jaxball.jit(lambda x: jnp.sum(x**3))
+    x = np.arange(4.0)
+    np.testing.assert_allclose(jax.grad(f)(x), 3 * x**2)
+    np.testing.assert_allclose(jax.vmap(f)(np.ones((2, 3))), [3, 3])
+    np.testing.assert_allclose(jax.jit(lambda x: f(2 * x))(x), 8 * f(x))
+    np.testing.assert_allclose(jaxball.jit(jax.hessian(f))(x), np.diag(6 * x))
+
+
+def test_arrays_that_do_not_lie_row_by_row():
+    x = np.arange(12.0).reshape(3, 4)
+    f = jaxball.jit(lambda x: x * 1)
+    for given in (x.T, x[:, ::2], x[::-1], np.asfortranarray(x), np.broadcast_to(x[0], (2, 4))):
+        np.testing.assert_array_equal(f(given), given)
+
+
+def test_what_is_not_known_runs_through_xla(compiled_natively):
+    f = jaxball.jit(lambda x: jnp.fft.fft(x))
+    np.testing.assert_allclose(f(np.ones(4)), [4, 0, 0, 0])
+    assert compiled_natively == [("<lambda>", False)]
+
+
+def test_and_says_so_where_the_compiler_was_asked_for_by_name():
+    with jaxball.compiler("native"), pytest.warns(match=r"stablehlo.fft is not compiled natively: XLA .* `<lambda>`"):
+        jaxball.jit(lambda x: jnp.fft.fft(x))(np.ones(4))
+
+
+def test_xla_by_name(compiled_natively):
+    with jaxball.compiler("xla"):
+        assert jaxball.jit(lambda x: x + 1)(1) == 2
+    assert compiled_natively == []
+
+
+def test_programs_of_the_library(compiled_natively):
+    """By the compiler that is chosen, and by XLA where none is."""
+    disk = Disk(mass=1.0, inertia=0.5)
+    expected = jaxball.simulate(disk, [0.0, 1.0], DiskState(phidot=-1.0))
+    assert compiled_natively == []
+    with jaxball.compiler("native"):
+        run = jaxball.simulate(disk, [0.0, 1.0], DiskState(phidot=-1.0))
+    assert ("_solve", True) in compiled_natively
+    np.testing.assert_allclose(run.state.z, expected.state.z, rtol=1e-14)
+    assert jax.tree.structure(run) == jax.tree.structure(expected)
+    for one, other in zip(jax.tree.leaves(run), jax.tree.leaves(expected), strict=True):
+        assert jax.typeof(one) == jax.typeof(other)
+
+
+def _scaled(factor, x):
+    return {"x": x * factor, "name": "scaled"}
+
+
+def test_arguments_that_are_no_arrays():
+    f = programs.filter_jit(functools.partial(_scaled, 3.0))
+    with jaxball.compiler("native"):
+        assert f(np.ones(2))["name"] == "scaled"
+        np.testing.assert_array_equal(f(np.ones(2))["x"], [3, 3])
+
+
+def test_by_an_environment_variable():
+    text = """if True:
+        import jax, jaxball, numpy as np
+        from jaxball import native
+        made, original = [], native.compiled
+        native.compiled = lambda *a: made.append(a[2]) or original(*a)
+        jaxball.simulate(jaxball.Disk(mass=1.0, inertia=0.5), np.array([0.0, 1.0], np.float32), rtol=1e-3, atol=1e-3)
+        print(len(made))
+    """
+    for name, expected in (("native", True), ("xla", False)):
+        run = subprocess.run(
+            [sys.executable, "-c", text], env={**os.environ, "JAXBALL_COMPILER": name}, capture_output=True, text=True
+        )
+        assert (int(run.stdout) > 0) == expected, run.stderr
+
+
+def test_a_compiler_that_is_none(monkeypatch):
+    with pytest.raises(ValueError, match="Argument `name` must be 'native' or 'xla', but it is 'gcc'"):  # noqa: SIM117
+        with jaxball.compiler("gcc"):
+            pass
+    monkeypatch.setenv("JAXBALL_COMPILER", "gcc")
+    with pytest.raises(ValueError, match="The environment variable JAXBALL_COMPILER must be 'native' or 'xla'"):
+        jaxball.jit(lambda x: x)(1)
+
+
+def test_without_llvmlite(monkeypatch):
+    monkeypatch.setitem(sys.modules, "llvmlite", None)
+    machine.is_present.cache_clear()
+    try:
+        assert jaxball.jit(lambda x: x + 1)(1) == 2
+    finally:
+        machine.is_present.cache_clear()
+
+
+def test_random_keys_run_through_xla():
+    key = jax.random.key(0)
+    assert jax.random.key_data(jaxball.jit(lambda key: jax.random.split(key)[0])(key)).shape == (2,)
+    assert jaxball.jit(lambda: jax.random.key(3))().dtype == key.dtype
