@@ -8,9 +8,15 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 from equinox.internal import while_loop
 from jax.core import Tracer
 from jax.interpreters import ad, batching, mlir
+
+try:
+    from jaxlib._jax import batched_device_put as _put
+except ImportError:  # in a version that has it elsewhere
+    _put = None
 
 try:
     from jax._src.config import trace_context
@@ -43,7 +49,9 @@ __all__ = [
     "node_of",
     "primitive",
     "primitives",
+    "put",
     "settings",
+    "stablehlo_bindings",
     "trace_context",
     "while_loop",
 ]
@@ -57,6 +65,21 @@ def is_traced(x: Any) -> bool:
 def settings() -> Mapping[str, Any]:
     """JAX's settings by their names, as they are in this place of the program."""
     return jax.config.values
+
+
+def stablehlo_bindings() -> tuple[Any, Any]:
+    """The modules in which a lowered program is read: those of its types and of StableHLO's attributes."""
+    from jax.extend.mlir import ir
+    from jax.extend.mlir.dialects import stablehlo
+
+    return ir, stablehlo
+
+
+def put(array: np.ndarray, aval: Any, sharding: Any, device: Any) -> jax.Array:
+    """An array of JAX of the type ``aval``, which is not copied where it need not be."""
+    if _put is None:
+        return jax.device_put(array, device)
+    return _put(aval, sharding, [array], [device], False)
 
 
 def node_of(structure: Any) -> tuple[type, Any] | None:

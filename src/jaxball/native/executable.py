@@ -8,16 +8,12 @@ from typing import Any
 import jax
 import numpy as np
 
+from ..compat import put
 from .elements import UnsupportedError
 from .entry import ALIGNMENT, Entry
 from .lowering import Compiler
 from .machine import Code
 from .program import functions_of
-
-try:
-    from jaxlib._jax import batched_device_put as _put
-except ImportError:  # in a version that has it elsewhere
-    _put = None
 
 _spare = threading.local()
 
@@ -75,8 +71,6 @@ def _given_back(memory: np.ndarray) -> None:
 
 def as_jax(arrays: Sequence[np.ndarray], avals: Sequence[Any]) -> list[jax.Array]:
     """Arrays of JAX, of the types given, that are not copied where they need not be."""
-    if _put is None:
-        return jax.device_put(list(arrays))
     device = jax.local_devices(backend="cpu")[0]
     sharding = jax.sharding.SingleDeviceSharding(device)
-    return [_put(aval, sharding, [array], [device], False) for array, aval in zip(arrays, avals, strict=True)]
+    return [put(array, aval, sharding, device) for array, aval in zip(arrays, avals, strict=True)]

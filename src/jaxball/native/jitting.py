@@ -7,18 +7,10 @@ from typing import Any, ParamSpec, TypeVar
 
 import jax
 import numpy as np
-from jax.core import Tracer
 
+from ..compat import is_traced, trace_context
 from . import choice, machine
 from .elements import UnsupportedError
-
-try:
-    from jax._src.config import trace_context as _trace_context
-except ImportError:  # in a version that has it elsewhere
-
-    def _trace_context() -> Any:
-        return tuple(jax.config.values.items())
-
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -124,7 +116,7 @@ def usable(leaves: Sequence[Any]) -> bool:
         return False
     if config.jax_debug_nans or config.jax_debug_infs or config.jax_disable_jit:
         return False
-    return not any(isinstance(leaf, Tracer) for leaf in leaves) and all(map(_is_numbers, leaves))
+    return not any(map(is_traced, leaves)) and all(map(_is_numbers, leaves))
 
 
 def _is_numbers(leaf: Any) -> bool:
@@ -142,7 +134,7 @@ def kind(array: Any) -> Any:
 
 def settings() -> Any:
     """The settings of JAX on which a program depends."""
-    return _trace_context()
+    return trace_context()
 
 
 def _numpy_type(aval: Any) -> np.dtype:

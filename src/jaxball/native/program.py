@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from jax.extend.mlir import ir
-from jax.extend.mlir.dialects import stablehlo
 
+from ..compat import stablehlo_bindings
 from .elements import UnsupportedError, dtype_named, part_of
+
+ir, stablehlo = stablehlo_bindings()
 
 _OF_STABLEHLO: dict[str, Callable[[Any], Any]] = {
     "comparison_direction": lambda attribute: stablehlo.ComparisonDirectionAttr(attribute).value,

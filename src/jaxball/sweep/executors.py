@@ -15,7 +15,7 @@ from typing import Any
 
 import jax
 
-from .. import cache
+from .. import cache, compat
 from ..interface import interruption
 from .chunk import Done, Task, solve_chunk, solve_chunk_elsewhere
 from .errors import WorkerError
@@ -104,7 +104,7 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
 
 def _settings() -> dict[str, Any]:
     """Those of JAX, on which results and the names of kept programs depend."""
-    return {name: value for name, value in jax.config.values.items() if isinstance(value, bool | int | float | str)}
+    return {name: value for name, value in compat.settings().items() if isinstance(value, bool | int | float | str)}
 
 
 def _serve(pipe: Connection, folder: Path | None, settings: dict[str, Any]) -> None:
@@ -112,7 +112,7 @@ def _serve(pipe: Connection, folder: Path | None, settings: dict[str, Any]) -> N
     interruption.leave_to_parent()
     threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
     for name, value in settings.items():
-        if jax.config.values.get(name) != value:
+        if compat.settings().get(name) != value:
             jax.config.update(name, value)
     if folder is not None:
         cache.enable(folder)
