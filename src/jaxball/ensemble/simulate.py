@@ -11,7 +11,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from ..cpu import cores
-from ..interface.arguments import described, require
+from ..interface.arguments import described, require, require_flags
 from ..interface.printing import Printed, shown
 from ..numerics.arrays import Numbers, to_numpy
 from ..numerics.batches import even_size, in_threads, unpadded
@@ -131,6 +131,7 @@ def simulate_ensemble(
     >>> print(ensemble.trajectory.state.z[:, -1])
     [2. 4. 6.]
     """
+    require_flags(inside=inside)
     if contact is None or not isinstance(state, ReleasedState):
         require_kind_of_state(system, state)
     simulated = system if contact is None else on_plane(system, state, contact, False, {})

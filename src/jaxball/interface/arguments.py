@@ -37,6 +37,12 @@ def require_each(name: str, values: Any, kind: type[Kind], must: str, remedy: st
         require(f"{name}[{index}]", value, kind, must, remedy)
 
 
+def require_flags(**values: Any) -> None:
+    """Raises a ``TypeError`` for the first of these arguments that is neither True nor False."""
+    for name, value in values.items():
+        require(name, value, (bool, np.bool_), "True or False")
+
+
 def refusal(name: str, must: str, value: Any, remedy: str = "") -> TypeError:
     """The error for the argument ``name``, which is ``value`` and ``must`` be something else."""
     if isinstance(value, type) and not remedy:

@@ -63,10 +63,19 @@ def find_problems(
     broken = [problem for condition in conditions for problem in condition.problems()]
     if not np.all(times[1:] > times[:-1]):
         broken.append(Problem("times", "be increasing", f"it is {times.tolist()}"))
-    broken.extend(system.breaches(times, state, states))
+    named = {problem.name for problem in broken}
+    unknown = [problem for problem in not_numbers(system) if problem.name not in named]
+    broken.extend(unknown or system.breaches(times, state, states))
     if state is not None and not broken:
         broken.extend(_beyond_arithmetic(system, state, times[0]))
     return broken
+
+
+def not_numbers(system: AbstractSystem) -> Iterator[Problem]:
+    """The parameters that are NaN, or have entries that are; those of a function are its own affair."""
+    for name, value in system.numbers():
+        if "parameters" not in name and np.any(np.isnan(value)):
+            yield Problem(name, "be a number", f"it is {np.asarray(value).tolist()}")
 
 
 def _beyond_arithmetic(system: AbstractSystem, state: AbstractState, t: float) -> Iterator[Problem]:
@@ -94,5 +103,5 @@ def _numbers(system: AbstractSystem, state: AbstractState) -> Iterator[tuple[str
     of_state = ((f"state{jax.tree_util.keystr(path)}", x) for path, x in jax.tree_util.tree_leaves_with_path(state))
     for name, value in (*system.numbers(), *of_state):
         array = np.asarray(value)
-        for k in np.argwhere(array != 0):
+        for k in np.argwhere((array != 0) & np.isfinite(array)):
             yield name + "".join(f"[{i}]" for i in k), float(array[tuple(k)])

@@ -12,6 +12,7 @@ from jax.core import Tracer
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
+from ..interface.arguments import require_flags
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers
@@ -133,6 +134,9 @@ def simulate(
     Switches
       t = 1.333333333: from sliding to rolling, as the slip ended
     """
+    require_flags(
+        dense=dense, step_to_times=step_to_times, dae=dae, project=project, inside=inside, throw=throw
+    )
     times = checked_times(times)
     if contact is not None:
         require_one_law(contact)

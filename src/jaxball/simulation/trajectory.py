@@ -28,7 +28,7 @@ from ..physics.observables import Observables, observe, observe_on_plane
 from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState, ReducedState, RotationState, State
 from ..physics.system import AbstractState, AbstractSystem
-from ..physics.validity import find_problems
+from ..physics.validity import find_problems, not_numbers
 from ..solvers.kinks import seen_from_before
 from .history import ContactHistory
 from .occurrences import Occurrences
@@ -120,8 +120,9 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     def problems(self) -> list[Problem]:
         """What no body can have, or which mass left the shell, where that is how the solve ended; otherwise nothing."""
         times, status = np.asarray(self.times), int(self.status)
-        at_the_start = status == Status.NOT_FINITE and float(self.reached) == times[0]
-        if status != Status.IMPOSSIBLE and status != Status.LEFT_SHELL and not at_the_start:
+        if status == Status.NOT_FINITE and float(self.reached) > times[0]:
+            return list(not_numbers(self.system))
+        if status not in (Status.IMPOSSIBLE, Status.LEFT_SHELL, Status.NOT_FINITE):
             return []
         system, start, states = self.system, self.start, self.state
         if self.contact is not None and isinstance(system, AbstractBody):

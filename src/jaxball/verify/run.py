@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..interface.arguments import require_flags
 from ..interface.wording import did_you_mean
 from ..numerics.arrays import Numbers
 from ..physics.state import ReducedState, RotationState
@@ -46,6 +47,7 @@ def verify(
     **Raises:** ``ValueError`` for a name that is no law and for a scenario with a law of contact, ``TypeError`` for
     states without a place, and what :func:`jaxball.simulate` raises.
     """
+    require_flags(quick=quick)
     case = Case(_scenario(system, times, state, settings))
     _ = case.state  # which one with a law of contact has not
     known = {**laws_along(case.scenario), **CHECKS}

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ...interface.arguments import require, require_callable, require_value
+from ...interface.arguments import require, require_callable, require_flags, require_value
 from ...interface.printing import Printed
 from ...numerics.arrays import AnyArray, Numbers, concatenated, default_dtype, namespace_of, numbers, to_array
 from ..conditions import Condition
@@ -147,6 +147,9 @@ class Damper(AbstractJointForce):
 
     coefficient: Float[Array, "*group"] = eqx.field(converter=numbers("coefficient"))
     negative: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self):
+        require_flags(negative=self.negative)
 
     def __call__(self, t, theta, thetadot, state):
         return -self.coefficient * thetadot
