@@ -3,10 +3,11 @@
 Only types and shapes are checked, so arguments may be traced.
 """
 
+import contextlib
 import inspect
 import reprlib
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, TypeGuard, TypeVar
 
 import equinox as eqx
@@ -101,17 +102,26 @@ def require_function(name: str, function: Any, shape: tuple[int, ...], **argumen
     if key in checked:
         return
     try:
-        value = eqx.filter_eval_shape(function, *arguments.values())
-    except jax.errors.JAXTypeError as error:
-        raise TypeError(
-            f"Argument `{name}` must be a function that JAX can trace, written with jax.numpy and without branches on "
-            f"the numbers that it is given, but {_named(function)} is not."
-        ) from error
+        with traceable(name, function):
+            value = eqx.filter_eval_shape(function, *arguments.values())
     except Exception as error:
         error.add_note(f"This came from argument `{name}`, when it was traced to find the shape of its value.")
         raise
     require_value(name, value, shape)
     checked.add(key)
+
+
+@contextlib.contextmanager
+def traceable(name: str, function: Any) -> Iterator[None]:
+    """Raises a ``TypeError`` in words where JAX cannot trace the argument ``name``, a function that is called here."""
+    try:
+        yield
+    except jax.errors.JAXTypeError as error:
+        raise TypeError(
+            f"Argument `{name}` must be a function that JAX can trace, but {_named(function)} needs to know a number "
+            "that is not known while it is traced, as in `if` or float(); write it with jax.numpy, and "
+            "`jnp.where(condition, a, b)` for `if`."
+        ) from error
 
 
 def require_value(name: str, value: Any, shape: tuple[int, ...]) -> None:

@@ -64,21 +64,21 @@ def find_problems(
     if not np.all(times[1:] > times[:-1]):
         broken.append(Problem("times", "be increasing", f"it is {times.tolist()}"))
     named = {problem.name for problem in broken}
-    unknown = [problem for problem in not_numbers(system) if problem.name not in named]
+    unknown = [problem for problem in not_numbers(system) if not problem.name.startswith(tuple(named))]
     broken.extend(unknown or system.breaches(times, state, states))
     if state is not None and not broken:
-        broken.extend(_beyond_arithmetic(system, state, times[0]))
+        broken.extend(beyond_arithmetic(system, state, times[0]))
     return broken
 
 
 def not_numbers(system: AbstractSystem) -> Iterator[Problem]:
-    """The parameters that are NaN, or have entries that are; those of a function are its own affair."""
+    """The first entry of each parameter that is NaN; those of a function are its own affair."""
     for name, value in system.numbers():
-        if "parameters" not in name and np.any(np.isnan(value)):
-            yield Problem(name, "be a number", f"it is {np.asarray(value).tolist()}")
+        for index in np.argwhere(np.isnan(value))[: "parameters" not in name]:
+            yield Problem(name + "".join(f"[{k}]" for k in index), "be a number", "it is nan")
 
 
-def _beyond_arithmetic(system: AbstractSystem, state: AbstractState, t: float) -> Iterator[Problem]:
+def beyond_arithmetic(system: AbstractSystem, state: AbstractState, t: ArrayLike) -> Iterator[Problem]:
     """What keeps the vector of the initial state, or its rate of change, from being finite, though each number is."""
     packed, slope = jax.tree.map(np.asarray, _at_start(system, state, t))
     if np.all(np.isfinite(packed) & np.isfinite(slope)):

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..interface.arguments import require_callable, require_flags
+from ..interface.arguments import require_callable, require_flags, traceable
 from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, numbers
@@ -83,7 +83,8 @@ class Event(AbstractEvent):
         require_callable("of", self.of, "system", "t", "state")
 
     def value(self, system, t, state):
-        value = jnp.asarray(self.of(system, t, state))
+        with traceable("of", self.of):
+            value = jnp.asarray(self.of(system, t, state))
         if value.shape != () or not jnp.issubdtype(value.dtype, jnp.floating):
             raise TypeError(
                 "Argument `of` must be a function whose value is one real number that crosses zero, but it gives "
