@@ -4,16 +4,19 @@ Only types and shapes are checked, so arguments may be traced.
 """
 
 import contextlib
+import functools
 import inspect
 import reprlib
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeGuard, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from .wording import did_you_mean
 
 Kind = TypeVar("Kind")
 
@@ -70,6 +73,43 @@ def described(value: Any) -> str:
 def a(noun: str) -> str:
     """``noun`` with its article."""
     return f"{'an' if noun[:1] in 'AEIOUaeiou' else 'a'} {noun}"
+
+
+def require_arguments(cls: type, given: Sequence[Any], named: Mapping[str, Any]) -> None:
+    """Raises a ``TypeError`` for arguments with which a class cannot be made, in which it has its own name.
+
+    Python calls it by the class whose constructor it inherits.
+    """
+    taken = _arguments_of(cls)
+    if taken is None:
+        return
+    in_order, required, known = taken
+    kind = cls.__name__
+    for name in named:
+        if name not in known:
+            there = f"the arguments are {', '.join(known)}" if known else "it takes none"
+            raise TypeError(f"Argument `{name}` of {kind} is not known{did_you_mean(name, known, there, '`')}")
+    if len(given) > len(in_order):
+        must = f"no more than {', '.join(in_order)}" if in_order else f"named, as in {kind}({known[0]}=...)"
+        must = must if known else "left out"
+        raise TypeError(f"Arguments of {kind} must be {must}, but {len(given)} are given without a name.")
+    there = {*in_order[: len(given)], *named}
+    for name in required:
+        if name not in there:
+            raise TypeError(f"Argument `{name}` of {kind} must be given, but it is missing.")
+
+
+@functools.cache
+def _arguments_of(cls: type) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]] | None:
+    """The arguments of a class that may come without a name, those that it requires, and all; None where any will do."""
+    _, *parameters = inspect.signature(cls.__init__).parameters.values()
+    if any(one.kind in (one.VAR_POSITIONAL, one.VAR_KEYWORD) for one in parameters):
+        return None
+    return (
+        tuple(one.name for one in parameters if one.kind is not one.KEYWORD_ONLY),
+        tuple(one.name for one in parameters if one.default is one.empty),
+        tuple(one.name for one in parameters),
+    )
 
 
 def require_callable(name: str, function: Any, *takes: str) -> None:

@@ -1,6 +1,7 @@
 """Reads a saved run back."""
 
 import dataclasses
+import functools
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -56,19 +57,20 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
         system = _scenario(content, path).system
     arrays, about = content
     state = _state(arrays, system, path)
+    attribute = functools.partial(_attribute, path, about)
     try:
         return Trajectory(
             system=system,
             times=arrays["time"],
             state=state,
-            reached=to_array(float(about["reached"])),
-            status=jnp.asarray(int(Status[str(about["status"])])),
-            steps=jnp.asarray(int(about["steps"])),
-            rejected=jnp.asarray(int(about["rejected_steps"])),
-            contact=read_history(arrays, about, state),
+            reached=to_array(attribute("reached", float)),
+            status=jnp.asarray(int(attribute("status", lambda name: Status[str(name)]))),
+            steps=jnp.asarray(attribute("steps", int)),
+            rejected=jnp.asarray(attribute("rejected_steps", int)),
+            contact=read_history(arrays, attribute, state) if "contact_sliding" in about else None,
         )
-    except (KeyError, ValueError) as error:
-        raise _no_run(path, f"{error} is missing or wrong") from None
+    except KeyError as error:
+        raise _no_run(path, f"it has no {error}") from None
 
 
 def saved_scenario(path: str | Path) -> Scenario:
@@ -84,6 +86,17 @@ def saved_scenario(path: str | Path) -> Scenario:
     return _scenario(_read(path), path)
 
 
+def _attribute(path: Path, about: Mapping[str, Any], name: str, read: Callable[[Any], Any]) -> Any:
+    """An attribute of a file.
+
+    **Raises:** :class:`RunError` that names it where it is missing or wrong.
+    """
+    try:
+        return read(about[name])
+    except (KeyError, TypeError, ValueError):
+        raise _no_run(path, f"its `{name}` is {about[name]!r}" if name in about else f"it has no `{name}`") from None
+
+
 class _Content(NamedTuple):
     arrays: Mapping[str, np.ndarray]
     about: Mapping[str, Any]
@@ -93,11 +106,9 @@ def _read(path: Path) -> _Content:
     check_saved(path)
     try:
         content = READERS[path.suffix](path)
-        number = int(content.about["format"])
-    except KeyError:
-        raise _no_run(path, "it has no `format`") from None
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise _no_run(path, str(error).splitlines()[0] if str(error) else type(error).__name__) from None
+    number = _attribute(path, content.about, "format", int)
     if number != FORMAT:
         raise RunError(
             f'The run "{path}" was saved by jaxball {content.about.get("jaxball_version", "?")} in format {number}, '

@@ -194,14 +194,14 @@ class _Parts(NamedTuple):
     @property
     def make_a_body(self) -> bool:
         """Whether all parts of which a body and its start are made could be read."""
-        rest = self.surroundings, self.masses, self.mechanisms, self.initial
+        rest = self.masses, self.mechanisms, self.initial
         return bool(self.table and self.shell and self.times) and all(part is not None for part in rest)
 
 
 def _contents(parts: Any, touches: bool) -> Contents:
     """The contents of a file whose parts fit together; ``touches`` says whether it has a law of contact."""
     kind, table, shell, surroundings, contact, times, solve, masses, mechanisms, initial = parts
-    start = times.start
+    start, surroundings = times.start, surroundings or {}
     resting = {**shell, "ground": surroundings.get("ground")}
     masses = balanced(masses, mechanisms, resting, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]

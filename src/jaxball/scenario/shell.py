@@ -73,8 +73,8 @@ def _in_keys(problem: Problem) -> ScenarioError:
 
 def _has_extremes(tree: Any) -> bool:
     """Whether a number is so large or so small that products of a few may be beyond arithmetic, which takes longer."""
-    sizes = [np.abs(np.asarray(leaf)[np.nonzero(leaf)]) for leaf in jax.tree.leaves(tree) if is_array(leaf)]
-    return any(size.size and bool((size.max() > EXTREME) | (size.min() < 1 / EXTREME)) for size in sizes)
+    numbers = [np.abs(np.ravel(np.asarray(leaf))) for leaf in jax.tree.leaves(tree) if is_array(leaf)]
+    return any(np.any((x > EXTREME) | (x < 1 / EXTREME) & (x > 0)) for x in numbers)
 
 
 @programs.filter_jit
