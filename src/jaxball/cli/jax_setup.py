@@ -3,6 +3,8 @@
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
+from .options import BadInputError
+
 if TYPE_CHECKING:
     from ..scenario import Scenario
 
@@ -18,7 +20,25 @@ def set_up_jax() -> None:
 
     cpu.prepare()
     jax.config.update("jax_enable_x64", True)
+    _require_platform()
     cache.load_early()
+
+
+def _require_platform() -> None:
+    """Raises a :class:`BadInputError` where JAX is told to compute on what is not there."""
+    import jax
+
+    wanted = jax.config.jax_platforms
+    if not wanted or wanted == "cpu":
+        return
+    try:
+        jax.devices()
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).splitlines()[0] if str(error) else "JAX finds none"
+        raise BadInputError(
+            f'Variable `JAX_PLATFORMS` must name what JAX can compute on here, but it is "{wanted}": {reason}; leave '
+            "it out, or set it to cpu."
+        ) from None
 
 
 def compiled_for(scenario: "Scenario") -> AbstractContextManager[None]:

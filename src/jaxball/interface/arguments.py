@@ -90,9 +90,11 @@ def require_arguments(cls: type, given: Sequence[Any], named: Mapping[str, Any])
             there = f"the arguments are {', '.join(known)}" if known else "it takes none"
             raise TypeError(f"Argument `{name}` of {kind} is not known{did_you_mean(name, known, there, '`')}")
     if len(given) > len(in_order):
-        must = f"no more than {', '.join(in_order)}" if in_order else f"named, as in {kind}({known[0]}=...)"
-        must = must if known else "left out"
-        raise TypeError(f"Arguments of {kind} must be {must}, but {len(given)} are given without a name.")
+        if in_order or not known:
+            most = f"no more than {', '.join(in_order)}" if in_order else "left out"
+            raise TypeError(f"Arguments of {kind} must be {most}, but there are {len(given)}.")
+        without = "1 has no name" if len(given) == 1 else f"{len(given)} have no names"
+        raise TypeError(f"Arguments of {kind} must be named, as in {kind}({known[0]}=...), but {without}.")
     there = {*in_order[: len(given)], *named}
     for name in required:
         if name not in there:

@@ -1,6 +1,6 @@
 """Derivatives beside the places of arrays of fixed size that are not used, and of what is not known."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import TypeVar
 
 import equinox as eqx
@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
-from jaxtyping import Array, Bool, Float, PyTree
+from jaxtyping import Array, Bool, PyTree
 
 Tree = TypeVar("Tree", bound=PyTree)
 
@@ -37,35 +37,27 @@ def with_unknown_derivatives(tree: Tree, given: PyTree, here: Bool[Array, ""] | 
     A mask that puts NaN there has the derivative 0, which looks like a number that does not depend on anything. What
     is left out of a result has no part in it still: in reverse mode a cotangent of 0 stays 0.
     """
-    inputs = [leaf for leaf in jax.tree.leaves(given) if eqx.is_inexact_array(leaf)]
+    inputs = [jnp.sum(leaf) for leaf in jax.tree.leaves(given) if eqx.is_inexact_array(leaf)]
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
 
     def one(leaf: Array) -> Array:
-        return jnp.where(here | jnp.isnan(leaf), leaf + _zero_of_unknown_derivative(leaf, inputs), leaf)
+        together = sum((number.astype(leaf.dtype) for number in inputs), jnp.zeros((), leaf.dtype))
+        return jnp.where(here | jnp.isnan(leaf), leaf + _zero.bind(jnp.broadcast_to(together, leaf.shape)), leaf)
 
     return eqx.combine(jax.tree.map(one, numbers), others)
 
 
-@jax.custom_jvp
-def _zero_of_unknown_derivative(like: Float[Array, "*shape"], inputs: Sequence[Array]) -> Float[Array, "*shape"]:
-    return jnp.zeros_like(like)
+def _elementwise(name: str, function: Callable[[Array], Array]) -> Primitive:
+    primitive = Primitive(name)
+    primitive.def_impl(function)
+    primitive.def_abstract_eval(lambda x: x)
+    batching.defvectorized(primitive)
+    mlir.register_lowering(primitive, mlir.lower_fun(function, multiple_results=False))
+    return primitive
 
 
-@_zero_of_unknown_derivative.defjvp
-def _(primals, tangents):
-    like, _ = primals
-    total = sum((jnp.sum(tangent).astype(like.dtype) for tangent in tangents[1]), jnp.zeros((), like.dtype))
-    return jnp.zeros_like(like), _unknown.bind(jnp.broadcast_to(total, like.shape))
-
-
-def _as_unknown(x: Array) -> Array:
-    return jnp.full_like(x, jnp.nan)
-
-
-# Linear to JAX: NaN of a tangent, and of each cotangent but 0.
-_unknown = Primitive("unknown_tangent")
-_unknown.def_impl(_as_unknown)
-_unknown.def_abstract_eval(lambda x: x)
-batching.defvectorized(_unknown)
-mlir.register_lowering(_unknown, mlir.lower_fun(_as_unknown, multiple_results=False))
-ad.deflinear2(_unknown, lambda cotangent, _: [jnp.where(cotangent == 0, cotangent, jnp.nan)])
+# 0, whose tangents are NaN, and so is each cotangent that comes back, but for one of 0.
+_zero = _elementwise("zero_of_unknown_derivative", jnp.zeros_like)
+_nan = _elementwise("unknown_derivative", lambda x: jnp.full_like(x, jnp.nan))
+ad.deflinear2(_nan, lambda cotangent, _: [jnp.where(cotangent == 0, cotangent, jnp.nan)])
+ad.primitive_jvps[_zero] = lambda primals, tangents: (_zero.bind(*primals), _nan.bind(*tangents))
