@@ -101,7 +101,8 @@ def test_one_that_happens_has_its_own_beside_it(jacobian):
 def test_a_run_of_an_ensemble_that_cannot_be():
     def ends(mass):
         balls = jax.vmap(lambda m: Ball(mass=m, inertia=(0.5, 0.6, 0.7), offset=(0.1, 0.0, 0.0)))(mass)
-        return simulate_ensemble(balls, TIMES, BallState(Omega=(0.1, 1.0, 0.3)), in_axes=(0, None)).trajectory.state.z[:, -1]
+        start = BallState(Omega=(0.1, 1.0, 0.3))
+        return simulate_ensemble(balls, TIMES, start, in_axes=(0, None)).trajectory.state.z[:, -1]
 
     mass = jnp.array([1.0, -1.0, 2.0])
     values, derivatives = jax.jvp(ends, (mass,), (jnp.ones(3),))

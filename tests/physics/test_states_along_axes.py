@@ -89,7 +89,8 @@ def test_the_observables_of_an_ensemble_are_those_of_its_runs():
     times = np.linspace(0.0, 1.0, 3)
 
     def rolling(inertia, offset):
-        return Disk(mass=1.0, inertia=inertia, offset=jnp.stack([offset, 0 * offset, 0 * offset])), DiskState(phidot=-1.0)
+        disk = Disk(mass=1.0, inertia=inertia, offset=jnp.stack([offset, 0 * offset, 0 * offset]))
+        return disk, DiskState(phidot=-1.0)
 
     inertia, offset = np.array([0.5, 0.7, 0.9]), np.array([0.1, 0.2, 0.3])  # as many runs as times
     disks, starts = jax.vmap(rolling)(inertia, offset)
@@ -106,8 +107,7 @@ def test_the_observables_of_an_ensemble_are_those_of_its_runs():
 
 def test_a_batch_is_evaluated_within_vmap():
     ball, times = Ball(mass=1.0, inertia=(0.5, 0.6, 0.7)), np.array([0.0, 1.0])
-    spun = BallState(q=versors((2,)), Omega=random(2, 3), z=np.zeros((2, 2)), theta=np.zeros((2, 0)), thetadot=np.zeros((2, 0)))
-    batch = jax.vmap(lambda state: simulate(ball, times, state, dense=True))(spun)
+    batch = jax.vmap(lambda q: simulate(ball, times, BallState(q=q, Omega=(1.0, 0.2, 0.1)), dense=True))(versors((2,)))
     with pytest.raises(ValueError, match=r"is of one trajectory, but this is a batch of shape \(2,\)"):
         batch.at(0.5)
     halfway = jax.vmap(lambda run: run.at(0.5))(batch)

@@ -61,9 +61,7 @@ SYSTEMS = {
 
 
 def end_of(observables, name):
-    return np.asarray(getattr(observables, name))[..., -1, :] if name in ("joint_efforts", "friction") else np.asarray(
-        getattr(observables, name)
-    )[..., -1]
+    return np.asarray(getattr(observables, name))[-1]
 
 
 @pytest.mark.parametrize("name", SYSTEMS)

@@ -1,7 +1,6 @@
 """Lyapunov exponents of a rolling ball or disk, or of a classical system."""
 
 import diffrax
-import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 

@@ -76,7 +76,7 @@ class _Parser(argparse.ArgumentParser):
     What is left over is the mistake of the command that it was given to, where argparse has the program complain.
     """
 
-    def parse_known_args(self, args=None, namespace=None):
+    def parse_known_args(self, args=None, namespace=None):  # pyright: ignore[reportIncompatibleMethodOverride]
         options, left_over = super().parse_known_args(args, namespace)
         if left_over:
             given, known = left_over[0].partition("=")[0], list(self._option_string_actions)

@@ -1,5 +1,6 @@
 """JAX as the command line uses it."""
 
+import os
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
@@ -26,11 +27,11 @@ def set_up_jax() -> None:
 
 def _require_platform() -> None:
     """Raises a :class:`BadInputError` where JAX is told to compute on what is not there."""
+    wanted = os.environ.get("JAX_PLATFORMS", "")
+    if wanted in ("", "cpu"):
+        return
     import jax
 
-    wanted = jax.config.jax_platforms
-    if not wanted or wanted == "cpu":
-        return
     try:
         jax.devices()
     except (RuntimeError, AssertionError) as error:

@@ -103,7 +103,7 @@ def require_arguments(cls: type, given: Sequence[Any], named: Mapping[str, Any])
 
 @functools.cache
 def _arguments_of(cls: type) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]] | None:
-    """The arguments of a class that may come without a name, those that it requires, and all; None where any will do."""
+    """The arguments of a class that may come without a name, those that it requires, and all; None where any may."""
     _, *parameters = inspect.signature(cls.__init__).parameters.values()
     if any(one.kind in (one.VAR_POSITIONAL, one.VAR_KEYWORD) for one in parameters):
         return None

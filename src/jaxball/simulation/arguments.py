@@ -203,7 +203,8 @@ def checked_tolerances(rtol: Numbers, atol: Numbers) -> tuple[Array | np.ndarray
         wrong = np.argwhere(~((x >= 0) & np.isfinite(x)))
         if len(wrong):
             where = "".join(f"[{k}]" for k in wrong[0])
-            raise ValueError(f"Argument `{name}{where}` must be 0 or a positive number, but it is {x[tuple(wrong[0])]}.")
+            got = x[tuple(wrong[0])]
+            raise ValueError(f"Argument `{name}{where}` must be 0 or a positive number, but it is {got}.")
     dtype, finest = rtol.dtype, FINEST[rtol.dtype.name]
     if not known or np.all(functools.reduce(np.maximum, known.values()) >= finest):
         return rtol, atol

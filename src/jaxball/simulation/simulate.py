@@ -134,9 +134,7 @@ def simulate(
     Switches
       t = 1.333333333: from sliding to rolling, as the slip ended
     """
-    require_flags(
-        dense=dense, step_to_times=step_to_times, dae=dae, project=project, inside=inside, throw=throw
-    )
+    require_flags(dense=dense, step_to_times=step_to_times, dae=dae, project=project, inside=inside, throw=throw)
     times = checked_times(times)
     if contact is not None:
         require_one_law(contact)

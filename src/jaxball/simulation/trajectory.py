@@ -338,9 +338,7 @@ def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any
     return jax.vmap(one)(times_looked_at(system, times, reached), state)
 
 
-def times_looked_at(
-    system: AbstractSystem, times: Float[Array, " T"], reached: Float[Array, ""]
-) -> Float[Array, " T"]:
+def times_looked_at(system: AbstractSystem, times: Float[Array, " T"], reached: Float[Array, ""]) -> Float[Array, " T"]:
     """The times at which to evaluate what depends on time: those of a run, but for a kink at its end.
 
     What jumps there is looked at just before, because what comes after is no part of the run.

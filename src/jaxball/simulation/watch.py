@@ -125,9 +125,7 @@ def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], 
     occurrences = _occurrences(packing, located, started, reached)
     given = (trajectory.system, trajectory.times, trajectory.start)
     found = with_unknown_derivatives((jax.tree.map(cut, trajectory.state), occurrences), given)
-    return eqx.tree_at(
-        lambda t: (t.state, t.events, t.reached, t.status), trajectory, (*found, reached, status)
-    )
+    return eqx.tree_at(lambda t: (t.state, t.events, t.reached, t.status), trajectory, (*found, reached, status))
 
 
 def _crossings(steps: Steps, packing: Packing, events: dict[str, AbstractEvent]) -> dict[str, Crossings]:

@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-
 CLOSE = 100  # roundings within which a kink and the end of a run are the same time
 
 

@@ -26,7 +26,8 @@ def check_memory(options: argparse.Namespace, times: int) -> None:
             f"{_gigabytes(free)} are free; save fewer times."
         )
     if times > MANY and not options.quiet:
-        print(f"jaxball: {counted(times, 'time')} take minutes and about {_gigabytes(needed)} of memory.", file=sys.stderr)
+        told = f"jaxball: {counted(times, 'time')} take minutes and about {_gigabytes(needed)} of memory."
+        print(told, file=sys.stderr, flush=True)
 
 
 def free_memory() -> float:
