@@ -1,5 +1,6 @@
 """What is mistyped on the command line, told by the command that it was given to; and what the machine cannot do."""
 
+import argparse
 import os
 import subprocess
 import sys
@@ -56,13 +57,11 @@ def test_more_times_than_there_is_memory_for_are_refused_before_anything_is_trie
 
 
 def test_many_times_are_said_to_take_long(capsys, monkeypatch):
-    class Options:
-        out = plot = view = None
-        quiet = False
-
-    memory.check_memory(Options, 1_000_000)
+    monkeypatch.setattr(memory, "free_memory", lambda: 3e9)
+    options = argparse.Namespace(out=None, plot=None, view=None, quiet=False)
+    memory.check_memory(options, 1_000_000)
     assert capsys.readouterr().err == ""
-    memory.check_memory(Options, 2_500_000)
+    memory.check_memory(options, 2_500_000)
     assert capsys.readouterr().err == "jaxball: 2,500,000 times take minutes and about 2 GB of memory.\n"
 
 

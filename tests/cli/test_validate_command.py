@@ -137,7 +137,7 @@ def test_mistakes_of_one_kind_do_not_hide_those_of_another(folder, capsys):
         ("mass = 1.0", "mass = 1e300", "body.mass"),
         ("mass = 0.5", "mass = 1e300", "masses[0].mass"),
         ("mass = 1.0", "mass = 1e200", "body.mass"),
-        ("inertia = 0.36", "inertia = 1e-320", "body.inertia"),
+        ("radius = 1.0", "radius = 1e200", "body.radius"),
     ],
 )
 def test_what_no_run_can_start_with_is_not_valid(folder, capsys, old, new, key):

@@ -77,7 +77,7 @@ def read_history(
     arrays: Mapping[str, np.ndarray], attribute: Callable[[str, Callable[[Any], Any]], Any], states: Any
 ) -> ContactHistory:
     """The history in a file, whose attributes ``attribute`` reads by their names; ``states`` are those of the body."""
-    coefficients = (attribute(f"contact_{name}", float) for name in COEFFICIENTS)
+    coefficients = [attribute(f"contact_{name}", float) for name in COEFFICIENTS]
     law = Contact(*coefficients, room=attribute("contact_room", int))
     over_time = {
         name: to_array(arrays[name]) if variable.flags is None else jnp.asarray(arrays[name], dtype=int)

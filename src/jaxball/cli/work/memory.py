@@ -9,7 +9,7 @@ from ...interface.wording import counted
 from ..options import BadInputError
 
 # Bytes for each time, as measured of balls and disks: of a run, and of what is read off it for files and figures.
-OF_STATES, OF_OBSERVABLES = 800, 1_800
+OF_STATES, OF_OBSERVABLES = 800.0, 1_800.0
 MANY = 1_000_000  # times, of which nobody waits without wondering
 
 
