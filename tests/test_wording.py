@@ -3,6 +3,7 @@
 import pytest
 
 from jaxball.cli import main
+from jaxball.interface.installation import pip_install
 from jaxball.interface.wording import all_of, counted, did_you_mean, one_of
 from jaxball.scenario import ScenarioError
 from jaxball.scenario.values import Choice, Integer, Numbers
@@ -63,5 +64,5 @@ def test_a_package_that_is_not_installed(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "zarr" else name)
     assert main(["sweep", "study.toml", "--out", str(tmp_path / "s.zarr")]) == 2
     assert capsys.readouterr().err == (
-        "jaxball: A sweep needs zarr, which is not installed; pip install 'jaxball[sweep]'.\n"
+        f"jaxball: A sweep needs zarr, which is not installed; {pip_install('sweep')}.\n"
     )

@@ -16,6 +16,7 @@ from jaxball.bench import QUICK, Settings, bench, listing
 from jaxball.bench.contenders import ALL, FAMILIES, Contender, Family, Outcome, Program, Run, Work
 from jaxball.bench.measure import measure
 from jaxball.bench.problem import Piece, Problem
+from jaxball.interface.installation import pip_install
 
 E = 2.718281828459045
 GROWTH = Problem(
@@ -206,11 +207,11 @@ def test_peers_that_are_not_installed_are_left_out_with_a_line(out, monkeypatch)
     assert missing == [line for line in lines if line.startswith("Left out: ")]
     assert missing[0] == (
         "Left out: SciPy RK45, SciPy DOP853, SciPy LSODA, SciPy Radau, SciPy BDF, because numba is not installed; "
-        "pip install 'jaxball[bench]'."
+        f"{pip_install('bench')}."
     )
     assert missing[1] == (
         "Left out: numbalsoda LSODA, numbalsoda DOP853, because numba and numbalsoda are not installed; "
-        "pip install 'jaxball[numbalsoda]'."
+        f"{pip_install('numbalsoda')}."
     )
     assert "numbalsoda, left out because numba and numbalsoda are not installed; pip install" in listing()
     assert len(missing) == 4

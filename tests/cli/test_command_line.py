@@ -95,12 +95,10 @@ def test_failed_solve_is_kept_and_marked(folder, monkeypatch, capsys):
 def test_what_no_body_can_have_is_told_by_its_key(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     (folder / "heavy.toml").write_text(DISK.replace("mass = 1.0", "mass = 1e300"))
-    assert main(["simulate", "heavy.toml"]) == 3
+    assert main(["simulate", "heavy.toml"]) == 2
     told = capsys.readouterr().err
-    assert told.startswith("jaxball: The solve stopped at t = 0 before t = 2, because the equations of motion give")
-    assert "Key `body.mass` must be closer to 1" in told
+    assert told.startswith("jaxball: heavy.toml: Key `body.mass` must be closer to 1")
     assert told.endswith("but it is 1e+300.\n")
-    assert "jaxball.problems" not in told
 
 
 def test_list_of_scenarios(capsys):

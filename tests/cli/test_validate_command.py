@@ -76,8 +76,9 @@ def test_all_problems_are_told_in_the_order_of_the_file(folder, capsys):
     captured = capsys.readouterr()
     assert captured.out.startswith("disk.toml is valid")
     *errors, last = captured.err.splitlines()
-    named = ["titel", "body.mass", "body.radius", "body.inertia", "time.end", "solve.rtol", "masses[0].rail.radios"]
-    assert [line.split("`")[1] for line in errors] == [*named, "masses[1].mas"]
+    named = ["titel", "body.mass", "body.radius", "body.inertia", "time.end", "solve.rtol"]
+    of_masses = ["masses[0].rail.radios", "masses[0].rail.radius", "masses[1].mas"]
+    assert [line.split("`")[1] for line in errors] == [*named, *of_masses]
     assert all(line.startswith("wrong.toml: Key `") for line in errors)
     assert last.startswith("none.toml: FILE must be a scenario, study or problem")
     assert last.endswith("(No such file or directory).")
@@ -98,3 +99,56 @@ def test_what_is_no_toml(folder, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO("a = = 1"))
     assert main(["validate", "-"]) == 2
     assert "standard input: A scenario, study or problem must be a TOML document" in capsys.readouterr().err
+
+
+MISTAKES = """
+format = 1
+kind = "ball"
+body = { mass = 1e300, inertia = [0.5, 0.6, 0.7], radius = 1.0, gravity = 1.0 }
+force = { constant = [1, 2] }
+time = { start = 0.0, end = 1.0, saves = 3 }
+solve = { rtool = 1e-3 }
+[[masses]]
+mass = 0.5
+position = [0.0, 0.0, 1.5]
+[[masses]]
+mass = 0.5
+position = [0.0, 2.0, 0.0]
+"""
+
+
+def test_mistakes_of_one_kind_do_not_hide_those_of_another(folder, capsys):
+    """Words that are not known, then masses that are outside, then numbers with which no solve starts."""
+    (folder / "wrong.toml").write_text(MISTAKES)
+    assert main(["validate", "wrong.toml"]) == 2
+    told = capsys.readouterr().err.splitlines()
+    named = ["force.constant", "solve.rtool", "masses[0].position", "masses[1].position", "body.mass"]
+    assert [line.split("`")[1] for line in told] == named
+    for number, line in enumerate(["force = { constant = [1, 2] }", "solve = { rtool = 1e-3 }"], start=1):
+        (folder / "wrong.toml").write_text(MISTAKES.replace(line, ""))
+        assert main(["validate", "wrong.toml"]) == 2
+        told = capsys.readouterr().err.splitlines()
+        assert [line.split("`")[1] for line in told] == [name for k, name in enumerate(named, start=1) if k != number]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("mass = 1.0", "mass = 1e300", "body.mass"),
+        ("mass = 0.5", "mass = 1e300", "masses[0].mass"),
+        ("mass = 1.0", "mass = 1e200", "body.mass"),
+        ("radius = 1.0", "radius = 1e200", "body.radius"),
+    ],
+)
+def test_what_no_run_can_start_with_is_not_valid(folder, capsys, old, new, key):
+    assert old in DISK
+    (folder / "wrong.toml").write_text(DISK.replace(old, new, 1))
+    code = main(["validate", "wrong.toml"])
+    told = capsys.readouterr().err
+    assert (code, f"Key `{key}` must be closer to 1" in told) == (2, True), told
+
+
+def test_large_numbers_that_do_no_harm_are_valid(folder, capsys):
+    (folder / "large.toml").write_text(DISK.replace("mass = 1.0", "mass = 1e30"))
+    assert main(["validate", "large.toml"]) == 0
+    assert capsys.readouterr().err == ""

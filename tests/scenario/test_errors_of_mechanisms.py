@@ -46,7 +46,7 @@ CASES = {
     ),
     "no joints": (
         with_parts("[[mechanisms]]\njoints = []\nmasses = [{ mass = 1 }]"),
-        "Key `mechanisms[0].joints` must be a list of tables, each under the heading [[mechanisms[0].joints]], but ",
+        "Key `mechanisms[0].joints` must be a list of tables, each under the heading [[mechanisms.joints]], but ",
     ),
     "a circle of joints": (
         with_drive("on = 0"),

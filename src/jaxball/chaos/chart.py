@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..cpu import cores
-from ..interface.arguments import require, require_callable
+from ..interface.arguments import require, require_callable, traceable
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
@@ -86,7 +86,8 @@ def chart(
 @programs.filter_jit
 def _solve(make: Make, method: Method, cells, edges) -> Float[Array, "cells 4"]:
     def one(cell):
-        system, state = make(cell[0], cell[1])
+        with traceable("make", make):
+            system, state = make(cell[0], cell[1])
         state = phase_point(system, state)
         spectrum = system_spectrum(method._replace(normal=normal_of(state)), system, state, edges)
         force = jnp.full_like(cell[0], jnp.inf) if spectrum.least_normal_force is None else spectrum.least_normal_force

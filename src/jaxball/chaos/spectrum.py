@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..interface.arguments import refusal, require_callable
+from ..interface.arguments import refusal, require_callable, traceable
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, numbers, to_array, to_numpy
@@ -91,7 +91,9 @@ def lyapunov_spectrum_of(
     edges, skipped = interval_edges(times, transient, interval)
     rtol, atol = map(to_array, checked_tolerances(rtol, atol))
     method = Method(checked_solver(solver), exponents, skipped, checked_steps(max_steps), rtol, atol, normal)
-    return _solve(method, Flow(field, x, args, to_array(edges), to_array(kinks, "kinks"), jnp.asarray(True)))
+    flow = Flow(field, x, args, to_array(edges), to_array(kinks, "kinks"), jnp.asarray(True))
+    with traceable("field", field):
+        return _solve(method, flow)
 
 
 class Method(NamedTuple):

@@ -1,7 +1,6 @@
 """Lyapunov exponents of a rolling ball or disk, or of a classical system."""
 
 import diffrax
-import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
@@ -76,7 +75,7 @@ def system_spectrum(
     """The spectrum of a system, traceable; ``state`` is a phase point and ``method.normal`` belongs to it."""
     packing = Packing.of(system.prepare(), state)
     parameters, unpack_parameters = ravel_pytree(packing)
-    kinks = jnp.concatenate([system.motion_kinks(), system.driving_kinks()])
+    kinks = system.kinks()
 
     def field(t, x, parameters):
         return unpack_parameters(parameters).field(t, x)

@@ -32,12 +32,12 @@ class RigidBodyState(AbstractClassicalState):
     unit_vector = "q"
 
     @property
-    def Lambda(self) -> Float[Array, "3 3"]:
+    def Lambda(self) -> Float[Array, "*batch 3 3"]:
         """The rotation matrix Λ from body to space."""
         return rotation_matrix(self.q)
 
     @property
-    def Gamma(self) -> Float[Array, "3"]:
+    def Gamma(self) -> Float[Array, "*batch 3"]:
         """Γ = Λ⁻¹ e3."""
         return vertical_in_body(self.q)
 

@@ -72,7 +72,18 @@ def _flush() -> None:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Suggests the word that was perhaps meant, where argparse would list all choices."""
+    """Suggests the word that was perhaps meant, where argparse would list all choices.
+
+    What is left over is the mistake of the command that it was given to, where argparse has the program complain.
+    """
+
+    def parse_known_args(self, args=None, namespace=None):  # pyright: ignore[reportIncompatibleMethodOverride]
+        options, left_over = super().parse_known_args(args, namespace)
+        if left_over:
+            given, known = left_over[0].partition("=")[0], list(self._option_string_actions)
+            hint = did_you_mean(given, known, f"{self.prog} --help shows what there is", quote="")
+            self.error(f"there is no {given} here{hint}")
+        return options, left_over
 
     def _check_value(self, action: argparse.Action, value: object) -> None:
         if action.choices is not None and value not in action.choices:

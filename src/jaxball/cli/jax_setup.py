@@ -1,7 +1,10 @@
 """JAX as the command line uses it."""
 
+import os
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
+
+from .options import BadInputError
 
 if TYPE_CHECKING:
     from ..scenario import Scenario
@@ -18,7 +21,25 @@ def set_up_jax() -> None:
 
     cpu.prepare()
     jax.config.update("jax_enable_x64", True)
+    _require_platform()
     cache.load_early()
+
+
+def _require_platform() -> None:
+    """Raises a :class:`BadInputError` where JAX is told to compute on what is not there."""
+    wanted = os.environ.get("JAX_PLATFORMS", "")
+    if wanted in ("", "cpu"):
+        return
+    import jax
+
+    try:
+        jax.devices()
+    except (RuntimeError, AssertionError) as error:
+        reason = str(error).splitlines()[0] if str(error) else "JAX finds none"
+        raise BadInputError(
+            f'Variable `JAX_PLATFORMS` must name what JAX can compute on here, but it is "{wanted}": {reason}; leave '
+            "it out, or set it to cpu."
+        ) from None
 
 
 def compiled_for(scenario: "Scenario") -> AbstractContextManager[None]:

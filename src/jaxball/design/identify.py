@@ -92,10 +92,17 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identificat
     path = to_numpy(path, "path")
     times = space.scenario.times
     flat = isinstance(space.scenario.system, Disk)
-    if path.shape != (times.size, 2)[: 1 if flat else 2] or not np.all(np.isfinite(path)):
+    if path.shape != (times.size, 2)[: 1 if flat else 2]:
         raise DesignError(
-            f"Argument `path` must be a finite place for each of the {times.size} save times, "
+            f"Argument `path` must be a place for each of the {times.size} save times, "
             f"{'one number' if flat else 'two numbers'} each, but its shape is {path.shape}."
+        )
+    unknown = np.flatnonzero(~np.isfinite(path.reshape(times.size, -1)).all(axis=1))
+    if unknown.size:
+        more = f", and so are {unknown.size - 1} more" if unknown.size > 1 else ""
+        raise DesignError(
+            f"Argument `path` must be finite, but the place at t = {times[unknown[0]]:g}, `path[{unknown[0]}]`, is "
+            f"{path[unknown[0]].tolist()}{more}; leave such times out of the scenario and of the path."
         )
     path = np.asarray(places("path")(path))
     evaluate = _residuals(space, path)

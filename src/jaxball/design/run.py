@@ -22,6 +22,7 @@ from ..physics.observables import Observables, observe
 from ..physics.rails import AbstractRail
 from ..physics.state import BallState, DiskState
 from ..simulation.simulate import simulate
+from ..simulation.trajectory import times_looked_at
 from .space import Candidate
 
 RAIL_SAMPLES = 48
@@ -74,6 +75,10 @@ class Run(eqx.Module):
     rail_samples: int = eqx.field(static=True, default=RAIL_SAMPLES)
 
     @property
+    def _looked_at(self) -> Float[Array, " t"]:
+        return times_looked_at(self.system, self.times, self.times[-1])
+
+    @property
     def z(self) -> Float[Array, "t 2"]:
         """The path of the geometric centre; that of a disk lies on the first axis."""
         return self.state.in_space().z
@@ -92,7 +97,7 @@ class Run(eqx.Module):
     def observables(self) -> Observables:
         """Positions, energies and forces."""
         prepared = self.system.prepare()
-        return jax.vmap(lambda t, x: observe(prepared, t, x))(self.times, self.state)
+        return jax.vmap(lambda t, x: observe(prepared, t, x))(self._looked_at, self.state)
 
     @property
     def masses(self) -> Kinematics:
@@ -102,7 +107,7 @@ class Run(eqx.Module):
         def one(t, x):
             return kinematics(prepared, t, accelerations(prepared, t, x).angles)
 
-        return jax.vmap(one)(self.times, self.state)
+        return jax.vmap(one)(self._looked_at, self.state)
 
     @property
     def forces(self) -> Float[Array, "t n 3"]:
@@ -115,7 +120,7 @@ class Run(eqx.Module):
             a = accelerations_of_masses(prepared.radius, masses, x.Omega, found.Omegadot, x.Gamma)
             return m[:, None] * (a + acting.weight[None])
 
-        return jax.vmap(one)(self.times, self.state)
+        return jax.vmap(one)(self._looked_at, self.state)
 
     @property
     def forces_along(self) -> Float[Array, "t n"]:
@@ -133,7 +138,7 @@ class Run(eqx.Module):
             links = linkages(prepared, t, (x.theta, x.thetadot, x.thetadot))
             return joined(x.theta, links, joint_forces(t, x, links))[len(prepared.driven) :]
 
-        return jax.vmap(one)(self.times, self.state)
+        return jax.vmap(one)(self._looked_at, self.state)
 
     @property
     def effort_units(self) -> Float[Array, " joints"]:
@@ -145,7 +150,7 @@ class Run(eqx.Module):
     def on_rails(self) -> OnRails:
         """θ and its rates."""
         prepared = self.system.prepare()
-        return jax.vmap(lambda t, x: _on_rails(prepared, t, x))(self.times, self.state)
+        return jax.vmap(lambda t, x: _on_rails(prepared, t, x))(self._looked_at, self.state)
 
     @property
     def curves(self) -> Curves:

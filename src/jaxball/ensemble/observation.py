@@ -8,6 +8,7 @@ import diffrax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..interface.arguments import traceable
 from ..numerics.batches import map_batches
 from ..physics.body_on_plane import body_of
 from ..physics.packing import Packing
@@ -123,6 +124,7 @@ def _values(
 
     def value(quantity: Quantity) -> Float[Array, ""]:
         system, state = whole if quantity in ON_PLANE else body
-        return quantity(system, t, state)
+        with traceable("quantity", quantity):
+            return quantity(system, t, state)
 
     return jnp.stack([value(quantity) for quantity in quantities])

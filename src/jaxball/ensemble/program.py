@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..numerics import programs
+from ..numerics.masks import with_unknown_derivatives
 from ..physics.body_on_plane import BodyOnPlane
 from ..physics.confinement import until_left
 from ..physics.modes import ContactState
@@ -115,6 +116,7 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
     reported = observation.reduced(solved.observed, field.own, t0, first.T, settings.lanes)
     reported = {name: jnp.where(startable, value, jnp.nan) for name, value in reported.items()}
     contact = None if solved.switches is None else _contact(each, times, unpacked, solved)
+    unpacked, contact, reported = with_unknown_derivatives((unpacked, contact, reported), (system, state, times))
     return unpacked, reached, status, solved.steps, solved.rejected, contact, reported, solved.executed
 
 

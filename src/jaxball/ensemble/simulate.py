@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..cpu import cores
-from ..interface.arguments import described, require
+from ..interface.arguments import described, require, require_flags
 from ..interface.printing import Printed, shown
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, to_numpy
@@ -184,6 +184,7 @@ def simulate_ensemble(
     >>> float(ensemble[1].observables.kinetic_energy[-1])
     3.0
     """
+    require_flags(inside=inside)
     if contact is None or not isinstance(state, ReleasedState):
         require_kind_of_state(system, state)
     simulated = system if contact is None else on_plane(system, state, contact, False, {})

@@ -3,16 +3,20 @@
 Only types and shapes are checked, so arguments may be traced.
 """
 
+import contextlib
+import functools
 import inspect
 import reprlib
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, TypeGuard, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from .wording import did_you_mean
 
 Kind = TypeVar("Kind")
 
@@ -35,6 +39,12 @@ def require_each(name: str, values: Any, kind: type[Kind], must: str, remedy: st
         raise refusal(name, f"a list, each of it {must}", values, remedy)
     for index, value in enumerate(values):
         require(f"{name}[{index}]", value, kind, must, remedy)
+
+
+def require_flags(**values: Any) -> None:
+    """Raises a ``TypeError`` for the first of these arguments that is neither True nor False."""
+    for name, value in values.items():
+        require(name, value, (bool, np.bool_), "True or False")
 
 
 def refusal(name: str, must: str, value: Any, remedy: str = "") -> TypeError:
@@ -63,6 +73,45 @@ def described(value: Any) -> str:
 def a(noun: str) -> str:
     """``noun`` with its article."""
     return f"{'an' if noun[:1] in 'AEIOUaeiou' else 'a'} {noun}"
+
+
+def require_arguments(cls: type, given: Sequence[Any], named: Mapping[str, Any]) -> None:
+    """Raises a ``TypeError`` for arguments with which a class cannot be made, in which it has its own name.
+
+    Python calls it by the class whose constructor it inherits.
+    """
+    taken = _arguments_of(cls)
+    if taken is None:
+        return
+    in_order, required, known = taken
+    kind = cls.__name__
+    for name in named:
+        if name not in known:
+            there = f"the arguments are {', '.join(known)}" if known else "it takes none"
+            raise TypeError(f"Argument `{name}` of {kind} is not known{did_you_mean(name, known, there, '`')}")
+    if len(given) > len(in_order):
+        if in_order or not known:
+            most = f"no more than {', '.join(in_order)}" if in_order else "left out"
+            raise TypeError(f"Arguments of {kind} must be {most}, but there are {len(given)}.")
+        without = "1 has no name" if len(given) == 1 else f"{len(given)} have no names"
+        raise TypeError(f"Arguments of {kind} must be named, as in {kind}({known[0]}=...), but {without}.")
+    there = {*in_order[: len(given)], *named}
+    for name in required:
+        if name not in there:
+            raise TypeError(f"Argument `{name}` of {kind} must be given, but it is missing.")
+
+
+@functools.cache
+def _arguments_of(cls: type) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]] | None:
+    """The arguments of a class that may come without a name, those that it requires, and all; None where any may."""
+    _, *parameters = inspect.signature(cls.__init__).parameters.values()
+    if any(one.kind in (one.VAR_POSITIONAL, one.VAR_KEYWORD) for one in parameters):
+        return None
+    return (
+        tuple(one.name for one in parameters if one.kind is not one.KEYWORD_ONLY),
+        tuple(one.name for one in parameters if one.default is one.empty),
+        tuple(one.name for one in parameters),
+    )
 
 
 def require_callable(name: str, function: Any, *takes: str) -> None:
@@ -95,17 +144,26 @@ def require_function(name: str, function: Any, shape: tuple[int, ...], **argumen
     if key in checked:
         return
     try:
-        value = eqx.filter_eval_shape(function, *arguments.values())
-    except jax.errors.JAXTypeError as error:
-        raise TypeError(
-            f"Argument `{name}` must be a function that JAX can trace, written with jax.numpy and without branches on "
-            f"the numbers that it is given, but {_named(function)} is not."
-        ) from error
+        with traceable(name, function):
+            value = eqx.filter_eval_shape(function, *arguments.values())
     except Exception as error:
         error.add_note(f"This came from argument `{name}`, when it was traced to find the shape of its value.")
         raise
     require_value(name, value, shape)
     checked.add(key)
+
+
+@contextlib.contextmanager
+def traceable(name: str, function: Any) -> Iterator[None]:
+    """Raises a ``TypeError`` in words where JAX cannot trace the argument ``name``, a function that is called here."""
+    try:
+        yield
+    except jax.errors.JAXTypeError as error:
+        raise TypeError(
+            f"Argument `{name}` must be a function that JAX can trace, but {_named(function)} needs to know a number "
+            "that is not known while it is traced, as in `if` or float(); write it with jax.numpy, and "
+            "`jnp.where(condition, a, b)` for `if`."
+        ) from error
 
 
 def require_value(name: str, value: Any, shape: tuple[int, ...]) -> None:

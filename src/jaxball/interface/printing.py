@@ -10,12 +10,17 @@ import jax
 import numpy as np
 
 from ..compat import is_traced
+from .arguments import require_arguments
 
 FEW = 9
 
 
 class Printed(eqx.Module):
-    """A module that prints its numbers, where equinox prints their shapes."""
+    """A module that prints its numbers, where equinox prints their shapes, and refuses arguments by its own name."""
+
+    def __new__(cls, *given: Any, **named: Any):
+        require_arguments(cls, given, named)
+        return super().__new__(cls)
 
     def __repr__(self) -> str:
         return shown(self)

@@ -1,10 +1,13 @@
-"""Derivatives beside the places of arrays of fixed size that are not used."""
+"""Derivatives beside the places of arrays of fixed size that are not used, and of what is not known."""
 
+from collections.abc import Callable
 from typing import TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, Bool, PyTree
 
 Tree = TypeVar("Tree", bound=PyTree)
@@ -26,3 +29,35 @@ def without_derivatives(tree: Tree) -> Tree:
     """``tree`` as it is, as a constant."""
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
     return eqx.combine(jax.lax.stop_gradient(numbers), others)
+
+
+def with_unknown_derivatives(tree: Tree, given: PyTree, here: Bool[Array, ""] | bool = False) -> Tree:
+    """``tree`` as it is, its derivatives with respect to ``given`` NaN ``here`` and wherever it is NaN itself.
+
+    A mask that puts NaN there has the derivative 0, which looks like a number that does not depend on anything. What
+    is left out of a result has no part in it still: in reverse mode a cotangent of 0 stays 0.
+    """
+    inputs = [jnp.sum(leaf) for leaf in jax.tree.leaves(given) if eqx.is_inexact_array(leaf)]
+    numbers, others = eqx.partition(tree, eqx.is_inexact_array)
+
+    def one(leaf: Array) -> Array:
+        together = sum((number.astype(leaf.dtype) for number in inputs), jnp.zeros((), leaf.dtype))
+        return jnp.where(here | jnp.isnan(leaf), leaf + _zero.bind(jnp.broadcast_to(together, leaf.shape)), leaf)
+
+    return eqx.combine(jax.tree.map(one, numbers), others)
+
+
+def _elementwise(name: str, function: Callable[[Array], Array]) -> Primitive:
+    primitive = Primitive(name)
+    primitive.def_impl(function)
+    primitive.def_abstract_eval(lambda x: x)
+    batching.defvectorized(primitive)
+    mlir.register_lowering(primitive, mlir.lower_fun(function, multiple_results=False))
+    return primitive
+
+
+# 0, whose tangents are NaN, and so is each cotangent that comes back, but for one of 0.
+_zero = _elementwise("zero_of_unknown_derivative", jnp.zeros_like)
+_nan = _elementwise("unknown_derivative", lambda x: jnp.full_like(x, jnp.nan))
+ad.deflinear2(_nan, lambda cotangent, _: [jnp.where(cotangent == 0, cotangent, jnp.nan)])
+ad.primitive_jvps[_zero] = lambda primals, tangents: (_zero.bind(*primals), _nan.bind(*tangents))

@@ -3,6 +3,8 @@
 Λ maps body vectors to space vectors. Source: appendix "Quaternions" of Putkaradze & Rogers (2018).
 """
 
+import functools
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -36,8 +38,12 @@ def from_axis_angle(axis: Float[Array, "3"], angle: Float[Array, ""]) -> Float[A
     return jnp.concatenate([jnp.cos(angle / 2)[None], jnp.sin(angle / 2) * unit])
 
 
+@functools.partial(jnp.vectorize, signature="(n,n)->(k)")
 def from_rotation_matrix(Lambda: Float[Array, "3 3"]) -> Float[Array, "4"]:
-    """A versor of the rotation matrix Λ; of the two, the one whose largest component is positive."""
+    """A versor of the rotation matrix Λ; of the two, the one whose largest component is positive.
+
+    Of several, along any leading axes.
+    """
     a = Lambda
     columns = jnp.stack(
         [
@@ -50,15 +56,16 @@ def from_rotation_matrix(Lambda: Float[Array, "3 3"]) -> Float[Array, "4"]:
     return normalized(columns[jnp.argmax(jnp.diagonal(columns))])
 
 
-def rotation_matrix(q: Float[Array, "4"]) -> Float[Array, "3 3"]:
+def rotation_matrix(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
     """The rotation matrix Λ of a versor, ``eq_versor_rot``."""
-    q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
+    q0, q1, q2, q3 = _components(q)
     return jnp.stack(
         [
-            jnp.stack([1 - 2 * (q2**2 + q3**2), 2 * (q1 * q2 - q0 * q3), 2 * (q1 * q3 + q0 * q2)]),
-            jnp.stack([2 * (q1 * q2 + q0 * q3), 1 - 2 * (q1**2 + q3**2), 2 * (q2 * q3 - q0 * q1)]),
-            jnp.stack([2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), 1 - 2 * (q1**2 + q2**2)]),
-        ]
+            jnp.stack([1 - 2 * (q2**2 + q3**2), 2 * (q1 * q2 - q0 * q3), 2 * (q1 * q3 + q0 * q2)], axis=-1),
+            jnp.stack([2 * (q1 * q2 + q0 * q3), 1 - 2 * (q1**2 + q3**2), 2 * (q2 * q3 - q0 * q1)], axis=-1),
+            jnp.stack([2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), 1 - 2 * (q1**2 + q2**2)], axis=-1),
+        ],
+        axis=-2,
     )
 
 
@@ -68,7 +75,11 @@ def derivative(q: Float[Array, "4"], Omega: Float[Array, "3"]) -> Float[Array, "
     return 0.5 * jnp.concatenate([scalar[None], q[0] * Omega + cross(q[1:], Omega)])
 
 
-def vertical_in_body(q: Float[Array, "4"]) -> Float[Array, "3"]:
+def vertical_in_body(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
     """Γ = Λ⁻¹ e3, the upward vertical seen from the body."""
-    q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
-    return jnp.stack([2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), 1 - 2 * (q1**2 + q2**2)])
+    q0, q1, q2, q3 = _components(q)
+    return jnp.stack([2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), 1 - 2 * (q1**2 + q2**2)], axis=-1)
+
+
+def _components(q: Float[Array, "*batch 4"]) -> tuple[Float[Array, "*batch"], ...]:
+    return tuple(q[..., k] for k in range(4))

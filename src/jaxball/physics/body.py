@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+from ..interface.printing import is_array
 from ..interface.wording import all_of, counted
 from ..numerics import programs
 from ..numerics.arrays import Numbers, concatenated, default_dtype, namespace_of, to_array
@@ -98,12 +99,9 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
             )
 
     def numbers(self) -> Iterator[tuple[str, Array]]:
-        for name in ("mass", "radius", "inertia", "offset", "gravity"):
-            yield name, getattr(self, name)
-        for index, item in enumerate(self.point_masses):
-            yield f"masses[{index}].mass", item.mass
-        for index, mechanism in enumerate(self.mechanisms):
-            yield f"mechanisms[{index}].mass", mechanism.mass
+        for (argument, *path), leaf in jax.tree_util.tree_leaves_with_path(self.arguments):
+            if is_array(leaf):
+                yield argument.key + jax.tree_util.keystr(tuple(path)), leaf
 
     def prepare(self: AnyBody) -> AnyBody:
         """The same body with splines solved and frames turned to matrices: once a solve, not once a step."""

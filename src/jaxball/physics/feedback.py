@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from ..interface.arguments import require_callable, require_each
+from ..interface.arguments import require_callable, require_each, traceable
 from ..interface.printing import Printed
 from ..numerics.arrays import Numbers, default_dtype, numbers, require_shape
 from .schedules import AbstractSchedule
@@ -73,7 +73,8 @@ class FunctionLaw(AbstractLaw):
         require_callable("function", self.function, "t", "state", "parameters")
 
     def __call__(self, t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
-        return self.function(t, state, self.parameters)
+        with traceable("function", self.function):
+            return self.function(t, state, self.parameters)
 
     def kinks(self) -> Float[Array, " kinks"]:
         return self.kink_times

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..interface.arguments import require_flags
 from ..interface.printing import Printed
 from ..numerics.arrays import namespace_of, numbers, to_array
 from ..numerics.vectors import dot
@@ -54,6 +55,9 @@ class Resistance(Printed):
     )
     smoothing: Float[Array, "*group"] = eqx.field(converter=numbers("smoothing"), default=SMOOTHING)
     negative: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self):
+        require_flags(negative=self.negative)
 
     def conditions(self) -> Iterator[Condition]:
         """What the coefficients must be; traceable."""

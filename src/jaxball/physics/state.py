@@ -34,7 +34,7 @@ class AbstractBodyState(AbstractState):
 
     sized = ("theta", "thetadot")
 
-    def with_Omega(self: AnyState, Omega: Float[Array, "3"]) -> AnyState:
+    def with_Omega(self: AnyState, Omega: Float[Array, "*batch 3"]) -> AnyState:
         """The state with another Ω."""
         return eqx.tree_at(lambda state: state.Omega, self, Omega)  # pyright: ignore
 
@@ -78,12 +78,12 @@ class BallState(AbstractBodyState):
     unit_vector = "q"
 
     @property
-    def Lambda(self) -> Float[Array, "3 3"]:
+    def Lambda(self) -> Float[Array, "*batch 3 3"]:
         """The rotation matrix Λ from body to space."""
         return versor.rotation_matrix(self.q)
 
     @property
-    def Gamma(self) -> Float[Array, "3"]:
+    def Gamma(self) -> Float[Array, "*batch 3"]:
         """Γ = Λ⁻¹ e3."""
         return versor.vertical_in_body(self.q)
 
@@ -138,9 +138,9 @@ class RotationState(AbstractBodyState):
     )
 
     @property
-    def Gamma(self) -> Float[Array, "3"]:
+    def Gamma(self) -> Float[Array, "*batch 3"]:
         """Γ = Λ⁻¹ e3."""
-        return self.Lambda[2]
+        return self.Lambda[..., 2, :]
 
     def rates(
         self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
@@ -165,8 +165,8 @@ class RotationState(AbstractBodyState):
     def projected(self) -> "RotationState":
         """The state with Λ orthogonal, up to squares of the distance."""
         R = self.Lambda
-        gram = jnp.sum(R[:, :, None] * R[:, None, :], axis=0)
-        nearer = 1.5 * R - 0.5 * jnp.sum(R[:, :, None] * gram[None], axis=1)
+        gram = jnp.sum(R[..., :, :, None] * R[..., :, None, :], axis=-3)
+        nearer = 1.5 * R - 0.5 * jnp.sum(R[..., :, :, None] * gram[..., None, :, :], axis=-2)
         return eqx.tree_at(lambda state: state.Lambda, self, nearer)
 
     def in_space(self) -> BallState:
@@ -251,27 +251,28 @@ class DiskState(AbstractBodyState):
         self.theta, self.thetadot = to_array(theta, "theta"), to_array(thetadot, "thetadot")
 
     @property
-    def Lambda(self) -> Float[Array, "3 3"]:
+    def Lambda(self) -> Float[Array, "*batch 3 3"]:
         """The rotation matrix Λ from body to space."""
         s, c = sine_cosine(self.phi)
         zero, one = jnp.zeros_like(c), jnp.ones_like(c)
-        return jnp.stack([jnp.stack([c, zero, -s]), jnp.stack([zero, one, zero]), jnp.stack([s, zero, c])])
+        rows = ([c, zero, -s], [zero, one, zero], [s, zero, c])
+        return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
     @property
-    def Gamma(self) -> Float[Array, "3"]:
+    def Gamma(self) -> Float[Array, "*batch 3"]:
         """Γ = Λ⁻¹ e3."""
         s, c = sine_cosine(self.phi)
-        return jnp.stack([s, jnp.zeros_like(c), c])
+        return jnp.stack([s, jnp.zeros_like(c), c], axis=-1)
 
     @property
-    def Omega(self) -> Float[Array, "3"]:
+    def Omega(self) -> Float[Array, "*batch 3"]:
         """Ω = −φ̇ E2."""
         zero = jnp.zeros_like(self.phidot)
-        return jnp.stack([zero, -self.phidot, zero])
+        return jnp.stack([zero, -self.phidot, zero], axis=-1)
 
-    def with_Omega(self, Omega: Float[Array, "3"]) -> "DiskState":
+    def with_Omega(self, Omega: Float[Array, "*batch 3"]) -> "DiskState":
         """The state with φ̇ = −Ω₂."""
-        return eqx.tree_at(lambda state: state.phidot, self, -Omega[1])
+        return eqx.tree_at(lambda state: state.phidot, self, -Omega[..., 1])
 
     def rates(
         self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None

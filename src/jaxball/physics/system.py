@@ -50,7 +50,8 @@ class AbstractState(Printed):
         if self.unit_vector is None:
             return self
         name, vector = self.unit_vector, getattr(self, self.unit_vector)
-        return eqx.tree_at(lambda state: getattr(state, name), self, vector / jnp.sqrt(jnp.sum(vector * vector)))
+        length = jnp.sqrt(jnp.sum(vector * vector, axis=-1, keepdims=True))
+        return eqx.tree_at(lambda state: getattr(state, name), self, vector / length)
 
     def reduced(self) -> "AbstractState":
         """What of the state the motion depends on, where nothing breaks the system's symmetries: its phase space."""
@@ -173,6 +174,10 @@ class AbstractSystem(Printed, Generic[AnyState]):
     def driving_kinks(self) -> Float[Array, " kinks"]:
         """The times, in no order, at which the field jumps or bends. A solve steps to them."""
         return jnp.zeros((0,), dtype=default_dtype())
+
+    def kinks(self) -> Float[Array, " kinks"]:
+        """The times of all kinks, in no order."""
+        return jnp.concatenate([self.motion_kinks(), self.driving_kinks()])
 
     # What is read off a state.
 

@@ -63,13 +63,22 @@ def find_problems(
     broken = [problem for condition in conditions for problem in condition.problems()]
     if not np.all(times[1:] > times[:-1]):
         broken.append(Problem("times", "be increasing", f"it is {times.tolist()}"))
-    broken.extend(system.breaches(times, state, states))
+    named = {problem.name for problem in broken}
+    unknown = [problem for problem in not_numbers(system) if not problem.name.startswith(tuple(named))]
+    broken.extend(unknown or system.breaches(times, state, states))
     if state is not None and not broken:
-        broken.extend(_beyond_arithmetic(system, state, times[0]))
+        broken.extend(beyond_arithmetic(system, state, times[0]))
     return broken
 
 
-def _beyond_arithmetic(system: AbstractSystem, state: AbstractState, t: float) -> Iterator[Problem]:
+def not_numbers(system: AbstractSystem) -> Iterator[Problem]:
+    """The first entry of each parameter that is NaN; those of a function are its own affair."""
+    for name, value in system.numbers():
+        for index in np.argwhere(np.isnan(value))[: "parameters" not in name]:
+            yield Problem(name + "".join(f"[{k}]" for k in index), "be a number", "it is nan")
+
+
+def beyond_arithmetic(system: AbstractSystem, state: AbstractState, t: ArrayLike) -> Iterator[Problem]:
     """What keeps the vector of the initial state, or its rate of change, from being finite, though each number is."""
     packed, slope = jax.tree.map(np.asarray, _at_start(system, state, t))
     if np.all(np.isfinite(packed) & np.isfinite(slope)):
@@ -94,5 +103,5 @@ def _numbers(system: AbstractSystem, state: AbstractState) -> Iterator[tuple[str
     of_state = ((f"state{jax.tree_util.keystr(path)}", x) for path, x in jax.tree_util.tree_leaves_with_path(state))
     for name, value in (*system.numbers(), *of_state):
         array = np.asarray(value)
-        for k in np.argwhere(array != 0):
+        for k in np.argwhere((array != 0) & np.isfinite(array)):
             yield name + "".join(f"[{i}]" for i in k), float(array[tuple(k)])

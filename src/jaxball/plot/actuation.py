@@ -1,6 +1,7 @@
 """The figure of the masses' accelerations along their rails."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
@@ -10,7 +11,8 @@ from ..numerics.arrays import Numbers, to_array
 from ..physics.body import System
 from ..physics.dynamics import given_angles
 from ..physics.motion import OnRail
-from ..simulation.trajectory import Trajectory
+from ..simulation.trajectory import Trajectory, times_looked_at
+from ..solvers.kinks import seen_from_before
 from .modes import draw_modes, modes_of
 from .record import finite_rows, require_one
 from .shapes import grouped
@@ -82,9 +84,10 @@ def accelerations(source: Trajectory | System, times: Numbers | None = None) -> 
 def _scheduled(motion: OnRail, times: Float[jax.Array, " T"]) -> Curve:
     t = np.asarray(times)
     kinks = np.asarray(_kinks(motion.schedule), dtype=t.dtype)
-    kinks = kinks[(kinks > t[0]) & (kinks < t[-1])]
-    # With a value just before each kink, a jump is drawn as a jump.
-    t = np.unique(np.concatenate([t, kinks, np.nextafter(kinks, t.dtype.type(-np.inf))]))
+    end = np.asarray(seen_from_before(jnp.asarray(kinks), jnp.asarray(t[-1])))
+    kinks = kinks[(kinks > t[0]) & (kinks < end)]
+    # With a value just before each kink, a jump is drawn as a jump; one at the end is not seen.
+    t = np.unique(np.concatenate([t[:-1], end[None], kinks, np.nextafter(kinks, t.dtype.type(-np.inf))]))
     return t, np.abs(np.asarray(_second_derivative(motion.schedule, to_array(t))))
 
 
@@ -103,14 +106,15 @@ def _driven(trajectory: Trajectory) -> dict[int, Curve]:
     rows = finite_rows(trajectory)
     if rows.size == 0:
         return {}
-    size = np.abs(np.asarray(_feedback(trajectory.system, to_array(trajectory.times), trajectory.state)))[rows]
+    given = trajectory.system, to_array(trajectory.times), trajectory.reached, trajectory.state
+    size = np.abs(np.asarray(_feedback(*given)))[rows]
     t = np.asarray(trajectory.times)[rows]
     return {index + 1: (t, size[:, slot]) for slot, index in enumerate(trajectory.system.driven)}
 
 
 @programs.filter_jit
-def _feedback(system, times, states):
-    prepared = system.prepare()
+def _feedback(system, times, reached, states):
+    prepared, times = system.prepare(), times_looked_at(system, times, reached)
     return jax.vmap(lambda t, state: given_angles(prepared, t, state)[2])(times, states)
 
 

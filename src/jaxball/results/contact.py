@@ -1,6 +1,6 @@
 """The contact of a run in its file: the modes over time, the switches between them, and the coefficients of the law."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax.numpy as jnp
@@ -73,16 +73,17 @@ def contact_attributes(history: ContactHistory) -> dict[str, int | float]:
     return law | {"contact_room": history.law.room, "contact_switches": int(history.switches.count)}
 
 
-def read_history(arrays: Mapping[str, np.ndarray], about: Mapping[str, Any], states: Any) -> ContactHistory | None:
-    """The history in a file; None where the run had no law of contact. ``states`` are those of the body."""
-    if "contact_sliding" not in about:
-        return None
-    law = Contact(*(float(about[f"contact_{name}"]) for name in COEFFICIENTS), room=int(about["contact_room"]))
+def read_history(
+    arrays: Mapping[str, np.ndarray], attribute: Callable[[str, Callable[[Any], Any]], Any], states: Any
+) -> ContactHistory:
+    """The history in a file, whose attributes ``attribute`` reads by their names; ``states`` are those of the body."""
+    coefficients = [attribute(f"contact_{name}", float) for name in COEFFICIENTS]
+    law = Contact(*coefficients, room=attribute("contact_room", int))
     over_time = {
         name: to_array(arrays[name]) if variable.flags is None else jnp.asarray(arrays[name], dtype=int)
         for name, variable in HISTORY.items()
     }
-    switches = _read_switches(arrays, int(about["contact_switches"]), law.room, vars(states), type(states))
+    switches = _read_switches(arrays, attribute("contact_switches", int), law.room, vars(states), type(states))
     return ContactHistory(law=law, **over_time, switches=switches)
 
 

@@ -1,6 +1,7 @@
 """Reads a saved run back."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -58,20 +59,21 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
     with refused(path):
         arrays = ARRAYS[path.suffix](path)
     state = _state(arrays, system, path)
+    attribute = functools.partial(_attribute, path, about)
     try:
         run = Trajectory(
             system=system,
             times=arrays["time"],
             state=state,
-            reached=to_array(float(about["reached"])),
-            status=jnp.asarray(int(Status[str(about["status"])])),
-            steps=jnp.asarray(int(about["steps"])),
-            rejected=jnp.asarray(int(about["rejected_steps"])),
+            reached=to_array(attribute("reached", float)),
+            status=jnp.asarray(int(attribute("status", lambda name: Status[str(name)]))),
+            steps=jnp.asarray(attribute("steps", int)),
+            rejected=jnp.asarray(attribute("rejected_steps", int)),
             start=None if scenario is None else scenario.state,
-            contact=read_history(arrays, about, state),
+            contact=read_history(arrays, attribute, state) if "contact_sliding" in about else None,
         )
-    except (KeyError, ValueError) as error:
-        raise no_run(path, f"{error} is missing or wrong") from None
+    except KeyError as error:
+        raise no_run(path, f"it has no {error}") from None
     settings_known = not str(about.get("scenario", "")).startswith(UNKNOWN_SOLVER)
     return run.made_by(scenario) if scenario is not None and settings_known else run
 
@@ -86,6 +88,17 @@ def saved_scenario(path: str | Path) -> Scenario:
     **Raises:** :class:`RunError` as :func:`load_run`.
     """
     return _scenario(Path(path))
+
+
+def _attribute(path: Path, about: Mapping[str, Any], name: str, read: Callable[[Any], Any]) -> Any:
+    """An attribute of a file.
+
+    **Raises:** :class:`RunError` that names it where it is missing or wrong.
+    """
+    try:
+        return read(about[name])
+    except (KeyError, TypeError, ValueError):
+        raise no_run(path, f"its `{name}` is {about[name]!r}" if name in about else f"it has no `{name}`") from None
 
 
 def _scenario(path: Path) -> Scenario:

@@ -1,7 +1,7 @@
 """What cannot be in a file: the first problem as an error, or all problems at once."""
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from typing import Any
 
@@ -57,18 +57,35 @@ def each_of(*readers: Callable[[], Any]) -> list[Any]:
     **Raises:** the first :class:`ScenarioError`. Within :func:`all_problems` the other readers run too before that, and
     their errors are found there.
     """
+    results, errors = tried(*readers)
+    raise_first(errors)
+    return results
+
+
+def tried(*readers: Callable[[], Any]) -> tuple[list[Any], list[ScenarioError]]:
+    """What the readers return, None of those that fail, and the errors of these.
+
+    **Raises:** the first error, but within :func:`all_problems`.
+    """
     more = _PROBLEMS.get()
     if more is None:
-        return [reader() for reader in readers]
+        return [reader() for reader in readers], []
     results, errors, before = [], [], len(more)
     for reader in readers:
         try:
             results.append(reader())
         except ScenarioError as error:
+            results.append(None)
             # What parts of this part raised beside it comes after it.
             errors += [error, *more[before:]]
             del more[before:]
+    return results, errors
+
+
+def raise_first(errors: Sequence[ScenarioError]) -> None:
+    """Raises the first of the errors, and keeps the others for :func:`all_problems`."""
     if errors:
-        more += errors[1:]
+        more = _PROBLEMS.get()
+        if more is not None:
+            more += errors[1:]
         raise errors[0]
-    return results

@@ -17,7 +17,7 @@ from .actuation import FORMS, apply_actuation, is_linear, targets_of, write_actu
 from .body import BALL, DISK, FORCES, check_force, kind_of, read_force, read_shell, write_body
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, read_classical, write_classical
 from .contact import CONTACT, read_contact
-from .errors import each_of
+from .errors import each_of, raise_first, tried
 from .ground import GROUND, read_ground
 from .initial import INITIAL, balanced, initial_state, read_initial, released_from, write_initial
 from .masses import CHOICES as MASSES, read_masses, write_masses
@@ -161,7 +161,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
     kind = str(document.get("kind"))
     if kind not in BODIES:
         read_table(document, "", KEYS)
-    table, shell, surroundings, contact, times, solve, masses, mechanisms, initial, sensors = each_of(
+    read, errors = tried(
         lambda: read_table(document, "", KEYS),
         lambda: "body" in document and read_shell(document["body"], "body", kind),
         lambda: _read_surroundings(document, kind),
@@ -173,7 +173,43 @@ def read_contents(document: dict[str, Any]) -> Contents:
         lambda: read_initial(document.get("initial", {}), "initial", kind),
         lambda: read_sensors(document.get("sensors", {}), "sensors"),
     )
-    start = times.start
+    parts = _Parts(kind, *read)
+    if parts.make_a_body:
+        # What is wrong elsewhere does not hide what is wrong with the body.
+        made, later = tried(lambda: _contents(parts, "contact" in document))
+        if not errors and not later:
+            return made[0]
+        errors += later
+    raise_first(errors)
+    raise AssertionError("A part that could not be read has an error.")
+
+
+class _Parts(NamedTuple):
+    """What the tables of a file say; None, or False, of one that cannot be read or is missing."""
+
+    kind: str
+    table: dict[str, Any] | None
+    shell: dict[str, Any] | None
+    surroundings: dict[str, Any] | None
+    contact: Contact | None
+    times: SaveTimes | None
+    solve: dict[str, Any] | None
+    masses: list[Any] | None
+    mechanisms: list[Any] | None
+    initial: dict[str, Any] | None
+    sensors: dict[str, AbstractSensor] | None
+
+    @property
+    def make_a_body(self) -> bool:
+        """Whether all parts of which a body and its start are made could be read."""
+        rest = self.masses, self.mechanisms, self.initial
+        return bool(self.table and self.shell and self.times) and all(part is not None for part in rest)
+
+
+def _contents(parts: Any, touches: bool) -> Contents:
+    """The contents of a file whose parts fit together; ``touches`` says whether it has a law of contact."""
+    kind, table, shell, surroundings, contact, times, solve, masses, mechanisms, initial, sensors = parts
+    start, surroundings = times.start, surroundings or {}
     resting = {**shell, "ground": surroundings.get("ground")}
     masses = balanced(masses, mechanisms, resting, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]
@@ -188,12 +224,15 @@ def read_contents(document: dict[str, Any]) -> Contents:
         mechanisms=[item.mechanism for item in mechanisms],
     )
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
-    check_dae(system, contact, solve["solver"], solve["dae"])
-    check_confined(system, namespace(times.start, times.end).stack([times.start, times.end]), state)
-    check_start(system, start, state)
-    check_sensors(sensors, "sensors", system)
-    state = released_from(initial, "initial", state, contact)
-    return Contents(table["title"], system, state, contact, times, solve, sensors)
+    span = namespace(times.start, times.end).stack([times.start, times.end])
+    *_, begun = each_of(
+        lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
+        lambda: check_confined(system, span, state),
+        lambda: check_start(system, start, state),
+        lambda: sensors is None or check_sensors(sensors, "sensors", system),
+        lambda: released_from(initial, "initial", state, contact) if contact or not touches else state,
+    )
+    return Contents(table["title"], system, begun, contact, times, solve, sensors)
 
 
 def _read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:

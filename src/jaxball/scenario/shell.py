@@ -3,20 +3,24 @@
 import re
 from typing import TYPE_CHECKING, Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ..interface.printing import is_array
 from ..numerics import programs
 from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.breaches import breaches
-from ..physics.conditions import all_hold
+from ..physics.conditions import Problem, all_hold
 from ..physics.confinement import confined
 from ..physics.coupling import moved_masses
 from ..physics.dynamics import solvable_friction
 from ..physics.reach import surely_stay
 from ..physics.state import BallState, DiskState
+from ..physics.validity import beyond_arithmetic
+from .errors import raise_first
 from .table import join
 from .traced import any_traced, leave_open
 from .values import ScenarioError
@@ -24,9 +28,11 @@ from .values import ScenarioError
 if TYPE_CHECKING:
     from ..simulation.trajectory import Trajectory
 
+EXTREME = 1e20
+
 
 def check_confined(system: System, times: Any, state: BallState | DiskState) -> None:
-    """Raises a :class:`ScenarioError` for the first rail or mass that is not in the body (module ``confinement``).
+    """Raises a :class:`ScenarioError` for the rails and masses that are not in the body (module ``confinement``).
 
     Where they are traced, it is a condition, which leaves those in doubt that may leave an open rail or the shell.
     """
@@ -36,16 +42,17 @@ def check_confined(system: System, times: Any, state: BallState | DiskState) -> 
         leave_open("masses", lambda: confined(system.prepare(), span, state), lambda: surely_stay(system, *span))
     if any_traced((system, times, state)):
         return
-    for problem in breaches(system, times, np.asarray(state.theta)[None]):
-        raise ScenarioError(problem.sentence("Key", key_of(problem.name)))
+    raise_first([_in_keys(problem) for problem in breaches(system, times, np.asarray(state.theta)[None])])
 
 
 def check_start(system: System, start: Any, state: BallState | DiskState) -> None:
     """Raises a :class:`ScenarioError` where nothing tells how the body starts to move.
 
-    That is for the first free joint that moves no mass, and for dry friction with which there is no normal force. What
-    depends on traced numbers is a condition.
+    That is for the first free joint that moves no mass, for dry friction with which there is no normal force, and for
+    numbers so far from 1 that what a solve advances is not finite. What depends on traced numbers is a condition.
     """
+    if not any_traced((system, start, state)) and _has_extremes((system, state)):
+        raise_first([_in_keys(problem) for problem in beyond_arithmetic(system, state, to_array(start))])
     rules = []
     if any(group.free for group in system.mechanism_groups):
         decisive = (system.mechanism_groups, system.radius, start, state.theta)
@@ -58,9 +65,18 @@ def check_start(system: System, start: Any, state: BallState | DiskState) -> Non
     if not rules or any_traced((system, start, state)):
         return
     if not bool(_can_start(system, to_array(start), state)):
-        for condition in system.start_conditions(to_array(start), state):
-            for problem in condition.problems():
-                raise ScenarioError(problem.sentence("Key", key_of(problem.name)))
+        conditions = system.start_conditions(to_array(start), state)
+        raise_first([_in_keys(problem) for condition in conditions for problem in condition.problems()][:1])
+
+
+def _in_keys(problem: Problem) -> ScenarioError:
+    return ScenarioError(problem.sentence("Key", key_of(problem.name)))
+
+
+def _has_extremes(tree: Any) -> bool:
+    """Whether a number is so large or so small that products of a few may be beyond arithmetic, which takes longer."""
+    numbers = [np.abs(np.ravel(np.asarray(leaf))) for leaf in jax.tree.leaves(tree) if is_array(leaf)]
+    return any(np.any((x > EXTREME) | (x < 1 / EXTREME) & (x > 0)) for x in numbers)
 
 
 @programs.filter_jit

@@ -1,6 +1,7 @@
 """Tables of a scenario file: which keys one has, read and written by the same description."""
 
 import functools
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from operator import attrgetter
@@ -122,12 +123,13 @@ def read_family(values: Any, path: str, family: Family, key: str = "kind") -> An
     """The object that a table describes, of the kind that its key ``kind`` names."""
     if not isinstance(values, dict):
         raise key_error(path, "a table", shown(values))
-    every = {key, *(name for member in family.values() for name in member.keys)}
-    refuse_unknown(values, path, every)
-    kinds = {key: Key(Choice(tuple(family)))}
-    name = read_table({key: values[key]} if key in values else {}, path, kinds)[key]
     rest = {name: value for name, value in values.items() if name != key}
-    return family[name].read(rest, path)
+    chosen = values.get(key)
+    if isinstance(chosen, str) and chosen in family:
+        return family[chosen].read(rest, path)
+    refuse_unknown(values, path, {key, *(name for member in family.values() for name in member.keys)})
+    kinds = {key: Key(Choice(tuple(family)))}
+    return family[read_table({key: chosen} if key in values else {}, path, kinds)[key]].read(rest, path)
 
 
 def write_member(item: Any, path: str, family: Family) -> tuple[str, dict[str, Any]]:
@@ -168,7 +170,8 @@ def keys_of(family: Family) -> dict[str, Keys]:
 def read_list(values: Any, path: str, read: Callable[[Any, str], Any], empty: bool = False) -> list[Any]:
     """What ``read`` makes of each table of a list and its path; the list may be ``empty`` only if that is said."""
     if not isinstance(values, list) or not (values or empty):
-        raise key_error(path, f"a list of tables, each under the heading [[{path}]]", shown(values))
+        heading = re.sub(r"\[\d+\]", "", path)  # as TOML has it, which counts tables by itself
+        raise key_error(path, f"a list of tables, each under the heading [[{heading}]]", shown(values))
     return each_of(*(functools.partial(read, item, f"{path}[{index}]") for index, item in enumerate(values)))
 
 

@@ -193,12 +193,19 @@ def require_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> 
 def checked_tolerances(rtol: Numbers, atol: Numbers) -> tuple[Array | np.ndarray, Array | np.ndarray]:
     """The tolerances as arrays.
 
-    **Raises:** :class:`PrecisionError` when the floating-point type cannot reach them.
+    **Raises:** ``ValueError`` where they are known and negative or not finite, and :class:`PrecisionError` when the
+    floating-point type cannot reach the larger one of them.
     """
     rtol, atol = _as_array("rtol", rtol), _as_array("atol", atol)
-    known = [x.max() for x in (rtol, atol) if isinstance(x, np.ndarray)]
+    known = {name: x for name, x in (("rtol", rtol), ("atol", atol)) if isinstance(x, np.ndarray)}
+    for name, x in known.items():
+        wrong = np.argwhere(~((x >= 0) & np.isfinite(x)))
+        if len(wrong):
+            where = "".join(f"[{k}]" for k in wrong[0])
+            got = x[tuple(wrong[0])]
+            raise ValueError(f"Argument `{name}{where}` must be 0 or a positive number, but it is {got}.")
     dtype, finest = rtol.dtype, FINEST[rtol.dtype.name]
-    if not known or max(known) >= finest:
+    if not known or np.all(functools.reduce(np.maximum, known.values()) >= finest):
         return rtol, atol
     remedy = (
         'enable float64 before the first array is made, with `jax.config.update("jax_enable_x64", True)`, or '

@@ -103,6 +103,7 @@ def balance(
       and one other solution, in `solutions`
     """
     require("system", system, (Ball, Disk), "a Ball or a Disk")
+    require("above", above, (bool, np.bool_, type(None)), "True, False or None")
     ground = system.ground
     if ground is not None and ground.moving:
         raise ValueError(

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..interface.arguments import require_callable
+from ..interface.arguments import require_callable, require_flags, traceable
 from ..interface.printing import Printed
 from ..interface.status import Status
 from ..numerics.arrays import Numbers, is_traced, numbers
@@ -37,6 +37,7 @@ class AbstractEvent(Printed):
     status: ClassVar[Status]
 
     def __check_init__(self):
+        require_flags(terminal=self.terminal)
         if self.direction not in (UP, DOWN, EITHER):
             raise ValueError(f"Argument `direction` must be 1, -1 or 0, but it is {self.direction}.")
         if self.room < 1:
@@ -82,7 +83,8 @@ class Event(AbstractEvent):
         require_callable("of", self.of, "system", "t", "state")
 
     def value(self, system, t, state):
-        value = jnp.asarray(self.of(system, t, state))
+        with traceable("of", self.of):
+            value = jnp.asarray(self.of(system, t, state))
         if value.shape != () or not jnp.issubdtype(value.dtype, jnp.floating):
             raise TypeError(
                 "Argument `of` must be a function whose value is one real number that crosses zero, but it gives "

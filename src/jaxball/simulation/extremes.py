@@ -137,7 +137,7 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
 
 def _at(steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]) -> tuple[Array, ...]:
     """N, |f| / N and |f|, each with its time, at three times in steps, with their derivatives."""
-    kinks = jnp.concatenate([packing.system.motion_kinks(), packing.system.driving_kinks()])
+    kinks = packing.system.kinks()
     times, vectors = jax.vmap(lambda i, t: moved(steps, kinks, i, t))(index, times)
     force = jax.lax.map(lambda at: reaction(packing.system, at[0], packing.unpack(*at)), (times, vectors))
     return force.normal[0], times[0], force.ratio[1], times[1], force.friction[2], times[2]

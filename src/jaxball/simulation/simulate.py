@@ -11,10 +11,11 @@ import numpy as np
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array
 
+from ..interface.arguments import require_flags
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced
-from ..numerics.masks import differentiated_where
+from ..numerics.masks import differentiated_where, with_unknown_derivatives
 from ..numerics.modes import forward_only, reverse_only
 from ..physics.body import System
 from ..physics.body_on_plane import BodyOnPlane
@@ -132,6 +133,7 @@ def simulate(
     Switches
       t = 1.333333333: from sliding to rolling, as the slip ended
     """
+    require_flags(dense=dense, step_to_times=step_to_times, dae=dae, project=project, inside=inside, throw=throw)
     times = checked_times(times)
     if contact is not None:
         require_one_law(contact)
@@ -223,7 +225,7 @@ def _solve(
         system, times, state, rtol, atol, events = reverse_only((system, times, state, rtol, atol, events))
     if isinstance(system, BodyOnPlane):
         state = system.prepare().start(times[0], state)
-    startable = _startable(system, times, state, method.inside)
+    startable, given = _startable(system, times, state, method.inside), (system, times, state)
     system, times, state, events = differentiated_where(startable, (system, times, state, events))
     packing, initial = _packed(system, times[0], state)
     # One array for all parameters: XLA copies each operand of a nested loop once an iteration.
@@ -275,10 +277,14 @@ def _solve(
         course = course.switches, unpacked_switches(packing, course.kept)
     if method.inside:
         reached, status = until_left(packing.system, times, saved, reached, status)
+    status = jnp.where(startable, status, Status.IMPOSSIBLE)
+    # The steps that were tried beyond that are part of what reverse mode goes through.
+    spoilt = (status == int(Status.NOT_FINITE)) & isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint)
+    saved, course = with_unknown_derivatives((saved, course), given, spoilt)
     return (
         saved,
         reached,
-        jnp.where(startable, status, Status.IMPOSSIBLE),
+        status,
         cast(Array, solution.stats["num_steps"]),
         cast(Array, solution.stats["num_rejected_steps"]),
         Interpolant(solution, packing) if method.dense else None,

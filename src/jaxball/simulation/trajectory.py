@@ -19,7 +19,7 @@ from ..interface.status import SolveError, Status
 from ..interface.wording import counted
 from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
-from ..numerics.masks import differentiated_where
+from ..numerics.masks import differentiated_where, with_unknown_derivatives
 from ..physics.body import AbstractBody, System
 from ..physics.body_on_plane import BodyOnPlane, body_of
 from ..physics.conditions import Problem
@@ -27,7 +27,8 @@ from ..physics.observables import Observables, movement, movement_on_plane, obse
 from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState, ReducedState, RotationState, State
 from ..physics.system import AbstractState, AbstractSystem
-from ..physics.validity import find_problems
+from ..physics.validity import find_problems, not_numbers
+from ..solvers.kinks import seen_from_before
 from .history import ContactHistory
 from .occurrences import Occurrences
 
@@ -129,8 +130,9 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     def problems(self) -> list[Problem]:
         """What no body can have, or which mass left the shell, where that is how the solve ended; otherwise nothing."""
         times, status = np.asarray(self.times), int(self.status)
-        at_the_start = status == Status.NOT_FINITE and float(self.reached) == times[0]
-        if status != Status.IMPOSSIBLE and status != Status.LEFT_SHELL and not at_the_start:
+        if status == Status.NOT_FINITE and float(self.reached) > times[0]:
+            return list(not_numbers(self.system))
+        if status not in (Status.IMPOSSIBLE, Status.LEFT_SHELL, Status.NOT_FINITE):
             return []
         system, start, states = self.system, self.start, self.state
         if self.contact is not None and isinstance(system, AbstractBody):
@@ -154,15 +156,23 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
         NaN before the start and after the time to which the solve came.
 
-        **Raises:** ``ValueError`` when the trajectory was made without ``dense=True``.
+        **Raises:** ``ValueError`` when the trajectory was made without ``dense=True``, and for a batch.
         """
         if self.interpolant is None:
             raise ValueError("Method `at` needs dense output; call simulate(..., dense=True).")
-        return _evaluate(self.interpolant, to_array(t, "t"), self.times[0], self.reached, self.status)
+        if np.ndim(self.status):
+            raise ValueError(
+                "Method `at` is of one trajectory, but this is a batch of shape "
+                f"{np.shape(self.status)}; call it within jax.vmap."
+            )
+        given = self.system, self.start
+        return _evaluate(self.interpolant, to_array(t, "t"), self.times[0], self.reached, self.status, given)
 
     @property
     def observables(self) -> Observables:
-        """Positions, energies and forces at every saved time.
+        """Positions, energies and forces at every saved time, in a batch those of each run.
+
+        Where what drives the body jumps at the end of the run, those at the end are of the side before.
 
         **Raises:** ``ValueError`` for a reduced trajectory, which does not know where the ball is, and for
         one of another system, which may have ``laws``.
@@ -170,8 +180,8 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         body = self._body("The observables")
         if self.contact is not None:
             plane, states = self.contact.on_plane(body, self.state)
-            return _observe_all_on_plane(plane, self.times, states)
-        return _observe_all(body, self.times, self.state)
+            return self._evaluated(_observe_all_on_plane, plane, states)
+        return self._evaluated(_observe_all, body, self.state)
 
     def measured(self, sensors: "Mapping[str, AbstractSensor]") -> dict[str, Array]:
         """What sensors read at every saved time, by their names; NaN at times that the solve did not reach.
@@ -188,13 +198,15 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
         body = self._body("The sensors")
         require_sensors(sensors, body)
-        on_plane = (body, self.state) if self.contact is None else self.contact.on_plane(body, self.state)
-        found = _measure_all(*on_plane, self.times, dict(sensors))
+        system, states = (body, self.state) if self.contact is None else self.contact.on_plane(body, self.state)
+        found = self._evaluated(functools.partial(_measure_all, dict(sensors)), system, states)
         return {name: found[name] for name in sensors}  # in their order, which JAX does not keep
 
     @property
     def laws(self) -> Any:
         """The laws of the system at every saved time: a named tuple, each entry with T as leading axis.
+
+        In a batch those of each run.
 
         **Raises:** ``ValueError`` for a ball or a disk, whose integrals are functions of a state.
         """
@@ -203,7 +215,14 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
                 f"The laws are those of other systems, but this trajectory is of a {type(self.system).__name__}; "
                 "the modules jaxball.physics.integrals and jaxball.physics.momentum have its integrals."
             )
-        return _laws_of_all(self.system, self.times, self.state)
+        return self._evaluated(_laws_of_all, self.system, self.state)
+
+    def _evaluated(self, function: Callable[..., Any], system: Any, states: Any) -> Any:
+        """``function`` of a system, the times and its states, and when the run ended; of each run in a batch."""
+        arguments = system, jnp.asarray(self.times), states, jnp.asarray(self.reached)
+        for _ in range(np.ndim(self.status)):
+            function = eqx.filter_vmap(function)
+        return function(*arguments)
 
     def _body(self, what: str) -> AbstractBody:
         """The system, which must be a body, and its place known: ``what`` needs both."""
@@ -219,12 +238,12 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return self.system
 
     @property
-    def friction_needed(self) -> Float[Array, ""]:
+    def friction_needed(self) -> Float[Array, "*batch"]:
         """The largest |f| / N at the saved times; :func:`~jaxball.contact_extremes` finds μ_min of the whole run.
 
         The latter is what files and the stores of sweeps call ``friction_needed``.
         """
-        return jnp.max(self.observables.friction_ratio)
+        return jnp.max(self.observables.friction_ratio, axis=-1)
 
     # A user has a trajectory in hand and looks there for what can be done with it. These four import, when called,
     # modules that are built upon this one; the contracts in pyproject.toml name them as exceptions.
@@ -328,17 +347,17 @@ def _outline() -> Any:
 
 
 @programs.filter_jit
-def _observe_all(system, times, state) -> Observables:
-    return _at_each(lambda system, t, x: observe(system, t, _placed(x)), system.prepare(), times, state)
+def _observe_all(system, times, state, reached) -> Observables:
+    return _at_each(lambda system, t, x: observe(system, t, _placed(x)), system, times, state, reached)
 
 
 @programs.filter_jit
-def _observe_all_on_plane(plane, times, states) -> Observables:
-    return _at_each(observe_on_plane, plane.prepare(), times, states)
+def _observe_all_on_plane(plane, times, states, reached) -> Observables:
+    return _at_each(observe_on_plane, plane, times, states, reached)
 
 
 @programs.filter_jit
-def _measure_all(system, states, times, sensors) -> dict[str, Array]:
+def _measure_all(sensors, system, times, states, reached) -> dict[str, Array]:
     def measured(system, t, x):
         on_plane = isinstance(system, BodyOnPlane)
         moves = movement_on_plane(system, t, x) if on_plane else movement(system, t, _placed(x))
@@ -346,7 +365,7 @@ def _measure_all(system, states, times, sensors) -> dict[str, Array]:
         known = jnp.all(jnp.isfinite(moves.state.Omega))
         return {name: jnp.where(known, one.reading(body, t, moves), jnp.nan) for name, one in sensors.items()}
 
-    return _at_each(measured, system.prepare(), times, states)
+    return _at_each(measured, system, times, states, reached)
 
 
 def _placed(state: Any) -> Any:
@@ -354,26 +373,36 @@ def _placed(state: Any) -> Any:
 
 
 @programs.filter_jit
-def _laws_of_all(system, times, state) -> Any:
-    return _at_each(lambda system, t, x: system.laws(t, x), system.prepare(), times, state)
+def _laws_of_all(system, times, state, reached) -> Any:
+    return _at_each(lambda system, t, x: system.laws(t, x), system, times, state, reached)
 
 
-def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any) -> Any:
-    """``function(system, t, state)`` at each time, without derivatives where the solve did not come."""
+def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any, reached: Array) -> Any:
+    """``function(system, t, state)`` at each time; where the solve did not come, its derivatives are NaN as well."""
+    prepared = system.prepare()
 
     def one(t, x):
         known = jnp.all(jnp.stack([jnp.all(jnp.isfinite(leaf)) for leaf in jax.tree.leaves(x)]))
-        return function(*differentiated_where(known, (system, t, x)))
+        return with_unknown_derivatives(function(*differentiated_where(known, (prepared, t, x))), x)
 
-    return jax.vmap(one)(times, state)
+    return jax.vmap(one)(times_looked_at(system, times, reached), state)
+
+
+def times_looked_at(system: AbstractSystem, times: Float[Array, " T"], reached: Float[Array, ""]) -> Float[Array, " T"]:
+    """The times at which to evaluate what depends on time: those of a run, but for a kink at its end.
+
+    What jumps there is looked at just before, because what comes after is no part of the run.
+    """
+    return jnp.where(times == reached, seen_from_before(system.kinks(), reached), times)
 
 
 @programs.filter_jit
-def _evaluate(interpolant, t, start, reached, status) -> Any:
+def _evaluate(interpolant, t, start, reached, status, given) -> Any:
     def one(t):
         inside = jnp.clip(t, start, reached)
         x = interpolant.solution.evaluate(inside)
         known = (t == inside) & jnp.all(jnp.isfinite(x)) & (status != Status.IMPOSSIBLE)
-        return body_of(interpolant.packing.system, interpolant.packing.unpack_where(known, inside, x))[1]
+        state = body_of(interpolant.packing.system, interpolant.packing.unpack_where(known, inside, x))[1]
+        return with_unknown_derivatives(state, given)
 
     return jax.vmap(one)(t) if t.ndim else one(t)

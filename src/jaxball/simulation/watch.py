@@ -16,6 +16,7 @@ from ..interface.arguments import require
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import is_traced
+from ..numerics.masks import with_unknown_derivatives
 from ..numerics.modes import once
 from ..physics.body import AbstractBody
 from ..physics.body_on_plane import body_of
@@ -111,7 +112,9 @@ def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], 
             first = jnp.where(started & (located[name].count > 0), located[name].times[0], jnp.inf)
             status = jnp.where(first < end, int(event.status), status)
             end = jnp.minimum(first, end)
-    reached, times = jnp.minimum(trajectory.reached, end), jnp.asarray(trajectory.times)
+    # Not a minimum, whose derivative would take in that of the other.
+    reached = jnp.where(end < trajectory.reached, end, trajectory.reached)
+    times = jnp.asarray(trajectory.times)
     # A function that touched zero at the end of a step has stopped the solve without a crossing.
     touched = (status == Status.SUCCESS) & (reached < times[-1])
     status = jnp.where(touched, int(Status.EVENT), status)
@@ -120,11 +123,9 @@ def _locate(trajectory: Trajectory[Any, Any], events: dict[str, AbstractEvent], 
         return jnp.where((times <= reached).reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, jnp.nan)
 
     occurrences = _occurrences(packing, located, started, reached)
-    return eqx.tree_at(
-        lambda t: (t.state, t.reached, t.status, t.events),
-        trajectory,
-        (jax.tree.map(cut, trajectory.state), reached, status, occurrences),
-    )
+    given = (trajectory.system, trajectory.times, trajectory.start)
+    found = with_unknown_derivatives((jax.tree.map(cut, trajectory.state), occurrences), given)
+    return eqx.tree_at(lambda t: (t.state, t.events, t.reached, t.status), trajectory, (*found, reached, status))
 
 
 def _crossings(steps: Steps, packing: Packing, events: dict[str, AbstractEvent]) -> dict[str, Crossings]:

@@ -9,6 +9,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
+CLOSE = 100  # roundings within which a kink and the end of a run are the same time
+
 
 class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
     """Ends a step just before each kink and begins the next just after it, so that no step crosses one.
@@ -87,6 +89,17 @@ def before_kink(kinks: Float[Array, " kinks"], t0: Float[Array, ""], t1: Float[A
     """``t1``, or the last time before the next kink after ``t0`` if that is earlier."""
     ends = _before(kinks)
     return jnp.minimum(jnp.min(jnp.where(ends > t0, ends, jnp.inf), initial=jnp.inf), t1)
+
+
+def seen_from_before(kinks: Float[Array, " kinks"], end: Float[Array, ""]) -> Float[Array, ""]:
+    """The time at which to look at the end of a run: just before a kink that is there, else ``end`` itself.
+
+    What jumps there has the value of the later side at the kink, which is no part of the run.
+    """
+    kinks, near = kinks.astype(end.dtype), CLOSE * jnp.finfo(end.dtype).eps * jnp.abs(end)
+    here = (kinks <= end) & (end - kinks <= near)
+    earlier = jnp.min(jnp.where(here, _before(kinks), jnp.inf), initial=jnp.inf)
+    return end + jax.lax.stop_gradient(jnp.minimum(earlier, end) - end)
 
 
 def _before(t: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from ..cpu import cores
-from ..interface.arguments import require, require_callable
+from ..interface.arguments import require, require_callable, traceable
 from ..interface.status import Status
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array, to_numpy
@@ -99,7 +99,8 @@ def floquet_chart(
 @programs.filter_jit
 def _solve(make: Make, search: Search, cells: Float[Array, "cells 2"]) -> Shot:
     def one(cell):
-        system, state, period = make(cell[0], cell[1])
+        with traceable("make", make):
+            system, state, period = make(cell[0], cell[1])
         return shoot(search, system, phase_point(system, state), jnp.asarray(period), None)
 
     return jax.vmap(one)(cells)

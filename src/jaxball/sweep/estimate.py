@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..interface.arguments import require_flags
 from .batch import Engine
 from .chunk import compute
 from .engine import solve_in_lanes
@@ -54,6 +55,7 @@ def estimate(study: Study, engine: Engine = solve_in_lanes, *, measure: bool = F
 
     **Raises:** :class:`StudyError` as :func:`sweep`.
     """
+    require_flags(measure=measure)
     template = study.template()
     outputs = outputs_of(study, template)
     rows = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from ..interface.arguments import require_flags
 from ..interface.wording import did_you_mean
 from ..numerics.arrays import Numbers
 from ..physics.state import ReducedState, RotationState
@@ -49,6 +50,7 @@ def verify(
     **Raises:** ``ValueError`` for a name that is no law and for a scenario with a law of contact, ``TypeError`` for
     states without a place, and what :func:`jaxball.simulate` raises.
     """
+    require_flags(quick=quick)
     given = system if isinstance(system, Trajectory) else None
     case = Case(_scenario(system, times, state, settings), given)
     _ = case.state  # which one with a law of contact has not

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ...interface.installation import pip_install
 from ..problem import Problem
 
 MAX_STEPS = 200_000
@@ -94,7 +95,7 @@ class Family:
     @property
     def remedy(self) -> str:
         """The command that installs what is missing."""
-        return f"pip install 'jaxball[{self.extra}]'"
+        return pip_install(self.extra)
 
 
 @dataclass(frozen=True)

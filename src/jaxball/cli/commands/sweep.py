@@ -4,6 +4,7 @@ import argparse
 import importlib.util
 from pathlib import Path
 
+from ...interface.installation import pip_install
 from ...interface.output import check_folder
 from ...interface.wording import all_of
 from ...scenario.errors import ScenarioError
@@ -82,9 +83,7 @@ def require_packages(packages: tuple[str, ...]) -> None:
     missing = [name for name in packages if importlib.util.find_spec(name) is None]
     if missing:
         are = "is" if len(missing) == 1 else "are"
-        raise BadInputError(
-            f"A sweep needs {all_of(missing)}, which {are} not installed; pip install 'jaxball[sweep]'."
-        )
+        raise BadInputError(f"A sweep needs {all_of(missing)}, which {are} not installed; {pip_install('sweep')}.")
 
 
 def _shard(text: str) -> tuple[int, int]:

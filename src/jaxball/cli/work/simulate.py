@@ -24,6 +24,7 @@ from ..output import say, working, written_line
 from . import contact
 from .animation import check_against, write_animation
 from .files import draw_figures, write_json
+from .memory import check_memory
 from .view import is_known, write_view
 
 
@@ -36,6 +37,7 @@ def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
     if options.solver is not None:
         check_dae(scenario.system, scenario.contact, options.solver, scenario.dae, "Argument `--solver`")
     check_against(options, scenario)
+    check_memory(options, scenario.times.size)
     with compiled_for(scenario):
         return _simulate(options, scenario)
 

@@ -7,7 +7,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree
 
-from ...interface.arguments import require, require_callable, require_value
+from ...interface.arguments import require, require_callable, require_flags, require_value, traceable
 from ...interface.printing import Printed
 from ...numerics.arrays import AnyArray, Numbers, concatenated, default_dtype, namespace_of, numbers, to_array
 from ..conditions import Condition
@@ -147,6 +147,9 @@ class Damper(AbstractJointForce):
 
     coefficient: Float[Array, "*group"] = eqx.field(converter=numbers("coefficient"))
     negative: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self):
+        require_flags(negative=self.negative)
 
     def __call__(self, t, theta, thetadot, state):
         return -self.coefficient * thetadot
@@ -377,7 +380,8 @@ class FunctionJointForce(AbstractJointForce):
         require_callable("function", self.function, "t", "theta", "thetadot", "state", "parameters")
 
     def __call__(self, t, theta, thetadot, state):
-        force = self.function(t, theta, thetadot, state, self.parameters)
+        with traceable("function", self.function):
+            force = self.function(t, theta, thetadot, state, self.parameters)
         require_value("function", force, ())
         return force
 

@@ -201,6 +201,11 @@ class Mechanism(AbstractMechanism):
     def __init__(self, joints: Sequence[AbstractJoint], masses: Sequence[CarriedMass]):
         require_each("joints", joints, AbstractJoint, "a joint, such as Hinge(...)")
         require_each("masses", masses, CarriedMass, "a CarriedMass")
+        if not joints:
+            raise ValueError(
+                "Argument `joints` must be a list of one joint or more, but it is empty; a mass that does not move in "
+                "the body is a PointMass with the motion Fixed(...)."
+            )
         self.joints = tuple(joints)
         for a, joint in enumerate(self.joints):
             if joint.on is not None and not -1 <= joint.on < a:

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ...interface.arguments import require_flags
 from ...interface.output import replacing
 from ...interface.views import MARK, check_view
 from .document import ColourScale, Runs, in_element, view_document
@@ -49,6 +50,7 @@ class View:
         all_times: bool = False,
     ) -> "View":
         """The view of a run or of several; the arguments are those of :func:`write_view`, and so are the errors."""
+        require_flags(all_times=all_times)
         largest = LARGEST_OF_SEVERAL if isinstance(trajectories, Mapping) and len(trajectories) > 1 else LARGEST
         room = np.inf if all_times else float(largest - len(page({}).encode()))
         return cls(view_document(trajectories, title, friction, wanted=wanted, discs=discs, scale=scale, room=room))

@@ -1,0 +1,137 @@
+"""What jumps as a run ends is told from before: it is what a run that ends a little earlier tells of its end."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxball import (
+    Ball,
+    BallState,
+    CarriedMass,
+    Circle,
+    Contact,
+    Disk,
+    DiskState,
+    Driven,
+    FollowSchedules,
+    FunctionForce,
+    Hinge,
+    Mechanism,
+    Motor,
+    OnRail,
+    PiecewiseAcceleration,
+    PiecewiseSignal,
+    PointMass,
+    load_run,
+    simulate,
+)
+from jaxball.design.run import Run
+from jaxball.ensemble import simulate_ensemble
+from jaxball.plot.actuation import accelerations
+from jaxball.solvers.kinks import seen_from_before
+
+END, LITTLE = 1.0, 1e-9
+SHELL = {"mass": 1.0, "inertia": (0.5, 0.6, 0.7)}
+STEPS = PiecewiseSignal([0.0, 0.4, END], [0.3, -0.5])
+PUSHED = PiecewiseAcceleration(0.0, [0.0, 0.4, END], [[1.0], [-1.5]])
+
+
+def gust(t, parameters):
+    """A wind that stops."""
+    return jnp.where(t < END, 1.0, 0.0) * jnp.array([0.2, 0.1, 0.0])
+
+
+def robot(drive):
+    pendulum = Mechanism([Hinge((0.0, 1.0, 0.0), drive=drive)], [CarriedMass(0.3, (0.0, 0.0, -0.5))])
+    return Ball(**SHELL, mechanisms=[pendulum])
+
+
+RAIL = Circle(0.5)
+SYSTEMS = {
+    "motor": (robot(Motor(STEPS)), BallState(theta=[0.1], thetadot=[0.0]), ("joint_efforts", "power")),
+    "schedule": (Ball(**SHELL, masses=[PointMass(0.4, OnRail(RAIL, PUSHED))]), BallState(), ("friction",)),
+    "law": (
+        Ball(**SHELL, masses=[PointMass(0.4, Driven(RAIL))], law=FollowSchedules((PUSHED,))),
+        BallState(theta=[0.0], thetadot=[0.0]),
+        ("normal_force",),
+    ),
+    "wind": (Ball(**SHELL, force=FunctionForce(gust, None, (END,))), BallState(), ("friction",)),
+}
+
+
+def end_of(observables, name):
+    return np.asarray(getattr(observables, name))[-1]
+
+
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_the_end_is_that_of_a_run_that_ends_a_little_earlier(name):
+    system, start, jumping = SYSTEMS[name]
+    run = simulate(system, np.array([0.0, 0.5, END]), start)
+    earlier, beyond = (simulate(system, np.array([0.0, 0.5, END + by]), start) for by in (-LITTLE, LITTLE))
+    for of in ("joint_efforts", "friction", "normal_force", "power"):
+        np.testing.assert_allclose(end_of(run.observables, of), end_of(earlier.observables, of), rtol=0, atol=1e-7)
+    for of in jumping:  # it does jump there
+        assert np.max(np.abs(end_of(run.observables, of) - end_of(beyond.observables, of))) > 0.01
+
+
+def agrees(efforts):
+    np.testing.assert_allclose(efforts[:, 0], [0.3, -0.5, -0.5], rtol=0, atol=1e-12)
+
+
+def test_a_motor_has_the_last_step_at_the_end_wherever_it_is_looked_at(tmp_path):
+    system, start, _ = SYSTEMS["motor"]
+    times = np.array([0.0, 0.5, END])
+    run = simulate(system, times, start)
+    agrees(run.observables.joint_efforts)
+    agrees(run.to_dataset()["joint_efforts"].values)
+    again = load_run(run.save(tmp_path / "run.npz"), system)
+    agrees(again.observables.joint_efforts)
+    sliding = simulate(system, times, start, contact=Contact(sliding=0.9))
+    agrees(sliding.observables.joint_efforts)
+    starts = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), start)
+    ensemble = simulate_ensemble(system, times, starts, in_axes=(None, 0))
+    agrees(ensemble.trajectory.observables.joint_efforts[0])
+    agrees(ensemble.trajectory.observables.joint_efforts[1])
+    designed = Run(system, jnp.asarray(times), run.state, run.status)
+    agrees(designed.observables.joint_efforts)
+    agrees(designed.joint_efforts)
+
+
+def test_the_end_of_a_figure_of_accelerations():
+    system, start, _ = SYSTEMS["schedule"]
+    run = simulate(system, np.array([0.0, 0.5, END]), start)
+    assert accelerations(run)[1][1][-1] == 1.5
+    driven, start, _ = SYSTEMS["law"]
+    assert accelerations(simulate(driven, np.array([0.0, 0.5, END]), start))[1][1][-1] == 1.5
+
+
+@pytest.mark.parametrize(
+    ("kinks", "end", "expected"),
+    [
+        ([0.5, 1.0], 1.0, np.nextafter(1.0, 0)),
+        ([0.3], 0.1 + 0.2, np.nextafter(0.3, 0)),  # sums of numbers are rounded
+        ([0.5, 1.1, np.inf], 1.0, 1.0),
+        ([1.0 - 1e-9], 1.0, 1.0),
+        ([], 1.0, 1.0),
+    ],
+)
+def test_where_the_end_is_looked_at(kinks, end, expected):
+    kinks, end = jnp.asarray(kinks, float), jnp.asarray(end)
+    assert float(seen_from_before(kinks, end)) == expected
+    assert float(jax.grad(lambda end: seen_from_before(kinks, end))(end)) == 1.0
+
+
+def test_what_bends_at_the_end_needs_no_more_than_its_own_derivative():
+    """N at the end of a disk that is pushed to there, against differences of runs, of the times of the last piece."""
+
+    def last(height, end):
+        push = PiecewiseAcceleration(0.0, jnp.stack([0.0, end]), jnp.stack([height])[:, None])
+        disk = Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.4, OnRail(RAIL, push))])
+        return simulate(disk, jnp.stack([0.0, 0.5 * end, end]), DiskState()).observables.normal_force[-1]
+
+    given, h = jnp.array([1.0, 1.0]), 1e-5
+    found = jax.jacrev(lambda x: last(*x))(given)
+    units = jnp.eye(2) * h
+    expected = [(last(*(given + unit)) - last(*(given - unit))) / (2 * h) for unit in units]
+    np.testing.assert_allclose(found, expected, atol=1e-6)
