@@ -154,7 +154,9 @@ class SolveLoop(diffrax.AbstractAdjoint):
     def _due(self, saved: SavedStates) -> Float[Array, ""]:
         """The next of the times between; infinite where there is none."""
         inner = self.times[1:-1]
-        return jnp.where(saved.filled < inner.size, inner[saved.filled], jnp.inf) if inner.size else jnp.asarray(jnp.inf)
+        return (
+            jnp.where(saved.filled < inner.size, inner[saved.filled], jnp.inf) if inner.size else jnp.asarray(jnp.inf)
+        )
 
 
 class _Solve(NamedTuple):

@@ -30,7 +30,7 @@ ORDERS: dict[Any, int] = {
     diffrax.Tsit5.interpolation_cls: 4,
 }
 CUBIC = 3
-# With order 7, states within steps of order 8 err by as much as what the steps are controlled by, and all steps by more.
+# A local error of order 8 is that by which steps of Dopri8 are controlled, and no larger than what all steps add up to.
 HIGHEST = 7
 
 
@@ -54,7 +54,7 @@ class ContinuousMethod(NamedTuple):
         y0: Float[Array, " n"],
         k: Float[Array, "s n"],
     ) -> Float[Array, "degree n"]:
-        """The polynomial of a step, by ``increment(t, y)``, h times the field, of which ``k`` are those at the stages."""
+        """The polynomial of a step, by ``increment(t, y)``, h times the field; ``k`` are those at the stages."""
         stages, dtype = k.shape[0], k.dtype
         nodes, rows = jnp.asarray(self.nodes, t0.dtype), jnp.asarray(self.rows, dtype)
 
@@ -133,7 +133,7 @@ def continuous(solver: Any) -> ContinuousMethod | None:
 
 
 def _made(tableau: diffrax.ButcherTableau, own: int, order: int) -> ContinuousMethod:
-    """A method, in rounds that gain an order each; without the first rows, where an interpolation of ``own`` has them."""
+    """A method, in rounds that gain an order each; the first rows are for no better interpolation than the cubic."""
     stages, counts = tableau.num_stages, [_count(q) for q in range(own, order)]
     slopes = np.eye(stages + sum(counts))
     step = tableau.b_sol @ slopes[:stages]
@@ -154,7 +154,7 @@ def _count(order: int) -> int:
 
 
 def _through(places: np.ndarray, slopes: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """The coefficients in P̃ₖ of the slope of a polynomial with ``slopes`` at places, and with the increment ``step``."""
+    """The coefficients in P̃ₖ of the slope of a polynomial, which is ``slopes`` at places; its integral is ``step``."""
     conditions = legendre.legvander(2 * places - 1, len(places))
     whole = np.eye(1, len(places) + 1)  # ∫₀¹ P̃ₖ = 0 for k > 0
     found = np.linalg.solve(np.concatenate([conditions, whole]), np.concatenate([slopes, step[None]]))
