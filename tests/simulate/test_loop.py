@@ -36,8 +36,13 @@ def test_the_steps_are_those_of_diffrax():
     assert run.steps == solution.stats["num_steps"]
     assert run.rejected == solution.stats["num_rejected_steps"]
     states = jax.vmap(packing.unpack)(t, solution.ys)
-    # Interpolations are exact to some roundings of the largest of their coefficients.
-    jax.tree.map(lambda ours, theirs: np.testing.assert_allclose(ours, theirs, atol=2e-13), run.state, states)
+    # Between steps diffrax interpolates with an error of 1e-8.
+    for rows, bound in ((slice(None), 1e-8), ([0, -1], 2e-13)):
+        jax.tree.map(
+            lambda a, b, rows=rows, bound=bound: np.testing.assert_allclose(a[rows], b[rows], atol=bound),
+            run.state,
+            states,
+        )
 
 
 @pytest.mark.parametrize("times", [TIMES, TIMES[[0, -1]]], ids=["many", "two"])

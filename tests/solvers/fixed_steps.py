@@ -10,6 +10,7 @@ import numpy as np
 import optimistix as optx
 
 from jaxball import solvers
+from jaxball.solvers.dense.continuous import DenseOutput
 
 NEWTON = solvers.SimplifiedNewton(max_steps=300, rtol=1e-13, atol=1e-13, norm=optx.max_norm)
 FIXED_POINT = solvers.FixedPoint(max_steps=300, rtol=1e-14, atol=1e-14, norm=optx.max_norm)
@@ -47,7 +48,9 @@ def _march(solver, term, exact, length, steps, args):
         y, state, dense, _, ok = carry
         t0, t1 = h * i.astype(h.dtype), h * (i + 1).astype(h.dtype)
         y1, error, info, state, result = solver.step(term, t0, t1, y, args, state, False)
-        between = solver.interpolation_cls(t0=t0, t1=t1, **info).evaluate
+        output = DenseOutput.of(solver)
+        info = output.info(info, term, t0, t1, args, jnp.asarray(True))
+        between = output.interpolation(t0=t0, t1=t1, **info).evaluate
         within = jnp.max(jax.vmap(lambda t: distance(between(t), t))(t0 + FRACTIONS * h), axis=0)
         return y1, state, jnp.maximum(dense, within), error, ok & (result == diffrax.RESULTS.successful)
 

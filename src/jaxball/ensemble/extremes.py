@@ -36,11 +36,13 @@ class Extremes(AbstractObserver):
     """Finds the steps in which each of k quantities is largest, by five values in each; ``refined`` finds the place.
 
     - ``which``, ``signs``: the quantity of each search, and what it is multiplied by.
+    - ``between``: the states by which the steps are found; ``exact``: those by which the places are.
     - ``recompute``: a step that was taken, computed anew: that takes less time than to keep its stages.
     """
 
     quantities: Quantities
     between: Between
+    exact: Between
     which: tuple[int, ...]
     signs: tuple[float, ...]
     recompute: Recompute
@@ -97,9 +99,9 @@ class Extremes(AbstractObserver):
             step = self.recompute(of_field, seen.start[rank, k], seen.end[rank, k], seen.x[rank, k])
             still, fixed = jax.lax.stop_gradient((step, given))
             first, last = still.start, last_within(still.start, still.end)
-            at = lambda t: self._at(fixed, t, self.between(still, t))[k]  # noqa: E731
+            at = lambda t: self._at(fixed, t, self.exact(still, t))[k]  # noqa: E731
             t = place_of_largest(at, first, last - first, first, last, ROUNDS)
-            value = self._at(given, t, self.between(step, t))[k]
+            value = self._at(given, t, self.exact(step, t))[k]
             return values.at[rank, k].set(value), times.at[rank, k].set(t)
 
         empty = jnp.zeros_like(seen.value)

@@ -12,12 +12,13 @@ from ..interface.arguments import traceable
 from ..numerics.batches import map_batches
 from ..physics.body_on_plane import body_of
 from ..physics.packing import Packing
+from ..solvers.dense.continuous import ContinuousMethod, continuous
 from .extremes import Extremes
 from .observers import AbstractObserver, Integrals, Saves
 from .parameters import Prepared
 from .quantities import ON_PLANE
 from .reductions import AbstractReduction, Observed, Quantity
-from .runge_kutta import Between, Step, interpolation, step, tableau_of
+from .runge_kutta import Between, Step, exact, interpolation, step, tableau_of
 
 SAVES, EXTREMES, INTEGRALS = "saves", "extremes", "integrals"
 
@@ -25,7 +26,8 @@ SAVES, EXTREMES, INTEGRALS = "saves", "extremes", "integrals"
 class Observation(NamedTuple):
     """Observers by what they find, what each of them is given, and the reductions that are made of it.
 
-    ``between`` interpolates steps.
+    ``between`` interpolates steps. States ``within`` them that are as exact as those at their ends need more slopes;
+    None where no observer asks for such states.
     """
 
     observers: dict[str, AbstractObserver]
@@ -34,6 +36,7 @@ class Observation(NamedTuple):
     quantities: tuple[Quantity, ...]
     values: Prepared | None
     between: Between
+    within: ContinuousMethod | None = None
 
     @classmethod
     def of(
@@ -51,23 +54,24 @@ class Observation(NamedTuple):
         ``prepared`` takes a function of (system, t, vector) to its program for all runs.
         """
         size = x.shape[1]
-        between = interpolation(solver, size, x.dtype)
+        between, between_exactly = interpolation(solver, size, x.dtype), exact(solver, size, x.dtype)
         observers: dict[str, AbstractObserver] = {}
         given: dict[str, Any] = {}
         if times.shape[1] > 2:
-            observers[SAVES], given[SAVES] = Saves(between, size), times[:, 1:-1].T
+            observers[SAVES], given[SAVES] = Saves(between_exactly, size), times[:, 1:-1].T
         quantities = tuple(dict.fromkeys(item.quantity for _, item in reductions))
         if not quantities:
-            return cls(observers, given, reductions, quantities, None, between)
+            return cls(observers, given, reductions, quantities, None, between, _asked_for(solver, observers))
         values = prepared(functools.partial(_values, quantities, state))
         searches = [(quantities.index(item.quantity), sign) for _, item in reductions for sign in item.signs]
         if searches:
             which, signs = zip(*searches, strict=True)
             recompute = functools.partial(_recomputed, solver, field)
-            observers[EXTREMES], given[EXTREMES] = Extremes(values, between, which, signs, recompute, size), values.own
+            found = Extremes(values, between, between_exactly, which, signs, recompute, size)
+            observers[EXTREMES], given[EXTREMES] = found, values.own
         if any(item.is_integral for _, item in reductions):
-            observers[INTEGRALS], given[INTEGRALS] = Integrals(values, between, len(quantities)), values.own
-        return cls(observers, given, reductions, quantities, values, between)
+            observers[INTEGRALS], given[INTEGRALS] = Integrals(values, between_exactly, len(quantities)), values.own
+        return cls(observers, given, reductions, quantities, values, between, _asked_for(solver, observers))
 
     def saved(self, observed: dict[str, Any], x: Float[Array, "rows size"]) -> Float[Array, "rows between size"]:
         """The vectors at the times between the first, at which they are ``x``, and the last."""
@@ -109,9 +113,15 @@ class Observation(NamedTuple):
         return [(sign * value, time) for sign, value, time in zip(observer.signs, values, times, strict=True)]
 
 
+def _asked_for(solver: diffrax.AbstractERK, observers: dict[str, AbstractObserver]) -> ContinuousMethod | None:
+    """What steps need for observers that ask for states within them while they are taken."""
+    return continuous(solver) if SAVES in observers or INTEGRALS in observers else None
+
+
 def _recomputed(solver: diffrax.AbstractERK, field: Prepared, own: Any, start: Array, end: Array, x: Array) -> Step:
     fresh = jnp.ones(start.shape, bool)
-    return step(tableau_of(solver), functools.partial(field, own), start, end, x, jnp.zeros_like(x), fresh)
+    of_row = functools.partial(field, own)
+    return step(tableau_of(solver), of_row, start, end, x, jnp.zeros_like(x), fresh, continuous(solver), True)
 
 
 def _values(

@@ -26,6 +26,10 @@ class AbstractObserver(abc.ABC):
     def begin(self, given: Any) -> Any:
         """What it has seen at the start of a run. ``given`` are the numbers of each lane that it looks with."""
 
+    def asks(self, seen: Any, given: Any, start: Float[Array, " lanes"], end: Float[Array, " lanes"]) -> Any:
+        """In which lanes it needs states within a step that are as exact as those at its ends, or in any at all."""
+        return False
+
     @abc.abstractmethod
     def observe(self, seen: Any, given: Any, step: Step, kept: Bool[Array, " lanes"]) -> Any:
         """What it has seen after a step in the lanes where that was kept; as before in the others."""
@@ -42,28 +46,28 @@ class Saved(NamedTuple):
 class Saves(AbstractObserver):
     """Keeps the states at the times that it is given, in the order of time."""
 
-    between: Between
+    exact: Between
     size: int
 
     def begin(self, given: Float[Array, "times lanes"]) -> Saved:
         times, lanes = given.shape
         return Saved(jnp.zeros(lanes, jnp.int32), jnp.full((times, self.size, lanes), jnp.nan, given.dtype))
 
+    def asks(self, seen: Saved, given: Float[Array, "times lanes"], start: Any, end: Any) -> Bool[Array, " lanes"]:
+        return _following(seen.passed, given) < end
+
     def observe(
         self, seen: Saved, given: Float[Array, "times lanes"], step: Step, kept: Bool[Array, " lanes"]
     ) -> Saved:
         last, lane = given.shape[0], jnp.arange(given.shape[1])
 
-        def following(count: Int[Array, " lanes"]) -> Float[Array, " lanes"]:
-            return given[jnp.minimum(count, last - 1), lane]
-
         def within(count: Int[Array, " lanes"]) -> Bool[Array, " lanes"]:
-            return kept & (count < last) & (following(count) <= step.end)
+            return kept & (_following(count, given) <= step.end)
 
         def save(seen: Saved) -> Saved:
             here = within(seen.passed)
             place = jnp.where(here, seen.passed, last)
-            x = self.between(step, following(seen.passed))
+            x = self.exact(step, jnp.where(here, _following(seen.passed, given), step.start))
             states = seen.states.at[place, :, lane].set(x.T, mode="drop")
             return Saved(seen.passed + here.astype(jnp.int32), states)
 
@@ -75,11 +79,14 @@ class Integrals(AbstractObserver):
     """Adds up quantities over time, by the rule of Gauss and Lobatto with five nodes in each step."""
 
     quantities: Quantities
-    between: Between
+    exact: Between
     count: int
 
     def begin(self, given: Float[Array, "numbers lanes"]) -> Float[Array, "k lanes"]:
         return jnp.zeros((self.count, given.shape[1]), given.dtype)
+
+    def asks(self, seen: Any, given: Any, start: Any, end: Any) -> bool:
+        return True
 
     def observe(
         self,
@@ -92,10 +99,16 @@ class Integrals(AbstractObserver):
 
         def one(i, total):
             t = step.start + nodes[i] * (step.end - step.start)
-            return total + weights[i] * self.quantities(given, t, self.between(step, t))
+            return total + weights[i] * self.quantities(given, t, self.exact(step, t))
 
         total = jax.lax.fori_loop(0, nodes.size, one, jnp.zeros_like(seen))
         return jnp.where(kept[None], seen + (step.end - step.start)[None] * total, seen)
+
+
+def _following(count: Int[Array, " lanes"], times: Float[Array, "times lanes"]) -> Float[Array, " lanes"]:
+    """Of the times of each lane the one after ``count`` others; infinite where there is none."""
+    last, lane = times.shape[0], jnp.arange(times.shape[1])
+    return jnp.where(count < last, times[jnp.minimum(count, last - 1), lane], jnp.inf)
 
 
 def lobatto_weights() -> np.ndarray:

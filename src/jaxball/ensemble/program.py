@@ -88,6 +88,7 @@ def _solve(settings: Settings, parameters: Any, times: Array, rtol: Array, atol:
             controller=lambda kinks, rtol, atol: to_kinks(by_tolerances(rtol, atol), kinks),
             max_steps=settings.max_steps,
             modes=modes,
+            within=observation.within,
         ),
         Rows(
             parameters=field.own,

@@ -4,6 +4,7 @@ A lane whose problem has ended takes the next. Lanes are filled when an eighth o
 costs about as much as a stage.
 """
 
+import functools
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -14,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..simulation.switching import NONE, Course
+from ..solvers.dense.continuous import ContinuousMethod
 from .control import Controller, Limits, begin, judge
 from .modes import Given, Lanes as SwitchingLanes, Modes
 from .observers import AbstractObserver
@@ -86,7 +88,10 @@ Field = Callable[[Any, Float[Array, " lanes"], Float[Array, "size lanes"]], Arra
 
 
 class Method(NamedTuple):
-    """How rows are solved: the field, the tableau and the order of its error, the controller, the most steps, modes."""
+    """How rows are solved: the field, the tableau and the order of its error, the controller, the most steps, modes.
+
+    ``within`` is what states within steps need, None where no observer asks for them.
+    """
 
     field: Field
     tableau: diffrax.ButcherTableau
@@ -94,6 +99,7 @@ class Method(NamedTuple):
     controller: Controller
     max_steps: int
     modes: Modes | None = None
+    within: ContinuousMethod | None = None
 
 
 def solve_rows(method: Method, rows: Rows, lanes: int, observers: Mapping[str, AbstractObserver]) -> Solved:
@@ -227,6 +233,10 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[st
     running, course = lanes.running, lanes.course
     if course is not None:
         running = running & (course.pending == NONE)
+    asks = (
+        item.asks(lanes.observed[name], problem.observers[name], lanes.start, lanes.end)
+        for name, item in observers.items()
+    )
     taken = step(
         method.tableau,
         lambda t, x: method.field(problem.parameters, t, x),
@@ -235,6 +245,8 @@ def _advance(method: Method, problem: Rows, lanes: _Lanes, observers: Mapping[st
         lanes.x,
         lanes.slope,
         lanes.fresh & running,
+        method.within,
+        jnp.any(running & functools.reduce(jnp.logical_or, asks, False)),
     )
     verdict = judge(method.controller, problem.limits, taken, lanes.memory, method.error_order)
     if method.modes is not None:

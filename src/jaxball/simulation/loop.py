@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..compat import while_loop
 from ..interface.status import Status
+from ..solvers.dense.continuous import DenseOutput
 from ..solvers.multistep_controller import AbstractMultistepController
 from .switching import NONE, Course, Switching
 
@@ -75,8 +76,10 @@ class SolveLoop(diffrax.AbstractAdjoint):
         """The state of diffrax's loop at the end of a solve, with what was saved, and no further statistics."""
         if self.kind == "lax" and isinstance(solver, diffrax.AbstractRungeKutta) and solver.scan_kind is None:
             solver = eqx.tree_at(lambda s: s.scan_kind, solver, "lax", is_leaf=lambda x: x is None)
-        if init_state.dense_ts is not None:
-            init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0))
+        output, dense = DenseOutput.of(solver), init_state.dense_ts is not None
+        if dense:
+            infos = output.room(init_state.dense_infos, max_steps)
+            init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0), dense_infos=infos)
         solve = _Solve(terms, solver, stepsize_controller, args, t0, t1, event, progress_meter, self.switching)
         y0, course = init_state.y, None
         if self.switching is not None:
@@ -92,8 +95,15 @@ class SolveLoop(diffrax.AbstractAdjoint):
             if course is not None:
                 state, course = solve.settled(state, course)
             new, info, keep, course = solve.advanced(state, course)
-            interpolation = solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
-            return new, self._save(saved, interpolation, jnp.where(keep, state.tnext, -jnp.inf)), course
+            step = {"t0": state.tprev, "t1": state.tnext}
+            if dense or self.times.size > 2:
+                asked = keep & (dense | (self._due(saved) < state.tnext))
+                info = output.info(info, terms, **step, args=args, asked=asked)
+                interpolation = output.interpolation(**step, **info)
+                saved = self._save(saved, interpolation, jnp.where(keep, state.tnext, -jnp.inf))
+            if dense:
+                new = _kept_for_dense_output(new, info, keep)
+            return new, saved, course
 
         inner = SavedStates(jnp.asarray(0), jnp.full((self.times.size - 2, *y0.shape), jnp.inf, y0.dtype))
         state, saved, course = while_loop(
@@ -121,25 +131,31 @@ class SolveLoop(diffrax.AbstractAdjoint):
         self, saved: SavedStates, interpolation: diffrax.AbstractLocalInterpolation, until: Float[Array, ""]
     ) -> SavedStates:
         """What is saved when the vectors up to ``until`` are known as well, by the interpolation of a step."""
-        inner = self.times[1:-1]
-        if not inner.size:
+        if self.times.size == 2:
             return saved
 
         def due(saved: SavedStates) -> Bool[Array, ""]:
-            return (inner[saved.filled] <= until) & (saved.filled < inner.size)
+            return self._due(saved) <= until
 
         def save(saved: SavedStates) -> SavedStates:
-            vector = interpolation.evaluate(inner[saved.filled])
+            vector = interpolation.evaluate(self._due(saved))
             return SavedStates(saved.filled + 1, saved.vectors.at[saved.filled].set(vector))
 
         return while_loop(
             due,
             save,
             saved,
-            max_steps=inner.size,
+            max_steps=self.times.size - 2,
             buffers=lambda saved: saved.vectors,
             kind=self.kind,
-            checkpoints=inner.size,
+            checkpoints=self.times.size - 2,
+        )
+
+    def _due(self, saved: SavedStates) -> Float[Array, ""]:
+        """The next of the times between; infinite where there is none."""
+        inner = self.times[1:-1]
+        return (
+            jnp.where(saved.filled < inner.size, inner[saved.filled], jnp.inf) if inner.size else jnp.asarray(jnp.inf)
         )
 
 
@@ -219,8 +235,6 @@ class _Solve(NamedTuple):
             num_steps=state.num_steps + 1,
             num_accepted_steps=state.num_accepted_steps + jnp.where(keep, 1, 0),
         )
-        if state.dense_infos is not None:
-            state = _kept_for_dense_output(state, info, keep)
         if self.event is not None:
             state = _stopped_by_event(state, self.event, self.args, self.t0)
         return state, info, keep, course

@@ -250,9 +250,10 @@ def _solve(
             mass=lambda component: packing.mass_diagonal(initial, component),
             choose=lambda t, x, _: packing.algebraic_component(x),
         )
+    solver = Projected(method.solver, packing.projected) if method.project else method.solver
     solution = diffrax.diffeqsolve(
         term,
-        Projected(method.solver, packing.projected) if method.project else method.solver,
+        solver,
         times[0],
         jnp.where(startable, times[-1], times[0]),
         None,
@@ -287,7 +288,7 @@ def _solve(
         status,
         cast(Array, solution.stats["num_steps"]),
         cast(Array, solution.stats["num_rejected_steps"]),
-        Interpolant(solution, packing) if method.dense else None,
+        Interpolant.of(solution, solver, packing) if method.dense else None,
         course,
     )
 

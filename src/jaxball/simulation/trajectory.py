@@ -4,7 +4,7 @@ import dataclasses
 import functools
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Generic
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, cast
 
 import diffrax
 import equinox as eqx
@@ -28,6 +28,7 @@ from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState, ReducedState, RotationState, State
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import find_problems, not_numbers
+from ..solvers.dense.continuous import DenseOutput
 from ..solvers.kinks import seen_from_before
 from .history import ContactHistory
 from .occurrences import Occurrences
@@ -52,10 +53,18 @@ else:  # from Python 3.13 on, beartype takes a default for all that a value may 
 
 
 class Interpolant(eqx.Module, Generic[AnyState]):
-    """The states between the saved times, by the solver's own interpolation."""
+    """The states between the saved times, by the solver's dense output."""
 
     solution: diffrax.Solution
     packing: Packing[Any, AnyState]
+
+    @classmethod
+    def of(cls, solution: diffrax.Solution, solver: Any, packing: Packing[Any, Any]) -> "Interpolant[Any]":
+        """Of a solution by :class:`SolveLoop`, whose steps have the dense output of ``DenseOutput.of(solver)``."""
+        steps = dataclasses.replace(
+            cast(Any, solution.interpolation), interpolation_cls=DenseOutput.of(solver).interpolation
+        )
+        return cls(dataclasses.replace(solution, interpolation=steps), packing)
 
 
 class Trajectory(Printed, Generic[AnySystem, AnyState]):

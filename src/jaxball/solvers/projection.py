@@ -41,7 +41,11 @@ class Projected(AbstractWrappingSolver):
     @property
     def interpolation_cls(self) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         """The inner solver's dense output, projected."""
-        return _ProjectedInterpolation(self.solver.interpolation_cls, self.project)
+        return self.projecting(self.solver.interpolation_cls)
+
+    def projecting(self, interpolation: Callable[..., diffrax.AbstractLocalInterpolation]) -> Any:
+        """An interpolation, projected."""
+        return _ProjectedInterpolation(interpolation, self.project)
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         y1, y_error, dense, state, result = self.solver.step(terms, t0, t1, y0, args, solver_state, made_jump)

@@ -1,0 +1,175 @@
+"""Explicit Runge–Kutta methods made continuous: the states within a step, nearly as exact as those at its ends.
+
+What methods of diffrax interpolate by is less exact than their steps: that of ``Dopri8``, of order 8, is of order 5. A
+polynomial with the values and slopes at the ends of a step, and with slopes at places between that another polynomial
+leads to, is of one order more than that one (Enright, Jackson, Nørsett & Thomsen, Interpolants for Runge–Kutta
+formulas, ACM Transactions on Mathematical Software 12 (1986) 193–218). So the field is evaluated a few times more, but
+only in steps within which a state is asked for.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from equinox.internal import unvmap_any
+from jaxtyping import Array, Bool, Float
+from numpy.polynomial import legendre
+
+from ..interpolation import CollocationPolynomial
+from ..projection import Projected
+from ..stages import combine
+from ..tableau import integrals
+
+# The orders of the interpolations of diffrax; of other methods, the cubic with the values and slopes at the ends.
+ORDERS: dict[Any, int] = {
+    diffrax.Dopri8.interpolation_cls: 5,
+    diffrax.Dopri5.interpolation_cls: 4,
+    diffrax.Tsit5.interpolation_cls: 4,
+}
+CUBIC = 3
+# A local error of order 8 is that by which steps of Dopri8 are controlled, and no larger than what all steps add up to.
+HIGHEST = 7
+
+
+class ContinuousMethod(NamedTuple):
+    """What an explicit method with s stages needs for the states within its steps.
+
+    - ``nodes``: where the field is evaluated once more, in units of the step.
+    - ``rows``: these take slopes, those of the stages and then those at nodes before, to the increments at the nodes.
+    - ``expansion``: what takes all slopes to the coefficients in P̃ₖ of the slope of the polynomial.
+    """
+
+    nodes: np.ndarray
+    rows: Float[Array | np.ndarray, "nodes slopes"]
+    expansion: np.ndarray
+
+    def coefficients(
+        self,
+        increment: Callable[[Float[Array, ""], Float[Array, " n"]], Float[Array, " n"]],
+        t0: Float[Array, ""],
+        t1: Float[Array, ""],
+        y0: Float[Array, " n"],
+        k: Float[Array, "s n"],
+    ) -> Float[Array, "degree n"]:
+        """The polynomial of a step, by ``increment(t, y)``, h times the field; ``k`` are those at the stages."""
+        stages, dtype = k.shape[0], k.dtype
+        nodes, rows = jnp.asarray(self.nodes, t0.dtype), jnp.asarray(self.rows, dtype)
+
+        def stage(K: Array, at: tuple[Array, Array, Array]) -> tuple[Array, None]:
+            place, node, row = at
+            y = y0 + jnp.sum(row[:, None] * K, axis=0)
+            return K.at[place].set(increment(jnp.minimum(t0 + node * (t1 - t0), t1), y)), None
+
+        K = jnp.concatenate([k, jnp.zeros((nodes.size, *y0.shape), dtype)])
+        K, _ = jax.lax.scan(stage, K, (stages + jnp.arange(nodes.size), nodes, rows))
+        return combine(self.expansion, K)
+
+    def straight(self, k: Float[Array, "s n"]) -> Float[Array, "degree n"]:
+        """The straight line from one end of a step to the other, for a step within which no state is asked for."""
+        line = combine(self.expansion[:1, : k.shape[0]], k)
+        return jnp.concatenate([line, jnp.zeros((self.expansion.shape[0] - 1, *line.shape[1:]), line.dtype)])
+
+
+class DenseOutput(NamedTuple):
+    """How a solver's states within steps are found: by a continuous method, or else by its own interpolation."""
+
+    method: ContinuousMethod | None
+    interpolation: Callable[..., diffrax.AbstractLocalInterpolation]
+
+    @classmethod
+    def of(cls, solver: Any) -> "DenseOutput":
+        """That of a solver."""
+        if isinstance(solver, Projected):
+            inner = cls.of(solver.solver)
+            return inner._replace(interpolation=solver.projecting(inner.interpolation))
+        method = continuous(solver)
+        return cls(method, solver.interpolation_cls if method is None else CollocationPolynomial)
+
+    def info(
+        self, info: Any, terms: Any, t0: Float[Array, ""], t1: Float[Array, ""], args: Any, asked: Bool[Array, ""]
+    ) -> Any:
+        """What the interpolation of a step is made of, from the solver's ``info``, exact within it where ``asked``."""
+        if self.method is None:
+            return info
+        method, y0, k = self.method, info["y0"], info["k"]
+
+        def curve() -> Array:
+            control = terms.contr(t0, t1)
+            return method.coefficients(lambda t, y: terms.vf_prod(t, y, args, control), t0, t1, y0, k)
+
+        return {"y0": y0, "coefficients": jax.lax.cond(unvmap_any(asked), curve, lambda: method.straight(k))}
+
+    def room(self, infos: Any, steps: int) -> Any:
+        """Room for what the interpolations of so many steps are made of, from that for the solver's ``infos``."""
+        if self.method is None:
+            return infos
+        y0, degree = infos["y0"], len(self.method.expansion)
+        return {"y0": y0, "coefficients": jnp.full((steps, degree, *y0.shape[1:]), jnp.inf, y0.dtype)}
+
+
+def has_one_tableau(solver: diffrax.AbstractSolver) -> bool:
+    """Whether this is an explicit method whose last stage is the slope at the end."""
+    if not isinstance(solver, diffrax.AbstractERK) or not isinstance(solver.tableau, diffrax.ButcherTableau):
+        return False
+    return solver.tableau.fsal and solver.tableau.ssal
+
+
+def continuous(solver: Any) -> ContinuousMethod | None:
+    """What makes a method continuous; None where its own interpolation is as good, or it is not an explicit one."""
+    if not has_one_tableau(solver):
+        return None
+    order = min(solver.order(diffrax.ODETerm(lambda t, y, args: y)), HIGHEST)
+    own = ORDERS.get(solver.interpolation_cls, CUBIC)
+    if order <= own:
+        return None
+    method = _made(solver.tableau, own, order)
+    if own == CUBIC:
+        return method
+    weights = _weights(solver, method.nodes[: _count(own)])
+    return method._replace(rows=jnp.asarray(method.rows).at[: _count(own), : solver.tableau.num_stages].set(weights))
+
+
+def _made(tableau: diffrax.ButcherTableau, own: int, order: int) -> ContinuousMethod:
+    """A method, in rounds that gain an order each; the first rows are for no better interpolation than the cubic."""
+    stages, counts = tableau.num_stages, [_count(q) for q in range(own, order)]
+    slopes = np.eye(stages + sum(counts))
+    step = tableau.b_sol @ slopes[:stages]
+    nodes, rows = np.zeros(0), np.zeros((0, len(slopes)))
+    expansion = _through(np.array([0.0, 1.0]), slopes[[0, stages - 1]], step)
+    for count in counts:
+        new = _nodes(count)
+        places, at_nodes = np.concatenate([[0.0], new, [1.0]]), stages + nodes.size + np.arange(count)
+        rows = np.concatenate([rows, integrals(new, len(expansion)) @ expansion])
+        nodes = np.concatenate([nodes, new])
+        expansion = _through(places, slopes[[0, *at_nodes, stages - 1]], step)
+    return ContinuousMethod(nodes, rows, expansion)
+
+
+def _count(order: int) -> int:
+    """At how many places between slopes must be known for a polynomial of one order more."""
+    return order - 2
+
+
+def _through(places: np.ndarray, slopes: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """The coefficients in P̃ₖ of the slope of a polynomial, which is ``slopes`` at places; its integral is ``step``."""
+    conditions = legendre.legvander(2 * places - 1, len(places))
+    whole = np.eye(1, len(places) + 1)  # ∫₀¹ P̃ₖ = 0 for k > 0
+    found = np.linalg.solve(np.concatenate([conditions, whole]), np.concatenate([slopes, step[None]]))
+    return np.concatenate([step[None], found[1:]])
+
+
+def _nodes(count: int) -> np.ndarray:
+    """All inner nodes of Gauss–Lobatto but one: to leading order the polynomial has the right slope at that one too."""
+    inner = np.real(legendre.Legendre.basis(count + 2).deriv().roots())
+    return np.delete(0.5 + 0.5 * np.sort(inner), count // 2)
+
+
+def _weights(solver: Any, places: np.ndarray) -> Float[Array, "places stages"]:
+    """The weights of the stages in a method's own interpolation, which is linear in them."""
+    one = jnp.eye(solver.tableau.num_stages)
+    ends = {"t0": jnp.zeros(()), "t1": jnp.ones(()), "y0": jnp.zeros_like(one[0])}
+    own = solver.interpolation_cls(**ends, y1=jnp.asarray(solver.tableau.b_sol, one.dtype), k=one)
+    return jax.vmap(own.evaluate)(jnp.asarray(places, one.dtype))
