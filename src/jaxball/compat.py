@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from equinox.internal import while_loop
+from equinox.internal import unvmap_any, while_loop
 from jax.core import Tracer
 from jax.interpreters import ad, batching, mlir
 
@@ -53,6 +53,7 @@ __all__ = [
     "settings",
     "stablehlo_bindings",
     "trace_context",
+    "unvmap_any",
     "while_loop",
 ]
 

@@ -14,10 +14,10 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from equinox.internal import unvmap_any
 from jaxtyping import Array, Bool, Float
 from numpy.polynomial import legendre
 
+from ...compat import unvmap_any
 from ..interpolation import CollocationPolynomial
 from ..projection import Projected
 from ..stages import combine
