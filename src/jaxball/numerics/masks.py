@@ -1,14 +1,13 @@
 """Derivatives beside the places of arrays of fixed size that are not used, and of what is not known."""
 
-from collections.abc import Callable
 from typing import TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.extend.core import Primitive
-from jax.interpreters import ad, batching, mlir
 from jaxtyping import Array, Bool, PyTree
+
+from ..compat import declare_linear, differentiate_by, primitive
 
 Tree = TypeVar("Tree", bound=PyTree)
 
@@ -47,17 +46,8 @@ def with_unknown_derivatives(tree: Tree, given: PyTree, here: Bool[Array, ""] | 
     return eqx.combine(jax.tree.map(one, numbers), others)
 
 
-def _elementwise(name: str, function: Callable[[Array], Array]) -> Primitive:
-    primitive = Primitive(name)
-    primitive.def_impl(function)
-    primitive.def_abstract_eval(lambda x: x)
-    batching.defvectorized(primitive)
-    mlir.register_lowering(primitive, mlir.lower_fun(function, multiple_results=False))
-    return primitive
-
-
 # 0, whose tangents are NaN, and so is each cotangent that comes back, but for one of 0.
-_zero = _elementwise("zero_of_unknown_derivative", jnp.zeros_like)
-_nan = _elementwise("unknown_derivative", lambda x: jnp.full_like(x, jnp.nan))
-ad.deflinear2(_nan, lambda cotangent, _: [jnp.where(cotangent == 0, cotangent, jnp.nan)])
-ad.primitive_jvps[_zero] = lambda primals, tangents: (_zero.bind(*primals), _nan.bind(*tangents))
+_zero = primitive("zero_of_unknown_derivative", jnp.zeros_like)
+_nan = primitive("unknown_derivative", lambda x: jnp.full_like(x, jnp.nan))
+declare_linear(_nan, lambda cotangent, _: [jnp.where(cotangent == 0, cotangent, jnp.nan)])
+differentiate_by(_zero, lambda primals, tangents: (_zero.bind(*primals), _nan.bind(*tangents)))
