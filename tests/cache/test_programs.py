@@ -277,7 +277,7 @@ def test_a_run_and_its_extremes_are_the_same_to_the_last_bit(in_process, content
 
     def run():
         trajectory = simulate(disk, TIMES, dense=True)
-        failed = simulate(disk, TIMES, dense=True, max_steps=256, rtol=1e-2, atol=jnp.nan)
+        failed = simulate(disk, TIMES, dense=True, max_steps=4)
         impossible = simulate(disk, TIMES, DiskState(phi=jnp.nan), dense=True)
         return (
             trajectory,

@@ -56,7 +56,7 @@ def test_keys_of_the_law(monkeypatch):
         seen.append([float(x) for x in (contact.sliding, contact.static, contact.restitution)])
         raise ValueError("This is as far as it goes.")
 
-    monkeypatch.setattr("jaxball.scenario.scenario.simulate", noted)
+    monkeypatch.setattr("jaxball.simulation.simulate.simulate", noted)
     for law in ("0.3", "sliding=0.3, static=0.4,restitution=0.5"):
         with pytest.raises(ValueError, match="as far as it goes"):
             main(["simulate", "bouncing-ball", "--contact", law])

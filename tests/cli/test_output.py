@@ -119,7 +119,7 @@ def test_a_folder_that_is_to_be_made(tmp_path):
 )
 def test_commands_refuse_before_they_begin(tmp_path, capsys, monkeypatch, arguments):
     (tmp_path / "file").write_text("precious")
-    monkeypatch.setattr("jaxball.scenario.scenario.simulate", None)
+    monkeypatch.setattr("jaxball.simulation.simulate.simulate", None)
     assert main(arguments) == 2
     captured = capsys.readouterr()
     assert captured.out == ""

@@ -85,7 +85,7 @@ def simulate(
     - ``rtol``, ``atol``: tolerances of the step-size control. Changing them compiles nothing anew.
     - ``dense``: whether the trajectory can be evaluated at any time, ``trajectory.at(t)``.
     - ``step_to_times``: whether the solver steps exactly to each of ``times``. Otherwise the states
-      there come from the solver's interpolation, whose error was up to eighty times the tolerance in
+      there come from a polynomial within the step, whose error was at most three times that of the steps in
       the paper's runs.
     - ``dae``: whether to solve the differential-algebraic form of the paper, in which |q|² = 1 determines a
       component of q, the largest at the start of each step (module ``dae``), with a solver that knows mass
