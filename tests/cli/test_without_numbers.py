@@ -29,8 +29,8 @@ print(json.dumps(answers))
 """
 REFUSED = {
     "simulte ball": 'there is no "simulte"; did you mean "simulate"?',
-    "reproduce --to x": "unrecognized arguments: --to x",
-    "reproduce --solvers ode45": "unrecognized arguments: ode45",
+    "reproduce --to x": "there is no --to here; did you mean --out?",
+    "reproduce --solvers ode45": "there is no ode45 here",
     "simulate ball --solver dopri9": 'argument --solver: there is no "dopri9"; did you mean "dopri8"?',
     "simulate ball --rtol -1": "argument --rtol: it must be a positive number, but it is -1",
     "scenarios bal": 'NAME must be that of a built-in scenario, but it is "bal"; did you mean "ball"?',
@@ -114,5 +114,5 @@ def test_reading_a_scenario_does_need_them():
     ((code, output, errors, heavy),) = json.loads(done.stdout)
     assert (code, errors) == (0, "")
     assert output.startswith("ball is valid: a scenario, ")
-    assert {"jax", "numpy", "diffrax"} <= set(heavy)
-    assert not {"matplotlib", "xarray", "pandas"} & set(heavy)
+    assert {"jax", "numpy", "equinox"} <= set(heavy)
+    assert not {"diffrax", "matplotlib", "xarray", "pandas"} & set(heavy)
