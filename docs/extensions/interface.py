@@ -30,6 +30,7 @@ CHAPTERS = {
             "simulation.arguments",
             "simulation.trajectory",
             "interface.status",
+            "native",
             "results",
             "scenario",
         ],
@@ -58,6 +59,7 @@ CHAPTERS = {
 # Packages that a user imports, in the order in which the site lists them.
 PACKAGES = [
     "classical",
+    "sensors",
     "solvers",
     "plot",
     "scenario",

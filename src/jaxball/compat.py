@@ -38,6 +38,7 @@ __all__ = [
     "Loop",
     "Program",
     "argument",
+    "batch_by",
     "branches",
     "called",
     "declare_linear",
@@ -109,6 +110,11 @@ def primitive(name: str, function: Callable[..., Any], results: int | None = Non
 def differentiate_by(own: Any, rule: Callable[..., tuple[Any, Any]]) -> None:
     """Has ``own`` differentiated by ``rule(primals, tangents)``, which gives results and their tangents."""
     ad.primitive_jvps[own] = rule
+
+
+def batch_by(own: Any, rule: Callable[..., Any]) -> None:
+    """Has ``rule`` batch ``own``, in the place of a rule that does so along the axis that its operand has."""
+    batching.primitive_batchers[own] = rule
 
 
 def declare_linear(own: Any, transposed: Callable[..., Any]) -> None:

@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 from jaxtyping import PyTree
 
-from ..compat import declare_linear, differentiate_by, primitive
+from ..compat import batch_by, declare_linear, differentiate_by, primitive
 
 WAY_OUT = (
     "pass adjoint=diffrax.ForwardMode() to simulate, with jax.jvp or jax.jacfwd, and for second derivatives "
@@ -86,6 +86,7 @@ _found = primitive("found_in_solve", _same)
 _tangent_of_found = primitive("tangent_of_found_in_solve", _same)
 
 differentiate_by(_number, lambda primals, tangents: (_number.bind(*primals), _tangent.bind(*tangents)))
+batch_by(_tangent, _no_forward)
 declare_linear(_tangent, lambda cotangent, _: [_cotangent.bind(cotangent)])
 declare_linear(_cotangent, _no_second)
 declare_linear(_result, _no_reverse)

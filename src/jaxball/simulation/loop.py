@@ -138,7 +138,8 @@ class SolveLoop(diffrax.AbstractAdjoint):
             return self._due(saved) <= until
 
         def save(saved: SavedStates) -> SavedStates:
-            vector = interpolation.evaluate(self._due(saved))
+            # Not at `_due`, which is infinite where nothing is: in a batch, that would be differentiated.
+            vector = interpolation.evaluate(self.times[1:-1][saved.filled])
             return SavedStates(saved.filled + 1, saved.vectors.at[saved.filled].set(vector))
 
         return while_loop(
