@@ -37,7 +37,7 @@ def test_the_steps_are_those_of_diffrax():
     assert run.rejected == solution.stats["num_rejected_steps"]
     states = jax.vmap(packing.unpack)(t, solution.ys)
     # Between steps diffrax interpolates with an error of 1e-8.
-    for rows, bound in ((slice(None), 1e-8), ([0, -1], 2e-13)):
+    for rows, bound in ((slice(None), 1e-8), (np.array([0, -1]), 2e-13)):
         jax.tree.map(
             lambda a, b, rows=rows, bound=bound: np.testing.assert_allclose(a[rows], b[rows], atol=bound),
             run.state,

@@ -48,6 +48,7 @@ angle = 0.2
 theta = [0.5, 0.3]
 thetadot = [0.7, 0.0]
 [time]
+start = 0.0
 end = 4.0
 step = 1.0
 """
@@ -213,7 +214,7 @@ def test_forward_derivatives_of_states_between_steps():
 def test_reverse_derivatives_of_states_between_steps():
     adjoint = diffrax.RecursiveCheckpointAdjoint()
     found = jax.jit(jax.grad(lambda mass, t: saved_angle(mass, t, adjoint), (0, 1)))(MASS, BETWEEN)
-    np.testing.assert_allclose(found, forward_derivatives(False), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found, forward_derivatives(False), rtol=0, atol=1e-11)  # some rounding of 100 steps
 
 
 def test_a_run_of_which_nothing_is_saved_between_steps_evaluates_nothing_more():
