@@ -64,7 +64,7 @@ _CLAUSES = {
 }
 
 
-# By mode, the cause that each of the functions of `lasting` stands for.
+# By mode, the cause that each of the guards stands for.
 CAUSES = (
     (Cause.GIVES_WAY, Cause.LIFTS, Cause.START),
     (Cause.STOPS, Cause.LIFTS, Cause.JAMS),
