@@ -290,7 +290,7 @@ def branching(t, motion, p):
     [
         (lambda: homogeneous(FunctionWrench(two_numbers)), r"`function` must give .* \(3,\), but .* \(2,\)"),
         (lambda: homogeneous(FunctionWrench(angles_for_a_torque)), r"`function` must give .* \(3,\), but .* \(0,\)"),
-        (lambda: homogeneous(FunctionWrench(branching)), "without branches on the numbers .* but branching is not"),
+        (lambda: homogeneous(FunctionWrench(branching)), "that JAX can trace, but branching needs to know a number"),
         (lambda: FunctionWrench(lambda t: t), r"a function of \(t, motion, parameters\), but the lambda given takes"),
         (lambda: homogeneous(quadratic), r"must be a force or None, but .* quadratic; FunctionWrench\(function\) is"),
     ],

@@ -112,9 +112,10 @@ class DenseOutput(NamedTuple):
 
 def has_one_tableau(solver: diffrax.AbstractSolver) -> bool:
     """Whether this is an explicit method whose last stage is the slope at the end."""
-    if not isinstance(solver, diffrax.AbstractERK) or not isinstance(solver.tableau, diffrax.ButcherTableau):
+    tableau = getattr(solver, "tableau", None)  # which a wrapped method may lack
+    if not isinstance(solver, diffrax.AbstractERK) or not isinstance(tableau, diffrax.ButcherTableau):
         return False
-    return solver.tableau.fsal and solver.tableau.ssal
+    return tableau.fsal and tableau.ssal
 
 
 def continuous(solver: Any) -> ContinuousMethod | None:
