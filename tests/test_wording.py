@@ -66,3 +66,23 @@ def test_a_package_that_is_not_installed(tmp_path, capsys, monkeypatch):
     assert capsys.readouterr().err == (
         f"jaxball: A sweep needs zarr, which is not installed; {pip_install('sweep')}.\n"
     )
+
+
+@pytest.mark.parametrize(
+    ("source", "command"),
+    [
+        (None, "pip install 'jaxball[sweep]'"),
+        ('{"url": "https://example.org/jaxball.whl", "archive_info": {}}', "pip install 'jaxball[sweep]'"),
+        ('{"url": "file:///home/me/jaxball", "dir_info": {}}', "pip install '.[sweep]' in jaxball's folder"),
+        (
+            '{"url": "file:///home/me/jaxball", "dir_info": {"editable": true}}',
+            "pip install -e '.[sweep]' in jaxball's folder",
+        ),
+    ],
+)
+def test_how_to_install_more_is_how_jaxball_was_installed(monkeypatch, source, command):
+    class Distribution:
+        read_text = staticmethod({"direct_url.json": source}.get)
+
+    monkeypatch.setattr("importlib.metadata.distribution", {"jaxball": Distribution}.get)
+    assert pip_install("sweep") == command

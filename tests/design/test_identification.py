@@ -64,3 +64,11 @@ def test_a_path_of_another_length_is_told():
     document, *_ = recorded()
     with pytest.raises(DesignError, match="201 save times"):
         identify(DesignSpace(document, [Variable(("masses[0].mass",))]), np.zeros((3, 2)))
+
+
+def test_the_first_place_of_a_path_that_is_not_known_is_told():
+    document, *_ = recorded()
+    path = np.zeros((201, 2))
+    path[[7, 9], 1] = np.nan
+    with pytest.raises(DesignError, match=r"`path\[7\]`, is \[0\.0, nan\], and so is 1 more; leave such times out"):
+        identify(DesignSpace(document, [Variable(("masses[0].mass",))]), path)

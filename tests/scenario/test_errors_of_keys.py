@@ -106,6 +106,10 @@ KEYS = {
         with_rail('{ kind = "circle", radius = 0.9, semi_axes = [1, 1] }'),
         "Key `masses[0].rail.semi_axes` is not known; the keys here are centre, frame, radius.",
     ),
+    "a key of no kind": (  # of which those of this one are listed alone
+        with_rail('{ kind = "circle", radius = 0.9, xyzzy = 1 }'),
+        "Key `masses[0].rail.xyzzy` is not known; the keys here are centre, frame, radius.",
+    ),
     "missing key": (
         edited("gravity = 1.0\n", ""),
         "Key `body.gravity` must be a finite number, but it is missing.",

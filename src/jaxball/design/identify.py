@@ -99,7 +99,8 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identificat
         )
     unknown = np.flatnonzero(~np.isfinite(path.reshape(times.size, -1)).all(axis=1))
     if unknown.size:
-        more = f", and so are {unknown.size - 1} more" if unknown.size > 1 else ""
+        others = unknown.size - 1
+        more = f", and so {'is' if others == 1 else 'are'} {others} more" if others else ""
         raise DesignError(
             f"Argument `path` must be finite, but the place at t = {times[unknown[0]]:g}, `path[{unknown[0]}]`, is "
             f"{path[unknown[0]].tolist()}{more}; leave such times out of the scenario and of the path."

@@ -122,8 +122,9 @@ def _settled(
 ) -> tuple[Scenario | None, Sensors]:
     """The sensors that are given, or else those of the scenario, and the scenario with them."""
     known = trajectory.scenario if scenario is None else scenario
-    if sensors is None:
-        return scenario, {} if known is None else known.sensors
+    own = {} if known is None else known.sensors
+    if sensors is None or sensors is own:
+        return scenario, own
     return None if known is None else dataclasses.replace(known, sensors=sensors), sensors
 
 
