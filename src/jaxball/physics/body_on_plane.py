@@ -231,7 +231,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         body, whose formulas are long, and so are one loop. A negative cause is none, and the mode goes on, with the
         direction that its velocity has.
         """
-        starts = cause == int(Cause.START)
+        before, starts = state, cause == int(Cause.START)
         lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
         still = (cause == int(Cause.GIVES_WAY)) | state.is_in(Mode.ROLLING)
         flies = (cause == int(Cause.LIFTS)) | starts & ((state.height > 0) | (state.V[2] > 0))
@@ -261,10 +261,10 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         def part(carry: _Following, stage: Int[Array, ""]) -> tuple[_Following, None]:
             return jax.lax.cond(needed(carry, stage), advanced, lambda carry, _: carry, carry, stage), None
 
-        first = _Following(t, state, (t, state), still, flies, cause >= int(Cause.START), jnp.asarray(False))
+        first = _Following(t, before, state, (t, state), still, flies, cause >= int(Cause.START), jnp.asarray(False))
         done = jax.lax.scan(part, first, jnp.arange(END, MODE + 1))[0]
         state = self._begun(done, kinks)
-        return Followed(done.t, state, done.decides, lands)
+        return Followed(done.t, done.before, state, done.decides, lands)
 
     def _ending(self, carry: "_Following", found: Response) -> "_Following":
         """Halfway to the end of a slip, if it has one."""
@@ -278,7 +278,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         end, t = self._end(carry, found), carry.t
         state = self._slowed(carry, found, carry.ahead[1], end, 1.0)
         state = eqx.tree_at(lambda x: x.rubbed, state, state.rubbed + end.rubbed)
-        return carry._replace(t=t + end.time, state=state, ahead=(t + end.time, state), still=jnp.asarray(True))
+        t = t + end.time
+        return carry._replace(t=t, before=state, state=state, ahead=(t, state), still=jnp.asarray(True))
 
     def _end(self, carry: "_Following", found: Response) -> slips.End:
         slip = slip_velocity(self.body, carry.t, carry.state.released)
@@ -355,22 +356,24 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
 
 class Followed(NamedTuple):
-    """What follows a mode: the time and the state, whether the mode has ended, and whether the body came down."""
+    """What follows a mode: the time, the state before and after, whether the mode has ended and the body came down."""
 
     t: Float[Array, ""]
+    before: ContactState
     state: ContactState
     ends: Bool[Array, ""]
     lands: Bool[Array, ""]
 
 
 class _Following(NamedTuple):
-    """On the way from a mode to the next: time and state, and those for which the response is needed next.
+    """On the way from a mode to the next: time, the state at its end and that now, and where to find the response next.
 
     ``still`` says that it does not slip, ``flies`` that it leaves the plane, ``decides`` that the mode has ended, and
     ``begins`` that a slip begins.
     """
 
     t: Float[Array, ""]
+    before: ContactState
     state: ContactState
     ahead: tuple[Float[Array, ""], ContactState]
     still: Bool[Array, ""]

@@ -277,7 +277,7 @@ class Switching(eqx.Module):
         # By this the time moves by next to nothing, and gets its derivatives: those of the zero of the function.
         shift = jnp.where(sloping, -values[which] / jnp.where(sloping, slope, 1.0), 0.0)
         t, before = t + shift, jax.tree.map(lambda x, rate: x + shift * rate, state, rates)
-        t, state, ends, lands = system.followed(t, before, cause, kinks)
+        t, before, state, ends, lands = system.followed(t, before, cause, kinks)
         after, switches = packing.pack(t, state), jnp.where(starts, lands, ends & (cause != WINDOW))
         fixed = jax.lax.stop_gradient(t)
         crowded = switches & (cause != int(Cause.LANDS)) & (fixed - course.last <= CLOSE * run)
