@@ -33,6 +33,7 @@ SLOW = 0.36  # power of rounding: of the speed of a body, the slip that is follo
 ERRORS = 30  # of velocities, in tolerances: a slip that ends may be faster by so much
 WINDOW = 0.1  # of √(r/g): the longest time for which the direction of a slip that begins is known beforehand
 BEFORE_KINK = 0.999  # of the time until the next kink: the same
+SLOW_DISK = 0.55  # the same of a disk, whose slip does not turn; more than the error of the place where a mode ends
 LONGEST = 0.25  # power of rounding: of √(r/g), the longest time in which a slip is followed to its end like that
 END, MIDDLE, IMPACT, MODE = range(4)  # what follows a mode, in this order
 
@@ -156,7 +157,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         slip = slip_velocity(self.body, t, state.released)
         sigma = state.direction(t, slip)
         speed = jnp.maximum(jnp.sum(slip[:2] * sigma), 0.0)
-        least = float(jnp.finfo(speed.dtype).eps) ** SLOW * self._speed(state.released)
+        power = SLOW_DISK if self.body.planar else SLOW
+        least = float(jnp.finfo(speed.dtype).eps) ** power * self._speed(state.released)
         return Heading(sigma, speed, jnp.minimum(least, 0.5 * speed))
 
     def guards(
