@@ -170,6 +170,77 @@ class Builder:
         """An instruction on numbers of one type, on vectors where one of them is one."""
         wide = in_lanes(*operands)
         kind = vector_type(dtype) if wide else llvm_type(dtype)
+        numbers = ", ".join(self.operand(dtype, x, wide) for x in operands)
+        return self.pure(f"{operation} {kind} {numbers}", wide)
+
+    def converted(self, operation: str, source: np.dtype, target: np.dtype, x: Element) -> Name:
+        """An instruction that makes a number of another type."""
+        wide = isinstance(x, Lanes)
+        old, new = (vector_type(kind) if wide else llvm_type(kind) for kind in (source, target))
+        return self.pure(f"{operation} {old} {written(x)} to {new}", wide)
+
+    # Numbers
+
+    def binary(self, operation: str, dtype: np.dtype, x: Element, y: Element) -> Element:
+        """add, sub, mul and div of any type (integers' div apart); and, or, xor of integers and booleans."""
+        if is_known(x) and is_known(y) and operation in _FOLDED:
+            with np.errstate(all="ignore"):
+                return dtype.type(_FOLDED[operation](x, y))
+        if dtype.kind == "f":
+            if simpler := _simpler_float(operation, x, y):
+                return simpler
+            return self.apply(_FLOAT[operation], dtype, x, y)
+        simpler = _simpler_integer(operation, dtype, x, y)
+        if simpler is not None:
+            return simpler
+        return self.apply(operation, dtype, x, y)
+
+    def compare(self, predicate: str, dtype: np.dtype, x: Element, y: Element) -> Element:
+        """``predicate`` is LLVM's: ``olt``, ``une`` of floats, ``slt``, ``ult``, ``eq`` of integers."""
+        kind = "fcmp" if dtype.kind == "f" else "icmp"
+        if is_known(x) and is_known(y) and predicate in _COMPARED:
+            return np.bool_(_COMPARED[predicate](x, y))
+        return self.apply(f"{kind} {predicate}", dtype, x, y)
+
+    def select(self, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:
+        """x where the condition holds, else y; no complex numbers."""
+        if is_known(condition):
+            return x if condition else y
+        if written(x) == written(y):
+            return x
+        wide = in_lanes(condition, x, y)
+        kind = vector_type(dtype) if wide else llvm_type(dtype)
+        choice = f"{vector_type(BOOL) if isinstance(condition, Lanes) else 'i1'} {condition}"
+        first, second = (f"{kind} {self.operand(dtype, number, wide)}" for number in (x, y))
+        return self.pure(f"select {choice}, {first}, {second}", wide)
+
+    def call(
+        self,
+        function: str,
+        dtype: np.dtype,
+        *operands: Element,
+        to: np.dtype | None = None,
+        flags: str = "",
+        attributes: str = "memory(none)",
+    ) -> Name:
+        """A function of LLVM's or of C's library of numbers of one type, which gives one of that or of type ``to``.
+
+        It is written once for equal operands. LLVM's take vectors as well, C's are called for one lane after another.
+        ``flags``: one more operand of an intrinsic.
+        """
+        intrinsic, result, wide = function.startswith("llvm."), to or dtype, in_lanes(*operands)
+        if wide and not intrinsic:
+            rows = ([self.lane(dtype, x, lane) for x in operands] for lane in range(LANES))
+            calls = [self.call(function, dtype, *row, to=to, attributes=attributes) for row in rows]
+            return self.gathered(result, calls)
+        given, gives = (vector_type(kind) if wide else llvm_type(kind) for kind in (dtype, result))
+        name = f"@{function}"
+        if intrinsic:
+            types = (result, dtype) if to is not None else (dtype,)
+            name += "".join(f".v{LANES}{_suffix(kind)}" if wide else f".{_suffix(kind)}" for kind in types)
+        kinds = ", ".join(filter(None, [*[given] * len(operands), flags.partition(" ")[0]]))
+        end = "" if intrinsic else f" nounwind willreturn {attributes}"
+        self.module.declared.setdefault(name, f"declare {gives} {name}({kinds}){end}")
         numbers = [f"{given} {self.operand(dtype, x, wide)}" for x in operands]
         return self.pure(f"call {gives} {name}({', '.join(filter(None, [*numbers, flags]))})", wide)
 
