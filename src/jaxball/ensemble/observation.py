@@ -8,15 +8,13 @@ import diffrax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..interface.arguments import traceable
 from ..numerics.batches import map_batches
-from ..physics.body_on_plane import body_of
 from ..physics.packing import Packing
 from ..solvers.dense.continuous import ContinuousMethod, continuous
 from .extremes import Extremes
 from .observers import AbstractObserver, Integrals, Saves
 from .parameters import Prepared
-from .quantities import ON_PLANE
+from .quantities import values as values_of
 from .reductions import AbstractReduction, Observed, Quantity
 from .runge_kutta import Between, Step, exact, interpolation, step, tableau_of
 
@@ -127,14 +125,6 @@ def _recomputed(solver: diffrax.AbstractERK, field: Prepared, own: Any, start: A
 def _values(
     quantities: Sequence[Quantity], like: Any, system: Any, t: Float[Array, ""], x: Float[Array, " size"]
 ) -> Float[Array, " k"]:
-    """The quantities of one run; of a body with a law of contact those of the body, but for what knows of the law."""
+    """The quantities of one run, of its vector."""
     prepared = system.prepare()
-    whole = prepared, Packing.of(prepared, like).unpack(t, x)
-    body = body_of(*whole)
-
-    def value(quantity: Quantity) -> Float[Array, ""]:
-        system, state = whole if quantity in ON_PLANE else body
-        with traceable("quantity", quantity):
-            return quantity(system, t, state)
-
-    return jnp.stack([value(quantity) for quantity in quantities])
+    return values_of(quantities, prepared, t, Packing.of(prepared, like).unpack(t, x))

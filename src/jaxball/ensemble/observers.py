@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..solvers.dense.sampling import sampling
+from ..solvers.dense.sampling import lobatto_weights, sampling
 from .runge_kutta import Between, Step
 
 # From what is given of each lane, times and state vectors to k quantities.
@@ -109,10 +108,3 @@ def _following(count: Int[Array, " lanes"], times: Float[Array, "times lanes"]) 
     """Of the times of each lane the one after ``count`` others; infinite where there is none."""
     last, lane = times.shape[0], jnp.arange(times.shape[1])
     return jnp.where(count < last, times[jnp.minimum(count, last - 1), lane], jnp.inf)
-
-
-def lobatto_weights() -> np.ndarray:
-    """The weights that integrate every polynomial of degree 4 exactly, and by symmetry of degree 7."""
-    nodes = sampling().nodes
-    powers = np.arange(nodes.size)
-    return np.linalg.solve(nodes[None, :] ** powers[:, None], 1 / (powers + 1))

@@ -1,14 +1,16 @@
 """Quantities of a ball or a disk that reductions look at."""
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..interface.arguments import traceable
 from ..numerics.norms import root
 from ..numerics.vectors import cross
 from ..physics.body import System
-from ..physics.body_on_plane import BodyOnPlane
+from ..physics.body_on_plane import BodyOnPlane, body_of
 from ..physics.contact import Reaction, reaction
 from ..physics.modes import ContactState, Mode
 from ..physics.observables import observe
@@ -71,6 +73,20 @@ def _reaction(system: Any, t: Float[Array, ""], state: Any) -> Reaction:
         R = system.interaction(t, state, system.response(t, state)).R
         return Reaction(R[2], jnp.sum(R[:2] ** 2))
     return reaction(system, t, state)
+
+
+def values(
+    quantities: Sequence[Callable[..., Any]], system: Any, t: Float[Array, ""], state: Any
+) -> Float[Array, " k"]:
+    """Quantities at one time; of a body with a law of contact those of the body, but for what knows of the law."""
+    whole, body = (system, state), body_of(system, state)
+
+    def value(quantity: Callable[..., Any]) -> Float[Array, ""]:
+        with traceable("quantity", quantity):
+            own, at = whole if quantity in ON_PLANE else body
+            return quantity(own, t, at)
+
+    return jnp.stack([value(quantity) for quantity in quantities])
 
 
 # What is given a body on its plane, with its state, where there is a law of contact, and not the body alone.

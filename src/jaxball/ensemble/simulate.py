@@ -29,6 +29,7 @@ from ..simulation.arguments import (
 from ..simulation.history import ContactHistory
 from ..simulation.modal import history, on_plane
 from ..simulation.trajectory import Trajectory
+from . import mapped
 from .parameters import for_all_rows, shared_leaves
 from .program import Settings, compiled
 from .reductions import AbstractReduction
@@ -256,7 +257,10 @@ def _in_blocks(settings: Settings, parameters: Any, arrays: tuple[np.ndarray, ..
     """What the compiled program gives for each block; ``arrays`` are times and tolerances."""
     leaves, structure = jax.tree.flatten(parameters)
     own = list(zip(map(np.asarray, leaves), settings.shared, strict=True))
-    program = compiled(settings)
+
+    def call(given: Any) -> Any:
+        natively = mapped.compiled(settings).natively(*given)
+        return compiled(settings)(*given) if natively is None else natively()
 
     def take(places: np.ndarray) -> Any:
         parts = [leaf if shared else leaf[places] for leaf, shared in own]
@@ -267,7 +271,7 @@ def _in_blocks(settings: Settings, parameters: Any, arrays: tuple[np.ndarray, ..
 
     shapes = tuple(leaf.shape if shared else leaf.shape[1:] for leaf, shared in own)
     key = settings, structure, shapes, block, arrays[0].shape[1]
-    blocks = in_threads(lambda batch: program(*take(batch)), len(arrays[0]), block, threads, compiled=key in _warm)
+    blocks = in_threads(lambda batch: call(take(batch)), len(arrays[0]), block, threads, compiled=key in _warm)
     _warm.add(key)
     return blocks
 

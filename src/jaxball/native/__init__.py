@@ -19,6 +19,7 @@ It knows nothing of balls.
 """
 
 from .choice import asked_for, compiler
+from .elements import LANES
 from .jitting import compiled, jit, kind, settings, usable
 
-__all__ = ["asked_for", "compiled", "compiler", "jit", "kind", "settings", "usable"]
+__all__ = ["LANES", "asked_for", "compiled", "compiler", "jit", "kind", "settings", "usable"]

@@ -25,13 +25,13 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-def jit(function: Callable[P, T]) -> Callable[P, T]:
+def jit(function: Callable[P, T]) -> "Program":
     """As ``jax.jit``: all leaves of all arguments are arrays.
 
     ``function`` is defined at the top of a module, or a ``functools.partial`` of such a one, by whose arguments
     programs are told apart.
     """
-    return _Program(function, jax.jit(function), None)
+    return Program(function, jax.jit(function), None)
 
 
 def filter_jit(function: Callable[P, T]) -> Callable[P, T]:
@@ -39,7 +39,7 @@ def filter_jit(function: Callable[P, T]) -> Callable[P, T]:
 
     ``function`` as of :func:`jit`.
     """
-    return _Program(function, eqx.filter_jit(function), eqx.is_array)
+    return Program(function, eqx.filter_jit(function), eqx.is_array)
 
 
 @contextlib.contextmanager
@@ -78,7 +78,7 @@ class _Rest(NamedTuple):
         )
 
 
-class _Program:
+class Program:
     """A function, and its programs with and without a store."""
 
     def __init__(
@@ -102,6 +102,15 @@ class _Program:
         if program is None and store is not None:
             program = self._kept_for(store, rest, arrays)
         return self._compiled(*args, **kwargs) if program is None else program(arrays)
+
+    def natively(self, *args: Any, **kwargs: Any) -> Callable[[], Any] | None:
+        """The call with these arguments, by a program that is compiled natively; None where that cannot be."""
+        leaves, structure = jax.tree.flatten((args, kwargs))
+        if native.asked_for() == "xla" or any(map(is_traced, leaves)):
+            return None
+        rest, arrays = self._parted(leaves, structure)
+        program = self._native_for(rest, arrays)
+        return None if program is None else functools.partial(program, arrays)
 
     def _native_for(self, rest: _Rest, arrays: list[Any]) -> Callable[[list[Any]], Any] | None:
         """The program for such arguments, compiled natively; None where that is not known how."""

@@ -6,6 +6,8 @@ which took a third of a solve.
 """
 
 import dataclasses
+import functools
+from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 import diffrax
@@ -18,6 +20,7 @@ from ..compat import while_loop
 from ..interface.status import Status
 from ..solvers.dense.continuous import DenseOutput
 from ..solvers.multistep_controller import AbstractMultistepController
+from .observers import Observers, Step
 from .switching import NONE, Course, Switching
 
 # A step that would end this close to the end of the run, relative to it, ends there.
@@ -35,7 +38,8 @@ class SavedStates(NamedTuple):
 class SolveLoop(diffrax.AbstractAdjoint):
     """The loop of a solve that saves the vectors at ``times``, infinite where it does not come.
 
-    With ``switching``, the system has modes that follow each other, and their ``course`` is among the statistics.
+    With ``switching``, the system has modes that follow each other, and their ``course`` is among the statistics; with
+    ``observers``, so is what they have ``found``.
 
     diffrax calls a loop after the way in which it is differentiated. ``kind`` is "checkpointed" for reverse mode, with
     so many ``checkpoints``, and "lax" for forward mode or none.
@@ -43,6 +47,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
 
     times: Float[Array, " T"]
     switching: Switching | None
+    observers: Callable[[Any], Observers] | None = eqx.field(static=True)  # of what the terms are given
     kind: Literal["checkpointed", "lax"] = eqx.field(static=True)
     checkpoints: int | None = eqx.field(static=True, default=None)
 
@@ -52,11 +57,12 @@ class SolveLoop(diffrax.AbstractAdjoint):
         adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode,
         times: Float[Array, " T"],
         switching: Switching | None = None,
+        observers: Callable[[Any], Observers] | None = None,
     ) -> "SolveLoop":
         """The loop for the mode of differentiation that ``adjoint`` stands for."""
         if isinstance(adjoint, diffrax.ForwardMode):
-            return cls(times, switching, "lax")
-        return cls(times, switching, "checkpointed", adjoint.checkpoints)
+            return cls(times, switching, observers, "lax")
+        return cls(times, switching, observers, "checkpointed", adjoint.checkpoints)
 
     def loop(
         self,
@@ -82,34 +88,42 @@ class SolveLoop(diffrax.AbstractAdjoint):
             init_state = dataclasses.replace(init_state, dense_ts=init_state.dense_ts.at[0].set(t0), dense_infos=infos)
         solve = _Solve(terms, solver, stepsize_controller, args, t0, t1, event, progress_meter, self.switching)
         y0, course = init_state.y, None
+        observers = None if self.observers is None else self.observers(args)
         if self.switching is not None:
             course = self.switching.begin(t0, y0, init_state.tnext - t0)
 
-        def unfinished(carry: tuple[Any, SavedStates, Any]) -> Bool[Array, ""]:
-            state, _, course = carry
+        def unfinished(carry: tuple[Any, ...]) -> Bool[Array, ""]:
+            state, _, course, _ = carry
             lasts = (state.tprev < t1) & (state.result == RESULTS.successful)
             return lasts if course is None else lasts & (course.status == int(Status.SUCCESS))
 
-        def advance(carry: tuple[Any, SavedStates, Any]) -> tuple[Any, SavedStates, Any]:
-            state, saved, course = carry
+        def advance(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+            state, saved, course, seen = carry
             if course is not None:
                 state, course = solve.settled(state, course)
             new, info, keep, course = solve.advanced(state, course)
             step = {"t0": state.tprev, "t1": state.tnext}
-            if dense or self.times.size > 2:
-                asked = keep & (dense | (self._due(saved) < state.tnext))
+            exactly = dense or (observers is not None and observers.needs_exact)
+            coarse = solver.interpolation_cls(**step, **info)
+            interpolation = coarse
+            if exactly or self.times.size > 2:
+                asked = keep & (exactly | (self._due(saved) < state.tnext))
                 info = output.info(info, terms, **step, args=args, asked=asked)
                 interpolation = output.interpolation(**step, **info)
                 saved = self._save(saved, interpolation, jnp.where(keep, state.tnext, -jnp.inf))
             if dense:
                 new = _kept_for_dense_output(new, info, keep)
-            return new, saved, course
+            if observers is not None:
+                taken = Step(state.tprev, state.tnext, state.y, coarse.evaluate, interpolation.evaluate)
+                seen = observers.observe(seen, taken, keep)
+            return new, saved, course, seen
 
         inner = SavedStates(jnp.asarray(0), jnp.full((self.times.size - 2, *y0.shape), jnp.inf, y0.dtype))
-        state, saved, course = while_loop(
+        seen = None if observers is None else observers.begin(y0)
+        state, saved, course, seen = while_loop(
             unfinished,
             advance,
-            (init_state, inner, course),
+            (init_state, inner, course, seen),
             max_steps=max_steps,
             buffers=lambda carry: (carry[1].vectors, carry[0].dense_ts, carry[0].dense_infos),
             kind=self.kind,
@@ -123,9 +137,12 @@ class SolveLoop(diffrax.AbstractAdjoint):
             state,
             save_state=dataclasses.replace(state.save_state, ts=state.tprev[None], ys=states),
             num_rejected_steps=state.num_steps - state.num_accepted_steps,
-            result=RESULTS.where(unfinished((state, saved, course)), RESULTS.max_steps_reached, state.result),
+            result=RESULTS.where(unfinished((state, saved, course, seen)), RESULTS.max_steps_reached, state.result),
         )
-        return state, {} if course is None else {"course": course}
+        statistics = {} if course is None else {"course": course}
+        if observers is not None:
+            statistics["found"] = observers.found(seen, t0, first, functools.partial(solve.again, output))
+        return state, statistics
 
     def _save(
         self, saved: SavedStates, interpolation: diffrax.AbstractLocalInterpolation, until: Float[Array, ""]
@@ -187,14 +204,11 @@ class _Solve(NamedTuple):
         """The state after a step, what the step's interpolation is made of, and whether the step was accepted."""
         smooth = isinstance(self.controller, diffrax.PIDController | AbstractMultistepController)
         jumps = self.switching is not None or not smooth
+        solver_state, jumped = state.solver_state, state.made_jump if jumps else False
+        if isinstance(self.solver, diffrax.AbstractERK) and self.solver.tableau.fsal:
+            solver_state, jumped = self._with_first_slope(state, jumped), False
         y, error, info, solver_state, step_result = self.solver.step(
-            self.terms,
-            state.tprev,
-            state.tnext,
-            state.y,
-            self.args,
-            state.solver_state,
-            state.made_jump if jumps else False,
+            self.terms, state.tprev, state.tnext, state.y, self.args, solver_state, jumped
         )
         keep, tprev, tnext, made_jump, controller_state, control_result = self.controller.adapt_step_size(
             state.tprev,
@@ -239,6 +253,27 @@ class _Solve(NamedTuple):
         if self.event is not None:
             state = _stopped_by_event(state, self.event, self.args, self.t0)
         return state, info, keep, course
+
+    def again(self, output: DenseOutput, t0: Array, t1: Array, y: Array) -> Step:
+        """A step that was taken, computed once more, which takes less than to keep what it was made of."""
+        fresh = self.solver.init(self.terms, t0, t1, y, self.args)
+        _, _, info, _, _ = self.solver.step(self.terms, t0, t1, y, self.args, fresh, True)
+        info = output.info(info, self.terms, t0, t1, args=self.args, asked=jnp.asarray(True))
+        within = output.interpolation(t0=t0, t1=t1, **info)
+        return Step(t0, t1, y, within.evaluate, within.evaluate)
+
+    def _with_first_slope(self, state: Any, jumped: Any) -> Any:
+        """The state of a method that begins with the last slope of the step before, with that slope at the first step
+        and where the field has jumped.
+
+        The method can evaluate it as well, but then steps differ in how many stages they have.
+        """
+        first, slope = state.solver_state
+        return jnp.asarray(False), jax.lax.cond(
+            first | jumped,
+            lambda: self.solver.func(self.terms, state.tprev, state.y, self.args),
+            lambda: slope,
+        )
 
 
 def _is_plain(error: Any) -> bool:

@@ -42,6 +42,7 @@ from .arguments import (
 from .events import AbstractEvent
 from .loop import SolveLoop
 from .modal import of_modes, on_plane, unpacked_switches
+from .observers import Observation, Observers
 from .step_size import by_tolerances, kinks_of, to_kinks
 from .switching import Switching
 from .trajectory import Interpolant, Trajectory
@@ -145,7 +146,7 @@ def simulate(
     if dae and not isinstance(state, ReleasedState):
         require_dae(state, solver)
     events = checked(system, events)
-    method = _Method(
+    method = Method(
         solver=checked_solver(solver),
         adjoint=checked_adjoint(adjoint),
         progress=checked_progress(progress),
@@ -166,27 +167,28 @@ def simulate(
     return trajectory
 
 
-class _Method(NamedTuple):
+class Method(NamedTuple):
     """What a program is compiled for; everything else may change from call to call."""
 
     solver: diffrax.AbstractAdaptiveSolver
     adjoint: diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode
     progress: diffrax.AbstractProgressMeter
     max_steps: int
-    dense: bool
-    step_to_times: bool
-    dae: bool
-    project: bool
-    inside: bool
+    dense: bool = False
+    step_to_times: bool = False
+    dae: bool = False
+    project: bool = False
+    inside: bool = True
+    observation: Observation | None = None
 
 
 def _run(
-    method: _Method, system: AbstractSystem, times: Any, state: AbstractState | ReleasedState, *others: Any
+    method: Method, system: AbstractSystem, times: Any, state: AbstractState | ReleasedState, *others: Any
 ) -> Trajectory[Any, Any]:
     """A trajectory. Dense output has room for few steps at first, because room that is not used costs time as well."""
 
-    def trajectory_by(method: _Method) -> Trajectory[Any, Any]:
-        *solved, course = _program(method)(system, times, state, *others)
+    def trajectory_by(method: Method) -> Trajectory[Any, Any]:
+        *solved, course, _ = _program(method)(system, times, state, *others)
         if isinstance(system, BodyOnPlane):
             return of_modes(system, times, solved, course, state)
         return Trajectory.of(system, times, *solved, {}, state, None)
@@ -199,7 +201,7 @@ def _run(
     return trajectory_by(method)
 
 
-def _program(method: _Method) -> Callable[..., tuple]:
+def _program(method: Method) -> Callable[..., tuple]:
     try:
         return _compiled(method)
     except TypeError:  # a solver that carries arrays has no hash
@@ -207,12 +209,12 @@ def _program(method: _Method) -> Callable[..., tuple]:
 
 
 @functools.cache
-def _compiled(method: _Method) -> Callable[..., tuple]:
-    return programs.jit(functools.partial(_solve, method))
+def _compiled(method: Method) -> Callable[..., tuple]:
+    return programs.jit(functools.partial(solve, method))
 
 
-def _solve(
-    method: _Method,
+def solve(
+    method: Method,
     system: AbstractSystem,
     times: Array,
     state: Any,
@@ -240,6 +242,11 @@ def _solve(
     def dae_field(t, x, parameters, component):
         return unpack_parameters(parameters)[0].dae_field(t, x, component)
 
+    def observers(parameters: Array) -> Observers:
+        assert method.observation is not None
+        packing = unpack_parameters(parameters)[0]
+        return Observers(method.observation, functools.partial(_quantities, method.observation, packing))
+
     switching, term = None, diffrax.ODETerm(field)
     if isinstance(system, BodyOnPlane):
         order = float(method.solver.error_order(term) or 1)  # pyright: ignore
@@ -261,7 +268,7 @@ def _solve(
         args=parameters,
         saveat=diffrax.SaveAt(t1=True, dense=method.dense),
         stepsize_controller=_controller(method, system, times, rtol, atol),
-        adjoint=SolveLoop.of(method.adjoint, times, switching),
+        adjoint=SolveLoop.of(method.adjoint, times, switching, observers if method.observation else None),
         event=stop(events, unpack_parameters),
         max_steps=method.max_steps,
         progress_meter=method.progress,
@@ -290,7 +297,13 @@ def _solve(
         cast(Array, solution.stats["num_rejected_steps"]),
         Interpolant.of(solution, solver, packing) if method.dense else None,
         course,
+        solution.stats.get("found"),
     )
+
+
+def _quantities(observation: Observation, packing: Packing[Any, Any], t: Array, x: Array) -> Array:
+    """The values of the quantities that are observed, of a vector."""
+    return observation.evaluate(observation.quantities, packing.system, t, packing.unpack(t, x))
 
 
 def _startable(system: AbstractSystem, times: Array, state: AbstractState, inside: bool) -> Array:
@@ -316,11 +329,11 @@ def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Ar
     return jax.tree.map(cut, jax.vmap(packing.unpack)(times, states))
 
 
-_solve_filtered = programs.filter_jit(_solve)
+_solve_filtered = programs.filter_jit(solve)
 
 
 def _controller(
-    method: _Method, system: AbstractSystem, times: Array, rtol: Array, atol: Array
+    method: Method, system: AbstractSystem, times: Array, rtol: Array, atol: Array
 ) -> diffrax.AbstractAdaptiveStepSizeController:
     """Steps by the tolerances, to the kinks and, where asked for, to ``times``."""
     controller = by_tolerances(rtol, atol, method.solver)

@@ -1,0 +1,177 @@
+"""What is looked at in the steps of a run while it is computed, so that no more than a few numbers are kept of it."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from ..solvers.dense.sampling import last_within, lobatto_weights, place_of_largest, sampling
+
+ROUNDS = 5
+# From a time and a vector to the vector of the state, and to quantities.
+Between = Callable[[Float[Array, ""]], Float[Array, " size"]]
+Quantities = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " k"]]
+
+
+class Observation(NamedTuple):
+    """What is to be found of a run; a program is compiled for it.
+
+    - ``quantities``: functions, of which ``evaluate(quantities, system, t, state)`` gives the values.
+    - ``searches``: whose largest values are looked for: the numbers of quantities, and what these are multiplied by.
+    - ``integrals``: whether quantities are integrated.
+    """
+
+    evaluate: Callable[..., Float[Array, " k"]]
+    quantities: tuple[Callable[..., Any], ...]
+    searches: tuple[tuple[int, float], ...] = ()
+    integrals: bool = False
+
+
+class Step(NamedTuple):
+    """A step: its start, with the vector there, its end, and the vectors within it.
+
+    ``between`` costs nothing; ``exact`` is nearly as good as the step, and more is computed for it.
+    """
+
+    start: Float[Array, ""]
+    end: Float[Array, ""]
+    x: Float[Array, " size"]
+    between: Between
+    exact: Between
+
+
+class Best(NamedTuple):
+    """For each search the largest values in two steps, the better first, and these steps.
+
+    Two, because where a maximum lies near the end of a step, five values may take the next one for better.
+    """
+
+    value: Float[Array, "2 k"]
+    start: Float[Array, "2 k"]
+    end: Float[Array, "2 k"]
+    x: Float[Array, "2 k size"]
+
+
+class Seen(NamedTuple):
+    """The steps in which quantities are largest, and their integrals until now; None of what nobody asked for."""
+
+    best: Best | None
+    integrals: Float[Array, " k"] | None
+
+
+class Found(NamedTuple):
+    """Of a run: the values at its start, the largest ones and when they occur, the integrals."""
+
+    start: Float[Array, " k"]
+    extremes: tuple[Float[Array, ""], ...]
+    times: tuple[Float[Array, ""], ...]
+    integrals: Float[Array, " k"]
+
+
+class Observers:
+    """Look at each step of one run for an :class:`Observation`, by its ``quantities`` of times and vectors."""
+
+    def __init__(self, observation: Observation, quantities: Quantities):
+        self.needs_exact = observation.integrals
+        self._which = tuple(which for which, _ in observation.searches)
+        self._signs = tuple(sign for _, sign in observation.searches)
+        self._quantities, self._count = quantities, len(observation.quantities)
+
+    def begin(self, x: Float[Array, " size"]) -> Seen:
+        """What is seen before the first step, from ``x``."""
+        best, integrals = None, None
+        if self._which:
+            number = jnp.zeros((2, len(self._which)), x.dtype)
+            best = Best(jnp.full_like(number, -jnp.inf), number, number, jnp.zeros((*number.shape, x.size), x.dtype))
+        if self.needs_exact:
+            integrals = jnp.zeros(self._count, x.dtype)
+        return Seen(best, integrals)
+
+    def observe(self, seen: Seen, step: Step, kept: Bool[Array, ""]) -> Seen:
+        """What is seen after a step, where that was ``kept``."""
+        best, integrals = seen
+        if best is not None:
+            best = self._better(best, step, kept)
+        if integrals is not None:
+            integrals = jnp.where(kept, integrals + self._integrated(step), integrals)
+        return Seen(best, integrals)
+
+    def found(
+        self,
+        seen: Seen,
+        start: Float[Array, ""],
+        x: Float[Array, " size"],
+        again: Callable[[Array, Array, Array], Step],
+    ) -> Found:
+        """What is found of a run from ``start``, at which it is ``x``. ``again`` computes a step once more.
+
+        Of a run without a step, extremes are NaN.
+        """
+        unknown = jnp.full(self._count, jnp.nan, x.dtype)
+        values, times = self._refined(seen.best, again) if seen.best is not None else ((), ())
+        integrals = unknown if seen.integrals is None else seen.integrals
+        return Found(self._quantities(start, x), tuple(values), tuple(times), integrals)
+
+    def _better(self, seen: Best, step: Step, kept: Bool[Array, ""]) -> Best:
+        nodes = jnp.asarray(sampling().nodes, step.x.dtype)
+        last = last_within(step.start, step.end)
+
+        def sample(fraction: Float[Array, ""]) -> Float[Array, " k"]:
+            t = jnp.minimum(step.start + fraction * (step.end - step.start), last)
+            return self._signed(t, step.between(t))
+
+        samples = jax.lax.map(sample, nodes)
+        fine = jnp.sum(jnp.asarray(sampling().matrix, samples.dtype)[..., None] * samples[None], axis=1)
+        finite = jnp.all(jnp.isfinite(samples), axis=0)
+        most = jnp.maximum(jnp.max(samples, axis=0), jnp.where(finite, jnp.max(fine, axis=0), -jnp.inf))
+        first, second = kept & (most > seen.value[0]), kept & (most > seen.value[1])
+
+        def placed(old: Array, new: Array) -> Array:
+            shape = (-1, *(1,) * (old.ndim - 2))
+            is_first, is_second = first.reshape(shape), second.reshape(shape)
+            runner_up = jnp.where(is_first, old[0], jnp.where(is_second, new, old[1]))
+            return jnp.stack([jnp.where(is_first, new, old[0]), runner_up])
+
+        return jax.tree.map(placed, seen, Best(most, step.start, step.end, step.x))
+
+    def _integrated(self, step: Step) -> Float[Array, " k"]:
+        """By the rule of Gauss and Lobatto with five nodes."""
+        h = step.end - step.start
+
+        def one(total: Array, place: tuple[Array, Array]) -> tuple[Array, None]:
+            node, weight = place
+            t = step.start + node * h
+            return total + weight * self._quantities(t, step.exact(t)), None
+
+        places = tuple(jnp.asarray(x, step.x.dtype) for x in (sampling().nodes, lobatto_weights()))
+        return h * jax.lax.scan(one, jnp.zeros(self._count, step.x.dtype), places)[0]
+
+    def _signed(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " k"]:
+        values = self._quantities(t, x)
+        return jnp.stack([sign * values[k] for k, sign in zip(self._which, self._signs, strict=True)])
+
+    def _refined(self, best: Best, again: Callable[[Array, Array, Array], Step]) -> tuple[Array, Array]:
+        """The largest values, and when they occur."""
+        count = len(self._which)
+
+        # A loop, because the quantities are a long program that is to be compiled few times.
+        def search(place: Array) -> tuple[Array, Array]:
+            rank, k = place // count, place % count
+            step = again(best.start[rank, k], best.end[rank, k], best.x[rank, k])
+            last = last_within(step.start, step.end)[None]
+
+            def at(t: Float[Array, " 1"]) -> Float[Array, " 1"]:
+                return self._signed(t[0], step.exact(t[0]))[k][None]
+
+            first = step.start[None]
+            t = place_of_largest(at, first, last - first, first, last, ROUNDS)
+            return at(t)[0], t[0]
+
+        values, times = (x.reshape(2, count) for x in jax.lax.map(search, jnp.arange(2 * count)))
+        values = jnp.where(best.value > -jnp.inf, values, -jnp.inf)
+        second = values[1] > values[0]
+        value, time = jnp.where(second, values[1], values[0]), jnp.where(second, times[1], times[0])
+        seen, signs = value > -jnp.inf, jnp.asarray(self._signs, value.dtype)
+        return jnp.where(seen, signs * value, jnp.nan), jnp.where(seen, time, jnp.nan)
