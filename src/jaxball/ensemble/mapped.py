@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..interface.status import Status
-from ..native import LANES
+from ..native import FEWEST, LANES
 from ..numerics import programs
 from ..physics.body_on_plane import BodyOnPlane
 from ..simulation.modal import slips
@@ -22,6 +22,14 @@ from ..simulation.simulate import Method, solve
 from .program import Settings
 from .quantities import values
 from .reductions import AbstractReduction, Observed, Quantity
+
+# Runs of which a program takes as many at a time, where nothing else is said.
+BLOCK = 512
+
+
+def filled(block: int) -> int:
+    """A number of runs that fills vectors: with fewer, the compiler would use none, and results differ by rounding."""
+    return max(FEWEST, -(-block // LANES)) * LANES
 
 
 @functools.cache

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from .. import native
 from ..cpu import cores
 from ..interface.arguments import described, require, require_flags
 from ..interface.printing import Printed, shown
@@ -205,8 +206,10 @@ def simulate_ensemble(
     leaves = jax.tree.leaves((parameters, whole, limits))
     traced = any(map(is_traced, (*leaves, jnp.zeros(()))))
     on_cpu = jax.default_backend() == "cpu"
+    natively = not traced and native.asked_for() == "native" and native.usable(leaves)
     threads = threads or (cores() if on_cpu else jax.local_device_count())
-    block = runs if traced else block or min(runs, even_size(runs, BLOCK if on_cpu else runs, threads))
+    most = (mapped.BLOCK if natively else BLOCK) if on_cpu else runs
+    block = runs if traced else block or min(runs, even_size(runs, most, threads))
     settings = Settings(
         solver=method,
         max_steps=checked_steps(max_steps),
@@ -218,7 +221,8 @@ def simulate_ensemble(
     if traced:
         results = compiled(settings)(parameters, whole, *limits)
     else:
-        blocks = _in_blocks(settings, parameters, tuple(np.asarray(x) for x in (whole, *limits)), block, threads)
+        arrays = tuple(np.asarray(x) for x in (whole, *limits))
+        blocks = _in_blocks(settings, parameters, arrays, mapped.filled(block) if natively else block, threads)
         results = _joined(blocks, runs)
     states, *solved, of_contact, reported, executed = results
     simulated, state = for_all_rows(parameters, shared, runs, jnp if traced else np)

@@ -11,7 +11,7 @@ import numpy as np
 from .elements import LANES
 from .program import Block, Operation, Value
 
-FEWEST = 2  # turns that are worth it, in filled vectors
+FEWEST = 2  # vectors that turns must fill
 # Operations whose rules know no vectors.
 _APART = ("stablehlo.custom_call",)
 

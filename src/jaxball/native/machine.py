@@ -3,6 +3,7 @@
 import ctypes
 import functools
 import importlib.util
+import sys
 import threading
 from typing import Any
 
@@ -43,7 +44,7 @@ class Code:
             self._engine.close()
 
     def __del__(self) -> None:
-        if hasattr(self, "_engine"):
+        if hasattr(self, "_engine") and not sys.is_finalizing():
             self.close()
 
 
