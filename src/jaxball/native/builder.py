@@ -1,6 +1,7 @@
 """LLVM's IR as text, an instruction at a time: numbers folded, equal instructions written once, loops and branches.
 
-An instruction that only computes is found again by its text, in the scope in which it was written or in one within.
+An instruction that only computes is found again by its text, in the scope in which it was written or in one within,
+and stands before the loops in which it would compute the same in every turn (:mod:`scopes`).
 Text is written faster than objects are built, and LLVM's parser reads 20,000 lines in 20 ms.
 """
 
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .elements import Element, Index, Name, UnsupportedError, is_known, llvm_type, written
+from .scopes import Scopes
 
 MOST_LINES = 400_000  # of a program: more takes LLVM longer than XLA
 _ON_THE_STACK = 4096  # bytes of an array; larger ones lie in the work space
@@ -72,8 +74,7 @@ class Builder:
         self._lines: list[str] = []
         self.cost = 0  # instructions that one run executes, loops counted
         self._count = 0
-        self._known: dict[str, Name] = {}
-        self._added: list[str] = []  # the keys of `_known` in order, so that those of a scope can be forgotten
+        self._scopes = Scopes()
 
     def function(self, head: str) -> str:
         """The function's text. ``head``: its result, name and parameters."""
@@ -88,6 +89,9 @@ class Builder:
         """An instruction without a result."""
         self._lines.append(line)
         self.cost += 1
+        self._count_line()
+
+    def _count_line(self) -> None:
         self.module.lines += 1
         if self.module.lines > MOST_LINES:
             raise UnsupportedError(f"A program of more than {MOST_LINES:,} instructions")
@@ -99,14 +103,34 @@ class Builder:
         return name
 
     def pure(self, instruction: str) -> Name:
-        """An instruction that only computes."""
-        name = self._known.get(instruction)
-        if name is None:
-            name = self._known[instruction] = self.effect(instruction)
-            self._added.append(instruction)
+        """An instruction that only computes, and cannot fail."""
+        scopes = self._scopes
+        name = scopes.found(instruction)
+        if name is not None:
+            return name
+        home = scopes.home(instruction)
+        if home is scopes.loop:
+            name = self.effect(instruction)
+            scopes.note(instruction, name, scopes.loop)
+            return name
+        first = scopes.loop
+        assert first is not None
+        while first.outer is not home:
+            first = first.outer
+            assert first is not None
+        name = self._unused()
+        scopes.name(name, home)
+        scopes.note(instruction, name, home)
+        first.before.append(f"{name} = {instruction}")
+        self._count_line()
         return name
 
     def fresh(self) -> Name:
+        name = self._unused()
+        self._scopes.name(name, self._scopes.loop)
+        return name
+
+    def _unused(self) -> Name:
         self._count += 1
         return f"%v{self._count}"
 
@@ -203,13 +227,12 @@ class Builder:
 
     def allocate(self, size: int) -> Name:
         """Memory of so many bytes, which is the function's for as long as it runs."""
+        name = self._unused()
         if size <= _ON_THE_STACK:
-            name = self.fresh()
             self._allocated.append(f"{name} = alloca [{size} x i8], align {_ALIGNMENT}")
             return name
         offset = self.module.workspace
         self.module.workspace += -(-size // _ALIGNMENT) * _ALIGNMENT
-        name = self.fresh()
         self._allocated.append(f"{name} = getelementptr i8, ptr %workspace, i64 {offset}")
         return name
 
@@ -222,16 +245,16 @@ class Builder:
 
     # Scopes, branches and loops
 
-    @contextlib.contextmanager
-    def scope(self) -> Iterator[None]:
+    def scope(self) -> contextlib.AbstractContextManager[None]:
         """What is computed in this block of Python is not known after it, because it may not have been executed."""
-        before = len(self._added)
-        try:
+        return self._scopes.scope()
+
+    @contextlib.contextmanager
+    def looped(self) -> Iterator[None]:
+        """What is written in this block of Python is a loop, before which stands what is the same in every turn."""
+        with self._scopes.looped(self.reserve()) as loop:
             yield
-        finally:
-            for key in self._added[before:]:
-                del self._known[key]
-            del self._added[before:]
+        self.fill(loop.place, "\n".join(loop.before))
 
     def new_label(self, name: str) -> str:
         self._count += 1
@@ -264,12 +287,12 @@ class Builder:
         next one begins, and which are the loop's results after it.
         """
         before, body, after = self.label, self.new_label("loop"), self.new_label("end")
-        self.jump(body)
-        self.begin(body)
-        turn = Turn(self.fresh(), [self.fresh() for _ in carried])
-        places = [self.reserve() for _ in (turn.index, *carried)]
-        cost = self.cost
-        with self.scope():
+        with self.looped(), self.scope():
+            self.jump(body)
+            self.begin(body)
+            turn = Turn(self.fresh(), [self.fresh() for _ in carried])
+            places = [self.reserve() for _ in (turn.index, *carried)]
+            cost = self.cost
             yield turn
             index = self.effect(f"add nuw nsw i64 {turn.index}, 1")
             self.branch(self.effect(f"icmp slt i64 {index}, {end}"), body, after)

@@ -10,7 +10,9 @@ from ..lowering import Function
 from ..program import Block, Operation
 from ..rules import rule
 from ..storage import joined, parts, parts_of
-from ..values import Array, Memory, Registers, is_small, registers, size_of
+from ..values import MOST_REGISTERS, Array, Memory, Registers, is_small, registers, size_of
+
+MOST_UNCHANGED = 256  # numbers of an array that a loop reads and does not change, and that are read once before it
 
 
 @rule("func.call")
@@ -37,10 +39,10 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
     condition, body = operation.regions
     carries = [_Carry(function, operation, position, array) for position, array in enumerate(operands)]
     before, header, inside, after = (b.label, *(b.new_label(name) for name in ("while", "body", "done")))
-    b.jump(header)
-    b.begin(header)
-    cost = b.cost
-    with b.scope():
+    with b.looped(), b.scope():
+        b.jump(header)
+        b.begin(header)
+        cost = b.cost
         for carry in carries:
             carry.begin()
         for carry in carries:
@@ -78,14 +80,15 @@ class _Carry:
         self.function = function
         condition, body = operation.regions
         arguments = condition.arguments[position], body.arguments[position]
-        small = all(map(function.compiler.in_registers, arguments)) or not arguments[0].size
         self.unchanged = body.results[position] is body.arguments[position]
+        most = MOST_UNCHANGED if self.unchanged else MOST_REGISTERS
+        small = all(function.compiler.in_registers(value, most) for value in arguments) or not arguments[0].size
         self.in_memory = not self.unchanged and not small
         self.phis: list[tuple[int, np.dtype, str]] = []
         self.owners = 0
         storage = function.storage
         if self.unchanged:
-            self.array = storage.settled(array) if small else storage.anywhere(storage.settled(array))
+            self.array = storage.to_registers(array) if small else storage.anywhere(storage.settled(array))
         elif small:
             self.array = storage.to_registers(array)
         else:
