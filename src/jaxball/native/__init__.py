@@ -19,6 +19,6 @@ It knows nothing of balls.
 """
 
 from .choice import asked_for, compiler
-from .jitting import compiled, jit, kind, settings, usable
+from .jitting import allowed, compiled, jit, kind, settings, usable
 
-__all__ = ["asked_for", "compiled", "compiler", "jit", "kind", "settings", "usable"]
+__all__ = ["allowed", "asked_for", "compiled", "compiler", "jit", "kind", "settings", "usable"]
