@@ -12,12 +12,26 @@ from typing import Any
 
 import numpy as np
 
-from .elements import Element, Index, Name, UnsupportedError, is_known, llvm_type, written
+from .elements import (
+    LANES,
+    Element,
+    Index,
+    Lanes,
+    Name,
+    UnsupportedError,
+    in_lanes,
+    is_known,
+    llvm_type,
+    vector_type,
+    written,
+)
 from .scopes import Scopes
 
 MOST_LINES = 400_000  # of a program: more takes LLVM longer than XLA
 _ON_THE_STACK = 4096  # bytes of an array; larger ones lie in the work space
 _ALIGNMENT = 64
+
+INDEX, BOOL = np.dtype(np.int64), np.dtype(bool)
 
 _FLOAT = {"add": "fadd contract", "sub": "fsub contract", "mul": "fmul contract", "div": "fdiv"}
 _FOLDED: dict[str, Callable[[Any, Any], Any]] = {
@@ -73,6 +87,9 @@ class Builder:
         self._allocated: list[str] = []
         self._lines: list[str] = []
         self.cost = 0  # instructions that one run executes, loops counted
+        # The lanes in which memory changes, where not in all, and in how many blocks within each other that is said.
+        self.mask: Lanes | None = None
+        self.level = 0
         self._count = 0
         self._scopes = Scopes()
 
@@ -96,21 +113,21 @@ class Builder:
         if self.module.lines > MOST_LINES:
             raise UnsupportedError(f"A program of more than {MOST_LINES:,} instructions")
 
-    def effect(self, instruction: str) -> Name:
-        """An instruction that is more than its result: a read of memory, a call."""
-        name = self.fresh()
+    def effect(self, instruction: str, wide: bool = False) -> Name:
+        """An instruction that is more than its result: a read of memory, a call. ``wide``: its result is a vector."""
+        name = self.fresh(wide)
         self.write(f"{name} = {instruction}")
         return name
 
-    def pure(self, instruction: str) -> Name:
-        """An instruction that only computes, and cannot fail."""
+    def pure(self, instruction: str, wide: bool = False) -> Name:
+        """An instruction that only computes, and cannot fail. ``wide``: its result is a vector."""
         scopes = self._scopes
         name = scopes.found(instruction)
         if name is not None:
             return name
         home = scopes.home(instruction)
         if home is scopes.loop:
-            name = self.effect(instruction)
+            name = self.effect(instruction, wide)
             scopes.note(instruction, name, scopes.loop)
             return name
         first = scopes.loop
@@ -118,21 +135,73 @@ class Builder:
         while first.outer is not home:
             first = first.outer
             assert first is not None
-        name = self._unused()
+        name = self._unused(wide)
         scopes.name(name, home)
         scopes.note(instruction, name, home)
         first.before.append(f"{name} = {instruction}")
         self._count_line()
         return name
 
-    def fresh(self) -> Name:
-        name = self._unused()
+    def fresh(self, wide: bool = False) -> Name:
+        name = self._unused(wide)
         self._scopes.name(name, self._scopes.loop)
         return name
 
-    def _unused(self) -> Name:
+    def _unused(self, wide: bool = False) -> Name:
         self._count += 1
-        return f"%v{self._count}"
+        name = f"%v{self._count}"
+        return Lanes(name) if wide else name
+
+    # Lanes
+
+    def operand(self, dtype: np.dtype, x: Element, wide: bool) -> str:
+        """An element as an operand; ``wide``: as a vector, in which all lanes have the same where x is no vector."""
+        if not wide or isinstance(x, Lanes):
+            return written(x)
+        return f"splat ({llvm_type(dtype)} {written(x)})" if is_known(x) else self.spread(dtype, x)
+
+    def spread(self, dtype: np.dtype, x: Element) -> Element:
+        """A vector in which all lanes have the same number, or the vector that x is already."""
+        if isinstance(x, Lanes):
+            return x
+        kind = vector_type(dtype)
+        if is_known(x):
+            return self.pure(f"select i1 true, {kind} splat ({llvm_type(dtype)} {written(x)}), {kind} poison", True)
+        first = self.pure(f"insertelement {kind} poison, {llvm_type(dtype)} {x}, i64 0")
+        return self.pure(f"shufflevector {kind} {first}, {kind} poison, <{LANES} x i32> zeroinitializer", True)
+
+    def lane(self, dtype: np.dtype, x: Element, lane: int) -> Element:
+        """The number of one lane."""
+        return self.pure(f"extractelement {vector_type(dtype)} {x}, i64 {lane}") if isinstance(x, Lanes) else x
+
+    def gathered(self, dtype: np.dtype, numbers: Sequence[Element]) -> Lanes:
+        """A vector of the numbers of the lanes."""
+        vector: Name = "poison"
+        for lane, number in enumerate(numbers):
+            item = f"{llvm_type(dtype)} {written(number)}"
+            vector = self.pure(f"insertelement {vector_type(dtype)} {vector}, {item}, i64 {lane}", True)
+        return Lanes(vector)
+
+    def any_lane(self, condition: Element) -> Element:
+        """Whether a condition holds in any of the lanes."""
+        if not isinstance(condition, Lanes):
+            return condition
+        name, kind = f"@llvm.vector.reduce.or.v{LANES}i1", vector_type(BOOL)
+        self.module.declared.setdefault(name, f"declare i1 {name}({kind})")
+        return self.pure(f"call i1 {name}({kind} {condition})")
+
+    def apply(self, operation: str, dtype: np.dtype, *operands: Element) -> Name:
+        """An instruction on numbers of one type, on vectors where one of them is one."""
+        wide = in_lanes(*operands)
+        kind = vector_type(dtype) if wide else llvm_type(dtype)
+        numbers = ", ".join(self.operand(dtype, x, wide) for x in operands)
+        return self.pure(f"{operation} {kind} {numbers}", wide)
+
+    def converted(self, operation: str, source: np.dtype, target: np.dtype, x: Element) -> Name:
+        """An instruction that makes a number of another type."""
+        wide = isinstance(x, Lanes)
+        old, new = (vector_type(kind) if wide else llvm_type(kind) for kind in (source, target))
+        return self.pure(f"{operation} {old} {written(x)} to {new}", wide)
 
     # Numbers
 
@@ -144,18 +213,18 @@ class Builder:
         if dtype.kind == "f":
             if simpler := _simpler_float(operation, x, y):
                 return simpler
-            return self.pure(f"{_FLOAT[operation]} {llvm_type(dtype)} {written(x)}, {written(y)}")
+            return self.apply(_FLOAT[operation], dtype, x, y)
         simpler = _simpler_integer(operation, dtype, x, y)
         if simpler is not None:
             return simpler
-        return self.pure(f"{operation} {llvm_type(dtype)} {written(x)}, {written(y)}")
+        return self.apply(operation, dtype, x, y)
 
     def compare(self, predicate: str, dtype: np.dtype, x: Element, y: Element) -> Element:
         """``predicate`` is LLVM's: ``olt``, ``une`` of floats, ``slt``, ``ult``, ``eq`` of integers."""
         kind = "fcmp" if dtype.kind == "f" else "icmp"
         if is_known(x) and is_known(y) and predicate in _COMPARED:
             return np.bool_(_COMPARED[predicate](x, y))
-        return self.pure(f"{kind} {predicate} {llvm_type(dtype)} {written(x)}, {written(y)}")
+        return self.apply(f"{kind} {predicate}", dtype, x, y)
 
     def select(self, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:
         """x where the condition holds, else y; no complex numbers."""
@@ -163,19 +232,41 @@ class Builder:
             return x if condition else y
         if written(x) == written(y):
             return x
-        kind = llvm_type(dtype)
-        return self.pure(f"select i1 {condition}, {kind} {written(x)}, {kind} {written(y)}")
+        wide = in_lanes(condition, x, y)
+        kind = vector_type(dtype) if wide else llvm_type(dtype)
+        choice = f"{vector_type(BOOL) if isinstance(condition, Lanes) else 'i1'} {condition}"
+        first, second = (f"{kind} {self.operand(dtype, number, wide)}" for number in (x, y))
+        return self.pure(f"select {choice}, {first}, {second}", wide)
 
-    def call(self, function: str, dtype: np.dtype, *operands: Element, attributes: str = "memory(none)") -> Name:
-        """A function of LLVM's or of C's library that takes and gives numbers of one type.
+    def call(
+        self,
+        function: str,
+        dtype: np.dtype,
+        *operands: Element,
+        to: np.dtype | None = None,
+        flags: str = "",
+        attributes: str = "memory(none)",
+    ) -> Name:
+        """A function of LLVM's or of C's library of numbers of one type, which gives one of that or of type ``to``.
 
-        It is written once for equal operands.
+        It is written once for equal operands. LLVM's take vectors as well, C's are called for one lane after another.
+        ``flags``: one more operand of an intrinsic.
         """
-        kind = llvm_type(dtype)
+        intrinsic, result, wide = function.startswith("llvm."), to or dtype, in_lanes(*operands)
+        if wide and not intrinsic:
+            rows = ([self.lane(dtype, x, lane) for x in operands] for lane in range(LANES))
+            calls = [self.call(function, dtype, *row, to=to, attributes=attributes) for row in rows]
+            return self.gathered(result, calls)
+        given, gives = (vector_type(kind) if wide else llvm_type(kind) for kind in (dtype, result))
         name = f"@{function}"
-        end = "" if function.startswith("llvm.") else f" nounwind willreturn {attributes}"
-        self.module.declared.setdefault(name, f"declare {kind} {name}({', '.join([kind] * len(operands))}){end}")
-        return self.pure(f"call {kind} {name}({', '.join(f'{kind} {written(x)}' for x in operands)})")
+        if intrinsic:
+            types = (result, dtype) if to is not None else (dtype,)
+            name += "".join(f".v{LANES}{_suffix(kind)}" if wide else f".{_suffix(kind)}" for kind in types)
+        kinds = ", ".join(filter(None, [*[given] * len(operands), flags.partition(" ")[0]]))
+        end = "" if intrinsic else f" nounwind willreturn {attributes}"
+        self.module.declared.setdefault(name, f"declare {gives} {name}({kinds}){end}")
+        numbers = [f"{given} {self.operand(dtype, x, wide)}" for x in operands]
+        return self.pure(f"call {gives} {name}({', '.join(filter(None, [*numbers, flags]))})", wide)
 
     # Indices, of 64 bits
 
@@ -184,7 +275,7 @@ class Builder:
             return i + j
         if i == 0:
             return j
-        return i if j == 0 else self.pure(f"add nsw i64 {i}, {j}")
+        return i if j == 0 else self.apply("add nsw", INDEX, i, j)
 
     def times(self, i: Index, factor: Index) -> Index:
         if isinstance(i, int) and isinstance(factor, int):
@@ -193,14 +284,13 @@ class Builder:
             return 0
         if i == 1:
             return factor
-        return i if factor == 1 else self.pure(f"mul nsw i64 {i}, {factor}")
+        return i if factor == 1 else self.apply("mul nsw", INDEX, i, factor)
 
     def within(self, i: Index, low: Index, high: Index) -> Element:
         """Whether low ≤ i < high."""
         if all(isinstance(number, int) for number in (i, low, high)):
             return np.bool_(low <= i < high)  # type: ignore[operator]
-        above = self.pure(f"icmp sge i64 {i}, {low}")
-        return self.pure(f"and i1 {above}, {self.pure(f'icmp slt i64 {i}, {high}')}")
+        return self.apply("and", BOOL, self.apply("icmp sge", INDEX, i, low), self.apply("icmp slt", INDEX, i, high))
 
     def clamped(self, i: Index, high: int) -> Index:
         """The index in [0, high] that is next to i."""
@@ -208,8 +298,8 @@ class Builder:
             return min(max(i, 0), high)
         if high == 0:
             return 0
-        i = self.pure(f"select i1 {self.pure(f'icmp slt i64 {i}, 0')}, i64 0, i64 {i}")
-        return self.pure(f"select i1 {self.pure(f'icmp sgt i64 {i}, {high}')}, i64 {high}, i64 {i}")
+        i = self.select(INDEX, self.apply("icmp slt", INDEX, i, 0), 0, i)
+        return self.select(INDEX, self.apply("icmp sgt", INDEX, i, high), high, i)
 
     def as_index(self, element: Element, dtype: np.dtype) -> Index:
         """An integer as an index."""
@@ -217,7 +307,7 @@ class Builder:
             return int(element)
         if dtype.itemsize == 8:
             return element
-        return self.pure(f"{'zext' if dtype.kind in 'ub' else 'sext'} {llvm_type(dtype)} {element} to i64")
+        return self.converted("zext" if dtype.kind in "ub" else "sext", dtype, INDEX, element)
 
     # Memory
 
@@ -287,32 +377,50 @@ class Builder:
         next one begins, and which are the loop's results after it.
         """
         before, body, after = self.label, self.new_label("loop"), self.new_label("end")
+        carried = tuple((dtype, first) for dtype, first in carried)
         with self.looped(), self.scope():
             self.jump(body)
             self.begin(body)
-            turn = Turn(self.fresh(), [self.fresh() for _ in carried])
+            turn = Turn(self.fresh(), [self.fresh(in_lanes(first)) for _, first in carried])
             places = [self.reserve() for _ in (turn.index, *carried)]
             cost = self.cost
             yield turn
+            following = [
+                self.like(dtype, new, name)
+                for (dtype, _), new, name in zip(carried, turn.following, turn.carried, strict=True)
+            ]
             index = self.effect(f"add nuw nsw i64 {turn.index}, 1")
             self.branch(self.effect(f"icmp slt i64 {index}, {end}"), body, after)
         if isinstance(start, int) and isinstance(end, int):
             self.cost = cost + (self.cost - cost) * (end - start)
-        rows = [("i64", turn.index, start, index)]
-        for (dtype, first), name, following in zip(carried, turn.carried, turn.following, strict=True):
-            rows.append((llvm_type(dtype), name, written(first), written(following)))
-        for place, (kind, name, first, following) in zip(places, rows, strict=True):
-            self.fill(place, f"{name} = phi {kind} [ {first}, %{before} ], [ {following}, %{self.label} ]")
+        self.fill_phi(places[0], turn.index, INDEX, [(start, before), (index, self.label)])
+        rows = zip(places[1:], turn.carried, carried, following, strict=True)
+        for place, name, (dtype, first), new in rows:
+            self.fill_phi(place, name, dtype, [(first, before), (new, self.label)])
         self.begin(after)
+
+    def like(self, dtype: np.dtype, x: Element, name: Name) -> Element:
+        """The element, as a vector where the name stands for one.
+
+        **Raises:** ``UnsupportedError`` for a vector where the name stands for a single number.
+        """
+        if isinstance(name, Lanes):
+            return self.spread(dtype, x)
+        if isinstance(x, Lanes):
+            raise UnsupportedError("A number that becomes one of each lane")
+        return x
 
     @contextlib.contextmanager
     def where(self, condition: Element) -> Iterator[None]:
-        """What is written in this block of Python is executed where the condition holds."""
-        if is_known(condition):
-            if condition:
+        """What is written in this block of Python is executed where the condition holds; of lanes, memory changes."""
+        if is_known(condition) and condition:
+            yield
+            return
+        if isinstance(condition, Lanes):
+            with self.masked(condition):
                 yield
-                return
-            condition = "false"
+            return
+        condition = "false" if is_known(condition) else condition
         yes, after = self.new_label("then"), self.new_label("after")
         self.branch(condition, yes, after)
         self.begin(yes)
@@ -321,17 +429,35 @@ class Builder:
             self.jump(after)
         self.begin(after)
 
+    @contextlib.contextmanager
+    def masked(self, condition: Lanes) -> Iterator[Lanes]:
+        """What is written in this block of Python changes memory from before it in the lanes of the condition alone.
+
+        Yields the lanes: those of the condition within those of the block around this one.
+        """
+        around = self.mask
+        self.mask = condition if around is None else Lanes(self.apply("and", BOOL, condition, around))
+        self.level += 1
+        try:
+            yield self.mask
+        finally:
+            self.mask, self.level = around, self.level - 1
+
     def fill_phi(self, place: int, name: Name, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> None:
         """Writes, at a place that was reserved, that a name is the number that the block before gives."""
-        ways = ", ".join(f"[ {written(element)}, %{label} ]" for element, label in cases)
-        self.fill(place, f"{name} = phi {llvm_type(dtype)} {ways}")
+        wide = isinstance(name, Lanes)
+        kind = vector_type(dtype) if wide else llvm_type(dtype)
+        ways = ", ".join(f"[ {self.operand(dtype, element, wide)}, %{label} ]" for element, label in cases)
+        self.fill(place, f"{name} = phi {kind} {ways}")
 
     def phi(self, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> Element:
-        """The number that the block before this one gives."""
+        """The number that the block before this one gives; a vector where one of them is, and then so must all be that
+        are not known.
+        """
         texts = [written(element) for element, _ in cases]
         if len(set(texts)) == 1 and all(is_known(element) for element, _ in cases):
             return cases[0][0]
-        name, place = self.fresh(), self.reserve()
+        name, place = self.fresh(in_lanes(*(element for element, _ in cases))), self.reserve()
         self.fill_phi(place, name, dtype, cases)
         return name
 
@@ -354,6 +480,11 @@ _COMPARED: dict[str, Callable[[Any, Any], Any]] = {
     "ogt": operator.gt,
     "oge": operator.ge,
 }
+
+
+def _suffix(dtype: np.dtype) -> str:
+    """A type as intrinsics' names have it."""
+    return f"{'f' if dtype.kind == 'f' else 'i'}{1 if dtype.kind == 'b' else 8 * dtype.itemsize}"
 
 
 def _simpler_float(operation: str, x: Element, y: Element) -> Element | None:

@@ -1,7 +1,8 @@
 """The types of elements, and elements themselves: numbers that are known, and names of those that are not yet.
 
 An element is a scalar of NumPy, where it is known while compiling; the name of an instruction's result, ``%12``; or,
-of a complex type, a :class:`Pair` of such. An index is an ``int`` or a name.
+of a complex type, a :class:`Pair` of such. An index is an ``int`` or a name. Where turns of a loop are computed side by
+side, a name of :class:`Lanes` stands for one number of each.
 """
 
 from typing import Any, TypeAlias
@@ -11,6 +12,15 @@ import numpy as np
 Name: TypeAlias = str
 Element: TypeAlias = Any
 Index: TypeAlias = int | Name
+
+
+LANES = 8
+
+
+class Lanes(str):
+    """The name of a vector: one number for each lane."""
+
+    __slots__ = ()
 
 
 class UnsupportedError(Exception):
@@ -46,9 +56,22 @@ def llvm_type(dtype: np.dtype) -> str:
     return "i1" if dtype.kind == "b" else f"i{8 * dtype.itemsize}"
 
 
+def vector_type(dtype: np.dtype) -> str:
+    """LLVM's type of one number for each lane."""
+    return f"<{LANES} x {llvm_type(dtype)}>"
+
+
 def part_of(dtype: np.dtype) -> np.dtype:
     """The type of a complex type's parts; any other as it is."""
     return np.dtype(f"f{dtype.itemsize // 2}") if dtype.kind == "c" else dtype
+
+
+def in_lanes(*elements: Element) -> bool:
+    """Whether any of the elements has one number for each lane."""
+    return any(
+        in_lanes(element.real, element.imag) if isinstance(element, Pair) else isinstance(element, Lanes)
+        for element in elements
+    )
 
 
 def is_known(element: Element) -> bool:

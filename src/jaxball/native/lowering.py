@@ -2,12 +2,12 @@
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
 
 import numpy as np
 
 from .builder import Builder, Module
 from .elements import Element, UnsupportedError
+from .lanes import Varying
 from .program import Block, Operation, Value
 from .rules import RULES
 from .storage import Storage
@@ -17,12 +17,11 @@ MOST_INLINED = 200  # operations of a function that is called more than once and
 
 
 class Compiler:
-    """One program. ``compiled`` has the names of its functions that are functions of LLVM's as well."""
+    """One program, by its functions; the first is ``main``."""
 
     def __init__(self, functions: dict[str, Block]):
         self.functions, self.module = functions, Module()
-        self.compiled: dict[str, Any] = {}  # what is known of how each of them is called
-        self.costs: dict[str, int] = {}
+        self.compiled: dict[str, int] = {}  # instructions of those that are functions of LLVM's as well, by their names
         self._sizes: dict[str, int] = {}
         self._calls: dict[str, int] = {}
         self.indexed: set[Value] = set()
@@ -76,6 +75,7 @@ class Function:
         self.storage = Storage(self.builder)
         self.abort = abort
         self.values: dict[Value, Array] = {}
+        self.in_lanes = False  # whether several turns of a loop are computed side by side
 
     # Blocks
 
@@ -121,21 +121,30 @@ class Function:
         if array is not None:
             self.storage.disowned(array)
 
+    def varying(self) -> Varying:
+        """Says which of the values that come are different in each lane."""
+        return Varying(self.compiler.functions, lambda value: self.values[value].varying)
+
     def hand_on(self, operation: Operation, value: Value) -> None:
         """Gives up a value that only this operation still reads, once, to what the operation consists of."""
         if value in operation.last and operation.reads[value] == 1:
             for buffer in self.values.pop(value).buffers:
                 buffer.owners -= 1
 
-    def overwritable(self, operation: Operation, position: int, array: Array) -> Memory:
-        """An operand in memory that the operation may write to: in place where nobody else reads it any more."""
+    def overwritable(self, operation: Operation, position: int, array: Array, lanes: bool = False) -> Memory:
+        """An operand in memory that the operation may write to: in place where nobody else reads it any more.
+
+        ``lanes``: each lane has an array of its own, unless it is one of which each writes its own part.
+        """
         value = operation.operands[position]
-        if isinstance(array, Memory) and array.buffer.writable:
+        if isinstance(array, Memory) and array.buffer.shared:
+            return array
+        if isinstance(array, Memory) and array.buffer.writable and array.varying >= lanes:
             if value in operation.last and operation.reads[value] == 1 and array.buffer.owners > 1:
                 self._settle_readers(value, array.buffer)
             if value in operation.last and operation.reads[value] == 1 and array.buffer.owners == 1:
                 return array
-        return self.storage.copied(array)
+        return self.storage.copied(array, lanes)
 
     def _settle_readers(self, value: Value, buffer: Buffer) -> None:
         """Computes the formulas of the same block that read a buffer."""

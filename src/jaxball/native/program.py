@@ -101,10 +101,14 @@ class Block:
 
     def reads(self) -> Counter[Value]:
         """The values of blocks around this one that it reads, with how often."""
+        return Counter({value: times for value, times in self.reads_within().items() if value.block is not self})
+
+    def reads_within(self) -> Counter[Value]:
+        """All values that it reads, its own too, with how often."""
         reads = Counter(self.results)
         for operation in self.operations:
             reads.update(operation.reads)
-        return Counter({value: times for value, times in reads.items() if value.block is not self})
+        return reads
 
     def every_operation(self) -> Iterator[Operation]:
         """The operations, and those within them."""

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from .builder import Builder
-from .elements import Element, Index, Pair, part_of
-from .values import Array, Buffer, Formula, Memory, Registers, indices, is_small, size_of, store
+from .elements import LANES, Element, Index, Pair, part_of
+from .values import Array, Buffer, Formula, Memory, Registers, indices, is_small, size_of
 
 
 class Storage:
@@ -18,11 +18,12 @@ class Storage:
         self._free: dict[int, list[str]] = {}
         self._recent: list[Buffer] = []
 
-    def allocate(self, shape: Sequence[int], dtype: np.dtype) -> Memory:
-        """An array with nothing in it yet."""
-        size = max(size_of(shape) * dtype.itemsize, 8)
+    def allocate(self, shape: Sequence[int], dtype: np.dtype, lanes: bool = False) -> Memory:
+        """An array with nothing in it yet; ``lanes``: one for each lane."""
+        size = max(size_of(shape) * dtype.itemsize, 8) * (LANES if lanes else 1)
         free = self._free.get(size)
-        buffer = Buffer(free.pop() if free else self.builder.allocate(size), size)
+        name = free.pop() if free else self.builder.allocate(size)
+        buffer = Buffer(name, size, lanes=lanes, level=self.builder.level)
         self._recent.append(buffer)
         return Memory(tuple(shape), dtype, buffer)
 
@@ -63,9 +64,7 @@ class Storage:
             return array
         if isinstance(array, Registers) and array.known:
             return Memory(array.shape, array.dtype, Buffer(self.builder.module.constant(array.elements), 0, False))
-        target = self.allocate(array.shape, array.dtype)
-        self.fill(target, array)
-        return target
+        return self.copied(array)
 
     def to_registers(self, array: Array) -> Registers:
         """The same numbers in registers, however many they are."""
@@ -95,18 +94,20 @@ class Storage:
     def fill(self, target: Memory, source: Array) -> None:
         """Writes all numbers of an array to memory."""
         builder = self.builder
-        if isinstance(source, Memory):
-            builder.copy(target.buffer.name, source.buffer.name, size_of(source.shape) * source.dtype.itemsize)
+        everywhere = builder.mask is None or target.buffer.level == builder.level
+        if isinstance(source, Memory) and everywhere and source.varying == target.varying:
+            size = size_of(source.shape) * source.dtype.itemsize * (LANES if source.varying else 1)
+            builder.copy(target.buffer.name, source.buffer.name, size)
         elif isinstance(source, Registers):
             for index in indices(source.shape):
-                store(builder, source.dtype, source.element(builder, index), target.address(builder, index))
-        else:
+                target.put(builder, index, source.element(builder, index))
+        elif not isinstance(source, Memory) or source.buffer.name != target.buffer.name:
             with self.every_index(source.shape) as index:
-                store(builder, source.dtype, source.element(builder, index), target.address(builder, index))
+                target.put(builder, index, source.element(builder, index))
 
-    def copied(self, array: Array) -> Memory:
-        """The same numbers in memory of their own."""
-        target = self.allocate(array.shape, array.dtype)
+    def copied(self, array: Array, lanes: bool = False) -> Memory:
+        """The same numbers in memory of their own; ``lanes``: of each lane's own, also where they are the same."""
+        target = self.allocate(array.shape, array.dtype, lanes or array.varying)
         self.fill(target, array)
         return target
 
@@ -125,7 +126,7 @@ class Storage:
 
     def put(self, target: Memory, index: Sequence[Index], element: Element) -> None:
         """Writes an element."""
-        store(self.builder, target.dtype, element, target.address(self.builder, index))
+        target.put(self.builder, index, element)
 
     def viewed(self, array: Memory, shape: tuple[int, ...]) -> Memory:
         """The same memory as an array of another shape."""
@@ -137,17 +138,26 @@ class Storage:
         start: Sequence[tuple[np.dtype, Element]],
         step: Callable[[list[Index], list[Element]], Sequence[Element]],
         most_steps: int = 16,
+        varying: bool = False,
     ) -> list[Element]:
         """What is left of numbers to which ``step(index, numbers)`` was applied for every index of a shape, in order.
 
-        Up to ``most_steps`` are written one after another, more are a loop.
+        Up to ``most_steps`` are written one after another, more are a loop. ``varying``: they become vectors.
         """
         dtypes, numbers = [dtype for dtype, _ in start], [number for _, number in start]
+        if varying:
+            numbers = [self.spread(dtype, number) for dtype, number in start]
         if size_of(shape) <= most_steps:
             for index in indices(shape):
                 numbers = list(step(list(index), numbers))
             return numbers
         return self._accumulated(list(shape), [], dtypes, numbers, step)
+
+    def spread(self, dtype: np.dtype, number: Element) -> Element:
+        """A number that all lanes have."""
+        if isinstance(number, Pair):
+            return Pair(*(self.builder.spread(part_of(dtype), part) for part in (number.real, number.imag)))
+        return self.builder.spread(dtype, number)
 
     def _accumulated(
         self,

@@ -4,7 +4,8 @@
 - Larger ones lie in :class:`Memory`, row by row.
 - A :class:`Formula` gives the element of an index when it is asked, so that a chain of operations becomes one loop.
 
-All have ``shape``, ``dtype`` and ``element(builder, index)``.
+All have ``shape``, ``dtype``, ``varying``, whether an element is a vector with one number for each lane, and
+``element(builder, index)``.
 """
 
 import math
@@ -13,8 +14,21 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from .builder import Builder
-from .elements import Element, Index, Name, Pair, as_elements, llvm_type, part_of, written
+from .builder import BOOL, INDEX, Builder
+from .elements import (
+    LANES,
+    Element,
+    Index,
+    Lanes,
+    Name,
+    Pair,
+    UnsupportedError,
+    as_elements,
+    in_lanes,
+    llvm_type,
+    part_of,
+    vector_type,
+)
 
 MOST_REGISTERS = 64  # numbers of an array
 _DEEPEST = 40  # formulas in formulas
@@ -27,12 +41,15 @@ class Buffer:
     - ``writable``: whether it is the program's, neither an argument nor a constant.
     - ``size``: its bytes, which are used again once nobody owns it; 0 where they are not.
     - ``pinned``: how many loops and branches that are being written need it, whoever owns it.
+    - ``lanes``: whether each element is a vector; ``level``: in how many masks it was allocated.
+    - ``shared``: whether it is one array of which each lane writes its own part.
     """
 
-    __slots__ = ("name", "owners", "pinned", "size", "writable")
+    __slots__ = ("lanes", "level", "name", "owners", "pinned", "shared", "size", "writable")
 
-    def __init__(self, name: Name, size: int, writable: bool = True):
+    def __init__(self, name: Name, size: int, writable: bool = True, lanes: bool = False, level: int = 0):
         self.name, self.size, self.writable = name, size, writable
+        self.lanes, self.level, self.shared = lanes, level, False
         self.owners, self.pinned = 0, 0
 
 
@@ -44,6 +61,10 @@ class Registers:
     def __init__(self, dtype: np.dtype, elements: np.ndarray):
         self.dtype, self.elements = dtype, elements
         self.shape = elements.shape
+
+    @property
+    def varying(self) -> bool:
+        return not self.known and in_lanes(*self.elements.reshape(-1))
 
     @property
     def known(self) -> bool:
@@ -72,19 +93,55 @@ class Memory:
         self.shape, self.dtype, self.buffer = shape, dtype, buffer
         self.buffers = (buffer,)
 
-    def element(self, builder: Builder, index: Sequence[Index]) -> Element:
-        return load(builder, self.dtype, self.address(builder, index))
+    @property
+    def varying(self) -> bool:
+        return self.buffer.lanes
 
-    def address(self, builder: Builder, index: Sequence[Index]) -> Name:
-        """Where the element of an index is."""
-        offset = builder.times(linear(builder, self.shape, index), self.dtype.itemsize)
-        return builder.address(self.buffer.name, offset)
+    def element(self, builder: Builder, index: Sequence[Index]) -> Element:
+        place = linear(builder, self.shape, index)
+        if not isinstance(place, Lanes):
+            return load(builder, self.dtype, self._parts(builder, place), self.buffer.lanes)
+        rows = [load(builder, self.dtype, self._of_lane(builder, place, lane)) for lane in range(LANES)]
+        if self.dtype.kind != "c":
+            return builder.gathered(self.dtype, rows)
+        part = part_of(self.dtype)
+        return Pair(*(builder.gathered(part, [getattr(row, name) for row in rows]) for name in ("real", "imag")))
+
+    def put(self, builder: Builder, index: Sequence[Index], element: Element) -> None:
+        """Writes the element of an index, where there is a mask and the array is from before it in its lanes."""
+        place = linear(builder, self.shape, index)
+        mask = builder.mask if self.buffer.level < builder.level else None
+        if not isinstance(place, Lanes):
+            if not self.buffer.lanes and (in_lanes(element) or mask is not None):
+                raise UnsupportedError("An array that becomes one of each lane")
+            store(builder, self.dtype, element, self._parts(builder, place), self.buffer.lanes, mask)
+            return
+        if not self.buffer.lanes and not self.buffer.shared:
+            raise UnsupportedError("An array that becomes one of each lane")
+        for lane in range(LANES):
+            own = None if mask is None else builder.lane(BOOL, mask, lane)
+            number = lane_of(builder, self.dtype, element, lane)
+            store(builder, self.dtype, number, self._of_lane(builder, place, lane), False, own)
+
+    def _parts(self, builder: Builder, place: Index) -> list[Name]:
+        """Where the number at a place is, or the two parts of a complex one."""
+        size = part_of(self.dtype).itemsize * (LANES if self.buffer.lanes else 1)
+        count = self.dtype.itemsize // part_of(self.dtype).itemsize
+        first = builder.address(self.buffer.name, builder.times(place, count * size))
+        return [builder.address(first, part * size) for part in range(count)]
+
+    def _of_lane(self, builder: Builder, places: Lanes, lane: int) -> list[Name]:
+        """Where one lane's number at its own place is, or its parts."""
+        offset = lane * part_of(self.dtype).itemsize if self.buffer.lanes else 0
+        places_of = self._parts(builder, builder.lane(INDEX, places, lane))
+        return [builder.address(part, offset) for part in places_of]
 
 
 class Formula:
     """An array that has no numbers yet: ``at(index)`` writes what computes one.
 
-    ``cheap``: it only moves what lies in ``buffers``, and may as well be computed twice.
+    ``cheap``: it only moves what lies in ``buffers``, and may as well be computed twice. ``varying``: its elements are
+    vectors whatever it is made ``of``.
     """
 
     def __init__(
@@ -94,10 +151,12 @@ class Formula:
         at: Callable[[Sequence[Index]], Element],
         of: Sequence["Array"],
         cheap: bool = False,
+        varying: bool = False,
     ):
         self.shape, self.dtype, self.at = shape, dtype, at
         self.buffers = tuple({id(buffer): buffer for array in of for buffer in array.buffers}.values())
         self.depth = 1 + max((array.depth for array in of if isinstance(array, Formula)), default=0)
+        self.varying = varying or any(array.varying for array in of)
         self.cheap = cheap and all(not isinstance(array, Formula) or array.cheap for array in of)
 
     @property
@@ -145,32 +204,48 @@ def unravelled(builder: Builder, shape: Sequence[int], position: Index) -> list[
         if length == 1:
             index.append(0)
             continue
-        index.append(builder.pure(f"urem i64 {position}, {length}"))
-        position = builder.pure(f"udiv i64 {position}, {length}")
+        index.append(builder.apply("urem", INDEX, position, length))
+        position = builder.apply("udiv", INDEX, position, length)
     return [*([position] if shape else []), *index[::-1]]
 
 
-def load(builder: Builder, dtype: np.dtype, address: Name) -> Element:
-    """The number at an address; a boolean is a byte."""
-    if dtype.kind == "c":
+def lane_of(builder: Builder, dtype: np.dtype, element: Element, lane: int) -> Element:
+    """One lane's number of an element."""
+    if isinstance(element, Pair):
         part = part_of(dtype)
-        return Pair(load(builder, part, address), load(builder, part, builder.address(address, part.itemsize)))
+        return Pair(builder.lane(part, element.real, lane), builder.lane(part, element.imag, lane))
+    return builder.lane(dtype, element, lane)
+
+
+def load(builder: Builder, dtype: np.dtype, parts: Sequence[Name], wide: bool = False) -> Element:
+    """The number at an address, a complex one at two; a boolean is a byte. ``wide``: a vector of the lanes'."""
+    if dtype.kind == "c":
+        return Pair(*(load(builder, part_of(dtype), [part], wide) for part in parts))
+    kind = np.dtype(np.uint8) if dtype.kind == "b" else dtype
+    number = builder.effect(f"load {vector_type(kind) if wide else llvm_type(kind)}, ptr {parts[0]}", wide)
+    return builder.apply("icmp ne", kind, number, kind.type(0)) if dtype.kind == "b" else number
+
+
+def store(
+    builder: Builder,
+    dtype: np.dtype,
+    element: Element,
+    parts: Sequence[Name],
+    wide: bool = False,
+    mask: Element | None = None,
+) -> None:
+    """Writes a number to an address, or its parts to two, where the mask holds if there is one."""
+    if dtype.kind == "c":
+        for number, part in zip((element.real, element.imag), parts, strict=True):
+            store(builder, part_of(dtype), number, [part], wide, mask)
+        return
+    if mask is not None:
+        element = builder.select(dtype, mask, element, load(builder, dtype, parts, wide))
+    kind = np.dtype(np.uint8) if dtype.kind == "b" else dtype
     if dtype.kind == "b":
-        return builder.effect(f"icmp ne i8 {builder.effect(f'load i8, ptr {address}')}, 0")
-    return builder.effect(f"load {llvm_type(dtype)}, ptr {address}")
-
-
-def store(builder: Builder, dtype: np.dtype, element: Element, address: Name) -> None:
-    """Writes a number to an address."""
-    if dtype.kind == "c":
-        part = part_of(dtype)
-        store(builder, part, element.real, address)
-        store(builder, part, element.imag, builder.address(address, part.itemsize))
-    elif dtype.kind == "b":
-        byte = str(int(element)) if not isinstance(element, str) else builder.pure(f"zext i1 {element} to i8")
-        builder.write(f"store i8 {byte}, ptr {address}")
-    else:
-        builder.write(f"store {llvm_type(dtype)} {written(element)}, ptr {address}")
+        element = builder.converted("zext", dtype, kind, element) if isinstance(element, str) else kind.type(element)
+    name = vector_type(kind) if wide else llvm_type(kind)
+    builder.write(f"store {name} {builder.operand(kind, element, wide)}, ptr {parts[0]}")
 
 
 def indices(shape: Sequence[int]) -> Iterator[tuple[int, ...]]:

@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 
 from ..builder import Builder
-from ..elements import Element, Pair, UnsupportedError, part_of, written
+from ..elements import LANES, Element, Pair, UnsupportedError, in_lanes, part_of, written
+from ..values import lane_of
 from . import real
 
 DOUBLE = np.dtype(float)
@@ -27,6 +28,9 @@ def library(name: str) -> Callable[..., Pair]:
 
     def compute(b: Builder, dtype: np.dtype, *operands: Pair) -> Pair:
         part = part_of(dtype)
+        if in_lanes(*operands):
+            rows = [compute(b, dtype, *(lane_of(b, dtype, x, lane) for x in operands)) for lane in range(LANES)]
+            return Pair(b.gathered(part, [x.real for x in rows]), b.gathered(part, [x.imag for x in rows]))
         parts = [real.convert(b, part, DOUBLE, number) for x in operands for number in (x.real, x.imag)]
         kinds = ", ".join(["double"] * len(parts))
         head = f"declare {{ double, double }} @{name}({kinds}) nounwind willreturn memory(none)"

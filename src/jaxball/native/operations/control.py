@@ -1,11 +1,14 @@
 """Operations that contain programs: loops, branches, and calls of functions."""
 
+import contextlib
 from collections.abc import Sequence
 
 import numpy as np
 
-from ..elements import Element
+from ..builder import BOOL, INDEX
+from ..elements import LANES, Element, Lanes, vector_type
 from ..functions import call_function
+from ..lanes import Independent, independent
 from ..lowering import Function
 from ..program import Block, Operation
 from ..rules import rule
@@ -35,9 +38,18 @@ def call(function: Function, operation: Operation, operands: list[Array]) -> lis
 @rule("stablehlo.while")
 def while_(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
     """The body's results are the next turn's arguments, for as long as the condition holds."""
+    if not function.in_lanes:
+        loop = independent(operation, [_known(array) for array in operands], function.compiler.functions)
+        if loop is not None:
+            return _in_lanes(function, operation, operands, loop)
     b, storage = function.builder, function.storage
     condition, body = operation.regions
-    carries = [_Carry(function, operation, position, array) for position, array in enumerate(operands)]
+    apart, varying = False, [False] * len(operands)
+    if function.in_lanes:
+        apart, varying = function.varying().loop(operation, [array.varying for array in operands])
+    carries = [
+        _Carry(function, operation, position, array, varying[position]) for position, array in enumerate(operands)
+    ]
     before, header, inside, after = (b.label, *(b.new_label(name) for name in ("while", "body", "done")))
     with b.looped(), b.scope():
         b.jump(header)
@@ -48,10 +60,13 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
         for carry in carries:
             carry.lend(1)  # the condition overwrites nothing
         with function.executed(condition, [carry.array for carry in carries]) as (holds,):
-            b.branch(storage.to_registers(holds).element(b, ()), inside, after)
+            goes_on = storage.to_registers(holds).element(b, ())
         for carry in carries:
             carry.lend(-1)
-        with b.scope():
+        with contextlib.ExitStack() as stack:
+            going = stack.enter_context(b.masked(b.spread(BOOL, goes_on))) if apart else None
+            b.branch(goes_on if going is None else b.any_lane(going), inside, after)
+            stack.enter_context(b.scope())
             b.begin(inside)
             with function.executed(body, [carry.array for carry in carries]) as results:
                 in_memory = [
@@ -60,7 +75,8 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
                     if carry.in_memory and isinstance(carry.array, Memory)
                 ]
                 following = [
-                    carry.numbers(result) if carry.phis else [] for carry, result in zip(carries, results, strict=True)
+                    carry.following(result, going) if carry.phis else []
+                    for carry, result in zip(carries, results, strict=True)
                 ]
                 storage.move([target for target, _ in in_memory], [source for _, source in in_memory])
             function.looks_for_signals(b.cost - cost)
@@ -73,11 +89,57 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
     return [carry.array for carry in carries]
 
 
-class _Carry:
-    """One array that a loop carries from turn to turn: unchanged, in memory, or in registers."""
+def _known(array: Array) -> int | None:
+    """The single integer that an array is."""
+    if not isinstance(array, Registers) or not array.known or array.elements.size != 1 or array.dtype.kind not in "iu":
+        return None
+    return int(array.elements.reshape(-1)[0])
 
-    def __init__(self, function: Function, operation: Operation, position: int, array: Array):
-        self.function = function
+
+def _in_lanes(function: Function, operation: Operation, operands: list[Array], loop: Independent) -> list[Array]:
+    """As many turns at a time as a vector has lanes; in the last ones some are computed again."""
+    b, storage = function.builder, function.storage
+    _, body = operation.regions
+    arrays: list[Array] = []
+    for position, array in enumerate(operands):
+        if position in loop.written:
+            array = function.overwritable(operation, position, array)
+            array.buffer.shared = True
+        elif position != loop.counter:
+            array = storage.settled(array)
+        storage.pinned(array, 1)
+        arrays.append(array)
+    cost = b.cost
+    with b.loop(0, -(-loop.turns // LANES)) as turn:
+        dtype = operands[loop.counter].dtype
+        numbers = ", ".join(f"i64 {lane}" for lane in range(LANES))
+        first = b.spread(INDEX, b.times(turn.index, LANES))
+        index = b.clamped(Lanes(b.pure(f"add nuw nsw {vector_type(INDEX)} {first}, <{numbers}>", True)), loop.turns - 1)
+        if dtype.itemsize < INDEX.itemsize:
+            index = Lanes(b.converted("trunc", INDEX, dtype, index))
+        given = [*arrays]
+        given[loop.counter] = registers(dtype, [index], ())
+        function.in_lanes = True
+        with function.executed(body, given):
+            pass
+        function.in_lanes = False
+        function.looks_for_signals(b.cost - cost)
+    for position, array in enumerate(arrays):
+        storage.pinned(array, -1)
+        if position in loop.written:
+            array.buffers[0].shared = False
+    arrays[loop.counter] = Registers(dtype, np.array(loop.turns, dtype))
+    return arrays
+
+
+class _Carry:
+    """One array that a loop carries from turn to turn: unchanged, in memory, or in registers.
+
+    ``varying``: whether lanes have each their own.
+    """
+
+    def __init__(self, function: Function, operation: Operation, position: int, array: Array, varying: bool):
+        self.function, self.varying = function, varying
         condition, body = operation.regions
         arguments = condition.arguments[position], body.arguments[position]
         self.unchanged = body.results[position] is body.arguments[position]
@@ -91,8 +153,9 @@ class _Carry:
             self.array = storage.to_registers(array) if small else storage.anywhere(storage.settled(array))
         elif small:
             self.array = storage.to_registers(array)
+            self.first = _numbers(function, self.array, varying)
         else:
-            self.array = function.overwritable(operation, position, array)
+            self.array = function.overwritable(operation, position, array, varying)
         if self.in_memory:
             buffer = self.array.buffers[0]
             self.owners, buffer.owners = buffer.owners, 0
@@ -103,18 +166,23 @@ class _Carry:
         if self.unchanged or self.in_memory or not isinstance(self.array, Registers):
             return
         b, dtype = self.function.builder, self.array.dtype
-        self.first = self.numbers(self.array)
         names = []
         dtypes = [dtype] * size_of(self.array.shape)
         for kind in parts_of(dtype, len(dtypes)):
-            names.append(b.fresh())
+            names.append(b.fresh(self.varying))
             self.phis.append((b.reserve(), kind, names[-1]))
         self.array = registers(dtype, joined(dtypes, names), self.array.shape)
 
-    def numbers(self, array: Array) -> list[Element]:
-        """The numbers of an array one by one."""
-        flat = list(self.function.storage.to_registers(array).objects().reshape(-1))
-        return [number for _, number in parts([array.dtype] * len(flat), flat)]
+    def following(self, array: Array, going: Element | None) -> list[Element]:
+        """The numbers with which the next turn begins: where lanes have left the loop, those they left with."""
+        b = self.function.builder
+        numbers = [
+            b.like(kind, number, name)
+            for number, (_, kind, name) in zip(_numbers(self.function, array, False), self.phis, strict=True)
+        ]
+        if going is None:
+            return numbers
+        return [b.select(kind, going, number, name) for number, (_, kind, name) in zip(numbers, self.phis, strict=True)]
 
     def end(self, before: str, following: Sequence[Element]) -> None:
         """Writes, at the beginning of a turn, what the last one gave."""
@@ -138,6 +206,8 @@ def case(function: Function, operation: Operation, operands: list[Array]) -> lis
     b, storage = function.builder, function.storage
     chosen = storage.to_registers(operands[0]).element(b, ())
     regions, after = operation.regions, b.new_label("after")
+    if isinstance(chosen, Lanes):
+        return _each_way(function, operation, chosen)
     labels = [b.new_label("case") for _ in regions]
     if operation.name == "stablehlo.if":
         b.branch(chosen, *labels)
@@ -163,13 +233,12 @@ class _Branches:
     def __init__(self, function: Function, operation: Operation):
         self.function, self.operation = function, operation
         self.small = [is_small(value.shape) for value in operation.results]
+        self.varying = [False] * len(self.small)
+        if function.in_lanes:
+            self.varying = function.varying().branches(operation, False)
         self.targets: list[Memory | None] = [None] * len(self.small)
         self.cases: list[list[tuple[list[Element], str]]] = [[] for _ in self.small]
-        # What no one reads after this may be overwritten in each of the branches, each time as if it were the only one.
-        self.given = {value: function.values[value] for value in operation.last if value in function.values}
-        self.owners = [(buffer, buffer.owners) for array in self.given.values() for buffer in array.buffers]
-        for array in self.given.values():
-            function.storage.pinned(array, 1)
+        self.given = _Given(function, operation)
 
     def write(self, region: Block) -> None:
         """Writes one branch."""
@@ -178,8 +247,7 @@ class _Branches:
         with function.executed(region, []) as results:
             for position, array in enumerate(results):
                 if self.small[position]:
-                    flat = list(storage.to_registers(array).objects().reshape(-1))
-                    numbers = [number for _, number in parts([array.dtype] * len(flat), flat)]
+                    numbers = _numbers(function, array, self.varying[position])
                     self.cases[position].append((numbers, ""))
                 elif self.targets[position] is None:
                     self._choose_target(position, array)
@@ -189,37 +257,127 @@ class _Branches:
                 if small:
                     numbers, _ = self.cases[position][-1]
                     self.cases[position][-1] = numbers, function.builder.label
-        function.values.update(self.given)
-        for buffer, owners in self.owners:
-            buffer.owners = owners
+        self.given.bring_back()
         storage.sweep(mark)
 
     def _choose_target(self, position: int, array: Array) -> None:
         """The memory of a result: where the first branch has it already, if that is only its own."""
         taken = {target.buffer.name for target in self.targets if target is not None}
         own = isinstance(array, Memory) and array.buffer.writable and array.buffer.owners == 1
-        if not isinstance(array, Memory) or not own or array.buffer.name in taken:
-            array = self.function.storage.allocate(array.shape, array.dtype)
+        same = array.varying == self.varying[position]
+        if not isinstance(array, Memory) or not own or not same or array.buffer.name in taken:
+            array = self.function.storage.allocate(array.shape, array.dtype, self.varying[position])
         self.function.storage.pinned(array, 1)
         self.targets[position] = array
 
     def results(self) -> list[Array]:
         """The results, after all branches."""
         storage, b = self.function.storage, self.function.builder
-        for array in self.given.values():
-            storage.pinned(array, -1)
+        self.given.give_up()
         results: list[Array] = []
         for value, target, cases in zip(self.operation.results, self.targets, self.cases, strict=True):
             if target is not None:
                 storage.pinned(target, -1)
                 results.append(target)
                 continue
-            dtypes = [value.dtype] * value.size
             kinds = parts_of(value.dtype, value.size)
             labels = [label for _, label in cases]
             numbers = [
                 b.phi(kind, list(zip(ways, labels, strict=True)))
                 for kind, *ways in zip(kinds, *(numbers for numbers, _ in cases), strict=True)
             ]
-            results.append(registers(value.dtype, joined(dtypes, numbers), value.shape))
+            results.append(registers(value.dtype, joined([value.dtype] * value.size, numbers), value.shape))
         return results
+
+
+class _Given:
+    """What no one reads after an operation with branches.
+
+    It may be overwritten in each of the branches, each time as if that were the only one.
+    """
+
+    def __init__(self, function: Function, operation: Operation):
+        self.function = function
+        self.arrays = {value: function.values[value] for value in operation.last if value in function.values}
+        self.owners = [(buffer, buffer.owners) for array in self.arrays.values() for buffer in array.buffers]
+        for array in self.arrays.values():
+            function.storage.pinned(array, 1)
+
+    def bring_back(self) -> None:
+        """After a branch, all is as before it."""
+        self.function.values.update(self.arrays)
+        for buffer, owners in self.owners:
+            buffer.owners = owners
+
+    def give_up(self) -> None:
+        """After all branches."""
+        for array in self.arrays.values():
+            self.function.storage.pinned(array, -1)
+
+
+def _each_way(function: Function, operation: Operation, chosen: Lanes) -> list[Array]:
+    """Each region in the lanes that go its way, if there are any."""
+    b, storage = function.builder, function.storage
+    targets = [
+        None if is_small(value.shape) else storage.allocate(value.shape, value.dtype, True)
+        for value in operation.results
+    ]
+    for target in targets:
+        if target is not None:
+            storage.pinned(target, 1)
+    small = [value for value in operation.results if is_small(value.shape)]
+    kinds = [kind for value in small for kind in parts_of(value.dtype, value.size)]
+    numbers: list[Element] = [b.spread(kind, kind.type(0)) for kind in kinds]
+    given = _Given(function, operation)
+    for condition, region in zip(_ways(function, operation, chosen), operation.regions, strict=True):
+        with b.masked(condition) as going:
+            before, inside, after = b.label, b.new_label("some"), b.new_label("after")
+            b.branch(b.any_lane(going), inside, after)
+            b.begin(inside)
+            mark = storage.mark()
+            with b.scope():
+                with function.executed(region, []) as results:
+                    new = [
+                        number
+                        for array, target in zip(results, targets, strict=True)
+                        if target is None
+                        for number in _numbers(function, array, True)
+                    ]
+                    new = [b.select(kind, going, x, y) for kind, x, y in zip(kinds, new, numbers, strict=True)]
+                    moves = [(target, array) for target, array in zip(targets, results, strict=True) if target]
+                    storage.move([target for target, _ in moves], [array for _, array in moves])
+                given.bring_back()
+                storage.sweep(mark)
+                last = b.label
+                b.jump(after)
+            b.begin(after)
+            numbers = [b.phi(kind, [(y, before), (x, last)]) for kind, x, y in zip(kinds, new, numbers, strict=True)]
+    given.give_up()
+    rest, results = iter(numbers), []
+    for value, target in zip(operation.results, targets, strict=True):
+        if target is not None:
+            storage.pinned(target, -1)
+            results.append(target)
+            continue
+        own = [next(rest) for _ in parts_of(value.dtype, value.size)]
+        results.append(registers(value.dtype, joined([value.dtype] * value.size, own), value.shape))
+    return results
+
+
+def _ways(function: Function, operation: Operation, chosen: Lanes) -> list[Lanes]:
+    """In which lanes each region is executed."""
+    b, dtype = function.builder, operation.operands[0].dtype
+    if operation.name == "stablehlo.if":
+        return [chosen, Lanes(b.binary("xor", BOOL, chosen, np.bool_(True)))]
+    ways = [Lanes(b.compare("eq", dtype, chosen, dtype.type(k))) for k in range(len(operation.regions) - 1)]
+    none: Element = b.spread(BOOL, np.bool_(True))
+    for way in ways:
+        none = b.binary("and", BOOL, none, b.binary("xor", BOOL, way, np.bool_(True)))
+    return [*ways, Lanes(none)]
+
+
+def _numbers(function: Function, array: Array, varying: bool) -> list[Element]:
+    """The numbers of an array one by one, those of complex ones by two; ``varying``: as vectors."""
+    flat = list(function.storage.to_registers(array).objects().reshape(-1))
+    spread = function.builder.spread
+    return [spread(kind, x) if varying else x for kind, x in parts([array.dtype] * len(flat), flat)]

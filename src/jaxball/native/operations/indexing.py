@@ -5,13 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from ..elements import Element, Index
+from ..builder import BOOL
+from ..elements import Element, Index, in_lanes
 from ..lowering import Function
 from ..program import Operation
 from ..rules import rule
 from ..values import Array, Formula, Memory, Registers, is_small, size_of
-
-BOOL = np.dtype(bool)
 
 
 def _starts(function: Function, operation: Operation, numbers: Sequence[Array], sizes: Sequence[int]) -> list[Index]:
@@ -39,7 +38,7 @@ def dynamic_slice(function: Function, operation: Operation, operands: list[Array
     def at(index: Sequence[Index]) -> Element:
         return array.element(builder, [builder.plus(i, start) for i, start in zip(index, starts, strict=True)])
 
-    return Formula(result.shape, result.dtype, at, [array], cheap=True)
+    return Formula(result.shape, result.dtype, at, [array], cheap=True, varying=in_lanes(*starts))
 
 
 @rule("stablehlo.dynamic_update_slice")
@@ -54,7 +53,7 @@ def dynamic_update_slice(function: Function, operation: Operation, operands: lis
         elements[cut] = storage.to_registers(update).objects()
         return Registers(array.dtype, elements)
     update = storage.settled(update)  # it may follow from what is overwritten
-    target = function.overwritable(operation, 0, array)
+    target = function.overwritable(operation, 0, array, update.varying or in_lanes(*starts))
     if isinstance(update, Registers):
         for index in np.ndindex(*update.shape):
             place = [builder.plus(i, start) for i, start in zip(index, starts, strict=True)]
@@ -116,7 +115,8 @@ def scatter(function: Function, operation: Operation, operands: list[Array]) -> 
     updates = [storage.settled(update) for update in updates]
     if places.known and all(isinstance(array, Registers) for array in (*arrays, *updates)):
         return _scattered_registers(function, places, combine, arrays, updates)
-    targets = [function.overwritable(operation, k, array) for k, array in enumerate(arrays)]
+    varying = any(array.varying for array in (places.numbers, *arrays, *updates))
+    targets = [function.overwritable(operation, k, array, varying) for k, array in enumerate(arrays)]
 
     def combined(place: Sequence[Index], index: Sequence[Index]) -> None:
         old = [target.element(builder, place) for target in targets]

@@ -57,7 +57,7 @@ def dot_general(function: Function, operation: Operation, operands: list[Array])
         if not size_of(lengths):
             zero = dtype.type(0)
             return complex.Pair(zero.real, zero.imag) if dtype.kind == "c" else zero
-        return storage.accumulated(lengths, start, step)[0]
+        return storage.accumulated(lengths, start, step, varying=left.varying or right.varying)[0]
 
     if is_small(result.shape) and size_of(result.shape) * size_of(lengths) <= MOST_PRODUCTS:
         if size_of(lengths) > 16:

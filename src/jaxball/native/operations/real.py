@@ -8,14 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..builder import Builder
-from ..elements import Element, UnsupportedError, is_known, llvm_type, written
-
-BOOL = np.dtype(bool)
-
-
-def _suffix(dtype: np.dtype) -> str:
-    return f"f{8 * dtype.itemsize}" if dtype.kind == "f" else f"i{8 * dtype.itemsize}"
+from ..builder import BOOL, Builder
+from ..elements import Element, UnsupportedError, is_known, llvm_type
 
 
 def intrinsic(name: str) -> Callable[..., Element]:
@@ -24,7 +18,7 @@ def intrinsic(name: str) -> Callable[..., Element]:
     def compute(builder: Builder, dtype: np.dtype, *operands: Element) -> Element:
         if dtype.kind != "f":
             raise UnsupportedError(f"The function {name} of {dtype}")
-        return builder.call(f"llvm.{name}.{_suffix(dtype)}", dtype, *operands)
+        return builder.call(f"llvm.{name}", dtype, *operands)
 
     return compute
 
@@ -62,7 +56,7 @@ def divide(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
 def remainder(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
     """With the sign of x. Of integers: x where y is 0."""
     if dtype.kind == "f":
-        return b.pure(f"frem {llvm_type(dtype)} {written(x)}, {written(y)}")
+        return b.apply("frem", dtype, x, y)
     return _divided(b, "rem", dtype, x, y, None, 0)
 
 
@@ -70,14 +64,14 @@ def _divided(
     b: Builder, operation: str, dtype: np.dtype, x: Element, y: Element, by_zero: int | None, overflowed: int
 ) -> Element:
     """Division of integers, whose divisor is replaced by 1 where LLVM does not define the result."""
-    kind, signed = llvm_type(dtype), dtype.kind == "i"
+    signed = dtype.kind == "i"
     zero = b.compare("eq", dtype, y, dtype.type(0))
     overflow: Element = np.bool_(False)
     if signed:
         least = b.compare("eq", dtype, x, np.iinfo(dtype).min)
         overflow = b.binary("and", BOOL, least, b.compare("eq", dtype, y, dtype.type(-1)))
     divisor = b.select(dtype, b.binary("or", BOOL, zero, overflow), dtype.type(1), y)
-    result = b.pure(f"{'s' if signed else 'u'}{operation} {kind} {written(x)}, {written(divisor)}")
+    result = b.apply(f"{'s' if signed else 'u'}{operation}", dtype, x, divisor)
     result = b.select(dtype, overflow, dtype.type(overflowed), result)
     return b.select(dtype, zero, x if by_zero is None else np.array(by_zero).astype(dtype)[()], result)
 
@@ -85,12 +79,12 @@ def _divided(
 def negate(b: Builder, dtype: np.dtype, x: Element) -> Element:
     if dtype.kind != "f":
         return b.binary("sub", dtype, dtype.type(0), x)
-    return -x if is_known(x) else b.pure(f"fneg {llvm_type(dtype)} {x}")
+    return -x if is_known(x) else b.apply("fneg", dtype, x)
 
 
 def absolute(b: Builder, dtype: np.dtype, x: Element) -> Element:
     if dtype.kind == "f":
-        return b.call(f"llvm.fabs.{_suffix(dtype)}", dtype, x)
+        return b.call("llvm.fabs", dtype, x)
     return b.select(dtype, b.compare("slt", dtype, x, dtype.type(0)), negate(b, dtype, x), x)
 
 
@@ -98,8 +92,8 @@ def sign(b: Builder, dtype: np.dtype, x: Element) -> Element:
     """−1, 0 or 1; NaN and zeros are their own signs."""
     one, zero = dtype.type(1), dtype.type(0)
     if dtype.kind == "f":
-        itself = b.pure(f"fcmp ueq {llvm_type(dtype)} {written(x)}, {written(zero)}")
-        return b.select(dtype, itself, x, b.call(f"llvm.copysign.{_suffix(dtype)}", dtype, one, x))
+        itself = b.apply("fcmp ueq", dtype, x, zero)
+        return b.select(dtype, itself, x, b.call("llvm.copysign", dtype, one, x))
     above = b.select(dtype, b.compare("eq", dtype, x, zero), zero, one)
     return above if dtype.kind == "u" else b.select(dtype, b.compare("slt", dtype, x, zero), dtype.type(-1), above)
 
@@ -109,8 +103,8 @@ def _extreme(of_floats: str, of_integers: str, of_booleans: str) -> Callable[...
         if dtype == BOOL:
             return b.binary(of_booleans, dtype, x, y)
         if dtype.kind == "f":  # NaN if either is
-            return b.call(f"llvm.{of_floats}.{_suffix(dtype)}", dtype, x, y)
-        return b.call(f"llvm.{'u' if dtype.kind == 'u' else 's'}{of_integers}.{_suffix(dtype)}", dtype, x, y)
+            return b.call(f"llvm.{of_floats}", dtype, x, y)
+        return b.call(f"llvm.{'u' if dtype.kind == 'u' else 's'}{of_integers}", dtype, x, y)
 
     return compute
 
@@ -138,24 +132,22 @@ def shift(operation: str) -> Callable[..., Element]:
     """Shifts by the number of bits, or more, leave no bit, or the sign."""
 
     def compute(b: Builder, dtype: np.dtype, x: Element, y: Element) -> Element:
-        bits, kind = 8 * dtype.itemsize, llvm_type(dtype)
+        bits = 8 * dtype.itemsize
         inside = b.compare("ult", np.dtype(f"u{dtype.itemsize}"), y, bits) if not is_known(y) else 0 <= y < bits
         most = bits - 1 if operation == "ashr" else 0
         by = b.select(dtype, inside, y, dtype.type(most))
-        shifted = b.pure(f"{operation} {kind} {written(x)}, {written(by)}")
+        shifted = b.apply(operation, dtype, x, by)
         return shifted if operation == "ashr" else b.select(dtype, inside, shifted, dtype.type(0))
 
     return compute
 
 
 def population_count(b: Builder, dtype: np.dtype, x: Element) -> Element:
-    return b.call(f"llvm.ctpop.{_suffix(dtype)}", dtype, x)
+    return b.call("llvm.ctpop", dtype, x)
 
 
 def leading_zeros(b: Builder, dtype: np.dtype, x: Element) -> Element:
-    name, kind = f"@llvm.ctlz.{_suffix(dtype)}", llvm_type(dtype)
-    b.module.declared.setdefault(name, f"declare {kind} {name}({kind}, i1)")
-    return b.pure(f"call {kind} {name}({kind} {written(x)}, i1 false)")
+    return b.call("llvm.ctlz", dtype, x, flags="i1 false")
 
 
 def rsqrt(b: Builder, dtype: np.dtype, x: Element) -> Element:
@@ -193,10 +185,9 @@ def comparison(direction: str, total: bool) -> Callable[..., Element]:
 
 def _in_order(b: Builder, dtype: np.dtype, integer: np.dtype, x: Element) -> Element:
     """An integer that is ordered as the number is."""
-    kind = llvm_type(integer)
     bits = bitcast(b, dtype, integer, x)
-    sign = b.pure(f"ashr {kind} {bits}, {8 * integer.itemsize - 1}")
-    return b.pure(f"xor {kind} {bits}, {b.pure(f'lshr {kind} {sign}, 1')}")
+    sign = b.apply("ashr", integer, bits, integer.type(8 * integer.itemsize - 1))
+    return b.apply("xor", integer, bits, b.apply("lshr", integer, sign, integer.type(1)))
 
 
 def bitcast(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Element:
@@ -205,7 +196,7 @@ def bitcast(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Eleme
         raise UnsupportedError(f"Bits of {source} as {target}")
     if llvm_type(source) == llvm_type(target):
         return np.asarray(x).view(target)[()] if is_known(x) else x
-    return b.pure(f"bitcast {llvm_type(source)} {written(x)} to {llvm_type(target)}")
+    return b.converted("bitcast", source, target, x)
 
 
 def convert(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Element:
@@ -215,22 +206,19 @@ def convert(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Eleme
     if is_known(x) and (source.kind != "f" or target.kind == "f"):
         with np.errstate(all="ignore"):
             return np.asarray(x).astype(target)[()]
-    old, new = llvm_type(source), llvm_type(target)
     if target == BOOL:
         return b.compare("une" if source.kind == "f" else "ne", source, x, source.type(0))
     if source.kind == "f" and target.kind == "f":
-        return b.pure(f"{'fpext' if target.itemsize > source.itemsize else 'fptrunc'} {old} {written(x)} to {new}")
+        return b.converted("fpext" if target.itemsize > source.itemsize else "fptrunc", source, target, x)
     if source.kind == "f":
-        name = f"@llvm.fpto{'s' if target.kind == 'i' else 'u'}i.sat.{_suffix(target)}.{_suffix(source)}"
-        b.module.declared.setdefault(name, f"declare {new} {name}({old})")
-        return b.pure(f"call {new} {name}({old} {written(x)})")
+        return b.call(f"llvm.fpto{'s' if target.kind == 'i' else 'u'}i.sat", source, x, to=target)
     if target.kind == "f":
-        return b.pure(f"{'sitofp' if source.kind == 'i' else 'uitofp'} {old} {x} to {new}")
+        return b.converted("sitofp" if source.kind == "i" else "uitofp", source, target, x)
     if source != BOOL and source.itemsize == target.itemsize:
         return x
     if source != BOOL and source.itemsize > target.itemsize:
-        return b.pure(f"trunc {old} {x} to {new}")
-    return b.pure(f"{'sext' if source.kind == 'i' else 'zext'} {old} {x} to {new}")
+        return b.converted("trunc", source, target, x)
+    return b.converted("sext" if source.kind == "i" else "zext", source, target, x)
 
 
 def select(b: Builder, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:

@@ -5,15 +5,14 @@ from typing import Any
 
 import numpy as np
 
-from ..elements import Element, Index
+from ..builder import BOOL, INDEX
+from ..elements import Element, Index, in_lanes
 from ..lowering import Function
 from ..program import Operation
 from ..rules import rule
 from ..storage import joined, parts
 from ..values import MOST_REGISTERS, Array, Formula, Memory, Registers, is_small, size_of
 from .elementwise import collected
-
-INDEX = np.dtype(np.int64)
 
 
 @rule("stablehlo.reduce")
@@ -29,6 +28,7 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
         arrays = [storage.anywhere(storage.settled(array) if count > 1 else array) for array in arrays]
     first = [storage.to_registers(array).element(builder, ()) for array in operands[count:]]
     combine = function.combination(operation.regions[0])
+    varying = in_lanes(*first) or any(array.varying for array in arrays)
     kept = [k for k in range(len(shape)) if k not in reduced]
     lengths = [shape[k] for k in reduced]
 
@@ -43,13 +43,13 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
             return combine(*numbers, *(array.element(builder, place) for array in arrays))
 
         most = MOST_REGISTERS if written_out else 16
-        return storage.accumulated(lengths, list(zip(dtypes, first, strict=True)), step, most)
+        return storage.accumulated(lengths, list(zip(dtypes, first, strict=True)), step, most, varying)
 
-    return several(function, operation, at, arrays)
+    return several(function, operation, at, arrays, varying)
 
 
-def several(function: Function, operation: Operation, at: Any, of: Sequence[Array]) -> list[Array]:
-    """Results of one shape, whose elements are computed together."""
+def several(function: Function, operation: Operation, at: Any, of: Sequence[Array], varying: bool) -> list[Array]:
+    """Results of one shape, whose elements are computed together; ``varying``: they are vectors."""
     storage, results = function.storage, operation.results
     shape, dtypes = results[0].shape, [result.dtype for result in results]
     loops = any(not isinstance(array, Registers) for array in of)
@@ -60,11 +60,11 @@ def several(function: Function, operation: Operation, at: Any, of: Sequence[Arra
             Registers(dtype, collected(column, shape, dtype)) for dtype, column in zip(dtypes, columns, strict=True)
         ]
     if len(results) == 1:
-        formula = Formula(shape, dtypes[0], lambda index: at(index)[0], of)
+        formula = Formula(shape, dtypes[0], lambda index: at(index)[0], of, varying=varying)
         if not is_small(shape):
             return [formula]
         return [storage.to_registers(storage.to_memory(formula))]
-    targets = [storage.allocate(shape, dtype) for dtype in dtypes]
+    targets = [storage.allocate(shape, dtype, varying) for dtype in dtypes]
     with storage.every_index(shape) as index:
         for target, element in zip(targets, at(index), strict=True):
             storage.put(target, index, element)
@@ -79,6 +79,7 @@ def reduce_window(function: Function, operation: Operation, operands: list[Array
     arrays = [storage.settled(array) for array in operands[:count]]
     first = [storage.to_registers(array).element(builder, ()) for array in operands[count:]]
     combine = function.combination(operation.regions[0])
+    varying = in_lanes(*first) or any(array.varying for array in arrays)
     window = _Window(operation, arrays[0].shape)
     dimension = window.running()
     if dimension is not None:
@@ -93,9 +94,9 @@ def reduce_window(function: Function, operation: Operation, operands: list[Array
             pairs = zip(parts(dtypes, new), parts(dtypes, numbers), strict=True)
             return joined(dtypes, [builder.select(dtype, inside, x, y) for (dtype, x), (_, y) in pairs])
 
-        return storage.accumulated(window.lengths, list(zip(dtypes, first, strict=True)), step)
+        return storage.accumulated(window.lengths, list(zip(dtypes, first, strict=True)), step, varying=varying)
 
-    return several(function, operation, at, arrays)
+    return several(function, operation, at, arrays, varying)
 
 
 class _Window:
@@ -134,12 +135,10 @@ class _Window:
             within_base = builder.within(position, 0, (self.shape[k] - 1) * self.spread[k] + 1)
             if self.spread[k] > 1:
                 number = np.int64(position) if isinstance(position, int) else position
-                rest = builder.pure(f"srem i64 {number}, {self.spread[k]}")
-                within_base = builder.binary(
-                    "and", np.dtype(bool), within_base, builder.compare("eq", INDEX, rest, np.int64(0))
-                )
-                position = builder.pure(f"sdiv i64 {number}, {self.spread[k]}")
-            inside = builder.binary("and", np.dtype(bool), inside, within_base)
+                rest = builder.apply("srem", INDEX, number, np.int64(self.spread[k]))
+                within_base = builder.binary("and", BOOL, within_base, builder.compare("eq", INDEX, rest, np.int64(0)))
+                position = builder.apply("sdiv", INDEX, number, np.int64(self.spread[k]))
+            inside = builder.binary("and", BOOL, inside, within_base)
             place.append(builder.clamped(position, max(self.shape[k] - 1, 0)))
         return inside, place
 
@@ -169,7 +168,10 @@ def _running(
                     result[index] = number
         return [Registers(dtype, result) for dtype, result in zip(dtypes, results, strict=True)]
     sources = [storage.anywhere(array) for array in arrays]
-    targets = [storage.allocate(shape, dtype) for dtype in dtypes]
+    varying = in_lanes(*first) or any(array.varying for array in arrays)
+    targets = [storage.allocate(shape, dtype, varying) for dtype in dtypes]
+    if varying:
+        first = [storage.spread(dtype, number) for dtype, number in zip(dtypes, first, strict=True)]
     others = [1 if k == dimension else n for k, n in enumerate(shape)]
     with storage.every_index(others) as place, builder.loop(0, length, *parts(dtypes, first)) as turn:
         i = builder.plus(builder.times(turn.index, -1), length - 1) if backwards else turn.index

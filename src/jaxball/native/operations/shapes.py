@@ -155,7 +155,8 @@ def concatenate(function: Function, operation: Operation, operands: list[Array])
         known = all(part.known for part in parts)
         arrays = [part.elements if known else part.objects() for part in parts]
         return Registers(result.dtype, np.concatenate(arrays, axis=dimension))
-    target, offset = storage.allocate(result.shape, result.dtype), 0
+    varying = any(array.varying for array in operands)
+    target, offset = storage.allocate(result.shape, result.dtype, varying), 0
     for array in operands:
         write_part(function, target, storage.anywhere(array), dimension, offset)
         offset += array.shape[dimension]
@@ -189,7 +190,7 @@ def pad(function: Function, operation: Operation, operands: list[Array]) -> Arra
             if all(0 <= i < length for i, length in zip(place, result.shape, strict=True)):
                 padded[place] = objects[index]
         return Registers(result.dtype, padded)
-    target = storage.allocate(result.shape, result.dtype)
+    target = storage.allocate(result.shape, result.dtype, any(array.varying for array in operands))
     with storage.every_index(result.shape) as index:
         storage.put(target, index, number)
     source = storage.anywhere(array)

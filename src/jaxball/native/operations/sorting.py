@@ -2,14 +2,13 @@
 
 import numpy as np
 
-from ..elements import Element, Index
+from ..builder import BOOL, INDEX
+from ..elements import LANES, Element, Index
 from ..lowering import Function
 from ..program import Operation
 from ..rules import rule
 from ..values import Array, Memory
 from . import complex, real
-
-BOOL, INDEX = np.dtype(bool), np.dtype(np.int64)
 
 
 @rule("stablehlo.sort")
@@ -18,9 +17,10 @@ def sort(function: Function, operation: Operation, operands: list[Array]) -> lis
     storage, dimension = function.storage, operation.attribute("dimension")
     shape = operands[0].shape
     sources = [storage.anywhere(storage.settled(array)) for array in operands]
-    targets = [storage.allocate(shape, array.dtype) for array in operands]
+    varying = any(array.varying for array in sources)
+    targets = [storage.allocate(shape, array.dtype, varying) for array in operands]
     length = shape[dimension]
-    rows = [[storage.allocate((length,), array.dtype) for array in operands] for _ in range(2)]
+    rows = [[storage.allocate((length,), array.dtype, varying) for array in operands] for _ in range(2)]
     with storage.every_index([1 if k == dimension else n for k, n in enumerate(shape)]) as place:
 
         def index(i: Index) -> list[Index]:
@@ -44,7 +44,7 @@ def _sorted(function: Function, operation: Operation, length: int, rows: list[Me
     comes_before = function.combination(operation.regions[0])
 
     def least(i: Index, j: Index) -> Index:
-        return b.pure(f"select i1 {b.pure(f'icmp slt i64 {i}, {j}')}, i64 {i}, i64 {j}")
+        return b.select(INDEX, b.apply("icmp slt", INDEX, i, j), i, j)
 
     with b.loop(0, (length - 1).bit_length()) as turn:
         part = b.pure(f"shl i64 1, {turn.index}")
@@ -53,7 +53,9 @@ def _sorted(function: Function, operation: Operation, length: int, rows: list[Me
         with b.loop(0, parts) as pair:
             start = b.times(pair.index, twice)
             middle, end = least(b.plus(start, part), length), least(b.plus(start, twice), length)
-            with b.loop(start, end, (INDEX, start), (INDEX, middle)) as one:
+            varying = rows[0].varying
+            firsts = [b.spread(INDEX, i) if varying else i for i in (start, middle)]
+            with b.loop(start, end, *((INDEX, i) for i in firsts)) as one:
                 i, j = one.carried
                 first, second = ([row.element(b, (least(k, length - 1),)) for row in rows] for k in (i, j))
                 later = comes_before(*(element for two in zip(second, first, strict=True) for element in two))[0]
@@ -62,10 +64,10 @@ def _sorted(function: Function, operation: Operation, length: int, rows: list[Me
                 takes_second = b.binary("or", BOOL, takes_second, b.binary("xor", BOOL, has_first, np.bool_(True)))
                 for row, x, y in zip(spare, second, first, strict=True):
                     storage.put(row, (one.index,), _chosen(function, row.dtype, takes_second, x, y))
-                step = b.pure(f"zext i1 {takes_second} to i64")
-                one.following = [b.plus(i, b.pure(f"sub i64 1, {step}")), b.plus(j, step)]
+                step = b.converted("zext", BOOL, INDEX, takes_second)
+                one.following = [b.plus(i, b.apply("sub", INDEX, 1, step)), b.plus(j, step)]
         for row, other in zip(rows, spare, strict=True):
-            b.copy(row.buffer.name, other.buffer.name, length * row.dtype.itemsize)
+            b.copy(row.buffer.name, other.buffer.name, length * row.dtype.itemsize * (LANES if row.varying else 1))
 
 
 def _chosen(function: Function, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:

@@ -1,0 +1,183 @@
+"""Loops whose turns do not depend on one another, and what differs from turn to turn in them.
+
+A ``jax.lax.map`` is such a loop: turn i reads element i of arrays, and writes element i of others. Several turns can be
+computed side by side, one in each lane of vectors; what is the same in all of them stays single numbers.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from .elements import LANES
+from .program import Block, Operation, Value
+
+FEWEST = 2  # turns that are worth it, in filled vectors
+# Operations whose rules know no vectors.
+_APART = ("stablehlo.custom_call",)
+
+
+class Independent:
+    """A loop whose turns are independent.
+
+    - ``turns``: how many; ``counter``: the position of the loop's index among what it carries.
+    - ``written``: positions of the arrays of which each turn writes an element, nothing else, and reads none.
+    """
+
+    def __init__(self, turns: int, counter: int, written: frozenset[int]):
+        self.turns, self.counter, self.written = turns, counter, written
+
+
+def independent(
+    operation: Operation, start: Sequence[int | None], functions: Mapping[str, Block]
+) -> Independent | None:
+    """What is known of a ``stablehlo.while`` whose turns are independent; None of another.
+
+    - ``start``: the numbers with which the loop begins, where they are single and known.
+    """
+    condition, body = operation.regions
+    counted = _counted(condition, body)
+    if counted is None:
+        return None
+    counter, turns = counted
+    if start[counter] != 0 or turns < FEWEST * LANES or _is_apart(body, functions):
+        return None
+    written = frozenset(
+        position
+        for position, (argument, result) in enumerate(zip(body.arguments, body.results, strict=True))
+        if result is not argument and position != counter
+    )
+    reads, of_condition = body.reads_within(), condition.reads_within()
+    for position in written:
+        argument, result = body.arguments[position], body.results[position]
+        if reads[argument] != 1 or not _is_written_at(result, argument, body.arguments[counter], body, functions):
+            return None
+        if of_condition[condition.arguments[position]]:
+            return None
+    return Independent(turns, counter, written) if written else None
+
+
+def _counted(condition: Block, body: Block) -> tuple[int, int] | None:
+    """The position of the index of a loop that counts from 0 in steps of 1, and to before what."""
+    made = _makers(condition)
+    last = made.get(condition.results[0])
+    if last is None or last.name != "stablehlo.compare" or last.attribute("comparison_direction") != "LT":
+        return None
+    index, end = last.operands
+    limit = made.get(end)
+    if index not in condition.arguments or limit is None or limit.name != "stablehlo.constant":
+        return None
+    counter = condition.arguments.index(index)
+    made = _makers(body)
+    following = made.get(body.results[counter])
+    if following is None or following.name != "stablehlo.add" or following.operands[0] is not body.arguments[counter]:
+        return None
+    step = made.get(following.operands[1])
+    if step is None or step.name != "stablehlo.constant" or int(step.constant().reshape(-1)[0]) != 1:
+        return None
+    return counter, int(limit.constant().reshape(-1)[0])
+
+
+def _makers(block: Block) -> dict[Value, Operation]:
+    return {result: operation for operation in block.operations for result in operation.results}
+
+
+def _is_written_at(result: Value, array: Value, index: Value, block: Block, functions: Mapping[str, Block]) -> bool:
+    """Whether a value is an array of whose elements along the first dimension that of an index was replaced."""
+    operation = _makers(block).get(result)
+    if operation is None:
+        return False
+    if operation.name == "func.call":
+        inner = functions[operation.attribute("callee")]
+        given = dict(zip(operation.operands, inner.arguments, strict=True))
+        own = inner.results[operation.results.index(result)]
+        return array in given and index in given and _is_written_at(own, given[array], given[index], inner, functions)
+    if operation.name != "stablehlo.dynamic_update_slice" or operation.operands[0] is not array:
+        return False
+    _, update, first, *others = operation.operands
+    made = _makers(block)
+    rest_is_whole = update.shape[1:] == array.shape[1:] and all(_is_zero(made.get(other)) for other in others)
+    return update.shape[0] == 1 and rest_is_whole and (first is index or _is_wrapped(made, first, index))
+
+
+def _is_zero(operation: Operation | None) -> bool:
+    return operation is not None and operation.name == "stablehlo.constant" and not np.any(operation.constant())
+
+
+def _is_wrapped(made: Mapping[Value, Operation], value: Value, index: Value) -> bool:
+    """Whether a value is an index as JAX writes it, i + n where i < 0."""
+    select = made.get(value)
+    if select is None or select.name != "stablehlo.select" or select.operands[2] is not index:
+        return False
+    below = made.get(select.operands[0])
+    is_below = below is not None and below.name == "stablehlo.compare" and below.operands[0] is index
+    return is_below and below.attribute("comparison_direction") == "LT" and _is_zero(made.get(below.operands[1]))
+
+
+def _is_apart(block: Block, functions: Mapping[str, Block]) -> bool:
+    return any(
+        operation.name in _APART
+        or (operation.name == "func.call" and _is_apart(functions[operation.attribute("callee")], functions))
+        for operation in block.every_operation()
+    )
+
+
+class Varying:
+    """Which values differ between lanes, found without writing anything.
+
+    ``known``: whether a value that is computed already does.
+    """
+
+    def __init__(self, functions: Mapping[str, Block], known: Callable[[Value], bool]):
+        self._functions, self._known = functions, known
+        self._values: dict[Value, bool] = {}
+        self._called: dict[tuple[str, tuple[bool, ...]], list[bool]] = {}
+
+    def results(self, block: Block, arguments: Sequence[bool]) -> list[bool]:
+        """Of a block's results, by its arguments."""
+        self._values.update(zip(block.arguments, arguments, strict=True))
+        for operation in block.operations:
+            self._values.update(zip(operation.results, self._of(operation), strict=True))
+        return [self._is(value) for value in block.results]
+
+    def _is(self, value: Value) -> bool:
+        if value not in self._values:
+            self._values[value] = self._known(value)
+        return self._values[value]
+
+    def loop(self, operation: Operation, start: Sequence[bool]) -> tuple[bool, list[bool]]:
+        """Whether lanes leave a ``stablehlo.while`` at different turns, and which of what it carries differs."""
+        condition, body = operation.regions
+        carried = list(start)
+        while True:
+            (apart,) = self.results(condition, carried)
+            changed = [result is not argument for result, argument in zip(body.results, body.arguments, strict=True)]
+            new = [
+                before or after or (apart and changes)
+                for before, after, changes in zip(carried, self.results(body, carried), changed, strict=True)
+            ]
+            if new == carried:
+                return apart, carried
+            carried = new
+
+    def branches(self, operation: Operation, chosen: bool) -> list[bool]:
+        """Of the results of a ``stablehlo.case`` or ``if``, by whether lanes go different ways."""
+        rows = [self.results(region, []) for region in operation.regions]
+        return [chosen or any(column) for column in zip(*rows, strict=True)]
+
+    def call(self, name: str, arguments: Sequence[bool]) -> list[bool]:
+        """Of a function's results."""
+        key = name, tuple(arguments)
+        if key not in self._called:
+            self._called[key] = Varying(self._functions, self._known).results(self._functions[name], arguments)
+        return self._called[key]
+
+    def _of(self, operation: Operation) -> Sequence[bool]:
+        operands = [self._is(value) for value in operation.operands]
+        if operation.name == "stablehlo.while":
+            return self.loop(operation, operands)[1]
+        if operation.name in ("stablehlo.case", "stablehlo.if"):
+            return self.branches(operation, operands[0])
+        if operation.name == "func.call":
+            return self.call(operation.attribute("callee"), operands)
+        captured = (self._is(value) for value in operation.reads if value not in operation.operands)
+        return [any(operands) or any(captured)] * len(operation.results)
