@@ -7,6 +7,7 @@ Text is written faster than objects are built, and LLVM's parser reads 20,000 li
 
 import contextlib
 import operator
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -42,6 +43,9 @@ _FOLDED: dict[str, Callable[[Any, Any], Any]] = {
     "or": operator.or_,
     "xor": operator.xor,
 }
+
+
+_LANE = re.compile(r"(%v\d+)\.(\d)")
 
 
 class Module:
@@ -92,10 +96,28 @@ class Builder:
         self.level = 0
         self._count = 0
         self._scopes = Scopes()
+        self._vectors: dict[Name, np.dtype] = {}  # those whose lanes have names
 
     def function(self, head: str) -> str:
         """The function's text. ``head``: its result, name and parameters."""
-        return "\n".join([f"define {head} {{", "entry:", *self._allocated, *self._lines, "}"])
+        lines = [*self._allocated, *self._lines]
+        if self._vectors:
+            lines = self._with_lanes("\n".join(lines))
+        return "\n".join([f"define {head} {{", "entry:", *lines, "}"])
+
+    def _with_lanes(self, text: str) -> list[str]:
+        """The lines, with the lanes that are read taken out of their vectors where these are made."""
+        read: dict[Name, list[str]] = {}
+        for vector, lane in sorted(set(_LANE.findall(text)), key=lambda pair: int(pair[1])):
+            read.setdefault(vector, []).append(lane)
+        lines = []
+        for line in text.split("\n"):
+            lines.append(line)
+            vector = line.partition(" = ")[0]
+            for lane in read.get(vector, ()) if vector in self._vectors else ():
+                kind = vector_type(self._vectors[vector])
+                lines.append(f"{vector}.{lane} = extractelement {kind} {vector}, i64 {lane}")
+        return lines
 
     @property
     def lines(self) -> int:
@@ -173,6 +195,17 @@ class Builder:
     def lane(self, dtype: np.dtype, x: Element, lane: int) -> Element:
         """The number of one lane."""
         return self.pure(f"extractelement {vector_type(dtype)} {x}, i64 {lane}") if isinstance(x, Lanes) else x
+
+    def lanes_of(self, dtype: np.dtype, x: Element) -> list[Element]:
+        """The numbers of all lanes, by names; those that something reads are taken out of the vector."""
+        if not isinstance(x, Lanes):
+            return [x] * LANES
+        self._vectors[x] = dtype
+        return [f"{x}.{lane}" for lane in range(LANES)]
+
+    def is_vector(self, name: Name) -> bool:
+        """Whether a name is that of a vector whose lanes have names."""
+        return name in self._vectors
 
     def gathered(self, dtype: np.dtype, numbers: Sequence[Element]) -> Lanes:
         """A vector of the numbers of the lanes."""

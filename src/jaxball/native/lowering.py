@@ -11,7 +11,7 @@ from .lanes import Varying
 from .program import Block, Operation, Value
 from .rules import RULES
 from .storage import Storage
-from .values import MOST_REGISTERS, Array, Buffer, Formula, Memory, Registers, is_small
+from .values import Array, Buffer, Formula, Memory, Registers, is_small
 
 MOST_INLINED = 200  # operations of a function that is called more than once and still written where it is called
 
@@ -58,9 +58,9 @@ class Compiler:
         """Whether a function is not written where it is called."""
         return self._calls[name] > 1 and self._sizes[name] > MOST_INLINED
 
-    def in_registers(self, value: Value, most: int = MOST_REGISTERS) -> bool:
+    def in_registers(self, value: Value, most: int = 0) -> bool:
         """Whether a value that is handed on, to a function or to a loop's next turn, is in registers."""
-        return value.size <= most and value not in self.indexed
+        return (is_small(value.shape) or value.size <= most) and value not in self.indexed
 
 
 _INDEXING = ("stablehlo.dynamic_slice", "stablehlo.dynamic_update_slice", "stablehlo.gather", "stablehlo.scatter")

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 from .elements import Name
 
-_NAMES = re.compile(r"%[\w.]+")
+_NAMES = re.compile(r"%\w+")  # a lane of a vector is where the vector is
 
 
 class Loop:

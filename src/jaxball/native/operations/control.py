@@ -13,7 +13,7 @@ from ..lowering import Function
 from ..program import Block, Operation
 from ..rules import rule
 from ..storage import joined, parts, parts_of
-from ..values import MOST_REGISTERS, Array, Memory, Registers, is_small, registers, size_of
+from ..values import Array, Memory, Registers, is_small, registers, size_of
 
 MOST_UNCHANGED = 256  # numbers of an array that a loop reads and does not change, and that are read once before it
 
@@ -143,7 +143,7 @@ class _Carry:
         condition, body = operation.regions
         arguments = condition.arguments[position], body.arguments[position]
         self.unchanged = body.results[position] is body.arguments[position]
-        most = MOST_UNCHANGED if self.unchanged else MOST_REGISTERS
+        most = MOST_UNCHANGED if self.unchanged else 0
         small = all(function.compiler.in_registers(value, most) for value in arguments) or not arguments[0].size
         self.in_memory = not self.unchanged and not small
         self.phis: list[tuple[int, np.dtype, str]] = []
