@@ -24,6 +24,7 @@ from .elements import (
     is_known,
     llvm_type,
     vector_type,
+    width_of,
     written,
 )
 from .scopes import Scopes
@@ -96,7 +97,7 @@ class Builder:
         self.level = 0
         self._count = 0
         self._scopes = Scopes()
-        self._vectors: dict[Name, np.dtype] = {}  # those whose lanes have names
+        self._vectors: dict[Name, tuple[np.dtype, int]] = {}  # type and width of those whose lanes have names
 
     def function(self, head: str) -> str:
         """The function's text. ``head``: its result, name and parameters."""
@@ -115,7 +116,7 @@ class Builder:
             lines.append(line)
             vector = line.partition(" = ")[0]
             for lane in read.get(vector, ()) if vector in self._vectors else ():
-                kind = vector_type(self._vectors[vector])
+                kind = vector_type(*self._vectors[vector])
                 lines.append(f"{vector}.{lane} = extractelement {kind} {vector}, i64 {lane}")
         return lines
 
@@ -135,14 +136,14 @@ class Builder:
         if self.module.lines > MOST_LINES:
             raise UnsupportedError(f"A program of more than {MOST_LINES:,} instructions")
 
-    def effect(self, instruction: str, wide: bool = False) -> Name:
-        """An instruction that is more than its result: a read of memory, a call. ``wide``: its result is a vector."""
+    def effect(self, instruction: str, wide: int = 0) -> Name:
+        """An instruction that is more than its result: a read of memory, a call. ``wide``: its lanes, of a vector."""
         name = self.fresh(wide)
         self.write(f"{name} = {instruction}")
         return name
 
-    def pure(self, instruction: str, wide: bool = False) -> Name:
-        """An instruction that only computes, and cannot fail. ``wide``: its result is a vector."""
+    def pure(self, instruction: str, wide: int = 0) -> Name:
+        """An instruction that only computes, and cannot fail. ``wide``: its lanes, of a vector."""
         scopes = self._scopes
         name = scopes.found(instruction)
         if name is not None:
@@ -164,56 +165,68 @@ class Builder:
         self._count_line()
         return name
 
-    def fresh(self, wide: bool = False) -> Name:
+    def fresh(self, wide: int = 0) -> Name:
         name = self._unused(wide)
         self._scopes.name(name, self._scopes.loop)
         return name
 
-    def _unused(self, wide: bool = False) -> Name:
+    def _unused(self, wide: int = 0) -> Name:
         self._count += 1
         name = f"%v{self._count}"
-        return Lanes(name) if wide else name
+        return Lanes(name, LANES if wide is True else wide) if wide else name
 
     # Lanes
 
-    def operand(self, dtype: np.dtype, x: Element, wide: bool) -> str:
+    def operand(self, dtype: np.dtype, x: Element, wide: int) -> str:
         """An element as an operand; ``wide``: as a vector, in which all lanes have the same where x is no vector."""
         if not wide or isinstance(x, Lanes):
             return written(x)
-        return f"splat ({llvm_type(dtype)} {written(x)})" if is_known(x) else self.spread(dtype, x)
+        return f"splat ({llvm_type(dtype)} {written(x)})" if is_known(x) else self.spread(dtype, x, wide)
 
-    def spread(self, dtype: np.dtype, x: Element) -> Element:
+    def spread(self, dtype: np.dtype, x: Element, width: int = LANES) -> Element:
         """A vector in which all lanes have the same number, or the vector that x is already."""
         if isinstance(x, Lanes):
             return x
-        kind = vector_type(dtype)
+        kind = vector_type(dtype, width)
         if is_known(x):
-            return self.pure(f"select i1 true, {kind} splat ({llvm_type(dtype)} {written(x)}), {kind} poison", True)
+            numbers = f"{kind} splat ({llvm_type(dtype)} {written(x)})"
+            return self.pure(f"select i1 true, {numbers}, {kind} poison", width)
         first = self.pure(f"insertelement {kind} poison, {llvm_type(dtype)} {x}, i64 0")
-        return self.pure(f"shufflevector {kind} {first}, {kind} poison, <{LANES} x i32> zeroinitializer", True)
+        return self.pure(f"shufflevector {kind} {first}, {kind} poison, <{width} x i32> zeroinitializer", width)
 
     def lane(self, dtype: np.dtype, x: Element, lane: int) -> Element:
         """The number of one lane."""
-        return self.pure(f"extractelement {vector_type(dtype)} {x}, i64 {lane}") if isinstance(x, Lanes) else x
+        return self.pure(f"extractelement {vector_type(dtype, x.width)} {x}, i64 {lane}") if in_lanes(x) else x
 
-    def lanes_of(self, dtype: np.dtype, x: Element) -> list[Element]:
-        """The numbers of all lanes, by names; those that something reads are taken out of the vector."""
+    def lanes_of(self, dtype: np.dtype, x: Element, count: int) -> list[Element]:
+        """The numbers of the first lanes, by names; those that something reads are taken out of the vector."""
         if not isinstance(x, Lanes):
-            return [x] * LANES
-        self._vectors[x] = dtype
-        return [f"{x}.{lane}" for lane in range(LANES)]
+            return [x] * count
+        self._vectors[x] = dtype, x.width
+        return [f"{x}.{lane}" for lane in range(count)]
 
-    def is_vector(self, name: Name) -> bool:
-        """Whether a name is that of a vector whose lanes have names."""
-        return name in self._vectors
+    def vector_of(self, lane: Element) -> Lanes | None:
+        """The vector of which a name is that of a lane."""
+        vector = written(lane).partition(".")[0]
+        return Lanes(vector, self._vectors[vector][1]) if vector in self._vectors else None
 
-    def gathered(self, dtype: np.dtype, numbers: Sequence[Element]) -> Lanes:
+    def shuffled(self, dtype: np.dtype, x: Lanes, y: Lanes | None, lanes: Sequence[int]) -> Lanes:
+        """A vector of lanes of one vector, or of two, of which those of the second have the numbers from its width on."""
+        kind, places = vector_type(dtype, x.width), ", ".join(f"i32 {lane}" for lane in lanes)
+        other = f"{kind} {'poison' if y is None else y}"
+        return Lanes(self.pure(f"shufflevector {kind} {x}, {other}, <{places}>", len(lanes)), len(lanes))
+
+    def gathered(self, dtype: np.dtype, numbers: Sequence[Element], width: int = LANES) -> Lanes:
         """A vector of the numbers of the lanes."""
         vector: Name = "poison"
         for lane, number in enumerate(numbers):
             item = f"{llvm_type(dtype)} {written(number)}"
-            vector = self.pure(f"insertelement {vector_type(dtype)} {vector}, {item}, i64 {lane}", True)
-        return Lanes(vector)
+            vector = self.pure(f"insertelement {vector_type(dtype, width)} {vector}, {item}, i64 {lane}", width)
+        return Lanes(vector, width)
+
+    def is_same_in_every_turn(self, element: Element) -> bool:
+        """Whether a number is computed before the innermost loop that is being written."""
+        return is_known(element) or self._scopes.home(element) is not self._scopes.loop
 
     def any_lane(self, condition: Element) -> Element:
         """Whether a condition holds in any of the lanes."""
@@ -225,15 +238,15 @@ class Builder:
 
     def apply(self, operation: str, dtype: np.dtype, *operands: Element) -> Name:
         """An instruction on numbers of one type, on vectors where one of them is one."""
-        wide = in_lanes(*operands)
-        kind = vector_type(dtype) if wide else llvm_type(dtype)
+        wide = width_of(*operands)
+        kind = vector_type(dtype, wide)
         numbers = ", ".join(self.operand(dtype, x, wide) for x in operands)
         return self.pure(f"{operation} {kind} {numbers}", wide)
 
     def converted(self, operation: str, source: np.dtype, target: np.dtype, x: Element) -> Name:
         """An instruction that makes a number of another type."""
-        wide = isinstance(x, Lanes)
-        old, new = (vector_type(kind) if wide else llvm_type(kind) for kind in (source, target))
+        wide = width_of(x)
+        old, new = (vector_type(kind, wide) for kind in (source, target))
         return self.pure(f"{operation} {old} {written(x)} to {new}", wide)
 
     # Numbers
@@ -265,9 +278,9 @@ class Builder:
             return x if condition else y
         if written(x) == written(y):
             return x
-        wide = in_lanes(condition, x, y)
-        kind = vector_type(dtype) if wide else llvm_type(dtype)
-        choice = f"{vector_type(BOOL) if isinstance(condition, Lanes) else 'i1'} {condition}"
+        wide = width_of(condition, x, y)
+        kind = vector_type(dtype, wide)
+        choice = f"{vector_type(BOOL, width_of(condition))} {condition}"
         first, second = (f"{kind} {self.operand(dtype, number, wide)}" for number in (x, y))
         return self.pure(f"select {choice}, {first}, {second}", wide)
 
@@ -285,16 +298,16 @@ class Builder:
         It is written once for equal operands. LLVM's take vectors as well, C's are called for one lane after another.
         ``flags``: one more operand of an intrinsic.
         """
-        intrinsic, result, wide = function.startswith("llvm."), to or dtype, in_lanes(*operands)
+        intrinsic, result, wide = function.startswith("llvm."), to or dtype, width_of(*operands)
         if wide and not intrinsic:
-            rows = ([self.lane(dtype, x, lane) for x in operands] for lane in range(LANES))
+            rows = ([self.lane(dtype, x, lane) for x in operands] for lane in range(wide))
             calls = [self.call(function, dtype, *row, to=to, attributes=attributes) for row in rows]
-            return self.gathered(result, calls)
-        given, gives = (vector_type(kind) if wide else llvm_type(kind) for kind in (dtype, result))
+            return self.gathered(result, calls, wide)
+        given, gives = (vector_type(kind, wide) for kind in (dtype, result))
         name = f"@{function}"
         if intrinsic:
             types = (result, dtype) if to is not None else (dtype,)
-            name += "".join(f".v{LANES}{_suffix(kind)}" if wide else f".{_suffix(kind)}" for kind in types)
+            name += "".join(f".v{wide}{_suffix(kind)}" if wide else f".{_suffix(kind)}" for kind in types)
         kinds = ", ".join(filter(None, [*[given] * len(operands), flags.partition(" ")[0]]))
         end = "" if intrinsic else f" nounwind willreturn {attributes}"
         self.module.declared.setdefault(name, f"declare {gives} {name}({kinds}){end}")
@@ -478,8 +491,8 @@ class Builder:
 
     def fill_phi(self, place: int, name: Name, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> None:
         """Writes, at a place that was reserved, that a name is the number that the block before gives."""
-        wide = isinstance(name, Lanes)
-        kind = vector_type(dtype) if wide else llvm_type(dtype)
+        wide = width_of(name)
+        kind = vector_type(dtype, wide)
         ways = ", ".join(f"[ {self.operand(dtype, element, wide)}, %{label} ]" for element, label in cases)
         self.fill(place, f"{name} = phi {kind} {ways}")
 

@@ -13,6 +13,9 @@ from .builder import Builder
 from .elements import LANES, Element, Lanes, Pair, is_known, llvm_type, written
 
 
+WIDTHS = {3: 4, 4: 4, LANES: LANES}  # lanes of the vectors for so many elements
+
+
 def side_by_side(
     builder: Builder,
     dtypes: Sequence[np.dtype],
@@ -25,46 +28,83 @@ def side_by_side(
     - ``rows``: the operands of the lanes, one row a lane; ``dtypes``: their types.
     - ``results``: the types of what is computed; the list has a row for each lane.
     """
-    if len(rows) != LANES or any(dtype.kind == "c" for dtype in (*dtypes, *results)):
+    count = len(rows)
+    if any(dtype.kind == "c" for dtype in (*dtypes, *results)):
         return None
     columns = list(zip(*rows, strict=True))
     if any(isinstance(element, Lanes | Pair) for column in columns for element in column):
         return None
-    operands = [packed(builder, dtype, column) for dtype, column in zip(dtypes, columns, strict=True)]
-    if all(is_known(operand) or operand.startswith("<") for operand in operands):
+    if all(is_known(element) for column in columns for element in column) or all(map(_is_uniform, columns)):
         return None
+    if count < LANES and sum(_cost(builder, column) for column in columns) > 1:
+        return None
+    operands = [packed(builder, dtype, column) for dtype, column in zip(dtypes, columns, strict=True)]
     found = compute(*operands)
-    return [list(row) for row in zip(*map(builder.lanes_of, results, found), strict=True)]
+    lanes = [builder.lanes_of(dtype, number, count) for dtype, number in zip(results, found, strict=True)]
+    return [list(row) for row in zip(*lanes, strict=True)]
 
 
 def packed(builder: Builder, dtype: np.dtype, numbers: Sequence[Element]) -> Element:
     """The numbers of the lanes as a vector, or the number that all of them are."""
-    texts = [written(number) for number in numbers]
-    if all(text == texts[0] for text in texts):
+    if _is_uniform(numbers):
         return numbers[0]
+    width = WIDTHS[len(numbers)]
     if all(map(is_known, numbers)):
+        texts = [written(number) for number in numbers]
+        texts += texts[-1:] * (width - len(texts))
         kind = llvm_type(dtype)
-        return Lanes(f"<{', '.join(f'{kind} {text}' for text in texts)}>")
-    vector = texts[0].partition(".")[0]
-    if builder.is_vector(vector) and texts == lane_names(vector):
-        return Lanes(vector)
-    return builder.gathered(dtype, numbers)
+        return Lanes(f"<{', '.join(f'{kind} {text}' for text in texts)}>", width)
+    vectors, lanes = _sources(builder, numbers)
+    if len(vectors) == 1 and lanes == list(range(len(numbers))):
+        return vectors[0]
+    if 1 <= len(vectors) <= 2:
+        lanes += lanes[-1:] * (width - len(lanes))
+        return builder.shuffled(dtype, vectors[0], vectors[1] if len(vectors) > 1 else None, lanes)
+    return builder.gathered(dtype, numbers, width)
 
 
-def lane_names(vector: str) -> list[str]:
-    """The names of a vector's lanes."""
-    return [f"{vector}.{lane}" for lane in range(LANES)]
+def _is_uniform(numbers: Sequence[Element]) -> bool:
+    first = written(numbers[0])
+    return all(written(number) == first for number in numbers)
+
+
+def _sources(builder: Builder, numbers: Sequence[Element]) -> tuple[list[Lanes], list[int]]:
+    """The vectors of one width, two at most, whose lanes the numbers are, and which; no vectors where they are not."""
+    vectors: list[Lanes] = []
+    lanes = []
+    width = WIDTHS[len(numbers)]
+    for number in numbers:
+        vector = None if is_known(number) else builder.vector_of(number)
+        if vector is None or vector.width != width:
+            return [], []
+        if vector not in vectors:
+            vectors.append(vector)
+        lanes.append(width * vectors.index(vector) + int(written(number).partition(".")[2]))
+    return (vectors, lanes) if len(vectors) <= 2 else ([], [])
+
+
+def _cost(builder: Builder, numbers: Sequence[Element]) -> int:
+    """Instructions, in every turn of the loop that is being written, that make a vector of numbers."""
+    if all(map(builder.is_same_in_every_turn, numbers)):
+        return 0
+    if _is_uniform(numbers):
+        return 1
+    vectors, lanes = _sources(builder, numbers)
+    if not vectors:
+        return len(numbers)
+    return int(len(vectors) > 1 or lanes != list(range(len(numbers))))
 
 
 def in_rows(shape: Sequence[int], arrays: Iterable[np.ndarray]) -> list[list[list[Element]]]:
     """For each place along the other axes, for each lane, the elements of arrays that have the shape or are single."""
+    count = shape[0]
     flat = [
-        np.broadcast_to(elements.reshape(1, 1), (LANES, 1)) if elements.shape != tuple(shape) else elements
+        np.broadcast_to(elements.reshape(1, 1), (count, 1)) if elements.shape != tuple(shape) else elements
         for elements in arrays
     ]
-    columns = [elements.reshape(LANES, -1) for elements in flat]
-    count = int(np.prod(shape[1:], dtype=int))
+    columns = [elements.reshape(count, -1) for elements in flat]
+    places = int(np.prod(shape[1:], dtype=int))
     return [
-        [[column[lane, place if column.shape[1] > 1 else 0] for column in columns] for lane in range(LANES)]
-        for place in range(count)
+        [[column[lane, place if column.shape[1] > 1 else 0] for column in columns] for lane in range(count)]
+        for place in range(places)
     ]

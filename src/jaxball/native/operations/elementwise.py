@@ -4,12 +4,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..elements import LANES, Element, UnsupportedError
+from ..elements import Element, UnsupportedError
 from ..lowering import Function
 from ..program import Operation
 from ..rules import rule, short
 from ..values import Array, Formula, Registers, is_small, registers, size_of
-from ..vectors import in_rows, side_by_side
+from ..vectors import WIDTHS, in_rows, side_by_side
 from . import complex, real
 
 
@@ -19,7 +19,7 @@ def mapped(
     """The array of what ``compute`` gives for the elements; an operand of shape () is the same for all."""
     builder, storage = function.builder, function.storage
     if is_small(shape):
-        if shape and shape[0] == LANES and (array := _in_vectors(function, shape, dtype, compute, of)) is not None:
+        if shape and shape[0] in WIDTHS and (array := _in_vectors(function, shape, dtype, compute, of)) is not None:
             return array
         flat = []
         for array in of:
@@ -44,7 +44,7 @@ def _in_vectors(
         if column is None:
             column = [[compute(*row)] for row in rows]
         columns.append([number for (number,) in column])
-    elements = [columns[place][lane] for lane in range(LANES) for place in range(len(columns))]
+    elements = [columns[place][lane] for lane in range(shape[0]) for place in range(len(columns))]
     return Registers(dtype, collected(elements, shape, dtype))
 
 

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from ..builder import BOOL, INDEX
-from ..elements import LANES, Element, Index, in_lanes
+from ..elements import Element, Index, in_lanes
 from ..lowering import Function
 from ..program import Operation
 from ..rules import rule
 from ..storage import joined, parts
 from ..values import Array, Formula, Memory, Registers, is_small, size_of
-from ..vectors import side_by_side
+from ..vectors import WIDTHS, side_by_side
 from .elementwise import collected
 
 
@@ -46,7 +46,7 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
         most = size_of(lengths) if written_out else 16
         return storage.accumulated(lengths, list(zip(dtypes, first, strict=True)), step, most, varying)
 
-    if written_out and kept[:1] == [0] and shape[0] == LANES:
+    if written_out and kept[:1] == [0] and shape[0] in WIDTHS:
         return _in_vectors(function, operation, arrays, first, reduced, combine)
     return several(function, operation, at, arrays, varying)
 
@@ -66,13 +66,13 @@ def _in_vectors(
     table = [np.moveaxis(array.objects(), reduced, range(-len(reduced), 0)) for array in arrays]
     elements = [np.empty(shape, object) for _ in results]
     for place in np.ndindex(*shape[1:]):
-        numbers = [list(first)] * LANES
+        numbers = [list(first)] * shape[0]
         for within in np.ndindex(*table[0].shape[len(shape) :]):
-            rows = [[*numbers[lane], *(t[(lane, *place, *within)] for t in table)] for lane in range(LANES)]
+            rows = [[*numbers[lane], *(t[(lane, *place, *within)] for t in table)] for lane in range(shape[0])]
             new = side_by_side(function.builder, dtypes * 2, dtypes, rows, combine)
             numbers = [list(combine(*row)) for row in rows] if new is None else new
         for k in range(count):
-            for lane in range(LANES):
+            for lane in range(shape[0]):
                 elements[k][(lane, *place)] = numbers[lane][k]
     return [
         Registers(dtype, collected(list(array.reshape(-1)), shape, dtype))
