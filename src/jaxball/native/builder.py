@@ -97,6 +97,7 @@ class Builder:
         self.level = 0
         self._count = 0
         self._scopes = Scopes()
+        self._ranges: dict[Name, tuple[int, int]] = {}  # of integers, the least and the greatest that they can be
         self._vectors: dict[Name, tuple[np.dtype, int]] = {}  # type and width of those whose lanes have names
 
     def function(self, head: str) -> str:
@@ -247,9 +248,26 @@ class Builder:
         """An instruction that makes a number of another type."""
         wide = width_of(x)
         old, new = (vector_type(kind, wide) for kind in (source, target))
-        return self.pure(f"{operation} {old} {written(x)} to {new}", wide)
+        name = self.pure(f"{operation} {old} {written(x)} to {new}", wide)
+        bounds = self.range_of(x) if source.kind == "i" == target.kind else None
+        if bounds and np.iinfo(target).min <= bounds[0] and bounds[1] <= np.iinfo(target).max:
+            self.bound(name, bounds)
+        return name
 
     # Numbers
+
+    def bound(self, name: Name, bounds: tuple[int, int] | None) -> None:
+        """Notes between which numbers an integer lies, from here on; None: that this is not known any more."""
+        if bounds is None:
+            self._ranges.pop(name, None)
+        else:
+            self._ranges[name] = bounds
+
+    def range_of(self, x: Element) -> tuple[int, int] | None:
+        """The least and the greatest number that an integer can be, where something is known of it."""
+        if isinstance(x, str):
+            return self._ranges.get(x)
+        return (int(x), int(x)) if isinstance(x, np.signedinteger | int) else None
 
     def binary(self, operation: str, dtype: np.dtype, x: Element, y: Element) -> Element:
         """add, sub, mul and div of any type (integers' div apart); and, or, xor of integers and booleans."""
@@ -270,6 +288,9 @@ class Builder:
         kind = "fcmp" if dtype.kind == "f" else "icmp"
         if is_known(x) and is_known(y) and predicate in _COMPARED:
             return np.bool_(_COMPARED[predicate](x, y))
+        if predicate in ("slt", "sge") and (one := self.range_of(x)) and (other := self.range_of(y)):
+            if one[1] < other[0] or one[0] >= other[1]:
+                return np.bool_((one[1] < other[0]) == (predicate == "slt"))
         return self.apply(f"{kind} {predicate}", dtype, x, y)
 
     def select(self, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:
@@ -282,7 +303,10 @@ class Builder:
         kind = vector_type(dtype, wide)
         choice = f"{vector_type(BOOL, width_of(condition))} {condition}"
         first, second = (f"{kind} {self.operand(dtype, number, wide)}" for number in (x, y))
-        return self.pure(f"select {choice}, {first}, {second}", wide)
+        name = self.pure(f"select {choice}, {first}, {second}", wide)
+        if dtype.kind == "i" and (one := self.range_of(x)) and (other := self.range_of(y)):
+            self.bound(name, (min(one[0], other[0]), max(one[1], other[1])))
+        return name
 
     def call(
         self,
@@ -344,6 +368,9 @@ class Builder:
             return min(max(i, 0), high)
         if high == 0:
             return 0
+        least, greatest = self.range_of(i) or (-1, high + 1)
+        if 0 <= least and greatest <= high:
+            return i
         i = self.select(INDEX, self.apply("icmp slt", INDEX, i, 0), 0, i)
         return self.select(INDEX, self.apply("icmp sgt", INDEX, i, high), high, i)
 

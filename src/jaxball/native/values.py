@@ -30,7 +30,7 @@ from .elements import (
     vector_type,
 )
 
-MOST_REGISTERS = 81  # numbers of an array
+MOST_REGISTERS = 72  # numbers of an array
 MOST_VECTORS = 72  # of an array whose first axis is in vectors
 _DEEPEST = 40  # formulas in formulas
 

@@ -11,6 +11,7 @@ from ..functions import call_function
 from ..lanes import Independent, independent
 from ..lowering import Function
 from ..program import Block, Operation
+from ..ranges import counted
 from ..rules import rule
 from ..storage import joined, parts, parts_of
 from ..values import Array, Memory, Registers, is_small, registers, size_of
@@ -57,6 +58,10 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
         cost = b.cost
         for carry in carries:
             carry.begin()
+        counters = {} if function.in_lanes else counted(operation)
+        counters = {position: counter for position, counter in counters.items() if carries[position].phis}
+        for position in counters:
+            carries[position].bounded(None)
         for carry in carries:
             carry.lend(1)  # the condition overwrites nothing
         with function.executed(condition, [carry.array for carry in carries]) as (holds,):
@@ -68,6 +73,8 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
             b.branch(goes_on if going is None else b.any_lane(going), inside, after)
             stack.enter_context(b.scope())
             b.begin(inside)
+            for position, (_, limit) in counters.items():
+                carries[position].bounded(limit)
             with function.executed(body, [carry.array for carry in carries]) as results:
                 in_memory = [
                     (carry.array, result)
@@ -84,6 +91,8 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
                 carry.end(before, numbers)
             b.jump(header)
     b.begin(after)
+    for position, (step, limit) in counters.items():
+        carries[position].bounded(None if limit is None else limit + step)
     for carry in carries:
         carry.release()
     return [carry.array for carry in carries]
@@ -189,6 +198,13 @@ class _Carry:
         b = self.function.builder
         for (place, dtype, name), first, new in zip(self.phis, self.first if self.phis else [], following, strict=True):
             b.fill_phi(place, name, dtype, [(first, before), (new, b.label)])
+
+    def bounded(self, limit: int | None) -> None:
+        """Notes that an integer, which only grows, is less than a limit."""
+        b, first = self.function.builder, self.function.builder.range_of(self.first[0])
+        ((_, dtype, name),) = self.phis
+        # A counter that has no limit might come to the last integer and go on with the first.
+        b.bound(name, None if first is None or limit is None else (first[0], max(limit - 1, first[1])))
 
     def lend(self, count: int) -> None:
         if self.in_memory:
