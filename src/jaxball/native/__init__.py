@@ -20,7 +20,7 @@ It knows nothing of balls.
 
 from .choice import asked_for, compiler
 from .elements import LANES
-from .jitting import compiled, jit, kind, settings, usable
+from .jitting import allowed, compiled, jit, kind, settings, usable
 from .lanes import FEWEST
 
-__all__ = ["FEWEST", "LANES", "asked_for", "compiled", "compiler", "jit", "kind", "settings", "usable"]
+__all__ = ["FEWEST", "LANES", "allowed", "asked_for", "compiled", "compiler", "jit", "kind", "settings", "usable"]

@@ -1,11 +1,13 @@
 """LLVM's IR as text, an instruction at a time: numbers folded, equal instructions written once, loops and branches.
 
-An instruction that only computes is found again by its text, in the scope in which it was written or in one within.
+An instruction that only computes is found again by its text, in the scope in which it was written or in one within,
+and stands before the loops in which it would compute the same in every turn (:mod:`scopes`).
 Text is written faster than objects are built, and LLVM's parser reads 20,000 lines in 20 ms.
 """
 
 import contextlib
 import operator
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -22,8 +24,10 @@ from .elements import (
     is_known,
     llvm_type,
     vector_type,
+    width_of,
     written,
 )
+from .scopes import Scopes
 
 MOST_LINES = 400_000  # of a program: more takes LLVM longer than XLA
 _ON_THE_STACK = 4096  # bytes of an array; larger ones lie in the work space
@@ -40,6 +44,9 @@ _FOLDED: dict[str, Callable[[Any, Any], Any]] = {
     "or": operator.or_,
     "xor": operator.xor,
 }
+
+
+_LANE = re.compile(r"(%v\d+)\.(\d)")
 
 
 class Module:
@@ -89,12 +96,30 @@ class Builder:
         self.mask: Lanes | None = None
         self.level = 0
         self._count = 0
-        self._known: dict[str, Name] = {}
-        self._added: list[str] = []  # the keys of `_known` in order, so that those of a scope can be forgotten
+        self._scopes = Scopes()
+        self._ranges: dict[Name, tuple[int, int]] = {}  # of integers, the least and the greatest that they can be
+        self._vectors: dict[Name, tuple[np.dtype, int]] = {}  # type and width of those whose lanes have names
 
     def function(self, head: str) -> str:
         """The function's text. ``head``: its result, name and parameters."""
-        return "\n".join([f"define {head} {{", "entry:", *self._allocated, *self._lines, "}"])
+        lines = [*self._allocated, *self._lines]
+        if self._vectors:
+            lines = self._with_lanes("\n".join(lines))
+        return "\n".join([f"define {head} {{", "entry:", *lines, "}"])
+
+    def _with_lanes(self, text: str) -> list[str]:
+        """The lines, with the lanes that are read taken out of their vectors where these are made."""
+        read: dict[Name, list[str]] = {}
+        for vector, lane in sorted(set(_LANE.findall(text)), key=lambda pair: int(pair[1])):
+            read.setdefault(vector, []).append(lane)
+        lines = []
+        for line in text.split("\n"):
+            lines.append(line)
+            vector = line.partition(" = ")[0]
+            for lane in read.get(vector, ()) if vector in self._vectors else ():
+                kind = vector_type(*self._vectors[vector])
+                lines.append(f"{vector}.{lane} = extractelement {kind} {vector}, i64 {lane}")
+        return lines
 
     @property
     def lines(self) -> int:
@@ -105,58 +130,104 @@ class Builder:
         """An instruction without a result."""
         self._lines.append(line)
         self.cost += 1
+        self._count_line()
+
+    def _count_line(self) -> None:
         self.module.lines += 1
         if self.module.lines > MOST_LINES:
             raise UnsupportedError(f"A program of more than {MOST_LINES:,} instructions")
 
-    def effect(self, instruction: str, wide: bool = False) -> Name:
-        """An instruction that is more than its result: a read of memory, a call. ``wide``: its result is a vector."""
+    def effect(self, instruction: str, wide: int = 0) -> Name:
+        """An instruction that is more than its result: a read of memory, a call. ``wide``: its lanes, of a vector."""
         name = self.fresh(wide)
         self.write(f"{name} = {instruction}")
         return name
 
-    def pure(self, instruction: str, wide: bool = False) -> Name:
-        """An instruction that only computes. ``wide``: its result is a vector."""
-        name = self._known.get(instruction)
-        if name is None:
-            name = self._known[instruction] = self.effect(instruction, wide)
-            self._added.append(instruction)
+    def pure(self, instruction: str, wide: int = 0) -> Name:
+        """An instruction that only computes, and cannot fail. ``wide``: its lanes, of a vector."""
+        scopes = self._scopes
+        name = scopes.found(instruction)
+        if name is not None:
+            return name
+        home = scopes.home(instruction)
+        if home is scopes.loop:
+            name = self.effect(instruction, wide)
+            scopes.note(instruction, name, scopes.loop)
+            return name
+        first = scopes.loop
+        assert first is not None
+        while first.outer is not home:
+            first = first.outer
+            assert first is not None
+        name = self._unused(wide)
+        scopes.name(name, home)
+        scopes.note(instruction, name, home)
+        first.before.append(f"{name} = {instruction}")
+        self._count_line()
         return name
 
-    def fresh(self, wide: bool = False) -> Name:
+    def fresh(self, wide: int = 0) -> Name:
+        name = self._unused(wide)
+        self._scopes.name(name, self._scopes.loop)
+        return name
+
+    def _unused(self, wide: int = 0) -> Name:
         self._count += 1
         name = f"%v{self._count}"
-        return Lanes(name) if wide else name
+        return Lanes(name, LANES if wide is True else wide) if wide else name
 
     # Lanes
 
-    def operand(self, dtype: np.dtype, x: Element, wide: bool) -> str:
+    def operand(self, dtype: np.dtype, x: Element, wide: int) -> str:
         """An element as an operand; ``wide``: as a vector, in which all lanes have the same where x is no vector."""
         if not wide or isinstance(x, Lanes):
             return written(x)
-        return f"splat ({llvm_type(dtype)} {written(x)})" if is_known(x) else self.spread(dtype, x)
+        return f"splat ({llvm_type(dtype)} {written(x)})" if is_known(x) else self.spread(dtype, x, wide)
 
-    def spread(self, dtype: np.dtype, x: Element) -> Element:
+    def spread(self, dtype: np.dtype, x: Element, width: int = LANES) -> Element:
         """A vector in which all lanes have the same number, or the vector that x is already."""
         if isinstance(x, Lanes):
             return x
-        kind = vector_type(dtype)
+        kind = vector_type(dtype, width)
         if is_known(x):
-            return self.pure(f"select i1 true, {kind} splat ({llvm_type(dtype)} {written(x)}), {kind} poison", True)
+            numbers = f"{kind} splat ({llvm_type(dtype)} {written(x)})"
+            return self.pure(f"select i1 true, {numbers}, {kind} poison", width)
         first = self.pure(f"insertelement {kind} poison, {llvm_type(dtype)} {x}, i64 0")
-        return self.pure(f"shufflevector {kind} {first}, {kind} poison, <{LANES} x i32> zeroinitializer", True)
+        return self.pure(f"shufflevector {kind} {first}, {kind} poison, <{width} x i32> zeroinitializer", width)
 
     def lane(self, dtype: np.dtype, x: Element, lane: int) -> Element:
         """The number of one lane."""
-        return self.pure(f"extractelement {vector_type(dtype)} {x}, i64 {lane}") if isinstance(x, Lanes) else x
+        return self.pure(f"extractelement {vector_type(dtype, x.width)} {x}, i64 {lane}") if in_lanes(x) else x
 
-    def gathered(self, dtype: np.dtype, numbers: Sequence[Element]) -> Lanes:
+    def lanes_of(self, dtype: np.dtype, x: Element, count: int) -> list[Element]:
+        """The numbers of the first lanes, by names; those that something reads are taken out of the vector."""
+        if not isinstance(x, Lanes):
+            return [x] * count
+        self._vectors[x] = dtype, x.width
+        return [f"{x}.{lane}" for lane in range(count)]
+
+    def vector_of(self, lane: Element) -> Lanes | None:
+        """The vector of which a name is that of a lane."""
+        vector = written(lane).partition(".")[0]
+        return Lanes(vector, self._vectors[vector][1]) if vector in self._vectors else None
+
+    def shuffled(self, dtype: np.dtype, x: Lanes, y: Lanes | None, lanes: Sequence[int]) -> Lanes:
+        """A vector of lanes of one vector, or of two, of which those of the second have the numbers from its width on."""
+        kind, places = vector_type(dtype, x.width), ", ".join(f"i32 {lane}" for lane in lanes)
+        other = f"{kind} {'poison' if y is None else y}"
+        return Lanes(self.pure(f"shufflevector {kind} {x}, {other}, <{places}>", len(lanes)), len(lanes))
+
+    def gathered(self, dtype: np.dtype, numbers: Sequence[Element], width: int = LANES) -> Lanes:
         """A vector of the numbers of the lanes."""
         vector: Name = "poison"
         for lane, number in enumerate(numbers):
             item = f"{llvm_type(dtype)} {written(number)}"
-            vector = self.effect(f"insertelement {vector_type(dtype)} {vector}, {item}, i64 {lane}", True)
-        return Lanes(vector)
+            vector = self.pure(f"insertelement {vector_type(dtype, width)} {vector}, {item}, i64 {lane}", width)
+        return Lanes(vector, width)
+
+    def is_same_in_every_turn(self, element: Element) -> bool:
+        """Whether a number is computed before the innermost loop that is being written."""
+        return is_known(element) or self._scopes.home(element) is not self._scopes.loop
 
     def any_lane(self, condition: Element) -> Element:
         """Whether a condition holds in any of the lanes."""
@@ -168,18 +239,35 @@ class Builder:
 
     def apply(self, operation: str, dtype: np.dtype, *operands: Element) -> Name:
         """An instruction on numbers of one type, on vectors where one of them is one."""
-        wide = in_lanes(*operands)
-        kind = vector_type(dtype) if wide else llvm_type(dtype)
+        wide = width_of(*operands)
+        kind = vector_type(dtype, wide)
         numbers = ", ".join(self.operand(dtype, x, wide) for x in operands)
         return self.pure(f"{operation} {kind} {numbers}", wide)
 
     def converted(self, operation: str, source: np.dtype, target: np.dtype, x: Element) -> Name:
         """An instruction that makes a number of another type."""
-        wide = isinstance(x, Lanes)
-        old, new = (vector_type(kind) if wide else llvm_type(kind) for kind in (source, target))
-        return self.pure(f"{operation} {old} {written(x)} to {new}", wide)
+        wide = width_of(x)
+        old, new = (vector_type(kind, wide) for kind in (source, target))
+        name = self.pure(f"{operation} {old} {written(x)} to {new}", wide)
+        bounds = self.range_of(x) if source.kind == "i" == target.kind else None
+        if bounds and np.iinfo(target).min <= bounds[0] and bounds[1] <= np.iinfo(target).max:
+            self.bound(name, bounds)
+        return name
 
     # Numbers
+
+    def bound(self, name: Name, bounds: tuple[int, int] | None) -> None:
+        """Notes between which numbers an integer lies, from here on; None: that this is not known any more."""
+        if bounds is None:
+            self._ranges.pop(name, None)
+        else:
+            self._ranges[name] = bounds
+
+    def range_of(self, x: Element) -> tuple[int, int] | None:
+        """The least and the greatest number that an integer can be, where something is known of it."""
+        if isinstance(x, str):
+            return self._ranges.get(x)
+        return (int(x), int(x)) if isinstance(x, np.signedinteger | int) else None
 
     def binary(self, operation: str, dtype: np.dtype, x: Element, y: Element) -> Element:
         """add, sub, mul and div of any type (integers' div apart); and, or, xor of integers and booleans."""
@@ -200,6 +288,9 @@ class Builder:
         kind = "fcmp" if dtype.kind == "f" else "icmp"
         if is_known(x) and is_known(y) and predicate in _COMPARED:
             return np.bool_(_COMPARED[predicate](x, y))
+        if predicate in ("slt", "sge") and (one := self.range_of(x)) and (other := self.range_of(y)):
+            if one[1] < other[0] or one[0] >= other[1]:
+                return np.bool_((one[1] < other[0]) == (predicate == "slt"))
         return self.apply(f"{kind} {predicate}", dtype, x, y)
 
     def select(self, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:
@@ -208,11 +299,14 @@ class Builder:
             return x if condition else y
         if written(x) == written(y):
             return x
-        wide = in_lanes(condition, x, y)
-        kind = vector_type(dtype) if wide else llvm_type(dtype)
-        choice = f"{vector_type(BOOL) if isinstance(condition, Lanes) else 'i1'} {condition}"
+        wide = width_of(condition, x, y)
+        kind = vector_type(dtype, wide)
+        choice = f"{vector_type(BOOL, width_of(condition))} {condition}"
         first, second = (f"{kind} {self.operand(dtype, number, wide)}" for number in (x, y))
-        return self.pure(f"select {choice}, {first}, {second}", wide)
+        name = self.pure(f"select {choice}, {first}, {second}", wide)
+        if dtype.kind == "i" and (one := self.range_of(x)) and (other := self.range_of(y)):
+            self.bound(name, (min(one[0], other[0]), max(one[1], other[1])))
+        return name
 
     def call(
         self,
@@ -228,16 +322,16 @@ class Builder:
         It is written once for equal operands. LLVM's take vectors as well, C's are called for one lane after another.
         ``flags``: one more operand of an intrinsic.
         """
-        intrinsic, result, wide = function.startswith("llvm."), to or dtype, in_lanes(*operands)
+        intrinsic, result, wide = function.startswith("llvm."), to or dtype, width_of(*operands)
         if wide and not intrinsic:
-            rows = ([self.lane(dtype, x, lane) for x in operands] for lane in range(LANES))
+            rows = ([self.lane(dtype, x, lane) for x in operands] for lane in range(wide))
             calls = [self.call(function, dtype, *row, to=to, attributes=attributes) for row in rows]
-            return self.gathered(result, calls)
-        given, gives = (vector_type(kind) if wide else llvm_type(kind) for kind in (dtype, result))
+            return self.gathered(result, calls, wide)
+        given, gives = (vector_type(kind, wide) for kind in (dtype, result))
         name = f"@{function}"
         if intrinsic:
             types = (result, dtype) if to is not None else (dtype,)
-            name += "".join(f".v{LANES}{_suffix(kind)}" if wide else f".{_suffix(kind)}" for kind in types)
+            name += "".join(f".v{wide}{_suffix(kind)}" if wide else f".{_suffix(kind)}" for kind in types)
         kinds = ", ".join(filter(None, [*[given] * len(operands), flags.partition(" ")[0]]))
         end = "" if intrinsic else f" nounwind willreturn {attributes}"
         self.module.declared.setdefault(name, f"declare {gives} {name}({kinds}){end}")
@@ -274,6 +368,9 @@ class Builder:
             return min(max(i, 0), high)
         if high == 0:
             return 0
+        least, greatest = self.range_of(i) or (-1, high + 1)
+        if 0 <= least and greatest <= high:
+            return i
         i = self.select(INDEX, self.apply("icmp slt", INDEX, i, 0), 0, i)
         return self.select(INDEX, self.apply("icmp sgt", INDEX, i, high), high, i)
 
@@ -293,13 +390,12 @@ class Builder:
 
     def allocate(self, size: int) -> Name:
         """Memory of so many bytes, which is the function's for as long as it runs."""
+        name = self._unused()
         if size <= _ON_THE_STACK:
-            name = self.fresh()
             self._allocated.append(f"{name} = alloca [{size} x i8], align {_ALIGNMENT}")
             return name
         offset = self.module.workspace
         self.module.workspace += -(-size // _ALIGNMENT) * _ALIGNMENT
-        name = self.fresh()
         self._allocated.append(f"{name} = getelementptr i8, ptr %workspace, i64 {offset}")
         return name
 
@@ -312,16 +408,16 @@ class Builder:
 
     # Scopes, branches and loops
 
-    @contextlib.contextmanager
-    def scope(self) -> Iterator[None]:
+    def scope(self) -> contextlib.AbstractContextManager[None]:
         """What is computed in this block of Python is not known after it, because it may not have been executed."""
-        before = len(self._added)
-        try:
+        return self._scopes.scope()
+
+    @contextlib.contextmanager
+    def looped(self) -> Iterator[None]:
+        """What is written in this block of Python is a loop, before which stands what is the same in every turn."""
+        with self._scopes.looped(self.reserve()) as loop:
             yield
-        finally:
-            for key in self._added[before:]:
-                del self._known[key]
-            del self._added[before:]
+        self.fill(loop.place, "\n".join(loop.before))
 
     def new_label(self, name: str) -> str:
         self._count += 1
@@ -354,13 +450,13 @@ class Builder:
         next one begins, and which are the loop's results after it.
         """
         before, body, after = self.label, self.new_label("loop"), self.new_label("end")
-        self.jump(body)
-        self.begin(body)
         carried = tuple((dtype, first) for dtype, first in carried)
-        turn = Turn(self.fresh(), [self.fresh(in_lanes(first)) for _, first in carried])
-        places = [self.reserve() for _ in (turn.index, *carried)]
-        cost = self.cost
-        with self.scope():
+        with self.looped(), self.scope():
+            self.jump(body)
+            self.begin(body)
+            turn = Turn(self.fresh(), [self.fresh(in_lanes(first)) for _, first in carried])
+            places = [self.reserve() for _ in (turn.index, *carried)]
+            cost = self.cost
             yield turn
             following = [
                 self.like(dtype, new, name)
@@ -422,8 +518,8 @@ class Builder:
 
     def fill_phi(self, place: int, name: Name, dtype: np.dtype, cases: Sequence[tuple[Element, str]]) -> None:
         """Writes, at a place that was reserved, that a name is the number that the block before gives."""
-        wide = isinstance(name, Lanes)
-        kind = vector_type(dtype) if wide else llvm_type(dtype)
+        wide = width_of(name)
+        kind = vector_type(dtype, wide)
         ways = ", ".join(f"[ {self.operand(dtype, element, wide)}, %{label} ]" for element, label in cases)
         self.fill(place, f"{name} = phi {kind} {ways}")
 

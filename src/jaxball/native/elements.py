@@ -18,9 +18,15 @@ LANES = 8
 
 
 class Lanes(str):
-    """The name of a vector: one number for each lane."""
+    """The name of a vector: one number for each of ``width`` lanes."""
 
-    __slots__ = ()
+    width: int
+
+    def __new__(cls, name: str, width: int = LANES) -> "Lanes":
+        """The name as one of a vector."""
+        new = super().__new__(cls, name)
+        new.width = width
+        return new
 
 
 class UnsupportedError(Exception):
@@ -56,9 +62,14 @@ def llvm_type(dtype: np.dtype) -> str:
     return "i1" if dtype.kind == "b" else f"i{8 * dtype.itemsize}"
 
 
-def vector_type(dtype: np.dtype) -> str:
-    """LLVM's type of one number for each lane."""
-    return f"<{LANES} x {llvm_type(dtype)}>"
+def vector_type(dtype: np.dtype, width: int = LANES) -> str:
+    """LLVM's type of one number for each lane; of a single number where there is none."""
+    return f"<{width} x {llvm_type(dtype)}>" if width else llvm_type(dtype)
+
+
+def width_of(*elements: Element) -> int:
+    """How many lanes those of the elements have that are vectors; 0 where none is."""
+    return next((element.width for element in elements if isinstance(element, Lanes)), 0)
 
 
 def part_of(dtype: np.dtype) -> np.dtype:

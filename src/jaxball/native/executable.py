@@ -34,17 +34,18 @@ class Executable:
         # Of the kind that looks, after the call, for an exception; the code releases Python's lock itself.
         kind = ctypes.PYFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
         self._run = kind(self._code.address("run"))
+        self._addresses = ctypes.c_void_p * arguments
         self._results, self._size, self._workspace = entry.results, entry.size, entry.workspace
 
     def __call__(self, arguments: Sequence[np.ndarray | jax.Array]) -> list[np.ndarray]:
         """The results. The arguments have the types with which the program was compiled, row by row."""
-        addresses = (ctypes.c_void_p * len(arguments))(*map(_address, arguments))
+        addresses = self._addresses(*map(_address, arguments))
         block = np.empty(self._size + ALIGNMENT, np.uint8)
-        outputs = block.ctypes.data
+        outputs = _address(block)
         start = -outputs % ALIGNMENT
         workspace = _taken(self._workspace)
         try:
-            self._run(addresses, outputs + start, -(-workspace.ctypes.data // ALIGNMENT) * ALIGNMENT)
+            self._run(addresses, outputs + start, -(-_address(workspace) // ALIGNMENT) * ALIGNMENT)
         finally:
             _given_back(workspace)
         return [np.ndarray(shape, dtype, block, start + offset) for offset, shape, dtype in self._results]
@@ -52,7 +53,7 @@ class Executable:
 
 def _address(array: np.ndarray | jax.Array) -> int:
     if isinstance(array, np.ndarray):
-        return array.ctypes.data
+        return array.__array_interface__["data"][0]
     return array.block_until_ready().unsafe_buffer_pointer()
 
 

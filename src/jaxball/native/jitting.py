@@ -14,6 +14,7 @@ from .elements import UnsupportedError
 
 P = ParamSpec("P")
 T = TypeVar("T")
+_OF_NUMPY = (np.ndarray, np.generic, bool, int, float, complex)  # all that is no array of JAX
 
 
 def jit(function: Callable[P, T]) -> Callable[P, T]:
@@ -47,10 +48,12 @@ class _Jitted:
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         leaves, structure = jax.tree.flatten((args, kwargs))
-        if choice.asked_for() == "xla" or not usable(leaves):
+        if choice.asked_for() == "xla" or not allowed() or any(map(is_traced, leaves)):
             return self._xla(*args, **kwargs)
         key = (structure, tuple(map(kind, leaves)), settings())
         if key not in self._programs:
+            if not usable(leaves):
+                return self._xla(*args, **kwargs)
             self._programs[key] = self._compiled(structure, leaves)
         found = self._programs[key]
         if found is None:
@@ -89,7 +92,7 @@ class Program:
         from .executable import as_jax
 
         given = [
-            array if isinstance(array, jax.Array) else np.asarray(array, dtype, order="C")
+            np.asarray(array, dtype, order="C") if isinstance(array, _OF_NUMPY) else array
             for array, dtype in zip(arrays, self._types, strict=True)
         ]
         return as_jax(self._executable(given), self._avals)
@@ -109,14 +112,17 @@ def compiled(function: Callable[[list[Any]], list[Any]], arrays: Sequence[Any], 
         return None
 
 
-def usable(leaves: Sequence[Any]) -> bool:
-    """Whether programs can be compiled natively for such arguments: on the one device of a CPU, and with numbers."""
+def allowed() -> bool:
+    """Whether programs are compiled natively: for the one device of a CPU, without settings that are for debugging."""
     config: Any = jax.config
     if not machine.is_present() or jax.default_backend() != "cpu" or jax.device_count() != 1:
         return False
-    if config.jax_debug_nans or config.jax_debug_infs or config.jax_disable_jit:
-        return False
-    return not any(map(is_traced, leaves)) and all(map(_is_numbers, leaves))
+    return not (config.jax_debug_nans or config.jax_debug_infs or config.jax_disable_jit)
+
+
+def usable(leaves: Sequence[Any]) -> bool:
+    """Whether programs can be compiled natively for such arguments, which are numbers."""
+    return allowed() and not any(map(is_traced, leaves)) and all(map(_is_numbers, leaves))
 
 
 def _is_numbers(leaf: Any) -> bool:

@@ -58,9 +58,9 @@ class Compiler:
         """Whether a function is not written where it is called."""
         return self._calls[name] > 1 and self._sizes[name] > MOST_INLINED
 
-    def in_registers(self, value: Value) -> bool:
+    def in_registers(self, value: Value, most: int = 0) -> bool:
         """Whether a value that is handed on, to a function or to a loop's next turn, is in registers."""
-        return is_small(value.shape) and value not in self.indexed
+        return (is_small(value.shape) or value.size <= most) and value not in self.indexed
 
 
 _INDEXING = ("stablehlo.dynamic_slice", "stablehlo.dynamic_update_slice", "stablehlo.gather", "stablehlo.scatter")

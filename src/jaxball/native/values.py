@@ -30,7 +30,8 @@ from .elements import (
     vector_type,
 )
 
-MOST_REGISTERS = 64  # numbers of an array
+MOST_REGISTERS = 72  # numbers of an array
+MOST_VECTORS = 72  # of an array whose first axis is in vectors
 _DEEPEST = 40  # formulas in formulas
 
 
@@ -184,7 +185,8 @@ def size_of(shape: Sequence[int]) -> int:
 
 def is_small(shape: Sequence[int]) -> bool:
     """Whether an array of that shape is kept in registers."""
-    return size_of(shape) <= MOST_REGISTERS
+    size = size_of(shape)
+    return size <= MOST_REGISTERS or (shape[0] == LANES and size <= LANES * MOST_VECTORS)
 
 
 def linear(builder: Builder, shape: Sequence[int], index: Sequence[Index]) -> Index:

@@ -114,13 +114,15 @@ class Program:
 
     def _native_for(self, rest: _Rest, arrays: list[Any]) -> Callable[[list[Any]], Any] | None:
         """The program for such arguments, compiled natively; None where that is not known how."""
-        if not native.usable(arrays):
+        if not native.allowed():
             return None
         key = (rest, tuple(map(type, rest.static)), tuple(map(native.kind, arrays)), native.settings())
         try:
             if key in self._native:
                 return self._native[key]
         except TypeError:  # something has no hash
+            return None
+        if not native.usable(arrays):
             return None
         of_arrays, results = self._of_arrays(rest)
         compiled = native.compiled(of_arrays, arrays, of_arrays.__name__)

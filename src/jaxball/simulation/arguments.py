@@ -197,6 +197,9 @@ def checked_tolerances(rtol: Numbers, atol: Numbers) -> tuple[Array | np.ndarray
     floating-point type cannot reach the larger one of them.
     """
     rtol, atol = _as_array("rtol", rtol), _as_array("atol", atol)
+    plain = all(isinstance(x, np.ndarray) and x.ndim == 0 for x in (rtol, atol))
+    if plain and 0 <= rtol < np.inf and 0 <= atol < np.inf and max(rtol, atol) >= FINEST[rtol.dtype.name]:
+        return rtol, atol  # which takes microseconds, the rest tens
     known = {name: x for name, x in (("rtol", rtol), ("atol", atol)) if isinstance(x, np.ndarray)}
     for name, x in known.items():
         wrong = np.argwhere(~((x >= 0) & np.isfinite(x)))

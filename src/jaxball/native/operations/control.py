@@ -11,9 +11,12 @@ from ..functions import call_function
 from ..lanes import Independent, independent
 from ..lowering import Function
 from ..program import Block, Operation
+from ..ranges import counted
 from ..rules import rule
 from ..storage import joined, parts, parts_of
 from ..values import Array, Memory, Registers, is_small, registers, size_of
+
+MOST_UNCHANGED = 256  # numbers of an array that a loop reads and does not change, and that are read once before it
 
 
 @rule("func.call")
@@ -49,12 +52,16 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
         _Carry(function, operation, position, array, varying[position]) for position, array in enumerate(operands)
     ]
     before, header, inside, after = (b.label, *(b.new_label(name) for name in ("while", "body", "done")))
-    b.jump(header)
-    b.begin(header)
-    cost = b.cost
-    with b.scope():
+    with b.looped(), b.scope():
+        b.jump(header)
+        b.begin(header)
+        cost = b.cost
         for carry in carries:
             carry.begin()
+        counters = {} if function.in_lanes else counted(operation)
+        counters = {position: counter for position, counter in counters.items() if carries[position].phis}
+        for position in counters:
+            carries[position].bounded(None)
         for carry in carries:
             carry.lend(1)  # the condition overwrites nothing
         with function.executed(condition, [carry.array for carry in carries]) as (holds,):
@@ -66,6 +73,8 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
             b.branch(goes_on if going is None else b.any_lane(going), inside, after)
             stack.enter_context(b.scope())
             b.begin(inside)
+            for position, (_, limit) in counters.items():
+                carries[position].bounded(limit)
             with function.executed(body, [carry.array for carry in carries]) as results:
                 in_memory = [
                     (carry.array, result)
@@ -82,6 +91,8 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
                 carry.end(before, numbers)
             b.jump(header)
     b.begin(after)
+    for position, (step, limit) in counters.items():
+        carries[position].bounded(None if limit is None else limit + step)
     for carry in carries:
         carry.release()
     return [carry.array for carry in carries]
@@ -140,14 +151,15 @@ class _Carry:
         self.function, self.varying = function, varying
         condition, body = operation.regions
         arguments = condition.arguments[position], body.arguments[position]
-        small = all(map(function.compiler.in_registers, arguments)) or not arguments[0].size
         self.unchanged = body.results[position] is body.arguments[position]
+        most = MOST_UNCHANGED if self.unchanged else 0
+        small = all(function.compiler.in_registers(value, most) for value in arguments) or not arguments[0].size
         self.in_memory = not self.unchanged and not small
         self.phis: list[tuple[int, np.dtype, str]] = []
         self.owners = 0
         storage = function.storage
         if self.unchanged:
-            self.array = storage.settled(array) if small else storage.anywhere(storage.settled(array))
+            self.array = storage.to_registers(array) if small else storage.anywhere(storage.settled(array))
         elif small:
             self.array = storage.to_registers(array)
             self.first = _numbers(function, self.array, varying)
@@ -186,6 +198,13 @@ class _Carry:
         b = self.function.builder
         for (place, dtype, name), first, new in zip(self.phis, self.first if self.phis else [], following, strict=True):
             b.fill_phi(place, name, dtype, [(first, before), (new, b.label)])
+
+    def bounded(self, limit: int | None) -> None:
+        """Notes that an integer, which only grows, is less than a limit."""
+        b, first = self.function.builder, self.function.builder.range_of(self.first[0])
+        ((_, dtype, name),) = self.phis
+        # A counter that has no limit might come to the last integer and go on with the first.
+        b.bound(name, None if first is None or limit is None else (first[0], max(limit - 1, first[1])))
 
     def lend(self, count: int) -> None:
         if self.in_memory:

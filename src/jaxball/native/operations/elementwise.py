@@ -9,6 +9,7 @@ from ..lowering import Function
 from ..program import Operation
 from ..rules import rule, short
 from ..values import Array, Formula, Registers, is_small, registers, size_of
+from ..vectors import WIDTHS, in_rows, side_by_side
 from . import complex, real
 
 
@@ -18,6 +19,8 @@ def mapped(
     """The array of what ``compute`` gives for the elements; an operand of shape () is the same for all."""
     builder, storage = function.builder, function.storage
     if is_small(shape):
+        if shape and shape[0] in WIDTHS and (array := _in_vectors(function, shape, dtype, compute, of)) is not None:
+            return array
         flat = []
         for array in of:
             elements = storage.to_registers(array).objects().reshape(-1).tolist()
@@ -29,6 +32,20 @@ def mapped(
         return compute(*(array.element(builder, index if array.shape else ()) for array in arrays))
 
     return Formula(shape, dtype, at, arrays)
+
+
+def _in_vectors(
+    function: Function, shape: tuple[int, ...], dtype: np.dtype, compute: Callable[..., Element], of: Sequence[Array]
+) -> Array | None:
+    """The same in vectors along the first axis; None where that is not to be."""
+    dtypes, columns = [array.dtype for array in of], []
+    for rows in in_rows(shape, [function.storage.to_registers(array).objects() for array in of]):
+        column = side_by_side(function.builder, dtypes, [dtype], rows, lambda *xs: (compute(*xs),))
+        if column is None:
+            column = [[compute(*row)] for row in rows]
+        columns.append([number for (number,) in column])
+    elements = [columns[place][lane] for lane in range(shape[0]) for place in range(len(columns))]
+    return Registers(dtype, collected(elements, shape, dtype))
 
 
 def collected(elements: Sequence[Element], shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Operations whose indices are numbers of the program: slices that move, gather and scatter."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -115,17 +115,27 @@ def scatter(function: Function, operation: Operation, operands: list[Array]) -> 
     updates = [storage.settled(update) for update in updates]
     if places.known and all(isinstance(array, Registers) for array in (*arrays, *updates)):
         return _scattered_registers(function, places, combine, arrays, updates)
-    if size_of(updates[0].shape) > 1:
-        updates, places.numbers = [storage.anywhere(update) for update in updates], storage.anywhere(places.numbers)
     varying = any(array.varying for array in (places.numbers, *arrays, *updates))
     targets = [function.overwritable(operation, k, array, varying) for k, array in enumerate(arrays)]
+
+    def combined(place: Sequence[Index], index: Sequence[Index]) -> None:
+        old = [target.element(builder, place) for target in targets]
+        new = combine(*old, *(update.element(builder, index) for update in updates))
+        for target, element in zip(targets, new, strict=True):
+            storage.put(target, place, element)
+
+    if all(isinstance(array, Registers) for array in (*updates, places.numbers)) and is_small(updates[0].shape):
+        for window in filter(None, places.slices()):
+            with builder.where(places.of(window[0])[0]):
+                for index in window:
+                    combined(places.of(index)[1], index)
+        return list(targets)
+    if size_of(updates[0].shape) > 1:
+        updates, places.numbers = [storage.anywhere(update) for update in updates], storage.anywhere(places.numbers)
     with storage.every_index(updates[0].shape) as index:
         inside, place = places.of(index)
         with builder.where(inside):
-            old = [target.element(builder, place) for target in targets]
-            new = combine(*old, *(update.element(builder, index) for update in updates))
-            for target, element in zip(targets, new, strict=True):
-                storage.put(target, place, element)
+            combined(place, index)
     return list(targets)
 
 
@@ -142,6 +152,17 @@ class _Places:
         self.own = [k for k in range(len(self.shape)) if k not in left_out]
         self.windows = windows
         self.batch = [k for k in range(len(update)) if k not in windows]
+
+    def slices(self) -> Iterator[list[tuple[int, ...]]]:
+        """The indices of the updates, slice by slice."""
+        for of_batch in np.ndindex(*(self.update[k] for k in self.batch)):
+            indices = []
+            for of_window in np.ndindex(*(self.update[k] for k in self.windows)):
+                index = [0] * len(self.update)
+                for k, i in [*zip(self.batch, of_batch, strict=True), *zip(self.windows, of_window, strict=True)]:
+                    index[k] = i
+                indices.append(tuple(index))
+            yield indices
 
     def of(self, index: Sequence[Index]) -> tuple[Element, list[Index]]:
         """Whether the slice of an update lies within the array, and where the update goes."""

@@ -1,6 +1,6 @@
 """Products of matrices and of higher arrays."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from ..values import Array, Formula, Registers, is_small, size_of
 from . import complex, real
 from .elementwise import collected
 
+PARTIAL_SUMS = 4
 MOST_PRODUCTS = 512  # of one operation that are written out; more are loops
 
 
@@ -48,8 +49,11 @@ def dot_general(function: Function, operation: Operation, operands: list[Array])
             x, y = converted(left, places[0]), converted(right, places[1])
             return family.SCALARS["multiply"](builder, dtype, x, y)
 
+        def added(x: Element, y: Element) -> Element:
+            return family.SCALARS["add"](builder, dtype, x, y)
+
         def step(within: list[Index], numbers: list[Element]) -> list[Element]:
-            return [family.SCALARS["add"](builder, dtype, numbers[0], product(within))]
+            return [added(numbers[0], product(within))]
 
         # −0 is what leaves every number as it is.
         zero = dtype.type(-0.0) if dtype.kind == "f" else complex.Pair(*[dtype.type(-0.0).real] * 2)
@@ -57,13 +61,31 @@ def dot_general(function: Function, operation: Operation, operands: list[Array])
         if not size_of(lengths):
             zero = dtype.type(0)
             return complex.Pair(zero.real, zero.imag) if dtype.kind == "c" else zero
+        if written_out:
+            return _sum_of(added, [lambda within=within: product(within) for within in np.ndindex(*lengths)])
         return storage.accumulated(lengths, start, step, varying=left.varying or right.varying)[0]
 
+    written_out = False
     if is_small(result.shape) and size_of(result.shape) * size_of(lengths) <= MOST_PRODUCTS:
-        if size_of(lengths) > 16:
+        written_out = size_of(lengths) <= 16 or all(isinstance(array, Registers) for array in (left, right))
+        if not written_out:
             left, right = storage.anywhere(left), storage.anywhere(right)
         elements = [at(index) for index in np.ndindex(*result.shape)]
         return Registers(dtype, collected(elements, result.shape, dtype))
     left, right = storage.anywhere(left), storage.anywhere(right)
     formula = Formula(result.shape, dtype, at, [left, right])
     return storage.to_memory(formula)
+
+
+def _sum_of(add: Callable[[Element, Element], Element], terms: Sequence[Callable[[], Element]]) -> Element:
+    """A sum of many terms as that of several sums, which a processor adds at once."""
+    sums = []
+    for first in range(min(PARTIAL_SUMS if len(terms) >= 2 * PARTIAL_SUMS else 1, len(terms))):
+        total, *others = terms[first :: PARTIAL_SUMS if len(terms) >= 2 * PARTIAL_SUMS else 1]
+        number = total()
+        for term in others:
+            number = add(number, term())
+        sums.append(number)
+    while len(sums) > 1:
+        sums = [add(*sums[k : k + 2]) if k + 1 < len(sums) else sums[k] for k in range(0, len(sums), 2)]
+    return sums[0]

@@ -11,7 +11,8 @@ from ..lowering import Function
 from ..program import Operation
 from ..rules import rule
 from ..storage import joined, parts
-from ..values import MOST_REGISTERS, Array, Formula, Memory, Registers, is_small, size_of
+from ..values import Array, Formula, Memory, Registers, is_small, size_of
+from ..vectors import WIDTHS, side_by_side
 from .elementwise import collected
 
 
@@ -42,10 +43,41 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
                 place[k] = i
             return combine(*numbers, *(array.element(builder, place) for array in arrays))
 
-        most = MOST_REGISTERS if written_out else 16
+        most = size_of(lengths) if written_out else 16
         return storage.accumulated(lengths, list(zip(dtypes, first, strict=True)), step, most, varying)
 
+    if written_out and kept[:1] == [0] and shape[0] in WIDTHS:
+        return _in_vectors(function, operation, arrays, first, reduced, combine)
     return several(function, operation, at, arrays, varying)
+
+
+def _in_vectors(
+    function: Function,
+    operation: Operation,
+    arrays: Sequence[Any],
+    first: Sequence[Element],
+    reduced: Any,
+    combine: Any,
+) -> list[Array]:
+    """The same where the first axis stays and is as long as vectors are."""
+    results, count = operation.results, len(first)
+    dtypes = [result.dtype for result in results]
+    shape = results[0].shape
+    table = [np.moveaxis(array.objects(), reduced, range(-len(reduced), 0)) for array in arrays]
+    elements = [np.empty(shape, object) for _ in results]
+    for place in np.ndindex(*shape[1:]):
+        numbers = [list(first)] * shape[0]
+        for within in np.ndindex(*table[0].shape[len(shape) :]):
+            rows = [[*numbers[lane], *(t[(lane, *place, *within)] for t in table)] for lane in range(shape[0])]
+            new = side_by_side(function.builder, dtypes * 2, dtypes, rows, combine)
+            numbers = [list(combine(*row)) for row in rows] if new is None else new
+        for k in range(count):
+            for lane in range(shape[0]):
+                elements[k][(lane, *place)] = numbers[lane][k]
+    return [
+        Registers(dtype, collected(list(array.reshape(-1)), shape, dtype))
+        for dtype, array in zip(dtypes, elements, strict=True)
+    ]
 
 
 def several(function: Function, operation: Operation, at: Any, of: Sequence[Array], varying: bool) -> list[Array]:

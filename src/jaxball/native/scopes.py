@@ -1,0 +1,91 @@
+"""Where instructions that only compute stand: each is written once, and before all loops in which nothing it needs is.
+
+A loop within which an instruction would compute the same number in every turn has a place before it, to which such
+instructions go. They are executed also where the loop's body is not, which nobody notices: none of them can fail.
+"""
+
+import contextlib
+import re
+from collections.abc import Iterator
+
+from .elements import Name
+
+_NAMES = re.compile(r"%\w+")  # a lane of a vector is where the vector is
+
+
+class Loop:
+    """A loop that is being written, or was: ``before`` are the instructions that are executed once, ahead of it.
+
+    ``scope`` is the number of the block of instructions in which it stands.
+    """
+
+    __slots__ = ("before", "is_open", "outer", "place", "scope")
+
+    def __init__(self, outer: "Loop | None", place: int, scope: int):
+        self.outer, self.place, self.scope = outer, place, scope
+        self.before: list[str] = []
+        self.is_open = True
+
+
+class Scopes:
+    """The instructions of a function that have been written, by their text, in the scopes in which they are valid."""
+
+    def __init__(self) -> None:
+        self.loop: Loop | None = None
+        self._known: dict[str, Name] = {}
+        self._added: list[list[str]] = [[]]  # the keys of `_known`, scope by scope, so that they can be forgotten
+        self._homes: dict[Name, Loop] = {}  # the innermost loop around a name, if any
+
+    def found(self, instruction: str) -> Name | None:
+        """The result of an instruction that was written already."""
+        return self._known.get(instruction)
+
+    def note(self, instruction: str, name: Name, home: Loop | None) -> None:
+        """Notes an instruction that was written within a loop, or, where it is none that is written now, before one."""
+        within = self.loop
+        scope = len(self._added) - 1
+        while within is not home and within is not None:
+            scope, within = within.scope, within.outer
+        self._known[instruction] = name
+        self._added[scope].append(instruction)
+
+    def name(self, name: Name, home: Loop | None) -> None:
+        """Notes within which loop a name is."""
+        if home is not None:
+            self._homes[name] = home
+
+    def home(self, instruction: str) -> Loop | None:
+        """The innermost loop outside of which an instruction lacks an operand; None where it lacks none anywhere."""
+        within = [loop for operand in _NAMES.findall(instruction) if (loop := self._homes.get(operand)) is not None]
+        return self._innermost(within)
+
+    def _innermost(self, loops: list[Loop]) -> Loop | None:
+        around = set()
+        for loop in loops:
+            outer: Loop | None = loop
+            while outer is not None and not outer.is_open:  # what a loop has left is of the loop around it
+                outer = outer.outer
+            around.add(outer)
+        loop = self.loop
+        while loop is not None and loop not in around:
+            loop = loop.outer
+        return loop
+
+    @contextlib.contextmanager
+    def scope(self) -> Iterator[None]:
+        """What is computed in this block of Python is not known after it, because it may not have been executed."""
+        self._added.append([])
+        try:
+            yield
+        finally:
+            for key in self._added.pop():
+                del self._known[key]
+
+    @contextlib.contextmanager
+    def looped(self, place: int) -> Iterator[Loop]:
+        """What is written in this block of Python is a loop; ``place`` is where to write what goes before it."""
+        loop = self.loop = Loop(self.loop, place, len(self._added) - 1)
+        try:
+            yield loop
+        finally:
+            loop.is_open, self.loop = False, loop.outer

@@ -1,0 +1,110 @@
+"""Arrays whose first axis has as many elements as a vector has lanes: what is computed of them is computed in vectors.
+
+Such an array remains an array of single numbers, so that all rules know it: its elements are the lanes of vectors, one
+vector for each place along the other axes, and lane k of the vector ``%v7`` has the name ``%v7.k``. An operation finds
+the vectors by these names. Of the lanes, only those are taken out that something reads by itself.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from .builder import Builder
+from .elements import LANES, Element, Lanes, Pair, is_known, llvm_type, written
+
+
+WIDTHS = {3: 4, 4: 4, LANES: LANES}  # lanes of the vectors for so many elements
+
+
+def side_by_side(
+    builder: Builder,
+    dtypes: Sequence[np.dtype],
+    results: Sequence[np.dtype],
+    rows: Sequence[Sequence[Element]],
+    compute: Callable[..., Sequence[Element]],
+) -> list[list[Element]] | None:
+    """What ``compute`` gives for each of the rows, computed in vectors; None where it is to be computed one by one.
+
+    - ``rows``: the operands of the lanes, one row a lane; ``dtypes``: their types.
+    - ``results``: the types of what is computed; the list has a row for each lane.
+    """
+    count = len(rows)
+    if any(dtype.kind == "c" for dtype in (*dtypes, *results)):
+        return None
+    columns = list(zip(*rows, strict=True))
+    if any(isinstance(element, Lanes | Pair) for column in columns for element in column):
+        return None
+    if all(is_known(element) for column in columns for element in column) or all(map(_is_uniform, columns)):
+        return None
+    if count < LANES and sum(_cost(builder, column) for column in columns) > 1:
+        return None
+    operands = [packed(builder, dtype, column) for dtype, column in zip(dtypes, columns, strict=True)]
+    found = compute(*operands)
+    lanes = [builder.lanes_of(dtype, number, count) for dtype, number in zip(results, found, strict=True)]
+    return [list(row) for row in zip(*lanes, strict=True)]
+
+
+def packed(builder: Builder, dtype: np.dtype, numbers: Sequence[Element]) -> Element:
+    """The numbers of the lanes as a vector, or the number that all of them are."""
+    if _is_uniform(numbers):
+        return numbers[0]
+    width = WIDTHS[len(numbers)]
+    if all(map(is_known, numbers)):
+        texts = [written(number) for number in numbers]
+        texts += texts[-1:] * (width - len(texts))
+        kind = llvm_type(dtype)
+        return Lanes(f"<{', '.join(f'{kind} {text}' for text in texts)}>", width)
+    vectors, lanes = _sources(builder, numbers)
+    if len(vectors) == 1 and lanes == list(range(len(numbers))):
+        return vectors[0]
+    if 1 <= len(vectors) <= 2:
+        lanes += lanes[-1:] * (width - len(lanes))
+        return builder.shuffled(dtype, vectors[0], vectors[1] if len(vectors) > 1 else None, lanes)
+    return builder.gathered(dtype, numbers, width)
+
+
+def _is_uniform(numbers: Sequence[Element]) -> bool:
+    first = written(numbers[0])
+    return all(written(number) == first for number in numbers)
+
+
+def _sources(builder: Builder, numbers: Sequence[Element]) -> tuple[list[Lanes], list[int]]:
+    """The vectors of one width, two at most, whose lanes the numbers are, and which; no vectors where they are not."""
+    vectors: list[Lanes] = []
+    lanes = []
+    width = WIDTHS[len(numbers)]
+    for number in numbers:
+        vector = None if is_known(number) else builder.vector_of(number)
+        if vector is None or vector.width != width:
+            return [], []
+        if vector not in vectors:
+            vectors.append(vector)
+        lanes.append(width * vectors.index(vector) + int(written(number).partition(".")[2]))
+    return (vectors, lanes) if len(vectors) <= 2 else ([], [])
+
+
+def _cost(builder: Builder, numbers: Sequence[Element]) -> int:
+    """Instructions, in every turn of the loop that is being written, that make a vector of numbers."""
+    if all(map(builder.is_same_in_every_turn, numbers)):
+        return 0
+    if _is_uniform(numbers):
+        return 1
+    vectors, lanes = _sources(builder, numbers)
+    if not vectors:
+        return len(numbers)
+    return int(len(vectors) > 1 or lanes != list(range(len(numbers))))
+
+
+def in_rows(shape: Sequence[int], arrays: Iterable[np.ndarray]) -> list[list[list[Element]]]:
+    """For each place along the other axes, for each lane, the elements of arrays that have the shape or are single."""
+    count = shape[0]
+    flat = [
+        np.broadcast_to(elements.reshape(1, 1), (count, 1)) if elements.shape != tuple(shape) else elements
+        for elements in arrays
+    ]
+    columns = [elements.reshape(count, -1) for elements in flat]
+    places = int(np.prod(shape[1:], dtype=int))
+    return [
+        [[column[lane, place if column.shape[1] > 1 else 0] for column in columns] for lane in range(count)]
+        for place in range(places)
+    ]

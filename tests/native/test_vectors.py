@@ -1,0 +1,127 @@
+"""Arrays whose first axis is kept in vectors, beside XLA; what is computed once before a loop."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxball.native.jitting import Program
+
+from .comparison import agree, native, special
+
+rng = np.random.default_rng(5)
+X, Y = rng.normal(size=(8, 9)), rng.normal(size=(8, 3))
+
+
+def test_each_operation_of_lanes():
+    """Special numbers in every lane, an operand that is the same in all, constants that differ from lane to lane."""
+    numbers = np.resize(special(float), (8, 8))
+
+    def f(x, y, a):
+        other = jnp.roll(x, 1, axis=0)
+        chosen = jnp.where((x > y) & ~(x == other), x + a, jnp.arange(8.0)[:, None] * y)
+        return chosen, jnp.maximum(x, other), jnp.abs(x) - a, jnp.floor(x), x.astype(int) % 3, jnp.sqrt(jnp.abs(y))
+
+    agree(f, numbers, numbers.T.copy(), 0.7)
+
+
+def test_functions_of_the_library_by_lanes():
+    agree(lambda x: (jnp.sin(x), jnp.exp(x), jnp.arctan2(x, 1 + x**2), jnp.cbrt(x)), X, ulps=8)
+
+
+def test_reductions_keep_or_take_the_first_axis():
+    A = rng.normal(size=(8, 8))
+
+    def f(x):
+        combined = jnp.sum(jnp.asarray(A)[:, :, None] * x[None], axis=1)
+        return (
+            combined,
+            jnp.sum(x, axis=1),
+            jnp.max(x, axis=0),
+            jnp.argmin(x, axis=1),
+            jnp.sum(x * x),
+            x.ravel() @ x.ravel(),
+        )
+
+    agree(f, X, ulps=100)
+
+
+def test_lanes_move_to_other_places():
+    def f(x):
+        turned = jnp.roll(x, 1, axis=1) * x + 2.0 * jnp.flip(x, axis=1) ** 2
+        return turned.T[:, ::-1] + 1.0, jnp.concatenate([turned, x], axis=1)[:, 2:5], turned.reshape(4, 6)[1] * 2
+
+    agree(f, Y, ulps=4)
+
+
+def test_a_mapped_field_in_a_loop_of_a_loop():
+    """As the stages of an implicit method: carried from turn to turn, a norm decides how many there are."""
+
+    def field(t, x):
+        return jnp.stack([x[1] * t, -jnp.sin(x[0]), x[0] * x[1] - x[2]])
+
+    def f(x):
+        def improve(carry):
+            x, _, count = carry
+            new = 0.1 * jax.vmap(field)(jnp.linspace(0.0, 1.0, 8), x)
+            return new, jnp.max(jnp.abs(new - x)), count + 1
+
+        return jax.lax.while_loop(lambda c: (c[1] > 1e-12) & (c[2] < 40), improve, (x, jnp.inf, 0))
+
+    agree(f, Y, ulps=50)
+
+
+def text_of(monkeypatch, f, *args):
+    """The program of a function as LLVM's text."""
+    texts = []
+    from jaxball.native import executable
+
+    class Kept(executable.Entry):
+        def __init__(self, compiler):
+            super().__init__(compiler)
+            texts.append(self.text)
+
+    monkeypatch.setattr(executable, "Entry", Kept)
+    Program(lambda leaves: jax.tree.leaves(f(*leaves)), args)
+    return texts[-1]
+
+
+def test_lanes_are_taken_out_where_they_are_read_only(monkeypatch):
+    text = text_of(monkeypatch, lambda x: jnp.sum(jnp.abs(x * 2.0 - 1.0), axis=1)[:3], X)
+    assert text.count("extractelement") == 3
+    assert "fmul contract <8 x double>" in text
+
+
+def test_what_does_not_change_is_computed_before_the_loops(monkeypatch):
+    def f(x, y):
+        def inner(_, carry):
+            return carry * jnp.sqrt(y) + jnp.exp(x)
+
+        return jax.lax.fori_loop(0, 50, lambda _, c: jax.lax.fori_loop(0, 3, inner, c), x + y)
+
+    text = text_of(monkeypatch, f, 0.3, 0.1)
+    for instruction in ("@llvm.sqrt.f64(double", "@llvm.exp.f64(double"):
+        place = text.index(f"call double {instruction}")
+        assert text.index("define internal void @main") < place < text.index("\nwhile.")
+    agree(f, 0.3, 0.1, ulps=200)
+
+
+def test_what_differs_from_turn_to_turn_of_an_outer_loop_is_computed_in_it():
+    """Also what a loop has left behind, and what stands in a branch."""
+
+    def f(x):
+        def outer(k, carry):
+            a = jax.lax.fori_loop(0, 3, lambda i, c: c + jnp.sin(c) * i, carry + k)
+            b = jax.lax.fori_loop(0, 4, lambda i, c: c + jnp.cos(a) * i, carry)
+            return 0.1 * jax.lax.cond(b > a, lambda: jax.lax.fori_loop(0, 2, lambda i, c: c + a * b, b), lambda: a * b)
+
+        return jax.lax.fori_loop(0, 6, outer, x)
+
+    agree(f, 0.3, ulps=500)
+
+
+def test_a_division_that_is_not_executed_may_stand_before_the_loop():
+    def f(n, d):
+        return jax.lax.fori_loop(0, n, lambda i, c: c + jax.lax.cond(d != 0, lambda: n // d, lambda: i), 0)
+
+    assert native(f, 3, 0) == 3
+    agree(f, 3, 2)
