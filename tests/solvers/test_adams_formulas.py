@@ -209,3 +209,18 @@ def test_runs_at_each_order(order, pattern):
         ends = np.concatenate([[0.0], np.cumsum(lengths / lengths.sum())])
         errors.append(errors_of(order, (omega, SHARE), pattern, ends)[0])
     assert observed_order(1 / np.array(counts), errors) == pytest.approx(order + 1, abs=0.35)
+
+
+@pytest.mark.parametrize("order", [3, 9])
+def test_a_step_over_a_jump_of_the_field_has_an_error_that_says_so(order):
+    """ẏ = −sgn y from h/2 on: y is 0 at the end, and the correction goes there and back.
+
+    The step is short beside those before, so that the formulas of two orders agree about it.
+    """
+    h, state = 1e-3, state_of(0.1 * EVEN, -np.ones(ROWS), order)
+    y1, error, _, _ = step(
+        lambda t, y, args: -jnp.sign(y), state, jnp.asarray(0.0), jnp.asarray(h), jnp.array([0.5 * h])
+    )
+    wrong = abs(float(y1[0]))
+    assert wrong > 0.05 * h
+    assert wrong < 30 * float(error)
