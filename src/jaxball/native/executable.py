@@ -14,6 +14,7 @@ from .entry import ALIGNMENT, Entry
 from .lowering import Compiler
 from .machine import Code
 from .program import functions_of
+from .rules import RULES
 
 _spare = threading.local()
 
@@ -26,7 +27,7 @@ class Executable:
     """
 
     def __init__(self, module: Any, arguments: int):
-        functions = functions_of(module)
+        functions = functions_of(module, RULES)
         if len(functions["main"].arguments) != arguments:
             raise UnsupportedError("A program with arguments of JAX's own")
         entry = Entry(Compiler(functions))

@@ -2,12 +2,12 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from ..compat import stablehlo_bindings
+from ..compat import stablehlo_bindings, stablehlo_passes
 from .elements import UnsupportedError, dtype_named, part_of
 
 ir, stablehlo = stablehlo_bindings()
@@ -64,13 +64,15 @@ class Operation:
         return name in self._attributes
 
     def attribute(self, name: str) -> Any:
-        """An attribute: a number, a text, a list of integers, an array of NumPy, or what StableHLO has."""
+        """An attribute: a number, a text, a list of integers, a dictionary, an array of NumPy, or what StableHLO has."""
         attribute = self._attributes[name]
         kind = type(attribute).__name__
         if kind in ("IntegerAttr", "BoolAttr", "StringAttr", "FlatSymbolRefAttr", "FloatAttr"):
             return attribute.value
         if kind in ("DenseI64ArrayAttr", "DenseBoolArrayAttr"):
             return list(attribute)
+        if kind == "DictAttr":
+            return {item.name: item.attr.value for item in attribute}
         if kind in ("DenseIntElementsAttr", "DenseElementsAttr"):
             return np.array(attribute)
         return _OF_STABLEHLO[name](attribute)
@@ -114,18 +116,44 @@ class Block:
                 yield from region.every_operation()
 
 
-def functions_of(module: Any) -> dict[str, Block]:
+def functions_of(module: Any, known: Container[str]) -> dict[str, Block]:
     """The functions of a module by name; that of the program is ``main``.
+
+    - ``known``: names of operations; where a module has others that consist of simpler ones, it is changed so that
+      these stand in their places.
 
     **Raises:** ``UnsupportedError`` for what is no operation on arrays.
     """
+    if any(name.startswith(_COMPOSED) and name not in known for name in _names(module.operation)):
+        _write_out(module)
     functions = {}
     for function in module.body.operations:
         operation = function.operation
+        if operation.name == "sdy.mesh":  # of devices: there is one
+            continue
         if operation.name != "func.func":
             raise UnsupportedError(operation.name)
         functions[operation.attributes["sym_name"].value] = _read(operation.regions[0].blocks[0], {})
     return functions
+
+
+_COMPOSED = ("chlo.", "stablehlo.composite")
+_WRITTEN_OUT = "builtin.module(func.func(stablehlo-legalize-composite-to-call,chlo-legalize-to-stablehlo))"
+
+
+def _names(operation: Any) -> Iterator[str]:
+    """The names of an operation's operations, at any depth."""
+    for region in operation.regions:
+        for block in region.blocks:
+            for view in block.operations:
+                yield view.operation.name
+                yield from _names(view.operation)
+
+
+def _write_out(module: Any) -> None:
+    """Replaces special functions, the largest k, and composites by what StableHLO says they consist of."""
+    with module.context:
+        stablehlo_passes().parse(_WRITTEN_OUT).run(module.operation)
 
 
 def _read(source: Any, outer: dict[Any, Value]) -> Block:
