@@ -56,6 +56,13 @@ class Code:
 
 
 @functools.cache
+def multiplies_and_adds() -> bool:
+    """Whether the processor has x y + z, rounded once, as an instruction; functions for it take 50 times as long."""
+    features = _llvm().get_host_cpu_features()
+    return bool(features.get("fma") or features.get("neon"))
+
+
+@functools.cache
 def routine(library: str, name: str) -> int | None:
     """Where a routine of ``lapack`` or ``blas`` is in this process, as SciPy has it; None where it takes no integers
     of 32 bits, or where there is none.

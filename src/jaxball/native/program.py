@@ -31,7 +31,10 @@ class Value:
     __slots__ = ("block", "captured", "dtype", "reads", "shape")
 
     def __init__(self, type: Any, block: "Block"):
-        tensor = ir.RankedTensorType(type)
+        try:
+            tensor = ir.RankedTensorType(type)
+        except ValueError:  # as the order of effects
+            raise UnsupportedError(f"A value of type {type}") from None
         self.shape = tuple(tensor.shape)
         if any(length < 0 for length in self.shape):
             raise UnsupportedError("an array whose shape is not known")
@@ -64,7 +67,7 @@ class Operation:
         return name in self._attributes
 
     def attribute(self, name: str) -> Any:
-        """An attribute: a number, a text, a list of integers, a dictionary, an array of NumPy, or what StableHLO has."""
+        """An attribute: a number, a text, a list of integers, a dictionary, an array of NumPy, or StableHLO's."""
         attribute = self._attributes[name]
         kind = type(attribute).__name__
         if kind in ("IntegerAttr", "BoolAttr", "StringAttr", "FlatSymbolRefAttr", "FloatAttr"):
@@ -76,6 +79,11 @@ class Operation:
         if kind in ("DenseIntElementsAttr", "DenseElementsAttr"):
             return np.array(attribute)
         return _OF_STABLEHLO[name](attribute)
+
+    def has_effects(self) -> bool:
+        """Whether it does more than to make its results, or something within it does."""
+        own = not self.results or (self.has("has_side_effect") and self.attribute("has_side_effect"))
+        return own or any(inner.has_effects() for region in self.regions for inner in region.operations)
 
     def constant(self) -> np.ndarray:
         """The array of a ``stablehlo.constant``, which views one number where all are equal."""
@@ -182,10 +190,10 @@ def _read(source: Any, outer: dict[Any, Value]) -> Block:
 
 
 def _drop_unread(block: Block) -> None:
-    """Leaves out operations whose results nobody reads: none has any other effect."""
+    """Leaves out operations whose results nobody reads, if that is all they are for."""
     read, kept = set(block.results), []
     for operation in reversed(block.operations):
-        if any(result in read for result in operation.results) or not operation.results:
+        if any(result in read for result in operation.results) or operation.has_effects():
             kept.append(operation)
             read.update(operation.reads)
     block.operations = kept[::-1]

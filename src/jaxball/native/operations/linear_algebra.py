@@ -13,7 +13,6 @@ from .. import machine
 from ..elements import Index, Name, UnsupportedError, part_of
 from ..lowering import Function
 from ..program import Operation
-from ..rules import rule
 from ..values import Array, Memory
 
 INTEGER = np.dtype(np.int32)
@@ -156,13 +155,14 @@ _ROUTINES: dict[str, Factorisation] = {
 }
 
 
-@rule("stablehlo.custom_call")
-def custom_call(function: Function, operation: Operation, operands: list[Array]) -> list[Array]:
-    """A routine of LAPACK's or BLAS's, ``lapack_dgetrf_ffi``."""
-    target = operation.attribute("call_target_name")
-    known, letter, name = target.startswith("lapack_"), target[7:8], target[8:].removesuffix("_ffi")
-    if not known or name not in _ROUTINES or letter not in _LETTERS:
-        raise UnsupportedError(f"{operation.name} of {target}")
+def routine_named(target: str) -> tuple[str, str] | None:
+    """The letter and the name of a routine that is known, of ``lapack_dgetrf_ffi``."""
+    letter, name = target[7:8], target[8:].removesuffix("_ffi")
+    return (letter, name) if target.startswith("lapack_") and letter in _LETTERS and name in _ROUTINES else None
+
+
+def solve(function: Function, operation: Operation, operands: list[Array], letter: str, name: str) -> list[Array]:
+    """A routine of LAPACK's or BLAS's, of each matrix."""
     storage, compute = function.storage, _ROUTINES[name]
     routine = _Routine(function, operation, letter)
     arrays = [storage.anywhere(storage.settled(array)) for array in operands]
