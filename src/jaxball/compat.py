@@ -3,6 +3,7 @@
 ``tests/test_compat.py`` tries each of it with the version that is installed.
 """
 
+import functools
 import importlib
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -53,6 +54,7 @@ __all__ = [
     "put",
     "settings",
     "stablehlo_bindings",
+    "stablehlo_passes",
     "trace_context",
     "unvmap_any",
     "while_loop",
@@ -75,6 +77,16 @@ def stablehlo_bindings() -> tuple[Any, Any]:
     from jax.extend.mlir.dialects import stablehlo
 
     return ir, stablehlo
+
+
+@functools.cache
+def stablehlo_passes() -> Any:
+    """What reads and runs passes over lowered programs, those of StableHLO among them."""
+    from jax.extend.mlir import passmanager
+    from jax.extend.mlir.dialects import stablehlo
+
+    stablehlo.register_stablehlo_passes()
+    return passmanager.PassManager
 
 
 def put(array: np.ndarray, aval: Any, sharding: Any, device: Any) -> jax.Array:

@@ -369,7 +369,7 @@ class Builder:
         if high == 0:
             return 0
         least, greatest = self.range_of(i) or (-1, high + 1)
-        if 0 <= least and greatest <= high:
+        if least >= 0 and greatest <= high:
             return i
         i = self.select(INDEX, self.apply("icmp slt", INDEX, i, 0), 0, i)
         return self.select(INDEX, self.apply("icmp sgt", INDEX, i, high), high, i)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .lowering import Compiler, Function
+from .lowering import INTERRUPTED, REFUSED, Compiler, Function
 from .program import Value
 from .values import Array, Buffer, Memory, size_of
 
@@ -32,16 +32,18 @@ look:
   %new = call ptr @PyEval_SaveThread()
   store ptr %new, ptr %state.place
   %interrupted = icmp ne i32 %raised, 0
-  br i1 %interrupted, label %stop, label %continue
+  br i1 %interrupted, label %interrupt, label %continue
+interrupt:
+  store i8 {INTERRUPTED}, ptr %place
+  br label %stop
 stop:
-  store i8 1, ptr %place
   store i64 -1, ptr %control
   ret i1 true
 continue:
   ret i1 false
 }}
 
-define void @run(ptr %inputs, ptr %outputs, ptr %workspace) {{
+define i32 @run(ptr %inputs, ptr %outputs, ptr %workspace) {{
   %control = alloca [24 x i8], align 8
   %place = getelementptr i8, ptr %control, i64 8
   %state.place = getelementptr i8, ptr %control, i64 16
@@ -52,7 +54,10 @@ define void @run(ptr %inputs, ptr %outputs, ptr %workspace) {{
   call void @main(ptr %control, ptr %workspace, ptr %inputs, ptr %outputs)
   %last = load ptr, ptr %state.place
   call void @PyEval_RestoreThread(ptr %last)
-  ret void
+  %stopped = load i8, ptr %place
+  %refused = icmp eq i8 %stopped, {REFUSED}
+  %result = zext i1 %refused to i32
+  ret i32 %result
 }}
 """
 

@@ -14,6 +14,7 @@ from .entry import ALIGNMENT, Entry
 from .lowering import Compiler
 from .machine import Code
 from .program import functions_of
+from .rules import RULES
 
 _spare = threading.local()
 
@@ -26,28 +27,32 @@ class Executable:
     """
 
     def __init__(self, module: Any, arguments: int):
-        functions = functions_of(module)
+        functions = functions_of(module, RULES)
         if len(functions["main"].arguments) != arguments:
             raise UnsupportedError("A program with arguments of JAX's own")
         entry = Entry(Compiler(functions))
         self._code = Code(entry.text)
         # Of the kind that looks, after the call, for an exception; the code releases Python's lock itself.
-        kind = ctypes.PYFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+        kind = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
         self._run = kind(self._code.address("run"))
         self._addresses = ctypes.c_void_p * arguments
         self._results, self._size, self._workspace = entry.results, entry.size, entry.workspace
 
-    def __call__(self, arguments: Sequence[np.ndarray | jax.Array]) -> list[np.ndarray]:
-        """The results. The arguments have the types with which the program was compiled, row by row."""
+    def __call__(self, arguments: Sequence[np.ndarray | jax.Array]) -> list[np.ndarray] | None:
+        """The results; None where the program came to a callback. The arguments have the types with which it was
+        compiled, row by row.
+        """
         addresses = self._addresses(*map(_address, arguments))
         block = np.empty(self._size + ALIGNMENT, np.uint8)
         outputs = _address(block)
         start = -outputs % ALIGNMENT
         workspace = _taken(self._workspace)
         try:
-            self._run(addresses, outputs + start, -(-_address(workspace) // ALIGNMENT) * ALIGNMENT)
+            refused = self._run(addresses, outputs + start, -(-_address(workspace) // ALIGNMENT) * ALIGNMENT)
         finally:
             _given_back(workspace)
+        if refused:
+            return None
         return [np.ndarray(shape, dtype, block, start + offset) for offset, shape, dtype in self._results]
 
 

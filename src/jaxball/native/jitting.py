@@ -75,13 +75,17 @@ class _Jitted:
 
 
 class Program:
-    """A program for arrays of certain types: called with such, it gives arrays of JAX."""
+    """A program for arrays of certain types: called with such, it gives arrays of JAX.
+
+    Where it comes to a callback in a branch, as of an error that is raised, XLA runs it, from the beginning.
+    """
 
     def __init__(self, function: Callable[[list[Any]], list[Any]], arrays: Sequence[Any]):
         from . import operations  # noqa: F401 (whose rules are entered)
         from .executable import Executable
 
-        traced = jax.jit(function, keep_unused=True).trace(list(arrays))
+        self._xla = jax.jit(function, keep_unused=True)
+        traced = self._xla.trace(list(arrays))
         self._types = [np.dtype(_numpy_type(aval)) for aval in traced.jaxpr.in_avals]
         self._avals = traced.jaxpr.out_avals
         for aval in self._avals:
@@ -95,7 +99,8 @@ class Program:
             np.asarray(array, dtype, order="C") if isinstance(array, _OF_NUMPY) else array
             for array, dtype in zip(arrays, self._types, strict=True)
         ]
-        return as_jax(self._executable(given), self._avals)
+        results = self._executable(given)
+        return self._xla(list(arrays)) if results is None else as_jax(results, self._avals)
 
 
 def compiled(function: Callable[[list[Any]], list[Any]], arrays: Sequence[Any], name: str) -> Program | None:

@@ -13,6 +13,8 @@ from .rules import RULES
 from .storage import Storage
 from .values import Array, Buffer, Formula, Memory, Registers, is_small
 
+# Why a program stopped before its end: a signal, or because it cannot do what comes next.
+INTERRUPTED, REFUSED = 1, 2
 MOST_INLINED = 200  # operations of a function that is called more than once and still written where it is called
 
 
@@ -26,6 +28,18 @@ class Compiler:
         self._calls: dict[str, int] = {}
         self.indexed: set[Value] = set()
         self._survey("main")
+        if any(map(is_callback, self._always_executed(functions["main"]))):
+            raise UnsupportedError("A callback of Python")
+
+    def _always_executed(self, block: Block) -> Iterator[Operation]:
+        """The operations of a block that no branch decides about."""
+        for operation in block.operations:
+            yield operation
+            inner = operation.regions if operation.name == "stablehlo.while" else []
+            if operation.name == "func.call":
+                inner = [self.functions[operation.attribute("callee")]]
+            for region in inner:
+                yield from self._always_executed(region)
 
     def _survey(self, name: str) -> int:
         """Counts the operations of a function and its calls, and notes which values are indexed by numbers."""
@@ -95,7 +109,7 @@ class Function:
         """Writes one operation."""
         rule = RULES.get(operation.name)
         if rule is None:
-            raise UnsupportedError(_name(operation))
+            raise UnsupportedError(operation.name)
         mark = self.storage.mark()
         results = rule(self, operation, [self.values[value] for value in operation.operands])
         results = results if isinstance(results, list) else [results]
@@ -177,6 +191,14 @@ class Function:
 
         return combine
 
+    def refuse(self) -> None:
+        """Ends the program: it is to be run by another compiler, from the beginning."""
+        b = self.builder
+        b.write(f"store i8 {REFUSED}, ptr {b.address('%control', 8)}")
+        b.write("store i64 -1, ptr %control")
+        b.write(self.abort)
+        b.begin(b.new_label("never"))
+
     def looks_for_signals(self, cost: int) -> None:
         """Ends the function if Python has a signal to handle; looked at after so many instructions."""
         b = self.builder
@@ -191,7 +213,6 @@ class Function:
         b.begin(go_on)
 
 
-def _name(operation: Operation) -> str:
-    if operation.name == "stablehlo.custom_call":
-        return f"{operation.name} of {operation.attribute('call_target_name')}"
-    return operation.name
+def is_callback(operation: Operation) -> bool:
+    """Whether an operation calls a function of Python."""
+    return operation.name == "stablehlo.custom_call" and "python" in operation.attribute("call_target_name")

@@ -2,13 +2,18 @@
 
 import ctypes
 import functools
+import importlib
 import importlib.util
+import re
 import sys
 import threading
 from typing import Any
 
 # LLVM's context, in which modules are read, is one for the process.
 _lock = threading.Lock()
+
+# Declarations of routines, as linear_algebra.py writes them.
+_ROUTINE = re.compile(r"declare void @scipy\.(lapack|blas)\.(\w+)\(")
 
 
 @functools.cache
@@ -25,6 +30,8 @@ class Code:
 
     def __init__(self, text: str):
         llvm = _llvm()
+        for library, name in set(_ROUTINE.findall(text)):
+            llvm.add_symbol(f"scipy.{library}.{name}", routine(library, name))
         with _lock:
             machine = _machine()
             module = llvm.parse_assembly(text)
@@ -46,6 +53,28 @@ class Code:
     def __del__(self) -> None:
         if hasattr(self, "_engine") and not sys.is_finalizing():
             self.close()
+
+
+@functools.cache
+def multiplies_and_adds() -> bool:
+    """Whether the processor has x y + z, rounded once, as an instruction; functions for it take 50 times as long."""
+    features = _llvm().get_host_cpu_features()
+    return bool(features.get("fma") or features.get("neon"))
+
+
+@functools.cache
+def routine(library: str, name: str) -> int | None:
+    """Where a routine of ``lapack`` or ``blas`` is in this process, as SciPy has it; None where it takes no integers
+    of 32 bits, or where there is none.
+    """
+    capsule = importlib.import_module(f"scipy.linalg.cython_{library}").__pyx_capi__.get(name)
+    if capsule is None:
+        return None
+    signature, pointer = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
+    signature.argtypes, signature.restype = [ctypes.py_object], ctypes.c_char_p
+    pointer.argtypes, pointer.restype = [ctypes.py_object, ctypes.c_char_p], ctypes.c_void_p
+    kind = signature(capsule)
+    return pointer(capsule, kind) if b" int *" in kind or b"(int *" in kind else None
 
 
 @functools.cache

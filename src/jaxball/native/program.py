@@ -2,12 +2,12 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from ..compat import stablehlo_bindings
+from ..compat import stablehlo_bindings, stablehlo_passes
 from .elements import UnsupportedError, dtype_named, part_of
 
 ir, stablehlo = stablehlo_bindings()
@@ -31,7 +31,10 @@ class Value:
     __slots__ = ("block", "captured", "dtype", "reads", "shape")
 
     def __init__(self, type: Any, block: "Block"):
-        tensor = ir.RankedTensorType(type)
+        try:
+            tensor = ir.RankedTensorType(type)
+        except ValueError:  # as the order of effects
+            raise UnsupportedError(f"A value of type {type}") from None
         self.shape = tuple(tensor.shape)
         if any(length < 0 for length in self.shape):
             raise UnsupportedError("an array whose shape is not known")
@@ -64,16 +67,23 @@ class Operation:
         return name in self._attributes
 
     def attribute(self, name: str) -> Any:
-        """An attribute: a number, a text, a list of integers, an array of NumPy, or what StableHLO has."""
+        """An attribute: a number, a text, a list of integers, a dictionary, an array of NumPy, or StableHLO's."""
         attribute = self._attributes[name]
         kind = type(attribute).__name__
         if kind in ("IntegerAttr", "BoolAttr", "StringAttr", "FlatSymbolRefAttr", "FloatAttr"):
             return attribute.value
         if kind in ("DenseI64ArrayAttr", "DenseBoolArrayAttr"):
             return list(attribute)
+        if kind == "DictAttr":
+            return {item.name: item.attr.value for item in attribute}
         if kind in ("DenseIntElementsAttr", "DenseElementsAttr"):
             return np.array(attribute)
         return _OF_STABLEHLO[name](attribute)
+
+    def has_effects(self) -> bool:
+        """Whether it does more than to make its results, or something within it does."""
+        own = not self.results or (self.has("has_side_effect") and self.attribute("has_side_effect"))
+        return own or any(inner.has_effects() for region in self.regions for inner in region.operations)
 
     def constant(self) -> np.ndarray:
         """The array of a ``stablehlo.constant``, which views one number where all are equal."""
@@ -118,18 +128,44 @@ class Block:
                 yield from region.every_operation()
 
 
-def functions_of(module: Any) -> dict[str, Block]:
+def functions_of(module: Any, known: Container[str]) -> dict[str, Block]:
     """The functions of a module by name; that of the program is ``main``.
+
+    - ``known``: names of operations; where a module has others that consist of simpler ones, it is changed so that
+      these stand in their places.
 
     **Raises:** ``UnsupportedError`` for what is no operation on arrays.
     """
+    if any(name.startswith(_COMPOSED) and name not in known for name in _names(module.operation)):
+        _write_out(module)
     functions = {}
     for function in module.body.operations:
         operation = function.operation
+        if operation.name == "sdy.mesh":  # of devices: there is one
+            continue
         if operation.name != "func.func":
             raise UnsupportedError(operation.name)
         functions[operation.attributes["sym_name"].value] = _read(operation.regions[0].blocks[0], {})
     return functions
+
+
+_COMPOSED = ("chlo.", "stablehlo.composite")
+_WRITTEN_OUT = "builtin.module(func.func(stablehlo-legalize-composite-to-call,chlo-legalize-to-stablehlo))"
+
+
+def _names(operation: Any) -> Iterator[str]:
+    """The names of an operation's operations, at any depth."""
+    for region in operation.regions:
+        for block in region.blocks:
+            for view in block.operations:
+                yield view.operation.name
+                yield from _names(view.operation)
+
+
+def _write_out(module: Any) -> None:
+    """Replaces special functions, the largest k, and composites by what StableHLO says they consist of."""
+    with module.context:
+        stablehlo_passes().parse(_WRITTEN_OUT).run(module.operation)
 
 
 def _read(source: Any, outer: dict[Any, Value]) -> Block:
@@ -158,10 +194,10 @@ def _read(source: Any, outer: dict[Any, Value]) -> Block:
 
 
 def _drop_unread(block: Block) -> None:
-    """Leaves out operations whose results nobody reads: none has any other effect."""
+    """Leaves out operations whose results nobody reads, if that is all they are for."""
     read, kept = set(block.results), []
     for operation in reversed(block.operations):
-        if any(result in read for result in operation.results) or not operation.results:
+        if any(result in read for result in operation.results) or operation.has_effects():
             kept.append(operation)
             read.update(operation.reads)
     block.operations = kept[::-1]

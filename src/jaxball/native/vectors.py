@@ -12,7 +12,6 @@ import numpy as np
 from .builder import Builder
 from .elements import LANES, Element, Lanes, Pair, is_known, llvm_type, written
 
-
 WIDTHS = {3: 4, 4: 4, LANES: LANES}  # lanes of the vectors for so many elements
 
 

@@ -110,6 +110,8 @@ def scatter(function: Function, operation: Operation, operands: list[Array]) -> 
     count = len(operands) // 2
     arrays, numbers, updates = operands[:count], operands[count], operands[count + 1 :]
     storage, builder = function.storage, function.builder
+    if not size_of(updates[0].shape):
+        return arrays
     places = _Places(function, operation, storage.settled(numbers), updates[0].shape)
     combine = function.combination(operation.regions[0])
     updates = [storage.settled(update) for update in updates]

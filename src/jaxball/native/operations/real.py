@@ -8,8 +8,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from .. import machine
 from ..builder import BOOL, Builder
-from ..elements import Element, UnsupportedError, is_known, llvm_type
+from ..elements import Element, UnsupportedError, in_lanes, is_known, llvm_type
+from . import elementary
 
 
 def intrinsic(name: str) -> Callable[..., Element]:
@@ -30,6 +32,23 @@ def library(name: str) -> Callable[..., Element]:
         if dtype.kind != "f":
             raise UnsupportedError(f"The function {name} of {dtype}")
         return builder.call(name if dtype.itemsize == 8 else f"{name}f", dtype, *operands)
+
+    return compute
+
+
+def own(
+    name: str, otherwise: Callable[..., Element], part: int | None = None, in_vectors: bool = False
+) -> Callable[..., Element]:
+    """A function of :mod:`elementary`, of which one part may be meant; of other types, and of what is known, another.
+
+    ``in_vectors``: only there, because C's library takes less time for single numbers.
+    """
+
+    def compute(builder: Builder, dtype: np.dtype, *operands: Element) -> Element:
+        other = dtype != np.dtype(float) or all(map(is_known, operands)) or not machine.multiplies_and_adds()
+        if other or (in_vectors and not in_lanes(*operands)):
+            return otherwise(builder, dtype, *operands)
+        return elementary.called(builder, name, *operands, part=part)
 
     return compute
 
@@ -156,7 +175,7 @@ def rsqrt(b: Builder, dtype: np.dtype, x: Element) -> Element:
 
 def logistic(b: Builder, dtype: np.dtype, x: Element) -> Element:
     one = dtype.type(1)
-    grown = intrinsic("exp")(b, dtype, negate(b, dtype, x))
+    grown = SCALARS["exponential"](b, dtype, negate(b, dtype, x))
     return b.binary("div", dtype, one, b.binary("add", dtype, one, grown))
 
 
@@ -230,7 +249,7 @@ SCALARS: dict[str, Callable[..., Element]] = {
     "add": add,
     "and": logical("and"),
     "ceil": intrinsic("ceil"),
-    "cosine": intrinsic("cos"),
+    "cosine": own("sincos", intrinsic("cos"), 1),
     "count_leading_zeros": leading_zeros,
     "divide": divide,
     "exponential": intrinsic("exp"),
@@ -254,7 +273,7 @@ SCALARS: dict[str, Callable[..., Element]] = {
     "shift_right_arithmetic": shift("ashr"),
     "shift_right_logical": shift("lshr"),
     "sign": sign,
-    "sine": intrinsic("sin"),
+    "sine": own("sincos", intrinsic("sin"), 0),
     "sqrt": intrinsic("sqrt"),
     "square": square,
     "subtract": subtract,
@@ -269,7 +288,6 @@ SCALARS |= {
         "asin": "asin",
         "asinh": "asinh",
         "atan": "atan",
-        "atan2": "atan2",
         "atanh": "atanh",
         "cbrt": "cbrt",
         "cosh": "cosh",
@@ -280,6 +298,13 @@ SCALARS |= {
         "next_after": "nextafter",
         "sinh": "sinh",
         "tan": "tan",
-        "tanh": "tanh",
     }.items()
+}
+SCALARS |= {name: own(name, library(name)) for name in ("atan2", "tanh")}
+SCALARS |= {
+    "exponential": own("exp", intrinsic("exp"), in_vectors=True),
+    "exponential_minus_one": own("expm1", library("expm1"), in_vectors=True),
+    "log": own("log", intrinsic("log"), in_vectors=True),
+    "log_plus_one": own("log1p", library("log1p"), in_vectors=True),
+    "power": own("pow", intrinsic("pow"), in_vectors=True),
 }
