@@ -212,7 +212,7 @@ class Builder:
         return Lanes(vector, self._vectors[vector][1]) if vector in self._vectors else None
 
     def shuffled(self, dtype: np.dtype, x: Lanes, y: Lanes | None, lanes: Sequence[int]) -> Lanes:
-        """A vector of lanes of one vector, or of two, of which those of the second have the numbers from its width on."""
+        """A vector of lanes of one vector, or of two, of which those of the second are numbered from its width on."""
         kind, places = vector_type(dtype, x.width), ", ".join(f"i32 {lane}" for lane in lanes)
         other = f"{kind} {'poison' if y is None else y}"
         return Lanes(self.pure(f"shufflevector {kind} {x}, {other}, <{places}>", len(lanes)), len(lanes))
@@ -288,7 +288,9 @@ class Builder:
         kind = "fcmp" if dtype.kind == "f" else "icmp"
         if is_known(x) and is_known(y) and predicate in _COMPARED:
             return np.bool_(_COMPARED[predicate](x, y))
-        if predicate in ("slt", "sge") and (one := self.range_of(x)) and (other := self.range_of(y)):
+        ranges = (self.range_of(x), self.range_of(y)) if predicate in ("slt", "sge") else (None, None)
+        if ranges[0] and ranges[1]:
+            one, other = ranges
             if one[1] < other[0] or one[0] >= other[1]:
                 return np.bool_((one[1] < other[0]) == (predicate == "slt"))
         return self.apply(f"{kind} {predicate}", dtype, x, y)

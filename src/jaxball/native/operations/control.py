@@ -202,7 +202,7 @@ class _Carry:
     def bounded(self, limit: int | None) -> None:
         """Notes that an integer, which only grows, is less than a limit."""
         b, first = self.function.builder, self.function.builder.range_of(self.first[0])
-        ((_, dtype, name),) = self.phis
+        ((_, _, name),) = self.phis
         # A counter that has no limit might come to the last integer and go on with the first.
         b.bound(name, None if first is None or limit is None else (first[0], max(limit - 1, first[1])))
 

@@ -17,7 +17,7 @@ from fractions import Fraction
 import numpy as np
 
 from ..builder import Builder
-from ..elements import LANES, Element, Name, in_lanes, written
+from ..elements import Element, Lanes, Name, written
 
 DOUBLE = np.dtype(float)
 _LARGEST_ANGLE = 2.0**30  # of which the reduction below is right; larger ones are left to C's library
@@ -462,16 +462,16 @@ def declarations(lanes: int = 1) -> dict[str, str]:
 
 def called(b: Builder, name: str, *operands: Element, part: int | None = None) -> Name:
     """A call, for vectors where an operand is one, written once for equal operands; ``part`` of several results."""
-    wide = in_lanes(*operands)
-    lanes = LANES if wide else 1
+    width = max((x.width for x in operands if isinstance(x, Lanes)), default=0)
+    lanes = width or 1
     for symbol, line in declarations(lanes).items():
         b.module.declared.setdefault(symbol, line)
     b.module.declared.setdefault(name_of(name, lanes), definition(name, lanes))
     kind = Writer(lanes).type("double")
     returned = kind if part is None else f"{{ {kind}, {kind} }}"
-    given = ", ".join(f"{kind} {b.operand(DOUBLE, x, wide)}" for x in operands)
-    result = b.pure(f"call {returned} {name_of(name, lanes)}({given})", wide)
-    return result if part is None else b.pure(f"extractvalue {returned} {result}, {part}", wide)
+    given = ", ".join(f"{kind} {b.operand(DOUBLE, x, width)}" for x in operands)
+    result = b.pure(f"call {returned} {name_of(name, lanes)}({given})", width)
+    return result if part is None else b.pure(f"extractvalue {returned} {result}, {part}", width)
 
 
 def _beyond(w: Writer, x: str, results: list[str]) -> list[str]:
