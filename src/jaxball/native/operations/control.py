@@ -141,6 +141,14 @@ def _in_lanes(function: Function, operation: Operation, operands: list[Array], l
     return arrays
 
 
+def _with_twin(function: Function, array: Array) -> Registers:
+    """The numbers of an array in registers, and in memory as well where they are there."""
+    numbers = function.storage.to_registers(array)
+    if isinstance(array, Memory):
+        numbers.twin, numbers.buffers = array, array.buffers
+    return numbers
+
+
 class _Carry:
     """One array that a loop carries from turn to turn: unchanged, in memory, or in registers.
 
@@ -159,7 +167,7 @@ class _Carry:
         self.owners = 0
         storage = function.storage
         if self.unchanged:
-            self.array = storage.to_registers(array) if small else storage.anywhere(storage.settled(array))
+            self.array = _with_twin(function, array) if small else storage.anywhere(storage.settled(array))
         elif small:
             self.array = storage.to_registers(array)
             self.first = _numbers(function, self.array, varying)
