@@ -125,3 +125,51 @@ def test_a_division_that_is_not_executed_may_stand_before_the_loop():
 
     assert native(f, 3, 0) == 3
     agree(f, 3, 2)
+
+
+def stages(x, first=0, last=6):
+    """A table filled row by row, each of all before, as the stages of an explicit method."""
+
+    def add(carry):
+        i, table = carry
+        row = jnp.sin(x + jnp.asarray(A)[i] @ table)
+        return i + 1, table.at[i].set(row)
+
+    A = np.tril(np.random.default_rng(3).normal(size=(6, 6)), -1)
+    return jax.lax.while_loop(lambda carry: carry[0] < last, add, (first, jnp.zeros((6, 15))))[1]
+
+
+def test_a_short_loop_is_written_out(monkeypatch):
+    x = rng.normal(size=15)
+    assert "\nwhile." not in text_of(monkeypatch, stages, x)
+    agree(stages, x, ulps=100)
+
+
+def test_a_loop_from_or_to_what_is_not_known_is_a_loop(monkeypatch):
+    x = rng.normal(size=15)
+    for ends in ((1, 6), (0, 4), (3, 3), (5, 2)):
+        assert "\nwhile." in text_of(monkeypatch, stages, x, *ends)
+        agree(stages, x, *ends, ulps=100)
+
+
+def test_short_loops_of_several_ends():
+    """Of two counters the one that ends first decides; one that ends by something else as well is a loop."""
+
+    def f(x):
+        both = jax.lax.while_loop(
+            lambda c: (c[0] < 7) & (c[1] < 9), lambda c: (c[0] + 1, c[1] + 2, c[2] * x), (0, 0, 1.0)
+        )
+        either = jax.lax.while_loop(lambda c: (c[0] < 7) & (c[1] < 4.0), lambda c: (c[0] + 1, c[1] * x), (0, 1.0))
+        none = jax.lax.while_loop(lambda c: c[0] < 7, lambda c: (c[0] + 1, c[1] * x), (7, 1.0))
+        swapped = jax.lax.fori_loop(0, 3, lambda i, c: (c[1], c[0] + i), (x, 2.0))
+        return both, either, none, swapped
+
+    agree(f, 1.5, ulps=4)
+
+
+def test_a_table_that_is_kept_as_it_was_before_a_short_loop():
+    def f(table):
+        filled = jax.lax.fori_loop(0, 4, lambda i, t: t.at[i].set(t[i + 1] * 2.0), table)
+        return filled, table + filled, jax.lax.fori_loop(0, 4, lambda i, t: t.at[i].add(filled[i]), table)
+
+    agree(f, rng.normal(size=(8, 20)), ulps=2)

@@ -62,6 +62,8 @@ class Storage:
         """The same numbers in memory."""
         if isinstance(array, Memory):
             return array
+        if isinstance(array, Registers) and array.twin is not None:
+            return array.twin
         if isinstance(array, Registers) and array.known:
             return Memory(array.shape, array.dtype, Buffer(self.builder.module.constant(array.elements), 0, False))
         return self.copied(array)

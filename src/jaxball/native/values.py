@@ -55,9 +55,13 @@ class Buffer:
 
 
 class Registers:
-    """An array whose ``elements`` are an array of NumPy: of numbers, or of objects, see :mod:`elements`."""
+    """An array whose ``elements`` are an array of NumPy: of numbers, or of objects, see :mod:`elements`.
+
+    ``twin``: the same numbers in memory, where they are there as well.
+    """
 
     buffers: tuple[Buffer, ...] = ()
+    twin: "Memory | None" = None
 
     def __init__(self, dtype: np.dtype, elements: np.ndarray):
         self.dtype, self.elements = dtype, elements

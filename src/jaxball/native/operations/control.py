@@ -16,6 +16,10 @@ from ..rules import rule
 from ..storage import joined, parts, parts_of
 from ..values import Array, Memory, Registers, is_small, registers, size_of
 
+MOST_TURNS, MOST_NUMBERS = 20, 6000  # of a loop that is written out, and what it computes in them
+_OF_CONDITIONS = {
+    f"stablehlo.{name}" for name in ("and", "broadcast_in_dim", "compare", "constant", "convert", "reduce")
+}
 MOST_UNCHANGED = 256  # numbers of an array that a loop reads and does not change, and that are read once before it
 
 
@@ -43,6 +47,9 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
         loop = independent(operation, [_known(array) for array in operands], function.compiler.functions)
         if loop is not None:
             return _in_lanes(function, operation, operands, loop)
+        turns = _few_turns(function, operation, operands)
+        if turns is not None:
+            return _written_out(function, operation, operands, turns)
     b, storage = function.builder, function.storage
     condition, body = operation.regions
     apart, varying = False, [False] * len(operands)
@@ -105,6 +112,46 @@ def _known(array: Array) -> int | None:
     return int(array.elements.reshape(-1)[0])
 
 
+def _few_turns(function: Function, operation: Operation, operands: list[Array]) -> int | None:
+    """How many turns a loop has that counts from a known number to a known one, and is short enough to be written out.
+
+    Then indices are known, and what the loop fills need not be in memory.
+    """
+    numbers, counters = [_known(array) for array in operands], counted(operation)
+    ends = [
+        -(-(limit - number) // step)
+        for position, (step, limit) in counters.items()
+        if limit is not None and (number := numbers[position]) is not None
+    ]
+    condition, body = operation.regions
+    facts = sum(
+        inner.name == "stablehlo.compare" and inner.operands[0].dtype.kind != "b" for inner in condition.operations
+    )
+    if not ends or len(ends) != facts or any(inner.name not in _OF_CONDITIONS for inner in condition.operations):
+        return None
+    size = sum(result.size for inner in body.every_operation() for result in inner.results)
+    turns = max(min(ends), 0)
+    return turns if 0 < turns <= MOST_TURNS and turns * size <= MOST_NUMBERS else None
+
+
+def _written_out(function: Function, operation: Operation, operands: list[Array], turns: int) -> list[Array]:
+    """One turn after another."""
+    storage, arrays = function.storage, [function.storage.settled(array) for array in operands]
+    for array in arrays:
+        storage.pinned(array, 1)
+    for _ in range(turns):
+        with function.executed(operation.regions[1], arrays) as results:
+            results = [storage.settled(array) for array in results]
+            for array in results:  # theirs until they are the next turn's
+                storage.pinned(array, 1)
+        for array in arrays:
+            storage.pinned(array, -1)
+        arrays = results
+    for array in arrays:
+        storage.pinned(array, -1)
+    return [*arrays]
+
+
 def _in_lanes(function: Function, operation: Operation, operands: list[Array], loop: Independent) -> list[Array]:
     """As many turns at a time as a vector has lanes; in the last ones some are computed again."""
     b, storage = function.builder, function.storage
@@ -141,6 +188,14 @@ def _in_lanes(function: Function, operation: Operation, operands: list[Array], l
     return arrays
 
 
+def _with_twin(function: Function, array: Array) -> Registers:
+    """The numbers of an array in registers, and in memory as well where they are there."""
+    numbers = function.storage.to_registers(array)
+    if isinstance(array, Memory):
+        numbers.twin, numbers.buffers = array, array.buffers
+    return numbers
+
+
 class _Carry:
     """One array that a loop carries from turn to turn: unchanged, in memory, or in registers.
 
@@ -159,7 +214,7 @@ class _Carry:
         self.owners = 0
         storage = function.storage
         if self.unchanged:
-            self.array = storage.to_registers(array) if small else storage.anywhere(storage.settled(array))
+            self.array = _with_twin(function, array) if small else storage.anywhere(storage.settled(array))
         elif small:
             self.array = storage.to_registers(array)
             self.first = _numbers(function, self.array, varying)

@@ -1,10 +1,11 @@
 """Products of matrices and of higher arrays."""
 
+import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..elements import Element, Index
+from ..elements import Element, Index, is_known
 from ..lowering import Function
 from ..program import Operation
 from ..rules import rule
@@ -79,13 +80,11 @@ def dot_general(function: Function, operation: Operation, operands: list[Array])
 
 def _sum_of(add: Callable[[Element, Element], Element], terms: Sequence[Callable[[], Element]]) -> Element:
     """A sum of many terms as that of several sums, which a processor adds at once."""
-    sums = []
-    for first in range(min(PARTIAL_SUMS if len(terms) >= 2 * PARTIAL_SUMS else 1, len(terms))):
-        total, *others = terms[first :: PARTIAL_SUMS if len(terms) >= 2 * PARTIAL_SUMS else 1]
-        number = total()
-        for term in others:
-            number = add(number, term())
-        sums.append(number)
+    numbers = [term() for term in terms]
+    known, others = [x for x in numbers if is_known(x)], [x for x in numbers if not is_known(x)]
+    apart = PARTIAL_SUMS if len(others) >= 2 * PARTIAL_SUMS else 1
+    sums = [functools.reduce(add, others[first::apart]) for first in range(apart) if others]
+    sums += [functools.reduce(add, known)] if known else []
     while len(sums) > 1:
         sums = [add(*sums[k : k + 2]) if k + 1 < len(sums) else sums[k] for k in range(0, len(sums), 2)]
     return sums[0]
