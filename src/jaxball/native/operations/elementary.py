@@ -459,13 +459,18 @@ def declarations(lanes: int = 1) -> dict[str, str]:
     return found
 
 
-def called(b: Builder, name: str, *operands: Element, part: int | None = None) -> Name:
-    """A call for single numbers, written once for equal operands; ``part`` of the results, if there are several."""
-    for symbol, line in declarations().items():
+def called(b: Builder, name: str, *operands: Element, part: int | None = None, lanes: int = 1) -> Name:
+    """A call, written once for equal operands; ``part`` of the results, if there are several.
+
+    In lanes, the operands are vectors, or known numbers.
+    """
+    w = Writer(lanes)
+    for symbol, line in declarations(lanes).items():
         b.module.declared.setdefault(symbol, line)
-    b.module.declared.setdefault(name_of(name), definition(name))
-    returned = "double" if part is None else "{ double, double }"
-    result = b.pure(f"call {returned} {name_of(name)}({', '.join(f'double {written(x)}' for x in operands)})")
+    b.module.declared.setdefault(name_of(name, lanes), definition(name, lanes))
+    kind = w.type("double")
+    returned = kind if part is None else f"{{ {kind}, {kind} }}"
+    result = b.pure(f"call {returned} {name_of(name, lanes)}({', '.join(f'{kind} {w.text(x)}' for x in operands)})")
     return result if part is None else b.pure(f"extractvalue {returned} {result}, {part}")
 
 
