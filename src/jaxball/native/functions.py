@@ -102,7 +102,9 @@ def call_function(function: Function, name: str, block: Block, operands: Sequenc
         if small:
             flat = list(storage.to_registers(array).objects().reshape(-1))
             for dtype, number in parts([array.dtype] * len(flat), flat):
-                given.append(f"{vector_type(dtype) if own else llvm_type(dtype)} {b.operand(dtype, number, LANES * own)}")
+                given.append(
+                    f"{vector_type(dtype) if own else llvm_type(dtype)} {b.operand(dtype, number, LANES * own)}"
+                )
         else:
             given.append(f"ptr {storage.to_memory(array).buffer.name}")
     if signature.masked:
