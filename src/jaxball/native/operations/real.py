@@ -41,7 +41,9 @@ def own(
 ) -> Callable[..., Element]:
     """A function of :mod:`elementary`, of which one part may be meant; of other types, and of what is known, another.
 
-    ``in_vectors``: only there, because C's library takes less time for single numbers.
+    ``in_vectors``: only there, because C's library, which has tables, takes less time for single numbers: for sin and
+    cos together 11 ns against 12, atan2 12 against 16, pow 10 against 31. Of tanh it takes 11 against 9, and 34 against
+    22 where each waits for the last one.
     """
 
     def compute(builder: Builder, dtype: np.dtype, *operands: Element) -> Element:
@@ -240,6 +242,28 @@ def convert(b: Builder, source: np.dtype, target: np.dtype, x: Element) -> Eleme
     return b.converted("sext" if source.kind == "i" else "zext", source, target, x)
 
 
+def reduce_precision(b: Builder, dtype: np.dtype, x: Element, exponent: int, mantissa: int) -> Element:
+    """Rounded to so many bits, ties to even; what is beyond the exponents becomes infinite or a signed zero."""
+    own_exponent, own_mantissa = {8: (11, 52), 4: (8, 23)}[dtype.itemsize]
+    exponent, mantissa = min(exponent, own_exponent), min(mantissa, own_mantissa)
+    integer = np.dtype(f"u{dtype.itemsize}")
+    rounded: Element = x
+    if mantissa < own_mantissa:
+        bits, dropped = bitcast(b, dtype, integer, x), own_mantissa - mantissa
+        last = b.binary("and", integer, b.apply("lshr", integer, bits, integer.type(dropped)), integer.type(1))
+        bits = b.binary("add", integer, bits, b.binary("add", integer, last, integer.type((1 << (dropped - 1)) - 1)))
+        bits = b.binary("and", integer, bits, ~integer.type((1 << dropped) - 1))
+        rounded = bitcast(b, integer, dtype, bits)
+    bias = 2 ** (exponent - 1) - 1
+    most, least = dtype.type((2 - 2.0**-mantissa) * 2.0**bias), dtype.type(2.0 ** (1 - bias))
+    size = absolute(b, dtype, rounded)
+    if exponent < own_exponent:
+        sign_of = lambda number: b.call("llvm.copysign", dtype, dtype.type(number), x)  # noqa: E731
+        rounded = b.select(dtype, b.compare("ogt", dtype, size, most), sign_of(np.inf), rounded)
+        rounded = b.select(dtype, b.compare("olt", dtype, size, least), sign_of(0.0), rounded)
+    return b.select(dtype, b.apply("fcmp uno", dtype, x, x), x, rounded)
+
+
 def select(b: Builder, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:
     return b.select(dtype, condition, x, y)
 
@@ -249,7 +273,7 @@ SCALARS: dict[str, Callable[..., Element]] = {
     "add": add,
     "and": logical("and"),
     "ceil": intrinsic("ceil"),
-    "cosine": own("sincos", intrinsic("cos"), 1),
+    "cosine": intrinsic("cos"),
     "count_leading_zeros": leading_zeros,
     "divide": divide,
     "exponential": intrinsic("exp"),
@@ -273,7 +297,7 @@ SCALARS: dict[str, Callable[..., Element]] = {
     "shift_right_arithmetic": shift("ashr"),
     "shift_right_logical": shift("lshr"),
     "sign": sign,
-    "sine": own("sincos", intrinsic("sin"), 0),
+    "sine": intrinsic("sin"),
     "sqrt": intrinsic("sqrt"),
     "square": square,
     "subtract": subtract,
@@ -300,8 +324,11 @@ SCALARS |= {
         "tan": "tan",
     }.items()
 }
-SCALARS |= {name: own(name, library(name)) for name in ("atan2", "tanh")}
+SCALARS["tanh"] = own("tanh", library("tanh"))
 SCALARS |= {
+    "atan2": own("atan2", library("atan2"), in_vectors=True),
+    "cosine": own("sincos", intrinsic("cos"), 1, in_vectors=True),
+    "sine": own("sincos", intrinsic("sin"), 0, in_vectors=True),
     "exponential": own("exp", intrinsic("exp"), in_vectors=True),
     "exponential_minus_one": own("expm1", library("expm1"), in_vectors=True),
     "log": own("log", intrinsic("log"), in_vectors=True),
