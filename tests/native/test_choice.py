@@ -155,7 +155,15 @@ def test_without_llvmlite(monkeypatch):
         machine.is_present.cache_clear()
 
 
-def test_random_keys_run_through_xla():
+def test_random_keys(compiled_natively):
+    """As arguments and as results, of each kind that makes its numbers of threefry's."""
     key = jax.random.key(0)
-    assert jax.random.key_data(jaxball.jit(lambda key: jax.random.split(key)[0])(key)).shape == (2,)
+    f = lambda key: (jax.random.split(key), jax.random.normal(key, (3,)), {"old": key})  # noqa: E731
+    found, expected = jaxball.jit(f)(key), jax.jit(f)(key)
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        assert one.dtype == other.dtype
+        if one.dtype == key.dtype:
+            one, other = jax.random.key_data(one), jax.random.key_data(other)
+        np.testing.assert_allclose(one, other, rtol=1e-14)
     assert jaxball.jit(lambda: jax.random.key(3))().dtype == key.dtype
+    assert [native for _, native in compiled_natively] == [True, True]

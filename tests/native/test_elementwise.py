@@ -214,3 +214,45 @@ def test_functions_are_right():
     for name, of_mpmath in names.items():
         expected = np.array([float(getattr(mpmath, of_mpmath)(mpmath.mpf(number))) for number in x])
         np.testing.assert_allclose(found[name], expected, rtol=3 * np.finfo(float).eps, err_msg=name)
+
+
+@pytest.mark.parametrize("dtype", FLOATS)
+def test_fewer_bits(dtype):
+    x = np.concatenate([special(dtype), np.random.default_rng(3).normal(size=200).astype(dtype) * 1e-4])
+    agree(lambda x: [lax.reduce_precision(x, *bits) for bits in ((5, 10), (8, 7), (4, 3), (8, 23), (11, 52))], x)
+
+
+@pytest.mark.parametrize("count", [3, 70])
+def test_bits_as_numbers_of_another_length(count):
+    x = np.random.default_rng(4).normal(size=count)
+
+    def bits(x):
+        halves = lax.bitcast_convert_type(x, np.uint32)
+        return halves, lax.bitcast_convert_type(halves, np.float64), lax.bitcast_convert_type(x, np.int16) + 1
+
+    agree(bits, x)
+
+
+SPECIAL_FUNCTIONS = {name: getattr(lax, name) for name in ("erf_inv", "lgamma", "digamma", "bessel_i0e", "bessel_i1e")}
+
+
+@pytest.mark.parametrize("dtype", FLOATS)
+def test_special_functions(dtype):
+    """Written out by StableHLO's own rules, as XLA's."""
+    x = np.concatenate([special(dtype), np.random.default_rng(5).uniform(-20, 20, 100).astype(dtype)])
+    x = x[np.abs(x) < 1e30]
+
+    def functions(x):
+        y = jnp.abs(x) + 1
+        more = (
+            lax.igamma(y, y / 2),
+            lax.betainc(y, y + 1, 1 / y),
+            lax.zeta(y + 1, y),
+            lax.polygamma(jnp.ones_like(y), y),
+        )
+        return {name: f(x) for name, f in SPECIAL_FUNCTIONS.items()}, more, lax.top_k(x, 5)
+
+    found, expected = native(functions, x), jax.jit(functions)(x)
+    eps = np.finfo(dtype).eps
+    for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+        np.testing.assert_allclose(one, other, rtol=500 * eps, atol=500 * eps)

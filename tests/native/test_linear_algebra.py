@@ -99,6 +99,24 @@ def test_factors_give_the_matrix(dtype, shape):
 
 
 @pytest.mark.parametrize("dtype", TYPES)
+def test_eigenvectors_of_any_matrix(dtype):
+    a = matrices(dtype, 3, 5, 5)
+
+    def eigen(a):
+        values, vectors = jnp.linalg.eig(a)
+        left = lax.linalg.eig(a, compute_left_eigenvectors=True, compute_right_eigenvectors=False)
+        return values, vectors, left, jnp.linalg.eigvals(a.at[1, 2, 2].set(jnp.nan))
+
+    values, vectors, (again, left), broken = jax.tree.map(np.asarray, native(eigen, a))
+    eps = 300 * np.finfo(dtype).eps
+    np.testing.assert_allclose(a @ vectors, vectors * values[:, None], atol=eps)
+    left = np.conj(np.swapaxes(left, 1, 2))
+    np.testing.assert_allclose(left @ a, again[..., None] * left, atol=eps)
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1, atol=eps)
+    np.testing.assert_array_equal(np.isnan(broken).any(1), [False, True, False])
+
+
+@pytest.mark.parametrize("dtype", TYPES)
 def test_tridiagonal_equations(dtype):
     low, middle, high = matrices(dtype, 3, 2, 5)
     near(lambda *d: lax.linalg.tridiagonal_solve(*d, d[0][..., None] + 1), low, middle + 5, high)

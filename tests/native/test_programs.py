@@ -8,7 +8,8 @@ from jax import lax
 
 from .comparison import native
 
-# Of arrays of one shape. None grows what it is given, so that rounding stays rounding.
+# Of arrays of one shape. None grows what it is given, so that rounding stays rounding; indices that are numbers of the
+# program lie off the integers, so that rounding changes none.
 UNARY = [
     jnp.sin,
     jnp.tanh,
@@ -17,6 +18,17 @@ UNARY = [
     jnp.abs,
     lambda x: -x,
     lambda x: x * 0.5 + 0.25,
+    jnp.sort,
+    lambda x: x[jnp.argsort(-x)],
+    lambda x: jnp.cumsum(x) / x.size,
+    lambda x: lax.cummax(x, reverse=True),
+    lambda x: jnp.zeros_like(x).at[(7 * jnp.abs(x) + 0.3).astype(int)].add(0.1 * x),
+    lambda x: x[(99 * x + 0.3).astype(np.int8)],
+    lambda x: 0.3 * jnp.concatenate([x[1:], x[:1]]) + 0.5 * jnp.pad(x[:-1], (1, 0)),
+    lambda x: jnp.real(jnp.exp(lax.complex(-abs(x), x)) * lax.complex(x, x) / 2),
+    lambda x: lax.map(lambda y: y * jnp.abs(y), x),
+    lambda x: jnp.linalg.solve(jnp.eye(2) + 0.1 * jnp.outer(x[:2], x[:2]), x[:2])[0] * x / 2,
+    lambda x: (x[:, None] * x[:3] @ jnp.ones(3)) / 3,
 ]
 BINARY = [
     jnp.minimum,

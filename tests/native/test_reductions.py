@@ -84,6 +84,18 @@ def test_windows(shape):
     agree(windows, x, ulps=10)
 
 
+@pytest.mark.parametrize("shape", [(5, 6), (11, 12)])
+@pytest.mark.parametrize("padding", ["VALID", "SAME"])
+def test_derivatives_of_windows(shape, padding):
+    """Of equal numbers the first is chosen."""
+    x = np.random.default_rng(5).integers(0, 4, shape).astype(float)
+
+    def largest(x, size, strides):
+        return jnp.sum(lax.reduce_window(x, -np.inf, lax.max, size, strides, padding) ** 2)
+
+    agree(lambda x: (jax.grad(largest)(x, (2, 3), (2, 3)), jax.grad(largest)(x, (3, 2), (1, 1))), x, ulps=10)
+
+
 @pytest.mark.parametrize("n", [1, 3, 12, 40])
 @pytest.mark.parametrize("dtype", ["float64", "float32", "int32", "complex128"])
 def test_products(n, dtype):

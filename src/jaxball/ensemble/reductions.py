@@ -17,10 +17,10 @@ Quantity = Callable[[Any, Float[Array, ""], Any], Float[Array, ""]]
 class Observed(NamedTuple):
     """What was observed of a quantity: its value at the start, its extreme values and their times, its integral."""
 
-    start: Float[Array, " runs"]
-    extremes: tuple[Float[Array, " runs"], ...]
-    times: tuple[Float[Array, " runs"], ...]
-    integral: Float[Array, " runs"]
+    start: Float[Array, "*runs"]
+    extremes: tuple[Float[Array, "*runs"], ...]
+    times: tuple[Float[Array, "*runs"], ...]
+    integral: Float[Array, "*runs"]
 
 
 class AbstractReduction(Printed):
@@ -40,7 +40,7 @@ class AbstractReduction(Printed):
     ends: ClassVar[tuple[str, ...]] = ("",)
 
     @abc.abstractmethod
-    def result(self, observed: Observed) -> dict[str, Float[Array, " runs"]]:
+    def result(self, observed: Observed) -> dict[str, Float[Array, "*runs"]]:
         """What is reported, by what its name has after that of the reduction."""
 
 
@@ -63,7 +63,7 @@ class Maximum(AbstractReduction):
     signs: ClassVar[tuple[float, ...]] = (1.0,)
     ends: ClassVar[tuple[str, ...]] = ("", "_time")
 
-    def result(self, observed: Observed) -> dict[str, Float[Array, " runs"]]:
+    def result(self, observed: Observed) -> dict[str, Float[Array, "*runs"]]:
         return {"": self.then(observed.extremes[0]), "_time": observed.times[0]}
 
 
@@ -79,7 +79,7 @@ class Minimum(AbstractReduction):
     signs: ClassVar[tuple[float, ...]] = (-1.0,)
     ends: ClassVar[tuple[str, ...]] = ("", "_time")
 
-    def result(self, observed: Observed) -> dict[str, Float[Array, " runs"]]:
+    def result(self, observed: Observed) -> dict[str, Float[Array, "*runs"]]:
         return {"": observed.extremes[0], "_time": observed.times[0]}
 
 
@@ -95,7 +95,7 @@ class Drift(AbstractReduction):
     signs: ClassVar[tuple[float, ...]] = (1.0, -1.0)
     needs_start: ClassVar[bool] = True
 
-    def result(self, observed: Observed) -> dict[str, Float[Array, " runs"]]:
+    def result(self, observed: Observed) -> dict[str, Float[Array, "*runs"]]:
         most, least = observed.extremes
         return {"": jnp.maximum(most - observed.start, observed.start - least)}
 
@@ -111,5 +111,5 @@ class Integral(AbstractReduction):
     quantity: Quantity = eqx.field(static=True)
     is_integral: ClassVar[bool] = True
 
-    def result(self, observed: Observed) -> dict[str, Float[Array, " runs"]]:
+    def result(self, observed: Observed) -> dict[str, Float[Array, "*runs"]]:
         return {"": observed.integral}

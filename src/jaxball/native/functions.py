@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from .builder import BOOL
-from .elements import Lanes, Name, llvm_type, vector_type
+from .elements import LANES, Lanes, Name, llvm_type, vector_type
 from .lowering import Function
 from .program import Block
 from .storage import joined, parts, parts_of
@@ -81,7 +81,7 @@ def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Si
                 storage.fill(Memory(array.shape, array.dtype, target), array)
     result = "undef"
     for position, ((dtype, own), number) in enumerate(zip(signature.returned(block), returned, strict=True)):
-        item = f"{vector_type(dtype) if own else llvm_type(dtype)} {b.operand(dtype, number, own)}"
+        item = f"{vector_type(dtype) if own else llvm_type(dtype)} {b.operand(dtype, number, LANES * own)}"
         result = b.effect(f"insertvalue {signature.type} {result}, {item}, {position}")
     b.write("ret void" if signature.type == "void" else f"ret {signature.type} {result}")
     compiler.module.functions.append(b.function(f"internal {signature.type} @{signature.name}({', '.join(given)})"))
@@ -102,7 +102,9 @@ def call_function(function: Function, name: str, block: Block, operands: Sequenc
         if small:
             flat = list(storage.to_registers(array).objects().reshape(-1))
             for dtype, number in parts([array.dtype] * len(flat), flat):
-                given.append(f"{vector_type(dtype) if own else llvm_type(dtype)} {b.operand(dtype, number, own)}")
+                given.append(
+                    f"{vector_type(dtype) if own else llvm_type(dtype)} {b.operand(dtype, number, LANES * own)}"
+                )
         else:
             given.append(f"ptr {storage.to_memory(array).buffer.name}")
     if signature.masked:
@@ -121,7 +123,7 @@ def call_function(function: Function, name: str, block: Block, operands: Sequenc
     returned = b.effect(call)
     numbers = iter(
         [
-            b.effect(f"extractvalue {signature.type} {returned}, {k}", own)
+            b.effect(f"extractvalue {signature.type} {returned}, {k}", LANES * own)
             for k, (_, own) in enumerate(signature.returned(block))
         ]
     )

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from ..compat import is_traced, trace_context
@@ -84,8 +85,17 @@ class Program:
         from . import operations  # noqa: F401 (whose rules are entered)
         from .executable import Executable
 
-        self._xla = jax.jit(function, keep_unused=True)
-        traced = self._xla.trace(list(arrays))
+        keys = list(map(_implementation, arrays))
+        made: list[list[Any]] = []
+
+        def of_numbers(arrays: list[Any]) -> list[Any]:
+            results = function(_as_keys(arrays, keys))
+            made.append(list(map(_implementation, results)))
+            return list(map(_numbers, results))
+
+        self._xla = jax.jit(of_numbers, keep_unused=True)
+        traced = self._xla.trace(list(map(_numbers, arrays)))
+        self._keys, self._made = any(keys), made[-1] if any(made[-1]) else None
         self._types = [np.dtype(_numpy_type(aval)) for aval in traced.jaxpr.in_avals]
         self._avals = traced.jaxpr.out_avals
         for aval in self._avals:
@@ -95,12 +105,36 @@ class Program:
     def __call__(self, arrays: Sequence[Any]) -> list[jax.Array]:
         from .executable import as_jax
 
+        arrays = list(map(_numbers, arrays)) if self._keys else arrays
         given = [
             np.asarray(array, dtype, order="C") if isinstance(array, _OF_NUMPY) else array
             for array, dtype in zip(arrays, self._types, strict=True)
         ]
         results = self._executable(given)
-        return self._xla(list(arrays)) if results is None else as_jax(results, self._avals)
+        results = self._xla(list(arrays)) if results is None else as_jax(results, self._avals)
+        return results if self._made is None else _as_keys(results, self._made)
+
+
+def _implementation(array: Any) -> Any:
+    """How random keys make numbers; None of what is none."""
+    return jax.random.key_impl(array) if _is_key(array) else None
+
+
+def _is_key(array: Any) -> bool:
+    return isinstance(array, jax.Array) and jnp.issubdtype(array.dtype, jax.dtypes.prng_key)
+
+
+def _numbers(array: Any) -> Any:
+    """The numbers of which random keys consist; anything else as it is."""
+    return jax.random.key_data(array) if _is_key(array) else array
+
+
+def _as_keys(arrays: Sequence[Any], implementations: Sequence[Any]) -> list[Any]:
+    """Random keys of such numbers, where there is one of how they make others."""
+    return [
+        array if implementation is None else jax.random.wrap_key_data(array, impl=implementation)
+        for array, implementation in zip(arrays, implementations, strict=True)
+    ]
 
 
 def compiled(function: Callable[[list[Any]], list[Any]], arrays: Sequence[Any], name: str) -> Program | None:
@@ -132,7 +166,7 @@ def usable(leaves: Sequence[Any]) -> bool:
 
 def _is_numbers(leaf: Any) -> bool:
     if isinstance(leaf, jax.Array | np.ndarray | np.generic):
-        return isinstance(leaf.dtype, np.dtype) and leaf.dtype.kind in "biufc"
+        return _is_key(leaf) or (isinstance(leaf.dtype, np.dtype) and leaf.dtype.kind in "biufc")
     return isinstance(leaf, bool | int | float | complex)
 
 
@@ -149,6 +183,6 @@ def settings() -> Any:
 
 
 def _numpy_type(aval: Any) -> np.dtype:
-    if not isinstance(aval.dtype, np.dtype):  # as of random keys
+    if not isinstance(aval.dtype, np.dtype):
         raise UnsupportedError(f"An array of {aval.dtype}")
     return aval.dtype

@@ -13,7 +13,7 @@ from .program import Block, Operation, Value
 
 FEWEST = 2  # vectors that turns must fill
 # Operations whose rules know no vectors.
-_APART = ("stablehlo.custom_call",)
+_APART = ("stablehlo.custom_call", "stablehlo.select_and_scatter")
 
 
 class Independent:

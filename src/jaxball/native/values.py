@@ -251,7 +251,7 @@ def store(
     if dtype.kind == "b":
         element = builder.converted("zext", dtype, kind, element) if isinstance(element, str) else kind.type(element)
     name = vector_type(kind) if wide else llvm_type(kind)
-    builder.write(f"store {name} {builder.operand(kind, element, wide)}, ptr {parts[0]}")
+    builder.write(f"store {name} {builder.operand(kind, element, LANES * wide)}, ptr {parts[0]}")
 
 
 def indices(shape: Sequence[int]) -> Iterator[tuple[int, ...]]:

@@ -8,7 +8,7 @@ from ..elements import Element, UnsupportedError
 from ..lowering import Function
 from ..program import Operation
 from ..rules import rule, short
-from ..values import Array, Formula, Registers, is_small, registers, size_of
+from ..values import Array, Formula, Memory, Registers, is_small, registers, size_of
 from ..vectors import WIDTHS, in_rows, side_by_side
 from . import complex, real
 
@@ -123,9 +123,26 @@ def part(function: Function, operation: Operation, operands: list[Array]) -> Arr
 
 @rule("stablehlo.reduce_precision")
 def reduce_precision(function: Function, operation: Operation, operands: list[Array]) -> Array:
-    """Rounded to the bits of its own type, which changes nothing; to others not known."""
+    result, builder = operation.results[0], function.builder
     bits = operation.attribute("exponent_bits"), operation.attribute("mantissa_bits")
-    result = operation.results[0]
-    if bits == {8: (11, 52), 4: (8, 23)}[result.dtype.itemsize]:
-        return operands[0]
-    raise UnsupportedError(f"Rounding of {result.dtype} to {bits[1]} bits")
+    compute = lambda x: real.reduce_precision(builder, result.dtype, x, *bits)  # noqa: E731
+    return mapped(function, result.shape, result.dtype, compute, operands)
+
+
+@rule("stablehlo.bitcast_convert")
+def bitcast_convert(function: Function, operation: Operation, operands: list[Array]) -> Array:
+    """The same bits as numbers of another type; of another length, as a dimension more or less, the lowest first."""
+    (array,), result, storage = operands, operation.results[0], function.storage
+    if array.dtype.itemsize == result.dtype.itemsize:
+        compute = scalar(operation)
+        return mapped(function, result.shape, result.dtype, lambda x: compute(function.builder, x), operands)
+    if "b" in (array.dtype.kind, result.dtype.kind):
+        raise UnsupportedError(f"Bits of {array.dtype} as {result.dtype}")
+    return Memory(result.shape, result.dtype, storage.to_memory(array).buffer)
+
+
+@rule("stablehlo.map")
+def map_(function: Function, operation: Operation, operands: list[Array]) -> Array:
+    """What the region computes of the elements."""
+    result, combine = operation.results[0], function.combination(operation.regions[0])
+    return mapped(function, result.shape, result.dtype, lambda *xs: combine(*xs)[0], operands)

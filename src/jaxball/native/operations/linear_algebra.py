@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from .. import machine
-from ..elements import Index, Name, UnsupportedError, part_of
+from ..elements import Element, Index, Name, Pair, UnsupportedError, llvm_type, part_of
 from ..lowering import Function
 from ..program import Operation
+from ..storage import parts
 from ..values import Array, Memory
 
-INTEGER = np.dtype(np.int32)
+BOOL, INDEX, INTEGER = np.dtype(bool), np.dtype(np.int64), np.dtype(np.int32)
 _LETTERS = {"s": np.dtype("f4"), "d": np.dtype("f8"), "c": np.dtype("c8"), "z": np.dtype("c16")}
 _BLOCK = 32  # columns that a routine handles together, if it has the memory
 
@@ -113,6 +114,53 @@ def _eigenvalues_of_symmetric(r: _Routine, operands: list[Memory]) -> list[Memor
     return [a, values, info]
 
 
+def _eigenvalues(r: _Routine, operands: list[Memory]) -> list[Memory]:
+    """Of a real matrix, LAPACK gives the parts of a complex vector as the vectors of it and of the next value."""
+    (a,), b, storage = operands, r.function.builder, r.function.storage
+    n, info = a.shape[0], r.memory(INTEGER, 1)
+    count = 4 * max(n, 1)
+    wanted = [r.option("compute_left"), r.option("compute_right")]
+    vectors = [r.memory(r.dtype, n, n) for _ in wanted]
+    values = [r.memory(r.dtype, n) for _ in range(1 if r.dtype.kind == "c" else 2)]
+    work: list[Any] = [r.memory(r.dtype, count), count]
+    if r.dtype.kind == "c":
+        work.append(r.memory(part_of(r.dtype), 2 * n))
+    left, right = vectors
+    with storage.every_index(info.shape) as index:
+        storage.put(info, index, np.int32(-4))
+    with b.where(_all_finite(r, a)):  # a search for eigenvalues may not end
+        r.call("geev", *wanted, n, a, n, *values, left, n, right, n, *work, info)
+    if r.dtype.kind == "c":
+        return [*values, left, right, info]
+    pairs = [r.memory(np.dtype(f"c{2 * r.dtype.itemsize}"), n, n) for _ in vectors]
+    zero = r.dtype.type(0)
+    for target, source in zip(pairs, vectors, strict=True):
+        with storage.every_index((n, n)) as (j, i):
+            turned = values[1].element(b, (j,))
+            second = b.compare("olt", r.dtype, turned, zero)
+            back = b.as_index(b.select(INDEX, second, np.int64(1), np.int64(0)), INDEX)
+            k = b.clamped(b.plus(j, b.times(back, -1)), n - 1)
+            real, other = (source.element(b, (b.clamped(b.plus(k, d), n - 1), i)) for d in (0, 1))
+            imaginary = b.select(r.dtype, second, b.pure(f"fneg {llvm_type(r.dtype)} {other}"), other)
+            imaginary = b.select(r.dtype, b.compare("oeq", r.dtype, turned, zero), zero, imaginary)
+            storage.put(target, (j, i), Pair(real, imaginary))
+    return [*values, *pairs, info]
+
+
+def _all_finite(r: _Routine, a: Memory) -> Element:
+    b = r.function.builder
+
+    def step(index: list[Index], numbers: list[Element]) -> list[Element]:
+        element = a.element(b, index)
+        total = numbers[0]
+        for part, number in parts([a.dtype], [element]):
+            finite = b.compare("olt", part, b.call(f"llvm.fabs.f{8 * part.itemsize}", part, number), part.type(np.inf))
+            total = b.binary("and", BOOL, total, finite)
+        return [total]
+
+    return r.function.storage.accumulated(a.shape, [(BOOL, np.bool_(True))], step)[0]
+
+
 def _singular_values(r: _Routine, operands: list[Memory]) -> list[Memory]:
     (a,) = operands
     n, m = a.shape
@@ -150,6 +198,7 @@ _ROUTINES: dict[str, Factorisation] = {
     "ungqr": _q,
     "syevd": _eigenvalues_of_symmetric,
     "heevd": _eigenvalues_of_symmetric,
+    "geev": _eigenvalues,
     "gesdd": _singular_values,
     "gtsv": _tridiagonal_solution,
 }

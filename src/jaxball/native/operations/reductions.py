@@ -131,6 +131,43 @@ def reduce_window(function: Function, operation: Operation, operands: list[Array
     return several(function, operation, at, arrays, varying)
 
 
+@rule("stablehlo.select_and_scatter")
+def select_and_scatter(function: Function, operation: Operation, operands: list[Array]) -> Array:
+    """Of each window of the first operand, the place that the first region selects is combined with a number of the
+    second, by the second region, to begin with the third.
+    """
+    storage, builder = function.storage, function.builder
+    array, source = (storage.anywhere(storage.settled(operand)) for operand in operands[:2])
+    first = storage.to_registers(operands[2]).element(builder, ())
+    selects, combine = (function.combination(region) for region in operation.regions)
+    window, dtype = _Window(operation, array.shape), array.dtype
+    target = storage.allocate(array.shape, dtype)
+    with storage.every_index(target.shape) as index:
+        storage.put(target, index, first)
+    zero = joined([dtype], [part.type(0) for part, _ in parts([dtype], [first])])[0]
+    with storage.every_index(source.shape) as index:
+
+        def step(within: list[Index], best: list[Element]) -> list[Element]:
+            inside, place = window.place(builder, index, within)
+            number, found, *chosen = best
+            other = array.element(builder, place)
+            kept = builder.binary("and", BOOL, found, selects(number, other)[0])
+            kept = builder.binary("or", BOOL, kept, builder.binary("xor", BOOL, inside, np.bool_(True)))
+            pairs = zip(parts([dtype], [number]), parts([dtype], [other]), strict=True)
+            new = joined([dtype], [builder.select(part, kept, x, y) for (part, x), (_, y) in pairs])
+            numbers = [np.int64(i) if isinstance(i, int) else i for i in place]
+            moved = [builder.select(INDEX, kept, i, j) for i, j in zip(chosen, numbers, strict=True)]
+            return [*new, builder.binary("or", BOOL, found, inside), *moved]
+
+        start = [(dtype, zero), (BOOL, np.bool_(False)), *[(INDEX, np.int64(0))] * len(array.shape)]
+        _, found, *chosen = storage.accumulated(window.lengths, start, step)
+        place = [builder.as_index(i, INDEX) for i in chosen]
+        with builder.where(found):
+            new = combine(target.element(builder, place), source.element(builder, index))
+            storage.put(target, place, new[0])
+    return target
+
+
 class _Window:
     """Where windows lie on an array."""
 
