@@ -288,11 +288,11 @@ class Builder:
         kind = "fcmp" if dtype.kind == "f" else "icmp"
         if is_known(x) and is_known(y) and predicate in _COMPARED:
             return np.bool_(_COMPARED[predicate](x, y))
-        ranges = (self.range_of(x), self.range_of(y)) if predicate in ("slt", "sge") else (None, None)
-        if ranges[0] and ranges[1]:
-            one, other = ranges
-            if one[1] < other[0] or one[0] >= other[1]:
-                return np.bool_((one[1] < other[0]) == (predicate == "slt"))
+        one, other = self.range_of(x), self.range_of(y)
+        if predicate not in ("slt", "sge") or one is None or other is None:
+            return self.apply(f"{kind} {predicate}", dtype, x, y)
+        if one[1] < other[0] or one[0] >= other[1]:
+            return np.bool_((one[1] < other[0]) == (predicate == "slt"))
         return self.apply(f"{kind} {predicate}", dtype, x, y)
 
     def select(self, dtype: np.dtype, condition: Element, x: Element, y: Element) -> Element:
