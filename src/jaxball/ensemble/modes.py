@@ -79,8 +79,8 @@ class Modes(NamedTuple):
         """``prepared`` takes a function of (system, t, vector) and numbers to its program for all rows."""
         room, unravel = packing.system.contact.room, packing.unravel
 
-        def heading(system, t, x):
-            return _switching(t, t, room, order).heading(t, x, Packing(system.prepare(), unravel)).as_numbers()
+        def heading(system, t, x, rtol, atol):
+            return _switching(rtol, atol, room, order).heading(t, x, Packing(system.prepare(), unravel)).as_numbers()
 
         def guards(system, t, x, *heading):
             along = Heading.of_numbers(jnp.stack(heading))
@@ -91,7 +91,7 @@ class Modes(NamedTuple):
             end = _switching(rtol, atol, room, order).ended(t, x, along, Packing(system.prepare(), unravel))
             return end._replace(window=end.window.astype(x.dtype), slow=end.slow.astype(x.dtype))
 
-        programs = prepared(heading, 0), prepared(guards, 4), prepared(ended, 6)
+        programs = prepared(heading, 2), prepared(guards, 4), prepared(ended, 6)
         return cls(*programs, between, packing, shared, room, order)
 
     def record(self, rows: int, size: int, dtype: Any) -> Float[Array, "rows room numbers"]:
@@ -120,7 +120,7 @@ class Modes(NamedTuple):
         last one ended with.
         """
         start, end, limits = jax.lax.stop_gradient((step.start, step.end, given.limits))
-        heading = self.heading(given.heading, *jax.lax.stop_gradient((step.start, step.x)))
+        heading = self.heading(given.heading, *jax.lax.stop_gradient((step.start, step.x)), limits.rtol, limits.atol)
         before = self._before_end(course, given, step, heading, fresh)
         course = course._replace(guards=before[:, 0])
         y = jax.lax.stop_gradient(step.y)

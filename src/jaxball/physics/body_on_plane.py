@@ -31,10 +31,12 @@ from .system import AbstractSystem
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
 SLOW = 0.36  # power of rounding: of the speed of a body, the slip that is followed to its end in no step of a solve
 ERRORS = 30  # of velocities, in tolerances: a slip that ends may be faster by so much
+UNTOLD = 10  # the same: of a slip as slow as that, steps cannot tell the direction
 WINDOW = 0.1  # of √(r/g): the longest time for which the direction of a slip that begins is known beforehand
 BEFORE_KINK = 0.999  # of the time until the next kink: the same
 SLOW_DISK = 0.55  # the same of a disk, whose slip does not turn; more than the error of the place where a mode ends
 LONGEST = 0.25  # power of rounding: of √(r/g), the longest time in which a slip is followed to its end like that
+COARSER = 0.3  # the same over the cube root of the tolerance, because so the error of the response halfway grows
 END, MIDDLE, IMPACT, MODE = range(4)  # what follows a mode, in this order
 
 
@@ -152,13 +154,16 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
         return jax.tree.map(choose, rolling, sliding, flying)
 
-    def heading(self, t: Float[Array, ""], state: ContactState) -> Heading:
-        """Where a slip goes as a step begins."""
+    def heading(
+        self, t: Float[Array, ""], state: ContactState, rtol: Float[Array, ""], atol: Float[Array, ""]
+    ) -> Heading:
+        """Where a slip goes as a step begins, of a solve with these tolerances."""
         slip = slip_velocity(self.body, t, state.released)
         sigma = state.direction(t, slip)
         speed = jnp.maximum(jnp.sum(slip[:2] * sigma), 0.0)
         power = SLOW_DISK if self.body.planar else SLOW
-        least = float(jnp.finfo(speed.dtype).eps) ** power * self._speed(state.released)
+        rest = self._speed(state.released)
+        least = jnp.maximum(float(jnp.finfo(speed.dtype).eps) ** power * rest, UNTOLD * (atol + rtol * rest))
         return Heading(sigma, speed, jnp.minimum(least, 0.5 * speed))
 
     def guards(
@@ -224,9 +229,14 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return ContactState(given.body, given.V, given.height, zero, zero, mode, slips.Beginning.none(zero))
 
     def followed(
-        self, t: Float[Array, ""], state: ContactState, cause: Int[Array, ""], kinks: Float[Array, " kinks"]
+        self,
+        t: Float[Array, ""],
+        state: ContactState,
+        cause: Int[Array, ""],
+        kinks: Float[Array, " kinks"],
+        tolerance: Float[Array, ""],
     ) -> "Followed":
-        """What follows where a mode ends.
+        """What follows where a mode ends, in a solve with this tolerance.
 
         A slip that ends is followed to its end first. An impact comes next, if the body comes down, then the mode with
         the velocities after it, and then the direction in which a slip begins. All but this need the response of the
@@ -252,7 +262,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
             return jax.lax.switch(
                 stage,
                 (
-                    lambda carry: self._ending(carry, found),
+                    lambda carry: self._ending(carry, found, tolerance),
                     lambda carry: self._ended(carry, found),
                     lambda carry: self._struck(carry, found),
                     lambda carry: self._decided(carry, found, cause),
@@ -268,10 +278,11 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         state = self._begun(done, kinks)
         return Followed(done.t, done.before, state, done.decides, lands)
 
-    def _ending(self, carry: "_Following", found: Response) -> "_Following":
+    def _ending(self, carry: "_Following", found: Response, tolerance: Float[Array, ""]) -> "_Following":
         """Halfway to the end of a slip, if it has one."""
         end = self._end(carry, found)
-        soon = end.time <= float(jnp.finfo(end.time.dtype).eps) ** LONGEST * self._unit_of_time()
+        longest = jnp.maximum(float(jnp.finfo(end.time.dtype).eps) ** LONGEST, COARSER * jnp.cbrt(tolerance))
+        soon = end.time <= longest * self._unit_of_time()
         halfway = self._slowed(carry, found, carry.state, end, 0.5)
         return carry._replace(ahead=(carry.t + 0.5 * end.time, halfway), decides=end.comes & soon)
 

@@ -233,7 +233,10 @@ class Switching(eqx.Module):
 
     def share(self) -> Float[Array, ""]:
         """The longest step of a slip that ends, over the time until its end."""
-        return share(self.order, jnp.maximum(self.rtol, self.atol))
+        return share(self.order, self._tolerance())
+
+    def _tolerance(self) -> Float[Array, ""]:
+        return jnp.maximum(self.rtol, self.atol)
 
     def _packing(self, parameters: Any) -> Packing:
         return self.unpack(parameters)[0]
@@ -241,7 +244,7 @@ class Switching(eqx.Module):
     def heading(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Heading:
         """Where a slip goes as a step begins."""
         packing = self._packing(parameters)
-        return packing.system.heading(t, packing.unpack(t, y))
+        return packing.system.heading(t, packing.unpack(t, y), self.rtol, self.atol)
 
     def guards(self, t: Float[Array, ""], y: Float[Array, " size"], heading: Heading, parameters: Any) -> Array:
         """The three functions that are positive while the mode lasts."""
@@ -265,7 +268,7 @@ class Switching(eqx.Module):
         kinks = jax.lax.stop_gradient(system.driving_kinks())
 
         state = packing.unpack(t, y)
-        heading = jax.lax.stop_gradient(system.heading(t, state))
+        heading = jax.lax.stop_gradient(system.heading(t, state, self.rtol, self.atol))
         heading = heading._replace(least=heading.speed)
         rates = jax.lax.stop_gradient(system.field(t, state))
         values, slopes = jax.jvp(
@@ -277,7 +280,7 @@ class Switching(eqx.Module):
         # By this the time moves by next to nothing, and gets its derivatives: those of the zero of the function.
         shift = jnp.where(sloping, -values[which] / jnp.where(sloping, slope, 1.0), 0.0)
         t, before = t + shift, jax.tree.map(lambda x, rate: x + shift * rate, state, rates)
-        t, before, state, ends, lands = system.followed(t, before, cause, kinks)
+        t, before, state, ends, lands = system.followed(t, before, cause, kinks, self._tolerance())
         after, switches = packing.pack(t, state), jnp.where(starts, lands, ends & (cause != WINDOW))
         fixed = jax.lax.stop_gradient(t)
         crowded = switches & (cause != int(Cause.LANDS)) & (fixed - course.last <= CLOSE * run)
