@@ -224,7 +224,7 @@ def test_what_is_the_same_for_all_rows_is_written_again(tmp_path):
 
 
 LOST = {
-    "the numbers of an axis, which begin with 0": "axes/initial.phi/c/0",
+    "the numbers of an axis, which begin with 0": "axes/time.start/c/0",
     "the labels of a dimension": "save/c/0",
     "what an array says of itself": "phi/zarr.json",
     "what a group says of itself": "axes/zarr.json",
@@ -234,7 +234,7 @@ LOST = {
 @pytest.mark.parametrize("name", LOST.values(), ids=LOST)
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 def test_no_file_of_a_store_is_lost_in_silence(tmp_path, name, change):
-    found = study(tmp_path, '[[axes]]\npath = "initial.phi"\nvalues = [0.0]\n', 'save = "times"')
+    found = study(tmp_path, '[[axes]]\npath = "time.start"\nvalues = [0.0]\n', 'save = "times"')
     outcome = sweep(found, tmp_path / "s.zarr", engine=pretend)
     before, path = files(outcome.store), outcome.store / name
     change(path)

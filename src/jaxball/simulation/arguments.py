@@ -165,8 +165,8 @@ def checked_tolerances(
 ) -> tuple[Array | np.ndarray, Array | np.ndarray]:
     """The tolerances as arrays; those of many runs may have an axis.
 
-    **Raises:** ``ValueError`` for more than one number for one run, where they are known and negative or not finite, and :class:`PrecisionError` when the
-    floating-point type cannot reach the larger one of them.
+    **Raises:** ``ValueError`` for more than one number of one run and where they are known and negative or not finite,
+    and :class:`PrecisionError` when the floating-point type cannot reach the larger one of them.
     """
     rtol, atol = _as_array("rtol", rtol), _as_array("atol", atol)
     plain = all(isinstance(x, np.ndarray) and x.ndim == 0 for x in (rtol, atol))
