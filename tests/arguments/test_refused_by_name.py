@@ -65,6 +65,13 @@ def test_one_wrong_tolerance_beside_a_right_one(solve, name, value):
         solve(**{name: float(value)})
 
 
+@pytest.mark.parametrize("name", ["rtol", "atol"])
+@pytest.mark.parametrize("size", [1, 2, 3])  # the last is that of the state
+def test_a_run_has_one_tolerance(name, size):
+    with pytest.raises(ValueError, match=rf"^Argument `{name}` must be a single number, but its shape is \({size},\)"):
+        run(**{name: [1e-8] * size})
+
+
 def test_one_wrong_tolerance_of_many_runs():
     with pytest.raises(ValueError, match=r"^Argument `atol\[1\]` must be 0 or a positive number, but it is -1e-08\.$"):
         ensemble(atol=[1e-8, -1e-8, 1e-8])

@@ -1,4 +1,4 @@
-"""Ctrl-C ends a command with one sentence and exit code 130, whatever it is doing."""
+"""A signal ends a command with one sentence and its exit code, 130 for Ctrl-C, whatever the command is doing."""
 
 import os
 import signal
@@ -79,6 +79,32 @@ def test_ctrl_c(tmp_path, program, words):
     with start(["-c", PRELUDE + program], folder=tmp_path) as run:
         output, errors = run.communicate(timeout=50)
     assert (run.returncode, output, errors) == (130, "", f"jaxball: {words}\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
+    assert (tmp_path / "run.csv").read_text() == "precious"
+
+
+WHILE_A_FILE_IS_WRITTEN, _ = MOMENTS["while a file is written"]
+WHEN_IT_WAS_GIVEN_ALREADY = """
+with interruption.stop_requested("Stopping; {again}.") as stop:
+    os.kill(os.getpid(), signal.SIGINT)
+    assert stop.wait(60)
+    press()
+"""
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_other_signals(tmp_path, name):
+    if not hasattr(signal, name):
+        pytest.skip("this system does not have the signal")
+    (tmp_path / "run.csv").write_text("precious")
+    ends = {
+        WHILE_A_FILE_IS_WRITTEN: "jaxball: Stopped.\n",
+        WHEN_IT_WAS_GIVEN_ALREADY: f"jaxball: Stopping; send {name} again.\njaxball: Stopped.\n",
+    }
+    for program, said in ends.items():
+        with start(["-c", (PRELUDE + program).replace("SIGINT", name)], folder=tmp_path) as run:
+            output, errors = run.communicate(timeout=50)
+        assert (run.returncode, output, errors) == (128 + getattr(signal, name), "", said)
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
     assert (tmp_path / "run.csv").read_text() == "precious"
 

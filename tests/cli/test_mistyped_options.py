@@ -48,6 +48,23 @@ def test_a_platform_that_is_not_there_is_a_sentence():
     assert told.endswith("leave it out, or set it to cpu.")
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "must"),
+    [
+        ("JAX_PLATFORM_NAME", "abacus", "name what JAX can compute on here"),
+        ("JAX_ENABLE_X64", "maybe", "be what JAX can read"),
+        ("JAX_NUM_CPU_DEVICES", "many", "be what JAX can read"),
+    ],
+)
+def test_other_variables_of_jax(name, value, must):
+    wrong = {**os.environ, name: value}
+    command = [sys.executable, "-m", "jaxball", "simulate", "disk"]
+    done = subprocess.run(command, env=wrong, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    (told,) = done.stderr.splitlines()
+    assert told.startswith(f'jaxball: Variable `{name}` must {must}, but it is "{value}": ')
+
+
 def test_more_times_than_there_is_memory_for_are_refused_before_anything_is_tried(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(memory, "free_memory", lambda: 3e9)
     wanted = ["simulate", "disk", "--set", "time.step=4e-6", "--out", str(tmp_path / "run.nc")]

@@ -6,7 +6,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from jaxball import Ball, BallState, Disk, DiskState, ReducedState, RotationState, simulate
+from jaxball import (
+    Ball,
+    BallState,
+    Disk,
+    DiskState,
+    ReducedState,
+    RotationState,
+    observe,
+    problems,
+    simulate,
+    vector_field,
+)
 from jaxball.classical import FreeRigidBody, RigidBodyState
 from jaxball.ensemble import simulate_ensemble
 
@@ -103,6 +114,41 @@ def test_the_observables_of_an_ensemble_are_those_of_its_runs():
         for name in ("normal_force", "friction", "energy", "contact_point"):
             np.testing.assert_allclose(getattr(found, name)[k], getattr(one.observables, name), rtol=0, atol=1e-8)
         np.testing.assert_allclose(ensemble.friction_needed[k], one.friction_needed, atol=1e-8)
+
+
+THREE = np.zeros((3, 3))  # as many as a vector has components
+
+
+@pytest.mark.usefixtures("no_type_checks")
+@pytest.mark.parametrize("use", [vector_field, observe, lambda system, t, state: problems(system, state, t)])
+@pytest.mark.parametrize(
+    ("body", "states"),
+    [
+        (Ball(mass=1.0, inertia=(0.5, 0.6, 0.7)), BallState(q=versors((3,)), Omega=THREE, z=THREE[:, :2])),
+        (Ball(mass=1.0, inertia=(0.5, 0.6, 0.7)), RotationState(Lambda=rotations(versors((3,))), Omega=THREE)),
+        (Disk(mass=1.0, inertia=0.5, offset=(0.1, 0.0, 0.0)), DiskState(phi=THREE[0], phidot=THREE[0], z=THREE[0])),
+        (FreeRigidBody(inertia=(1.0, 2.0, 3.0)), RigidBodyState(q=versors((3,)), Omega=THREE)),
+    ],
+)
+def test_what_is_of_one_state_refuses_many(use, body, states):
+    if use is observe and isinstance(body, FreeRigidBody):
+        pytest.skip("observe is of balls and disks")
+    with pytest.raises(ValueError, match=r"`state` must be one state, with .* but its shape is \(3,.*use jax.vmap"):
+        use(body, jnp.array(0.0), states)
+
+
+@pytest.mark.usefixtures("no_type_checks")
+def test_what_is_of_a_place_refuses_a_state_that_knows_none():
+    with pytest.raises(TypeError, match=r"`state` must be one that knows where the body is.*but it is a ReducedState"):
+        observe(Ball(mass=1.0, inertia=(0.5, 0.6, 0.7)), jnp.array(0.0), ReducedState())
+
+
+def test_what_is_of_one_trajectory_refuses_many():
+    body, times = FreeRigidBody(inertia=(1.0, 2.0, 3.0)), np.linspace(0.0, 1.0, 4)
+    batch = jax.vmap(lambda q: simulate(body, times, RigidBodyState(q=q)))(versors((1,)))  # of one alone, too
+    for name in ("ok", "message", "problems", "raise_if_failed"):
+        with pytest.raises(ValueError, match=rf"`{name}` is of one trajectory, but this is a batch of shape \(1,\)"):
+            getattr(batch, name)()
 
 
 def test_a_batch_is_evaluated_within_vmap():

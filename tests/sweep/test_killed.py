@@ -59,6 +59,27 @@ def test_the_second_ctrl_c_stops_at_once_and_its_workers_too(tmp_path):
     assert not list(tmp_path.rglob(".part-*"))
 
 
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="this system does not show its processes")
+@pytest.mark.parametrize("name", ["SIGKILL", "SIGQUIT"])
+def test_workers_end_with_their_parent_however_it_ends(tmp_path, name):
+    (tmp_path / "study.toml").write_text(study_text(tmp_path, MANY, "chunk = 16"))
+    with start(tmp_path, "a.zarr", "--workers", "2") as run:
+        while processes(run.pid) < 4:  # the command, its two workers, and Python's tracker of what they share
+            assert run.poll() is None
+            time.sleep(0.01)
+        run.send_signal(getattr(signal, name))  # to the command alone
+        run.communicate(timeout=120)
+    assert run.returncode == -getattr(signal, name)
+    deadline = time.monotonic() + 60
+    try:
+        while processes(run.pid):
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(run.pid, signal.SIGKILL)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("workers", ["1", "2"])
 def test_the_command_killed_at_random_moments(tmp_path, workers):

@@ -223,6 +223,41 @@ def test_what_is_the_same_for_all_rows_is_written_again(tmp_path):
     assert files(outcome.store) == before
 
 
+LOST = {
+    "the numbers of an axis, which begin with 0": "axes/time.start/c/0",
+    "the labels of a dimension": "save/c/0",
+    "what an array says of itself": "phi/zarr.json",
+    "what a group says of itself": "axes/zarr.json",
+}
+
+
+@pytest.mark.parametrize("name", LOST.values(), ids=LOST)
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_no_file_of_a_store_is_lost_in_silence(tmp_path, name, change):
+    found = study(tmp_path, '[[axes]]\npath = "time.start"\nvalues = [0.0]\n', 'save = "times"')
+    outcome = sweep(found, tmp_path / "s.zarr", engine=pretend)
+    before, path = files(outcome.store), outcome.store / name
+    change(path)
+    with pytest.raises(StoreError, match=f'{path}" must be as the sweep wrote it'):
+        open_grid(outcome.store)
+    said = io.StringIO()
+    assert sweep(found, outcome.store, engine=failing, stream=said).finished  # nothing is computed again
+    assert said.getvalue().endswith(f'{path}"; it is written again.\n')
+    assert files(outcome.store) == before
+
+
+@pytest.mark.parametrize("name", ["phi/c/0", "axes/body.mass/c/0"])
+def test_a_folder_in_the_place_of_a_file_is_left(tmp_path, name):
+    found = study(tmp_path, settings=SMALL)
+    path = sweep(found, tmp_path / "s.zarr", engine=pretend).store / name
+    path.unlink()
+    path.mkdir()
+    (path / "precious").write_text("")
+    with pytest.raises(StoreError, match=f'{path}" must be as the sweep wrote it, but a folder is in its place'):
+        sweep(found, tmp_path / "s.zarr", engine=pretend)
+    assert (path / "precious").exists()
+
+
 def test_a_file_that_changes_before_the_table_is_written_is_named(tmp_path):
     found = study(tmp_path, settings=SMALL)
     outcome = sweep(found, tmp_path / "s.zarr", engine=pretend)

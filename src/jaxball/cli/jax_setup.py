@@ -15,7 +15,10 @@ def set_up_jax() -> None:
 
     A command calls this once there is nothing left to refuse that needs no numbers, and imports its work after it.
     """
-    import jax
+    try:
+        import jax
+    except ValueError as error:
+        raise _refused_by_jax(error) from None
 
     from .. import cache, cpu
 
@@ -25,20 +28,35 @@ def set_up_jax() -> None:
     cache.load_early()
 
 
+def _refused_by_jax(error: ValueError) -> BadInputError:
+    """The sentence for a variable of the environment that JAX cannot read; its own names it in a word of its own."""
+    reason = str(error).splitlines()[0] if str(error) else "JAX does not say which"
+    of_jax = [name for name in sorted(os.environ) if name.startswith("JAX_")]
+    named = [name for name in of_jax if name in reason or name.lower() in reason] or of_jax
+    which = f"Variable `{named[0]}`" if len(named) == 1 else f"Variables {', '.join(f'`{name}`' for name in named)}"
+    given = ", ".join(f'"{os.environ[name]}"' for name in named)
+    return BadInputError(f"{which} must be what JAX can read, but it is {given}: {reason}; leave it out.")
+
+
 def _require_platform() -> None:
     """Raises a :class:`BadInputError` where JAX is told to compute on what is not there."""
-    wanted = os.environ.get("JAX_PLATFORMS", "")
-    if wanted in ("", "cpu"):
+    given = {name: os.environ.get(name, "") for name in ("JAX_PLATFORMS", "JAX_PLATFORM_NAME", "JAX_DEFAULT_DEVICE")}
+    wanted = {name: value for name, value in given.items() if value not in ("", "cpu")}
+    if not wanted:
         return
     import jax
+    import jax.numpy as jnp
 
     try:
         jax.devices()
-    except (RuntimeError, AssertionError) as error:
-        reason = str(error).splitlines()[0] if str(error) else "JAX finds none"
+        jnp.zeros(())
+    except (RuntimeError, AssertionError, ValueError) as error:
+        reason = str(error).splitlines()[0].rstrip(".") if str(error) else "JAX finds none"
+        names = " and ".join(f"`{name}`" for name in wanted)
+        values = " and ".join(f'"{value}"' for value in wanted.values())
         raise BadInputError(
-            f'Variable `JAX_PLATFORMS` must name what JAX can compute on here, but it is "{wanted}": {reason}; leave '
-            "it out, or set it to cpu."
+            f"Variable {names} must name what JAX can compute on here, but it is {values}: {reason}; leave it out, or "
+            "set it to cpu."
         ) from None
 
 

@@ -191,7 +191,7 @@ def simulate_ensemble(
         require_kind_of_state(system, state)
     simulated = system if contact is None else on_plane(system, state, contact, False, {})
     method = _checked_method(DEFAULT_SOLVER if solver is None else solver)
-    rtol, atol = checked_tolerances(rtol, atol)
+    rtol, atol = checked_tolerances(rtol, atol, of_many=True)
     given = times if isinstance(times, jax.Array) else to_numpy(times, "times").astype(rtol.dtype)
     reductions = _checked_reductions(reductions)
     shared = shared_leaves(in_axes, (system, state))

@@ -1,4 +1,4 @@
-"""What Ctrl-C does, and SIGTERM, with which schedulers stop a job.
+"""What Ctrl-C does, SIGTERM, with which schedulers stop a job, and SIGHUP, which comes when a terminal closes.
 
 Python raises ``KeyboardInterrupt`` wherever the main thread happens to be: in a callback of XLA it kills the process or
 is lost, during an import it leaves a module half imported, and during a compilation it is not raised at all. So in a
@@ -20,6 +20,8 @@ _HANDLED = {
     signal.SIGINT: (signal.default_int_handler, "press Ctrl-C again"),
     signal.SIGTERM: (signal.SIG_DFL, "send SIGTERM again"),
 }
+if hasattr(signal, "SIGHUP"):  # which Windows has not
+    _HANDLED[signal.SIGHUP] = (signal.SIG_DFL, "send SIGHUP again")
 
 _heard: set[int] = set()
 _received = signal.SIGINT
@@ -30,9 +32,10 @@ _stops: list[tuple[threading.Event, str]] = []
 
 
 def end_at_signals() -> None:
-    """Makes Ctrl-C and SIGTERM end this process with a sentence and exit code 130 or 143; only for that of a command.
+    """Makes Ctrl-C, SIGTERM and SIGHUP end this process with a sentence and exit code 130, 143 or 129.
 
-    What the process ignores, as a shell's background job does Ctrl-C, or handles itself stays as it is.
+    Only for the process of a command. What it ignores, as a shell's background job does Ctrl-C and one of ``nohup``
+    SIGHUP, or handles itself stays as it is.
     """
     if _heard:
         return
@@ -118,7 +121,7 @@ def stop_requested(message: str = "") -> Iterator[threading.Event]:
 
 @contextlib.contextmanager
 def blocked_in_children() -> Iterator[None]:
-    """Processes that start in this block receive neither signal, not even while they start; this one does."""
+    """Processes that start in this block receive none of the signals, not even while they start; this one does."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

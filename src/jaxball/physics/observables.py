@@ -5,6 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..interface.arguments import refusal
 from ..interface.printing import Printed, in_short
 from ..numerics.vectors import apply, dot
 from .body import AbstractBody
@@ -25,7 +26,8 @@ from .moments import AbstractMoments, joint_motion, kinematics, point_mass_value
 from .momentum import linear_momentum
 from .motion import Kinematics
 from .released import slip_velocity
-from .state import BallState, DiskState, Rates, centre_velocity
+from .state import BallState, DiskState, Rates, ReducedState, centre_velocity
+from .system import require_one_state
 
 
 class Observables(Printed):
@@ -102,6 +104,9 @@ def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskSt
     - ``t``: time.
     - ``state``: of one of the kinds that know where the body is.
 
+    **Raises:** ``TypeError`` when the body has no state of that kind, ``ValueError`` for many states, for which there
+    are ``jax.vmap`` and, of a run, its ``observables``.
+
     **Example:**
 
     >>> import jax.numpy as jnp
@@ -110,6 +115,9 @@ def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskSt
     >>> observe(ball, jnp.array(0.0), BallState(z=(3.0, 4.0))).contact_point
     Array([ 3. ,  4. , -0.5], dtype=float64)
     """
+    if isinstance(state, ReducedState):
+        raise refusal("state", "one that knows where the body is, such as a BallState", state)
+    require_one_state(system, state)
     return _observed(system, t, movement(system, t, state))
 
 

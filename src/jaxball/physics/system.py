@@ -8,12 +8,13 @@ Poincaré maps, checks of laws, data sets and figures, and sentences that say wh
 
 import abc
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ..interface.arguments import a, described, refusal
@@ -241,6 +242,42 @@ def require_state(system: Any, state: Any) -> None:
     type(system).require_state(system, state)
 
 
+def require_one_state(system: Any, state: Any) -> None:
+    """Refuses what is not one state of the system, such as those of a whole run.
+
+    **Raises:** ``TypeError`` for other kinds, ``ValueError`` for a state of a size that does not fit and for a batch.
+    """
+    require_state(system, state)
+    require_one("state", "state", state, shapes_of_state(type(state), default_dtype()))
+
+
+def require_one(argument: str, kind: str, given: Any, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Raises ``ValueError`` where an array has another shape; of a sized field, another number of axes.
+
+    Of that the system has checked the length, and not that it is of one state.
+    """
+    sized = getattr(given, "sized", ())
+    for name, shape in shapes.items():
+        found = np.shape(getattr(given, name))
+        fits = len(found) == len(shape) if name in sized else found == shape
+        if not fits:
+            raise ValueError(
+                f"Argument `{argument}` must be one {kind}, with `{name}` of shape {shape}, but its shape is {found}; "
+                "for many runs use jax.vmap or jaxball.ensemble.simulate_ensemble."
+            )
+
+
+@functools.cache
+def shapes_of_state(kind: type[AbstractState], dtype: np.dtype) -> dict[str, tuple[int, ...]]:
+    """The shapes of the arrays of one state, where its kind has a default."""
+    default = default_of(kind, dtype)
+    return (
+        {name: np.shape(value) for name, value in vars(default).items() if is_array(value)}
+        if default is not None
+        else {}
+    )
+
+
 def vector_field(system: AbstractSystem, t: Float[Array, ""], state: AnyState) -> AnyState:
     """ẋ = f(t, x) for the system and the kind of state given.
 
@@ -250,7 +287,8 @@ def vector_field(system: AbstractSystem, t: Float[Array, ""], state: AnyState) -
     - ``t``: time.
     - ``state``: of any kind that the system has.
 
-    **Raises:** ``TypeError`` when the system has no state of that kind.
+    **Raises:** ``TypeError`` when the system has no state of that kind, ``ValueError`` for many states, for which there
+    is ``jax.vmap``.
 
     **Example:**
 
@@ -260,5 +298,5 @@ def vector_field(system: AbstractSystem, t: Float[Array, ""], state: AnyState) -
     >>> float(rates.z)  # ż = −r φ̇
     2.0
     """
-    require_state(system, state)
+    require_one_state(system, state)
     return system.field(t, state)

@@ -11,7 +11,7 @@ from ..numerics import programs
 from ..numerics.arrays import Numbers, default_dtype, to_array, to_numpy
 from .conditions import Problem, all_hold
 from .packing import Packing
-from .system import AbstractState, AbstractSystem, require_system
+from .system import AbstractState, AbstractSystem, require_one, require_system, shapes_of_state
 
 
 def possible_start(
@@ -39,6 +39,8 @@ def problems(system: AbstractSystem, state: AbstractState | None = None, t: Numb
     - ``state``: the state at the start; not looked at if not given.
     - ``t``: the time of the start, or the times of a run, in which prescribed motions must stay in the body.
 
+    **Raises:** ``TypeError`` for what is no system, ``ValueError`` for many states.
+
     **Example:**
 
     >>> from jaxball import Ball, problems
@@ -46,6 +48,8 @@ def problems(system: AbstractSystem, state: AbstractState | None = None, t: Numb
     ['Argument `mass` must be a positive number, but it is -1.0.']
     """
     require_system(system)
+    if state is not None:
+        require_one("state", "state", state, shapes_of_state(type(state), default_dtype()))
     return [problem.sentence() for problem in find_problems(system, state, np.atleast_1d(to_numpy(t, "t")))]
 
 

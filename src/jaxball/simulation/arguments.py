@@ -1,8 +1,6 @@
 """What the arguments of a solve must be, and what they are where they are not given."""
 
 import functools
-from collections.abc import Mapping
-from typing import Any
 
 import diffrax
 import jax.numpy as jnp
@@ -11,12 +9,11 @@ from jaxtyping import Array
 
 from ..interface.arguments import refusal, require
 from ..interface.errors import UserError
-from ..interface.printing import is_array
 from ..numerics.arrays import Numbers, default_dtype, is_traced, require_numbers, to_array
 from ..physics.contact_law import Contact
 from ..physics.dae import WITH_UNIT
 from ..physics.released import ReleasedState
-from ..physics.system import AbstractState, AbstractSystem, default_of, require_state
+from ..physics.system import AbstractState, AbstractSystem, require_one, require_state, shapes_of_state
 from ..solvers import NDF, RadauIIA
 from .defaults import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
 
@@ -136,44 +133,17 @@ def require_kind_of_state(system: AbstractSystem, state: AbstractState | Release
 def require_one_law(contact: Contact) -> None:
     """Raises ``TypeError`` or ``ValueError`` for what is not one law of contact."""
     require("contact", contact, Contact, "a Contact, such as Contact(sliding=0.3)")
-    _require_one("contact", "law", contact, dict.fromkeys(("sliding", "static", "restitution", "slowest"), ()))
+    require_one("contact", "law", contact, dict.fromkeys(("sliding", "static", "restitution", "slowest"), ()))
 
 
 def require_one_state(system: AbstractSystem, state: AbstractState | ReleasedState, contact: Contact | None) -> None:
     """Raises ``TypeError`` or ``ValueError`` for what is not one state of the system."""
     body = state
     if contact is not None and isinstance(state, ReleasedState):
-        _require_one("state", "state", state, {"V": (3,), "height": ()})
+        require_one("state", "state", state, {"V": (3,), "height": ()})
         body = state.body
     require_kind_of_state(system, body)
-    _require_one("state", "state", body, _shapes_of(type(body), default_dtype()))
-
-
-def _require_one(argument: str, kind: str, given: Any, shapes: Mapping[str, tuple[int, ...]]) -> None:
-    """Raises ``ValueError`` where an array has another shape; of a sized field, another number of axes.
-
-    Of that the system has checked the length, and not that it is of one state.
-    """
-    sized = getattr(given, "sized", ())
-    for name, shape in shapes.items():
-        found = np.shape(getattr(given, name))
-        fits = len(found) == len(shape) if name in sized else found == shape
-        if not fits:
-            raise ValueError(
-                f"Argument `{argument}` must be one {kind}, with `{name}` of shape {shape}, but its shape is {found}; "
-                "for many runs use jax.vmap or jaxball.ensemble.simulate_ensemble."
-            )
-
-
-@functools.cache
-def _shapes_of(kind: type[AbstractState], dtype: np.dtype) -> dict[str, tuple[int, ...]]:
-    """The shapes of the arrays of one state, where its kind has a default."""
-    default = default_of(kind, dtype)
-    return (
-        {name: np.shape(value) for name, value in vars(default).items() if is_array(value)}
-        if default is not None
-        else {}
-    )
+    require_one("state", "state", body, shapes_of_state(type(body), default_dtype()))
 
 
 def require_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> None:
@@ -190,17 +160,22 @@ def require_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> 
         )
 
 
-def checked_tolerances(rtol: Numbers, atol: Numbers) -> tuple[Array | np.ndarray, Array | np.ndarray]:
-    """The tolerances as arrays.
+def checked_tolerances(
+    rtol: Numbers, atol: Numbers, of_many: bool = False
+) -> tuple[Array | np.ndarray, Array | np.ndarray]:
+    """The tolerances as arrays; those of many runs may have an axis.
 
-    **Raises:** ``ValueError`` where they are known and negative or not finite, and :class:`PrecisionError` when the
-    floating-point type cannot reach the larger one of them.
+    **Raises:** ``ValueError`` for more than one number of one run and where they are known and negative or not finite,
+    and :class:`PrecisionError` when the floating-point type cannot reach the larger one of them.
     """
     rtol, atol = _as_array("rtol", rtol), _as_array("atol", atol)
     plain = all(isinstance(x, np.ndarray) and x.ndim == 0 for x in (rtol, atol))
     if plain and 0 <= rtol < np.inf and 0 <= atol < np.inf and max(rtol, atol) >= FINEST[rtol.dtype.name]:
         return rtol, atol  # which takes microseconds, the rest tens
     known = {name: x for name, x in (("rtol", rtol), ("atol", atol)) if isinstance(x, np.ndarray)}
+    for name, x in (("rtol", rtol), ("atol", atol)):
+        if x.ndim and not of_many:
+            raise ValueError(f"Argument `{name}` must be a single number, but its shape is {x.shape}.")
     for name, x in known.items():
         wrong = np.argwhere(~((x >= 0) & np.isfinite(x)))
         if len(wrong):

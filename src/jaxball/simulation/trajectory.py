@@ -128,16 +128,22 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     @property
     def ok(self) -> bool:
         """Whether the solve reached its end, or an event that it was to end at. For one trajectory, not for a batch."""
+        self._require_one("Property `ok`")
         return int(self.status) in (Status.SUCCESS, Status.EVENT)
 
     @property
     def message(self) -> str:
-        """A sentence that says how the solve ended."""
+        """A sentence that says how the solve ended. For one trajectory, not for a batch."""
+        self._require_one("Property `message`")
         return self.message_of([problem.sentence() for problem in self.problems])
 
     @property
     def problems(self) -> list[Problem]:
-        """What no body can have, or which mass left the shell, where that is how the solve ended; otherwise nothing."""
+        """What no body can have, or which mass left the shell, where that is how the solve ended; otherwise nothing.
+
+        For one trajectory, not for a batch.
+        """
+        self._require_one("Property `problems`")
         times, status = np.asarray(self.times), int(self.status)
         if status == Status.NOT_FINITE and float(self.reached) > times[0]:
             return list(not_numbers(self.system))
@@ -155,7 +161,11 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return " ".join([sentence, *problems])
 
     def raise_if_failed(self) -> "Trajectory[AnySystem, AnyState]":
-        """The trajectory itself, or a :class:`~jaxball.SolveError` with the message."""
+        """The trajectory itself, or a :class:`~jaxball.SolveError` with the message.
+
+        **Raises:** ``ValueError`` for a batch.
+        """
+        self._require_one("Method `raise_if_failed`")
         if not self.ok:
             raise SolveError(self.message)
         return self
@@ -169,11 +179,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         """
         if self.interpolant is None:
             raise ValueError("Method `at` needs dense output; call simulate(..., dense=True).")
-        if np.ndim(self.status):
-            raise ValueError(
-                "Method `at` is of one trajectory, but this is a batch of shape "
-                f"{np.shape(self.status)}; call it within jax.vmap."
-            )
+        self._require_one("Method `at`", "call it within jax.vmap")
         given = self.system, self.start
         return _evaluate(self.interpolant, to_array(t, "t"), self.times[0], self.reached, self.status, given)
 
@@ -225,6 +231,12 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
                 "the modules jaxball.physics.integrals and jaxball.physics.momentum have its integrals."
             )
         return self._evaluated(_laws_of_all, self.system, self.state)
+
+    def _require_one(self, what: str, remedy: str = "the array `status` says how each of them ended") -> None:
+        """**Raises:** ``ValueError`` for a batch of trajectories."""
+        if np.ndim(self.status):
+            shape = np.shape(self.status)
+            raise ValueError(f"{what} is of one trajectory, but this is a batch of shape {shape}; {remedy}.")
 
     def _evaluated(self, function: Callable[..., Any], system: Any, states: Any) -> Any:
         """``function`` of a system, the times and its states, and when the run ended; of each run in a batch."""

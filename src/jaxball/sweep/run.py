@@ -34,7 +34,7 @@ class Outcome(NamedTuple):
     - ``store``, ``table``: the Zarr store, and the Parquet table, which is there once ``finished``.
     - ``rows``, ``done``: how many rows there are, and how many of them are in the store.
     - ``finished``: whether all are.
-    - ``interrupted``: whether a signal, Ctrl-C or a command's SIGTERM, ended the run.
+    - ``interrupted``: whether a signal, Ctrl-C or a command's SIGTERM or SIGHUP, ended the run.
     """
 
     store: Path

@@ -28,6 +28,8 @@ from .study import Study
 from .whole import MARKS, Damage, changed, damages, done
 
 POINTS_TOGETHER = 2**20
+# Else Zarr writes no file where all numbers are 0, and one that is lost would be read as zeros.
+WRITTEN_EVEN_IF_ZERO: Any = {"write_empty_chunks": True}
 
 
 class Store:
@@ -90,12 +92,18 @@ class Store:
         """
         found = list(damages(self.folder))
         for damage in found:
+            if damage.path.is_dir():
+                raise StoreError(
+                    f'The file "{damage.path}" must be as the sweep wrote it, but a folder is in its place; remove '
+                    "that, and run the same command again."
+                )
             if damage.chunk is not None:
                 self._mark(damage.chunk).unlink(missing_ok=True)
         lost = [damage.path for damage in found if damage.chunk is None]
         if lost:
             with _made(self, identity_of(self.study)) as made:
                 for path in lost:
+                    path.parent.mkdir(parents=True, exist_ok=True)
                     (made / path.relative_to(self.folder)).replace(path)
         return found
 
@@ -209,6 +217,7 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
             data=np.arange(len(labels)) if texts else labels,
             dimension_names=[name],
             compressors=None,
+            config=WRITTEN_EVEN_IF_ZERO,
             attributes={NAMES: labels.tolist()} if texts else {},
         )
     _write_points(group.create_group(AXES), study, dimensions(about["paths"], about["path_axis"]))
@@ -231,6 +240,7 @@ def _write_points(group: Any, study: Study, names: list[str]) -> None:
                 dimension_names=[name],
                 compressors=None,
                 filters=None,
+                config=WRITTEN_EVEN_IF_ZERO,
             )
             for path in axis.paths
         ]

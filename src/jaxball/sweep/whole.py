@@ -31,13 +31,16 @@ def done(folder: Path) -> list[int]:
 def damages(folder: Path) -> Iterator[Damage]:
     """The files of the store at ``folder`` that something else has changed, in chunks that were written."""
     chunks = set(done(folder))
+    for name, metadata in _nodes(folder).items():
+        about = folder / name / "zarr.json"
+        if not _says(about, metadata):
+            yield Damage(about, None)
     for name, array in _arrays(folder).items():
         size = _size(array)
         for place in () if size is None else _places(array):
             path = folder.joinpath(name, "c", *map(str, place))
             if array["dimension_names"][0] != "row":
-                # Zarr writes no file where all numbers are 0.
-                if path.exists() and path.stat().st_size != size:
+                if not path.is_file() or path.stat().st_size != size:
                     yield Damage(path, None)
             elif place[0] in chunks:
                 rows = array["shape"][0] - place[0] * _chunk(array)[0]
@@ -62,9 +65,22 @@ def changed(path: Path) -> StoreError:
 
 def _arrays(folder: Path) -> Mapping[str, Any]:
     """The metadata of each array, by its path in the store."""
+    return {name: one for name, one in _nodes(folder).items() if one.get("node_type") == "array"}
+
+
+def _nodes(folder: Path) -> Mapping[str, Any]:
+    """The metadata of each array and of each group in the store, by its path."""
     about = json.loads((folder / "zarr.json").read_text(encoding="utf-8"))
-    metadata = about.get("consolidated_metadata", {}).get("metadata", {})
-    return {name: one for name, one in metadata.items() if one.get("node_type") == "array"}
+    return about.get("consolidated_metadata", {}).get("metadata", {})
+
+
+def _says(path: Path, metadata: Mapping[str, Any]) -> bool:
+    """Whether the file of an array or a group says of it what the store's own says, which Zarr reads in its place."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    return found == {name: value for name, value in metadata.items() if name != "consolidated_metadata"}
 
 
 def _size(array: Mapping[str, Any]) -> int | None:
