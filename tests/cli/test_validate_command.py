@@ -95,6 +95,46 @@ def test_problems_of_a_study(folder, capsys):
     assert [line.split("`")[1] for line in captured.err.splitlines()] == ["axes[0].values", "axes[1].linear.count"]
 
 
+def test_mistakes_in_one_part_of_a_study_do_not_hide_those_in_another(folder, capsys):
+    settings = 'titel = "x"\nchunk = 0\ncontact = true\nfind = ["nothing"]\n[[axes]]'
+    wrong = STUDY.replace("[[axes]]", settings, 1)
+    of_axes = wrong.replace("count = 3", "count = 0").replace("[1.0, 2.0]", "[]")
+    of_paths = wrong.replace("body.gravity", "body.gravty").replace("body.mass", "body.mas")
+    for study, axes in (
+        (of_axes, ["axes[0].values", "axes[1].linear.count"]),
+        (of_paths, ["body.mas", "body.gravty"]),
+    ):
+        (folder / "study.toml").write_text(study)
+        assert main(["validate", "study.toml"]) == 2
+        told = [line.split("`")[1] for line in capsys.readouterr().err.splitlines()]
+        assert told[:-1] == ["titel", "chunk", *axes]
+        assert told[-1].startswith("find")
+
+
+PROBLEM = """
+format = 1
+scenario = "disk.toml"
+titel = "x"
+variables = [{ path = "body.mass", lower = 0.5, uper = 2.0 }]
+objectives = [{ kind = "go-farr", weigth = 2.0 }]
+constraints = [{ kind = "friction", mus = 3 }]
+search = { evaluation = 1 }
+robust = { sample = 1 }
+"""
+
+
+def test_mistakes_in_one_part_of_a_problem_do_not_hide_those_in_another(folder, capsys):
+    """But for goals and limits, which can be read where the variables can."""
+    first = ["titel", "variables[0].uper", "search.evaluation", "robust.sample"]
+    goals = ["objectives[0].weigth", "objectives[0].kind", "constraints[0].mus", "constraints[0].mu"]
+    right = PROBLEM.replace("uper", "upper").replace('titel = "x"', "")
+    for text, named in ((PROBLEM, first), (right, [*first[2:], *goals])):
+        (folder / "problem.toml").write_text(text)
+        assert main(["validate", "problem.toml"]) == 2
+        told = [line.split("`")[1] for line in capsys.readouterr().err.splitlines()]
+        assert [name for name in told if name in {*first, *goals}] == named
+
+
 def test_what_is_no_toml(folder, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO("a = = 1"))
     assert main(["validate", "-"]) == 2

@@ -119,12 +119,12 @@ def test_branches_in_a_batch():
 
 @pytest.mark.parametrize("length", LENGTHS)
 def test_functions_that_stay_functions(length):
-    """More operations than are written where they are called."""
+    """More operations than are written where they are called; nothing cancels, so that each adds a rounding or two."""
 
     @jax.jit
     def long(x, y, k):
         for i in range(90):
-            x = jnp.where(x > k, x * 0.9 + y[i % 3], x - 0.1 * y[::-1])
+            x = jnp.where(x > k, x * 0.9 + y[i % 3], x + 0.1 * y[::-1])
         return x, y + x[0], jnp.sum(x.astype(complex)), x > 0
 
     def f(x):
@@ -133,7 +133,7 @@ def test_functions_that_stay_functions(length):
         third = long(*second[:2], 0.1)
         return first, second, third
 
-    agree(f, numbers(length), ulps=1e3)
+    agree(f, np.abs(numbers(length)), ulps=3 * 90 * 2)
 
 
 def test_a_loop_within_a_function():

@@ -60,7 +60,7 @@ def test_error_at_the_end_has_the_order_of_the_method(solver, order, omega, step
 def test_local_error_of_gauss_with_12_stages_has_order_25(drive):
     """An error above rounding needs more than one revolution a step: then a run of many steps is not asymptotic."""
     solver, omega = gauss(12), 100.0
-    lengths = np.array([5.5, 6.0, 6.5, 7.0, 7.5, 8.0]) / omega
+    lengths = np.array([5.5, 6.0, 6.5, 7.0, 7.5]) / omega
     errors = [march(solver, ODE, rotating.exact, h, 1, (omega, drive)).end for h in lengths]
     assert max(errors) < 1e-8
     assert observed_order(lengths, errors) == pytest.approx(2 * 12 + 1, abs=0.9)

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from ..scenario.errors import each_of
+from ..scenario.errors import each_of, raise_first, tried
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Family, Key, keys_of, read_family, read_list, read_table
 from ..scenario.values import (
@@ -120,21 +120,33 @@ def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFil
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when a key of it or of its scenario is misspelt,
     missing or wrong.
     """
-    given = read_table(document, "", KEYS)
-    scenario = scenario_document(given["scenario"], Path(folder), DesignError)
-    variables = read_list(given["variables"], "variables", _variable)
-    with naming_scenario(given["scenario"], "problem", DesignError):
-        space = DesignSpace(scenario, variables)
-    plane = plane_of(space.scenario.system)
-    objectives, constraints, search, robust = each_of(
-        lambda: objects_of(given["objectives"], "objectives", objectives_of(plane)),
-        lambda: objects_of(given["constraints"], "constraints", constraints_of(plane), empty=True),
-        lambda: read_table({} if given["search"] is None else given["search"], "search", _SETTINGS),
-        lambda: None if given["robust"] is None else _perturbations(given["robust"]),
+    (given, space, search, robust), errors = tried(
+        lambda: read_table(document, "", KEYS),
+        lambda: _space(document, Path(folder)) if {"scenario", "variables"} <= document.keys() else None,
+        lambda: read_table(document.get("search", {}), "search", _SETTINGS),
+        lambda: _perturbations(document["robust"]) if "robust" in document else None,
     )
+    objectives, constraints = {}, {}
+    if given and space:  # which decides what a place is
+        plane = plane_of(space.scenario.system)
+        (objectives, constraints), later = tried(
+            lambda: objects_of(given["objectives"], "objectives", objectives_of(plane)),
+            lambda: objects_of(given["constraints"], "constraints", constraints_of(plane), empty=True),
+        )
+        errors += later
+    raise_first(errors)
     settings = Settings(**search)
     identity = tomli_w.dumps({**document, "scenario": space.document}) + repr(settings)
     return ProblemFile(given["title"], Problem(space, objectives, constraints, robust), settings, identity)
+
+
+def _space(document: dict[str, Any], folder: Path) -> DesignSpace:
+    scenario, variables = each_of(
+        lambda: scenario_document(document["scenario"], folder, DesignError),
+        lambda: read_list(document["variables"], "variables", _variable),
+    )
+    with naming_scenario(document["scenario"], "problem", DesignError):
+        return DesignSpace(scenario, variables)
 
 
 def objects_of(values: Any, path: str, family: Family, empty: bool = False) -> dict[str, Any]:

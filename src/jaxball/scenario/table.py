@@ -127,9 +127,13 @@ def read_family(values: Any, path: str, family: Family, key: str = "kind") -> An
     chosen = values.get(key)
     if isinstance(chosen, str) and chosen in family:
         return family[chosen].read(rest, path)
-    refuse_unknown(values, path, {key, *(name for member in family.values() for name in member.keys)})
+    every = {key, *(name for member in family.values() for name in member.keys)}
     kinds = {key: Key(Choice(tuple(family)))}
-    return family[read_table({key: chosen} if key in values else {}, path, kinds)[key]].read(rest, path)
+    each_of(
+        lambda: refuse_unknown(values, path, every),
+        lambda: read_table({key: chosen} if key in values else {}, path, kinds),
+    )
+    raise AssertionError("A kind that is known has been read above.")
 
 
 def write_member(item: Any, path: str, family: Family) -> tuple[str, dict[str, Any]]:

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int
 
 from ..physics.body import AbstractBody
 from ..scenario import Scenario, ScenarioError, read_document
-from ..scenario.errors import each_of
+from ..scenario.errors import each_of, raise_first, tried
 from ..scenario.paths import check_number, with_numbers
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
 from ..scenario.table import Key, read_list, read_table
@@ -172,26 +172,25 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     >>> study.rows, study.paths
     (4, ('body.mass',))
     """
-    document = document_of(text, "study", StudyError)
-    table, folder = read_table(document, "", KEYS), Path(folder)
-    scenario = scenario_document(table["scenario"], folder, StudyError)
-    template, axes = each_of(
-        lambda: _template(table["scenario"], scenario),
-        lambda: tuple(read_list(table["axes"], "axes", lambda item, path: read_axis(item, path, folder))),
+    document, folder = document_of(text, "study", StudyError), Path(folder)
+    (table, found, axes), errors = tried(
+        lambda: read_table(document, "", KEYS),
+        lambda: _template(document["scenario"], folder) if "scenario" in document else None,
+        lambda: _axes(document["axes"], folder) if "axes" in document else None,
     )
-    for key in ("contact", "detachment"):
-        if table[key] and not isinstance(template.system, AbstractBody):
-            raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which touches no plane.")
-        if table[key] and template.contact is not None:
-            raise StudyError(
-                f"Key `{key}` must be false where the scenario has a law of contact, by which the body may slip and "
-                "fly, but it is true."
-            )
-    _check_paths(axes, scenario)
+    scenario, template = found or ({}, None)
+    # What is wrong with one of these parts does not hide what is wrong with the others.
+    (*_, finds), later = tried(
+        lambda: table and template and _check_contact(table, template),
+        lambda: axes and template and _check_paths(axes, scenario),
+        lambda: template and read_finds(document.get("find", []), template),
+    )
+    raise_first([*errors, *later])
+    if table is None or template is None or axes is None:
+        raise AssertionError("A part that could not be read has an error.")
     rows = math.prod(axis.size for axis in axes)
     saves = template.times.size if table["save"] == "times" else 1
     chunk = _chunk_for(rows, saves) if table["chunk"] is None else min(table["chunk"], rows)
-    finds = read_finds(table["find"], template)
     return Study(
         title=table["title"],
         document=scenario,
@@ -209,9 +208,26 @@ def _read(document: str) -> Scenario:
     return read_document(tomllib.loads(document))
 
 
-def _template(given: Any, scenario: dict[str, Any]) -> Scenario:
+def _template(given: Any, folder: Path) -> tuple[dict[str, Any], Scenario]:
+    """The document of the scenario that a study holds or names, and what it says."""
+    document = scenario_document(given, folder, StudyError)
     with naming_scenario(given, "study", StudyError):
-        return read_document(scenario)
+        return document, read_document(document)
+
+
+def _axes(values: Any, folder: Path) -> tuple[Axis, ...]:
+    return tuple(read_list(values, "axes", lambda item, path: read_axis(item, path, folder)))
+
+
+def _check_contact(table: dict[str, Any], template: Scenario) -> None:
+    for key in ("contact", "detachment"):
+        if table[key] and not isinstance(template.system, AbstractBody):
+            raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which touches no plane.")
+        if table[key] and template.contact is not None:
+            raise StudyError(
+                f"Key `{key}` must be false where the scenario has a law of contact, by which the body may slip and "
+                "fly, but it is true."
+            )
 
 
 def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any]) -> None:
