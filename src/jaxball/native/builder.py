@@ -203,6 +203,9 @@ class Builder:
         """The numbers of the first lanes, by names; those that something reads are taken out of the vector."""
         if not isinstance(x, Lanes):
             return [x] * count
+        if x.startswith("<"):  # of known numbers, which an operation left as they are
+            numbers = [number.split()[1] for number in x[1:-1].split(", ")]
+            return [_read(dtype, number) for number in numbers[:count]]
         self._vectors[x] = dtype, x.width
         return [f"{x}.{lane}" for lane in range(count)]
 
@@ -555,6 +558,15 @@ _COMPARED: dict[str, Callable[[Any, Any], Any]] = {
     "ogt": operator.gt,
     "oge": operator.ge,
 }
+
+
+def _read(dtype: np.dtype, number: str) -> Element:
+    """A number as LLVM writes it."""
+    if dtype.kind == "b":
+        return np.bool_(number == "true")
+    if dtype.kind == "f":
+        return dtype.type(np.uint64(int(number, 16)).view(np.float64))
+    return np.array(int(number)).astype(dtype)[()]
 
 
 def _suffix(dtype: np.dtype) -> str:
