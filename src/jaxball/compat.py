@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from equinox.internal import unvmap_any, while_loop
-from jax.core import Tracer
+from jax.core import ShapedArray, Tracer
 from jax.interpreters import ad, batching, mlir
 
 try:
@@ -38,6 +38,7 @@ __all__ = [
     "Loop",
     "Program",
     "argument",
+    "array_type",
     "batch_by",
     "branches",
     "called",
@@ -75,6 +76,11 @@ def stablehlo_bindings() -> tuple[Any, Any]:
     from jax.extend.mlir.dialects import stablehlo
 
     return ir, stablehlo
+
+
+def array_type(shape: tuple[int, ...], dtype: np.dtype, weak: bool) -> Any:
+    """The type of an array, as JAX gives it to the results of a program."""
+    return ShapedArray(shape, dtype, weak_type=weak)
 
 
 def put(array: np.ndarray, aval: Any, sharding: Any, device: Any) -> jax.Array:

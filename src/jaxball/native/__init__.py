@@ -19,6 +19,21 @@ It knows nothing of balls.
 """
 
 from .choice import asked_for, compiler
-from .jitting import compiled, jit, kind, settings, usable
+from .jitting import Form, Lowered, Program, Refusal, jit, kind, on_one_cpu, settings, usable, warn_if_asked_for
+from .machine import identity
 
-__all__ = ["asked_for", "compiled", "compiler", "jit", "kind", "settings", "usable"]
+__all__ = [
+    "Form",
+    "Lowered",
+    "Program",
+    "Refusal",
+    "asked_for",
+    "compiler",
+    "identity",
+    "jit",
+    "kind",
+    "on_one_cpu",
+    "settings",
+    "usable",
+    "warn_if_asked_for",
+]

@@ -3,7 +3,7 @@
 import ctypes
 import threading
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -12,10 +12,36 @@ from ..compat import put
 from .elements import UnsupportedError
 from .entry import ALIGNMENT, Entry
 from .lowering import Compiler
-from .machine import Code
+from .machine import Code, object_code
 from .program import functions_of
 
 _spare = threading.local()
+
+
+class Form(NamedTuple):
+    """A compiled program as plain data, of which an :class:`Executable` is made, in this process or in another one.
+
+    - ``code``: the machine code, as of :func:`~.machine.object_code`.
+    - ``results``: offset in bytes, shape and type of each result in the array in which all of them lie.
+    - ``size``: the bytes of that array; ``workspace``: those of the memory to work in.
+    """
+
+    code: bytes
+    results: tuple[tuple[int, tuple[int, ...], np.dtype], ...]
+    size: int
+    workspace: int
+
+
+def compiled(module: Any, arguments: int) -> Form:
+    """A StableHLO module of so many arguments, compiled.
+
+    **Raises:** :class:`UnsupportedError`.
+    """
+    functions = functions_of(module)
+    if len(functions["main"].arguments) != arguments:
+        raise UnsupportedError("A program with arguments of JAX's own")
+    entry = Entry(Compiler(functions))
+    return Form(object_code(entry.text), tuple(entry.results), entry.size, entry.workspace)
 
 
 class Executable:
@@ -25,16 +51,12 @@ class Executable:
     raises ``KeyboardInterrupt`` from within.
     """
 
-    def __init__(self, module: Any, arguments: int):
-        functions = functions_of(module)
-        if len(functions["main"].arguments) != arguments:
-            raise UnsupportedError("A program with arguments of JAX's own")
-        entry = Entry(Compiler(functions))
-        self._code = Code(entry.text)
+    def __init__(self, form: Form):
+        self._code = Code(form.code)
         # Of the kind that looks, after the call, for an exception; the code releases Python's lock itself.
         kind = ctypes.PYFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
         self._run = kind(self._code.address("run"))
-        self._results, self._size, self._workspace = entry.results, entry.size, entry.workspace
+        self._results, self._size, self._workspace = form.results, form.size, form.workspace
 
     def __call__(self, arguments: Sequence[np.ndarray | jax.Array]) -> list[np.ndarray]:
         """The results. The arguments have the types with which the program was compiled, row by row."""

@@ -33,6 +33,9 @@ class Compiler:
         if name not in self._sizes:
             block = self.functions[name]
             operations = list(block.every_operation())
+            for operation in operations:  # before anything is written
+                if operation.name not in RULES:
+                    raise UnsupportedError(_name(operation))
             self._sizes[name] = len(operations)
             for operation in reversed(operations):
                 if operation.name == "func.call":
@@ -93,11 +96,8 @@ class Function:
 
     def execute(self, operation: Operation) -> None:
         """Writes one operation."""
-        rule = RULES.get(operation.name)
-        if rule is None:
-            raise UnsupportedError(_name(operation))
         mark = self.storage.mark()
-        results = rule(self, operation, [self.values[value] for value in operation.operands])
+        results = RULES[operation.name](self, operation, [self.values[value] for value in operation.operands])
         results = results if isinstance(results, list) else [results]
         for value, array in zip(operation.results, results, strict=True):
             self.bind(value, array)

@@ -97,6 +97,8 @@ class Storage:
         builder = self.builder
         if isinstance(source, Memory):
             builder.copy(target.buffer.name, source.buffer.name, size_of(source.shape) * source.dtype.itemsize)
+        elif isinstance(source, Registers) and source.known and not is_small(source.shape):
+            self.fill(target, self.anywhere(source))
         elif isinstance(source, Registers):
             for index in indices(source.shape):
                 store(builder, source.dtype, source.element(builder, index), target.address(builder, index))
