@@ -75,8 +75,8 @@ def test_a_command_without_a_cache_leaves_nothing(tmp_path, place, off):
 def test_the_command_shows_and_clears(place, capsys):
     assert main(["cache"]) == 0
     assert (
-        capsys.readouterr().out
-        == f"Compiled programs in {place}\n  0 files, 0.0 MB of at most 512.0 MB\n  0 programs: 0 compiled natively, 0 by XLA\n  in use\n"
+        capsys.readouterr().out == f"Compiled programs in {place}\n  0 files, 0.0 MB of at most 512.0 MB\n"
+        "  0 programs: 0 compiled natively, 0 by XLA\n  in use\n"
     )
     place.mkdir(mode=0o700)
     (place / f"{'0' * 40}.program").write_bytes(bytes(2_500_000))

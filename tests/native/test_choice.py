@@ -22,8 +22,8 @@ def compiled_natively(monkeypatch):
     names = []
     original = native.Lowered.natively
 
-    def noted(lowered):
-        program = original(lowered)
+    def noted(lowered, **how):
+        program = original(lowered, **how)
         names.append((lowered.name, not isinstance(program, native.Refusal)))
         return program
 
@@ -109,6 +109,23 @@ def test_programs_of_the_library(compiled_natively):
         assert jax.typeof(one) == jax.typeof(other)
 
 
+def _over_many(x):
+    return jax.lax.fori_loop(0, 5, lambda i, x: jnp.sin(x) * x + x, x)
+
+
+def test_loops_over_large_arrays_are_left_to_xla_unless_the_compiler_is_named(compiled_natively):
+    solve = programs.jit(_over_many)
+    few, many = np.linspace(0.0, 1.0, 63), np.linspace(0.0, 1.0, 64)
+    solve(few), solve(many), jaxball.jit(_over_many)(many)
+    with jaxball.compiler("native"):
+        np.testing.assert_allclose(solve(many), jax.jit(_over_many)(many), rtol=1e-14)
+    assert compiled_natively == [("_over_many", natively) for natively in (True, False, True, True)]
+    compiled_natively.clear()
+    # What is straight on is compiled natively, however large.
+    programs.jit(functools.partial(_scaled, 3.0))(np.ones(1000))
+    assert compiled_natively == [("_scaled", True)]
+
+
 def _scaled(factor, x):
     return {"x": x * factor, "name": "scaled"}
 
@@ -125,7 +142,7 @@ def test_by_an_environment_variable():
         import jax, jaxball, numpy as np
         from jaxball.native import Lowered
         made, original = [], Lowered.natively
-        Lowered.natively = lambda self: made.append(self) or original(self)
+        Lowered.natively = lambda self, **how: made.append(self) or original(self, **how)
         jaxball.simulate(jaxball.Disk(mass=1.0, inertia=0.5), np.array([0.0, 1.0], np.float32), rtol=1e-3, atol=1e-3)
         print(len(made))
     """

@@ -9,6 +9,7 @@ From the bottom up, each module a step of the way:
 - ``builder``: LLVM's IR as text; equal instructions are written once.
 - ``values``, ``storage``: arrays in registers, in memory, or as formulas of an index; who owns which memory.
 - ``program``: StableHLO as data, with who reads a value last.
+- ``extent``: whether XLA has a program faster.
 - ``rules``, ``operations``: what each operation computes, one file for each family.
 - ``lowering``, ``functions``, ``entry``: functions, operation by operation; those that stay functions; the first one.
 - ``machine``: passes of LLVM, machine code, its place in memory.

@@ -11,6 +11,7 @@ import numpy as np
 from ..compat import put
 from .elements import UnsupportedError
 from .entry import ALIGNMENT, Entry
+from .extent import loops_over_large_arrays
 from .lowering import Compiler
 from .machine import Code, object_code
 from .program import functions_of
@@ -32,12 +33,14 @@ class Form(NamedTuple):
     workspace: int
 
 
-def compiled(module: Any, arguments: int) -> Form:
-    """A StableHLO module of so many arguments, compiled.
+def compiled(module: Any, arguments: int, large: bool = True) -> Form:
+    """A StableHLO module of so many arguments, compiled; ``large``: also where its loops are over large arrays.
 
     **Raises:** :class:`UnsupportedError`.
     """
     functions = functions_of(module)
+    if not large and loops_over_large_arrays(functions):
+        raise UnsupportedError("A program of loops over large arrays")
     if len(functions["main"].arguments) != arguments:
         raise UnsupportedError("A program with arguments of JAX's own")
     entry = Entry(Compiler(functions))

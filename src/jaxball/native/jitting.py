@@ -120,8 +120,11 @@ class Lowered:
         self._traced = jax.jit(function, keep_unused=True).trace(list(arrays))
         self._lowered = self._traced.lower()
 
-    def natively(self) -> Program | Refusal:
-        """The program; a refusal where it contains what this compiler does not know."""
+    def natively(self, large: bool = True) -> Program | Refusal:
+        """The program; a refusal where it contains what this compiler does not know.
+
+        - ``large``: whether it is also compiled where its loops are over large arrays, which XLA has faster.
+        """
         from . import operations  # noqa: F401 (whose rules are entered)
         from .executable import compiled
 
@@ -130,7 +133,7 @@ class Lowered:
             form = Form(
                 tuple(map(_numpy_type, takes)),
                 tuple((aval.shape, _numpy_type(aval), aval.weak_type) for aval in gives),
-                compiled(self._lowered.compiler_ir("stablehlo"), len(takes)),
+                compiled(self._lowered.compiler_ir("stablehlo"), len(takes), large),
             )
         except UnsupportedError as error:
             return Refusal(str(error))

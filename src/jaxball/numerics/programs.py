@@ -1,6 +1,8 @@
 """Compiled functions, as of ``jax.jit`` and ``equinox.filter_jit``, and a store in which they may be kept.
 
-Programs are compiled natively, by :mod:`jaxball.native`, where that is known how, and else by XLA; each is traced once.
+Programs are compiled natively, by :mod:`jaxball.native`, where that is known how, and else by XLA, as are those whose
+loops are over large arrays, as of many runs side by side, unless the native compiler is asked for by its name. Each is
+traced once.
 
 Where there is a store, a program that was compiled in another process is found by a digest of all that decides what it
 computes, without being traced, and is loaded in a fraction of the time. It is the same machine code, so that its
@@ -130,8 +132,11 @@ class _Program:
             return None
         lowered = functools.cache(lambda: self._lowered(rest, arrays))  # traced once, for both compilers
         if natively:
-            key = self._key(store, rest, arrays, "native", *native.identity())
-            found = _obtained(store, key, len(arrays), lambda: lowered()[0].natively(), lambda: lowered()[1])
+            by_name = native.asked_for() == "native"
+            key = self._key(store, rest, arrays, "native", by_name, *native.identity())
+            found = _obtained(
+                store, key, len(arrays), lambda: lowered()[0].natively(large=by_name), lambda: lowered()[1]
+            )
             if not isinstance(found, native.Refusal):
                 return found
             native.warn_if_asked_for(found, self._name())
