@@ -110,7 +110,12 @@ def test_programs_of_the_library(compiled_natively):
 
 
 def _over_many(x):
-    return jax.lax.fori_loop(0, 5, lambda i, x: jnp.sin(x) * x + x, x)
+    def turn(i, x):
+        for _ in range(10):
+            x = jnp.sin(x) + x
+        return x
+
+    return jax.lax.fori_loop(0, 5, turn, x)
 
 
 def test_loops_over_large_arrays_are_left_to_xla_unless_the_compiler_is_named(compiled_natively):
@@ -118,11 +123,11 @@ def test_loops_over_large_arrays_are_left_to_xla_unless_the_compiler_is_named(co
     few, many = np.linspace(0.0, 1.0, 63), np.linspace(0.0, 1.0, 64)
     solve(few), solve(many), jaxball.jit(_over_many)(many)
     with jaxball.compiler("native"):
-        np.testing.assert_allclose(solve(many), jax.jit(_over_many)(many), rtol=1e-14)
+        np.testing.assert_allclose(solve(many), jax.jit(_over_many)(many), rtol=1e-12)
     assert compiled_natively == [("_over_many", natively) for natively in (True, False, True, True)]
     compiled_natively.clear()
     # What is straight on is compiled natively, however large.
-    programs.jit(functools.partial(_scaled, 3.0))(np.ones(1000))
+    programs.filter_jit(functools.partial(_scaled, 3.0))(jnp.ones(1000))
     assert compiled_natively == [("_scaled", True)]
 
 

@@ -22,7 +22,7 @@ def loops_over_large_arrays(functions: Mapping[str, Block]) -> bool:
 def _note(
     functions: Mapping[str, Block], block: Block, in_loop: bool, within: dict[str, bool], lengths: list[int]
 ) -> None:
-    """Notes the longest axes of results within loops; ``within`` says which functions were seen, and whether in a loop."""
+    """Notes the longest axes of results within loops; ``within`` says of functions seen whether it was in a loop."""
     for operation in block.operations:
         in_loops = in_loop or operation.name == "stablehlo.while"
         if in_loop:
