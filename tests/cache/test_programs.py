@@ -379,3 +379,13 @@ def test_a_run_and_its_extremes_are_the_same_to_the_last_bit(in_process, content
     assert len(store.found) == len(contents)
     same_bits(jax.tree.leaves(eqx.filter(first, eqx.is_array)), jax.tree.leaves(eqx.filter(second, eqx.is_array)))
     assert str(first) == str(second)
+
+
+def test_results_with_systems_in_them_are_kept(in_process, contents, disk):
+    """Whose classes refuse to be made without arguments, as what is loaded is at first."""
+    turned = programs.jit(functools.partial(jax.tree.map, jnp.negative))
+    first, _ = in_process(turned, disk)
+    assert all(contents.values())
+    second, store = in_process(turned, disk)
+    assert (len(store.found), store.missed) == (1, [])
+    same_bits(first, second)
