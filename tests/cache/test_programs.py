@@ -383,7 +383,7 @@ def test_a_run_and_its_extremes_are_the_same_to_the_last_bit(in_process, content
 
 def test_results_with_systems_in_them_are_kept(in_process, contents, disk):
     """Whose classes refuse to be made without arguments, as what is loaded is at first."""
-    turned = programs.jit(functools.partial(jax.tree.map, jnp.negative))
+    turned = programs.jit(functools.partial(jax.tree.map, jax.lax.neg))
     first, _ = in_process(turned, disk)
     assert all(contents.values())
     second, store = in_process(turned, disk)
