@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from equinox.internal import unvmap_any, while_loop
-from jax.core import Tracer
+from jax.core import ShapedArray, Tracer
 from jax.interpreters import ad, batching, mlir
 
 try:
@@ -39,6 +39,7 @@ __all__ = [
     "Loop",
     "Program",
     "argument",
+    "array_type",
     "batch_by",
     "branches",
     "called",
@@ -87,6 +88,11 @@ def stablehlo_passes() -> Any:
 
     stablehlo.register_stablehlo_passes()
     return passmanager.PassManager
+
+
+def array_type(shape: tuple[int, ...], dtype: np.dtype, weak: bool) -> Any:
+    """The type of an array, as JAX gives it to the results of a program."""
+    return ShapedArray(shape, dtype, weak_type=weak)
 
 
 def put(array: np.ndarray, aval: Any, sharding: Any, device: Any) -> jax.Array:

@@ -74,7 +74,10 @@ def test_a_command_without_a_cache_leaves_nothing(tmp_path, place, off):
 
 def test_the_command_shows_and_clears(place, capsys):
     assert main(["cache"]) == 0
-    assert capsys.readouterr().out == f"Compiled programs in {place}\n  0 files, 0.0 MB of at most 512.0 MB\n  in use\n"
+    assert (
+        capsys.readouterr().out == f"Compiled programs in {place}\n  0 files, 0.0 MB of at most 512.0 MB\n"
+        "  0 programs: 0 compiled natively, 0 by XLA\n  in use\n"
+    )
     place.mkdir(mode=0o700)
     (place / f"{'0' * 40}.program").write_bytes(bytes(2_500_000))
     (place / "mine.txt").write_text("")
@@ -83,6 +86,23 @@ def test_the_command_shows_and_clears(place, capsys):
     assert main(["cache", "--clear"]) == 0
     assert capsys.readouterr().out == "1 file, 2.5 MB removed\n"
     assert [path.name for path in place.iterdir()] == ["mine.txt"]
+
+
+def test_the_command_counts_the_programs_of_each_compiler(tmp_path, place, capsys, monkeypatch):
+    (tmp_path / "run.toml").write_text(DISK)
+    counts = []
+    for name in ("native", "xla"):
+        monkeypatch.setenv("JAXBALL_COMPILER", name)
+        assert main(["simulate", str(tmp_path / "run.toml"), "--out", str(tmp_path / "run.npz"), "--quiet"]) == 0
+        counts.append(jaxball.cache.contents())
+    assert counts[0].native > 0
+    assert counts[1].native == counts[0].native
+    assert counts[1].xla > counts[0].xla
+    capsys.readouterr()
+    main(["cache"])
+    programs = counts[1].native + counts[1].xla
+    line = f"  {programs} programs: {counts[1].native} compiled natively, {counts[1].xla} by XLA\n"
+    assert line in capsys.readouterr().out
 
 
 def test_the_command_says_why_programs_are_not_kept(place, capsys, monkeypatch):

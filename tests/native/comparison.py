@@ -3,7 +3,8 @@
 import jax
 import numpy as np
 
-from jaxball.native.jitting import Program
+from jaxball.native import Lowered, Refusal
+from jaxball.native.elements import UnsupportedError
 
 
 def native(f, *args):
@@ -16,7 +17,9 @@ def native(f, *args):
         results.append(result)
         return arrays
 
-    program = Program(of_leaves, leaves)
+    program = Lowered(of_leaves, leaves, "program").natively()
+    if isinstance(program, Refusal):
+        raise UnsupportedError(program.reason)
     return results[-1].unflatten(program(leaves))
 
 

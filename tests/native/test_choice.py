@@ -12,7 +12,7 @@ import pytest
 
 import jaxball
 from jaxball import Disk, DiskState, native
-from jaxball.native import jitting, machine
+from jaxball.native import machine
 from jaxball.numerics import programs
 
 
@@ -20,15 +20,14 @@ from jaxball.numerics import programs
 def compiled_natively(monkeypatch):
     """The names of the programs that are compiled natively."""
     names = []
-    original = jitting.compiled
+    original = native.Lowered.natively
 
-    def noted(function, arrays, name):
-        program = original(function, arrays, name)
-        names.append((name, program is not None))
+    def noted(lowered, **how):
+        program = original(lowered, **how)
+        names.append((lowered.name, not isinstance(program, native.Refusal)))
         return program
 
-    monkeypatch.setattr(jitting, "compiled", noted)
-    monkeypatch.setattr(native, "compiled", noted)
+    monkeypatch.setattr(native.Lowered, "natively", noted)
     return names
 
 
@@ -97,17 +96,39 @@ def test_xla_by_name(compiled_natively):
 
 
 def test_programs_of_the_library(compiled_natively):
-    """By the compiler that is chosen, and by XLA where none is."""
+    """Natively, where XLA is not asked for."""
     disk = Disk(mass=1.0, inertia=0.5)
-    expected = jaxball.simulate(disk, [0.0, 1.0], DiskState(phidot=-1.0))
+    with jaxball.compiler("xla"):
+        expected = jaxball.simulate(disk, [0.0, 1.0], DiskState(phidot=-1.0))
     assert compiled_natively == []
-    with jaxball.compiler("native"):
-        run = jaxball.simulate(disk, [0.0, 1.0], DiskState(phidot=-1.0))
+    run = jaxball.simulate(disk, [0.0, 1.0], DiskState(phidot=-1.0))
     assert ("solve", True) in compiled_natively
     np.testing.assert_allclose(run.state.z, expected.state.z, rtol=1e-14)
     assert jax.tree.structure(run) == jax.tree.structure(expected)
     for one, other in zip(jax.tree.leaves(run), jax.tree.leaves(expected), strict=True):
         assert jax.typeof(one) == jax.typeof(other)
+
+
+def _over_many(x):
+    def turn(i, x):
+        for _ in range(10):
+            x = jnp.sin(x) + x
+        return x
+
+    return jax.lax.fori_loop(0, 5, turn, x)
+
+
+def test_loops_over_large_arrays_are_left_to_xla_unless_the_compiler_is_named(compiled_natively):
+    solve = programs.jit(_over_many)
+    few, many = np.linspace(0.0, 1.0, 63), np.linspace(0.0, 1.0, 64)
+    solve(few), solve(many), jaxball.jit(_over_many)(many)
+    with jaxball.compiler("native"):
+        np.testing.assert_allclose(solve(many), jax.jit(_over_many)(many), rtol=1e-12)
+    assert compiled_natively == [("_over_many", natively) for natively in (True, False, True, True)]
+    compiled_natively.clear()
+    # What is straight on is compiled natively, however large.
+    programs.filter_jit(functools.partial(_scaled, 3.0))(jnp.ones(1000))
+    assert compiled_natively == [("_scaled", True)]
 
 
 def _scaled(factor, x):
@@ -124,13 +145,13 @@ def test_arguments_that_are_no_arrays():
 def test_by_an_environment_variable():
     text = """if True:
         import jax, jaxball, numpy as np
-        from jaxball import native
-        made, original = [], native.compiled
-        native.compiled = lambda *a: made.append(a[2]) or original(*a)
+        from jaxball.native import Lowered
+        made, original = [], Lowered.natively
+        Lowered.natively = lambda self, **how: made.append(self) or original(self, **how)
         jaxball.simulate(jaxball.Disk(mass=1.0, inertia=0.5), np.array([0.0, 1.0], np.float32), rtol=1e-3, atol=1e-3)
         print(len(made))
     """
-    for name, expected in (("native", True), ("xla", False)):
+    for name, expected in (("native", True), ("", True), ("xla", False)):
         run = subprocess.run(
             [sys.executable, "-c", text], env={**os.environ, "JAXBALL_COMPILER": name}, capture_output=True, text=True
         )

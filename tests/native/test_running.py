@@ -17,6 +17,7 @@ import pytest
 from jax import lax
 
 import jaxball
+from jaxball.native.executable import Executable, compiled
 
 from .comparison import native
 
@@ -74,15 +75,15 @@ def test_ctrl_c_ends_a_run(where):
             0, n, lambda i, x: x + jnp.sum(lax.fori_loop(0, 3, lambda j, y: jnp.sin(y), jnp.ones(5000))), 0.0
         )
 
-    compiled = jaxball.jit(f)
-    compiled(1)
+    jitted = jaxball.jit(f)
+    jitted(1)
     for _ in range(3):
         timer = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT))
         timer.start()
         with pytest.raises(KeyboardInterrupt):
-            compiled(10**12)
+            jitted(10**12)
         timer.join()
-    np.testing.assert_allclose(compiled(3), jax.jit(f)(3), rtol=1e-12)  # as if nothing had happened
+    np.testing.assert_allclose(jitted(3), jax.jit(f)(3), rtol=1e-12)  # as if nothing had happened
 
 
 def test_a_handler_of_signals_may_run_a_program():
@@ -104,9 +105,7 @@ def test_memory_does_not_grow():
     """Programs that are made and dropped leave nothing behind but what JAX keeps of a trace."""
 
     def made(k):
-        from jaxball.native.executable import Executable
-
-        return Executable(module, 1)([np.full(100, float(k))])
+        return Executable(compiled(module, 1))([np.full(100, float(k))])
 
     module = jax.jit(lambda x: lax.fori_loop(0, 3, lambda i, x: jnp.sin(x) + x[::-1], x)).lower(np.ones(100))
     module = module.compiler_ir("stablehlo")

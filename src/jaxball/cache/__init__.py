@@ -8,8 +8,8 @@ True
 
 What is kept are jaxball's own programs for jaxball's own systems, rails, laws and the like: whatever has functions or
 classes of yours in it is compiled as ever. A program is found again by jaxball's files, the versions of what it is
-made with, XLA's flags, JAX's settings, the processor and the kinds of its arguments. It is the same machine code, so
-that numbers are the same to the last bit.
+made with, its compiler, XLA's flags, JAX's settings, the processor and the kinds of its arguments. It is the same
+machine code, so that numbers are the same to the last bit.
 """
 
 import contextlib
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from . import current
+from .beginnings import NATIVE, XLA
 from .folder import LIMIT, Folder
 from .store import FolderStore
 
@@ -35,12 +36,15 @@ class Contents(NamedTuple):
 
     - ``folder``: where it is.
     - ``files``: how many there are: of each program one, and of each command the list of its programs.
+    - ``native``, ``xla``: how many of them are programs of the one compiler and of the other.
     - ``size``, ``limit``: of all files together, in bytes; at the limit, those used longest ago are removed.
     - ``objection``: why it is not used, as a sentence; None where it is.
     """
 
     folder: Path
     files: int
+    native: int
+    xla: int
     size: int
     limit: int
     objection: str | None
@@ -81,7 +85,9 @@ def contents(folder: str | os.PathLike[str] | None = None) -> Contents:
     """
     place = _folder(folder)
     entries = place.entries()
-    return Contents(place.path, len(entries), sum(entry.size for entry in entries), place.limit, _objection(place))
+    size = sum(entry.size for entry in entries)
+    of_each = place.count(NATIVE), place.count(XLA)
+    return Contents(place.path, len(entries), *of_each, size, place.limit, _objection(place))
 
 
 def clear(folder: str | os.PathLike[str] | None = None) -> Contents:

@@ -26,7 +26,7 @@ class Store(Protocol):
         ...
 
     def early(self, key: str) -> Any:
-        """The program as :class:`~.executables.Loaded`, where that was begun before it was asked for; else None."""
+        """As of :func:`~.executables.loaded`, where that was begun before it was asked for; else None."""
         ...
 
 

@@ -1,21 +1,24 @@
-"""Compiled programs as bytes, and as programs again."""
+"""Compiled programs as bytes, and as programs again, of both compilers."""
 
 import functools
 import io
 import pickle
 import sys
 import types
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 from jax.experimental import serialize_executable
 from jax.tree_util import PyTreeDef
 
+from .. import native
+from .beginnings import NATIVE, REFUSAL, XLA
 from .names import name_of
 
 
 class Loaded(NamedTuple):
-    """An executable from a list of arrays to another one, and what the result has beside its arrays, pickled."""
+    """A program from a list of arrays to another one, and what the result has beside its arrays, pickled."""
 
     executable: Any
     pickled: bytes
@@ -25,31 +28,64 @@ class Loaded(NamedTuple):
         return pickle.loads(self.pickled)
 
 
-def content(compiled: Any, takes: int, gives: int, result: Any) -> bytes | None:
-    """A program that takes and gives so many arrays, as bytes; None where it has none, as one that calls Python."""
+def content(program: Any, takes: int, gives: int, result: Any) -> bytes | None:
+    """A program that takes and gives so many arrays, as bytes; None where it has none, as one that calls Python.
+
+    ``program`` is one of the native compiler or an executable of JAX.
+    """
     try:
-        payload, _, _ = serialize_executable.serialize(compiled)
         pickled = io.BytesIO()
         _Pickler(pickled).dump(result)
         # What is compared by identity would be another after loading.
-        same = pickle.loads(pickled.getvalue()) == result
-        return pickle.dumps((payload, takes, gives, pickled.getvalue())) if same else None
+        if pickle.loads(pickled.getvalue()) != result:
+            return None
+        if isinstance(program, native.Program):
+            return NATIVE + pickle.dumps((program.form, pickled.getvalue()))
+        payload, _, _ = serialize_executable.serialize(program)
+        return XLA + pickle.dumps((payload, takes, gives, pickled.getvalue()))
     except Exception:  # whatever versions of JAX raise
         return None
 
 
-def loaded(content: bytes | None) -> Loaded | None:
-    """The program; None where there is none or it cannot be loaded. Several threads may do this at once."""
+def content_of_refusal(refusal: native.Refusal) -> bytes:
+    """The note that a program is not compiled natively, so that this is not tried again."""
+    return REFUSAL + refusal.reason.encode()
+
+
+def loaded(content: bytes | None) -> Loaded | native.Refusal | None:
+    """The program, or that it is refused; None where there is none or it cannot be loaded.
+
+    Several threads may do this at once.
+    """
     if content is None:
         return None
     try:
-        payload, takes, gives, pickled = pickle.loads(content)
-        if b"lapack_" in payload:
-            _set_up_lapack()
-        structures = jax.tree.structure((([0] * takes,), {})), jax.tree.structure([0] * gives)
-        return Loaded(serialize_executable.deserialize_and_load(payload, *structures), pickled)
+        for beginning, load in _LOADERS.items():
+            if content.startswith(beginning):
+                return load(content[len(beginning) :])
     except Exception:  # whatever versions of JAX raise
         return None
+    return None
+
+
+def _of_xla(content: bytes) -> Loaded:
+    payload, takes, gives, pickled = pickle.loads(content)
+    if b"lapack_" in payload:
+        _set_up_lapack()
+    structures = jax.tree.structure((([0] * takes,), {})), jax.tree.structure([0] * gives)
+    return Loaded(serialize_executable.deserialize_and_load(payload, *structures), pickled)
+
+
+def _native(content: bytes) -> Loaded:
+    form, pickled = pickle.loads(content)
+    return Loaded(native.Program(form), pickled)
+
+
+_LOADERS: dict[bytes, Callable[[bytes], Loaded | native.Refusal]] = {
+    NATIVE: _native,
+    XLA: _of_xla,
+    REFUSAL: lambda content: native.Refusal(content.decode()),
+}
 
 
 @functools.cache

@@ -14,7 +14,7 @@ LIMIT = 512 * 10**6
 KEPT_OF_LIMIT = 0.9  # so that what is new does not push something out each time
 SECONDS_OF_A_WRITE = 3600
 SECONDS_OF_A_COMPILATION = 900.0
-MAGIC = b"jaxball program 1\n"
+MAGIC = b"jaxball program 2\n"
 CHECKSUM = hashlib.blake2b(digest_size=32)
 _ENTRY = re.compile(r"[0-9a-f]{40}\.program")
 _UNFINISHED = re.compile(r"\.part-.*\.program|[0-9a-f]{40}\.lock")
@@ -103,6 +103,15 @@ class Folder:
     def entries(self) -> list[Entry]:
         """The programs, those used longest ago first."""
         return sorted(self._files(_ENTRY), key=lambda entry: entry.used)
+
+    def count(self, beginning: bytes) -> int:
+        """How many contents begin so."""
+        start, found = len(MAGIC) + CHECKSUM.digest_size, 0
+        for entry in self.entries():
+            with contextlib.suppress(OSError), open(entry.path, "rb") as file:
+                file.seek(start)
+                found += file.read(len(beginning)) == beginning
+        return found
 
     def clear(self) -> list[Entry]:
         """Removes all programs, and what was left half written. Returns what was removed.

@@ -8,6 +8,7 @@ import os
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+from .beginnings import LIST
 from .folder import Folder
 
 
@@ -78,7 +79,7 @@ class FolderStore:
         from . import executables
 
         names = self.folder.read(self._list())
-        self._expected = [] if names is None else names.decode().split()
+        self._expected = [] if names is None else names[len(LIST) :].decode().split()
         for key in self._expected:
             self._early[key] = self._thread.submit(lambda key=key: executables.loaded(self.folder.read(key)))
 
@@ -86,7 +87,7 @@ class FolderStore:
         """Remembers what the command used."""
         self._thread.shutdown(cancel_futures=True)
         if self._expected is not None and self._expected != list(self._used):
-            self.folder.write(self._list(), "\n".join(self._used).encode())
+            self.folder.write(self._list(), LIST + "\n".join(self._used).encode())
 
     def _list(self) -> str:
         # Names of files, too, which need not be text.

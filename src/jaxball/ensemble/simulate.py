@@ -1,5 +1,6 @@
 """The one entry function for many runs, and its result: systems that differ in numbers in, trajectories out."""
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
 
@@ -206,7 +207,7 @@ def simulate_ensemble(
     leaves = jax.tree.leaves((parameters, whole, limits))
     traced = any(map(is_traced, (*leaves, jnp.zeros(()))))
     on_cpu = jax.default_backend() == "cpu"
-    natively = not traced and native.asked_for() == "native" and native.usable(leaves)
+    natively = not traced and native.asked_for() != "xla" and native.usable(leaves)
     threads = threads or (cores() if on_cpu else jax.local_device_count())
     most = (mapped.BLOCK if natively else BLOCK) if on_cpu else runs
     block = runs if traced else block or min(runs, even_size(runs, most, threads))
@@ -264,7 +265,10 @@ def _in_blocks(settings: Settings, parameters: Any, arrays: tuple[np.ndarray, ..
 
     def call(given: Any) -> Any:
         natively = mapped.compiled(settings).natively(*given)
-        return compiled(settings)(*given) if natively is None else natively()
+        if natively is not None:
+            with contextlib.suppress(native.CallbackReachedError):
+                return natively()
+        return compiled(settings)(*given)
 
     def take(places: np.ndarray) -> Any:
         parts = [leaf if shared else leaf[places] for leaf, shared in own]

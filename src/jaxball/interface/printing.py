@@ -22,6 +22,10 @@ class Printed(eqx.Module):
         require_arguments(cls, given, named)
         return super().__new__(cls)
 
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Copies and pickles are made without arguments."""
+        return object.__new__, (type(self),), vars(self)
+
     def __repr__(self) -> str:
         return shown(self)
 

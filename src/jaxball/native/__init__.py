@@ -9,6 +9,7 @@ From the bottom up, each module a step of the way:
 - ``builder``: LLVM's IR as text; equal instructions are written once.
 - ``values``, ``storage``: arrays in registers, in memory, or as formulas of an index; who owns which memory.
 - ``program``: StableHLO as data, with who reads a value last.
+- ``extent``: whether XLA has a program faster.
 - ``rules``, ``operations``: what each operation computes, one file for each family.
 - ``lowering``, ``functions``, ``entry``: functions, operation by operation; those that stay functions; the first one.
 - ``machine``: passes of LLVM, machine code, its place in memory.
@@ -20,7 +21,39 @@ It knows nothing of balls.
 
 from .choice import asked_for, compiler
 from .elements import LANES
-from .jitting import allowed, compiled, jit, kind, settings, usable
+from .jitting import (
+    CallbackReachedError,
+    Form,
+    Lowered,
+    Program,
+    Refusal,
+    allowed,
+    jit,
+    kind,
+    on_one_cpu,
+    settings,
+    usable,
+    warn_if_asked_for,
+)
 from .lanes import FEWEST
+from .machine import identity
 
-__all__ = ["FEWEST", "LANES", "allowed", "asked_for", "compiled", "compiler", "jit", "kind", "settings", "usable"]
+__all__ = [
+    "FEWEST",
+    "LANES",
+    "CallbackReachedError",
+    "Form",
+    "Lowered",
+    "Program",
+    "Refusal",
+    "allowed",
+    "asked_for",
+    "compiler",
+    "identity",
+    "jit",
+    "kind",
+    "on_one_cpu",
+    "settings",
+    "usable",
+    "warn_if_asked_for",
+]

@@ -18,8 +18,9 @@ def compiler(name: str) -> Iterator[None]:
     - ``name``: ``"native"``, which compiles small programs for the processor in tenths of a second, by LLVM, or
       ``"xla"``. A program that cannot be compiled natively runs through XLA with a warning that says why.
 
-    Without a choice, here or by the environment variable ``JAXBALL_COMPILER``, :func:`jaxball.jit` compiles natively,
-    silently through XLA where that cannot be, and everything else through XLA.
+    Without a choice, here or by the environment variable ``JAXBALL_COMPILER``, programs are compiled natively, and
+    silently by XLA where that cannot be, or, but for those of :func:`jaxball.jit`, where their loops are over large
+    arrays, as of many runs side by side.
 
     **Raises:** ``ValueError`` for another name.
 

@@ -3,7 +3,7 @@
 import ctypes
 import threading
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -11,12 +11,45 @@ import numpy as np
 from ..compat import put
 from .elements import UnsupportedError
 from .entry import ALIGNMENT, Entry
+from .extent import loops_over_large_arrays
 from .lowering import Compiler
-from .machine import Code
+from .machine import Code, object_code, routines_in
 from .program import functions_of
 from .rules import RULES
 
 _spare = threading.local()
+
+
+class Form(NamedTuple):
+    """A compiled program as plain data, of which an :class:`Executable` is made, in this process or in another one.
+
+    - ``code``: the machine code, as of :func:`~.machine.object_code`.
+    - ``results``: offset in bytes, shape and type of each result in the array in which all of them lie.
+    - ``size``: the bytes of that array; ``workspace``: those of the memory to work in.
+    - ``takes``: how many arrays it takes; ``routines``: those of libraries that the code calls.
+    """
+
+    code: bytes
+    results: tuple[tuple[int, tuple[int, ...], np.dtype], ...]
+    size: int
+    workspace: int
+    takes: int
+    routines: tuple[tuple[str, str], ...]
+
+
+def compiled(module: Any, arguments: int, large: bool = True) -> Form:
+    """A StableHLO module of so many arguments, compiled; ``large``: also where its loops are over large arrays.
+
+    **Raises:** :class:`UnsupportedError`.
+    """
+    functions = functions_of(module, RULES)
+    if not large and loops_over_large_arrays(functions):
+        raise UnsupportedError("A program of loops over large arrays")
+    if len(functions["main"].arguments) != arguments:
+        raise UnsupportedError("A program with arguments of JAX's own")
+    entry = Entry(Compiler(functions))
+    code, routines = object_code(entry.text), routines_in(entry.text)
+    return Form(code, tuple(entry.results), entry.size, entry.workspace, arguments, routines)
 
 
 class Executable:
@@ -26,17 +59,13 @@ class Executable:
     raises ``KeyboardInterrupt`` from within.
     """
 
-    def __init__(self, module: Any, arguments: int):
-        functions = functions_of(module, RULES)
-        if len(functions["main"].arguments) != arguments:
-            raise UnsupportedError("A program with arguments of JAX's own")
-        entry = Entry(Compiler(functions))
-        self._code = Code(entry.text)
+    def __init__(self, form: Form):
+        self._code = Code(form.code, form.routines)
         # Of the kind that looks, after the call, for an exception; the code releases Python's lock itself.
         kind = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
         self._run = kind(self._code.address("run"))
-        self._addresses = ctypes.c_void_p * arguments
-        self._results, self._size, self._workspace = entry.results, entry.size, entry.workspace
+        self._addresses = ctypes.c_void_p * form.takes
+        self._results, self._size, self._workspace = form.results, form.size, form.workspace
 
     def __call__(self, arguments: Sequence[np.ndarray | jax.Array]) -> list[np.ndarray] | None:
         """The results; None where the program came to a callback. The arguments have the types with which it was

@@ -3,13 +3,13 @@
 import functools
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, NamedTuple, ParamSpec, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ..compat import is_traced, trace_context
+from ..compat import array_type, is_traced, trace_context
 from . import choice, machine
 from .elements import UnsupportedError
 
@@ -44,7 +44,7 @@ def jit(function: Callable[P, T]) -> Callable[P, T]:
 class _Jitted:
     def __init__(self, function: Callable[..., Any]):
         self._function, self._xla = function, jax.jit(function)
-        self._programs: dict[Any, tuple[Program, Any] | None] = {}
+        self._programs: dict[Any, tuple[Callable[[list[Any]], list[Any]], Any]] = {}
         functools.update_wrapper(self, function, updated=())  # whose attributes may be those of another of this class
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
@@ -56,13 +56,13 @@ class _Jitted:
             if not usable(leaves):
                 return self._xla(*args, **kwargs)
             self._programs[key] = self._compiled(structure, leaves)
-        found = self._programs[key]
-        if found is None:
+        program, result = self._programs[key]
+        try:
+            return result.unflatten(program(leaves))
+        except CallbackReachedError:
             return self._xla(*args, **kwargs)
-        program, result = found
-        return result.unflatten(program(leaves))
 
-    def _compiled(self, structure: Any, leaves: list[Any]) -> "tuple[Program, Any] | None":
+    def _compiled(self, structure: Any, leaves: list[Any]) -> tuple[Callable[[list[Any]], list[Any]], Any]:
         results = []
 
         def of_leaves(leaves: list[Any]) -> list[Any]:
@@ -71,20 +71,71 @@ class _Jitted:
             results.append(result)
             return arrays
 
-        program = compiled(of_leaves, leaves, getattr(self, "__name__", "program"))
-        return None if program is None else (program, results[-1])
+        name = getattr(self, "__name__", "program")
+        lowered = Lowered(of_leaves, leaves, name)
+        program = lowered.natively()
+        if isinstance(program, Refusal):
+            warn_if_asked_for(program, name)
+            program = lowered.by_xla()
+        return program, results[-1]
+
+
+class CallbackReachedError(Exception):
+    """A native run came to a callback in a branch, as of an error that is raised: XLA runs it, from the beginning."""
+
+
+class Refusal(NamedTuple):
+    """Why a program is not compiled natively: what "… is not compiled natively" makes a sentence of."""
+
+    reason: str
+
+
+class Form(NamedTuple):
+    """A compiled program as plain data.
+
+    - ``takes``: the types of the arrays that it takes.
+    - ``gives``: shape, type and whether the type is weak, of the arrays that it gives.
+    - ``keys``: of each of these how it makes numbers, where it is of random keys; empty where none is.
+    - ``executable``: as of :class:`~.executable.Form`.
+    """
+
+    takes: tuple[np.dtype, ...]
+    gives: tuple[tuple[tuple[int, ...], np.dtype, bool], ...]
+    keys: tuple[Any, ...]
+    executable: Any
 
 
 class Program:
     """A program for arrays of certain types: called with such, it gives arrays of JAX.
 
-    Where it comes to a callback in a branch, as of an error that is raised, XLA runs it, from the beginning.
+    **Raises:** :class:`CallbackReachedError`.
     """
 
-    def __init__(self, function: Callable[[list[Any]], list[Any]], arrays: Sequence[Any]):
-        from . import operations  # noqa: F401 (whose rules are entered)
+    def __init__(self, form: Form):
         from .executable import Executable
 
+        self.form = form
+        self._avals = [array_type(*given) for given in form.gives]
+        self._executable = Executable(form.executable)
+
+    def __call__(self, arrays: Sequence[Any]) -> list[jax.Array]:
+        from .executable import as_jax
+
+        given = [
+            np.asarray(array, dtype, order="C") if isinstance(array, _OF_NUMPY) else _numbers(array)
+            for array, dtype in zip(arrays, self.form.takes, strict=True)
+        ]
+        results = self._executable(given)
+        if results is None:
+            raise CallbackReachedError
+        arrays = as_jax(results, self._avals)
+        return _as_keys(arrays, self.form.keys) if self.form.keys else arrays
+
+
+class Lowered:
+    """A function of a list of arrays, traced for such, and compiled by whichever compiler is then asked."""
+
+    def __init__(self, function: Callable[[list[Any]], list[Any]], arrays: Sequence[Any], name: str):
         keys = list(map(_implementation, arrays))
         made: list[list[Any]] = []
 
@@ -93,26 +144,42 @@ class Program:
             made.append(list(map(_implementation, results)))
             return list(map(_numbers, results))
 
-        self._xla = jax.jit(of_numbers, keep_unused=True)
-        traced = self._xla.trace(list(map(_numbers, arrays)))
-        self._keys, self._made = any(keys), made[-1] if any(made[-1]) else None
-        self._types = [np.dtype(_numpy_type(aval)) for aval in traced.jaxpr.in_avals]
-        self._avals = traced.jaxpr.out_avals
-        for aval in self._avals:
-            _numpy_type(aval)
-        self._executable = Executable(traced.lower().compiler_ir("stablehlo"), len(arrays))
+        self.name = of_numbers.__name__ = of_numbers.__qualname__ = name
+        self._traced = jax.jit(of_numbers, keep_unused=True).trace(list(map(_numbers, arrays)))
+        self._takes_keys, self._keys = any(keys), tuple(made[-1]) if any(made[-1]) else ()
+        self._lowered = self._traced.lower()
 
-    def __call__(self, arrays: Sequence[Any]) -> list[jax.Array]:
-        from .executable import as_jax
+    def natively(self, large: bool = True) -> Program | Refusal:
+        """The program; a refusal where it contains what this compiler does not know.
 
-        arrays = list(map(_numbers, arrays)) if self._keys else arrays
-        given = [
-            np.asarray(array, dtype, order="C") if isinstance(array, _OF_NUMPY) else array
-            for array, dtype in zip(arrays, self._types, strict=True)
-        ]
-        results = self._executable(given)
-        results = self._xla(list(arrays)) if results is None else as_jax(results, self._avals)
-        return results if self._made is None else _as_keys(results, self._made)
+        - ``large``: whether it is also compiled where its loops are over large arrays, which XLA has faster.
+        """
+        from . import operations  # noqa: F401 (whose rules are entered)
+        from .executable import compiled
+
+        takes, gives = self._traced.jaxpr.in_avals, self._traced.jaxpr.out_avals
+        try:
+            form = Form(
+                tuple(map(_numpy_type, takes)),
+                tuple((aval.shape, _numpy_type(aval), aval.weak_type) for aval in gives),
+                self._keys,
+                compiled(self._lowered.compiler_ir("stablehlo"), len(takes), large),
+            )
+        except UnsupportedError as error:
+            return Refusal(str(error))
+        return Program(form)
+
+    def by_xla(self) -> Callable[[list[Any]], list[Any]]:
+        """The program."""
+        compiled, keys = self._lowered.compile(), self._keys
+        if not self._takes_keys and not keys:
+            return compiled  # which can be kept
+
+        def run(arrays: list[Any]) -> list[Any]:
+            results = compiled(list(map(_numbers, arrays)))
+            return _as_keys(results, keys) if keys else results
+
+        return run
 
 
 def _implementation(array: Any) -> Any:
@@ -137,31 +204,31 @@ def _as_keys(arrays: Sequence[Any], implementations: Sequence[Any]) -> list[Any]
     ]
 
 
-def compiled(function: Callable[[list[Any]], list[Any]], arrays: Sequence[Any], name: str) -> Program | None:
-    """A function of a list of arrays as a program for such; None where that is not known how.
-
-    **Warns** where the native compiler was asked for by name, with what it does not know.
-    """
-    try:
-        return Program(function, arrays)
-    except UnsupportedError as error:
-        if choice.asked_for() == "native":
-            message = f"{error} is not compiled natively: XLA compiles the program `{name}`."
-            warnings.warn(message, stacklevel=4)
-        return None
+def warn_if_asked_for(refusal: Refusal, name: str) -> None:
+    """Says why XLA compiles the program of this name, where the native compiler was asked for by its name."""
+    if choice.asked_for() == "native":
+        message = f"{refusal.reason} is not compiled natively: XLA compiles the program `{name}`."
+        warnings.warn(message, stacklevel=4)
 
 
 def allowed() -> bool:
-    """Whether programs are compiled natively: for the one device of a CPU, without settings that are for debugging."""
-    config: Any = jax.config
-    if not machine.is_present() or jax.default_backend() != "cpu" or jax.device_count() != 1:
-        return False
-    return not (config.jax_debug_nans or config.jax_debug_infs or config.jax_disable_jit)
+    """Whether programs are compiled natively at all."""
+    return machine.is_present() and on_one_cpu()
 
 
 def usable(leaves: Sequence[Any]) -> bool:
-    """Whether programs can be compiled natively for such arguments, which are numbers."""
+    """Whether programs can be compiled natively for such arguments: on the one device of a CPU, and with numbers."""
     return allowed() and not any(map(is_traced, leaves)) and all(map(_is_numbers, leaves))
+
+
+def on_one_cpu() -> bool:
+    """Whether programs run on the one device of a CPU, and without settings that are for debugging."""
+    config: Any = jax.config
+    if config.jax_debug_nans or config.jax_debug_infs or config.jax_disable_jit:
+        return False
+    if not jax.sharding.get_abstract_mesh().empty or jax.default_backend() != "cpu" or jax.device_count() != 1:
+        return False
+    return config.jax_default_device in (None, "cpu", jax.devices()[0])
 
 
 def _is_numbers(leaf: Any) -> bool:
@@ -171,18 +238,20 @@ def _is_numbers(leaf: Any) -> bool:
 
 
 def kind(array: Any) -> Any:
-    """What a program knows of an argument."""
+    """What a program knows of an argument, for a key within a process."""
     if isinstance(array, np.ndarray):
         return array.shape, array.dtype
     return array.aval if isinstance(array, jax.Array) else type(array)
 
 
 def settings() -> Any:
-    """The settings of JAX on which a program depends."""
-    return trace_context()
+    """The settings of JAX that decide, within a process, which program is run."""
+    config: Any = jax.config
+    debugging = config.jax_debug_nans, config.jax_debug_infs, config.jax_disable_jit
+    return trace_context(), config.jax_default_device, debugging
 
 
 def _numpy_type(aval: Any) -> np.dtype:
-    if not isinstance(aval.dtype, np.dtype):
+    if not isinstance(aval.dtype, np.dtype):  # as of random keys
         raise UnsupportedError(f"An array of {aval.dtype}")
     return aval.dtype

@@ -109,8 +109,9 @@ def _is_wrapped(made: Mapping[Value, Operation], value: Value, index: Value) -> 
     if select is None or select.name != "stablehlo.select" or select.operands[2] is not index:
         return False
     below = made.get(select.operands[0])
-    is_below = below is not None and below.name == "stablehlo.compare" and below.operands[0] is index
-    return is_below and below.attribute("comparison_direction") == "LT" and _is_zero(made.get(below.operands[1]))
+    if below is None or below.name != "stablehlo.compare" or below.operands[0] is not index:
+        return False
+    return below.attribute("comparison_direction") == "LT" and _is_zero(made.get(below.operands[1]))
 
 
 def _is_apart(block: Block, functions: Mapping[str, Block]) -> bool:

@@ -7,6 +7,7 @@ import importlib.util
 import re
 import sys
 import threading
+from collections.abc import Callable, Sequence
 from typing import Any
 
 # LLVM's context, in which modules are read, is one for the process.
@@ -25,20 +26,46 @@ def is_present() -> bool:
         return False
 
 
-class Code:
-    """Machine code of one module, in memory for as long as this object lives."""
+def identity() -> list[str]:
+    """What decides, beside its text, what becomes of a program: the versions of LLVM and llvmlite, the processor."""
+    import llvmlite
 
-    def __init__(self, text: str):
+    llvm = _llvm()
+    version = ".".join(map(str, llvm.llvm_version_info))
+    return [llvmlite.__version__, version, llvm.get_default_triple(), *_processor()]
+
+
+def object_code(text: str) -> bytes:
+    """The machine code of a module of LLVM's IR, which :class:`Code` loads, in this process or in another one."""
+    llvm = _llvm()
+    with _lock:
+        machine = _machine()
+        module = llvm.parse_assembly(text)
+        module.triple, module.data_layout = machine.triple, str(machine.target_data)
+        _optimise(llvm, module, machine)
+        try:
+            return machine.emit_object(module)
+        finally:
+            module.close()
+            machine.close()
+
+
+def routines_in(text: str) -> tuple[tuple[str, str], ...]:
+    """The routines of LAPACK and BLAS that a module calls: the library and the name of each."""
+    return tuple(sorted(set(_ROUTINE.findall(text))))
+
+
+class Code:
+    """Machine code in memory, for as long as this object lives. ``routines``: those that it calls."""
+
+    def __init__(self, code: bytes, routines: Sequence[tuple[str, str]] = ()):
         llvm = _llvm()
-        for library, name in set(_ROUTINE.findall(text)):
+        for library, name in routines:
             llvm.add_symbol(f"scipy.{library}.{name}", routine(library, name))
         with _lock:
-            machine = _machine()
-            module = llvm.parse_assembly(text)
-            module.triple, module.data_layout = machine.triple, str(machine.target_data)
-            _optimise(llvm, module, machine)
-            # An engine owns its target machine. One for each module, so that its memory is given back.
-            self._engine = llvm.create_mcjit_compiler(module, machine)
+            # An engine owns its module and its target machine. One for each program, so that its memory is given back.
+            self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
+            self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
             self._engine.finalize_object()
 
     def address(self, name: str) -> int:
@@ -50,8 +77,8 @@ class Code:
         with _lock:
             self._engine.close()
 
-    def __del__(self) -> None:
-        if hasattr(self, "_engine") and not sys.is_finalizing():
+    def __del__(self, is_finalizing: Callable[[], bool] = sys.is_finalizing) -> None:
+        if hasattr(self, "_engine") and not is_finalizing():  # when LLVM is gone already
             self.close()
 
 
@@ -90,11 +117,18 @@ def _llvm() -> Any:
     return llvm
 
 
+@functools.cache
+def _processor() -> tuple[str, str]:
+    """The processor's name and its features."""
+    llvm = _llvm()
+    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
 def _machine() -> Any:
     llvm = _llvm()
+    name, features = _processor()
     target = llvm.Target.from_default_triple()
-    features = llvm.get_host_cpu_features().flatten()
-    return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=2, jit=True)
+    return target.create_target_machine(cpu=name, features=features, opt=2, jit=True)
 
 
 def _optimise(llvm: Any, module: Any, machine: Any) -> None:

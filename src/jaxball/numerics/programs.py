@@ -1,14 +1,19 @@
 """Compiled functions, as of ``jax.jit`` and ``equinox.filter_jit``, and a store in which they may be kept.
 
+Programs are compiled natively, by :mod:`jaxball.native`, where that is known how, and else by XLA, as are those whose
+loops are over large arrays, as of many runs side by side, unless the native compiler is asked for by its name. Each is
+traced once.
+
 Where there is a store, a program that was compiled in another process is found by a digest of all that decides what it
 computes, without being traced, and is loaded in a fraction of the time. It is the same machine code, so that its
-results are the same to the last bit. Without a store, and within a trace, the functions are JAX's and equinox's.
+results are the same to the last bit. That a program is not compiled natively is noted there as well. Within a trace,
+and on other devices than one CPU, the functions are JAX's and equinox's.
 """
 
 import contextlib
 import functools
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple, ParamSpec, TypeVar
+from typing import Any, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
@@ -18,11 +23,13 @@ from .. import native
 from ..cache import current, executables
 from ..cache.current import Store
 from ..cache.names import NoNameError
-from ..compat import is_traced, settings, trace_context
+from ..compat import is_traced, settings
 from .fingerprints import digest
 
 P = ParamSpec("P")
 T = TypeVar("T")
+_Runs: TypeAlias = Callable[[list[Any]], Any]
+QUICKLY = "jax_disable_most_optimizations"  # of XLA's
 
 
 def jit(function: Callable[P, T]) -> "Program":
@@ -44,16 +51,16 @@ def filter_jit(function: Callable[P, T]) -> Callable[P, T]:
 
 @contextlib.contextmanager
 def compiled_quickly(wanted: bool = True) -> Iterator[None]:
-    """Programs that are first called in this block compile in half the time, and then take several times as long.
+    """Programs that XLA compiles first in this block compile in half the time, and then take several times as long.
 
     For what runs once. The results differ by rounding. Threads share the setting.
     """
-    before = settings()["jax_disable_most_optimizations"]
-    jax.config.update("jax_disable_most_optimizations", wanted or before)
+    before = settings()[QUICKLY]
+    jax.config.update(QUICKLY, wanted or before)
     try:
         yield
     finally:
-        jax.config.update("jax_disable_most_optimizations", before)
+        jax.config.update(QUICKLY, before)
 
 
 class _Rest(NamedTuple):
@@ -79,55 +86,38 @@ class _Rest(NamedTuple):
 
 
 class Program:
-    """A function, and its programs with and without a store."""
+    """A function, and its programs by the kinds of their arguments."""
 
     def __init__(
         self, function: Callable[..., Any], compiled: Callable[..., Any], is_dynamic: Callable[[Any], bool] | None
     ):
         self._function, self._compiled, self._is_dynamic = function, compiled, is_dynamic
-        self._kept: dict[Any, Callable[[list[Any]], Any] | None] = {}
-        self._native: dict[Any, Callable[[list[Any]], Any] | None] = {}
+        self._programs: dict[Any, _Runs | None] = {}
         self._store: Store | None = None
         functools.update_wrapper(self, function.func if isinstance(function, functools.partial) else function)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        store, natively = current.store, native.asked_for() == "native"
-        if store is None and not natively:
-            return self._compiled(*args, **kwargs)
         leaves, structure = jax.tree.flatten((args, kwargs))
         if any(map(is_traced, leaves)):
             return self._compiled(*args, **kwargs)
         rest, arrays = self._parted(leaves, structure)
-        program = self._native_for(rest, arrays) if natively else None
-        if program is None and store is not None:
-            program = self._kept_for(store, rest, arrays)
-        return self._compiled(*args, **kwargs) if program is None else program(arrays)
+        program = self._program_for(rest, arrays)
+        if program is not None:
+            with contextlib.suppress(native.CallbackReachedError):
+                return program(arrays)
+        return self._compiled(*args, **kwargs)
 
-    def natively(self, *args: Any, **kwargs: Any) -> Callable[[], Any] | None:
-        """The call with these arguments, by a program that is compiled natively; None where that cannot be."""
-        leaves, structure = jax.tree.flatten((args, kwargs))
+    def natively(self, *args: Any) -> Callable[[], Any] | None:
+        """The call with these arguments, by a program that is compiled natively; None where that cannot be.
+
+        It may raise ``native.CallbackReachedError``.
+        """
+        leaves, structure = jax.tree.flatten((args, {}))
         if native.asked_for() == "xla" or any(map(is_traced, leaves)):
             return None
         rest, arrays = self._parted(leaves, structure)
-        program = self._native_for(rest, arrays)
+        program = self._program_for(rest, arrays, only_natively=True)
         return None if program is None else functools.partial(program, arrays)
-
-    def _native_for(self, rest: _Rest, arrays: list[Any]) -> Callable[[list[Any]], Any] | None:
-        """The program for such arguments, compiled natively; None where that is not known how."""
-        if not native.allowed():
-            return None
-        key = (rest, tuple(map(type, rest.static)), tuple(map(native.kind, arrays)), native.settings())
-        try:
-            if key in self._native:
-                return self._native[key]
-        except TypeError:  # something has no hash
-            return None
-        if not native.usable(arrays):
-            return None
-        of_arrays, results = self._of_arrays(rest)
-        compiled = native.compiled(of_arrays, arrays, of_arrays.__name__)
-        program = None if compiled is None else functools.partial(_run, compiled, results[-1])
-        return self._native.setdefault(key, program)
 
     def _parted(self, leaves: list[Any], structure: Any) -> tuple[_Rest, list[Any]]:
         if self._is_dynamic is None or not leaves:
@@ -136,48 +126,57 @@ class Program:
         static = tuple(None if new else leaf for leaf, new in zip(leaves, dynamic, strict=True))
         return _Rest(structure, static, dynamic), [leaf for leaf, new in zip(leaves, dynamic, strict=True) if new]
 
-    def _kept_for(self, store: Store, rest: _Rest, arrays: list[Any]) -> Callable[[list[Any]], Any] | None:
-        """The program for such arguments; None where it is to be compiled as ever."""
-        if store is not self._store:
-            self._kept, self._store = {}, store
-        key = (rest, tuple(map(type, rest.static)), tuple(map(_kind, arrays)), _settings())
+    def _program_for(self, rest: _Rest, arrays: list[Any], only_natively: bool = False) -> _Runs | None:
+        """The program for such arguments; None where JAX compiles it as ever, or where it is not compiled natively and
+        is to be.
+        """
+        if current.store is not self._store:
+            self._programs, self._store = {}, current.store
+        kinds = tuple(map(native.kind, arrays))
+        key = (native.asked_for(), only_natively, rest, tuple(map(type, rest.static)), kinds, native.settings())
         try:
-            if key in self._kept:
-                return self._kept[key]
+            if key in self._programs:
+                return self._programs[key]
         except TypeError:  # something has no hash
             return None
-        program = self._found(store, rest, arrays)
-        return self._kept.setdefault(key, program)
+        return self._programs.setdefault(key, self._found(rest, arrays, only_natively))
 
-    def _found(self, store: Store, rest: _Rest, arrays: list[Any]) -> Callable[[list[Any]], Any] | None:
-        """The program, loaded from the store, or compiled and written there."""
-        if not _usable():
+    def _found(self, rest: _Rest, arrays: list[Any], only_natively: bool) -> _Runs | None:
+        """The program, from the store or compiled: natively, and by XLA where that is asked for or cannot be."""
+        natively = native.asked_for() != "xla" and native.usable(arrays)
+        store = self._store if _keeps() else None
+        if store is None and not natively:
             return None
-        try:
-            key = digest(store.identity(), self._function, self._is_dynamic is None, rest, *_describe(arrays))
-        except NoNameError:
+        lowered = functools.cache(lambda: self._lowered(rest, arrays))  # traced once, for both compilers
+        if natively:
+            large = only_natively or native.asked_for() == "native"
+            key = self._key(store, rest, arrays, "native", large, *native.identity())
+            found = _obtained(store, key, len(arrays), lambda: lowered()[0].natively(large), lambda: lowered()[1])
+            if not isinstance(found, native.Refusal):
+                return found
+            native.warn_if_asked_for(found, self._name())
+        if only_natively:
             return None
-        program = _as_kept(store.early(key)) or _as_kept(executables.loaded(store.read(key)))
-        if program is not None:
-            return program
-        with store.alone(key) as written:
-            return _as_kept(executables.loaded(written)) or self._compiled_for(store, key, rest, arrays)
+        key = self._key(store, rest, arrays, "xla", settings()[QUICKLY])
+        if key is None and not natively:
+            return None
+        found = _obtained(store, key, len(arrays), lambda: lowered()[0].by_xla(), lambda: lowered()[1])
+        return None if isinstance(found, native.Refusal) else found
 
-    def _compiled_for(self, store: Store, key: str, rest: _Rest, arrays: list[Any]) -> Callable[[list[Any]], Any]:
-        """The program, compiled and written to the store."""
-        compiled, result = self._made(rest, arrays)
-        gives = sum(result.dynamic) if result.dynamic else result.structure.num_leaves
-        # Nothing, where it cannot be kept, so that no process waits for another one that compiles it.
-        store.write(key, executables.content(compiled, len(arrays), gives, tuple(result)) or b"")
-        return functools.partial(_run, compiled, result)
+    def _name(self) -> str:
+        return getattr(self, "__name__", "program")
 
-    def _made(self, rest: _Rest, arrays: list[Any]) -> tuple[Any, _Rest]:
-        of_arrays, results = self._of_arrays(rest)
-        compiled = jax.jit(of_arrays).lower(arrays).compile()
-        return compiled, results[-1]
+    def _key(self, store: Store | None, rest: _Rest, arrays: list[Any], *of_compiler: Any) -> str | None:
+        """The name of the program in the store; None where it has none."""
+        if store is None:
+            return None
+        with contextlib.suppress(NoNameError):
+            described = self._function, self._is_dynamic is None, rest, *_describe(arrays)
+            return digest(store.identity(), *described, *of_compiler)
+        return None
 
-    def _of_arrays(self, rest: _Rest) -> tuple[Callable[[list[Any]], list[Any]], list[_Rest]]:
-        """The function of arrays alone, and the list to which tracing it adds what its result has beside them."""
+    def _lowered(self, rest: _Rest, arrays: list[Any]) -> tuple[native.Lowered, _Rest]:
+        """The function, traced for such arrays alone, and what its result has beside arrays."""
         results: list[_Rest] = []
 
         def of_arrays(arrays: list[Any]) -> list[Any]:
@@ -186,27 +185,52 @@ class Program:
             results.append(result)
             return arrays
 
-        of_arrays.__name__ = of_arrays.__qualname__ = getattr(self, "__name__", "program")
-        return of_arrays, results
+        lowered = native.Lowered(of_arrays, arrays, self._name())
+        return lowered, results[-1]
 
 
-def _as_kept(loaded: executables.Loaded | None) -> Callable[[list[Any]], Any] | None:
+def _obtained(
+    store: Store | None, key: str | None, takes: int, make: Callable[[], Any], result: Callable[[], _Rest]
+) -> _Runs | native.Refusal:
+    """A program that takes so many arrays: loaded from the store, or made and written there."""
+    if store is None or key is None:
+        return _as_made(make(), result)
+    found = _as_kept(store.early(key)) or _as_kept(executables.loaded(store.read(key)))
+    if found is not None:
+        return found
+    with store.alone(key) as written:
+        found = _as_kept(executables.loaded(written))
+        if found is None:
+            made = make()
+            store.write(key, _content(made, takes, result))
+            found = _as_made(made, result)
+    return found
+
+
+def _as_made(made: Any, result: Callable[[], _Rest]) -> _Runs | native.Refusal:
+    return made if isinstance(made, native.Refusal) else functools.partial(_run, made, result())
+
+
+def _content(made: Any, takes: int, result: Callable[[], _Rest]) -> bytes:
+    """What was made, as bytes: none where it cannot be kept, so that no process waits for another that compiles it."""
+    if isinstance(made, native.Refusal):
+        return executables.content_of_refusal(made)
+    rest = result()
+    gives = sum(rest.dynamic) if rest.dynamic else rest.structure.num_leaves
+    return executables.content(made, takes, gives, tuple(rest)) or b""
+
+
+def _as_kept(loaded: executables.Loaded | native.Refusal | None) -> _Runs | native.Refusal | None:
     """A program that was loaded; None where there is none."""
-    if loaded is not None:
+    if isinstance(loaded, executables.Loaded):
         with contextlib.suppress(Exception):  # whatever a class of another version raises
             return functools.partial(_run, loaded.executable, _Rest(*loaded.result()))
-    return None
+        return None
+    return loaded
 
 
 def _run(compiled: Any, result: _Rest, arrays: list[Any]) -> Any:
     return result.joined(compiled(arrays))
-
-
-def _kind(array: Any) -> Any:
-    """What a program knows of an array, for a key within this process."""
-    if type(array) is np.ndarray:
-        return array.shape, array.dtype
-    return jax.typeof(array) if isinstance(array, jax.Array) else (type(array), np.shape(array))
 
 
 def _describe(arrays: Sequence[Any]) -> list[Any]:
@@ -218,25 +242,13 @@ def _describe(arrays: Sequence[Any]) -> list[Any]:
         if not isinstance(dtype, np.dtype | type):  # as of random keys
             raise NoNameError(f"Arrays of {dtype} are not kept.")
         kinds.append((np.shape(array), dtype, weak))
-    return [kinds, {name: value for name, value in settings().items() if name != "jax_default_device"}]
+    return [kinds, {name: value for name, value in settings().items() if name not in ("jax_default_device", QUICKLY)}]
 
 
-def _settings() -> Any:
-    """JAX's settings, for a key within this process."""
-    config: Any = jax.config
-    debugging = config.jax_debug_nans, config.jax_debug_infs, config.jax_disable_jit
-    return trace_context(), config.jax_default_device, debugging
-
-
-def _usable() -> bool:
+def _keeps() -> bool:
     """Whether programs can be kept: those for the one device of a CPU, without settings that are for debugging.
 
     Where JAX keeps programs itself, it is left to it: what was loaded from there cannot be written once more.
     """
     config: Any = jax.config
-    if config.jax_enable_compilation_cache and config.jax_compilation_cache_dir:
-        return False
-    debugging = config.jax_debug_nans or config.jax_debug_infs or config.jax_disable_jit
-    if debugging or not jax.sharding.get_abstract_mesh().empty or jax.default_backend() != "cpu":
-        return False
-    return jax.device_count() == 1 and config.jax_default_device in (None, "cpu", jax.devices()[0])
+    return not (config.jax_enable_compilation_cache and config.jax_compilation_cache_dir) and native.on_one_cpu()

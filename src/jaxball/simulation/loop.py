@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..compat import while_loop
 from ..interface.status import Status
-from ..solvers.dense.continuous import DenseOutput
+from ..solvers.dense.continuous import DenseOutput, has_one_tableau
 from ..solvers.multistep_controller import AbstractMultistepController
 from .observers import Observers, Step
 from .switching import NONE, Course, Switching
@@ -205,7 +205,7 @@ class _Solve(NamedTuple):
         smooth = isinstance(self.controller, diffrax.PIDController | AbstractMultistepController)
         jumps = self.switching is not None or not smooth
         solver_state, jumped = state.solver_state, state.made_jump if jumps else False
-        if isinstance(self.solver, diffrax.AbstractERK) and self.solver.tableau.fsal:
+        if has_one_tableau(self.solver):
             solver_state, jumped = self._with_first_slope(state, jumped), False
         y, error, info, solver_state, step_result = self.solver.step(
             self.terms, state.tprev, state.tnext, state.y, self.args, solver_state, jumped

@@ -145,8 +145,8 @@ class Observers:
             t = step.start + node * h
             return total + weight * self._quantities(t, step.exact(t)), None
 
-        places = tuple(jnp.asarray(x, step.x.dtype) for x in (sampling().nodes, lobatto_weights()))
-        return h * jax.lax.scan(one, jnp.zeros(self._count, step.x.dtype), places)[0]
+        nodes, weights = (jnp.asarray(x, step.x.dtype) for x in (sampling().nodes, lobatto_weights()))
+        return h * jax.lax.scan(one, jnp.zeros(self._count, step.x.dtype), (nodes, weights))[0]
 
     def _signed(self, t: Float[Array, ""], x: Float[Array, " size"]) -> Float[Array, " k"]:
         values = self._quantities(t, x)

@@ -24,6 +24,7 @@ def _run(options: argparse.Namespace) -> int:
     kept = contents()
     print(f"Compiled programs in {kept.folder}")
     print(f"  {_amount(kept)} of at most {_megabytes(kept.limit)}")
+    print(f"  {counted(kept.native + kept.xla, 'program')}: {kept.native} compiled natively, {kept.xla} by XLA")
     print(f"  not in use: {kept.objection}" if kept.objection else "  in use")
     return 0
 

@@ -1,0 +1,36 @@
+"""How large the arrays of a program are: whether XLA, which computes on them in vectors and threads, has it faster."""
+
+from collections.abc import Mapping
+
+from .program import Block
+
+LONG = 64  # numbers along an axis
+
+
+def loops_over_large_arrays(functions: Mapping[str, Block]) -> bool:
+    """Whether half of the operations within a program's loops, or more, give arrays with a long axis.
+
+    So it is where many runs are solved side by side. One of 64 lanes took as long to compile natively as by XLA, 22 s,
+    and ten times as long to run. Outside loops large arrays cost little: observables at 201 times, two thirds of whose
+    operations give more than 64 numbers, were compiled in 0.8 s instead of 1.0 and ran in 0.34 ms instead of 0.22.
+    """
+    lengths: list[int] = []
+    _note(functions, functions["main"], False, {}, lengths)
+    return bool(lengths) and 2 * sum(length >= LONG for length in lengths) >= len(lengths)
+
+
+def _note(
+    functions: Mapping[str, Block], block: Block, in_loop: bool, within: dict[str, bool], lengths: list[int]
+) -> None:
+    """Notes the longest axes of results within loops; ``within`` says of functions seen whether it was in a loop."""
+    for operation in block.operations:
+        in_loops = in_loop or operation.name == "stablehlo.while"
+        if in_loop:
+            lengths.extend(max(value.shape, default=1) for value in operation.results)
+        for region in operation.regions:
+            _note(functions, region, in_loops, within, lengths)
+        if operation.name == "func.call":
+            name = operation.attribute("callee")
+            if not within.get(name, False) and (in_loop or name not in within):
+                within[name] = in_loop
+                _note(functions, functions[name], in_loop, within, lengths)
