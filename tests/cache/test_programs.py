@@ -15,7 +15,7 @@ import pytest
 from jaxball import Disk, DiskState, Fixed, PointMass, Pulse, contact_extremes, simulate
 from jaxball.cache import current, surroundings
 from jaxball.compat import enable_x64
-from jaxball.native import machine, operations  # noqa: F401 (whose rules are entered)
+from jaxball.native import choice, machine, operations  # noqa: F401 (whose rules are entered)
 from jaxball.native.rules import RULES
 from jaxball.numerics import programs, vectors
 from jaxball.scenario.initial import starting_angles
@@ -49,9 +49,8 @@ class Memory:
 
 @pytest.fixture(params=["native", "xla"])
 def compiler(request, monkeypatch):
-    """The compiler of the programs: the native one where none is chosen."""
-    if request.param == "xla":
-        monkeypatch.setenv("JAXBALL_COMPILER", "xla")
+    """The compiler of the programs where none is asked for by its name."""
+    monkeypatch.setattr(choice, "DEFAULT", request.param)
     return request.param
 
 

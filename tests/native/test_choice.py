@@ -12,7 +12,7 @@ import pytest
 
 import jaxball
 from jaxball import Disk, DiskState, native
-from jaxball.native import machine
+from jaxball.native import choice, machine
 from jaxball.numerics import programs
 
 
@@ -95,8 +95,9 @@ def test_xla_by_name(compiled_natively):
     assert compiled_natively == []
 
 
-def test_programs_of_the_library(compiled_natively):
-    """Natively, where XLA is not asked for."""
+def test_programs_of_the_library(compiled_natively, monkeypatch):
+    """Natively, where that is their default and XLA is not asked for."""
+    monkeypatch.setattr(choice, "DEFAULT", "native")
     disk = Disk(mass=1.0, inertia=0.5)
     with jaxball.compiler("xla"):
         expected = jaxball.simulate(disk, [0.0, 1.0], DiskState(phidot=-1.0))
@@ -118,7 +119,8 @@ def _over_many(x):
     return jax.lax.fori_loop(0, 5, turn, x)
 
 
-def test_loops_over_large_arrays_are_left_to_xla_unless_the_compiler_is_named(compiled_natively):
+def test_loops_over_large_arrays_are_left_to_xla_unless_the_compiler_is_named(compiled_natively, monkeypatch):
+    monkeypatch.setattr(choice, "DEFAULT", "native")
     solve = programs.jit(_over_many)
     few, many = np.linspace(0.0, 1.0, 63), np.linspace(0.0, 1.0, 64)
     solve(few), solve(many), jaxball.jit(_over_many)(many)

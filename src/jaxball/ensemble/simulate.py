@@ -207,7 +207,7 @@ def simulate_ensemble(
     leaves = jax.tree.leaves((parameters, whole, limits))
     traced = any(map(is_traced, (*leaves, jnp.zeros(()))))
     on_cpu = jax.default_backend() == "cpu"
-    natively = not traced and native.asked_for() != "xla" and native.usable(leaves)
+    natively = not traced and native.chosen() == "native" and native.usable(leaves)
     threads = threads or (cores() if on_cpu else jax.local_device_count())
     most = (mapped.BLOCK if natively else BLOCK) if on_cpu else runs
     block = runs if traced else block or min(runs, even_size(runs, most, threads))

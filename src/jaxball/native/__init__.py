@@ -19,7 +19,7 @@ From the bottom up, each module a step of the way:
 It knows nothing of balls.
 """
 
-from .choice import asked_for, compiler
+from .choice import asked_for, chosen, compiler
 from .elements import LANES
 from .jitting import (
     CallbackReachedError,
@@ -48,6 +48,7 @@ __all__ = [
     "Refusal",
     "allowed",
     "asked_for",
+    "chosen",
     "compiler",
     "identity",
     "jit",

@@ -7,6 +7,7 @@ from typing import Literal, TypeAlias, get_args
 
 Compiler: TypeAlias = Literal["native", "xla"]
 VARIABLE = "JAXBALL_COMPILER"
+DEFAULT: Compiler = "xla"  # of the library's own programs
 
 _asked_for: list[Compiler] = []
 
@@ -18,9 +19,8 @@ def compiler(name: str) -> Iterator[None]:
     - ``name``: ``"native"``, which compiles small programs for the processor in tenths of a second, by LLVM, or
       ``"xla"``. A program that cannot be compiled natively runs through XLA with a warning that says why.
 
-    Without a choice, here or by the environment variable ``JAXBALL_COMPILER``, programs are compiled natively, and
-    silently by XLA where that cannot be, or, but for those of :func:`jaxball.jit`, where their loops are over large
-    arrays, as of many runs side by side.
+    Without a choice, here or by the environment variable ``JAXBALL_COMPILER``, :func:`jaxball.jit` compiles natively,
+    silently by XLA where that cannot be, and everything else by XLA.
 
     **Raises:** ``ValueError`` for another name.
 
@@ -48,6 +48,11 @@ def asked_for() -> Compiler | None:
         return _asked_for[-1]
     name = os.environ.get(VARIABLE)
     return _checked(name, f"The environment variable {VARIABLE}") if name else None
+
+
+def chosen() -> Compiler:
+    """The compiler of the library's own programs: the one that was asked for, or else the default."""
+    return asked_for() or DEFAULT
 
 
 def _checked(name: str, what: str) -> Compiler:

@@ -1,8 +1,7 @@
 """Compiled functions, as of ``jax.jit`` and ``equinox.filter_jit``, and a store in which they may be kept.
 
-Programs are compiled natively, by :mod:`jaxball.native`, where that is known how, and else by XLA, as are those whose
-loops are over large arrays, as of many runs side by side, unless the native compiler is asked for by its name. Each is
-traced once.
+Where the native compiler is chosen (:mod:`jaxball.native`), XLA compiles only what that does not know, and, unless it is
+asked for by its name, programs whose loops are over large arrays, as of many runs side by side. Each is traced once.
 
 Where there is a store, a program that was compiled in another process is found by a digest of all that decides what it
 computes, without being traced, and is loaded in a fraction of the time. It is the same machine code, so that its
@@ -113,7 +112,7 @@ class Program:
         It may raise ``native.CallbackReachedError``.
         """
         leaves, structure = jax.tree.flatten((args, {}))
-        if native.asked_for() == "xla" or any(map(is_traced, leaves)):
+        if native.chosen() != "native" or any(map(is_traced, leaves)):
             return None
         rest, arrays = self._parted(leaves, structure)
         program = self._program_for(rest, arrays, only_natively=True)
@@ -143,7 +142,7 @@ class Program:
 
     def _found(self, rest: _Rest, arrays: list[Any], only_natively: bool) -> _Runs | None:
         """The program, from the store or compiled: natively, and by XLA where that is asked for or cannot be."""
-        natively = native.asked_for() != "xla" and native.usable(arrays)
+        natively = native.chosen() == "native" and native.usable(arrays)
         store = self._store if _keeps() else None
         if store is None and not natively:
             return None
