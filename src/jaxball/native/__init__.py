@@ -6,10 +6,13 @@ and makes many small loops of it. Here such a program is written as LLVM's IR, n
 From the bottom up, each module a step of the way:
 
 - ``elements``: types, numbers that are known and names of those that are not.
-- ``builder``: LLVM's IR as text; equal instructions are written once.
+- ``folding``, ``module``, ``scopes``, ``builder``: LLVM's IR as text; what is known is folded, equal instructions are
+  written once, and before a loop where each turn would compute the same.
 - ``values``, ``storage``: arrays in registers, in memory, or as formulas of an index; who owns which memory.
 - ``program``: StableHLO as data, with who reads a value last.
 - ``extent``: whether XLA has a program faster.
+- ``lanes``: loops whose turns are computed side by side, in vectors; ``vectors``: short axes in vectors.
+- ``ranges``: within which bounds integers are.
 - ``rules``, ``operations``: what each operation computes, one file for each family.
 - ``lowering``, ``functions``, ``entry``: functions, operation by operation; those that stay functions; the first one.
 - ``machine``: passes of LLVM, machine code, its place in memory.

@@ -6,10 +6,8 @@ Text is written faster than objects are built, and LLVM's parser reads 20,000 li
 """
 
 import contextlib
-import operator
 import re
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -27,52 +25,18 @@ from .elements import (
     width_of,
     written,
 )
+from .folding import COMPARED, FOLDED, read, simpler_float, simpler_integer, suffix
+from .module import ALIGNMENT, MOST_LINES, Module
 from .scopes import Scopes
 
-MOST_LINES = 400_000  # of a program: more takes LLVM longer than XLA
 _ON_THE_STACK = 4096  # bytes of an array; larger ones lie in the work space
-_ALIGNMENT = 64
 
 INDEX, BOOL = np.dtype(np.int64), np.dtype(bool)
 
 _FLOAT = {"add": "fadd contract", "sub": "fsub contract", "mul": "fmul contract", "div": "fdiv"}
-_FOLDED: dict[str, Callable[[Any, Any], Any]] = {
-    "add": operator.add,
-    "sub": operator.sub,
-    "mul": operator.mul,
-    "and": operator.and_,
-    "or": operator.or_,
-    "xor": operator.xor,
-}
 
 
 _LANE = re.compile(r"(%v\d+)\.(\d)")
-
-
-class Module:
-    """What functions share: declarations, constants, the size of the work space."""
-
-    def __init__(self) -> None:
-        self.declared: dict[str, str] = {}
-        self.constants: dict[bytes, tuple[str, str]] = {}
-        self.functions: list[str] = []
-        self.workspace = 0
-        self.lines = 0
-
-    def constant(self, numbers: np.ndarray) -> Name:
-        """The address of numbers that the program contains."""
-        content = np.ascontiguousarray(numbers).tobytes()
-        if content not in self.constants:
-            name = f"@constant.{len(self.constants)}"
-            text = "".join(f"\\{byte:02X}" for byte in content)
-            line = f'{name} = private unnamed_addr constant [{len(content)} x i8] c"{text}", align {_ALIGNMENT}'
-            self.constants[content] = name, line
-        return self.constants[content][0]
-
-    def text(self) -> str:
-        """The module."""
-        constants = [line for _, line in self.constants.values()]
-        return "\n".join([*self.declared.values(), *constants, *self.functions, ""])
 
 
 class Turn:
@@ -205,7 +169,7 @@ class Builder:
             return [x] * count
         if x.startswith("<"):  # of known numbers, which an operation left as they are
             numbers = [number.split()[1] for number in x[1:-1].split(", ")]
-            return [_read(dtype, number) for number in numbers[:count]]
+            return [read(dtype, number) for number in numbers[:count]]
         self._vectors[x] = dtype, x.width
         return [f"{x}.{lane}" for lane in range(count)]
 
@@ -274,14 +238,14 @@ class Builder:
 
     def binary(self, operation: str, dtype: np.dtype, x: Element, y: Element) -> Element:
         """add, sub, mul and div of any type (integers' div apart); and, or, xor of integers and booleans."""
-        if is_known(x) and is_known(y) and operation in _FOLDED:
+        if is_known(x) and is_known(y) and operation in FOLDED:
             with np.errstate(all="ignore"):
-                return dtype.type(_FOLDED[operation](x, y))
+                return dtype.type(FOLDED[operation](x, y))
         if dtype.kind == "f":
-            if simpler := _simpler_float(operation, x, y):
+            if simpler := simpler_float(operation, x, y):
                 return simpler
             return self.apply(_FLOAT[operation], dtype, x, y)
-        simpler = _simpler_integer(operation, dtype, x, y)
+        simpler = simpler_integer(operation, dtype, x, y)
         if simpler is not None:
             return simpler
         return self.apply(operation, dtype, x, y)
@@ -289,8 +253,8 @@ class Builder:
     def compare(self, predicate: str, dtype: np.dtype, x: Element, y: Element) -> Element:
         """``predicate`` is LLVM's: ``olt``, ``une`` of floats, ``slt``, ``ult``, ``eq`` of integers."""
         kind = "fcmp" if dtype.kind == "f" else "icmp"
-        if is_known(x) and is_known(y) and predicate in _COMPARED:
-            return np.bool_(_COMPARED[predicate](x, y))
+        if is_known(x) and is_known(y) and predicate in COMPARED:
+            return np.bool_(COMPARED[predicate](x, y))
         one, other = self.range_of(x), self.range_of(y)
         if predicate not in ("slt", "sge") or one is None or other is None:
             return self.apply(f"{kind} {predicate}", dtype, x, y)
@@ -336,7 +300,7 @@ class Builder:
         name = f"@{function}"
         if intrinsic:
             types = (result, dtype) if to is not None else (dtype,)
-            name += "".join(f".v{wide}{_suffix(kind)}" if wide else f".{_suffix(kind)}" for kind in types)
+            name += "".join(f".v{wide}{suffix(kind)}" if wide else f".{suffix(kind)}" for kind in types)
         kinds = ", ".join(filter(None, [*[given] * len(operands), flags.partition(" ")[0]]))
         end = "" if intrinsic else f" nounwind willreturn {attributes}"
         self.module.declared.setdefault(name, f"declare {gives} {name}({kinds}){end}")
@@ -397,10 +361,10 @@ class Builder:
         """Memory of so many bytes, which is the function's for as long as it runs."""
         name = self._unused()
         if size <= _ON_THE_STACK:
-            self._allocated.append(f"{name} = alloca [{size} x i8], align {_ALIGNMENT}")
+            self._allocated.append(f"{name} = alloca [{size} x i8], align {ALIGNMENT}")
             return name
         offset = self.module.workspace
-        self.module.workspace += -(-size // _ALIGNMENT) * _ALIGNMENT
+        self.module.workspace += -(-size // ALIGNMENT) * ALIGNMENT
         self._allocated.append(f"{name} = getelementptr i8, ptr %workspace, i64 {offset}")
         return name
 
@@ -538,69 +502,3 @@ class Builder:
         name, place = self.fresh(in_lanes(*(element for element, _ in cases))), self.reserve()
         self.fill_phi(place, name, dtype, cases)
         return name
-
-
-_COMPARED: dict[str, Callable[[Any, Any], Any]] = {
-    "eq": operator.eq,
-    "ne": operator.ne,
-    "slt": operator.lt,
-    "sle": operator.le,
-    "sgt": operator.gt,
-    "sge": operator.ge,
-    "ult": operator.lt,
-    "ule": operator.le,
-    "ugt": operator.gt,
-    "uge": operator.ge,
-    "oeq": operator.eq,
-    "une": operator.ne,
-    "olt": operator.lt,
-    "ole": operator.le,
-    "ogt": operator.gt,
-    "oge": operator.ge,
-}
-
-
-def _read(dtype: np.dtype, number: str) -> Element:
-    """A number as LLVM writes it."""
-    if dtype.kind == "b":
-        return np.bool_(number == "true")
-    if dtype.kind == "f":
-        return dtype.type(np.uint64(int(number, 16)).view(np.float64))
-    return np.array(int(number)).astype(dtype)[()]
-
-
-def _suffix(dtype: np.dtype) -> str:
-    """A type as intrinsics' names have it."""
-    return f"{'f' if dtype.kind == 'f' else 'i'}{1 if dtype.kind == 'b' else 8 * dtype.itemsize}"
-
-
-def _simpler_float(operation: str, x: Element, y: Element) -> Element | None:
-    """What equals the result whatever the other number is: also for −0, infinities and NaN."""
-    if operation in ("mul", "div") and is_known(y) and y == 1:
-        return x
-    if operation == "mul" and is_known(x) and x == 1:
-        return y
-    if operation == "sub" and is_known(y) and y == 0 and not np.signbit(y):
-        return x
-    if operation == "add":
-        for number, other in ((x, y), (y, x)):
-            if is_known(number) and number == 0 and np.signbit(number):
-                return other
-    return None
-
-
-def _simpler_integer(operation: str, dtype: np.dtype, x: Element, y: Element) -> Element | None:
-    for number, other in ((y, x), (x, y)):
-        if not is_known(number) or (operation == "sub" and number is x):
-            continue
-        if number == 0 and operation in ("add", "sub", "or", "xor"):
-            return other
-        if number == 0 and operation in ("mul", "and"):
-            return dtype.type(0)
-        if operation == "mul" and number == 1:
-            return other
-        if dtype.kind == "b" and number and operation in ("and", "or"):
-            return other if operation == "and" else np.bool_(True)
-    if operation in ("and", "or") and isinstance(x, str) and x == y:
-        return x
-    return None

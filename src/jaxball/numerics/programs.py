@@ -1,7 +1,7 @@
 """Compiled functions, as of ``jax.jit`` and ``equinox.filter_jit``, and a store in which they may be kept.
 
-Where the native compiler is chosen (:mod:`jaxball.native`), XLA compiles only what that does not know, and, unless it is
-asked for by its name, programs whose loops are over large arrays, as of many runs side by side. Each is traced once.
+Where the native compiler is chosen (:mod:`jaxball.native`), XLA compiles only what that does not know, and, unless it
+is asked for by its name, programs whose loops are over large arrays, as of many runs side by side. Each is traced once.
 
 Where there is a store, a program that was compiled in another process is found by a digest of all that decides what it
 computes, without being traced, and is loaded in a fraction of the time. It is the same machine code, so that its

@@ -1,0 +1,34 @@
+"""What the functions of a program share."""
+
+import numpy as np
+
+from .elements import Name
+
+MOST_LINES = 400_000  # of a program: more takes LLVM longer than XLA
+ALIGNMENT = 64
+
+
+class Module:
+    """What functions share: declarations, constants, the size of the work space."""
+
+    def __init__(self) -> None:
+        self.declared: dict[str, str] = {}
+        self.constants: dict[bytes, tuple[str, str]] = {}
+        self.functions: list[str] = []
+        self.workspace = 0
+        self.lines = 0
+
+    def constant(self, numbers: np.ndarray) -> Name:
+        """The address of numbers that the program contains."""
+        content = np.ascontiguousarray(numbers).tobytes()
+        if content not in self.constants:
+            name = f"@constant.{len(self.constants)}"
+            text = "".join(f"\\{byte:02X}" for byte in content)
+            line = f'{name} = private unnamed_addr constant [{len(content)} x i8] c"{text}", align {ALIGNMENT}'
+            self.constants[content] = name, line
+        return self.constants[content][0]
+
+    def text(self) -> str:
+        """The module."""
+        constants = [line for _, line in self.constants.values()]
+        return "\n".join([*self.declared.values(), *constants, *self.functions, ""])
