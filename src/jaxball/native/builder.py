@@ -27,7 +27,7 @@ from .elements import (
 )
 from .folding import COMPARED, FOLDED, read, simpler_float, simpler_integer, suffix
 from .module import ALIGNMENT, MOST_LINES, Module
-from .scopes import Scopes
+from .scopes import Scopes, Turn
 
 _ON_THE_STACK = 4096  # bytes of an array; larger ones lie in the work space
 
@@ -37,14 +37,6 @@ _FLOAT = {"add": "fadd contract", "sub": "fsub contract", "mul": "fmul contract"
 
 
 _LANE = re.compile(r"(%v\d+)\.(\d)")
-
-
-class Turn:
-    """One turn of a loop: its index, the numbers carried into it, and those that it carries on."""
-
-    def __init__(self, index: Name, carried: list[Name]):
-        self.index, self.carried = index, carried
-        self.following: list[Element] = []
 
 
 class Builder:

@@ -8,7 +8,7 @@ import contextlib
 import re
 from collections.abc import Iterator
 
-from .elements import Name
+from .elements import Element, Name
 
 _NAMES = re.compile(r"%\w+")  # a lane of a vector is where the vector is
 
@@ -89,3 +89,11 @@ class Scopes:
             yield loop
         finally:
             loop.is_open, self.loop = False, loop.outer
+
+
+class Turn:
+    """One turn of a loop: its index, the numbers carried into it, and those that it carries on."""
+
+    def __init__(self, index: Name, carried: list[Name]):
+        self.index, self.carried = index, carried
+        self.following: list[Element] = []
