@@ -105,7 +105,7 @@ def test_programs_are_compiled_quickly_within_a_block_alone(in_process, contents
 def test_a_program_is_compiled_once_and_found_by_the_next_process(in_process, contents, monkeypatch):
     first, store = in_process(cross, A, B)
     assert (len(store.found), len(store.missed), len(contents)) == (0, 1, 1)
-    monkeypatch.setattr(programs._Program, "_lowered", None)  # nothing is traced any more
+    monkeypatch.setattr(programs.Program, "_lowered", None)  # nothing is traced any more
     second, store = in_process(cross, A, B)
     assert (len(store.found), len(store.missed)) == (1, 0)
     same_bits(first, second)
@@ -250,8 +250,8 @@ def test_programs_that_call_python_are_not_kept(in_process, contents, compiler, 
 @pytest.fixture
 def traces(monkeypatch):
     """The names of the functions that are traced."""
-    names, original = [], programs._Program._lowered
-    monkeypatch.setattr(programs._Program, "_lowered", lambda *given: names.append(given[0]) or original(*given))
+    names, original = [], programs.Program._lowered
+    monkeypatch.setattr(programs.Program, "_lowered", lambda *given: names.append(given[0]) or original(*given))
     return names
 
 
