@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxball.native.jitting import Program
+from jaxball.native import Lowered
 
 from .comparison import agree, native, special
 
@@ -81,7 +81,7 @@ def text_of(monkeypatch, f, *args):
             texts.append(self.text)
 
     monkeypatch.setattr(executable, "Entry", Kept)
-    Program(lambda leaves: jax.tree.leaves(f(*leaves)), args)
+    Lowered(lambda leaves: jax.tree.leaves(f(*leaves)), args, "f").natively()
     return texts[-1]
 
 
