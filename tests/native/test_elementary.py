@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from jaxball.native.machine import Code
+from jaxball.native.machine import Code, object_code
 from jaxball.native.operations import elementary
 
 LANES = [1, 8]
@@ -46,7 +46,7 @@ def compiled(name, lanes):
         f"%next = add i64 %i, {lanes}\n%more = icmp slt i64 %next, %n\nbr i1 %more, label %loop, label %end",
         "end:\nret void\n}",
     ]
-    code = Code("\n".join(lines) + "\n")
+    code = Code(object_code("\n".join(lines) + "\n"))
     run = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * (count + outputs), ctypes.c_int64)(code.address("run"))
 
     def function(*arrays):
