@@ -16,6 +16,7 @@ from typing import Any, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from .. import native
@@ -229,6 +230,9 @@ def _as_kept(loaded: executables.Loaded | native.Refusal | None) -> _Runs | nati
 
 
 def _run(compiled: Any, result: _Rest, arrays: list[Any]) -> Any:
+    if not isinstance(compiled, native.Program):
+        # Some versions of JAX give NumPy's 64 bits to a program of 32 bits as they are.
+        arrays = [jnp.asarray(array) if isinstance(array, np.ndarray | np.generic) else array for array in arrays]
     return result.joined(compiled(arrays))
 
 
