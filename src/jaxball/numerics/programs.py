@@ -16,7 +16,6 @@ from typing import Any, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from .. import native
@@ -231,9 +230,15 @@ def _as_kept(loaded: executables.Loaded | native.Refusal | None) -> _Runs | nati
 
 def _run(compiled: Any, result: _Rest, arrays: list[Any]) -> Any:
     if not isinstance(compiled, native.Program):
-        # Some versions of JAX give NumPy's 64 bits to a program of 32 bits as they are.
-        arrays = [jnp.asarray(array) if isinstance(array, np.ndarray | np.generic) else array for array in arrays]
+        arrays = list(map(_as_converted, arrays))
     return result.joined(compiled(arrays))
+
+
+def _as_converted(array: Any) -> Any:
+    """NumPy's arrays of the types that JAX converts them to: some of its versions give a program 64 bits for 32."""
+    if isinstance(array, np.ndarray | np.generic):
+        return array.astype(jax.dtypes.canonicalize_dtype(array.dtype), copy=False)
+    return array
 
 
 def _describe(arrays: Sequence[Any]) -> list[Any]:
