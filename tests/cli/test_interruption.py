@@ -102,7 +102,8 @@ def test_other_signals(tmp_path, name):
         WHEN_IT_WAS_GIVEN_ALREADY: f"jaxball: Stopping; send {name} again.\njaxball: Stopped.\n",
     }
     for program, said in ends.items():
-        with start(["-c", (PRELUDE + program).replace("SIGINT", name)], folder=tmp_path) as run:
+        default = f"import signal; signal.signal(signal.{name}, signal.SIG_DFL)"  # nohup has it ignored
+        with start(["-c", default + (PRELUDE + program).replace("SIGINT", name)], folder=tmp_path) as run:
             output, errors = run.communicate(timeout=50)
         assert (run.returncode, output, errors) == (128 + getattr(signal, name), "", said)
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]

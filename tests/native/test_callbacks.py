@@ -9,6 +9,7 @@ from jax import lax
 from jax.experimental import io_callback
 
 import jaxball
+from jaxball.native import CallbackReachedError
 from jaxball.native.elements import UnsupportedError
 
 from .comparison import native
@@ -25,8 +26,10 @@ def checked(x, n):
 
 def test_errors_that_are_raised_and_those_that_are_not():
     np.testing.assert_allclose(native(checked, 3.0, 99), 3.0 ** (1 / 512))
+    with pytest.raises(CallbackReachedError):
+        native(checked, 3.0, 5)
     with pytest.raises(Exception, match="turn n"):
-        jax.block_until_ready(native(checked, 3.0, 5))
+        jax.block_until_ready(jaxball.jit(checked)(3.0, 5))
 
 
 def test_a_callback_in_a_function_that_stays_one():
@@ -45,7 +48,10 @@ def test_a_callback_in_a_function_that_stays_one():
 
     assert native(f, 1.0, 1) == pytest.approx(float(jax.jit(f)(1.0, 1)))
     assert not calls
-    found = native(f, 1.0, 5)
+    with pytest.raises(CallbackReachedError):
+        native(f, 1.0, 5)
+    assert not calls
+    found = jaxball.jit(f)(1.0, 5)
     assert len(calls) == 1
     assert found == pytest.approx(float(jax.jit(f)(1.0, 5)))
 

@@ -17,7 +17,11 @@ from tests.sweep.kills import FEWEST, once
 from tests.sweep.studies import files, study, study_text
 
 ROOT = Path(__file__).parents[2]
-COMMAND = "import sys; from jaxball.cli import main; sys.exit(main())"
+# Shells have processes in the background ignore SIGQUIT.
+COMMAND = """import signal, sys
+signal.signal(signal.SIGQUIT, signal.SIG_DFL)
+from jaxball.cli import main
+sys.exit(main())"""
 MANY = '[[axes]]\npath = "body.mass"\nlinear = { from = 1.0, to = 2.0, count = 600 }\n'
 
 

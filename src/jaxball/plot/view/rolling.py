@@ -70,7 +70,7 @@ def _bounds(discs: Discs, r: float) -> list[Float[np.ndarray, "2 3"]]:
     return [np.array([[*(np.asarray(centre) + side * radius), -r] for side in (-1, 1)]) for centre, radius in discs]
 
 
-def _floor(bodies: Sequence[Shown], setting: Setting, drawn: Sequence[Float[np.ndarray, "k 3"]]) -> dict[str, Any]:
+def _floor(bodies: Sequence[Shown], setting: Setting, drawn: Sequence[Float[np.ndarray, "_ 3"]]) -> dict[str, Any]:
     r = bodies[0].radius
     paths = [one.run.observables.contact_point + np.array([0.0, 0.0, one.radius - r]) for one in bodies]
     path = np.concatenate([*paths, *drawn])
