@@ -10,12 +10,14 @@ import jaxtyping
 import numpy as np
 import pytest
 
+from tests.support import checked
+
 X64 = os.environ.get("JAXBALL_TESTS_X64", "1") != "0"  # with 0, the tests marked any_precision run, in float32
-os.environ["JAXBALL_NO_CACHE"] = "1"  # commands compile, and leave the user's folder alone; tests/cache has its own
+os.environ["JAXBALL_NO_CACHE"] = "1"  # where pytest has no folder for programs; the user's is left alone
 jax.config.update("jax_enable_x64", X64)
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
-jaxtyping.install_import_hook("jaxball", "beartype.beartype")
+jaxtyping.install_import_hook(checked.modules(), "beartype.beartype")
 
 import jaxball  # noqa: E402
 from tests.support import programs  # noqa: E402

@@ -12,6 +12,9 @@ from pathlib import Path
 import equinox
 import jax
 
+import jaxball.cache
+import jaxball.numerics.programs
+
 # XLA's newer emitters take longer for a loop than all the rest of compiling without optimisations. Processes that test
 # `cpu.prepare` start without this flag.
 OLDER_EMITTERS = "--xla_cpu_use_fusion_emitters=false"
@@ -41,9 +44,16 @@ def _accepted(flags: list[str]) -> bool:
 
 
 def keep_in(folder: Path) -> None:
-    """The other process of this run, this one when it has forgotten its programs, and the next run find them there."""
+    """The other processes of this run, this one when it has forgotten its programs, and the next run find them there:
+    those of XLA and, in a folder inside, jaxball's own.
+    """
     if "PYTEST_XDIST_WORKER" not in os.environ and sum(file.stat().st_size for file in folder.iterdir()) > MOST_ON_DISK:
         shutil.rmtree(folder)
+    own = folder / "native"
+    own.mkdir(parents=True, exist_ok=True)
+    own.chmod(0o700)
+    os.environ["JAXBALL_NO_CACHE"], os.environ["JAXBALL_CACHE_DIR"] = "", str(own)
+    jaxball.cache.enable()
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
@@ -58,6 +68,7 @@ def forget_if_many(*, module_ends: bool) -> None:
     if memory > MOST_MEMORY or (module_ends and mappings.read_text().count("\n") > MOST_MAPPINGS):
         equinox.clear_caches()
         jax.clear_caches()
+        jaxball.numerics.programs.forget()
         gc.collect()
         if hasattr(libc := ctypes.CDLL(None), "malloc_trim"):  # else the C library keeps what is free for itself
             libc.malloc_trim(0)

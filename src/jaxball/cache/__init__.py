@@ -26,7 +26,7 @@ from .store import FolderStore
 
 __all__ = ["Contents", "clear", "contents", "disable", "enable"]
 
-OFF, PLACE, OF_JAX = "JAXBALL_NO_CACHE", "JAXBALL_CACHE_DIR", "JAX_COMPILATION_CACHE_DIR"
+OFF, PLACE = "JAXBALL_NO_CACHE", "JAXBALL_CACHE_DIR"
 # XLA checks preferences of the processor it compiles for as though they were instructions, and complains on stderr.
 LOG_LEVEL, OF_ALL_THAT_JAX_STARTS, SILENT = "TF_CPP_MIN_LOG_LEVEL", "1", "3"
 
@@ -59,9 +59,9 @@ def enable(folder: str | os.PathLike[str] | None = None) -> bool:
 
     - ``folder``: where; by default, what the variable ``JAXBALL_CACHE_DIR`` says, or the user's cache folder.
 
-    **Returns:** whether programs are kept: False where the variable ``JAXBALL_NO_CACHE`` is set, where JAX keeps them
-    itself (``JAX_COMPILATION_CACHE_DIR``), or where the folder cannot be made, belongs to somebody else or can be
-    written by others. :func:`contents` has the reason.
+    **Returns:** whether programs are kept: False where the variable ``JAXBALL_NO_CACHE`` is set, or where the folder
+    cannot be made, belongs to somebody else or can be written by others; :func:`contents` has the reason. Where JAX
+    keeps XLA's programs itself (``JAX_COMPILATION_CACHE_DIR``), those are left to it.
     """
     place = _folder(folder)
     if _objection(place) is not None:
@@ -147,8 +147,6 @@ def _folder(given: str | os.PathLike[str] | None) -> Folder:
 def _objection(folder: Folder) -> str | None:
     if os.environ.get(OFF, "0") not in ("", "0"):
         return f"The variable {OFF} is set."
-    if os.environ.get(OF_JAX):
-        return f"JAX keeps programs itself, where the variable {OF_JAX} says."
     objection = folder.objection()
     return None if objection is None else f'The folder "{folder.path}" {objection}.'
 

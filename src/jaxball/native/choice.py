@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias, get_args
 
 Compiler: TypeAlias = Literal["native", "xla"]
 VARIABLE = "JAXBALL_COMPILER"
-DEFAULT: Compiler = "xla"  # of the library's own programs
+DEFAULT: Compiler = "native"
 
 _asked_for: list[Compiler] = []
 
@@ -19,8 +19,8 @@ def compiler(name: str) -> Iterator[None]:
     - ``name``: ``"native"``, which compiles small programs for the processor in tenths of a second, by LLVM, or
       ``"xla"``. A program that cannot be compiled natively runs through XLA with a warning that says why.
 
-    Without a choice, here or by the environment variable ``JAXBALL_COMPILER``, :func:`jaxball.jit` compiles natively,
-    silently by XLA where that cannot be, and everything else by XLA.
+    Without a choice, here or by the environment variable ``JAXBALL_COMPILER``, programs are compiled natively, and
+    silently by XLA where that cannot be.
 
     **Raises:** ``ValueError`` for another name.
 

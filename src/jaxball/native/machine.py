@@ -1,5 +1,6 @@
 """The machine: LLVM's IR as text to machine code in memory, by llvmlite, which is imported when it is first needed."""
 
+import contextlib
 import ctypes
 import functools
 import importlib
@@ -7,7 +8,7 @@ import importlib.util
 import re
 import sys
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 # LLVM's context, in which modules are read, is one for the process.
@@ -44,7 +45,8 @@ def object_code(text: str) -> bytes:
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
         _optimise(llvm, module, machine)
         try:
-            return machine.emit_object(module)
+            with _without_preparation(llvm):
+                return machine.emit_object(module)
         finally:
             module.close()
             machine.close()
@@ -129,6 +131,18 @@ def _machine() -> Any:
     name, features = _processor()
     target = llvm.Target.from_default_triple()
     return target.create_target_machine(cpu=name, features=features, opt=2, jit=True)
+
+
+@contextlib.contextmanager
+def _without_preparation(llvm: Any) -> Iterator[None]:
+    """LLVM's CodeGenPrepare takes a time that grows with the square of a block's length (60 s, and the rest 4 s, for
+    an event of an Adams method), and made none of our programs faster. Its switch is one for the process.
+    """
+    llvm.set_option("", "-disable-cgp=true")
+    try:
+        yield
+    finally:
+        llvm.set_option("", "-disable-cgp=false")
 
 
 def _optimise(llvm: Any, module: Any, machine: Any) -> None:

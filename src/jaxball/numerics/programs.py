@@ -11,6 +11,7 @@ and on other devices than one CPU, the functions are JAX's and equinox's.
 
 import contextlib
 import functools
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, ParamSpec, TypeAlias, TypeVar
 
@@ -29,6 +30,15 @@ P = ParamSpec("P")
 T = TypeVar("T")
 _Runs: TypeAlias = Callable[[list[Any]], Any]
 QUICKLY = "jax_disable_most_optimizations"  # of XLA's
+
+
+_made: "weakref.WeakSet[Program]" = weakref.WeakSet()
+
+
+def forget() -> None:
+    """Drops the programs of all functions, which then are compiled or loaded anew."""
+    for program in list(_made):
+        program.forget()
 
 
 def jit(function: Callable[P, T]) -> "Program":
@@ -94,6 +104,7 @@ class Program:
         self._programs: dict[Any, _Runs | None] = {}
         self._store: Store | None = None
         functools.update_wrapper(self, function.func if isinstance(function, functools.partial) else function)
+        _made.add(self)
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
         leaves, structure = jax.tree.flatten((args, kwargs))
@@ -105,6 +116,10 @@ class Program:
             with contextlib.suppress(native.CallbackReachedError):
                 return program(arrays)
         return self._compiled(*args, **kwargs)
+
+    def forget(self) -> None:
+        """Drops all programs of this function."""
+        self._programs.clear()
 
     def natively(self, *args: Any) -> Callable[[], Any] | None:
         """The call with these arguments, by a program that is compiled natively; None where that cannot be.
@@ -143,7 +158,7 @@ class Program:
     def _found(self, rest: _Rest, arrays: list[Any], only_natively: bool) -> _Runs | None:
         """The program, from the store or compiled: natively, and by XLA where that is asked for or cannot be."""
         natively = native.chosen() == "native" and native.usable(arrays)
-        store = self._store if _keeps() else None
+        store = self._store if native.on_one_cpu() else None
         if store is None and not natively:
             return None
         lowered = functools.cache(lambda: self._lowered(rest, arrays))  # traced once, for both compilers
@@ -156,7 +171,7 @@ class Program:
             native.warn_if_asked_for(found, self._name())
         if only_natively:
             return None
-        key = self._key(store, rest, arrays, "xla", settings()[QUICKLY])
+        key = None if _kept_by_jax() else self._key(store, rest, arrays, "xla", settings()[QUICKLY])
         if key is None and not natively:
             return None
         found = _obtained(store, key, len(arrays), lambda: lowered()[0].by_xla(), lambda: lowered()[1])
@@ -253,10 +268,7 @@ def _describe(arrays: Sequence[Any]) -> list[Any]:
     return [kinds, {name: value for name, value in settings().items() if name not in ("jax_default_device", QUICKLY)}]
 
 
-def _keeps() -> bool:
-    """Whether programs can be kept: those for the one device of a CPU, without settings that are for debugging.
-
-    Where JAX keeps programs itself, it is left to it: what was loaded from there cannot be written once more.
-    """
+def _kept_by_jax() -> bool:
+    """Whether JAX keeps XLA's programs itself: what was loaded from there cannot be written once more."""
     config: Any = jax.config
-    return not (config.jax_enable_compilation_cache and config.jax_compilation_cache_dir) and native.on_one_cpu()
+    return bool(config.jax_enable_compilation_cache and config.jax_compilation_cache_dir)
