@@ -2,7 +2,6 @@
 
 import importlib.util
 import pkgutil
-from pathlib import Path
 
 # Its functions are called a hundred thousand times for a program, and take no arrays whose shapes could be wrong.
 UNCHECKED = "native"

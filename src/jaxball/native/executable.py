@@ -42,14 +42,22 @@ def compiled(module: Any, arguments: int, large: bool = True) -> Form:
 
     **Raises:** :class:`UnsupportedError`.
     """
+    entry = written(module, arguments, large)
+    code, routines = object_code(entry.text), routines_in(entry.text)
+    return Form(code, tuple(entry.results), entry.size, entry.workspace, arguments, routines)
+
+
+def written(module: Any, arguments: int, large: bool = True) -> Entry:
+    """The same as LLVM's IR, before LLVM has it.
+
+    **Raises:** :class:`UnsupportedError`.
+    """
     functions = functions_of(module, RULES)
     if not large and loops_over_large_arrays(functions):
         raise UnsupportedError("A program of loops over large arrays")
     if len(functions["main"].arguments) != arguments:
         raise UnsupportedError("A program with arguments of JAX's own")
-    entry = Entry(Compiler(functions))
-    code, routines = object_code(entry.text), routines_in(entry.text)
-    return Form(code, tuple(entry.results), entry.size, entry.workspace, arguments, routines)
+    return Entry(Compiler(functions))
 
 
 class Executable:

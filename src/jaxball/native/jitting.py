@@ -169,6 +169,16 @@ class Lowered:
             return Refusal(str(error))
         return Program(form)
 
+    def as_text(self) -> str:
+        """The program as LLVM's IR.
+
+        **Raises:** :class:`~.elements.UnsupportedError` where it contains what this compiler does not know.
+        """
+        from . import operations  # noqa: F401 (whose rules are entered)
+        from .executable import written
+
+        return written(self._lowered.compiler_ir("stablehlo"), len(self._traced.jaxpr.in_avals)).text
+
     def by_xla(self) -> Callable[[list[Any]], list[Any]]:
         """The program."""
         compiled, keys = self._lowered.compile(), self._keys
