@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from peers.paper_numbers import parameters
 
+import jaxball
 from jaxball import Ball, BallState, paper, simulate
 from jaxball.ensemble import simulate_ensemble
 
@@ -17,7 +18,7 @@ TIMES = (paper.START, paper.END)
 
 def plain(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarray]]:
     """For each tolerance, a function that returns z1(20)."""
-    return _calls(jax.jit(lambda p, tolerance: place(p, tolerance)[None]), tolerances)
+    return _calls(jaxball.jit(lambda p, tolerance: place(p, tolerance)[None]), tolerances)
 
 
 def forward(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarray]]:
@@ -27,7 +28,7 @@ def forward(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarra
         value, change = jax.linearize(lambda p: place(p, tolerance, diffrax.ForwardMode()), p)
         return jnp.append(value, jax.vmap(change)(jnp.eye(p.size)))
 
-    return _calls(jax.jit(both), tolerances)
+    return _calls(jaxball.jit(both), tolerances)
 
 
 def reverse(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarray]]:
@@ -36,7 +37,7 @@ def reverse(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarra
     def both(p, tolerance):
         return jnp.append(*jax.value_and_grad(place)(p, tolerance))
 
-    return _calls(jax.jit(both), tolerances)
+    return _calls(jaxball.jit(both), tolerances)
 
 
 def in_a_lane(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndarray]]:
@@ -45,7 +46,7 @@ def in_a_lane(tolerances: tuple[float, ...]) -> dict[float, Callable[[], np.ndar
     def both(p, tolerance):
         return jnp.append(*(x[0] for x in value_and_derivatives(p[None], tolerance, lanes=1)))
 
-    return _calls(jax.jit(both), tolerances)
+    return _calls(jaxball.jit(both), tolerances)
 
 
 def starts(count: int, tolerance: float) -> dict[str, Callable[[], np.ndarray]]:

@@ -107,15 +107,15 @@ def solver_named(name: str):
 
 def run(ball, solver: str, tolerance: float):
     """A compiled run from t = 0 to 20, which returns (q, Omega, z) at its end."""
-    import jax
     import jax.numpy as jnp
     import numpy as np
     from jaxball_ball import TIMES, final
 
+    import jaxball
     from jaxball import simulate
 
     method = solver_named(solver)
-    solve = jax.jit(lambda ball, rtol: final(simulate(ball, TIMES, solver=method, rtol=rtol, atol=rtol).state, jnp))
+    solve = jaxball.jit(lambda ball, rtol: final(simulate(ball, TIMES, solver=method, rtol=rtol, atol=rtol).state, jnp))
     return lambda: np.asarray(solve(ball, tolerance))
 
 

@@ -22,7 +22,8 @@ import numpy as np
 PEERS = {"numba_ball": ("numba", "numbalsoda"), "heyoka_ball": ("heyoka",)}
 PACKAGES = ("jaxball", "jax", "jaxlib", "diffrax", "equinox", "numba", "numbalsoda", "heyoka")
 GOAL = 1e-9
-TYPED, COMPILED = "jaxball, simulate(ball, times)", "jaxball, compiled solve"
+TYPED, COMPILED, BY_XLA = "jaxball, simulate(ball, times)", "jaxball, jaxball.jit", "jaxball, jax.jit"
+OURS = (TYPED, COMPILED, BY_XLA)
 DEFAULT_TOLERANCE = 1e-10
 
 
@@ -48,6 +49,7 @@ def main() -> None:
 
 def measure(peers: list[str]) -> list[dict]:
     """One row for each contender and tolerance: time and build time in seconds, error at t = 20."""
+    import jax
     import jaxball_ball
 
     from jaxball.paper import reference
@@ -55,7 +57,8 @@ def measure(peers: list[str]) -> list[dict]:
     exact = reference.ball().values[-1, -9:]  # q, Omega, z
     contenders: dict[tuple[str, float], Callable] = {(TYPED, DEFAULT_TOLERANCE): jaxball_ball.typed()}
     contenders |= {(COMPILED, tolerance): call for tolerance, call in jaxball_ball.compiled().items()}
-    build = {name: jaxball_ball.compile_time(contenders[name, DEFAULT_TOLERANCE]) for name in (TYPED, COMPILED)}
+    contenders |= {(BY_XLA, tolerance): call for tolerance, call in jaxball_ball.compiled(jax.jit).items()}
+    build = {name: jaxball_ball.compile_time(contenders[name, DEFAULT_TOLERANCE]) for name in OURS}
     for module in peers:
         name, build_time, calls = _peer(module)
         contenders |= {(name, tolerance): call for tolerance, call in calls.items()}
@@ -81,8 +84,8 @@ def ratios(rows: list[dict]) -> dict[str, float]:
     logarithms of error and time.
     """
     found = {}
-    for ours in (row for row in rows if row["solver"] in (TYPED, COMPILED) and row["tolerance"] == DEFAULT_TOLERANCE):
-        for name in dict.fromkeys(row["solver"] for row in rows if row["solver"] not in (TYPED, COMPILED)):
+    for ours in (row for row in rows if row["solver"] in OURS and row["tolerance"] == DEFAULT_TOLERANCE):
+        for name in dict.fromkeys(row["solver"] for row in rows if row["solver"] not in OURS):
             theirs = [row for row in rows if row["solver"] == name]
             cheapest = min(row["time"] for row in theirs if row["error"] <= GOAL)
             found[f"{ours['solver']} / {name}, at most {GOAL:.0e}"] = ours["time"] / cheapest

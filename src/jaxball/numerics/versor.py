@@ -5,6 +5,7 @@
 
 import functools
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -56,6 +57,7 @@ def from_rotation_matrix(Lambda: Float[Array, "3 3"]) -> Float[Array, "4"]:
     return normalized(columns[jnp.argmax(jnp.diagonal(columns))])
 
 
+@jax.jit
 def rotation_matrix(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
     """The rotation matrix Λ of a versor, ``eq_versor_rot``."""
     q0, q1, q2, q3 = _components(q)

@@ -134,6 +134,7 @@ class Response(NamedTuple):
         return found[0], found[1]
 
 
+@jax.jit
 def response(
     system: AbstractBody, t: Float[Array, ""], state: ReleasedState, touching: Bool[Array, ""] | None = None
 ) -> Response:

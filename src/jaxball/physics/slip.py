@@ -81,6 +81,7 @@ class End(NamedTuple):
     normal: Float[Array, ""]
 
 
+@jax.jit
 def end(found: Response, mu: Float[Array, ""], slip: Float[Array, "3"]) -> End:
     """The end of a slow slip, while which the body's response stays as it is.
 
@@ -88,6 +89,7 @@ def end(found: Response, mu: Float[Array, ""], slip: Float[Array, "3"]) -> End:
     """
     speed = root(jnp.sum(slip[:2] ** 2))
 
+    @jax.jit
     def motion(x: Float[Array, "6"]) -> tuple[Float[Array, "6"], Float[Array, ""]]:
         sigma, slower = unit(x[:2]), jnp.exp(x[2])
         acting, turned = jax.jvp(lambda sigma: sliding(found, mu, sigma), (sigma,), (left(sigma),))

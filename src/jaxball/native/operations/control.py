@@ -1,7 +1,7 @@
 """Operations that contain programs: loops, branches, and calls of functions."""
 
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -129,25 +129,20 @@ def _few_turns(function: Function, operation: Operation, operands: list[Array]) 
     )
     if not ends or len(ends) != facts or any(inner.name not in _OF_CONDITIONS for inner in condition.operations):
         return None
-    operations = list(body.every_operation())
-    if _gathers(function, operations):
-        return None
+    operations = list(_written_within(function, body))
+    if any(inner.name == "stablehlo.gather" for inner in operations):
+        return None  # by indices that operations compute, as the rows of pivots, which stay in memory
     size = sum(result.size for inner in operations for result in inner.results)
     turns = max(min(ends), 0)
     return turns if 0 < turns <= MOST_TURNS and turns * size <= MOST_NUMBERS else None
 
 
-def _gathers(function: Function, operations: Sequence[Operation]) -> bool:
-    """Whether elements are taken by indices that operations compute, as the rows of pivots, which stay in memory."""
-    functions = function.compiler.functions
-    called = [
-        inner.attribute("callee")
-        for inner in operations
-        if inner.name == "func.call" and not function.compiler.stays_function(inner.attribute("callee"))
-    ]
-    return any(inner.name == "stablehlo.gather" for inner in operations) or any(
-        _gathers(function, list(functions[name].every_operation())) for name in called
-    )
+def _written_within(function: Function, block: Block) -> Iterator[Operation]:
+    """The operations of a block, with those of the functions that are written where it calls them."""
+    for operation in block.every_operation():
+        yield operation
+        if operation.name == "func.call" and not function.compiler.stays_function(operation.attribute("callee")):
+            yield from _written_within(function, function.compiler.functions[operation.attribute("callee")])
 
 
 def _written_out(function: Function, operation: Operation, operands: list[Array], turns: int) -> list[Array]:
