@@ -144,7 +144,7 @@ def beginning(
 
     def sweep(window: _Window) -> _Window:
         span, tangents, x, sweeps, _ = window
-        a, change, rate = jax.vmap(at_node)(t + span * nodes, x, tangents)
+        a, change, rate = jax.lax.map(lambda at: at_node(*at), (t + span * nodes, x, tangents))
         slips = span * jnp.sum(integrals[:, :, None] * a[None], axis=1)
         sigmas = jax.vmap(lambda tangent: _turned(sigma, tangent))(tangents)
         # Newton's method for the directions: at each node but the first, σ is that of v_s.

@@ -63,7 +63,7 @@ class Unpacked(NamedTuple):
 
 def unpacked_switches(packing: Packing, kept: Kept) -> Unpacked:
     """All switches of a run."""
-    return jax.vmap(lambda one: unpacked_switch(packing, one))(kept)
+    return jax.lax.map(lambda one: unpacked_switch(packing, one), kept)
 
 
 def unpacked_switch(packing: Packing, kept: Kept) -> Unpacked:
@@ -90,7 +90,7 @@ def slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Arra
         velocity = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(prepared.body, t, state.released))
         return velocity, jnp.where(state.is_in(Mode.SLIDING), state.direction(t, velocity), 0.0)
 
-    return jax.vmap(slip)(times, states)
+    return jax.lax.map(lambda at: slip(*at), (times, states))
 
 
 _compiled_slips = programs.filter_jit(slips)

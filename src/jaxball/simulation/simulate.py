@@ -326,7 +326,7 @@ def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Ar
     def cut(leaf):
         return jnp.where(known.reshape(-1, *(1,) * (leaf.ndim - 1)), leaf, jnp.nan)
 
-    return jax.tree.map(cut, jax.vmap(packing.unpack)(times, states))
+    return jax.tree.map(cut, jax.lax.map(lambda at: packing.unpack(*at), (times, states)))
 
 
 _solve_filtered = programs.filter_jit(solve)

@@ -222,7 +222,7 @@ class Switching(eqx.Module):
             times = sampling().times(*fixed, sampling().nodes)
             inner, constants = jax.lax.stop_gradient((jax.vmap(interpolation.evaluate)(times[:-1]), parameters))
             heading = self.heading(fixed[0], inner[0], constants)
-            guards = jax.vmap(lambda t, x: self.guards(t, x, heading, constants))(times[:-1], inner)
+            guards = jax.lax.map(lambda at: self.guards(*at, heading, constants), (times[:-1], inner))
             ended = self.ended(fixed[1], jax.lax.stop_gradient(y), heading, constants)
             return looked(course, *fixed, guards.T, ended, self.share())
 

@@ -147,7 +147,8 @@ def _occurrences(
     times, vectors = (
         jnp.concatenate([getattr(one, name) for one in located.values()]) for name in ("times", "vectors")
     )
-    whole = jax.vmap(packing.unpack_where)((times <= reached) & started, times, vectors)
+    known = (times <= reached) & started
+    whole = jax.lax.map(lambda at: packing.unpack_where(*at), (known, times, vectors))
     _, states = body_of(packing.system, whole)
     occurrences, begin = {}, 0
     for name, one in located.items():
