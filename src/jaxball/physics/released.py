@@ -79,7 +79,9 @@ def slip_velocity(system: AbstractBody, t: Float[Array, ""], state: ReleasedStat
     The third component is the rate at which the body leaves the plane.
     """
     body = state.body
-    return state.V - in_three(centre_velocity(body.Lambda, body.Omega, system.radius, system.drift(t, body)))
+    slip = state.V - in_three(centre_velocity(body.Lambda, body.Omega, system.radius, system.drift(t, body)))
+    # A disk does not slip aside. Rounding there would, in derivatives of σ, be divided by the speed of the slip.
+    return slip.at[1].set(0.0) if system.planar else slip
 
 
 class Motion(NamedTuple):

@@ -25,6 +25,7 @@ from .switching import NONE, Course, Switching
 
 # A step that would end this close to the end of the run, relative to it, ends there.
 CLOSE = 100
+MOST_CHECKPOINTS = 4096  # of some kilobytes each
 RESULTS: Any = diffrax.RESULTS
 
 
@@ -125,9 +126,9 @@ class SolveLoop(diffrax.AbstractAdjoint):
             advance,
             (init_state, inner, course, seen),
             max_steps=max_steps,
-            buffers=lambda carry: (carry[1].vectors, carry[0].dense_ts, carry[0].dense_infos),
+            buffers=_buffers,
             kind=self.kind,
-            checkpoints=self.checkpoints,
+            checkpoints=self._checkpoints(max_steps),
         )
         done = state.tprev >= t1
         last = jnp.where(done, state.y, jnp.inf)
@@ -143,6 +144,16 @@ class SolveLoop(diffrax.AbstractAdjoint):
         if observers is not None:
             statistics["found"] = observers.found(seen, t0, first, functools.partial(solve.again, output))
         return state, statistics
+
+    def _checkpoints(self, max_steps: int) -> int | None:
+        """How many steps are kept for reverse mode.
+
+        What is computed again rounds otherwise, and with modes that end may then take another number of steps to meet
+        an end; derivatives of what followed were off by 1e-6. So of such runs, all steps are kept up to a limit.
+        """
+        if self.checkpoints is None and self.switching is not None:
+            return min(max_steps, MOST_CHECKPOINTS)
+        return self.checkpoints
 
     def _save(
         self, saved: SavedStates, interpolation: diffrax.AbstractLocalInterpolation, until: Float[Array, ""]
@@ -197,6 +208,10 @@ class _Solve(NamedTuple):
         t, y, end, course = self.switching.settled(course, state.tprev, state.y, self.t1 - self.t0, self.args)
         latest = jnp.minimum(self.switching.latest_end(t, y, self.args), self.t1)
         end = jnp.minimum(jnp.maximum(state.tnext, end), latest)
+        # The first step moves with the time of the switch. With a fixed end its length would change by that alone, and
+        # those of the next steps, each a multiple of the one before, ever more.
+        moved = jax.lax.stop_gradient(end) + (t - jax.lax.stop_gradient(t))
+        end = jnp.where(ended & (end < latest), moved, end)
         state = dataclasses.replace(state, tprev=t, tnext=end, y=y, made_jump=state.made_jump | ended)
         return state, course
 
@@ -274,6 +289,12 @@ class _Solve(NamedTuple):
             lambda: self.solver.func(self.terms, state.tprev, state.y, self.args),
             lambda: slope,
         )
+
+
+def _buffers(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+    """What a step writes a row of, and reads none."""
+    state, saved, course, _ = carry
+    return saved.vectors, state.dense_ts, state.dense_infos, None if course is None else course.kept
 
 
 def _is_plain(error: Any) -> bool:

@@ -90,7 +90,9 @@ class Kept(NamedTuple):
 
     def having(self, place: Int[Array, ""], switch: "Kept") -> "Kept":
         """What is kept with one more, if there is room for it."""
-        return jax.tree.map(lambda kept, new: kept.at[place].set(new, mode="drop"), self, switch)
+        there = place < self.times.shape[0]
+        index = jnp.where(there, place, 0)
+        return Kept(*(kept.at[index].set(new, pred=there) for kept, new in zip(self, switch, strict=True)))
 
 
 class Course(NamedTuple):
@@ -195,15 +197,17 @@ class Switching(eqx.Module):
     ) -> Settled:
         """What follows a mode that has ended at ``t``, in a run of the length ``run``; before a step."""
 
-        def follow(course: Course) -> Settled:
-            settled, place, switch = self.followed(course, t, y, run, parameters)
-            kept = None if course.kept is None else course.kept.having(place, switch)
-            return settled._replace(course=settled.course._replace(kept=kept))
+        def follow(course: Course) -> Followed:
+            return self.followed(course, t, y, run, parameters)
 
-        def pass_by(course: Course) -> Settled:
-            return Settled(t, y, t, course)
+        def pass_by(course: Course) -> Followed:
+            nothing = Kept(t, course.pending, y, y, jnp.asarray(False))
+            return Followed(Settled(t, y, t, course), jnp.asarray(self.room), nothing)
 
-        return jax.lax.cond(course.pending == NONE, pass_by, follow, course)
+        kept, course = course.kept, course._replace(kept=None)
+        settled, place, switch = jax.lax.cond(course.pending == NONE, pass_by, follow, course)
+        kept = None if kept is None else kept.having(place, switch)
+        return settled._replace(course=settled.course._replace(kept=kept))
 
     def judged(
         self,
@@ -229,7 +233,8 @@ class Switching(eqx.Module):
         def pass_by(course: Course) -> Judged:
             return passed_by(course, end)
 
-        return jax.lax.cond(kept, look, pass_by, course)
+        judged = jax.lax.cond(kept, look, pass_by, course._replace(kept=None))
+        return judged._replace(course=judged.course._replace(kept=course.kept))
 
     def share(self) -> Float[Array, ""]:
         """The longest step of a slip that ends, over the time until its end."""
