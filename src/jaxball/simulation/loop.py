@@ -126,7 +126,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
             advance,
             (init_state, inner, course, seen),
             max_steps=max_steps,
-            buffers=_buffers,
+            buffers=_buffers_with_switches if self.switching is not None else _buffers,
             kind=self.kind,
             checkpoints=self._checkpoints(max_steps),
         )
@@ -293,8 +293,13 @@ class _Solve(NamedTuple):
 
 def _buffers(carry: tuple[Any, ...]) -> tuple[Any, ...]:
     """What a step writes a row of, and reads none."""
-    state, saved, course, _ = carry
-    return saved.vectors, state.dense_ts, state.dense_infos, None if course is None else course.kept
+    state, saved, *_ = carry
+    return saved.vectors, state.dense_ts, state.dense_infos
+
+
+def _buffers_with_switches(carry: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The same of a run whose modes end."""
+    return *_buffers(carry), carry[2].kept
 
 
 def _is_plain(error: Any) -> bool:
