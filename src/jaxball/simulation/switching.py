@@ -92,7 +92,8 @@ class Kept(NamedTuple):
         """What is kept with one more, if there is room for it."""
         there = place < self.times.shape[0]
         index = jnp.where(there, place, 0)
-        return Kept(*(kept.at[index].set(new, pred=there) for kept, new in zip(self, switch, strict=True)))
+        rows: Any = self  # within the loop, buffers of equinox
+        return Kept(*(kept.at[index].set(new, pred=there) for kept, new in zip(rows, switch, strict=True)))
 
 
 class Course(NamedTuple):
@@ -226,7 +227,7 @@ class Switching(eqx.Module):
             times = sampling().times(*fixed, sampling().nodes)
             inner, constants = jax.lax.stop_gradient((jax.vmap(interpolation.evaluate)(times[:-1]), parameters))
             heading = self.heading(fixed[0], inner[0], constants)
-            guards = jax.lax.map(lambda at: self.guards(*at, heading, constants), (times[:-1], inner))
+            guards = jax.lax.map(lambda at: self.guards(at[0], at[1], heading, constants), (times[:-1], inner))
             ended = self.ended(fixed[1], jax.lax.stop_gradient(y), heading, constants)
             return looked(course, *fixed, guards.T, ended, self.share())
 
