@@ -260,6 +260,7 @@ def test_a_failed_run_has_no_readings_where_it_did_not_come():
 
 
 def test_readings_have_derivatives():
+    @jax.jit  # by the compiler of the derivatives, in the same steps
     def felt(place):
         arm = jaxball.planar_pendulum(0.3, 0.4, drive=jaxball.Spring(2.0))
         ball = Ball(mass=M, inertia=(D, D, D), mechanisms=[arm])

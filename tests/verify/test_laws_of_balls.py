@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import jaxball
+from jaxball.cache import current
 from jaxball.numerics.vectors import cross
 from jaxball.paper import reference
 from jaxball.physics import locked, momentum
@@ -117,6 +118,8 @@ def thousandth_wrong(monkeypatch):
     monkeypatch.setattr(locked, "contact_momentum_rate", rate)
     # Programs that were compiled from right equations are set aside.
     monkeypatch.setattr(simulation, "_compiled", functools.cache(simulation._compiled.__wrapped__))
+    with current.kept_in(None):
+        yield
 
 
 @pytest.mark.usefixtures("thousandth_wrong")
