@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxball
 from jaxball import BallState, Disk, DiskState, Fixed, FunctionForce, PointMass, Status, paper, simulate
 from jaxball.classical import FreeRigidBody
 from jaxball.ensemble import Maximum, simulate_ensemble
