@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from jax import lax
 
+from jaxball.native import Lowered
+
 from .comparison import agree
 
 LENGTHS = [3, 100]
@@ -145,3 +147,20 @@ def test_a_loop_within_a_function():
         return lax.while_loop(lambda c: c[0] < n, lambda c: (c[0] + 1, c[1] * 1.01), (0, x))[1]
 
     agree(lambda x: (many(many(x, 3), 4), many(x, 1)), numbers(100), ulps=100)
+
+
+def test_a_loop_of_calls_of_a_long_function_is_not_written_out():
+    """Its body is one operation, a call; what is called counts."""
+
+    @jax.jit
+    def long(x):
+        for k in range(300):
+            x = jnp.sin(x) + 0.01 * k
+        return x
+
+    def f(x):
+        return lax.scan(lambda x, _: (long(x), None), x, None, length=8)[0]
+
+    text = Lowered(lambda leaves: [f(*leaves)], [numbers(3)], "f").as_text()
+    assert text.count("call double @llvm.sin.f64") == 900
+    agree(f, numbers(3), ulps=2000)

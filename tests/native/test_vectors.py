@@ -70,35 +70,25 @@ def test_a_mapped_field_in_a_loop_of_a_loop():
     agree(f, Y, ulps=50)
 
 
-def text_of(monkeypatch, f, *args):
+def text_of(f, *args):
     """The program of a function as LLVM's text."""
-    texts = []
-    from jaxball.native import executable
-
-    class Kept(executable.Entry):
-        def __init__(self, compiler):
-            super().__init__(compiler)
-            texts.append(self.text)
-
-    monkeypatch.setattr(executable, "Entry", Kept)
-    Lowered(lambda leaves: jax.tree.leaves(f(*leaves)), args, "f").natively()
-    return texts[-1]
+    return Lowered(lambda leaves: jax.tree.leaves(f(*leaves)), args, "f").as_text()
 
 
-def test_lanes_are_taken_out_where_they_are_read_only(monkeypatch):
-    text = text_of(monkeypatch, lambda x: jnp.sum(jnp.abs(x * 2.0 - 1.0), axis=1)[:3], X)
+def test_lanes_are_taken_out_where_they_are_read_only():
+    text = text_of(lambda x: jnp.sum(jnp.abs(x * 2.0 - 1.0), axis=1)[:3], X)
     assert text.count("extractelement") == 3
     assert "fmul contract <8 x double>" in text
 
 
-def test_what_does_not_change_is_computed_before_the_loops(monkeypatch):
+def test_what_does_not_change_is_computed_before_the_loops():
     def f(x, y):
         def inner(_, carry):
             return carry * jnp.sqrt(y) + jnp.exp(x)
 
         return jax.lax.fori_loop(0, 50, lambda _, c: jax.lax.fori_loop(0, 3, inner, c), x + y)
 
-    text = text_of(monkeypatch, f, 0.3, 0.1)
+    text = text_of(f, 0.3, 0.1)
     for instruction in ("@llvm.sqrt.f64(double", "@llvm.exp.f64(double"):
         place = text.index(f"call double {instruction}")
         assert text.index("define internal void @main") < place < text.index("\nwhile.")
@@ -139,16 +129,16 @@ def stages(x, first=0, last=6):
     return jax.lax.while_loop(lambda carry: carry[0] < last, add, (first, jnp.zeros((6, 15))))[1]
 
 
-def test_a_short_loop_is_written_out(monkeypatch):
+def test_a_short_loop_is_written_out():
     x = rng.normal(size=15)
-    assert "\nwhile." not in text_of(monkeypatch, stages, x)
+    assert "\nwhile." not in text_of(stages, x)
     agree(stages, x, ulps=100)
 
 
-def test_a_loop_from_or_to_what_is_not_known_is_a_loop(monkeypatch):
+def test_a_loop_from_or_to_what_is_not_known_is_a_loop():
     x = rng.normal(size=15)
     for ends in ((1, 6), (0, 4), (3, 3), (5, 2)):
-        assert "\nwhile." in text_of(monkeypatch, stages, x, *ends)
+        assert "\nwhile." in text_of(stages, x, *ends)
         agree(stages, x, *ends, ulps=100)
 
 

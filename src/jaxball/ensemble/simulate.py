@@ -156,10 +156,12 @@ def simulate_ensemble(
     - ``max_steps``: as for one run.
     - ``reductions``: what to find of each run while it is computed, by name: some of ``jaxball.ensemble.REDUCTIONS``,
       or any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of a function of one's own.
-    - ``lanes``: how many runs are computed side by side. 64 if not given, which was fastest on the CPU that was
-      measured; all of a block on a GPU.
+    - ``lanes``: how many runs XLA computes side by side. 64 if not given, which was fastest on the CPU that was
+      measured; all of a block on a GPU. Natively it is 8 runs, and the next ones begin when the longest of them has
+      ended: put runs of like length beside each other.
     - ``block``: how many runs a compiled program takes at a time; fewer are filled up, so that calls with other numbers
-      of runs share it. If not given, as many for each thread, and no more than 4096; on GPUs, as many for each of them.
+      of runs share it. If not given, as many for each thread, and no more than 512, or 4096 of XLA's; on GPUs, as many
+      for each of them.
     - ``threads``: how many blocks are computed at a time: as many as this process has cores, or GPUs, if not given.
     - ``inside``: whether rails and masses must be in the body, as for one run.
     - ``in_axes``: which arrays of ``(system, state)`` have the runs as leading axis, as ``jax.vmap`` takes it: 0 for

@@ -30,8 +30,6 @@ P = ParamSpec("P")
 T = TypeVar("T")
 _Runs: TypeAlias = Callable[[list[Any]], Any]
 QUICKLY = "jax_disable_most_optimizations"  # of XLA's
-
-
 _made: "weakref.WeakSet[Program]" = weakref.WeakSet()
 
 
