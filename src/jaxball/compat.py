@@ -95,8 +95,13 @@ def array_type(shape: tuple[int, ...], dtype: np.dtype, weak: bool) -> Any:
     return ShapedArray(shape, dtype, weak_type=weak)
 
 
-def put(array: np.ndarray, aval: Any, sharding: Any, device: Any) -> jax.Array:
-    """An array of JAX of the type ``aval``, which is not copied where it need not be."""
+def put(array: np.ndarray, aval: Any, sharding: Any, device: Any) -> jax.Array | np.ndarray:
+    """An array of JAX of the type ``aval``, which is not copied where it need not be.
+
+    Where a type has no numbers, as that of derivatives of integers, JAX has arrays of NumPy, and so have we.
+    """
+    if aval.dtype == jax.dtypes.float0:
+        return np.zeros(aval.shape, jax.dtypes.float0)
     if _put is None:
         return jax.device_put(array, device)
     return _put(aval, sharding, [array], [device], False)

@@ -1,5 +1,8 @@
 """A command loads early what it used last, and gets nothing else than what it would have read."""
 
+import subprocess
+import sys
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -65,3 +68,44 @@ def test_nothing_is_kept_when_files_changed_since_they_were_looked_at(command, m
 def test_a_library_without_files_shares_nothing(tmp_path, monkeypatch):
     monkeypatch.setattr(surroundings, "OWN", tmp_path)
     assert surroundings.sources() != surroundings.sources()
+
+
+COMPILES = """
+import sys, time
+from pathlib import Path
+import numpy as np
+import jax.numpy as jnp
+from jaxball import native
+from jaxball.cache import current
+from jaxball.cache.folder import Folder
+from jaxball.cache.store import FolderStore
+from jaxball.numerics import programs
+
+folder, made = Path(sys.argv[1]), native.Lowered.natively
+
+def slowly(*given):
+    print("compiles", flush=True)
+    time.sleep(2.0)
+    return made(*given)
+
+native.Lowered.natively = slowly
+cross = programs.jit(jnp.cross)
+(folder / sys.argv[2]).touch()
+while not all((folder / name).exists() for name in "ab"):
+    time.sleep(0.01)
+with current.kept_in(FolderStore(Folder(folder / "programs"))):
+    print(np.asarray(cross(np.array([1.0, 2.0, 3.0]), np.array([0.3, -0.1, 0.7]))).tobytes().hex())
+"""
+
+
+def test_one_of_two_processes_compiles_and_the_other_loads(tmp_path):
+    """Of those that need a program at the same time."""
+    script = tmp_path / "compiles.py"
+    script.write_text(COMPILES)
+    processes = [
+        subprocess.Popen([sys.executable, script, tmp_path, name], stdout=subprocess.PIPE, text=True) for name in "ab"
+    ]
+    said = [process.communicate(timeout=120)[0].split() for process in processes]
+    assert [process.returncode for process in processes] == [0, 0]
+    assert sorted(len(words) for words in said) == [1, 2]
+    assert said[0][-1] == said[1][-1]

@@ -36,21 +36,25 @@ def end_of(run):
     return np.concatenate([np.ravel(leaf[-1]) for leaf in jax.tree.leaves((run.state, run.contact.V))])
 
 
+def require_close(run, fine, tolerance):
+    """The same switches as those of the finest run, and errors in proportion to the tolerance."""
+    switches, exact = run.contact.switches, fine.contact.switches
+    count = int(exact.count)
+    assert run.ok
+    assert int(switches.count) == count
+    np.testing.assert_array_equal(switches.cause, exact.cause)
+    off = np.abs(np.asarray(switches.times)[:count] - np.asarray(exact.times)[:count])
+    assert np.max(off) <= MOST * tolerance
+    assert np.max(np.abs(end_of(run) - end_of(fine))) <= MOST * tolerance
+
+
 @pytest.mark.parametrize(("kind", "law"), BODIES)
 def test_errors_are_in_proportion_to_the_tolerance(kind, law):
     case = kind()
     fine = simulated(case, law, FINEST)
-    count, switches = int(fine.contact.switches.count), fine.contact.switches
-    assert fine.ok
-    assert jaxball.Cause.GIVES_WAY in np.asarray(switches.cause[:count])
+    assert jaxball.Cause.GIVES_WAY in np.asarray(fine.contact.switches.cause)
     for tolerance in TOLERANCES:
-        run = simulated(case, law, tolerance)
-        assert run.ok
-        assert int(run.contact.switches.count) == count
-        np.testing.assert_array_equal(run.contact.switches.cause, switches.cause)
-        off = np.abs(np.asarray(run.contact.switches.times)[:count] - np.asarray(switches.times)[:count])
-        assert np.max(off) <= MOST * tolerance
-        assert np.max(np.abs(end_of(run) - end_of(fine))) <= MOST * tolerance
+        require_close(simulated(case, law, tolerance), fine, tolerance)
 
 
 def test_what_friction_takes_is_what_the_energy_loses():
@@ -65,45 +69,67 @@ def test_what_friction_takes_is_what_the_energy_loses():
         np.testing.assert_allclose(energy + run.contact.rubbed, energy[0], rtol=0, atol=MOST * tolerance)
 
 
-def thrown_ball(mu, tolerance):
-    """When a homogeneous ball with slip and spin about all axes begins to roll."""
+def end_of_slip(mu, tolerance, height):
+    """When a homogeneous ball with slip and spin about all axes begins to roll, on the plane or dropped on it."""
     ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4))
-    start = ReleasedState(jaxball.BallState(q=(0.6, 0.0, 0.8, 0.0), Omega=(0.5, -1.0, 0.7)), (1.0, 0.4, 0.0))
+    start = ReleasedState(jaxball.BallState(q=(0.6, 0.0, 0.8, 0.0), Omega=(0.5, -1.0, 0.7)), (1.0, 0.4, 0.0), height)
     run = jaxball.simulate(
         ball,
         jnp.array([0.0, 8.0]),
         start,
-        contact=Contact(mu),
+        contact=Contact(mu, restitution=0.3),
         adjoint=diffrax.ForwardMode(),
         rtol=tolerance,
         atol=tolerance,
     )
-    return run.contact.switches.times[0]
+    switches = run.contact.switches
+    return switches.times[jnp.argmax(switches.cause == jaxball.Cause.STOPS)]
 
 
-def test_the_derivative_of_the_time_at_which_a_slip_ends():
-    """t is in inverse proportion to μ."""
-    time_and_rate = jax.jit(lambda mu, tolerance: jax.jvp(lambda mu: thrown_ball(mu, tolerance), (mu,), (1.0,)))
+@pytest.mark.parametrize("height", [0.0, pytest.param(0.3, marks=SLOW)])
+def test_the_derivative_of_the_time_at_which_a_slip_ends(height):
+    """t is in inverse proportion to μ, also after bounces, by which the mean normal force stays the weight."""
+    time_and_rate = jaxball.jit(
+        lambda mu, tolerance: jax.jvp(lambda mu: end_of_slip(mu, tolerance, height), (mu,), (1.0,))
+    )
     for tolerance, close in ((1e-8, 1e-6), (1e-10, 1e-8), (1e-12, 1e-9)):
         time, rate = time_and_rate(0.2, tolerance)
         assert float(rate) == pytest.approx(-float(time) / 0.2, abs=close)
 
 
+def masses_by_friction(mu):
+    """A coefficient of friction of a ball with masses, on a slope."""
+    case = slipping_bodies.masses_on_a_slope()
+    return case, Contact(mu, 1.1 * mu, 0.3), case.state
+
+
+def pendulum_by_restitution(e):
+    """The restitution of a ball with a free pendulum that is dropped, bounces, slips, and rolls in the end."""
+    pendulum = jaxball.spherical_pendulum(0.5, 0.6, drives=(jaxball.Damper(0.02), None))
+    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.45, 0.5), offset=(0.0, 0.0, -0.05), mechanisms=[pendulum])
+    state = jaxball.BallState(theta=(0.9, 0.7), thetadot=(0.0, 1.5), Omega=(0.5, -1.0, 0.7))
+    start = ReleasedState(state, V=(0.6, 0.3, 0.0), height=0.5)
+    return slipping_bodies.Case(ball, state, 4.0), Contact(0.2, 0.22, e), start
+
+
 @pytest.mark.slow
-def test_derivatives_of_all_switches_at_the_default_tolerance():
-    """By a coefficient of friction, against differences over six points of runs at the finest tolerance."""
-    case, count, h = slipping_bodies.masses_on_a_slope(), 6, 1e-4
+@pytest.mark.parametrize(("given", "at"), [(masses_by_friction, 0.2), (pendulum_by_restitution, 0.3)])
+def test_derivatives_of_all_switches_at_the_default_tolerance(given, at):
+    """By a coefficient, against differences over six points of runs at the finest tolerance."""
+    h = 1e-4
 
-    def times(mu, tolerance, adjoint):
-        law, end = Contact(mu, 1.1 * mu, 0.3), jnp.array([0.0, case.end])
-        run = jaxball.simulate(case.body, end, case.state, contact=law, adjoint=adjoint, rtol=tolerance, atol=tolerance)
-        return run.contact.switches.times[:count]
+    def switches(x, tolerance, adjoint):
+        case, law, start = given(x)
+        settings = {"contact": law, "adjoint": adjoint, "rtol": tolerance, "atol": tolerance}
+        return jaxball.simulate(case.body, jnp.array([0.0, case.end]), start, **settings).contact.switches
 
-    values = jax.jit(lambda mu: times(mu, FINEST, diffrax.RecursiveCheckpointAdjoint()))
-    one, two, three = (values(0.2 + m * h) - values(0.2 - m * h) for m in (1, 2, 3))
+    values = jaxball.jit(lambda x: switches(x, FINEST, diffrax.RecursiveCheckpointAdjoint()))
+    count = int(values(at).count)
+    one, two, three = (values(at + m * h).times - values(at - m * h).times for m in (1, 2, 3))
     differences = (45 * one - 9 * two + three) / (60 * h)
-    found = jax.jit(jax.jacfwd(lambda mu: times(mu, 1e-10, diffrax.ForwardMode())))(0.2)
-    np.testing.assert_allclose(found, differences, rtol=0, atol=1e-8)
+    found = jaxball.jit(jax.jacfwd(lambda x: switches(x, 1e-10, diffrax.ForwardMode()).times))(at)
+    assert count > 5
+    np.testing.assert_allclose(found[:count], differences[:count], rtol=0, atol=1e-8)
 
 
 def test_an_impact_at_the_start_is_a_switch():

@@ -12,13 +12,14 @@ import pytest
 
 import jaxball
 from jaxball import Disk, DiskState, native
+from jaxball.cache import current
 from jaxball.native import choice, machine
 from jaxball.numerics import programs
 
 
 @pytest.fixture
 def compiled_natively(monkeypatch):
-    """The names of the programs that are compiled natively."""
+    """The names of the programs that are compiled natively, of which none is at hand from other tests."""
     names = []
     original = native.Lowered.natively
 
@@ -28,7 +29,9 @@ def compiled_natively(monkeypatch):
         return program
 
     monkeypatch.setattr(native.Lowered, "natively", noted)
-    return names
+    programs.forget()
+    with current.kept_in(None):
+        yield names
 
 
 def test_as_jax_jit(compiled_natively):
@@ -52,6 +55,18 @@ def test_types_are_those_of_jax():
         for one, other in zip(f(x, x), jax.jit(lambda x, y: (x, x + y, 1.0))(x, x), strict=True):
             assert one.aval == other.aval
             np.testing.assert_array_equal(one, other)
+
+
+def test_derivatives_of_integers():
+    """They have no numbers, and are arrays of NumPy."""
+
+    def f(x):
+        return jax.jvp(lambda x: (x * x, x > 0, jnp.arange(3)), (x,), (1.0,))
+
+    for found, expected in zip(jax.tree.leaves(jaxball.jit(f)(2.0)), jax.tree.leaves(jax.jit(f)(2.0)), strict=True):
+        assert found.dtype == expected.dtype or found.dtype == jax.dtypes.float0
+        assert found.shape == expected.shape
+        assert found.dtype.itemsize == 0 or np.array_equal(found, expected)
 
 
 def test_one_program_for_equal_types(compiled_natively):

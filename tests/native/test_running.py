@@ -17,7 +17,8 @@ import pytest
 from jax import lax
 
 import jaxball
-from jaxball.native.executable import Executable, compiled
+from jaxball.native.entry import compiled
+from jaxball.native.executable import Executable
 
 from .comparison import native
 

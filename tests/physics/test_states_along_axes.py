@@ -158,3 +158,14 @@ def test_a_batch_is_evaluated_within_vmap():
         batch.at(0.5)
     halfway = jax.vmap(lambda run: run.at(0.5))(batch)
     assert halfway.Lambda.shape == (2, 3, 3)
+
+
+@pytest.mark.parametrize(
+    "state", [BallState(), RotationState(), ReducedState((1.0, 0.0, 0.0), (0.0, 0.0, 1.0)), DiskState()]
+)
+def test_rates_of_many_states_are_refused(state):
+    """Three of them most of all, whose axis has the length of a vector."""
+    many, angles = jax.tree.map(lambda leaf: jnp.stack([leaf] * 3), state), (jnp.zeros(0),) * 3
+    with pytest.raises(ValueError, match=r"Argument `state` must be one state, but .* shape \(3,\); take jax\.vmap"):
+        many.rates(jnp.asarray(1.0), jnp.zeros(3), angles)
+    jax.vmap(lambda state: state.rates(jnp.asarray(1.0), jnp.zeros(3), angles))(many)

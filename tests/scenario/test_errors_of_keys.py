@@ -14,6 +14,12 @@ TYPES = {
         "format = ",
         "A scenario must be a TOML document, but it is not: Invalid value (at end of document).",
     ),
+    "a heading that counts": (
+        "[[mechanisms]]\n[[mechanisms[0].joints[1].force]]\n",
+        "A scenario must be a TOML document, but it is not: Expected ']]' at the end of an array declaration (at line "
+        "2, column 13); a heading does not count: [[mechanisms.joints.force]] belongs to the last [[mechanisms]] "
+        "before it.",
+    ),
     "no format": (
         edited("format = 1\n", ""),
         "Key `format` must be 1, but it is missing.",

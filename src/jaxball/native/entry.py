@@ -1,12 +1,18 @@
-"""The function by which a compiled program is called from Python."""
+"""A module compiled, with the function by which it is called from Python."""
+
+from typing import Any
 
 import numpy as np
 
+from .elements import UnsupportedError
+from .executable import ALIGNMENT, Form
+from .extent import loops_over_large_arrays
 from .lowering import INTERRUPTED, REFUSED, Compiler, Function
-from .program import Value
+from .machine import object_code, routines_in
+from .program import Value, functions_of
+from .rules import RULES
 from .values import Array, Buffer, Memory, size_of
 
-ALIGNMENT = 64
 # Instructions between two looks at signals: some milliseconds.
 PATIENCE = 5_000_000
 
@@ -88,6 +94,29 @@ class Entry:
         compiler.module.functions.append(function.builder.function(head))
         self.workspace = compiler.module.workspace
         self.text = SUPPORT + compiler.module.text()
+
+
+def compiled(module: Any, arguments: int, large: bool = True) -> Form:
+    """A StableHLO module of so many arguments, compiled; ``large``: also where its loops are over large arrays.
+
+    **Raises:** :class:`UnsupportedError`.
+    """
+    entry = written(module, arguments, large)
+    code, routines = object_code(entry.text), routines_in(entry.text)
+    return Form(code, tuple(entry.results), entry.size, entry.workspace, arguments, routines)
+
+
+def written(module: Any, arguments: int, large: bool = True) -> Entry:
+    """The same as LLVM's IR, before LLVM has it.
+
+    **Raises:** :class:`UnsupportedError`.
+    """
+    functions = functions_of(module, RULES)
+    if not large and loops_over_large_arrays(functions):
+        raise UnsupportedError("A program of loops over large arrays")
+    if len(functions["main"].arguments) != arguments:
+        raise UnsupportedError("A program with arguments of JAX's own")
+    return Entry(Compiler(functions))
 
 
 def _argument(function: Function, compiler: Compiler, value: Value, position: int) -> Array:

@@ -9,19 +9,17 @@ import jax
 import numpy as np
 
 from ..compat import put
-from .elements import UnsupportedError
-from .entry import ALIGNMENT, Entry
-from .extent import loops_over_large_arrays
-from .lowering import Compiler
-from .machine import Code, object_code, routines_in
-from .program import functions_of
-from .rules import RULES
+from .machine import Code
+
+ALIGNMENT = 64  # of each result, in bytes
 
 _spare = threading.local()
 
 
 class Form(NamedTuple):
     """A compiled program as plain data, of which an :class:`Executable` is made, in this process or in another one.
+
+    Nothing here needs the compiler, which a process that finds its programs in a store never imports.
 
     - ``code``: the machine code, as of :func:`~.machine.object_code`.
     - ``results``: offset in bytes, shape and type of each result in the array in which all of them lie.
@@ -35,29 +33,6 @@ class Form(NamedTuple):
     workspace: int
     takes: int
     routines: tuple[tuple[str, str], ...]
-
-
-def compiled(module: Any, arguments: int, large: bool = True) -> Form:
-    """A StableHLO module of so many arguments, compiled; ``large``: also where its loops are over large arrays.
-
-    **Raises:** :class:`UnsupportedError`.
-    """
-    entry = written(module, arguments, large)
-    code, routines = object_code(entry.text), routines_in(entry.text)
-    return Form(code, tuple(entry.results), entry.size, entry.workspace, arguments, routines)
-
-
-def written(module: Any, arguments: int, large: bool = True) -> Entry:
-    """The same as LLVM's IR, before LLVM has it.
-
-    **Raises:** :class:`UnsupportedError`.
-    """
-    functions = functions_of(module, RULES)
-    if not large and loops_over_large_arrays(functions):
-        raise UnsupportedError("A program of loops over large arrays")
-    if len(functions["main"].arguments) != arguments:
-        raise UnsupportedError("A program with arguments of JAX's own")
-    return Entry(Compiler(functions))
 
 
 class Executable:
@@ -112,7 +87,7 @@ def _given_back(memory: np.ndarray) -> None:
     _spare.memory = memory
 
 
-def as_jax(arrays: Sequence[np.ndarray], avals: Sequence[Any]) -> list[jax.Array]:
+def as_jax(arrays: Sequence[np.ndarray], avals: Sequence[Any]) -> list[Any]:
     """Arrays of JAX, of the types given, that are not copied where they need not be."""
     device = jax.local_devices(backend="cpu")[0]
     sharding = jax.sharding.SingleDeviceSharding(device)

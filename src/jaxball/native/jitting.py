@@ -155,7 +155,7 @@ class Lowered:
         - ``large``: whether it is also compiled where its loops are over large arrays, which XLA has faster.
         """
         from . import operations  # noqa: F401 (whose rules are entered)
-        from .executable import compiled
+        from .entry import compiled
 
         takes, gives = self._traced.jaxpr.in_avals, self._traced.jaxpr.out_avals
         try:
@@ -175,7 +175,7 @@ class Lowered:
         **Raises:** :class:`~.elements.UnsupportedError` where it contains what this compiler does not know.
         """
         from . import operations  # noqa: F401 (whose rules are entered)
-        from .executable import written
+        from .entry import written
 
         return written(self._lowered.compiler_ir("stablehlo"), len(self._traced.jaxpr.in_avals)).text
 

@@ -14,6 +14,8 @@ from typing import Any
 # LLVM's context, in which modules are read, is one for the process.
 _lock = threading.Lock()
 
+LONG = 2_000_000  # characters of a program, from which LLVM's scheduler is to look at fewer instructions at a time
+
 # Declarations of routines, as linear_algebra.py writes them.
 _ROUTINE = re.compile(r"declare void @scipy\.(lapack|blas)\.(\w+)\(")
 
@@ -45,7 +47,7 @@ def object_code(text: str) -> bytes:
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
         _optimise(llvm, module, machine)
         try:
-            with _without_preparation(llvm):
+            with _in_proportion(llvm, text):
                 return machine.emit_object(module)
         finally:
             module.close()
@@ -134,15 +136,20 @@ def _machine() -> Any:
 
 
 @contextlib.contextmanager
-def _without_preparation(llvm: Any) -> Iterator[None]:
-    """LLVM's CodeGenPrepare takes a time that grows with the square of a block's length (60 s, and the rest 4 s, for
-    an event of an Adams method), and made none of our programs faster. Its switch is one for the process.
+def _in_proportion(llvm: Any, text: str) -> Iterator[None]:
+    """LLVM's settings by which long programs take a time in proportion to their length; they are the process's.
+
+    CodeGenPrepare takes a time that grows with the square of a block's length (60 s, and the rest 4 s, for an event of
+    an Adams method), and made none of our programs faster. So do the scheduler's lists of what may touch the same
+    memory (50 s of 80 s for a chart of Floquet multipliers).
     """
     llvm.set_option("", "-disable-cgp=true")
+    llvm.set_option("", f"-dag-maps-huge-region={200 if len(text) > LONG else 1000}")
     try:
         yield
     finally:
         llvm.set_option("", "-disable-cgp=false")
+        llvm.set_option("", "-dag-maps-huge-region=1000")
 
 
 def _optimise(llvm: Any, module: Any, machine: Any) -> None:

@@ -69,6 +69,13 @@ def concatenated(parts: Sequence[Float[Array, "_"]]) -> Float[Array, " n"]:
     return jnp.concatenate(parts) if parts else jnp.zeros((0,), dtype=default_dtype())
 
 
+def stacked(parts: Sequence[Float[Array, "..."]], shape: tuple[int, ...] = ()) -> Float[Array, "n ..."]:
+    """The parts, each of this shape, side by side; an empty array of the default type where there are none."""
+    if not parts:
+        return jnp.zeros((0, *shape), default_dtype())
+    return jnp.stack(parts) if any(map(is_traced, parts)) else jnp.asarray(np.stack(parts))  # NumPy compiles nothing
+
+
 def a_number() -> jax.ShapeDtypeStruct:
     """A number of the default floating type, of which no more is known: to try what a function makes of one."""
     return jax.ShapeDtypeStruct((), default_dtype())

@@ -3,6 +3,8 @@
 from collections.abc import Iterator
 
 import equinox as eqx
+import jax
+import numpy as np
 from jaxtyping import Array, Float
 
 from ..interface.printing import Printed
@@ -58,8 +60,9 @@ class Contact(Printed):
         self.room = room
         if room < 1:
             raise ValueError(f"Argument `room` must be 1 or more, but it is {room}.")
-        if not any(is_traced(x) for x in (self.sliding, self.static, self.restitution, self.slowest)):
-            for condition in self.conditions():
+        if not any(map(is_traced, jax.tree.leaves(self))):
+            known = jax.tree.map(np.asarray, self)  # whose conditions are NumPy's, for which nothing is compiled
+            for condition in known.conditions():
                 for problem in condition.problems():
                     raise ValueError(problem.sentence(name=problem.name.removeprefix("contact.")))
 

@@ -45,7 +45,18 @@ class AbstractBodyState(AbstractState):
         """ẋ where Ω̇ is known, and θ, θ̇, θ̈: the kinematics of rolling, for a body of radius r.
 
         ``drift`` is the velocity u of a turntable under the body's centre, if there is one.
+
+        **Raises:** ``ValueError`` for several states.
         """
+
+    def _require_one(self) -> None:
+        """Raises unless this is one state: the formulas of ``rates`` take the first axis for that of a vector."""
+        several = self.theta.shape[:-1]
+        if several:
+            raise ValueError(
+                f"Argument `state` must be one state, but its arrays have leading axes of shape {several}; take "
+                "jax.vmap over them."
+            )
 
 
 class BallState(AbstractBodyState):
@@ -91,6 +102,7 @@ class BallState(AbstractBodyState):
         self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
     ) -> "BallState":
         """q̇ = ½ q Ω♯ and the rolling constraint."""
+        self._require_one()
         return BallState(
             q=versor.derivative(self.q, self.Omega),
             Omega=Omegadot,
@@ -146,6 +158,7 @@ class RotationState(AbstractBodyState):
         self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
     ) -> "RotationState":
         """Λ̇ = Λ Ω̂ and the rolling constraint."""
+        self._require_one()
         return RotationState(
             Lambda=jnp.sum(self.Lambda[:, :, None] * hat(self.Omega)[None, :, :], axis=1),
             Omega=Omegadot,
@@ -209,6 +222,7 @@ class ReducedState(AbstractBodyState):
         self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
     ) -> "ReducedState":
         """Γ̇ = Γ × Ω."""
+        self._require_one()
         return ReducedState(Omega=Omegadot, Gamma=cross(self.Gamma, self.Omega), theta=angles[1], thetadot=angles[2])
 
 
@@ -278,6 +292,7 @@ class DiskState(AbstractBodyState):
         self, r: Float[Array, ""], Omegadot: Float[Array, "3"], angles: Rates, drift: Float[Array, "2"] | None = None
     ) -> "DiskState":
         """φ̈ = −Ω̇₂ and ż = −r φ̇ of ``eq_disk_GC``."""
+        self._require_one()
         return DiskState(phi=self.phidot, phidot=-Omegadot[1], z=-r * self.phidot, theta=angles[1], thetadot=angles[2])
 
     def in_space(self) -> BallState:

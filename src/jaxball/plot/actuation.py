@@ -1,7 +1,6 @@
 """The figure of the masses' accelerations along their rails."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
@@ -83,8 +82,7 @@ def accelerations(source: Trajectory | System, times: Numbers | None = None) -> 
 
 def _scheduled(motion: OnRail, times: Float[jax.Array, " T"]) -> Curve:
     t = np.asarray(times)
-    kinks = np.asarray(_kinks(motion.schedule), dtype=t.dtype)
-    end = np.asarray(seen_from_before(jnp.asarray(kinks), jnp.asarray(t[-1])))
+    kinks, end = map(np.asarray, _kinks_and_end(motion.schedule, to_array(t[-1])))
     kinks = kinks[(kinks > t[0]) & (kinks < end)]
     # With a value just before each kink, a jump is drawn as a jump; one at the end is not seen.
     t = np.unique(np.concatenate([t[:-1], end[None], kinks, np.nextafter(kinks, t.dtype.type(-np.inf))]))
@@ -98,8 +96,10 @@ def _second_derivative(schedule, times):
 
 
 @programs.filter_jit
-def _kinks(schedule):
-    return schedule.kinks()
+def _kinks_and_end(schedule, end):
+    """The kinks, and the time at which to look at the end of the run."""
+    kinks = schedule.kinks().astype(end.dtype)
+    return kinks, seen_from_before(kinks, end)
 
 
 def _driven(trajectory: Trajectory) -> dict[int, Curve]:

@@ -14,13 +14,13 @@ from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
 from .actuation import acceleration, accelerations
 from .classical import classical_motion, law_errors
-from .configuration import configuration
 from .contact import of_contact
-from .measurements import measurements
 from .mechanisms import joint_angles, joint_efforts
 from .modes import share_bands
 from .paths import body_paths, centre_path, space_paths
+from .rails import configuration
 from .record import record
+from .sensors import measurements
 from .style import LABEL, caption
 from .time_series import angular_velocity, contact_force, energies, friction_ratio, power
 

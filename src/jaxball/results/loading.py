@@ -122,11 +122,11 @@ def _state(arrays: Mapping[str, np.ndarray], system: AbstractSystem, path: Path)
 
 
 def _of_netcdf(path: Path) -> Mapping[str, np.ndarray]:
-    # Imported here, because it takes longer than all of jaxball's own modules.
-    import xarray
+    # Imported here, because what reads no run has no use for it; xarray, which could do this, takes ten times as long.
+    import h5netcdf
 
-    with xarray.load_dataset(path, engine="h5netcdf") as data:
-        return {str(name): variable.values for name, variable in data.variables.items()}
+    with h5netcdf.File(path, "r") as file:
+        return {name: variable[...] for name, variable in file.variables.items()}
 
 
 def _of_npz(path: Path) -> Mapping[str, np.ndarray]:

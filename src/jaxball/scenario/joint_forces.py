@@ -15,7 +15,7 @@ from ..physics.mechanisms import (
 from .schedules import SCHEDULE
 from .signals import SIGNAL
 from .table import Family, Key, Module, keys_of, read_family, read_list, write_family
-from .traced import require_condition
+from .traced import require_conditions
 from .values import ANGLE, RATE, TIME, Flag, Nested, Numbers, key_error, shown
 
 _NUMBER, _ZERO, _LIMIT = Key(Numbers()), Key(Numbers(), 0.0), Key(Numbers(), None)
@@ -48,8 +48,7 @@ def read_forces(values: Any, path: str) -> AbstractJointForce:
 
 def _read_force(values: Any, path: str) -> AbstractJointForce:
     force = read_family(values, path, FORCES)
-    for condition in force.conditions(path):
-        require_condition(condition, str(condition.name))
+    require_conditions(force, "", path)
     return force
 
 

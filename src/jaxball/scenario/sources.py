@@ -1,6 +1,7 @@
 """Texts, documents and names of scenarios, also of those that studies and problems hold."""
 
 import contextlib
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -67,7 +68,7 @@ def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, A
     try:
         return _parsed(text)
     except (ValueError, RecursionError) as cause:
-        raise error(f"A {what} must be a TOML document, but it is not: {_reason(cause)}.") from None
+        raise error(f"A {what} must be a TOML document, but it is not: {_reason(cause)}{_heading(text)}.") from None
 
 
 def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> dict[str, Any]:
@@ -94,6 +95,23 @@ def _parsed(text: str) -> dict[str, Any]:
     import tomllib  # here, as below, because it takes as long as Python itself to start
 
     return tomllib.loads(text.removeprefix("\ufeff"))
+
+
+def _heading(text: str) -> str:
+    """What to write instead of a heading that counts, such as ``[[mechanisms[0].masses]]``; empty where there is none.
+
+    So are keys named in the command line and in studies.
+    """
+    counting = re.search(r"^\s*(\[\[?)([\w.-]+)\[(\d+)\]([\w.\[\]-]*?)(\]\]?)\s*$", text, re.MULTILINE)
+    if counting is None:
+        return ""
+    opening, key, _, rest, closing = counting.groups()
+    rest = re.sub(r"\[\d+\]", "", rest)
+    return (
+        f"; a heading does not count: {opening}{key}{rest}{closing} belongs to the last [[{key}]] before it"
+        if rest
+        else f"; a heading does not count: every [[{key}]] begins the next one"
+    )
 
 
 def _reason(cause: Exception) -> str:

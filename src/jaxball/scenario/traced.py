@@ -73,14 +73,15 @@ def require_condition(condition: Condition, path: str) -> None:
     require(condition.holds, path, condition.must, lambda: repr(np.asarray(condition.value).tolist()))
 
 
-def require_conditions(item: Any, under: str = "") -> None:
+def require_conditions(item: Any, under: str = "", *name: str) -> None:
     """Raises for the first condition of an item that does not hold, as :func:`require` does.
 
-    What they name stands ``under`` a path. Of known numbers they are NumPy's conditions, for which nothing is compiled.
+    What they name stands ``under`` a path; an item that must be told its own ``name`` is given it. Of known numbers
+    they are NumPy's conditions, for which nothing is compiled.
     """
     item = item if any_traced(item) else jax.tree.map(np.asarray, item)
     with np.errstate(all="ignore"):  # what overflows is infinite, as JAX has it
-        for condition in item.conditions():
+        for condition in item.conditions(*name):
             require_condition(condition, f"{under}{condition.name}")
 
 

@@ -50,12 +50,12 @@ class Switches(Printed):
     def lines(self) -> list[str]:
         """A line for each switch that is kept. For one trajectory, not for a batch."""
         count, kept = int(self.count), self.times.shape[-1]
+        columns = self.times, self.source, self.target, self.cause, self.grazing
         lines = []
-        for k in range(min(count, kept)):
-            source, target = (Mode(int(modes[k])).name.lower() for modes in (self.source, self.target))
-            why = Cause(int(self.cause[k])).sentence
-            touched = ", by a touch" if bool(self.grazing[k]) else ""
-            lines.append(f"t = {float(np.asarray(self.times)[k]):.10g}: from {source} to {target}, as {why}{touched}")
+        for t, source, target, cause, grazing in zip(*(np.asarray(column)[:count] for column in columns), strict=True):
+            modes = " to ".join(Mode(int(mode)).name.lower() for mode in (source, target))
+            touched = ", by a touch" if grazing else ""
+            lines.append(f"t = {float(t):.10g}: from {modes}, as {Cause(int(cause)).sentence}{touched}")
         if count > kept:
             lines.append(f"{count - kept} more, which a larger `room` of the Contact keeps")
         return lines or ["none"]

@@ -233,13 +233,14 @@ class _Solve(NamedTuple):
         )
         retried = jnp.asarray(False)
         if self.switching is not None and course is not None:
+            if smooth:  # as of StepToKinks: a length that moved with a switch would do so more and more, as steps grow
+                tnext = jax.lax.stop_gradient(tnext) + (tprev - jax.lax.stop_gradient(tprev))
             interpolation = self.solver.interpolation_cls(t0=state.tprev, t1=state.tnext, **info)
             judged = self.switching.judged(course, state.tprev, state.tnext, y, interpolation, keep, self.args)
             retried, target, longest, course = judged
             keep &= ~retried
             tprev = jnp.where(retried, state.tprev, tprev)
-            if _is_plain(error):
-                tnext = jnp.where(longest < tnext - tprev, tprev + longest, tnext)
+            tnext = jnp.where(longest < tnext - tprev, tprev + longest, tnext)
             tnext = jnp.where(retried, target, tnext)
             controller_state = _where(retried, state.controller_state, controller_state)
         tprev = jnp.minimum(tprev, self.t1)
@@ -296,11 +297,6 @@ def _buffers(carry: tuple[Any, ...]) -> tuple[Any, ...]:
 def _buffers_with_switches(carry: tuple[Any, ...]) -> tuple[Any, ...]:
     """The same of a run whose modes end."""
     return *_buffers(carry), carry[2].kept
-
-
-def _is_plain(error: Any) -> bool:
-    """Whether this is the error of a step alone, and not that of a multistep method, which has planned the next."""
-    return isinstance(error, jax.Array)
 
 
 def _kept_for_dense_output(state: Any, info: Any, keep: Bool[Array, ""]) -> Any:

@@ -76,10 +76,8 @@ def unpacked_switch(packing: Packing, kept: Kept) -> Unpacked:
 def of_modes(system: BodyOnPlane, times: Any, solved: Any, switches: Any, start: Any) -> Trajectory[Any, Any]:
     """The trajectory of the body, from the states of the system on its plane."""
     saved, *others = solved
-    slip, sigma = _compiled_slips(system, times, saved)
-    return Trajectory.of(
-        system.body, times, saved.body, *others, {}, start, history(system.contact, saved, slip, sigma, *switches)
-    )
+    contact = _compiled_history(system, times, saved, *switches)
+    return Trajectory.of(system.body, times, saved.body, *others, {}, start, contact)
 
 
 def slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Array, Array]:
@@ -91,9 +89,6 @@ def slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Arra
         return velocity, jnp.where(state.is_in(Mode.SLIDING), state.direction(t, velocity), 0.0)
 
     return jax.lax.map(lambda at: slip(*at), (times, states))
-
-
-_compiled_slips = programs.filter_jit(slips)
 
 
 def history(
@@ -123,6 +118,14 @@ def history(
             grazing=grazing & known,
         ),
     )
+
+
+@programs.filter_jit
+def _compiled_history(
+    system: BodyOnPlane, times: Any, saved: ContactState, count: Array, switches: Unpacked
+) -> ContactHistory:
+    """The history of one run."""
+    return history(system.contact, saved, *slips(system, times, saved), count, switches)
 
 
 def _whole(mode: Array) -> Array:

@@ -35,6 +35,8 @@ GRAZING = 1e-6  # a function that falls by less than this part of its size in a 
 CLOSE = 1e-9  # switches that are nearer to each other than this part of a run are too many
 TOO_MANY = 64  # of these
 NEARLY = 3  # times the least speed of a slip: one that is slower than that may end in the next step
+MOST = 0.5  # of the time until the end of a slip, in one step
+PAST = 0.5  # of the least speed: a step is to end no slower than that
 TRUNCATED = 2e5  # tolerances: the most of a step's error beside the speed of a slip that ends, for its derivatives
 
 
@@ -359,7 +361,7 @@ def passed_by(course: Course, end: Float[Array, "*lanes"]) -> Judged:
 
 def share(order: float, tolerance: Float[Array, "*lanes"]) -> Float[Array, "*lanes"]:
     """The longest step of a slip that ends, over the time until its end, where the direction turns ever faster."""
-    return jnp.minimum((TRUNCATED * tolerance) ** (1 / (order + 1)), 1.0)
+    return jnp.minimum((TRUNCATED * tolerance) ** (1 / (order + 1)), MOST)
 
 
 def _longest(
@@ -369,11 +371,17 @@ def _longest(
     forward: Float[Array, "nodes *lanes"],
     share: Float[Array, "*lanes"],
 ) -> Float[Array, "*lanes"]:
-    """The longest next step: infinite, but where a slip slows down, a share of the time until its end."""
+    """The longest next step: infinite, but where a slip slows down.
+
+    It is a share of the time until the end of the slip, and leads past the least speed at most half the way to the end,
+    because the stages of a step across the end pull to both sides, which a step of a low order may take for no error.
+    """
     before, after = forward[0] + ended.least, forward[-1] + ended.least
-    slows = (ended.mode == int(Mode.SLIDING)) & (after > NEARLY * ended.least) & (before > after)
+    slows = (ended.mode == int(Mode.SLIDING)) & (after > 0) & (before > after)
     until_end = after * (end - start) / jnp.where(slows, before - after, 1.0)
-    return jnp.where(slows, share * until_end, jnp.inf)
+    safe = 1 - PAST * ended.least / jnp.where(slows, after, 1.0)
+    longest = until_end * jnp.where(after > NEARLY * ended.least, jnp.minimum(share, safe), safe)
+    return jnp.where(slows & (longest > 0), longest, jnp.inf)
 
 
 def _first_end(

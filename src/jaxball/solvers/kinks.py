@@ -67,9 +67,11 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
         keep, next_t0, next_t1, made_jump, state, result = self.controller.adapt_step_size(
             t0, t1, y0, y1_candidate, args, y_error, error_order, state
         )
-        length = next_t1 - next_t0
+        # What moves is where a step begins, and kinks. A length that moved with the first step after a kink would do so
+        # more and more, as the steps grow.
+        length, wanted = jax.lax.stop_gradient((next_t1 - next_t0, wanted))
         # A step that was cut short says nothing about longer ones.
-        length = jnp.where(keep & (t1 - t0 < 0.99 * wanted), jnp.maximum(length, jax.lax.stop_gradient(wanted)), length)
+        length = jnp.where(keep & (t1 - t0 < 0.99 * wanted), jnp.maximum(length, wanted), length)
         past, jumped = self._past(jnp.asarray(next_t0))
         return keep, past, self._clip(past, past + length), made_jump | jumped, (length, state), result
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, PyTree
 
 from ...interface.arguments import require_each, require_function
 from ...interface.printing import Printed
-from ...numerics.arrays import Numbers, concatenated, default_dtype, numbers
+from ...numerics.arrays import Numbers, concatenated, default_dtype, numbers, stacked
 from ...numerics.vectors import cross
 from ..conditions import Condition, positive
 from ..schedules import AbstractSchedule
@@ -215,8 +215,8 @@ class Mechanism(AbstractMechanism):
                     "carries it."
                 )
         self.carrier = tuple(_carrier(index, item.joint, len(joints)) for index, item in enumerate(masses))
-        self.mass = jnp.stack([item.mass for item in masses]) if masses else jnp.zeros((0,), default_dtype())
-        self.place = jnp.stack([item.place for item in masses]) if masses else jnp.zeros((0, 3), default_dtype())
+        self.mass = stacked([item.mass for item in masses])
+        self.place = stacked([item.place for item in masses], (3,))
         _require_moved(self)
 
     @property
