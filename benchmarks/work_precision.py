@@ -60,7 +60,7 @@ def draw(rows: Sequence[Row], ours: str, path: Path) -> None:
 
 def diagram(rows: Sequence[Row], ours: str):
     """Throughput over median error, more exact to the right; ``ours`` is bold."""
-    from jaxball.plot import style
+    from jaxball.plot import palette, style
 
     ax = style.plane_axes(None, (6.0, 4.2))
     for i, solver in enumerate(dict.fromkeys(row["solver"] for row in rows), start=1):
@@ -71,7 +71,7 @@ def diagram(rows: Sequence[Row], ours: str):
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.invert_xaxis()
-    ax.grid(True, color=style.FAINT, linewidth=0.4)
+    ax.grid(True, color=palette.FAINT, linewidth=0.4)
     style.named(ax, "median over runs of the largest error at $t = 20$", "runs per second")
     style.legend_above(ax, most=2)
     return ax.figure

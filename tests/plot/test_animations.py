@@ -16,7 +16,7 @@ from jaxball.plot.canvas import Canvas
 from jaxball.plot.gif import long_runs, palette_of
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
-from jaxball.plot.style import mass_colour
+from jaxball.plot.palette import mass_colour
 
 SIZE = (800, 600)
 LARGEST, IN_ALL = 3e6, 401  # bytes of a GIF of 20 s, and its frames

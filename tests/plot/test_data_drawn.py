@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 import jaxball
 from jaxball import plot
-from jaxball.plot.style import mass_colour
+from jaxball.plot.palette import mass_colour
 from jaxball.scenario import load_scenario
 from tests.plot.lines import drawn
 from tests.support.paper import DISK_RADII, paper_ball, paper_disk

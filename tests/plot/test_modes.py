@@ -13,7 +13,7 @@ from jaxball import Contact, Mode, plot
 from jaxball.plot.modes import BANDS, modes_of, track_of
 from jaxball.plot.record import record
 from jaxball.plot.scene import SHADOW, scene
-from jaxball.plot.style import TRAIL
+from jaxball.plot.palette import TRAIL
 from jaxball.plot.view.document import view_document
 from tests.plot.geometry import overlaps
 from tests.plot.lines import drawn

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullLocator
 
 from ..interface.output import replacing
-from ..plot import style
+from ..plot import palette, style
 from .contenders import ALL
 from .measure import Row
 from .problem import Problem
@@ -64,7 +64,7 @@ def diagram(problem: Problem, rows: Sequence[Row]) -> Figure:
     ax.invert_xaxis()
     for axis in (ax.xaxis, ax.yaxis):
         _number_axis(axis)
-    ax.grid(True, color=style.FAINT, linewidth=0.4)
+    ax.grid(True, color=palette.FAINT, linewidth=0.4)
     ax.set_axisbelow(True)
     kind = "largest relative error" if problem.relative else "largest error"
     style.named(ax, f"{kind} at $t = {style.number(problem.end)}$", "time of a solve [s]")

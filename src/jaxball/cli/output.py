@@ -54,6 +54,16 @@ def add_formats(parser: argparse.ArgumentParser, option: str) -> None:
     )
 
 
+def add_replacing(parser: argparse.ArgumentParser) -> None:
+    """Adds --svg-text and --force."""
+    parser.add_argument(
+        "--svg-text",
+        action="store_true",
+        help="keep the text of SVG as text, which can be edited and needs the fonts, and not as outlines",
+    )
+    parser.add_argument("--force", action="store_true", help="replace figures of another run as well")
+
+
 def check_figures_folder(options: argparse.Namespace, folder: str, formats: str) -> None:
     """Raises an :class:`~jaxball.results.OutputError` where figures cannot be written into the folder of an option."""
     path, option = getattr(options, folder), formats.replace("_", "-")

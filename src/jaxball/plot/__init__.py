@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     )
     from .classical import classical_motion as classical_motion, law_errors as law_errors
     from .contact import height as height, slip_speed as slip_speed
+    from .coordinates import mass_angles as mass_angles
     from .designs import (
         branch as branch,
         convergence as convergence,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         rail_angles as rail_angles,
     )
     from .mechanisms import joint_angles as joint_angles, joint_efforts as joint_efforts
+    from .motion import attitude as attitude, centre_velocity as centre_velocity
     from .paths import body_paths as body_paths, centre_path as centre_path, space_paths as space_paths
     from .rails import configuration as configuration
     from .report import figures as figures, overview as overview
@@ -61,8 +63,10 @@ else:
         "chaos": "chaos_chart eigenvalues lyapunov_convergence multipliers poincare_section stability_chart",
         "classical": "classical_motion law_errors",
         "contact": "height slip_speed",
+        "coordinates": "mass_angles",
         "designs": "branch convergence designed_path place_in_time rail_accelerations rail_angles",
         "mechanisms": "joint_angles joint_efforts",
+        "motion": "attitude centre_velocity",
         "paths": "body_paths centre_path space_paths",
         "rails": "configuration",
         "report": "figures overview",

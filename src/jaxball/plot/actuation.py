@@ -13,9 +13,11 @@ from ..physics.motion import OnRail
 from ..simulation.trajectory import Trajectory, times_looked_at
 from ..solvers.kinks import seen_from_before
 from .modes import draw_modes, modes_of
+from .over_time import tell_apart
+from .palette import INK
 from .record import finite_rows, require_one
 from .shapes import grouped
-from .style import INK, legend_above, mass_line, named, plane_axes, up_to_ticks
+from .style import legend_above, mass_line, named, plane_axes, up_to_ticks
 
 Curve = tuple[np.ndarray, np.ndarray]
 
@@ -58,6 +60,7 @@ def acceleration(
     top = ax.get_ylim()[1]
     ax.set_ylim(-0.03 * top, top)  # so that the line at zero of a mass that is not pushed is visible
     named(ax, "$t$", r"$|\ddot{\theta}_i|$")
+    tell_apart(ax)
     legend_above(ax)
     return ax
 
@@ -116,23 +119,6 @@ def _driven(trajectory: Trajectory) -> dict[int, Curve]:
 def _feedback(system, times, reached, states):
     prepared, times = system.prepare(), times_looked_at(system, times, reached)
     return jax.vmap(lambda t, state: given_angles(prepared, t, state)[2])(times, states)
-
-
-def mass_angles(trajectory: Trajectory) -> dict[int, Float[np.ndarray, " T"]]:
-    """θ of each mass i = 1 … n on a rail, along a run at the times that are drawn."""
-    rows, system = finite_rows(trajectory), trajectory.system
-    times, theta = np.asarray(trajectory.times)[rows], np.asarray(trajectory.state.theta)[rows]
-    angles = {index + 1: theta[:, slot] for slot, index in enumerate(system.driven)}
-    for i, mass in enumerate(system.point_masses, start=1):
-        if isinstance(mass.motion, OnRail):
-            angles[i] = np.asarray(_angle(mass.motion.schedule, to_array(times)))
-    return dict(sorted(angles.items()))
-
-
-@programs.filter_jit
-def _angle(schedule, times):
-    prepared = schedule.prepare()
-    return jax.vmap(lambda t: prepared.derivatives(t)[0])(times)
 
 
 def _are_equal(curve: Curve, other: Curve) -> bool:

@@ -11,7 +11,8 @@ from matplotlib.patches import Circle, Patch
 
 from ..chaos import LyapunovSpectrum
 from ..stability import PeriodicMotion, SteadyMotion
-from .style import COMPONENTS, INK, SMALL, SQUARE, colour_bar, legend_above, mass_line, named, plane_axes, zero_line
+from .palette import COMPONENTS, INK
+from .style import SMALL, SQUARE, colour_bar, legend_above, mass_line, named, plane_axes, zero_line
 from .symbols import symbol
 
 if TYPE_CHECKING:

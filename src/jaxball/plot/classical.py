@@ -12,15 +12,16 @@ from matplotlib.ticker import MaxNLocator
 from ..classical import RigidBodyState
 from ..physics.body import AbstractBody
 from ..simulation.trajectory import Trajectory
+from .over_time import Series, over_time
+from .palette import COMPONENTS, DASHED, INK, MASSES, SOLID
 from .record import finite_rows, require_one
-from .style import COMPONENTS, DASHED, INK, MASSES, SMALL, WIDE, caption, named, plane_axes, up_to_ticks, zero_line
+from .style import SMALL, WIDE, caption, named, plane_axes, up_to_ticks, zero_line
 from .symbols import SYMBOLS, symbol
-from .time_series import Series, over_time
 
 PANEL = 1.05  # the height of a panel, in inches
 # A coordinate and its rate have one colour.
 _LOOKS = {
-    letter + dot: (COMPONENTS[k], DASHED if dot else "-") for dot in ("", "dot") for k, letter in enumerate("xyz")
+    letter + dot: (COMPONENTS[k], DASHED if dot else SOLID) for dot in ("", "dot") for k, letter in enumerate("xyz")
 }
 COLOURS = (INK, *MASSES)
 
@@ -45,7 +46,7 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
         for k, values in enumerate(np.asarray(leaf).reshape(len(trajectory.times), -1).T):
             label = symbol(name) if name in SYMBOLS else name if leaf.ndim == 1 else f"{name} {k + 1}"
             others = sum(earlier.colour in COLOURS for earlier in series)
-            look = _LOOKS.get(name) or (COLOURS[others % len(COLOURS)], "-")
+            look = _LOOKS.get(name) or (COLOURS[others % len(COLOURS)], SOLID)
             series.append(Series(values[rows], label, *look))
     return over_time(trajectory.system, times, series, "state", ax, most=6)
 

@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 from ..simulation.history import ContactHistory
 from ..simulation.trajectory import Trajectory
 from .modes import modes_of
-from .record import finite_rows, require_one
-from .style import COMPONENTS, up_to_ticks
-from .time_series import Series, over_time
+from .over_time import Series, over_time, sizes_of, without_rounding
+from .palette import COMPONENTS
+from .record import drawn_run, finite_rows, require_one
+from .style import up_to_ticks
 
 
 def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -32,10 +33,9 @@ def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     >>> plot.height(run).get_ylabel()
     '$h$'
     """
-    values, rows = _of_contact(trajectory).height, finite_rows(trajectory)
-    ax = _one(trajectory, np.asarray(values)[rows], "$h$", ax)
-    up_to_ticks(ax, low=0.0)
-    return ax
+    run = _of_contact(trajectory)
+    values = np.asarray(_history(run).height)
+    return _one(run, values, "$h$", sizes_of(run.system).length, ax)
 
 
 def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -55,10 +55,9 @@ def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     >>> [band.get_label() for band in plot.slip_speed(run).patches]
     ['flight', 'sliding']
     """
-    slip, rows = np.asarray(_of_contact(trajectory).slip), finite_rows(trajectory)
-    ax = _one(trajectory, np.linalg.norm(slip[rows, :2], axis=1), r"$|\,\mathbf{v}_s|$", ax)
-    up_to_ticks(ax, low=0.0)
-    return ax
+    run = _of_contact(trajectory)
+    values = np.linalg.norm(np.asarray(_history(run).slip)[:, :2], axis=1)
+    return _one(run, values, r"$|\,\mathbf{v}_s|$", sizes_of(run.system).speed, ax)
 
 
 def of_contact(trajectory: Trajectory[Any, Any]) -> list[Callable[..., Axes]]:
@@ -66,21 +65,33 @@ def of_contact(trajectory: Trajectory[Any, Any]) -> list[Callable[..., Axes]]:
     history, rows = trajectory.contact, finite_rows(trajectory)
     if history is None:
         return []
-    moves = {height: np.asarray(history.height), slip_speed: np.asarray(history.slip)[:, :2]}
+    sizes = sizes_of(trajectory.system)
+    moves = {
+        height: without_rounding(np.asarray(history.height), sizes.length),
+        slip_speed: without_rounding(np.asarray(history.slip)[:, :2], sizes.speed),
+    }
     return [draw for draw, values in moves.items() if np.any(values[rows])]
 
 
-def _one(trajectory: Trajectory, values: Float[np.ndarray, " T"], name: str, ax: Axes | None) -> Axes:
-    times = np.asarray(trajectory.times)[finite_rows(trajectory)]
-    series = [Series(values, "", COMPONENTS[0])]
-    return over_time(trajectory.system, times, series, name, ax, modes=modes_of(trajectory))
+def _one(run: Trajectory, values: Float[np.ndarray, " T"], name: str, size: float, ax: Axes | None) -> Axes:
+    rows = finite_rows(run)
+    series = [Series(values[rows], "", COMPONENTS[0])]
+    ax = over_time(run.system, np.asarray(run.times)[rows], series, name, ax, modes=modes_of(run), size=size)
+    up_to_ticks(ax, low=0.0)
+    return ax
 
 
-def _of_contact(trajectory: Trajectory) -> ContactHistory:
+def _of_contact(trajectory: Trajectory) -> Trajectory:
+    """The run, with both sides of its switches."""
     require_one(trajectory)
     if trajectory.contact is None:
         raise ValueError(
             "Argument `trajectory` must be of a run with a law of contact, but it has none; a body that rolls neither "
             "slips nor leaves the plane. Give one: simulate(..., contact=Contact(sliding=0.3))."
         )
-    return trajectory.contact
+    return drawn_run(trajectory)
+
+
+def _history(run: Trajectory) -> ContactHistory:
+    assert run.contact is not None
+    return run.contact

@@ -10,22 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle as Ring
 from matplotlib.ticker import MaxNLocator
 
-from .style import (
-    COMPONENTS,
-    DASHED,
-    INK,
-    MASSES,
-    SHELL,
-    TRAIL,
-    WIDE,
-    ends,
-    legend_above,
-    mass_line,
-    named,
-    number_decades,
-    plane_axes,
-    up_to_ticks,
-)
+from .palette import COMPONENTS, DASHED, INK, MASSES, SHELL, TRAIL
+from .style import WIDE, ends, legend_above, linestyle, mass_line, named, number_decades, plane_axes, up_to_ticks
 
 COLOURS = (*COMPONENTS, INK, *MASSES)
 PATH_COLOURS = ("0.6", TRAIL, *COLOURS)  # grey before and red after, as in the plane
@@ -57,7 +43,7 @@ def designed_path(
     ax.plot(*before.T, color="0.7", linewidth=1.0, label="before")
     ax.plot(*after.T, color=TRAIL, linewidth=1.4, label="after")
     if wanted is not None:
-        ax.plot(*wanted.T, color=INK, linewidth=0.8, linestyle=DASHED, label="wanted")
+        ax.plot(*wanted.T, color=INK, linewidth=0.8, linestyle=linestyle(DASHED), label="wanted")
     ends(ax, after, TRAIL, labelled=True, zorder=3)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
@@ -84,7 +70,7 @@ def place_in_time(
     for (label, path), colour in zip(paths.items(), itertools.cycle(PATH_COLOURS), strict=False):
         ax.plot(*path, color=colour, linewidth=1.4, label=label)
     if wanted is not None:
-        ax.plot(*wanted, color=INK, linewidth=0.8, linestyle=DASHED, label="wanted")
+        ax.plot(*wanted, color=INK, linewidth=0.8, linestyle=linestyle(DASHED), label="wanted")
     return _over_time(ax, "$z$")
 
 

@@ -17,9 +17,9 @@ from ..numerics import programs
 from ..numerics.arrays import to_array
 from ..physics.body import System
 from .moving import face, line, move
+from .palette import SHELL
 from .record import Record
 from .shapes import BREAK
-from .style import SHELL
 
 SPOKES = 12  # of a turntable
 ROOM = 1.3  # from the path to the edge of the floor, in radii

@@ -1,6 +1,6 @@
 """Mechanisms in figures: the names and colours of their masses, their arms, and their joints over time."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -12,12 +12,12 @@ from ..numerics import programs
 from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..simulation.trajectory import Trajectory
-from .modes import draw_modes, modes_of
-from .record import Record, finite_rows, record
-from .style import legend_above, mass_colour, mass_line, named, plane_axes, sharing, up_to_ticks, zero_line
-
-ROUNDING = 1e-12  # of M g r, below which an effort is drawn as none
-COINCIDENT = 1e-9  # of the largest value, by which curves on one another may differ
+from .coordinates import unit_of, units_of
+from .modes import modes_of
+from .over_time import Series, over_time, sizes_of
+from .palette import mass_colour, mass_look
+from .record import drawn_run, finite_rows, record
+from .style import zero_line
 
 
 class Look(NamedTuple):
@@ -81,8 +81,10 @@ def joint_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     **Raises:** ``ValueError`` for a body without mechanisms, a reduced trajectory, a batch, or a three-dimensional
     ``ax``.
     """
-    run = _record(trajectory)
-    return _over_time(trajectory, run.times, run.observables.joint_angles, r"\theta", "joint angle", ax)
+    run = _run(trajectory)
+    units = units_of([unit_of(joint) for one in run.system.mechanisms for joint in getattr(one, "joints", ())])
+    name = rf"$\theta_{{j,a}}${units}"
+    return _of_joints(run, record(run).observables.joint_angles, r"\theta", name, 1.0, ax)
 
 
 def joint_efforts(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -94,37 +96,23 @@ def joint_efforts(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** as :func:`joint_angles`, also for a three-dimensional ``ax``.
     """
-    run, system = _record(trajectory), trajectory.system
-    least = ROUNDING * float(system.total_mass * system.gravity * system.radius)
-    efforts = run.observables.joint_efforts
-    ax = _over_time(trajectory, run.times, np.where(np.abs(efforts) > least, efforts, 0.0), "Q", "joint effort", ax)
+    run = _run(trajectory)
+    size = sizes_of(run.system).energy
+    ax = _of_joints(run, record(run).observables.joint_efforts, "Q", "joint effort", size, ax)
     zero_line(ax)
     return ax
 
 
-def _record(trajectory: Trajectory) -> Record:
-    run = record(trajectory)
-    if not trajectory.system.mechanisms:
+def _run(trajectory: Trajectory) -> Trajectory:
+    run = drawn_run(trajectory)
+    if not run.system.mechanisms:
         raise ValueError("Argument `trajectory` must be of a body with mechanisms, whose joints are drawn.")
     return run
 
 
-def _over_time(trajectory: Trajectory, times, values: Float[np.ndarray, "T joints"], symbol, label, ax) -> Axes:
-    system = trajectory.system
-    ax = plane_axes(ax, system=system)
-    joints = [(j, a) for j, one in enumerate(system.mechanisms, start=1) for a in range(1, one.n_joints + 1)]
-    for k, (j, a) in enumerate(joints):
-        ax.plot(times, values[:, k], label=rf"${symbol}_{{{j},{a}}}$", **mass_line(k + 1, **_dashes(values, k)))
-    draw_modes(ax, modes_of(trajectory))
-    ax.margins(x=0)
-    up_to_ticks(ax)
-    named(ax, "$t$", label)
-    legend_above(ax)
-    return ax
-
-
-def _dashes(values: Float[np.ndarray, "T joints"], k: int) -> dict[str, Any]:
-    """The dashes of a curve that lies on others, which all show."""
-    near = np.max(np.abs(values - values[:, [k]]), axis=0, initial=0.0)
-    same = near <= COINCIDENT * np.max(np.abs(values), initial=0.0)
-    return sharing(int(np.sum(same[:k])), int(np.sum(same)))
+def _of_joints(
+    run: Trajectory, values: Float[np.ndarray, "T joints"], symbol: str, label: str, size: float, ax: Axes | None
+) -> Axes:
+    joints = [(j, a) for j, one in enumerate(run.system.mechanisms, start=1) for a in range(1, one.n_joints + 1)]
+    series = [Series(values[:, k], rf"${symbol}_{{{j},{a}}}$", *mass_look(k + 1)) for k, (j, a) in enumerate(joints)]
+    return over_time(run.system, record(run).times, series, label, ax, modes=modes_of(run), size=size)

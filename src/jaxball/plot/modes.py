@@ -14,15 +14,15 @@ from matplotlib.figure import Figure
 
 from ..physics.modes import Mode
 from ..simulation.trajectory import Trajectory
+from .palette import DASHED, DOTTED, MODES, on_white
 from .record import finite_rows
-from .style import DASHED, DOTTED, SMALL, legend_above
+from .style import SMALL, legend_above, linestyle
 
-# Vermilion and sky blue of Okabe and Ito's colours, made light: also in grey one is darker than the other.
-BANDS = {Mode.SLIDING: "#F5D8C2", Mode.FLIGHT: "#E4F3FB"}
+BANDS = {mode: on_white(colour) for mode, colour in MODES.items()}
 PATHS: dict[Mode, dict[str, Any]] = {
     Mode.ROLLING: {"linestyle": "-"},
-    Mode.SLIDING: {"linestyle": DASHED},
-    Mode.FLIGHT: {"linestyle": DOTTED},
+    Mode.SLIDING: {"linestyle": linestyle(DASHED)},
+    Mode.FLIGHT: {"linestyle": linestyle(DOTTED)},
 }
 NAMES = [mode.name.lower() for mode in BANDS]
 SWITCH: dict[str, Any] = {"color": "0.6", "linewidth": 0.5}
@@ -117,10 +117,14 @@ def share_bands(figure: Figure, most: int = 3) -> None:
 def with_breaks(
     modes: Modes | None, times: Float[np.ndarray, " T"], *series: Float[np.ndarray, " T"]
 ) -> tuple[Float[np.ndarray, " T2"], ...]:
-    """Times and values of what jumps between modes, with a gap there, which no line crosses."""
+    """Times and values of what jumps between modes, with a gap there, which no line crosses.
+
+    Where a change has two times, of before and after it, the gap is between them.
+    """
     if modes is None:
         return times, *series
     places = np.searchsorted(times, modes.changes)
+    places += np.searchsorted(times, modes.changes, side="right") > places + 1
     broken = (np.insert(values, places, np.nan) for values in series)
     return np.insert(times, places, modes.changes), *broken
 

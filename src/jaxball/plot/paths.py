@@ -12,23 +12,10 @@ from ..physics.body import Disk
 from ..simulation.trajectory import Trajectory
 from .mechanisms import looks
 from .modes import PATHS, SWITCH, draw_modes, modes_of, switch_points, track_of
+from .palette import INK, SHELL, TRAIL
 from .record import record
 from .shapes import outline, parallel, rails_of, view
-from .style import (
-    INK,
-    SHELL,
-    TRAIL,
-    WIDE,
-    cube,
-    ends,
-    legend_above,
-    mass_line,
-    named,
-    plane_axes,
-    sharing,
-    space_axes,
-    up_to_ticks,
-)
+from .style import WIDE, cube, ends, legend_above, mass_line, named, plane_axes, sharing, space_axes, up_to_ticks
 
 # Three-dimensional Axes clip what is outside of their square, and would take these lines'
 # coordinates in space for coordinates on the page when they are laid out.

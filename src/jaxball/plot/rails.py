@@ -18,22 +18,10 @@ from ..physics.moments import kinematics, moments
 from ..simulation.trajectory import Trajectory
 from .labels import name_points
 from .mechanisms import arms, looks
+from .palette import FAINT, INK, SHELL, mass_colour
 from .record import require_one
 from .shapes import outline, rails_of, split, view, wireframe
-from .style import (
-    FAINT,
-    INK,
-    SHELL,
-    SQUARE,
-    cube,
-    legend_above,
-    mass_colour,
-    mass_line,
-    named,
-    plane_axes,
-    sharing,
-    space_axes,
-)
+from .style import SQUARE, cube, legend_above, mass_line, named, plane_axes, sharing, space_axes
 
 HALO = [withStroke(linewidth=2.2, foreground="white")]
 DOT = 8.0  # the diameter of a mass, in points; where several coincide, each is drawn smaller than the one beneath

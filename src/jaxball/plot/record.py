@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from ..numerics import programs
 from ..physics.state import DiskState, ReducedState, State
+from ..simulation.limits import with_limits
 from ..simulation.trajectory import Trajectory
 
 
@@ -28,6 +29,15 @@ def record(trajectory: Trajectory) -> Record:
     rows = finite_rows(trajectory)
     observables = jax.tree.map(lambda leaf: np.asarray(leaf)[rows], trajectory.observables)
     return Record(np.asarray(trajectory.times)[rows], _orientation(trajectory.state)[rows], observables)
+
+
+def drawn_run(trajectory: Trajectory) -> Trajectory:
+    """The run with what held just before each switch of its mode and just after it, which is drawn as a jump.
+
+    **Raises:** ``ValueError`` for a batch of trajectories.
+    """
+    require_one(trajectory)
+    return with_limits(trajectory)
 
 
 def record_to_show(trajectory: Trajectory) -> Record:

@@ -1,13 +1,14 @@
 """The standard figures of a trajectory: written into a folder, or together on one page."""
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..interface.output import replacing
 from ..physics.body import AbstractBody, Disk
 from ..physics.system import AbstractSystem
 from ..sensors import AbstractSensor
@@ -15,8 +16,11 @@ from ..simulation.trajectory import Trajectory
 from .actuation import acceleration, accelerations
 from .classical import classical_motion, law_errors
 from .contact import of_contact
+from .coordinates import mass_angles, mass_units
+from .files import check_others, plain_name, run_mark, save_figure
 from .mechanisms import joint_angles, joint_efforts
 from .modes import share_bands
+from .motion import attitude, centre_velocity
 from .paths import body_paths, centre_path, space_paths
 from .rails import configuration
 from .record import record
@@ -27,11 +31,14 @@ from .time_series import angular_velocity, contact_force, energies, friction_rat
 CLASSICAL = (classical_motion, law_errors)
 STANDARD = (
     acceleration,
+    mass_angles,
     configuration,
     body_paths,
     space_paths,
+    attitude,
     angular_velocity,
     centre_path,
+    centre_velocity,
     energies,
     power,
     contact_force,
@@ -45,57 +52,78 @@ def figures(
     folder: str | Path,
     title: str = "",
     *,
+    name: str = "",
     formats: Sequence[str] = ("png",),
     sensors: Mapping[str, AbstractSensor] | None = None,
+    svg_text: bool = False,
+    replace: bool = False,
 ) -> list[Path]:
     """Writes the standard figures of a trajectory into ``folder``, and returns their paths.
 
-    Each file is named after the body and the function, as in ``ball_energies.png``, and written in each format. The
-    acceleration is left out where no mass has an angle to draw. A run with a law of contact also has its height and its
-    slip speed, unless they are zero all the time. For a classical system, the motion and its conserved
-    quantities are drawn.
+    Each file is named after the scenario and the function, as in ``six-tubes_energies.png``, and written in each
+    format. Figures in which nothing would be seen are left out: accelerations and angles where no mass
+    has one, and the paths in a body that has no mass but its homogeneous shell. A run with a law of contact also has
+    its height and its slip speed, unless they are zero all the time. For a classical system, the motion and its
+    conserved quantities are drawn.
+
+    Each file says of which run it is. Those of the same run are replaced; one of another run is not.
 
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
     - ``folder``: where to write; it is created if it does not exist.
     - ``title``: a line that says which system it is, such as that of a scenario.
+    - ``name``: how the names of the files begin; the kind of the system, such as ``ball``, if not given.
     - ``formats``: png, pdf or svg.
     - ``sensors``: those of :mod:`jaxball.sensors`, by their names, whose readings are drawn too.
+    - ``svg_text``: whether SVG keeps text as text, which can be edited and needs the fonts, and not as outlines.
+    - ``replace``: whether to replace files that are not figures of this run.
 
-    **Raises:** ``ValueError`` for a reduced trajectory or a batch.
+    **Raises:** ``ValueError`` for a reduced trajectory or a batch; :class:`~jaxball.results.OutputError` where
+    there is a file that is not a figure of this run, and nothing is written then.
     """
-    classical = not isinstance(trajectory.system, AbstractBody)
-    if not classical:
+    if isinstance(trajectory.system, AbstractBody):
         record(trajectory)
-    folder = Path(folder)
+    folder, mark = Path(folder), run_mark(trajectory)
+    begin = plain_name(name, trajectory.system.title.lower().replace(" ", "_"))
+    functions = standard_figures(trajectory)
+    names = [draw.__name__ for draw in functions] + ([measurements.__name__] if sensors else [])
+    paths = [[folder / f"{begin}_{one}.{suffix}" for suffix in formats] for one in names]
+    if not replace:
+        check_others(itertools.chain(*paths), mark, "replace=True")
     folder.mkdir(parents=True, exist_ok=True)
-    kind = trajectory.system.title.lower().replace(" ", "_")
-    drawn: dict[str, Axes | Figure] = {}
-    joints = OF_JOINTS if not classical and trajectory.system.mechanisms else ()
-    for draw in CLASSICAL if classical else (*STANDARD, *of_contact(trajectory), *joints):
-        if (draw is acceleration and not accelerations(trajectory)) or (draw is law_errors and not trajectory.laws):
-            continue
-        drawn[draw.__name__] = draw(trajectory)
-    if sensors:
-        drawn[measurements.__name__] = measurements(trajectory, sensors)
-    files = {folder / f"{kind}_{name}.{suffix}": one for name, one in drawn.items() for suffix in formats}
-    for path, one in files.items():
-        write_figure(one, path, trajectory.system, title)
-    return list(files)
+    for files, draw in itertools.zip_longest(paths, functions):
+        drawn = draw(trajectory) if draw is not None else measurements(trajectory, sensors or {})
+        for path in files:
+            write_figure(drawn, path, trajectory.system, title, mark, svg_text=svg_text)
+    return list(itertools.chain(*paths))
 
 
-def write_figure(drawn: Axes | Figure, path: Path, system: AbstractSystem, title: str = "") -> None:
+def standard_figures(trajectory: Trajectory[Any, Any]) -> list[Callable[[Trajectory[Any, Any]], Axes | Figure]]:
+    """The functions that draw the standard figures of a run, but for those in which nothing would be seen."""
+    system = trajectory.system
+    if not isinstance(system, AbstractBody):
+        return [draw for draw in CLASSICAL if draw is not law_errors or trajectory.laws]
+    joints = OF_JOINTS if system.mechanisms else ()
+    empty = {acceleration: not accelerations(trajectory), mass_angles: not mass_units(system)}
+    if not (system.n_masses or system.mechanisms):
+        central = not np.any(np.asarray(system.offset))
+        empty |= {configuration: central, body_paths: True, space_paths: central}
+    return [draw for draw in (*STANDARD, *of_contact(trajectory), *joints) if not empty.get(draw, False)]
+
+
+def write_figure(
+    drawn: Axes | Figure,
+    path: Path,
+    system: AbstractSystem,
+    title: str = "",
+    mark: str = "",
+    *,
+    svg_text: bool = False,
+) -> None:
     """Writes a figure, with a caption that says which system it shows."""
     caption(drawn if isinstance(drawn, Figure) else drawn.figure, system, title)
-    save_figure(drawn, path)
-
-
-def save_figure(drawn: Axes | Figure, path: Path) -> None:
-    """Writes a figure, or that of some Axes."""
-    figure = drawn if isinstance(drawn, Figure) else drawn.figure
-    with replacing(path) as temporary:
-        figure.savefig(temporary, dpi=200)  # pyright: ignore[reportAttributeAccessIssue]
+    save_figure(drawn, path, mark, svg_text=svg_text)
 
 
 def overview(trajectory: Trajectory, title: str = "") -> Figure:

@@ -18,9 +18,10 @@ from .floor import Placed, Setting, draw_floor, draw_ground, floor_under, ground
 from .mechanisms import arms_of_run, looks
 from .modes import modes_of
 from .moving import face, line, move
+from .palette import FAINT, INK, SHELL, mass_colour
 from .record import Record
 from .shapes import outline, parallel, rail_points, split, towards, wireframe
-from .style import CAPTION, FAINT, INK, SHELL, SMALL, mass_colour, mass_line, subject
+from .style import CAPTION, SMALL, mass_line, subject
 from .trail import draw_trail
 
 ELEVATION, AZIMUTH = 26.0, -60.0  # degrees

@@ -9,9 +9,10 @@ from matplotlib.figure import Figure
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
 from .modes import modes_of, share_bands, with_breaks
-from .record import finite_rows, require_one
-from .style import COMPONENTS, WIDE, caption
-from .time_series import Series, over_time
+from .over_time import Series, over_time
+from .palette import COMPONENTS
+from .record import drawn_run, finite_rows, require_one
+from .style import WIDE, caption
 
 PANEL = 1.5  # the height of a panel, in inches
 
@@ -29,8 +30,9 @@ def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, Abstrac
     require_one(trajectory)
     if not sensors:
         raise ValueError("Argument `sensors` must have one sensor or more to draw, but it is empty.")
-    rows, modes = finite_rows(trajectory), modes_of(trajectory)
-    times, found = np.asarray(trajectory.times)[rows], trajectory.measured(sensors)
+    run = drawn_run(trajectory)
+    rows, modes = finite_rows(run), modes_of(run)
+    times, found = np.asarray(run.times)[rows], run.measured(sensors)
     figure = Figure(figsize=(WIDE[0], 0.5 + PANEL * len(sensors)), layout="constrained")
     caption(figure, trajectory.system)
     panels = figure.subplots(len(sensors), 1, sharex=True, squeeze=False)[:, 0]

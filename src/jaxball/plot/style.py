@@ -20,23 +20,13 @@ from matplotlib.transforms import Bbox, TransformedBbox
 from mpl_toolkits.mplot3d import Axes3D
 
 from ..physics.body import AbstractBody
+from .palette import Dashes, mass_look
 
 if TYPE_CHECKING:
     from ..physics.system import AbstractSystem
 
-INK = "black"
-SHELL = "0.45"
-FAINT = "0.82"
-TRAIL = "#BB5566"
-# Okabe and Ito's colours for the masses, Tol's high-contrast ones for everything else: both are told
-# apart by colour-blind readers and in grey.
-MASSES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-COMPONENTS = ("#004488", "#BB5566", "#DDAA33")
-DASHED = (0, (4, 2))
-DOTTED = (0, (1, 1.5))
 DASH = 7.0  # of lines that lie on one another, in widths of the line
 SHARED = "bevel"  # the joins of their dashes, by which a legend knows them
-DASHES = ("-", (0, (6, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 
 LABEL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=11)
 SMALL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=10)
@@ -87,15 +77,15 @@ def dimensionless(system: "AbstractSystem | None") -> bool:
     return all(np.all(np.asarray(getattr(system, name)) == 1.0) for name in ("mass", "radius", "gravity"))
 
 
-def mass_colour(i: int) -> str:
-    """The colour of mass i = 1 … n, the same one in every figure."""
-    return MASSES[(i - 1) % len(MASSES)]
+def linestyle(dashes: Dashes) -> Any:
+    """Dashes in the words of matplotlib."""
+    return (0, dashes) if dashes else "-"
 
 
 def mass_line(i: int, **changes: Any) -> dict[str, Any]:
-    """The line of mass i = 1 … n: its colour, and other dashes each time the colours repeat; with ``changes``."""
-    dashes = DASHES[(i - 1) // len(MASSES) % len(DASHES)]
-    return {"color": mass_colour(i), "linestyle": dashes, "linewidth": 1.2} | changes
+    """The line of mass i = 1 … n: its colour and its dashes; with ``changes``."""
+    look = mass_look(i)
+    return {"color": look.colour, "linestyle": linestyle(look.dashes), "linewidth": 1.2} | changes
 
 
 def plane_axes(ax: Axes | None, size: tuple[float, float] = WIDE, system: "AbstractSystem | None" = None) -> Axes:
@@ -221,9 +211,12 @@ def ends(
 
 
 def sharing(k: int, n: int) -> dict[str, Any]:
-    """The dashes of the k-th of ``n`` coinciding lines, of which the first is solid and beneath the others."""
+    """The dashes of the k-th of ``n`` coinciding lines, of which the first is solid and beneath the others.
+
+    A line that coincides with none keeps its own.
+    """
     if k == 0:
-        return {}
+        return {} if n == 1 else {"linestyle": "-", "dash_joinstyle": SHARED}
     return {"linestyle": (k * DASH, (DASH, (n - 1) * DASH)), "dash_capstyle": "butt", "dash_joinstyle": SHARED}
 
 

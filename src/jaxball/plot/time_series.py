@@ -1,8 +1,6 @@
 """Figures of quantities over time: rates, energies and forces."""
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -10,37 +8,17 @@ from matplotlib.axes import Axes
 
 from ..physics.body import Disk
 from ..physics.modes import Mode
-from ..physics.system import AbstractSystem
 from ..simulation.extremes import contact_extremes
 from ..simulation.history import ContactHistory
 from ..simulation.trajectory import Trajectory
-from .modes import Modes, draw_modes, modes_of, with_breaks
-from .record import finite_rows, record
-from .style import (
-    COMPONENTS,
-    DASHED,
-    DOTTED,
-    INK,
-    MASSES,
-    legend_above,
-    named,
-    plane_axes,
-    up_to_ticks,
-    write,
-    zero_line,
-)
+from .modes import modes_of, with_breaks
+from .over_time import Series, over_time, sizes_of, without_rounding
+from .palette import COMPONENTS, DASHED, DOTTED, INK, TAKEN
+from .record import drawn_run, finite_rows, record
+from .style import legend_above, linestyle, plane_axes, up_to_ticks, write
 
 SHORT = 4  # entries in a row of a legend that has long ones
 CONSTANT = 1e-6  # a force whose relative change is less counts as constant
-
-
-class Series(NamedTuple):
-    """The values over time that one line shows, and its look."""
-
-    values: Float[np.ndarray, " T"]
-    label: str
-    colour: str
-    dashes: Any = "-"
 
 
 def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -52,13 +30,13 @@ def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
-    times, _, observables = record(trajectory)
-    Omega = observables.angular_velocity_body
-    if isinstance(trajectory.system, Disk):
-        series = [Series(-Omega[:, 1], "", COMPONENTS[0])]
-        return over_time(trajectory.system, times, series, r"$\dot{\phi}$", ax, modes=modes_of(trajectory))
+    run = drawn_run(trajectory)
+    times, _, observables = record(run)
+    Omega, options = observables.angular_velocity_body, {"modes": modes_of(run), "size": 1 / sizes_of(run.system).time}
+    if isinstance(run.system, Disk):
+        return over_time(run.system, times, [Series(-Omega[:, 1], "", COMPONENTS[0])], r"$\dot{\phi}$", ax, **options)
     series = [Series(Omega[:, j], rf"$\Omega_{j + 1}$", COMPONENTS[j]) for j in range(3)]
-    return over_time(trajectory.system, times, series, r"$\Omega_i$", ax, modes=modes_of(trajectory))
+    return over_time(run.system, times, series, r"$\Omega_i$", ax, **options)
 
 
 def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -80,26 +58,25 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     >>> [text.get_text() for text in ax.get_legend().get_texts()]
     ['$T$', '$V$', '$E = T + V$']
     """
-    times, _, observables = record(trajectory)
+    run = drawn_run(trajectory)
+    times, _, observables = record(run)
     series = [
         Series(observables.kinetic_energy, "$T$", COMPONENTS[0]),
         Series(observables.potential_energy, "$V$", COMPONENTS[1]),
         Series(observables.kinetic_energy + observables.potential_energy, "$E = T + V$", INK, DASHED),
     ]
-    series += _taken(trajectory)
-    return over_time(trajectory.system, times, series, "energy", ax, SHORT, modes_of(trajectory))
+    size = sizes_of(run.system).energy
+    return over_time(run.system, times, series + _taken(run, size), "energy", ax, SHORT, modes_of(run), size)
 
 
-def _taken(trajectory: Trajectory) -> list[Series]:
+def _taken(run: Trajectory, size: float) -> list[Series]:
     """What friction of sliding and impacts have taken, where they have taken something."""
-    if trajectory.contact is None:
+    if run.contact is None:
         return []
-    rows, history = finite_rows(trajectory), trajectory.contact
-    each = (
-        Series(np.asarray(history.rubbed)[rows], "to friction", MASSES[2]),
-        Series(np.asarray(history.struck)[rows], "to impacts", MASSES[2], DOTTED),
-    )
-    return [one for one in each if np.any(one.values)]
+    rows, history = finite_rows(run), run.contact
+    amounts = {"to friction": history.rubbed, "to impacts": history.struck}
+    series = [Series(np.asarray(amounts[name])[rows], name, *look) for name, look in TAKEN.items()]
+    return [one for one in series if np.any(without_rounding(one.values, size))]
 
 
 def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -111,9 +88,11 @@ def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
-    run, modes = record(trajectory), modes_of(trajectory)
-    times, rate = with_breaks(modes, run.times, run.observables.power)
-    return over_time(trajectory.system, times, [Series(rate, "", COMPONENTS[0])], r"$\dot{E}$", ax, modes=modes)
+    run = drawn_run(trajectory)
+    seen, modes = record(run), modes_of(run)
+    times, rate = with_breaks(modes, seen.times, seen.observables.power)
+    size = sizes_of(run.system).power
+    return over_time(run.system, times, [Series(rate, "", COMPONENTS[0])], r"$\dot{E}$", ax, modes=modes, size=size)
 
 
 def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -128,13 +107,13 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
-    run, modes = record(trajectory), modes_of(trajectory)
-    seen = run.observables
-    times, N, f = with_breaks(modes, run.times, seen.normal_force, np.linalg.norm(seen.friction, axis=1))
+    run = drawn_run(trajectory)
+    (saved, _, seen), modes = record(run), modes_of(run)
+    times, N, f = with_breaks(modes, saved, seen.normal_force, np.linalg.norm(seen.friction, axis=1))
     series = [Series(N, "$N$", COMPONENTS[0]), Series(f, r"$|\,\mathbf{f}\,|$", COMPONENTS[1])]
     if trajectory.contact is not None:
         series.append(Series(float(trajectory.contact.law.static) * N, r"$\mu_s N$", INK, DASHED))
-    ax = over_time(trajectory.system, times, series, "contact force", ax, modes=modes)
+    ax = over_time(run.system, times, series, "contact force", ax, modes=modes, size=sizes_of(run.system).force)
     up_to_ticks(ax, low=0.0)
     if trajectory.interpolant is not None and trajectory.contact is None:
         extremes = contact_extremes(trajectory)
@@ -158,10 +137,11 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
     """
-    times, _, observables = record(trajectory)
-    ratio = observables.friction_ratio
-    if trajectory.contact is not None:
-        return _within_the_cone(trajectory, trajectory.contact, times, ratio, ax)
+    run = drawn_run(trajectory)
+    times, _, observables = record(run)
+    ratio = without_rounding(observables.friction_ratio, 1.0)
+    if run.contact is not None:
+        return _within_the_cone(run, run.contact, times, ratio, ax)
     on_plane = np.isfinite(ratio)
     drawn = np.where(on_plane, ratio, np.nan)
     ax = over_time(trajectory.system, times, [Series(drawn, "", COMPONENTS[0])], r"$|\,\mathbf{f}\,|/N$", ax)
@@ -171,6 +151,7 @@ def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         write(ax, (0.5, 1.02), sentence, transform=ax.transAxes, ha="center", va="bottom")
     elif len(ratio):
         time, mu = _largest_ratio(trajectory, times, ratio)
+        mu = float(without_rounding(np.asarray(mu), 1.0))
         time, when = _throughout(times, bool(mu - np.min(ratio) <= CONSTANT * mu)) or (time, _when(time, times))
         _mark(ax, time, mu, rf"$\mu_{{\min}} = {mu:.4g}$ {when}", COMPONENTS[1])
         up_to_ticks(ax, low=0.0)
@@ -195,7 +176,7 @@ def _within_the_cone(
     ends = times[[0, -1]] if len(times) else times
     ax = plane_axes(ax, system=trajectory.system)
     for label, (value, dashes) in coefficients.items():
-        ax.plot(ends, np.full_like(ends, value), color=INK, linestyle=dashes, linewidth=0.9, label=label)
+        ax.plot(ends, np.full_like(ends, value), color=INK, linestyle=linestyle(dashes), linewidth=0.9, label=label)
     series = [Series(ratio, "", COMPONENTS[0])]
     ax = over_time(trajectory.system, times, series, r"$|\,\mathbf{f}\,|/N$", ax, SHORT, modes)
     up_to_ticks(ax, low=0.0)
@@ -226,31 +207,3 @@ def _when(t: float, times: Float[np.ndarray, " T"]) -> str:
     """A time as text, to five digits of the duration of the run."""
     span = float(times[-1] - times[0])
     return rf"at $t = {round(t, 4 - math.floor(math.log10(span))) if span > 0 else t:g}$"
-
-
-def over_time(
-    system: AbstractSystem,
-    times: Float[np.ndarray, " T"],
-    series: Sequence[Series],
-    name: str,
-    ax: Axes | None,
-    most: int = 5,
-    modes: Modes | None = None,
-) -> Axes:
-    """Several series of a system over time; ``name`` labels the vertical axis, ``most`` legend entries are in a row.
-
-    ``modes`` are those of a run with a law of contact, which are drawn behind.
-    """
-    ax = plane_axes(ax, system=system)
-    for values, label, colour, dashes in series:
-        ax.plot(times, values, color=colour, linestyle=dashes, linewidth=1.2, label=label or None)
-    drawn = np.concatenate([line.values for line in series])
-    drawn = drawn[np.isfinite(drawn)]
-    if drawn.size and drawn.min() < 0 < drawn.max():
-        zero_line(ax)
-    draw_modes(ax, modes)
-    ax.margins(x=0)
-    up_to_ticks(ax)
-    named(ax, "$t$", name)
-    legend_above(ax, most)
-    return ax

@@ -13,7 +13,7 @@ from ..simulation.trajectory import Trajectory
 from .floor import Placed, Setting
 from .modes import PATHS, track_of
 from .moving import line, move
-from .style import TRAIL
+from .palette import TRAIL
 
 
 def draw_trail(

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ...results.files import check_saved
 from ..jax_setup import set_up_jax
-from ..output import add_formats, add_quiet, check_figures_folder
+from ..output import add_formats, add_quiet, add_replacing, check_figures_folder
 
 
 def add(commands) -> None:
@@ -15,8 +15,15 @@ def add(commands) -> None:
         description="Draws the figures of a saved run, the same as `jaxball simulate --plot` draws.",
     )
     parser.add_argument("saved", type=Path, metavar="RUN", help="a run that jaxball saved: .nc or .npz")
-    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where the figures go")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FOLDER",
+        help="where the figures go, which are named after the run; those of another run are not replaced",
+    )
     add_formats(parser, "--format")
+    add_replacing(parser)
     add_quiet(parser)
     parser.set_defaults(run=_run)
 

@@ -11,7 +11,7 @@ from ..animation import add_animation, check_animation
 from ..input import add_scenario, scenario_document
 from ..jax_setup import set_up_jax
 from ..options import number, positive
-from ..output import add_formats, add_output, check_figures_folder, check_json
+from ..output import add_formats, add_output, add_replacing, check_figures_folder, check_json
 
 
 def add(commands) -> None:
@@ -20,8 +20,14 @@ def add(commands) -> None:
     add_scenario(parser)
     parser.add_argument("--end", type=number, metavar="T", help="end at this time, instead of the scenario's")
     parser.add_argument("--out", type=Path, metavar="FILE", help="save the trajectory: .nc, .npz or .csv")
-    parser.add_argument("--plot", type=Path, metavar="FOLDER", help="draw the figures into this folder")
+    parser.add_argument(
+        "--plot",
+        type=Path,
+        metavar="FOLDER",
+        help="draw the figures into this folder, named after the scenario; those of another run are not replaced",
+    )
     add_formats(parser, "--plot-format")
+    add_replacing(parser)
     parser.add_argument("--view", type=Path, metavar="FILE", help="show the run in one HTML file: .html")
     add_animation(parser)
     parser.add_argument(

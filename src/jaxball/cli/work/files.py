@@ -1,6 +1,7 @@
 """What a command writes: JSON for programs, tables and figures."""
 
 import argparse
+import contextlib
 import csv
 import json
 import sys
@@ -8,11 +9,13 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
-from ...interface.output import replacing
+from ...interface.output import OutputError, replacing
 from ...interface.printing import json_types
 from ...interface.wording import counted
-from ...scenario import Scenario
+from ...plot.files import check_others, figures_in, plain_name, scenario_mark
+from ...scenario import Scenario, ScenarioError, write_scenario
 from ...simulation.trajectory import Trajectory
+from ..input import STDIN
 from ..output import STDOUT, working, written_line
 
 
@@ -53,14 +56,52 @@ def write_outputs(
     return written_line(written)
 
 
-def draw_figures(trajectory: Trajectory[Any, Any], folder: Path, formats: list[str] | None, scenario: Scenario) -> str:
-    """Draws the standard figures of a run of a scenario, and returns how many there are and where."""
+def draw_figures(
+    options: argparse.Namespace,
+    trajectory: Trajectory[Any, Any],
+    folder: Path,
+    formats: list[str] | None,
+    scenario: Scenario,
+    source: str | Path,
+) -> str:
+    """Draws the standard figures of a run of a scenario, named after ``source``, and returns how many and where."""
     # Imported here, because matplotlib takes longer to import than many a run.
     from ... import plot
 
-    suffixes = tuple(dict.fromkeys(formats or ("png",)))
-    paths = plot.figures(trajectory, folder, scenario.title, formats=suffixes, sensors=scenario.sensors)
+    try:
+        paths = plot.figures(
+            trajectory,
+            folder,
+            scenario.title,
+            name=figure_name(source, scenario),
+            formats=suffixes(formats),
+            sensors=scenario.sensors,
+            svg_text=options.svg_text,
+            replace=options.force,
+        )
+    except OutputError as error:
+        raise OutputError(str(error).replace("replace=True", "--force")) from None
     return f"{counted(len(paths), 'figure')} in {folder}"
+
+
+def check_figures(options: argparse.Namespace, scenario: Scenario) -> None:
+    """Raises an :class:`~jaxball.results.OutputError` where --plot would replace figures of another scenario's run."""
+    if options.plot is None or options.force or not options.plot.is_dir():
+        return
+    with contextlib.suppress(ScenarioError):
+        mark = scenario_mark(write_scenario(scenario))
+        name = figure_name(options.scenario, scenario)
+        check_others(figures_in(options.plot, name, suffixes(options.plot_format)), mark, "--force")
+
+
+def suffixes(formats: list[str] | None) -> tuple[str, ...]:
+    """The formats of figures, each once."""
+    return tuple(dict.fromkeys(formats or ("png",)))
+
+
+def figure_name(source: str | Path, scenario: Scenario) -> str:
+    """How the names of figures begin: as the file of the scenario or of the run, or its title on standard input."""
+    return plain_name(scenario.title if str(source) == STDIN else Path(source).stem, "run")
 
 
 def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:

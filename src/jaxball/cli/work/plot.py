@@ -12,7 +12,7 @@ def run(options: argparse.Namespace) -> int:
     """Draws the figures, and prints the run."""
     with working(options, "drawing"), compiled_quickly():
         run = load_run(options.saved)
-        written = draw_figures(run, options.out, options.format, saved_scenario(options.saved))
+        written = draw_figures(options, run, options.out, options.format, saved_scenario(options.saved), options.saved)
     if not options.quiet:
         print(f"{run}\n  written: {written}")
     return 0

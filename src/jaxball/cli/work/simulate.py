@@ -23,7 +23,7 @@ from ..options import FAILED_SOLVE
 from ..output import say, working, written_line
 from . import contact
 from .animation import check_against, write_animation
-from .files import draw_figures, write_json
+from .files import check_figures, draw_figures, write_json
 from .memory import check_memory
 from .view import is_known, write_view
 
@@ -37,6 +37,7 @@ def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
     if options.solver is not None:
         check_dae(scenario.system, scenario.contact, options.solver, scenario.dae, "Argument `--solver`")
     check_against(options, scenario)
+    check_figures(options, scenario)
     check_memory(options, scenario.times.size)
     with compiled_for(scenario):
         return _simulate(options, scenario)
@@ -93,7 +94,9 @@ def _draw(options: argparse.Namespace, scenario: Scenario, trajectory: Trajector
     written = []
     if options.plot is not None:
         with working(options, "drawing"):
-            written.append(draw_figures(trajectory, options.plot, options.plot_format, scenario))
+            written.append(
+                draw_figures(options, trajectory, options.plot, options.plot_format, scenario, options.scenario)
+            )
     if options.animate is not None:
         write_animation(options, scenario)
         written.append(str(options.animate))

@@ -10,7 +10,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 
-from ..style import INK, named
+from ..palette import INK
+from ..style import named
 from .axes import COLOURS, coloured, heading, norm_of, study_axes
 from .failures import LOOKS, marks, names_of
 from .results import histories_of, label_of, parsed, result_names

@@ -12,7 +12,8 @@ from matplotlib.ticker import MaxNLocator
 
 from ...interface.status import Status
 from ...interface.wording import counted
-from ..style import COMPONENTS, SMALL, caption, named, plane_axes
+from ..palette import COMPONENTS
+from ..style import SMALL, caption, named, plane_axes
 from .axes import edges_of, scale, title_of
 from .failures import LOOKS, MANY, make_room, marks, names_of, outcomes, present
 from .results import label_of, standard_results, values_of

@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 
 from ...interface.status import Status
-from ..style import COMPONENTS, named
+from ..palette import COMPONENTS
+from ..style import named
 from .axes import COLOURS, heading, scale, study_axes
 from .failures import make_room, marks, names_of, outcomes
 from .results import label_of, values_of

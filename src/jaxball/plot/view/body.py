@@ -16,13 +16,13 @@ from ...physics.moments import velocity_moments
 from ...physics.momentum import contact_momentum
 from ...physics.state import ReducedState
 from ...simulation.trajectory import Trajectory
-from ..actuation import mass_angles
+from ..coordinates import angles_of
 from ..floor import Setting, place, setting_of
 from ..mechanisms import arms_of_run
 from ..modes import modes_of
+from ..palette import mass_colour
 from ..record import Record, finite_rows, record_to_show, require_one
 from ..shapes import rails_of
-from ..style import mass_colour
 from .packing import Numbers, sampled
 from .scene import SUBSCRIPTS, continuous, made
 
@@ -57,7 +57,7 @@ def shown(trajectory: Trajectory[Any, Any]) -> Shown:
             "Argument `trajectory` must know where the ball is, but it is of a ReducedState; simulate with a BallState."
         )
     run = record_to_show(trajectory)
-    return Shown(trajectory, run, setting_of(trajectory.system, run.times), mass_angles(trajectory))
+    return Shown(trajectory, run, setting_of(trajectory.system, run.times), angles_of(trajectory))
 
 
 def body_document(one: Shown) -> dict[str, Any]:

@@ -45,7 +45,8 @@ from matplotlib.colors import LogNorm, to_hex
 
 from ...interface.views import MOST_BODIES
 from ...simulation.trajectory import Trajectory
-from ..style import COMPONENTS, TRAIL, described, dimensionless, mass_colour
+from ..palette import COMPONENTS, TRAIL, mass_colour
+from ..style import described, dimensionless
 from ..sweeps.axes import COLOURS, norm_of
 from .graphs import PAIR
 from .kinds import RIGID, ROLLING, SHOWN, kind_of

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from typing import Any
 
-from ..style import COMPONENTS, mass_colour
+from ..palette import COMPONENTS, mass_colour
 from .scene import SUBSCRIPTS
 
 PAIR = 2

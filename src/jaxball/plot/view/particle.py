@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from ...classical import VakonomicState
 from ...simulation.trajectory import Trajectory
+from ..palette import COMPONENTS
 from ..record import known_rows
-from ..style import COMPONENTS
 from .graphs import PAIR, each, graph, laws, series
 from .packing import Numbers
 from .scene import Scene, free_stand, law_changes, made

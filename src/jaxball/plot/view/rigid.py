@@ -12,8 +12,8 @@ from ...classical import HeavyTop, SuslovProblem
 from ...numerics import programs
 from ...numerics.arrays import to_array
 from ...simulation.trajectory import Trajectory
+from ..palette import COMPONENTS
 from ..record import known_rows
-from ..style import COMPONENTS
 from .graphs import BLUE, PAIR, RED, YELLOW, angular_velocity, each, energies, graph, laws, series
 from .packing import Numbers
 from .scene import Scene, continuous, free_stand, law_changes, made

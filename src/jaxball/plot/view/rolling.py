@@ -12,7 +12,7 @@ from ...physics.contact_law import Contact
 from ...simulation.trajectory import Trajectory
 from ..contact import height, of_contact, slip_speed
 from ..floor import Setting, floor_under
-from ..style import mass_colour
+from ..palette import mass_colour
 from .body import Shown, body_document, body_numbers, shown
 from .graphs import BLUE, PAIR, RED, angular_velocity, each, energies, graph, series, taken
 from .packing import Numbers

@@ -1,0 +1,81 @@
+"""The files of figures: each says of which run it is, and none replaces that of another without being told to."""
+
+import contextlib
+import hashlib
+import re
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..interface.output import OutputError, replacing
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from ..simulation.trajectory import Trajectory
+
+FORMATS = ("png", "pdf", "svg")
+# Where a format says what the picture is. In a file it is plain text.
+METADATA = {"png": "Description", "pdf": "Subject", "svg": "Description"}
+LONGEST = 60  # letters of a name
+
+
+def run_mark(trajectory: "Trajectory[Any, Any]") -> str:
+    """What tells a run from others: a digest of its scenario, or of its states without one, and where it ended."""
+    from ..scenario import ScenarioError, write_scenario
+
+    digest = ""
+    if trajectory.scenario is not None:
+        with contextlib.suppress(ScenarioError):
+            digest = scenario_mark(write_scenario(trajectory.scenario))
+    if not digest:
+        leaves = (np.asarray(leaf).tobytes() for _, leaf in sorted(vars(trajectory.state).items()))
+        digest = _mark(b"".join([np.asarray(trajectory.times).tobytes(), *leaves]))
+    return f"{digest} to {float(trajectory.reached):.9g}"
+
+
+def scenario_mark(text: str) -> str:
+    """How the marks of all runs of a scenario with this text begin."""
+    return _mark(text.encode())
+
+
+def _mark(content: bytes) -> str:
+    return f"of the run {hashlib.sha256(content).hexdigest()[:20]}"
+
+
+def plain_name(text: str, otherwise: str) -> str:
+    """A text as the beginning of a file's name: letters, digits, dots, hyphens and underscores; ``otherwise`` if none
+    is left.
+    """
+    words = re.sub(r"[^\w.-]+", "-", text).strip("-._")
+    return words[:LONGEST].rstrip("-._") or otherwise
+
+
+def check_others(paths: Iterable[Path], mark: str, option: str) -> None:
+    """Raises an :class:`~jaxball.results.OutputError` where a figure of another run is at one of the ``paths``."""
+    for path in paths:
+        if path.is_file() and mark.encode() not in path.read_bytes():
+            raise OutputError(
+                f'The file "{path}" is not a figure of this run, and would be replaced by one; give another folder, or '
+                f"{option} to replace it."
+            )
+
+
+def figures_in(folder: Path, name: str, formats: Sequence[str]) -> list[Path]:
+    """The figures called ``name`` that are in a folder."""
+    return sorted(path for suffix in formats for path in folder.glob(f"{name}_*.{suffix}"))
+
+
+def save_figure(drawn: "Axes | Figure", path: Path, mark: str = "", *, svg_text: bool = False) -> None:
+    """Writes a figure, or that of some Axes: PDF with TrueType fonts, SVG with paths, or ``svg_text``, with text."""
+    import matplotlib
+
+    figure: Any = drawn if not hasattr(drawn, "figure") or drawn.figure is None else drawn.figure
+    kind = path.suffix[1:]
+    metadata = {METADATA[kind]: mark} if mark and kind in METADATA else {}
+    settings = {"pdf.fonttype": 42, "svg.fonttype": "none" if svg_text else "path"}
+    with matplotlib.rc_context(settings), replacing(path) as temporary:
+        figure.savefig(temporary, dpi=200, metadata=metadata)

@@ -1,0 +1,136 @@
+"""Several quantities over time in one panel: their lines, which all are seen, without the rounding of what is zero."""
+
+import itertools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from ..physics.system import AbstractSystem
+from .modes import Modes, draw_modes
+from .palette import SOLID, Dashes
+from .style import legend_above, linestyle, named, plane_axes, sharing, up_to_ticks, zero_line
+
+ROUNDING = 1e-12  # of the size that a quantity has in such a system, below which it is drawn as zero
+NEAR = 1.2  # points on paper between lines that hide each other
+MOSTLY = 0.5  # the share of the time through which they do
+
+
+class Series(NamedTuple):
+    """The values over time that one line shows, and its look."""
+
+    values: Float[np.ndarray, " T"]
+    label: str
+    colour: str
+    dashes: Dashes = SOLID
+
+
+class Sizes(NamedTuple):
+    """How large quantities are in a system: a length, an energy, a force and a time that it has by itself."""
+
+    length: float
+    time: float
+    force: float
+
+    @property
+    def energy(self) -> float:
+        return self.force * self.length
+
+    @property
+    def speed(self) -> float:
+        return self.length / self.time
+
+    @property
+    def power(self) -> float:
+        return self.energy / self.time
+
+
+def sizes_of(system: Any) -> Sizes:
+    """Those of a ball or a disk: its radius, its weight and √(r/g); without gravity, one for the unit of time."""
+    radius, gravity = abs(float(system.radius)), abs(float(system.gravity))
+    time = (radius / gravity) ** 0.5 if gravity > 0 else 1.0
+    return Sizes(radius, time, abs(float(system.total_mass)) * radius / time**2)
+
+
+def without_rounding(values: Float[np.ndarray, "..."], size: float) -> Float[np.ndarray, "..."]:
+    """The values, and 0 for those that are no larger than the rounding of numbers of this ``size``."""
+    return np.where(np.abs(values) <= ROUNDING * size, 0.0, values)
+
+
+def over_time(
+    system: AbstractSystem,
+    times: Float[np.ndarray, " T"],
+    series: Sequence[Series],
+    name: str,
+    ax: Axes | None,
+    most: int = 5,
+    modes: Modes | None = None,
+    size: float = 0.0,
+) -> Axes:
+    """Several series of a system over time; ``name`` labels the vertical axis, ``most`` legend entries are in a row.
+
+    ``modes`` are those of a run with a law of contact, which are drawn behind. What is rounding beside ``size`` or
+    beside the largest value is drawn as zero.
+    """
+    ax = plane_axes(ax, system=system)
+    values = [one.values[np.isfinite(one.values)] for one in series]
+    drawn = np.concatenate([np.zeros(0), *values])
+    largest = max(size, float(np.max(np.abs(drawn), initial=0.0)))
+    for shown, label, colour, dashes in series:
+        look = {"color": colour, "linestyle": linestyle(dashes), "linewidth": 1.2}
+        ax.plot(times, without_rounding(shown, largest), **look, label=label or None)
+    drawn = without_rounding(drawn, largest)
+    if drawn.size and drawn.min() < 0 < drawn.max():
+        zero_line(ax)
+    draw_modes(ax, modes)
+    ax.margins(x=0)
+    up_to_ticks(ax)
+    named(ax, "$t$", name)
+    tell_apart(ax)
+    legend_above(ax, most)
+    return ax
+
+
+def tell_apart(ax: Axes) -> None:
+    """Gives lines that lie on one another on paper interleaved dashes, so that each of them shows.
+
+    A single dashed line on a solid one shows it already. Lines with other times are left alone.
+    """
+    curves = [line for line in ax.lines if len(np.atleast_1d(line.get_xdata())) > 2]
+    if len(curves) < 2:
+        return
+    for group in together(_near(ax, curves)):
+        dashed = [curves[k].is_dashed() for k in group]
+        if len(group) == 2 and sum(dashed) == 1:
+            curves[group[dashed.index(True)]].set_zorder(2.1)
+            continue
+        for k, j in enumerate(group):
+            look = sharing(k, len(group))
+            curves[j].set(**look, zorder=2.0 + 0.01 * k)
+
+
+def _near(ax: Axes, curves: Sequence[Line2D]) -> Bool[np.ndarray, "lines lines"]:
+    """Which lines hide each other."""
+    points = [line.get_transform().transform(np.asarray(line.get_xydata(), dtype=float)) for line in curves]
+    close = NEAR * ax.figure.dpi / 72
+    near = np.eye(len(curves), dtype=bool)
+    for (i, a), (j, b) in itertools.combinations(enumerate(points), 2):
+        if len(a) == len(b) and np.array_equal(a[:, 0], b[:, 0], equal_nan=True):
+            apart = np.abs(a[:, 1] - b[:, 1])
+            known = np.isfinite(apart)
+            near[i, j] = near[j, i] = bool(known.any() and np.mean(apart[known] < close) >= MOSTLY)
+    return near
+
+
+def together(near: Bool[np.ndarray, "lines lines"]) -> list[list[int]]:
+    """Groups of two lines or more of which each is near to the first."""
+    left, groups = list(range(len(near))), []
+    while left:
+        group = [j for j in left if near[left[0], j]]
+        left = [j for j in left if j not in group]
+        if len(group) > 1:
+            groups.append(group)
+    return groups

@@ -1,0 +1,215 @@
+"""A run with a law of contact with what held just before each switch of its mode and just after it."""
+
+import dataclasses
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from ..numerics import programs
+from ..physics import friction
+from ..physics.body_on_plane import BodyOnPlane
+from ..physics.modes import ContactState, Mode
+from ..physics.released import ReleasedState
+from ..physics.slip import Beginning
+from .history import ContactHistory
+from .modal import slips
+from .trajectory import Trajectory
+
+STILL = 1e-9  # of the speeds of a body: a slip that is slower is at its beginning or at its end
+
+
+def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
+    """The run with two more rows at each switch that is kept: the state and the mode just before it, and just after.
+
+    Between switches nothing jumps, so that a curve through these rows shows each jump where it is. A saved time at
+    which a switch is gives way to both. Rows without a switch have states of NaN and stand at the end: there are
+    always 2 ``room`` more of them than saved times, so that programs for them do not depend on how many switches
+    there were. A run without a law of contact is returned as it is.
+
+    **Arguments:**
+
+    - ``trajectory``: one run, not a batch, of a state that has a place.
+    """
+    history = trajectory.contact
+    if history is None:
+        return trajectory
+    times, state = np.asarray(trajectory.times), trajectory.state
+    sides = _sides(trajectory, history)
+    size = len(times) + 2 * history.law.room
+    order = _order(times, sides, history.law.room)
+    rows = np.concatenate([order, np.full(size - len(order), len(times) + 2 * history.law.room)])
+
+    def joined(saved: Any, limits: Any, nothing: float | int) -> Any:
+        """Rows of what is saved and of limits, in their order; ``nothing`` in those that stand for none."""
+        saved, limits = np.asarray(saved), np.asarray(limits)
+        none = np.full((1, *saved.shape[1:]), nothing, saved.dtype)
+        return jnp.asarray(np.concatenate([saved, limits.astype(saved.dtype), none])[rows])
+
+    taken = _taken(times, history, sides, order)
+    filled = np.full((2, size), taken[:, -1:] if taken.size else 0.0)
+    filled[:, : len(order)] = taken
+    return dataclasses.replace(
+        trajectory,
+        times=np.asarray(joined(times, sides.times, times[-1])),
+        state=jax.tree.map(lambda leaf, limit: joined(leaf, limit, np.nan), state, sides.states.body),
+        contact=dataclasses.replace(
+            history,
+            mode=joined(history.mode, sides.modes, -1),
+            V=joined(history.V, sides.states.V, np.nan),
+            height=joined(history.height, sides.height, np.nan),
+            slip=joined(history.slip, sides.slip, np.nan),
+            sigma=joined(history.sigma, sides.sigma, 0.0),
+            rubbed=jnp.asarray(filled[0]),
+            struck=jnp.asarray(filled[1]),
+        ),
+    )
+
+
+class _Sides(NamedTuple):
+    """Both limits at each switch there is room for: row 2 k is before the k-th, row 2 k + 1 after it."""
+
+    times: Float[np.ndarray, " sides"]
+    modes: Int[np.ndarray, " sides"]
+    states: ReleasedState
+    height: Float[np.ndarray, " sides"]
+    slip: Float[np.ndarray, "sides 3"]
+    sigma: Float[np.ndarray, "sides 2"]
+    kept: int
+
+    def states_of(self, system: BodyOnPlane, sigma: Any) -> ContactState:
+        """As states of the system on its plane, whose slips have these directions."""
+        return _contact_states(system, self.states, jnp.asarray(self.modes), jnp.asarray(sigma))
+
+
+def _sides(trajectory: Trajectory[Any, Any], history: ContactHistory) -> _Sides:
+    switches = history.switches
+    kept = min(int(switches.count), history.law.room)
+
+    def both(before: Any, after: Any) -> np.ndarray:
+        pair = np.stack([np.asarray(before), np.asarray(after)], axis=1)
+        return pair.reshape(2 * len(pair), *pair.shape[2:])
+
+    states = jax.tree.map(lambda *sides: jnp.asarray(both(*sides)), switches.before, switches.after)
+    times, modes = both(switches.times, switches.times), both(switches.source, switches.target)
+    none = np.zeros((len(times), 2))
+    sides = _Sides(times, modes, states, np.zeros(len(times)), np.zeros((len(times), 3)), none, kept)
+    if not kept:
+        return sides
+    plane = BodyOnPlane(trajectory.system, history.law)
+    known = jnp.asarray(np.where(np.isfinite(times), times, 0.0))
+    slip, sigma = map(np.asarray, _slips(plane, known, sides.states_of(plane, none)))
+    # A switch of a body that touches the plane, or comes down to it, is at height 0, but for rounding.
+    height = np.asarray(states.height)
+    flying = (modes == Mode.FLIGHT) & (both(modes[::2], modes[::2]) == both(modes[1::2], modes[1::2]))
+    height = np.where(flying & (np.abs(height) > STILL * float(trajectory.system.radius)), height, 0.0)
+    sides = sides._replace(height=height, slip=slip, sigma=sigma)
+    return sides._replace(sigma=_directions(trajectory, history, plane, known, sides))
+
+
+def _directions(
+    trajectory: Trajectory[Any, Any], history: ContactHistory, plane: BodyOnPlane, times: Array, sides: _Sides
+) -> Float[np.ndarray, "sides 2"]:
+    """σ at each side: that of the velocity, or where there is none yet or no more, that of the slip which begins or
+    has ended there.
+    """
+    sigma, kept = sides.sigma.copy(), sides.kept
+    still = _is_still(trajectory, sides)
+    begins = np.flatnonzero(still[1 : 2 * kept : 2]) * 2 + 1
+    if begins.size:
+        first = np.asarray(_first_slips(plane, times, sides.states_of(plane, np.zeros_like(sigma))))
+        sigma[begins] = first[begins]
+    saved, directions = np.asarray(trajectory.times), np.asarray(history.sigma)
+    for row in np.flatnonzero(still[: 2 * kept : 2]) * 2:
+        start = row - 1
+        earlier = np.flatnonzero(saved < sides.times[row])
+        within = earlier.size and (start < 0 or saved[earlier[-1]] > sides.times[start])
+        sigma[row] = directions[earlier[-1]] if within else sigma[start] if start >= 0 else 0.0
+    return sigma
+
+
+def _is_still(trajectory: Trajectory[Any, Any], sides: _Sides) -> Bool[np.ndarray, " sides"]:
+    """Where a body slides of which no direction can be told from its velocity."""
+    Omega = getattr(sides.states.body, "Omega", None)
+    spin = np.abs(np.asarray(sides.states.body.phidot)) if Omega is None else np.linalg.norm(np.asarray(Omega), axis=1)
+    speed = np.linalg.norm(np.asarray(sides.states.V), axis=1) + float(trajectory.system.radius) * spin
+    slow = ~(np.linalg.norm(sides.slip[:, :2], axis=1) > STILL * speed)
+    return (sides.modes == Mode.SLIDING) & slow
+
+
+def _order(times: Float[np.ndarray, " T"], sides: _Sides, room: int) -> Int[np.ndarray, " rows"]:
+    """The rows of the run in the order of time: saved ones by their index, sides by theirs after all of these."""
+    when = sides.times[: 2 * sides.kept]
+    rows = np.arange(len(when))
+    # What comes before the start and after the end is no part of the run.
+    inside = np.where(rows % 2 == 0, when > times[0], when < times[-1]) & (when >= times[0]) & (when <= times[-1])
+    replaced = np.isin(times, when[inside]) & (times > times[0]) & (times < times[-1])
+    saved = np.flatnonzero(~replaced)
+    places = np.searchsorted(times[saved], when[inside])
+    return np.insert(saved, places, len(times) + rows[inside])
+
+
+def _taken(
+    times: Float[np.ndarray, " T"], history: ContactHistory, sides: _Sides, order: Int[np.ndarray, " rows"]
+) -> Float[np.ndarray, "2 rows"]:
+    """What friction of sliding and impacts have taken at each row.
+
+    Between two saved times, friction takes its part while the body slides: all of it where it does so once, and where
+    it does so several times, in proportion to the durations and to the speeds of the slips.
+    """
+    count = len(times)
+    speeds = np.linalg.norm(np.concatenate([np.asarray(history.slip), sides.slip])[order, :2], axis=1)
+    when = np.concatenate([times, sides.times])[order]
+    modes = np.concatenate([np.asarray(history.mode), sides.modes])[order]
+    slides = (modes[:-1] == Mode.SLIDING) & (modes[1:] == Mode.SLIDING) & (np.diff(when) > 0)
+    shares = np.concatenate([[0.0], np.cumsum(np.where(slides, np.diff(when) * (speeds[1:] + speeds[:-1]), 0.0))])
+    is_saved = order < count
+    rubbed = np.asarray(history.rubbed)[order[is_saved]]
+    filled = _shared_out(shares, is_saved, rubbed)
+    lost = np.zeros(len(order))
+    after = ~is_saved & ((order - count) % 2 == 1)
+    lost[after] = np.asarray(history.switches.lost)[(order[after] - count) // 2]
+    struck, total = np.asarray(history.struck)[order[is_saved]], np.cumsum(lost)
+    return np.stack([filled, struck[0] - total[is_saved][0] + total if is_saved.any() else total])
+
+
+def _shared_out(
+    shares: Float[np.ndarray, " rows"], known: Bool[np.ndarray, " rows"], values: Float[np.ndarray, " known"]
+) -> Float[np.ndarray, " rows"]:
+    """``values`` at the known rows, and between two of them values that grow as ``shares`` do."""
+    rows = np.flatnonzero(known)
+    filled = np.full(len(shares), values[0] if values.size else 0.0)
+    for a, b, low, high in zip(rows[:-1], rows[1:], values[:-1], values[1:], strict=True):
+        grown = shares[a : b + 1] - shares[a]
+        filled[a : b + 1] = low + (high - low) * (grown / grown[-1] if grown[-1] > 0 else grown)
+        filled[b] = high
+    if rows.size:
+        filled[rows[-1] :] = values[-1]
+    return filled
+
+
+def _contact_states(system: BodyOnPlane, states: ReleasedState, modes: Array, sigma: Array) -> ContactState:
+    height = states.height
+    ever = jnp.full_like(height, jnp.finfo(height.dtype).max)
+    none = jnp.zeros_like(height)
+    long_ago = jnp.all(sigma == 0, axis=-1)
+    begun = Beginning.along(jnp.where(long_ago, -jnp.sqrt(ever), ever), sigma)
+    return ContactState(states.body, states.V, height, none, none, modes.astype(height.dtype), begun)
+
+
+@programs.filter_jit
+def _slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Array, Array]:
+    return slips(system, times, states)
+
+
+@programs.filter_jit
+def _first_slips(system: BodyOnPlane, times: Array, states: ContactState) -> Array:
+    """The directions in which slips begin."""
+    prepared = system.prepare()
+
+    def first(at: tuple[Array, ContactState]) -> Array:
+        return friction.first_slip(prepared.response(*at), prepared.contact.sliding).sigma
+
+    return jax.lax.map(first, (times, states))
