@@ -16,7 +16,7 @@ from .style import legend_above, linestyle, named, plane_axes, sharing, up_to_ti
 
 ROUNDING = 1e-12  # of the size that a quantity has in such a system, below which it is drawn as zero
 NEAR = 1.2  # points on paper between lines that hide each other
-MOSTLY = 0.5  # the share of the time through which they do
+MOSTLY = 0.8  # the share of the time through which they do
 
 
 class Series(NamedTuple):

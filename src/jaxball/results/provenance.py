@@ -51,7 +51,8 @@ def attributes(
         run |= contact_attributes(trajectory.contact)
     elif trajectory.interpolant is not None and isinstance(trajectory.system, AbstractBody):
         extremes = contact_extremes(trajectory)
-        run |= {field.name: float(getattr(extremes, field.name)) for field in dataclasses.fields(extremes)}
+        names = [field.name for field in dataclasses.fields(extremes) if field.name != "constant"]
+        run |= {name: float(getattr(extremes, name)) for name in names}
     return run | {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
 
 

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +23,10 @@ from ..solvers.dense.steps import Steps
 from .trajectory import Interpolant, Trajectory
 
 
+ROUNDING = 1e-12  # of the weight, or of 1: what is less is none, and does not change what is constant
+SAME = 1e-8  # relative to its size, by which what is constant may change
+
+
 class ContactExtremes(Printed):
     """How near a ball or disk came to leaving the plane or slipping, at the times where it was nearest.
 
@@ -33,6 +38,8 @@ class ContactExtremes(Printed):
       N ≤ 0 somewhere.
     - ``largest_friction``: the largest |f|, mass length/time².
     - ``weight``: M g, mass length/time².
+    - ``constant``: whether N, |f| / N and |f| are the same throughout but for rounding, shape (3,); the times then say
+      nothing.
     - ``least_normal_force_time``, ``friction_needed_time``, ``largest_friction_time``: when.
 
     **Example:**
@@ -51,6 +58,7 @@ class ContactExtremes(Printed):
     largest_friction: Float[Array, "*batch"]
     largest_friction_time: Float[Array, "*batch"]
     weight: Float[Array, "*batch"]
+    constant: Bool[Array, "*batch 3"] = eqx.field(default_factory=lambda: jnp.zeros(3, bool))
 
     @property
     def margin(self) -> Float[Array, "*batch"]:
@@ -62,14 +70,22 @@ class ContactExtremes(Printed):
         """Whether the ball stayed on the plane, N > 0 throughout."""
         return self.least_normal_force > 0
 
+    @property
+    def when(self) -> tuple[str, str]:
+        """When N is least and |f| / N largest, in words. For one run, not for a batch."""
+        times = self.least_normal_force_time, self.friction_needed_time
+        pairs = zip(times, np.asarray(self.constant)[:2], strict=True)
+        first, second = ("throughout" if same else f"at t = {float(t):.6g}" for t, same in pairs)
+        return first, second
+
     def __repr__(self) -> str:
         if not is_single(self.least_normal_force):
             return shown(self)
-        least, at = float(self.least_normal_force), float(self.least_normal_force_time)
-        lines = [f"least normal force {least:.10g} at t = {at:.6g}, {least / float(self.weight):.4g} of the weight"]
+        least = float(self.least_normal_force)
+        lines = [f"least normal force {least:.10g} {self.when[0]}, {least / float(self.weight):.4g} of the weight"]
         if np.isfinite(self.friction_needed):
-            mu, at = float(self.friction_needed), float(self.friction_needed_time)
-            lines.append(f"friction needed, max |f|/N, {mu:.10g} at t = {at:.6g}")
+            mu = float(self.friction_needed)
+            lines.append(f"friction needed, max |f|/N, {mu if mu > ROUNDING else 0.0:.10g} {self.when[1]}")
         else:
             lines.append("the ball would leave the plane, so that no friction is enough")
         return "\n".join(lines)
@@ -132,7 +148,11 @@ def _extremes(interpolant: Interpolant, reached: Float[Array, ""], status: Array
     extremes = with_derivatives(extremes, _at, steps, packing, found.step, found.time)
     extremes = once("extremes of the contact force", extremes)
     weight = packing.system.total_mass * packing.system.gravity
-    return ContactExtremes(*(jnp.where(started, value, jnp.nan) for value in (*extremes, weight)))
+    sizes = jax.lax.stop_gradient(jnp.stack([weight, jnp.ones_like(weight), weight]))
+    constant = found.size - found.least <= jnp.maximum(SAME * jnp.abs(found.size), ROUNDING * jnp.abs(sizes))
+    return ContactExtremes(
+        *(jnp.where(started, value, jnp.nan) for value in (*extremes, weight)), constant=constant & started
+    )
 
 
 def _at(steps: Steps, packing: Packing, index: Int[Array, "3"], times: Float[Array, "3"]) -> tuple[Array, ...]:

@@ -20,7 +20,7 @@ from .layout import AXES
 from .study import Study
 
 NOT_COMPUTED = -1  # the status of a row that has none yet
-CONTACT = tuple(field.name for field in dataclasses.fields(ContactExtremes) if field.name != "weight")
+CONTACT = tuple(field.name for field in dataclasses.fields(ContactExtremes) if field.name not in ("weight", "constant"))
 _PER_ROW = {
     "status": (np.int8, "", "how the solve ended, the number of a jaxball.Status; -1 before it is computed"),
     "steps": (np.int32, "", "steps taken, accepted and rejected"),

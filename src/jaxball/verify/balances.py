@@ -47,11 +47,10 @@ def balance(name: str, case: Case) -> Row:
 def contact(case: Case) -> Row:
     """The row of the normal force, as a fraction of the weight, with the friction that rolling needs."""
     extremes = contact_extremes(case.run)
-    least, when = float(extremes.margin), float(extremes.least_normal_force_time)
-    note = f"the least N is {least:.4g} of the weight, at t = {when:.4g}"
+    least, (first, second) = float(extremes.margin), extremes.when
+    note = f"the least N is {least:.4g} of the weight, {first}"
     if np.isfinite(extremes.friction_needed):
-        friction, when = float(extremes.friction_needed), float(extremes.friction_needed_time)
-        note += f"; rolling needs the friction |f|/N = {friction:.4g}, at t = {when:.4g}"
+        note += f"; rolling needs the friction |f|/N = {float(extremes.friction_needed):.4g}, {second}"
     return Row("contact", least, 0.0, note=note, at_least=True)
 
 

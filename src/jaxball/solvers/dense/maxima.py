@@ -23,11 +23,13 @@ class Largest(NamedTuple):
 
     - ``size``: its value, a little less where one step ends and another begins, so that the next one is preferred if it
       grows there.
+    - ``least``: its least value at the places that are looked at, by which a function that is constant is known.
     - ``curvature``: its second derivative, where it is smooth.
     - ``values``: all functions at time i in row i; ``vectors`` are those of the states then, and ``rates`` theirs.
     """
 
     size: Float[Array, " k"]
+    least: Float[Array, " k"]
     time: Float[Array, " k"]
     step: Int[Array, " k"]
     curvature: Float[Array, " k"]
@@ -76,15 +78,18 @@ def maxima(steps: Steps, values: Values, k: int) -> Largest:
         both = jax.vmap(values)(times.reshape(-1), x.reshape(-1, size)).reshape(*times.shape, k + size)
         samples, rates = both[..., :k], both[:, 0, k:]
         found = _largest(steps, here, samples, x[:, 0], rates)
+        least = jnp.where(looking, jnp.minimum(best.least, found.least), best.least)
         better = ~looking | ~(found.size <= best.size)
         found = jax.tree.map(lambda a, b: jnp.where(better.reshape(-1, *(1,) * (a.ndim - 1)), a, b), found, best)
         found = found._replace(curvature=jnp.where(r == rounds + PLACES, best.curvature, found.curvature))
+        found = found._replace(least=least)
         exact = best._replace(time=_stationary(steps, best, here, samples[:k]))
         return jax.tree.map(lambda a, b: jnp.where(lines, a, b), exact, found)
 
     zero = jnp.zeros(k, steps.start.dtype)
     nothing = Largest(
         size=zero - jnp.inf,
+        least=zero + jnp.inf,
         time=zero,
         step=jnp.zeros(k, int),
         curvature=zero,
@@ -146,6 +151,7 @@ def _largest(
     change = jnp.clip(jnp.where(smooth, -slope / jnp.where(smooth, bend, 1.0), 0.0), -1 / FINENESS, 1 / FINENESS)
     return Largest(
         size=size,
+        least=jnp.min(curves, axis=(1, 2)),
         time=times[window, p] + change * length,
         step=here.step[window],
         curvature=jnp.where(smooth, bend / jnp.where(smooth, length, 1.0) ** 2, 0.0),
