@@ -38,8 +38,15 @@ TAKEN = {"to friction": Line("#997700", DASH_DOTTED), "to impacts": Line("#6699C
 # Of bands behind what is drawn over time, which show a share of these.
 MODES = {Mode.SLIDING: "#555555", Mode.FLIGHT: "#66CCEE"}
 BAND = 0.2
-# Of arrows in views beside those of forces.
-SPIN, MOMENTUM, SLIP, XI = COMPONENTS[2], "#7B3FA0", "#44AA99", "#009E73"
+# Of arrows in views, which have names at their tips.
+ARROWS = {
+    "normal": COMPONENTS[0],
+    "friction": COMPONENTS[1],
+    "slip": COMPONENTS[2],
+    "spin": "#56B4E9",
+    "momentum": "#7B3FA0",
+    "xi": "#009E73",
+}
 
 
 def mass_colour(i: int) -> str:

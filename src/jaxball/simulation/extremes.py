@@ -22,7 +22,6 @@ from ..solvers.dense.maxima import maxima, moved
 from ..solvers.dense.steps import Steps
 from .trajectory import Interpolant, Trajectory
 
-
 ROUNDING = 1e-12  # of the weight, or of 1: what is less is none, and does not change what is constant
 SAME = 1e-8  # relative to its size, by which what is constant may change
 

@@ -21,7 +21,7 @@ from ..floor import Setting, place, setting_of
 from ..mechanisms import arms_of_run
 from ..modes import modes_of
 from ..palette import mass_colour
-from ..record import Record, finite_rows, record_to_show, require_one
+from ..record import Record, drawn_run, finite_rows, known_rows, record_to_show, require_one
 from ..shapes import rails_of
 from .packing import Numbers, sampled
 from .scene import SUBSCRIPTS, continuous, made
@@ -56,6 +56,8 @@ def shown(trajectory: Trajectory[Any, Any]) -> Shown:
         raise ValueError(
             "Argument `trajectory` must know where the ball is, but it is of a ReducedState; simulate with a BallState."
         )
+    known_rows(trajectory)
+    trajectory = drawn_run(trajectory)
     run = record_to_show(trajectory)
     return Shown(trajectory, run, setting_of(trajectory.system, run.times), angles_of(trajectory))
 
@@ -103,6 +105,8 @@ def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
         "friction": Numbers(seen.friction),
         "energies": Numbers(np.stack([seen.kinetic_energy, seen.potential_energy], axis=1)),
     }
+    if isinstance(system, Disk):
+        numbers["turning"] = Numbers(-seen.angular_velocity_body[:, 1])
     history, rows = one.trajectory.contact, finite_rows(one.trajectory)
     if history is not None:
         numbers |= {

@@ -13,10 +13,13 @@ at each saved time that the solve reached, or of a long run at evenly spaced one
   ``rail_j`` (points, 3), which is at rest there. With the ``shell``, masses give the centre of mass;
 - ``normal_force`` (T,), ``friction`` (T, 2) in space axes, ``angular_velocity`` and ``angular_momentum`` (T, 3) in body
   axes, the latter Π about the contact point, and what else the ``plots`` draw. Each of their ``series`` names an array
-  and the columns of it whose sum is drawn, or whose ``norm``, divided by the array ``over``, if there is one. Names
-  stand beside values, unless ``valued`` is false; ``levels`` are names and values of horizontal lines.
+  and the columns of it whose sum is drawn, or whose ``norm``, divided by the array ``over``, if there is one; ``dash``
+  is on and off in pixels. What is rounding beside the ``size`` of such a quantity is 0, and no line crosses a change of
+  mode where there are ``gaps``. Names stand beside values, unless ``valued`` is false; ``levels`` are names and values
+  of horizontal lines.
 - with a law of contact, ``spells``, its modes one after the other, each of them ``[mode, start, end]``, and
-  ``switches``, the times of impacts and of all else that ends a mode; and ``height`` (T,) over the plane, ``slip``
+  ``switches``, the times of impacts and of all else that ends a mode, each of which is twice among the times, for what
+  is just before it and what is just after; and ``height`` (T,) over the plane, ``slip``
   (T, 2), the velocity of the lowest point along it in space axes, and ``taken`` (T, 2), the energies that friction of
   sliding and impacts took. Π is about the lowest point. ``cone`` of the dictionary is the coefficient μ_s.
 
@@ -45,7 +48,7 @@ from matplotlib.colors import LogNorm, to_hex
 
 from ...interface.views import MOST_BODIES
 from ...simulation.trajectory import Trajectory
-from ..palette import COMPONENTS, TRAIL, mass_colour
+from ..palette import ARROWS, COMPONENTS, MODES, TRAIL, mass_colour
 from ..style import described, dimensionless
 from ..sweeps.axes import COLOURS, norm_of
 from .graphs import PAIR
@@ -56,10 +59,9 @@ from .rigid import rigid_scene
 from .rolling import rolling_scene
 from .scene import Discs, Scene
 
-FORMAT, VERSION = "jaxball view", 3
+FORMAT, VERSION = "jaxball view", 4
 BEFORE, UNKNOWN = "#8a8a8a", "#8a8a8a"
-MODES = {"sliding": "#D55E00", "flight": "#56B4E9"}  # of bands, which are lighter
-PALETTE = {"trail": TRAIL, "momentum": "#7B3FA0", "spin": "#56B4E9", "xi": "#009E73", "modes": MODES}
+PALETTE = {"trail": TRAIL, "modes": {mode.name.lower(): colour for mode, colour in MODES.items()}} | ARROWS
 STOPS = 9
 # So that no text of a run ends the element that it stands in, or a line of a program that reads it.
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}

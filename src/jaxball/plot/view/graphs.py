@@ -3,52 +3,75 @@
 from collections.abc import Iterable
 from typing import Any
 
-from ..palette import COMPONENTS, mass_colour
+from ..palette import COMPONENTS, DASHED, SOLID, TAKEN, Dashes, Line, mass_look
 from .scene import SUBSCRIPTS
 
 PAIR = 2
 BLUE, RED, YELLOW = COMPONENTS
+INK = "ink"  # the colour of text, on light pages and on dark ones
+WIDTH = 1.6  # of lines, pixels
 
 
-def graph(title: str, series: list[dict[str, Any]]) -> dict[str, Any]:
-    """A graph of series."""
-    return {"title": title, "series": series}
+def graph(title: str, series: list[dict[str, Any]], size: float = 0.0, *, gaps: bool = False) -> dict[str, Any]:
+    """A graph of series, beside whose ``size`` rounding is 0; with ``gaps`` where one mode follows another."""
+    return {"title": title, "series": series, "size": size, "gaps": gaps}
 
 
-def series(name: str, colour: str | None, array: str, columns: list[int], norm: bool = False) -> dict[str, Any]:
+def series(
+    name: str, colour: str | None, array: str, columns: list[int], norm: bool = False, dashes: Dashes = SOLID
+) -> dict[str, Any]:
     """The sum of ``columns`` of an array, or their norm; in the colour of the body, where there is no other."""
-    return {"name": name.translate(SUBSCRIPTS), "colour": colour, "array": array, "columns": columns, "norm": norm}
+    return {
+        "name": name.translate(SUBSCRIPTS),
+        "colour": colour,
+        "dash": [WIDTH * length for length in dashes],
+        "array": array,
+        "columns": columns,
+        "norm": norm,
+    }
 
 
-def each(names: Iterable[str], colours: Iterable[str], array: str) -> list[dict[str, Any]]:
-    """A series of each column."""
-    return [series(name, colour, array, [k]) for k, (name, colour) in enumerate(zip(names, colours, strict=False))]
+def each(names: Iterable[str], looks: Iterable[Line | str], array: str) -> list[dict[str, Any]]:
+    """A series of each column, with its colour or its line."""
+    lines = [Line(look) if isinstance(look, str) else look for look in looks]
+    pairs = enumerate(zip(names, lines, strict=False))
+    return [series(name, line.colour, array, [k], dashes=line.dashes) for k, (name, line) in pairs]
 
 
-def angular_velocity(count: int) -> dict[str, Any]:
+def of_masses(numbers: Iterable[int]) -> list[Line]:
+    """The lines of masses or joints."""
+    return [mass_look(i) for i in numbers]
+
+
+def rate_of_turning(size: float) -> dict[str, Any]:
+    """φ̇ of disks."""
+    return graph("Angular velocity", [series("φ̇", BLUE, "turning", [0])], size)
+
+
+def angular_velocity(count: int, size: float = 0.0) -> dict[str, Any]:
     """Ω of one body or two, |Ω| of more."""
     if count > PAIR:
-        return graph("Angular speed", [series("|Ω|", None, "angular_velocity", [0, 1, 2], norm=True)])
-    return graph("Angular velocity", each(("Ω1", "Ω2", "Ω3"), COMPONENTS, "angular_velocity"))
+        return graph("Angular speed", [series("|Ω|", None, "angular_velocity", [0, 1, 2], norm=True)], size)
+    return graph("Angular velocity", each(("Ω1", "Ω2", "Ω3"), COMPONENTS, "angular_velocity"), size)
 
 
-def energies(count: int) -> dict[str, Any]:
+def energies(count: int, size: float = 0.0) -> dict[str, Any]:
     """T, V and their sum of one body or two, the sum of more."""
     if count > PAIR:
-        return graph("Energy", [series("E", None, "energies", [0, 1])])
-    parts = (("T", BLUE, [0]), ("V", RED, [1]), ("E", YELLOW, [0, 1]))
-    return graph("Energies", [series(name, colour, "energies", columns) for name, colour, columns in parts])
+        return graph("Energy", [series("E", None, "energies", [0, 1])], size)
+    parts = (("T", BLUE, [0], SOLID), ("V", RED, [1], SOLID), ("E", INK, [0, 1], DASHED))
+    lines = [series(name, colour, "energies", columns, dashes=dashes) for name, colour, columns, dashes in parts]
+    return graph("Energies", lines, size)
 
 
 def taken() -> list[dict[str, Any]]:
     """What friction of sliding and impacts have taken, beside the energies."""
-    names = ("to friction", "to impacts")
-    return [series(name, mass_colour(3), "taken", [k]) | {"dashed": bool(k)} for k, name in enumerate(names)]
+    return each(TAKEN, TAKEN.values(), "taken")
 
 
 def laws(names: list[str]) -> list[dict[str, Any]]:
     """How far each law is from where it began, if there are any; those of one system."""
-    colours = map(mass_colour, range(1, len(names) + 1))
     if not names:
         return []
-    return [graph("Laws, change since the start", each(names, colours, "laws")) | {"valued": False}]
+    lines = each(names, of_masses(range(1, len(names) + 1)), "laws")
+    return [graph("Laws, change since the start", lines) | {"valued": False}]

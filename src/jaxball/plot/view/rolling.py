@@ -11,10 +11,11 @@ from ...physics.body import Disk, System
 from ...physics.contact_law import Contact
 from ...simulation.trajectory import Trajectory
 from ..contact import height, of_contact, slip_speed
+from ..coordinates import ANGLE, LENGTH, UNKNOWN, mass_units, unit_of, units_of
 from ..floor import Setting, floor_under
-from ..palette import mass_colour
+from ..over_time import Sizes, sizes_of, without_rounding
 from .body import Shown, body_document, body_numbers, shown
-from .graphs import BLUE, PAIR, RED, angular_velocity, each, energies, graph, series, taken
+from .graphs import BLUE, PAIR, RED, angular_velocity, each, energies, graph, of_masses, rate_of_turning, series, taken
 from .packing import Numbers
 from .scene import Discs, Scene
 
@@ -89,30 +90,54 @@ def _floor(bodies: Sequence[Shown], setting: Setting, drawn: Sequence[Float[np.n
 
 def _graphs(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
     """The graphs of bodies, of which each is drawn that has the numbers."""
-    several = len(bodies) > PAIR
+    count, sizes = len(bodies), sizes_of(bodies[0].system)
+    several, planar = count > PAIR, isinstance(bodies[0].system, Disk)
     ratio = series("|f| / N", None if several else RED, "friction", [0, 1], norm=True) | {"over": "normal_force"}
     levels = _levels(bodies)
-    friction = {"title": "Friction", "levels": levels} if levels else {"title": "Friction needed"}
+    needed = graph("Friction" if levels else "Friction needed", [ratio], 1.0, gaps=True) | {"level": "μ"}
+    N = series("N", None if several else BLUE, "normal_force", [0])
     graphs = [
-        energies(len(bodies)),
-        angular_velocity(len(bodies)),
-        graph("Normal force", [series("N", None if several else BLUE, "normal_force", [0])]),
-        friction | {"level": "μ", "series": [ratio]},
-        *_of_contact(bodies),
+        energies(count, sizes.energy),
+        rate_of_turning(1 / sizes.time) if planar and not several else angular_velocity(count, 1 / sizes.time),
+        graph("Normal force", [N], sizes.force, gaps=True),
+        needed | ({"levels": levels} if levels else {}),
+        *_of_contact(bodies, sizes),
     ]
     if several:
         return graphs
-    if any(one.trajectory.contact is not None for one in bodies):
-        graphs[0]["series"] += taken()
-    masses = max((list(one.angles) for one in bodies), key=len)
-    if masses:
-        names = [f"θ{i}" for i in masses]
-        graphs.append(graph("Angles of the masses", each(names, map(mass_colour, masses), "mass_angles")))
-    joints = max((_joints(one) for one in bodies), key=len)
-    if joints:
-        colours = map(mass_colour, range(1, len(joints) + 1))
-        graphs.append(graph("Joints", each(joints, colours, "joint_angles")))
+    graphs[0]["series"] += [one for one in taken() if any(_is_taken(body, one, sizes.energy) for body in bodies)]
+    return [*graphs, *_of_masses(bodies), *_of_joints(bodies)]
+
+
+def _is_taken(one: Shown, drawn: dict[str, Any], size: float) -> bool:
+    history = one.trajectory.contact
+    if history is None:
+        return False
+    amounts = history.rubbed if drawn["columns"] == [0] else history.struck
+    return bool(np.any(without_rounding(np.nan_to_num(np.asarray(amounts)), size)))
+
+
+def _of_masses(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
+    """The graphs of θ of masses on rails: of angles, and of positions along tubes."""
+    fullest = max(bodies, key=lambda one: len(one.angles))
+    units, masses = mass_units(fullest.system), list(fullest.angles)
+    titles = {ANGLE: "Angles of the masses (rad)", LENGTH: "Positions of the masses", UNKNOWN: "Places of the masses"}
+    graphs = []
+    for unit, title in titles.items():
+        these = [i for i in masses if units[i] == unit]
+        lines = each([f"θ{i}" for i in these], of_masses(these), "mass_angles")
+        for line, i in zip(lines, these, strict=True):
+            line["columns"] = [masses.index(i)]
+        graphs += [graph(title, lines, 1.0)] if lines else []
     return graphs
+
+
+def _of_joints(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
+    joints = max((_joints(one) for one in bodies), key=len)
+    fullest = next(one for one in bodies if _joints(one) == joints)
+    units = units_of([unit_of(joint) for one in fullest.system.mechanisms for joint in getattr(one, "joints", ())])
+    lines = each(joints, of_masses(range(1, len(joints) + 1)), "joint_angles")
+    return [graph(f"Joints{units}", lines, 1.0)] if joints else []
 
 
 def _law(bodies: Sequence[Shown]) -> Contact | None:
@@ -138,13 +163,13 @@ def _levels(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
     return [{"name": name, "value": value} for name, value in named.items()]
 
 
-def _of_contact(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
+def _of_contact(bodies: Sequence[Shown], sizes: Sizes) -> list[dict[str, Any]]:
     """The graphs of the height and of the slip speed, where these are not always zero."""
     colour = None if len(bodies) > PAIR else BLUE
     figures = {figure for one in bodies for figure in of_contact(one.trajectory)}
     graphs = {
-        height: graph("Height", [series("h", colour, "height", [0])]),
-        slip_speed: graph("Slip speed", [series("|vₛ|", colour, "slip", [0, 1], norm=True)]),
+        height: graph("Height", [series("h", colour, "height", [0])], sizes.length),
+        slip_speed: graph("Slip speed", [series("|vₛ|", colour, "slip", [0, 1], norm=True)], sizes.speed),
     }
     return [drawn for figure, drawn in graphs.items() if figure in figures]
 

@@ -3,11 +3,11 @@
 import { BackSide, CylinderGeometry, DoubleSide, FrontSide, Group, Mesh, OctahedronGeometry, SphereGeometry, Vector3 } from "three";
 import { row } from "./data.js";
 import { flat, glass, solid } from "./materials.js";
-import { circle, curve, Rod, segments } from "./shapes.js";
+import { bodyAxes, circle, curve, Rod, segments } from "./shapes.js";
 import { css, readable } from "./theme.js";
 
 export class Body extends Group {
-  constructor(run, components) {
+  constructor(run) {
     super();
     this.run = run;
     const { radius: r, arrays } = run;
@@ -29,12 +29,8 @@ export class Body extends Group {
       return { count, points, rods: Array.from({ length: count * (points - 1) }, () => new Rod(0.017 * r, material)) };
     });
     this.centreOfMass = new Mesh(new OctahedronGeometry(0.06 * r), solid(() => css("ink")));
-    this.axes = new Group();
-    for (let j = 0; j < 3; j++) {
-      const end = [0, 0, 0];
-      end[j] = 1.25 * r;
-      this.axes.add(segments([0, 0, 0, ...end], () => readable(components[j]), 2.2));
-    }
+    const shellColour = () => css("shell");
+    this.axes = bodyAxes(r, [shellColour, shellColour, shellColour], "E");
     this.add(this.rails, ...this.masses, ...this.arms.flatMap((arm) => arm.rods), this.centreOfMass, this.axes);
   }
 

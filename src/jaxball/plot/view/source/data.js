@@ -2,7 +2,7 @@
 
 const TYPES = { float32: Float32Array, float64: Float64Array };
 const FORMAT = "jaxball view";
-const VERSION = 3;
+const VERSION = 4;
 export const STILL = [0, 0, 0]; // the displacement of a plane that does not move
 
 export function readView(text) {

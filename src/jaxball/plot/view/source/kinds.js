@@ -9,6 +9,7 @@ import { RigidBody, Vectors } from "./rigid.js";
 import { contactPoints, Trace, Trail, turned } from "./trace.js";
 
 const LONGEST = 1.3; // of an arrow over all runs, in radii of the first body
+const ENOUGH = 0.3; // of the longest arrow
 const THIN = { transparent: true, opacity: 0.6 };
 
 // How long arrows are: the same for all bodies, and for both forces.
@@ -16,10 +17,18 @@ function scalesOf(bodies) {
   const per = (most, length = LONGEST) => (most > 0 ? (length * bodies[0].radius) / most : 0);
   return {
     force: per(largest(bodies, "normal_force", "friction")),
+    larger: larger(largest(bodies, "normal_force"), largest(bodies, "friction")),
+    slip: per(largest(bodies, "slip"), 1.1),
     rate: per(largest(bodies, "angular_velocity")),
     momentum: per(largest(bodies, "angular_momentum")),
     velocity: per(largest(bodies, "velocity"), 4),
   };
+}
+
+// By how much friction is drawn larger than N, a round number, where it would be too short to be seen beside it.
+function larger(N, f) {
+  if (!(N > 0 && f > 1e-9 * N)) return 1;
+  return [1, 2, 5, 10, 20, 50, 100].find((factor) => factor * f >= ENOUGH * N) ?? 100;
 }
 
 const KINDS = {

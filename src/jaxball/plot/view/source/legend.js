@@ -1,16 +1,45 @@
 // Keys of colours: of the bodies, one of which is followed, of the number that colours them, and of the masses
 // or axes.
 
-import { readable } from "./theme.js";
+import { legible, readable } from "./theme.js";
 
 const AXES = { rigid: ["E₁", "E₂", "E₃"], particle: ["x", "y", "z"] };
 const keyed = []; // what changes with the theme
 
-export function key(colour) {
+// A dot, or a line of a width, or the square of a band.
+export function key(colour, kind = "dot") {
   const dot = document.createElement("i");
-  dot.className = "key";
+  dot.className = `key ${kind}`;
+  dot.setAttribute("aria-hidden", "true");
   keyed.push(() => (dot.style.background = readable(colour)));
   return dot;
+}
+
+// The line of a series as it is drawn in its graph.
+export function sample(colour, dash) {
+  const line = document.createElement("canvas");
+  const [width, height] = [20, 8];
+  line.className = "sample";
+  line.setAttribute("aria-hidden", "true");
+  const paint = () => {
+    line.width = width * devicePixelRatio;
+    line.height = height * devicePixelRatio;
+    const pen = line.getContext("2d");
+    pen.scale(devicePixelRatio, devicePixelRatio);
+    pen.strokeStyle = readable(colour);
+    pen.lineWidth = 2;
+    pen.setLineDash(dash);
+    pen.moveTo(0, height / 2);
+    pen.lineTo(width, height / 2);
+    pen.stroke();
+  };
+  keyed.push(paint);
+  return line;
+}
+
+// A text in a colour.
+export function tint(element, colour) {
+  keyed.push(() => (element.style.color = legible(colour)));
 }
 
 export function repaintKeys() {
@@ -25,10 +54,11 @@ export function partKeys({ bodies, floor, palette }) {
   const names = new Map(bodies.flatMap((body) => body.masses).map((mass) => [mass.name, mass.colour]));
   if (!floor) AXES[bodies[0].body].forEach((name, j) => names.set(name, palette.components[j]));
   const [{ spells = [] }, ...others] = bodies;
-  if (!others.length) for (const [mode] of spells) if (palette.modes[mode]) names.set(mode, palette.modes[mode]);
-  return [...names].map(([name, colour]) => {
+  const modes = others.length ? [] : spells.map(([mode]) => mode).filter((mode) => palette.modes[mode]);
+  const bands = [...new Set(modes)].map((mode) => [mode, palette.modes[mode], "band"]);
+  return [...[...names].map(([name, colour]) => [name, colour, "dot"]), ...bands].map(([name, colour, kind]) => {
     const item = document.createElement("li");
-    item.append(key(colour), name);
+    item.append(key(colour, kind), name);
     return item;
   });
 }

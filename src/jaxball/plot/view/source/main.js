@@ -20,7 +20,7 @@ const wider = matchMedia("(min-width: 900px)"); // and for the settings
 
 const view = readView(element("run").textContent);
 const { times, bodies } = view;
-const stage = new Stage(element("scene"), view);
+const stage = new Stage(element("scene"), view, element("labels"));
 const plots = view.plots.map((plot) => new Plot(view, plot, (t) => player.goTo(t)));
 const player = new Player(times, show, (playing) => element("play").classList.toggle("playing", playing));
 const digits = Math.min(6, Math.max(2, Math.ceil(-Math.log10((times[times.length - 1] - times[0]) / times.length || 1))));
@@ -30,7 +30,7 @@ function show(t) {
   for (const plot of plots) plot.show(t);
   const mode = modeAt(bodies[stage.followed], t);
   element("clock").textContent = `t = ${t.toFixed(digits)}${mode && `, ${mode}`}`;
-  element("slider").value = player.k;
+  element("slider").value = t;
   element("slider").setAttribute("aria-valuetext", `t = ${t.toFixed(digits)}`);
 }
 
@@ -70,14 +70,14 @@ function openWhere(details, query) {
   follow();
 }
 
-function choice(type, text, checked, changed, colour) {
+function choice(type, text, checked, changed, colour, kind) {
   const label = document.createElement("label");
   const input = document.createElement("input");
   Object.assign(input, { type, checked });
   if (type === "radio") input.name = "frame";
   input.addEventListener("change", () => changed(input.checked));
   label.append(input, text);
-  if (colour) label.append(key(colour));
+  if (colour) label.append(key(colour, kind));
   return label;
 }
 
@@ -85,14 +85,14 @@ function writeChoices() {
   for (const [frame, text] of Object.entries(FRAMES[stage.kind])) {
     element("frames").append(choice("radio", text, stage.frame === frame, () => stage.setFrame(frame)));
   }
-  for (const [text, objects, visible, colour] of layersOf(view, stage)) {
+  for (const [text, objects, visible, colour, kind] of layersOf(view, stage)) {
     const set = (checked) => objects.forEach((object) => (object.visible = checked));
     set(visible);
     const changed = (checked) => {
       set(checked);
       stage.render();
     };
-    element("layers").append(choice("checkbox", text, visible, changed, colour));
+    element("layers").append(choice("checkbox", text, visible, changed, colour, kind));
   }
   const settings = element("settings");
   openWhere(settings, wider);
@@ -100,6 +100,24 @@ function writeChoices() {
   settings.addEventListener("toggle", leaveFree);
   leaveFree();
 }
+
+const timeKeys = {
+  " ": () => player.toggle(),
+  ArrowLeft: () => player.step(-1),
+  ArrowRight: () => player.step(1),
+  Home: () => jaxball.goTo(times[0]),
+  End: () => jaxball.goTo(times[times.length - 1]),
+};
+const cameraKeys = {
+  " ": () => player.toggle(),
+  ArrowLeft: () => stage.turn(-1, 0),
+  ArrowRight: () => stage.turn(1, 0),
+  ArrowUp: () => stage.turn(0, 1),
+  ArrowDown: () => stage.turn(0, -1),
+  "+": () => stage.turn(0, 0, 1 / 1.15),
+  "-": () => stage.turn(0, 0, 1.15),
+  Home: () => stage.reset(),
+};
 
 function listen() {
   const click = (id, action) =>
@@ -112,14 +130,15 @@ function listen() {
   click("forward", () => player.step(1));
   click("reset", () => stage.reset());
   const slider = element("slider");
-  slider.max = times.length - 1;
-  slider.addEventListener("input", () => player.goToFrame(Number(slider.value)));
+  Object.assign(slider, { min: times[0], max: times[times.length - 1], step: "any" });
+  slider.addEventListener("input", () => player.goTo(Number(slider.value)));
   for (const speed of SPEEDS) element("speed").append(new Option(`${speed}×`, speed, speed === 1, speed === 1));
   element("speed").addEventListener("change", (event) => (player.speed = Number(event.target.value)));
   element("loop").addEventListener("change", (event) => (player.loop = event.target.checked));
   addEventListener("keydown", (event) => {
     const own = event.target.closest?.("select, summary, input:not([type=range])");
-    const act = { " ": () => player.toggle(), ArrowLeft: () => player.step(-1), ArrowRight: () => player.step(1) }[event.key];
+    const keys = event.target === element("scene") ? cameraKeys : timeKeys;
+    const act = keys[event.key];
     if (own || !act || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
     act();

@@ -2,6 +2,7 @@
 
 import { Group, Mesh, SphereGeometry, Vector3 } from "three";
 import { row } from "./data.js";
+import { place } from "./labels.js";
 import { solid } from "./materials.js";
 import { Arrow, curve, segments } from "./shapes.js";
 import { css, readable } from "./theme.js";
@@ -29,7 +30,12 @@ export class Velocity extends Group {
     this.body = body;
     this.scales = scales;
     this.velocity = new Arrow(6 * body.run.radius, () => readable(palette.momentum));
+    this.palette = palette;
     this.add(this.velocity);
+  }
+
+  get named() {
+    return [[this.velocity, "v", this.palette.momentum]];
   }
 
   show(k) {
@@ -55,9 +61,11 @@ export class Box extends Group {
     }
     this.frame = new Group();
     this.frame.add(segments(edges, () => css("grid"), 1));
-    [corner(1, 0, 0), corner(0, 1, 0), corner(0, 0, 1)].forEach((end, j) =>
-      this.frame.add(segments([...low, ...end], () => readable(palette.components[j]), 2.6)),
-    );
+    this.names = [corner(1, 0, 0), corner(0, 1, 0), corner(0, 0, 1)].map((end, j) => {
+      const colour = () => readable(palette.components[j]);
+      this.frame.add(segments([...low, ...end], colour, 2.6));
+      return [place(this.frame, end), "xyz"[j], colour];
+    });
     this.shadows = new Group();
     for (const { arrays, colour } of bodies) {
       const points = Array.from(arrays.centre.values, (value, i) => (i % 3 === 2 ? low[2] : value));

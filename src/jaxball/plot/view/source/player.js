@@ -2,6 +2,9 @@
 
 import { nearest } from "./data.js";
 
+const CALM = 0.5; // seconds between two frames for viewers who ask for less motion
+const calm = matchMedia("(prefers-reduced-motion: reduce)");
+
 export class Player {
   constructor(times, show, changed) {
     this.times = times;
@@ -60,7 +63,12 @@ export class Player {
   tick(now) {
     if (!this.playing) return;
     // A page that was hidden goes on from where it was.
-    const elapsed = this.before === undefined ? 0 : Math.min((now - this.before) / 1000, 0.25);
+    const passed = this.before === undefined ? 0 : (now - this.before) / 1000;
+    if (calm.matches && this.before !== undefined && passed < CALM) {
+      requestAnimationFrame((next) => this.tick(next));
+      return;
+    }
+    const elapsed = Math.min(passed, calm.matches ? CALM : 0.25);
     this.before = now;
     const [start, end] = [this.times[0], this.times[this.last]];
     let t = this.clock + elapsed * this.speed;

@@ -1,15 +1,22 @@
 // Graphs over time on plain canvases, with a cursor at the time shown. What does not move is drawn once, behind it.
 
 import { modeAt, nearest } from "./data.js";
+import { sample, tint } from "./legend.js";
 import { css, readable } from "./theme.js";
 
-const DASHES = [{ dash: [5, 4], sign: "- -" }, { dash: [1.5, 2.5], sign: "···" }];
+const DASHES = [[5, 4], [1.5, 2.5]];
+const EARLIER = [4, 3]; // of the first of two runs
+const ROUNDING = 1e-12; // of the size of what is drawn: less is 0
+const ROUNDING_OF_SUMS = 2.5e-7; // whose terms are in float32
+const [NEAR, MOSTLY, INTERLEAVED] = [2, 0.8, 9]; // pixels between lines that hide each other, most of the time; dashes
 const BAND = 0.2; // how much of its colour a band has
 const LABELLED = 2; // bodies: the values of more are not written
 const [LEFT, RIGHT, TOP, BOTTOM] = [46, 8, 6, 20];
 
 export class Plot {
-  constructor(view, { title, series, level, levels = [], valued = true }, seek) {
+  constructor(view, { title, series, level, levels = [], valued = true, size = 0, gaps = false }, seek) {
+    this.title = title;
+    this.gaps = gaps; // whether no line crosses from one mode to another
     this.times = view.times;
     this.valued = valued && view.bodies.length <= LABELLED; // whether labels have the values at the time shown
     this.levels = level && view.friction !== null ? [{ name: level, value: view.friction }, ...levels] : levels;
@@ -17,11 +24,19 @@ export class Plot {
     this.colours = view.palette.modes;
     this.series = series.map((one) => {
       const curves = view.bodies.filter((body) => body.arrays[one.array]).map((body) => curveOf(body, one));
-      return { name: one.name, colour: one.colour, curves };
+      return { name: one.name, colour: one.colour, dash: one.dash ?? [], curves };
     });
     this.curves = this.series.flatMap((one) => one.curves);
+    withoutRounding(this.curves, size);
     this.canvas = document.createElement("canvas");
-    this.canvas.setAttribute("aria-label", `${title} over time; click or drag to go to a time`);
+    const [start, end] = [this.times[0], this.times[this.times.length - 1]];
+    for (const [name, value] of Object.entries({
+      role: "slider",
+      tabindex: 0,
+      "aria-label": `${title} over time; click, drag or press the arrow keys to go to a time`,
+      "aria-valuemin": start,
+      "aria-valuemax": end,
+    })) this.canvas.setAttribute(name, value);
     this.still = document.createElement("canvas");
     this.figure = document.createElement("figure");
     this.figure.className = "plot";
@@ -31,11 +46,18 @@ export class Plot {
     caption.append(heading);
     for (const one of this.series) {
       one.label = document.createElement("span");
+      one.text = document.createTextNode("");
+      const colour = one.colour ?? (one.curves.length === 1 ? one.curves[0].colour : null);
+      if (colour) {
+        one.label.append(sample(colour, one.dash));
+        tint(one.label, colour);
+      }
+      one.label.append(one.text);
       caption.append(one.label);
     }
     this.levels.forEach(({ name, value }, j) => {
       const label = document.createElement("span");
-      label.textContent = `${DASHES[j % DASHES.length].sign} ${name} = ${value}`;
+      label.append(sample("ink", DASHES[j % DASHES.length]), `${name} = ${value}`);
       caption.append(label);
     });
     caption.classList.toggle("pair", view.bodies.length === 2); // which has room for values of any length
@@ -102,8 +124,9 @@ export class Plot {
     pen.scale(devicePixelRatio, devicePixelRatio);
     this.drawModes(pen);
     this.drawAxes(pen);
-    this.levels.forEach((level, j) => this.drawLevel(pen, level.value, DASHES[j % DASHES.length].dash));
-    for (const curve of this.curves) this.drawCurve(pen, curve);
+    this.levels.forEach((level, j) => this.drawLevel(pen, level.value, DASHES[j % DASHES.length]));
+    const shared = this.shared();
+    for (const curve of this.curves) this.drawCurve(pen, curve, shared.get(curve));
     if (this.shown !== undefined) this.show(this.shown);
   }
 
@@ -147,33 +170,74 @@ export class Plot {
     pen.setLineDash([]);
   }
 
-  drawCurve(pen, { times, at, colour, dashed }) {
+  // Which lines lie on one another, and the places of each among these: they have dashes in the gaps of the others.
+  shared() {
+    const found = new Map();
+    const height = (curve, k) => this.y(curve.at(k));
+    const near = (a, b) => {
+      if (a.times !== b.times) return false;
+      let [close, known] = [0, 0];
+      for (let k = 0; k < a.times.length; k++) {
+        const apart = Math.abs(height(a, k) - height(b, k));
+        if (!Number.isFinite(apart)) continue;
+        known++;
+        if (apart < NEAR) close++;
+      }
+      return known > 0 && close >= MOSTLY * known;
+    };
+    const left = this.curves.filter((curve) => !curve.earlier);
+    while (left.length) {
+      const group = left.filter((curve) => near(left[0], curve));
+      group.forEach((curve) => left.splice(left.indexOf(curve), 1));
+      const solid = group.filter((curve) => !curve.dash.length).length;
+      if (group.length < 2 || (group.length === 2 && solid === 1)) continue;
+      group.forEach((curve, k) => found.set(curve, [k, group.length]));
+    }
+    return found;
+  }
+
+  drawCurve(pen, { times, at, colour, dash, earlier }, shared) {
     pen.lineWidth = 1.6;
     pen.strokeStyle = readable(colour);
     pen.lineJoin = "round";
-    if (dashed) pen.setLineDash([4, 3]);
-    pen.globalAlpha = dashed ? 0.75 : 1;
+    if (shared) {
+      const [k, n] = shared;
+      if (k) {
+        pen.setLineDash([INTERLEAVED, (n - 1) * INTERLEAVED]);
+        pen.lineDashOffset = k * INTERLEAVED;
+      }
+    } else pen.setLineDash(earlier ? EARLIER : dash);
+    pen.globalAlpha = earlier ? 0.75 : 1;
     pen.beginPath();
     let drawing = false;
     for (let k = 0; k < times.length; k++) {
       const value = at(k);
       const known = Number.isFinite(value);
+      if (this.gaps && k && times[k] === times[k - 1] && this.changes(times[k])) drawing = false;
       if (known) pen[drawing ? "lineTo" : "moveTo"](this.x(times[k]), this.y(value));
       drawing = known;
     }
     pen.stroke();
     pen.setLineDash([]);
+    pen.lineDashOffset = 0;
     pen.globalAlpha = 1;
+  }
+
+  // Whether one mode follows another at a time.
+  changes(t) {
+    return (this.modes.spells ?? []).some(([, start]) => start === t);
   }
 
   // Each curve at its own time that is nearest to t.
   show(t) {
     this.shown = t;
-    for (const { name, colour, curves, label } of this.series) {
+    for (const { name, curves, text } of this.series) {
       const values = curves.map(({ times, at }) => written(at(nearest(times, t))));
-      label.style.color = colour ? readable(colour) : css("soft");
-      label.textContent = this.valued ? `${name} ${values.join(" | ")}` : name;
+      text.data = this.valued ? `${name} ${values.join(" | ")}` : name;
     }
+    this.canvas.setAttribute("aria-valuenow", t);
+    const told = this.valued ? this.series.map(({ text }) => text.data).join(", ") : "";
+    this.canvas.setAttribute("aria-valuetext", `t = ${short(t)}${told && `: ${told}`}`);
     if (!this.width) return;
     const pen = this.canvas.getContext("2d");
     pen.setTransform(1, 0, 0, 1, 0, 0);
@@ -196,7 +260,7 @@ export class Plot {
 }
 
 // A series of one body: the sum of some columns of its array or their norm, which may be over another array.
-function curveOf(body, { array, columns, norm, over, colour, dashed }) {
+function curveOf(body, { array, columns, norm, over, colour, dash = [] }) {
   const { values, width } = body.arrays[array];
   const divisor = over && body.arrays[over].values;
   const of = (k) => {
@@ -206,7 +270,21 @@ function curveOf(body, { array, columns, norm, over, colour, dashed }) {
   // No friction is enough where nothing presses, and in flight none is needed.
   const flies = (k) => modeAt(body, body.times[k]) === "flight";
   const ratio = (k) => (divisor[k] > 0 ? of(k) / divisor[k] : flies(k) ? NaN : Infinity);
-  return { times: body.times, colour: colour ?? body.colour, dashed: dashed || body.dashed, at: divisor ? ratio : of };
+  const sums = columns.length > 1 && !norm;
+  const at = divisor ? ratio : of;
+  return { times: body.times, colour: colour ?? body.colour, dash, earlier: body.dashed, sums, at };
+}
+
+// What is rounding beside the size of such a quantity, or beside the largest that is drawn, is 0.
+function withoutRounding(curves, size) {
+  let most = size;
+  for (const { times, at } of curves) {
+    for (let k = 0; k < times.length; k++) if (Number.isFinite(at(k))) most = Math.max(most, Math.abs(at(k)));
+  }
+  for (const curve of curves) {
+    const [at, least] = [curve.at, most * (curve.sums ? ROUNDING_OF_SUMS : ROUNDING)];
+    curve.at = (k) => (Math.abs(at(k)) <= least ? 0 : at(k));
+  }
 }
 
 function stroke(pen, colour, points) {
@@ -226,5 +304,5 @@ function ticks(low, high, count) {
   return found;
 }
 
-const written = (value) => (Number.isNaN(value) ? "–" : value.toPrecision(3).replace("-", "−"));
+const written = (value) => (Number.isNaN(value) ? "–" : value === 0 ? "0" : value.toPrecision(3).replace("-", "−"));
 const short = (value) => String(Number(value.toPrecision(6))).replace("-", "−");

@@ -3,7 +3,7 @@
 import { BackSide, FrontSide, Group, Mesh, OctahedronGeometry, SphereGeometry, Vector3 } from "three";
 import { row } from "./data.js";
 import { glass, solid } from "./materials.js";
-import { Arrow, circle, Rod, segments } from "./shapes.js";
+import { Arrow, bodyAxes, circle, Rod, segments } from "./shapes.js";
 import { css, readable } from "./theme.js";
 
 export class RigidBody extends Group {
@@ -14,12 +14,7 @@ export class RigidBody extends Group {
     const r = run.radius;
     const shell = () => (run.colour ? readable(run.colour) : css("shell"));
     this.add(ellipsoid(run.ellipsoid, shell, components));
-    this.axes = new Group();
-    for (let j = 0; j < 3; j++) {
-      const end = [0, 0, 0];
-      end[j] = 1.25 * r;
-      this.axes.add(segments([0, 0, 0, ...end], () => readable(components[j]), 2.2));
-    }
+    this.axes = bodyAxes(r, components.map((colour) => () => readable(colour)), "E");
     const ink = solid(() => css("ink"));
     this.fixedPoint = new Mesh(new SphereGeometry(0.035 * r, 24, 16), ink);
     this.add(this.axes, this.fixedPoint);
@@ -77,7 +72,13 @@ export class Vectors extends Group {
     this.spin = arrow("angular_velocity", palette.spin);
     this.momentum = arrow("angular_momentum", palette.momentum);
     this.xi = arrow("xi", palette.xi);
+    this.palette = palette;
     this.add(...[this.spin, this.momentum, this.xi].filter(Boolean));
+  }
+
+  get named() {
+    const { spin, momentum, xi } = this.palette;
+    return [[this.spin, "ω", spin], [this.momentum, "𝕀Ω", momentum], [this.xi, "ξ", xi]].filter(([arrow]) => arrow);
   }
 
   show(k) {

@@ -1,6 +1,6 @@
 // What the scene is made of: lines of some pixels' width, rods and arrows.
 
-import { ConeGeometry, CylinderGeometry, Group, Matrix4, Mesh, Quaternion, Vector3 } from "three";
+import { ConeGeometry, CylinderGeometry, Group, Matrix4, Mesh, Object3D, Quaternion, Vector3 } from "three";
 import { LineMaterial } from "three/addons/lines/LineMaterial.js";
 import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
@@ -57,8 +57,9 @@ export class Arrow extends Group {
     const material = solid(colour);
     this.shaft = new Mesh(new CylinderGeometry(0.018 * r, 0.018 * r, 1, 12), material);
     this.head = new Mesh(new ConeGeometry(0.055 * r, 0.16 * r, 20), material);
+    this.tip = new Object3D(); // beside which its name is
     this.inner = new Group();
-    this.inner.add(this.shaft, this.head);
+    this.inner.add(this.shaft, this.head, this.tip);
     this.add(this.inner);
   }
 
@@ -69,11 +70,33 @@ export class Arrow extends Group {
     const head = Math.min(0.16 * this.r, 0.6 * length);
     this.head.scale.setScalar(head / (0.16 * this.r));
     this.head.position.y = length - head / 2;
+    this.tip.position.y = length + 0.07 * this.r;
     this.shaft.scale.y = length - head;
     this.shaft.position.y = (length - head) / 2;
     this.position.copy(from);
     this.quaternion.setFromUnitVectors(up, vector.clone().divideScalar(length));
   }
+}
+
+const SUBSCRIPTS = "₁₂₃";
+
+// Three axes from a point with their ends' names: those of a body are dashed, those of space are not.
+export function axesFrom(foot, ends, colours, letter, width, options = {}) {
+  const found = new Group();
+  found.names = ends.map((end, j) => {
+    found.add(segments([...foot, ...end], colours[j], width, options));
+    const tip = new Object3D();
+    tip.position.fromArray(end.map((value, i) => value + 0.08 * (value - foot[i])));
+    found.add(tip);
+    return [tip, letter + SUBSCRIPTS[j], colours[j]];
+  });
+  return found;
+}
+
+export function bodyAxes(r, colours, letter) {
+  const ends = [0, 1, 2].map((j) => [0, 1, 2].map((i) => (i === j ? 1.25 * r : 0)));
+  const dashed = { dashed: true, dashSize: 0.09 * r, gapSize: 0.05 * r };
+  return axesFrom([0, 0, 0], ends, colours, letter, 2.4, dashed);
 }
 
 export function matrixOf(rows) {

@@ -5,17 +5,21 @@ import { Group, PerspectiveCamera, Scene, Vector3, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { nearest, row } from "./data.js";
 import { partsOf } from "./kinds.js";
+import { Labels } from "./labels.js";
 import { repaint } from "./materials.js";
-import { segments } from "./shapes.js";
-import { css, readable } from "./theme.js";
+import { axesFrom } from "./shapes.js";
+import { css } from "./theme.js";
 
 const FIELD = 28; // degrees, of view
 const AROUND = 1.5; // radii, of what is in view around the bodies
+const MOST_NAMES = 12; // masses: of more, names would hide each other
+const STEP = Math.PI / 24; // by which a key turns the camera
 const NEAR = 5; // radii: paths no wider are seen as a whole at first
 
 export class Stage {
-  constructor(canvas, view) {
+  constructor(canvas, view, layer) {
     this.view = view;
+    this.labels = new Labels(layer);
     this.canvas = canvas;
     this.radius = Math.max(...view.bodies.map((body) => body.radius));
     const { kind, shapes, arrows, traces, herpolhodes, ground, box } = partsOf(view);
@@ -31,6 +35,7 @@ export class Stage {
     this.camera = new PerspectiveCamera(FIELD, 1, 0.01, 1e4);
     this.camera.up.set(0, 0, 1);
     this.bounds = this.boundsOf();
+    this.writeNames();
     const { clientWidth, clientHeight } = canvas.parentElement;
     const seen = NEAR * this.radius * Math.min(1, clientWidth / clientHeight || 1);
     const whole = kind !== "rolls" || this.bodies.length > 1 || this.bounds.radius <= seen;
@@ -43,7 +48,41 @@ export class Stage {
     }
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", () => this.render());
+    this.controls.addEventListener("start", () => (this.moved = true)); // by the viewer, whose camera is left alone
     new ResizeObserver(() => this.resize()).observe(canvas.parentElement);
+  }
+
+  writeNames() {
+    const names = [...(this.spaceAxes?.names ?? []), ...(this.box?.names ?? [])];
+    for (const body of this.bodies) names.push(...(body.axes?.names ?? []));
+    for (const arrows of this.arrows) {
+      names.push(...arrows.named.map(([arrow, text, colour]) => [arrow.tip, text, () => colour]));
+    }
+    const masses = this.bodies.length > 1 ? [] : this.bodies[0].run.masses;
+    if (masses.length <= MOST_NAMES) {
+      const first = (name) => masses.findIndex((mass) => mass.name === name);
+      masses.forEach(({ name, colour }, i) => {
+        if (first(name) === i) names.push([this.bodies[0].masses[i], name, () => colour]);
+      });
+    }
+    for (const name of names) this.labels.add(...name);
+  }
+
+  // Turns the camera about what it looks at, or comes nearer.
+  turn(across, upwards, nearer = 1) {
+    if (!this.renderer) return;
+    this.moved = true;
+    const { camera, controls } = this;
+    const from = camera.position.clone().sub(controls.target);
+    const length = from.length() * nearer;
+    const elevation = Math.asin(from.z / from.length()) + upwards * STEP;
+    const azimuth = Math.atan2(from.y, from.x) + across * STEP;
+    const limit = Math.PI / 2 - 0.01;
+    const e = Math.min(Math.max(elevation, -limit), limit);
+    from.set(Math.cos(e) * Math.cos(azimuth), Math.cos(e) * Math.sin(azimuth), Math.sin(e)).multiplyScalar(length);
+    camera.position.copy(controls.target).add(from);
+    controls.update();
+    this.render();
   }
 
   get leader() {
@@ -73,6 +112,7 @@ export class Stage {
     this.camera.near = distance / 500;
     this.camera.far = distance * 50 + 10 * this.bounds.radius;
     this.camera.updateProjectionMatrix();
+    this.moved = false;
     this.controls.target.set(0, 0, 0);
     this.camera.position.copy(towards.multiplyScalar(distance));
     this.controls.update();
@@ -124,14 +164,15 @@ export class Stage {
     const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
     this.margin = margin;
     if (!this.renderer || !width || !height) return;
-    const first = !this.sized;
     this.sized = true;
+    this.size = { width, height };
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.renderer.setSize(width, height, false);
     this.camera.aspect = (width - margin) / height;
     this.camera.setViewOffset(width - margin, height, 0, 0, width, height);
-    if (first) this.reset();
-    else this.render();
+    // A frame may have its width only later, and what was in view then would be beneath the settings.
+    if (this.moved) this.render();
+    else this.reset();
   }
 
   // Each body at its own time that is nearest to t.
@@ -155,26 +196,30 @@ export class Stage {
 
   repaint() {
     repaint();
+    this.labels.repaint();
     this.render();
   }
 
   render() {
-    if (this.sized) this.renderer.render(this.scene, this.camera);
+    if (!this.sized) return;
+    this.renderer.render(this.scene, this.camera);
+    this.labels.place(this.camera, this.size.width, this.size.height);
   }
 }
 
-// Those of space, at the origin on the plane, in the colours of their graphs; where bodies turn about points of their own,
-// at each, in grey beside those of the body. A box has its own.
-function axesOf({ axes, floor, bodies, palette }) {
+// Those of space, at the origin on the plane; where bodies turn about points of their own, at each. A box has its own.
+function axesOf({ axes, floor, bodies }) {
   if (bodies[0].body === "particle") return null;
-  const found = new Group();
+  const whole = new Group();
+  whole.names = [];
+  const colours = [0, 1, 2].map(() => () => css(floor ? "ink" : "soft"));
   for (const { radius: r, arrays } of floor ? bodies.slice(0, 1) : bodies) {
     const [length, width] = floor ? [0.8 * r, 2.6] : [1.35 * r, 1.2];
     const foot = floor ? axes.map((line) => line[2] * (floor.height + 0.01 * r)) : Array.from(row(arrays.centre, 0));
-    for (let j = 0; j < 3; j++) {
-      const end = foot.map((value, i) => value + length * axes[i][j]);
-      found.add(segments([...foot, ...end], () => (floor ? readable(palette.components[j]) : css("soft")), width));
-    }
+    const ends = [0, 1, 2].map((j) => foot.map((value, i) => value + length * axes[i][j]));
+    const found = axesFrom(foot, ends, colours, "e", width);
+    whole.add(found);
+    whole.names.push(...found.names);
   }
-  return found;
+  return whole;
 }
