@@ -16,6 +16,7 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "extensions.commands",
+    "extensions.fonts",
     "extensions.gallery",
     "extensions.interface",
     "extensions.links",
@@ -42,4 +43,10 @@ html_css_files = ["site.css"]
 html_extra_path = ["made/site"]
 html_copy_source = False
 html_show_search_summary = False  # which fetches pages, and cannot where they are opened as files
-html_theme_options = {"source_repository": "", "navigation_with_keys": True}
+SANS_SERIF = '-apple-system, BlinkMacSystemFont, "Segoe UI", Helvetica, Arial, sans-serif'
+MONOSPACE = '"SFMono-Regular", Menlo, Consolas, Monaco, "Liberation Mono", "Lucida Console", monospace'
+html_theme_options = {
+    "source_repository": "",
+    "navigation_with_keys": True,
+    "light_css_variables": {"font-stack": f"signs, {SANS_SERIF}", "font-stack--monospace": f"signs, {MONOSPACE}"},
+}

@@ -14,6 +14,8 @@ from tests.support.pages import elements
 
 ROOT = Path(__file__).parents[2]
 SITE = ROOT / "site"
+# From a phone's to a large screen's, and those at which the theme moves its columns.
+WIDTHS = (360, 414, 600, 736, 768, 900, 1024, 1180, 1320, 1366, 1430, 1500, 1556, 1700, 1920)
 # What a page loads by itself. An `a` is followed by the reader.
 LOADED = {"script": "src", "img": "src", "iframe": "src", "link": "href", "source": "src"}
 
@@ -71,6 +73,61 @@ def test_the_first_page_opens_as_a_file_and_its_view_plays(browser):
     assert browser.execute_script("return jaxball.time()") == pytest.approx(5.0, abs=1e-6)
     browser.switch_to.default_content()
     assert [message for message in browser.get_log("browser") if message["level"] == "SEVERE"] == []
+
+
+def resized(browser, width, height=900):
+    """The inner size of the window, which on a screen cannot be made as narrow as that of a phone."""
+    browser.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride",
+        {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False},
+    )
+
+
+@pytest.fixture
+def sized(browser):
+    """A browser whose size is its own again afterwards."""
+    yield browser
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    browser.execute_cdp_cmd("Network.setBlockedURLs", {"urls": []})
+
+
+@needs_chromium
+def test_no_page_scrolls_sideways_at_any_width(sized):
+    """Neither the window nor the column of text, in which a theme may hide what is too wide; views have their own test."""
+    sized.execute_cdp_cmd("Network.enable", {})
+    sized.execute_cdp_cmd("Network.setBlockedURLs", {"urls": ["*/shown/*.html"]})
+    wide = []
+    for page in pages():
+        sized.get(page.as_uri())
+        for width in WIDTHS:
+            resized(sized, width)
+            for element in ("document.documentElement", "document.querySelector('.content')"):
+                over = sized.execute_script(f"const e = {element}; return e ? e.scrollWidth - e.clientWidth : 0")
+                if over > 0:
+                    wide.append(f"{page.relative_to(SITE)} at {width}: {element} is {over} too wide")
+    assert wide == []
+
+
+@needs_chromium
+@pytest.mark.parametrize("width", [360, 768, 1366, 1920])
+def test_a_view_is_whole_in_its_frame(sized, width):
+    """All of it on a screen; on a phone, where graphs stand one below the other, what is moved and what moves it."""
+    sized.get((SITE / "start.html").as_uri())
+    resized(sized, width)
+    frame = sized.find_element(By.CSS_SELECTOR, "iframe.view")
+    sized.execute_script("arguments[0].scrollIntoView()", frame)
+    sized.switch_to.frame(frame)
+    WebDriverWait(sized, 30).until(lambda page: page.execute_script("return Boolean(window.jaxball)"))
+    across, down, lowest = sized.execute_script(
+        "const page = document.documentElement;"
+        "const controls = document.querySelector('input[type=range]').getBoundingClientRect();"
+        "return [page.scrollWidth - page.clientWidth, page.scrollHeight - page.clientHeight,"
+        " controls.bottom - page.clientHeight]"
+    )
+    assert across <= 0
+    assert lowest <= 0
+    if width > 1000:
+        assert down <= 0
 
 
 @needs_chromium
