@@ -47,9 +47,9 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
         loop = independent(operation, [_known(array) for array in operands], function.compiler.functions)
         if loop is not None:
             return _in_lanes(function, operation, operands, loop)
-        turns = _few_turns(function, operation, operands)
-        if turns is not None:
-            return _written_out(function, operation, operands, turns)
+    turns = _few_turns(function, operation, operands)
+    if turns is not None:
+        return _written_out(function, operation, operands, turns)
     b, storage = function.builder, function.storage
     condition, body = operation.regions
     apart, varying = False, [False] * len(operands)
