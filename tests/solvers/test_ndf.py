@@ -59,13 +59,14 @@ def program(name, make):
 @pytest.fixture
 def factorisations(monkeypatch):
     """An entry for each time that matrices were factorised."""
-    count, inverses = [], newton.inverses
+    count = []
 
-    def counted(matrices):
+    def counted(inverses, *matrices):
         jax.debug.callback(lambda: count.append(1))
-        return inverses(matrices)
+        return inverses(*matrices)
 
-    monkeypatch.setattr(newton, "inverses", counted)
+    for name in ("inverses", "complex_inverses"):
+        monkeypatch.setattr(newton, name, functools.partial(counted, getattr(newton, name)))
     return count
 
 

@@ -54,6 +54,7 @@ class Builder:
         self._count = 0
         self._scopes = Scopes()
         self._ranges: dict[Name, tuple[int, int]] = {}  # of integers, the least and the greatest that they can be
+        self._loaded: set[Name] = set()
         self._vectors: dict[Name, tuple[np.dtype, int]] = {}  # type and width of those whose lanes have names
 
     def function(self, head: str) -> str:
@@ -68,13 +69,18 @@ class Builder:
         read: dict[Name, list[str]] = {}
         for vector, lane in sorted(set(_LANE.findall(text)), key=lambda pair: int(pair[1])):
             read.setdefault(vector, []).append(lane)
-        lines = []
+        lines, waiting = [], []  # behind the last phi of a block
         for line in text.split("\n"):
+            vector, _, instruction = line.partition(" = ")
+            is_phi = instruction.startswith("phi ")
+            if not is_phi:
+                lines += waiting
+                waiting = []
             lines.append(line)
-            vector = line.partition(" = ")[0]
             for lane in read.get(vector, ()) if vector in self._vectors else ():
                 kind = vector_type(*self._vectors[vector])
-                lines.append(f"{vector}.{lane} = extractelement {kind} {vector}, i64 {lane}")
+                taken = f"{vector}.{lane} = extractelement {kind} {vector}, i64 {lane}"
+                (waiting if is_phi else lines).append(taken)
         return lines
 
     @property
@@ -98,6 +104,16 @@ class Builder:
         name = self.fresh(wide)
         self.write(f"{name} = {instruction}")
         return name
+
+    def loaded(self, kind: str, address: Name, wide: int = 0) -> Name:
+        """A number, or a vector, in memory."""
+        name = self.effect(f"load {kind}, ptr {address}", wide)
+        self._loaded.add(name)
+        return name
+
+    def is_loaded(self, element: Element) -> bool:
+        """Whether a number was read from memory and nothing was computed of it yet."""
+        return element in self._loaded
 
     def pure(self, instruction: str, wide: int = 0) -> Name:
         """An instruction that only computes, and cannot fail. ``wide``: its lanes, of a vector."""
@@ -174,7 +190,9 @@ class Builder:
         """A vector of lanes of one vector, or of two, of which those of the second are numbered from its width on."""
         kind, places = vector_type(dtype, x.width), ", ".join(f"i32 {lane}" for lane in lanes)
         other = f"{kind} {'poison' if y is None else y}"
-        return Lanes(self.pure(f"shufflevector {kind} {x}, {other}, <{places}>", len(lanes)), len(lanes))
+        return Lanes(
+            self.pure(f"shufflevector {kind} {x}, {other}, <{len(lanes)} x i32> <{places}>", len(lanes)), len(lanes)
+        )
 
     def gathered(self, dtype: np.dtype, numbers: Sequence[Element], width: int = LANES) -> Lanes:
         """A vector of the numbers of the lanes."""

@@ -15,6 +15,7 @@ Index: TypeAlias = int | Name
 
 
 LANES = 8
+FEWEST_ALWAYS = 5  # elements of a first axis that are computed in vectors whatever it costs to make these
 
 
 class Lanes(str):

@@ -16,6 +16,7 @@ import numpy as np
 
 from .builder import BOOL, INDEX, Builder
 from .elements import (
+    FEWEST_ALWAYS,
     LANES,
     Element,
     Index,
@@ -31,7 +32,7 @@ from .elements import (
 )
 
 MOST_REGISTERS = 72  # numbers of an array
-MOST_VECTORS = 72  # of an array whose first axis is in vectors
+MOST_VECTORS = 100  # of an array whose first axis is in vectors
 _DEEPEST = 40  # formulas in formulas
 
 
@@ -190,7 +191,7 @@ def size_of(shape: Sequence[int]) -> int:
 def is_small(shape: Sequence[int]) -> bool:
     """Whether an array of that shape is kept in registers."""
     size = size_of(shape)
-    return size <= MOST_REGISTERS or (shape[0] == LANES and size <= LANES * MOST_VECTORS)
+    return size <= MOST_REGISTERS or (FEWEST_ALWAYS <= shape[0] <= LANES and size <= shape[0] * MOST_VECTORS)
 
 
 def linear(builder: Builder, shape: Sequence[int], index: Sequence[Index]) -> Index:
@@ -228,7 +229,7 @@ def load(builder: Builder, dtype: np.dtype, parts: Sequence[Name], wide: bool = 
     if dtype.kind == "c":
         return Pair(*(load(builder, part_of(dtype), [part], wide) for part in parts))
     kind = np.dtype(np.uint8) if dtype.kind == "b" else dtype
-    number = builder.effect(f"load {vector_type(kind) if wide else llvm_type(kind)}, ptr {parts[0]}", wide)
+    number = builder.loaded(vector_type(kind) if wide else llvm_type(kind), parts[0], wide)
     return builder.apply("icmp ne", kind, number, kind.type(0)) if dtype.kind == "b" else number
 
 

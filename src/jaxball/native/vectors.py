@@ -10,9 +10,11 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from .builder import Builder
-from .elements import LANES, Element, Lanes, Pair, is_known, llvm_type, written
+from .elements import FEWEST_ALWAYS, LANES, Element, Lanes, Pair, is_known, llvm_type, written
 
-WIDTHS = {3: 4, 4: 4, LANES: LANES}  # lanes of the vectors for so many elements
+# Lanes of the vectors for so many elements.
+WIDTHS = {3: 4, 4: 4, **dict.fromkeys(range(FEWEST_ALWAYS, LANES + 1), LANES)}
+MOST_TO_PACK = 3  # instructions that make vectors of less, for one operation on them
 
 
 def side_by_side(
@@ -35,7 +37,7 @@ def side_by_side(
         return None
     if all(is_known(element) for column in columns for element in column) or all(map(_is_uniform, columns)):
         return None
-    if count < LANES and sum(_cost(builder, column) for column in columns) > 1:
+    if count < FEWEST_ALWAYS and sum(_cost(builder, column) for column in columns) > MOST_TO_PACK:
         return None
     operands = [packed(builder, dtype, column) for dtype, column in zip(dtypes, columns, strict=True)]
     found = compute(*operands)
@@ -60,6 +62,24 @@ def packed(builder: Builder, dtype: np.dtype, numbers: Sequence[Element]) -> Ele
         lanes += lanes[-1:] * (width - len(lanes))
         return builder.shuffled(dtype, vectors[0], vectors[1] if len(vectors) > 1 else None, lanes)
     return builder.gathered(dtype, numbers, width)
+
+
+def are_handed_on(shape: Sequence[int], dtype: np.dtype) -> bool:
+    """Whether loops and branches hand the numbers of such an array on in vectors."""
+    return len(shape) > 1 and FEWEST_ALWAYS <= shape[0] <= LANES and dtype.kind != "c"
+
+
+def in_vectors(builder: Builder, dtype: np.dtype, shape: Sequence[int], numbers: Sequence[Element]) -> list[Element]:
+    """The numbers of an array, row by row, as vectors along its first axis."""
+    places = len(numbers) // shape[0]
+    vectors = [packed(builder, dtype, numbers[place::places]) for place in range(places)]
+    return [builder.spread(dtype, vector, LANES) for vector in vectors]
+
+
+def one_by_one(builder: Builder, dtype: np.dtype, shape: Sequence[int], vectors: Sequence[Element]) -> list[Element]:
+    """The numbers of an array, row by row, of vectors along its first axis."""
+    lanes = [builder.lanes_of(dtype, vector, shape[0]) for vector in vectors]
+    return [lane for row in zip(*lanes, strict=True) for lane in row]
 
 
 def _is_uniform(numbers: Sequence[Element]) -> bool:
@@ -87,6 +107,8 @@ def _cost(builder: Builder, numbers: Sequence[Element]) -> int:
     if all(map(builder.is_same_in_every_turn, numbers)):
         return 0
     if _is_uniform(numbers):
+        return 1
+    if all(map(builder.is_loaded, numbers)):
         return 1
     vectors, lanes = _sources(builder, numbers)
     if not vectors:

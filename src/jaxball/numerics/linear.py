@@ -1,8 +1,10 @@
 """Linear systems of a few unknowns, several at once, within a loop."""
 
+from typing import TypeAlias
+
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Inexact
+from jaxtyping import Array, Bool, Float, Inexact, Int
 
 # Above this size a library's factorisation is faster than ours; below, the call of it costs more than the work.
 LARGEST_SMALL = 32
@@ -13,38 +15,90 @@ def product(A: Inexact[Array, "m n"], B: Inexact[Array, "n k"]) -> Inexact[Array
     return jnp.sum(A[:, :, None] * B[None], axis=1)
 
 
-def solutions(inverses: Inexact[Array, "#k n n"], b: Inexact[Array, "k n"]) -> Inexact[Array, "k n"]:
+def solutions(inverses: Float[Array, "#k n n"], b: Float[Array, "k n"]) -> Float[Array, "k n"]:
     """The solutions of k systems by their inverses, or one that they share, each with its own right-hand side."""
     return jnp.sum(inverses * b[:, None, :], axis=2)
 
 
-def inverses(matrices: Inexact[Array, "k n n"]) -> Inexact[Array, "k n n"]:
-    """The inverses of matrices; that of a singular one has entries that are not finite.
-
-    By Gauss and Jordan with partial pivoting, in place and without a call of a library where the matrices are small.
-    Rows are not exchanged: the row of each column's pivot is remembered, and rows and columns are put in
-    order at the end.
-    """
-    k, n, _ = matrices.shape
-    if n > LARGEST_SMALL:
+def inverses(matrices: Float[Array, "k n n"]) -> Float[Array, "k n n"]:
+    """The inverses of matrices; that of a singular one has entries that are not finite."""
+    if matrices.shape[1] > LARGEST_SMALL:
         return jnp.linalg.inv(matrices)
+    return _eliminated((matrices,))[0]
+
+
+def complex_inverses(
+    real: Float[Array, "k n n"], imaginary: Float[Array, "k n n"]
+) -> tuple[Float[Array, "k n n"], Float[Array, "k n n"]]:
+    """The same of complex matrices, by their real and imaginary parts."""
+    if real.shape[1] > LARGEST_SMALL:
+        inverse = jnp.linalg.inv(real + 1j * imaginary)
+        return inverse.real, inverse.imag
+    inverse = _eliminated((real, imaginary))
+    return inverse[0], inverse[1]
+
+
+# The real part of a number, and the imaginary one if it is complex.
+_Parts: TypeAlias = tuple[Array, ...]
+
+
+def _eliminated(matrices: _Parts) -> _Parts:
+    """The inverses by Gauss and Jordan with partial pivoting, in place and without a call of a library.
+
+    Each turn eliminates the first column by the first row, after an exchange of rows, and moves both to the end, so
+    that every index is known while compiling.
+    """
+    k, n, _ = matrices[0].shape
     index = jnp.arange(n)
 
-    def eliminate(j, carry):
-        B, used, pivots = carry
-        column = jax.lax.dynamic_index_in_dim(B, j, axis=2, keepdims=False)
-        size = (column * column.conj()).real
-        pivot = jnp.argmax(jnp.where(used, -1.0, size), axis=1)
-        is_pivot, here = pivot[:, None] == index[None], (index == j)[None]
-        row = jnp.take_along_axis(B, pivot[:, None, None], axis=1)[:, 0]
-        row = jnp.where(here, 1.0, row) / jnp.take_along_axis(row, jnp.full((k, 1), j), axis=1)
-        others = jnp.where(here[:, None], 0.0, B) - column[:, :, None] * row[:, None, :]
-        B = jnp.where(is_pivot[:, :, None], row[:, None, :], others)
-        return B, used | is_pivot, jax.lax.dynamic_update_index_in_dim(pivots, pivot, j, axis=1)
+    def eliminate(turn, carry):
+        B, rows = carry
+        size = sum(part[:, :, 0] * part[:, :, 0] for part in B)
+        pivot = jnp.argmax(jnp.where(index < n - turn, size, -1.0), axis=1)
+        here = pivot[:, None] == index[None]
+        chosen, rest = zip(*(_exchanged(part, here) for part in B), strict=True)
+        first = _reciprocal(tuple(part[:, :1] for part in chosen))
+        row = _product(tuple(part[:, 1:] for part in chosen), first)
+        row = tuple(jnp.concatenate([part, last], axis=1) for part, last in zip(row, first, strict=True))
+        change = _product(tuple(part[:, :, :1] for part in rest), tuple(part[:, None] for part in row))
+        others = (jnp.pad(part[:, :, 1:], ((0, 0), (0, 0), (0, 1))) for part in rest)
+        B = tuple(
+            jnp.concatenate([part - less, last[:, None]], axis=1)
+            for part, less, last in zip(others, change, row, strict=True)
+        )
+        number, others = _exchanged(rows[:, :, None], here)
+        return B, jnp.concatenate([others[:, :, 0], number], axis=1)
 
-    start = (matrices, jnp.zeros((k, n), bool), jnp.zeros((k, n), index.dtype))
-    B, _, pivots = jax.lax.fori_loop(0, n, eliminate, start)
-    B = jnp.take_along_axis(B, pivots[:, :, None], axis=1)
-    # The column that belongs to row i is the one whose pivot was in row i.
-    columns = jnp.sum(jnp.where(pivots[:, :, None] == index[None, None], index[None, :, None], 0), axis=1)
-    return jnp.take_along_axis(B, columns[:, None, :], axis=2)
+    start = jnp.broadcast_to(index, (k, n))
+    B, rows = jax.lax.fori_loop(0, n, eliminate, (matrices, start))
+    # Column j belongs to the row from which the pivot of turn j came.
+    return tuple(_with_columns(part, rows) for part in B)
+
+
+def _exchanged(B: Array, here: Bool[Array, "k n"]) -> tuple[Array, Array]:
+    """The row that is ``here``, and all others below the first, which takes its place."""
+    chosen = jnp.sum(jnp.where(here[:, :, None], B, 0), axis=1)
+    return chosen, jnp.where(here[:, 1:, None], B[:, :1], B[:, 1:])
+
+
+def _with_columns(B: Float[Array, "k n n"], places: Int[Array, "k n"]) -> Float[Array, "k n n"]:
+    """B with each column at its place."""
+
+    def add(place, found):
+        column = jnp.sum(jnp.where((places == place)[:, None], B, 0.0), axis=2, keepdims=True)
+        return jnp.concatenate([found[:, :, 1:], column], axis=2)
+
+    return jax.lax.fori_loop(0, B.shape[1], add, jnp.zeros_like(B))
+
+
+def _product(x: _Parts, y: _Parts) -> _Parts:
+    if len(x) == 1:
+        return (x[0] * y[0],)
+    return x[0] * y[0] - x[1] * y[1], x[0] * y[1] + x[1] * y[0]
+
+
+def _reciprocal(x: _Parts) -> _Parts:
+    if len(x) == 1:
+        return (1 / x[0],)
+    size = x[0] * x[0] + x[1] * x[1]
+    return x[0] / size, -x[1] / size

@@ -7,9 +7,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Inexact
+from jaxtyping import Array, Bool, Float
 
-from ..numerics.linear import inverses, solutions
+from ..numerics.linear import complex_inverses, inverses, solutions
 from .iteration import iterate
 from .stages import FROM_CONTROLLER, AbstractStageIteration, Memory, StageEquations, Stages, combine
 from .tableau import Tableau
@@ -60,17 +60,20 @@ class SimplifiedNewton(AbstractStageIteration):
         self.slowest = slowest
 
     def start(self, tableau: Tableau, x0: Float[Array, " n"]) -> Memory:
-        inverses = jnp.zeros((tableau.eigenvalues.size, x0.size, x0.size), _dtype_of_modes(tableau, x0))
-        return Memory(jnp.ones((), x0.dtype), inverses, jnp.ones((), x0.dtype))
+        zero = jnp.zeros((len(tableau.modes.partner), x0.size, x0.size), x0.dtype)
+        imaginary = zero if np.any(tableau.eigenvalues.imag) else None
+        return Memory(jnp.ones((), x0.dtype), zero, imaginary, jnp.ones((), x0.dtype))
 
     def iterate(self, equations: StageEquations, guess: Float[Array, "s n"], memory: Memory) -> Stages:
-        tableau = equations.tableau
+        tableau, modes = equations.tableau, equations.tableau.modes
         made = self._matrices(equations, memory)
-        weights = tableau.eigenvalues[:, None] * tableau.to_modes
 
         def update(Z):
-            modes = solutions(made.inverses, combine(weights, -equations.residual(Z)))
-            change = combine(tableau.from_modes, modes).real
+            right = combine(modes.weighted, -equations.residual(Z))
+            change = solutions(made.inverses, right)
+            if made.imaginary is not None:
+                change = change + solutions(made.imaginary, right[modes.partner])
+            change = combine(modes.to_stages, change)
             return Z + change, self.size(equations, change)
 
         end = iterate(
@@ -82,27 +85,31 @@ class SimplifiedNewton(AbstractStageIteration):
             max_steps=self.max_steps,
         )
         K = combine(tableau.A_inverse, equations.without_known(end.x))
-        smooth = made.inverses[0].real if tableau.eigenvalues[0].imag == 0 else None
-        memory = Memory(end.rate, made.inverses, made.control)
+        smooth = made.inverses[0] if tableau.eigenvalues[0].imag == 0 else None
+        memory = Memory(end.rate, made.inverses, made.imaginary, made.control)
         return Stages(end.x, K, end.converged, made.singular, memory, smooth, made.f0)
 
     def _matrices(self, equations: StageEquations, memory: Memory) -> "_Matrices":
         """The matrices of the step before, where these are good enough, or new ones."""
         tableau, x0 = equations.tableau, equations.x0
         control, remembered, made_for = equations.control.astype(x0.dtype), memory.inverses, memory.control
+        imaginary, eigenvalues = memory.imaginary, tableau.modes.eigenvalues
         assert remembered is not None
         assert made_for is not None
 
         def renew():
             f0, J = value_and_jacobian(lambda x: equations.slope(equations.t0, x), x0)
-            modes = jnp.asarray(tableau.eigenvalues, _dtype_of_modes(tableau, x0))
-            M = equations.mass_matrix().astype(modes.dtype)
-            new = inverses(modes[:, None, None] * M[None] - J[None].astype(modes.dtype))
+            M = equations.mass_matrix()[None]
+            real, other = (jnp.asarray(x, x0.dtype)[:, None, None] * M for x in (eigenvalues.real, eigenvalues.imag))
+            if imaginary is None:
+                new, other = inverses(real - J[None]), None
+            else:
+                new, other = complex_inverses(real - J[None], other)
             singular = jnp.all(jnp.isfinite(J)) & ~jnp.all(jnp.isfinite(new))
-            return _Matrices(new, control, None if equations.f0 is None else f0, singular)
+            return _Matrices(new, other, control, None if equations.f0 is None else f0, singular)
 
         def keep():
-            return _Matrices(remembered, made_for, equations.f0, jnp.asarray(False))
+            return _Matrices(remembered, imaginary, made_for, equations.f0, jnp.asarray(False))
 
         if self.reuse >= 1:
             return renew()
@@ -125,16 +132,15 @@ class SimplifiedNewton(AbstractStageIteration):
 
 
 class _Matrices(NamedTuple):
-    """(λM − h∂g/∂x)⁻¹ of the modes, the step length h they were made for, h g(t₀, x₀), and whether one is singular."""
+    """(λM − h∂g/∂x)⁻¹ of the modes by its parts, the step length h for which it was made, h g(t₀, x₀), and whether one
+    is singular.
+    """
 
-    inverses: Inexact[Array, "k n n"]
+    inverses: Float[Array, "s n n"]
+    imaginary: Float[Array, "s n n"] | None
     control: Float[Array, ""]
     f0: Float[Array, " n"] | None
     singular: Bool[Array, ""]
-
-
-def _dtype_of_modes(tableau: Tableau, x0: Float[Array, " n"]) -> Any:
-    return np.result_type(x0.dtype, np.complex64) if np.iscomplexobj(tableau.eigenvalues) else x0.dtype
 
 
 def value_and_jacobian(f: Callable, x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Float[Array, "n n"]]:

@@ -9,7 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Inexact, PyTree
+from jaxtyping import Array, Bool, Float, PyTree
 
 from .mass import Mass
 from .tableau import Tableau
@@ -69,11 +69,13 @@ class Memory(eqx.Module):
     """What the iteration of one step leaves to that of the next.
 
     ``rate``: by which factor the last change was smaller than the one before; 1 if nothing is known.
-    ``inverses``: of the matrices λM − h∂g/∂x, made for the step length ``control``, where there are any.
+    ``inverses``: of the matrices λM − h∂g/∂x for the s modes, made for the step length ``control``, where there are
+    any; ``imaginary``: the imaginary parts, where they have some.
     """
 
     rate: Float[Array, ""]
-    inverses: Inexact[Array, "k n n"] | None = None
+    inverses: Float[Array, "s n n"] | None = None
+    imaginary: Float[Array, "s n n"] | None = None
     control: Float[Array, ""] | None = None
 
     def forgotten(self, when: Bool[Array, ""] | bool) -> "Memory":
@@ -153,7 +155,6 @@ def _solve_jvp(primals, tangents):
     return stages, eqx.tree_at(lambda s: (s.Z, s.K), zero, changes)
 
 
-def combine(matrix: np.ndarray, X: Inexact[Array, "s n"]) -> Inexact[Array, "m n"]:
+def combine(matrix: np.ndarray, X: Float[Array, "s n"]) -> Float[Array, "m n"]:
     """``matrix @ X``, as a sum: within a loop on a CPU, the call of a library costs more than a product this small."""
-    dtype = np.result_type(X.dtype, np.complex64) if np.iscomplexobj(matrix) else X.dtype
-    return jnp.sum(jnp.asarray(matrix, dtype=dtype)[:, :, None] * X[None].astype(dtype), axis=1)
+    return jnp.sum(jnp.asarray(matrix, dtype=X.dtype)[:, :, None] * X[None], axis=1)

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import legendre
 
+_REAL = 1e-9  # imaginary parts up to this are rounding
+
 
 @dataclass(frozen=True, eq=False)
 class Tableau:
@@ -30,6 +32,41 @@ class Tableau:
     eigenvalues: np.ndarray
     to_modes: np.ndarray
     from_modes: np.ndarray
+
+    @functools.cached_property
+    def modes(self) -> "Modes":
+        """The modes in real numbers; a single eigenvalue is that of all of them."""
+        weighted = self.eigenvalues[:, None] * self.to_modes
+        pairs = self.eigenvalues.imag > _REAL
+        if not np.any(pairs):
+            alone = np.arange(self.eigenvalues.size)
+            return Modes(self.eigenvalues.real, alone, weighted.real, self.from_modes.real)
+        order = [(k, part) for k, pair in enumerate(pairs) for part in range(1 + pair)]
+        rows, parts = np.array(order).T
+        first = parts == 0
+        partner = np.array([i if not pairs[k] else i + 1 - 2 * part for i, (k, part) in enumerate(order)])
+
+        def part(x: np.ndarray) -> np.ndarray:
+            return np.where(first[:, None], x[rows].real, x[rows].imag)
+
+        columns = np.where(first, self.from_modes[:, rows].real, -self.from_modes[:, rows].imag)
+        values = self.eigenvalues[rows]
+        return Modes(np.where(first, values.conj(), values), partner, part(weighted), columns)
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """The modes of A⁻¹ in real numbers, s of them: of a complex mode u + iv first u, then v.
+
+    With P + iQ = (λM − J)⁻¹, (P + iQ)(u + iv) is Pu − Qv and Pv + Qu: both are of the form of a row of P times a mode
+    plus a row of Q times its ``partner``, if Q is that of the conjugate for u. ``eigenvalues`` are those, ``weighted``
+    takes stages to λ times their modes, and ``to_stages`` takes the modes back to stages.
+    """
+
+    eigenvalues: np.ndarray
+    partner: np.ndarray
+    weighted: np.ndarray
+    to_stages: np.ndarray
 
 
 @functools.cache
@@ -71,10 +108,10 @@ def _collocation(c: np.ndarray) -> Tableau:
     A = integrals(c, stages) @ expansion
     roots, vectors = np.linalg.eig(A)
     eigenvalues = 1 / roots
-    chosen = np.flatnonzero(eigenvalues.imag > -1e-9)
+    chosen = np.flatnonzero(eigenvalues.imag > -_REAL)
     chosen = chosen[np.argsort(eigenvalues[chosen].imag)]
     # A pair of conjugate modes is twice the real part of one of them.
-    pairs = np.where(eigenvalues[chosen].imag > 1e-9, 2.0, 1.0)
+    pairs = np.where(eigenvalues[chosen].imag > _REAL, 2.0, 1.0)
     return Tableau(
         c=c,
         b=expansion[0],  # ∫₀¹ P̃ₖ = 0 for k > 0

@@ -15,6 +15,7 @@ from ..ranges import counted
 from ..rules import rule
 from ..storage import joined, parts, parts_of
 from ..values import Array, Memory, Registers, is_small, registers, size_of
+from ..vectors import are_handed_on, in_vectors, one_by_one
 
 MOST_TURNS, MOST_NUMBERS = 20, 6000  # of a loop that is written out, and what it computes in them
 _OF_CONDITIONS = {
@@ -47,9 +48,9 @@ def while_(function: Function, operation: Operation, operands: list[Array]) -> l
         loop = independent(operation, [_known(array) for array in operands], function.compiler.functions)
         if loop is not None:
             return _in_lanes(function, operation, operands, loop)
-        turns = _few_turns(function, operation, operands)
-        if turns is not None:
-            return _written_out(function, operation, operands, turns)
+    turns = _few_turns(function, operation, operands)
+    if turns is not None:
+        return _written_out(function, operation, operands, turns)
     b, storage = function.builder, function.storage
     condition, body = operation.regions
     apart, varying = False, [False] * len(operands)
@@ -222,13 +223,15 @@ class _Carry:
         small = all(function.compiler.in_registers(value, most) for value in arguments) or not arguments[0].size
         self.in_memory = not self.unchanged and not small
         self.phis: list[tuple[int, np.dtype, str]] = []
+        self.in_vectors = False
         self.owners = 0
         storage = function.storage
         if self.unchanged:
             self.array = _with_twin(function, array) if small else storage.anywhere(storage.settled(array))
         elif small:
             self.array = storage.to_registers(array)
-            self.first = _numbers(function, self.array, varying)
+            self.in_vectors = not function.in_lanes and are_handed_on(self.array.shape, self.array.dtype)
+            self.first = self._handed_on(self.array)
         else:
             self.array = function.overwritable(operation, position, array, varying)
         if self.in_memory:
@@ -240,20 +243,25 @@ class _Carry:
         """Writes what begins a turn."""
         if self.unchanged or self.in_memory or not isinstance(self.array, Registers):
             return
-        b, dtype = self.function.builder, self.array.dtype
+        b, dtype, shape = self.function.builder, self.array.dtype, self.array.shape
+        count = size_of(shape[1:] if self.in_vectors else shape)
         names = []
-        dtypes = [dtype] * size_of(self.array.shape)
-        for kind in parts_of(dtype, len(dtypes)):
-            names.append(b.fresh(self.varying))
+        for kind in parts_of(dtype, count):
+            names.append(b.fresh(self.varying or self.in_vectors))
             self.phis.append((b.reserve(), kind, names[-1]))
-        self.array = registers(dtype, joined(dtypes, names), self.array.shape)
+        numbers = one_by_one(b, dtype, shape, names) if self.in_vectors else joined([dtype] * count, names)
+        self.array = registers(dtype, numbers, shape)
+
+    def _handed_on(self, array: Array) -> list[Element]:
+        numbers = _numbers(self.function, array, self.varying)
+        return in_vectors(self.function.builder, array.dtype, array.shape, numbers) if self.in_vectors else numbers
 
     def following(self, array: Array, going: Element | None) -> list[Element]:
         """The numbers with which the next turn begins: where lanes have left the loop, those they left with."""
         b = self.function.builder
         numbers = [
             b.like(kind, number, name)
-            for number, (_, kind, name) in zip(_numbers(self.function, array, False), self.phis, strict=True)
+            for number, (_, kind, name) in zip(self._handed_on(array), self.phis, strict=True)
         ]
         if going is None:
             return numbers
@@ -315,6 +323,9 @@ class _Branches:
     def __init__(self, function: Function, operation: Operation):
         self.function, self.operation = function, operation
         self.small = [is_small(value.shape) for value in operation.results]
+        self.in_vectors = [
+            not function.in_lanes and are_handed_on(value.shape, value.dtype) for value in operation.results
+        ]
         self.varying = [False] * len(self.small)
         if function.in_lanes:
             self.varying = function.varying().branches(operation, False)
@@ -330,6 +341,8 @@ class _Branches:
             for position, array in enumerate(results):
                 if self.small[position]:
                     numbers = _numbers(function, array, self.varying[position])
+                    if self.in_vectors[position]:
+                        numbers = in_vectors(function.builder, array.dtype, array.shape, numbers)
                     self.cases[position].append((numbers, ""))
                 elif self.targets[position] is None:
                     self._choose_target(position, array)
@@ -357,17 +370,20 @@ class _Branches:
         storage, b = self.function.storage, self.function.builder
         self.given.give_up()
         results: list[Array] = []
-        for value, target, cases in zip(self.operation.results, self.targets, self.cases, strict=True):
+        columns = zip(self.operation.results, self.targets, self.cases, self.in_vectors, strict=True)
+        for value, target, cases, wide in columns:
             if target is not None:
                 storage.pinned(target, -1)
                 results.append(target)
                 continue
-            kinds = parts_of(value.dtype, value.size)
+            kinds = [value.dtype] * len(cases[0][0]) if wide else parts_of(value.dtype, value.size)
             labels = [label for _, label in cases]
             numbers = [
                 b.phi(kind, list(zip(ways, labels, strict=True)))
                 for kind, *ways in zip(kinds, *(numbers for numbers, _ in cases), strict=True)
             ]
+            if wide:
+                numbers = one_by_one(b, value.dtype, value.shape, numbers)
             results.append(registers(value.dtype, joined([value.dtype] * value.size, numbers), value.shape))
         return results
 
