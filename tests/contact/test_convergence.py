@@ -115,7 +115,11 @@ def pendulum_by_restitution(e):
 @pytest.mark.slow
 @pytest.mark.parametrize(("given", "at"), [(masses_by_friction, 0.2), (pendulum_by_restitution, 0.3)])
 def test_derivatives_of_all_switches_at_the_default_tolerance(given, at):
-    """By a coefficient, against differences over six points of runs at the finest tolerance."""
+    """By a coefficient, against differences over six points of runs at the finest tolerance.
+
+    Where a slip has ended, what is left is rounding of the velocities over the least speed that steps follow, and no
+    longer falls with the tolerance: 2e-9 of the largest derivative here, for which the bound has a part in proportion.
+    """
     h = 1e-4
 
     def switches(x, tolerance, adjoint):
@@ -129,7 +133,7 @@ def test_derivatives_of_all_switches_at_the_default_tolerance(given, at):
     differences = (45 * one - 9 * two + three) / (60 * h)
     found = jaxball.jit(jax.jacfwd(lambda x: switches(x, 1e-10, diffrax.ForwardMode()).times))(at)
     assert count > 5
-    np.testing.assert_allclose(found[:count], differences[:count], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(found[:count], differences[:count], rtol=5e-9, atol=1e-8)
 
 
 def test_an_impact_at_the_start_is_a_switch():
