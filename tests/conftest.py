@@ -27,6 +27,9 @@ from tests.support.paper import paper_ball, paper_disk  # noqa: E402
 hypothesis.settings.register_profile("compiled", deadline=None, derandomize=True, database=None)
 hypothesis.settings.load_profile("compiled")
 
+# Commands and examples that tests start read what the first of them has compiled of jaxball's own files.
+os.environ["PYTHONDONTWRITEBYTECODE"] = ""
+
 # Tracing makes many objects that live on, which the collector would look through again and again.
 gc.freeze()
 gc.set_threshold(50_000, 50, 50)

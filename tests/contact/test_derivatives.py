@@ -57,7 +57,7 @@ def read(p, adjoint=REVERSE, tolerance=1e-12):
 
 @pytest.fixture(scope="module")
 def differences():
-    values = jax.jit(lambda p: read(p, tolerance=1e-13))
+    values = jaxball.jit(lambda p: read(p, tolerance=1e-13))
     columns = []
     for k in range(START.size):
         step = H * jnp.zeros_like(START).at[k].set(1.0)
@@ -77,9 +77,9 @@ def test_the_run_has_modes_of_all_kinds():
 @pytest.mark.parametrize("mode", ["forward", pytest.param("reverse", marks=pytest.mark.slow)])
 def test_derivatives_are_those_of_converged_runs(differences, mode):
     if mode == "forward":
-        found = jax.jit(jax.jacfwd(lambda p: read(p, FORWARD)))(START)
+        found = jaxball.jit(jax.jacfwd(lambda p: read(p, FORWARD)))(START)
     else:
-        found = jax.jit(jax.jacrev(read))(START)
+        found = jaxball.jit(jax.jacrev(read))(START)
     scale = np.max(np.abs(differences), axis=1, keepdims=True)
     error = np.abs(np.asarray(found) - differences) / np.maximum(scale, 1.0)
     assert np.max(error) < BOUND

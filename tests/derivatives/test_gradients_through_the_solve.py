@@ -6,7 +6,6 @@ fifth derivative and by rounding over h: some 1e-9 at h = 1e-3 for runs at toler
 """
 
 import diffrax
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -67,17 +66,17 @@ _, unpack = ravel_pytree(parameters(SEPARATE))
 WEIGHTS = jnp.asarray(np.random.default_rng(61).normal(size=9))
 
 
-@eqx.filter_jit
+@jaxball.jit
 def forward(x):
     return jax.jacfwd(lambda x: run(unpack(x), 1e-11, diffrax.ForwardMode()))(x)
 
 
-@eqx.filter_jit
+@jaxball.jit
 def reverse(x):
     return jax.grad(lambda x: jnp.dot(WEIGHTS, run(unpack(x), 1e-11, None)))(x)
 
 
-@eqx.filter_jit
+@jaxball.jit
 def differences(x, h):
     """The Jacobian by the five-point formula, all runs in one batch."""
     steps = h * jnp.eye(x.size)
@@ -159,13 +158,13 @@ def end_of_switched_run(p, adjoint=None):
 def test_the_time_at_which_a_force_jumps():
     """The field does jump here, and the derivative comes from the step that ends there."""
     p = jnp.asarray([0.7, 0.3])
-    run = jax.jit(end_of_switched_run)
+    run = jaxball.jit(end_of_switched_run)
     steps = H * jnp.eye(2)
     expected = jnp.stack(
         [(8 * (run(p + h) - run(p - h)) - (run(p + 2 * h) - run(p - 2 * h))) / (12 * H) for h in steps], axis=1
     )
-    forward_mode = jax.jit(jax.jacfwd(lambda p: end_of_switched_run(p, diffrax.ForwardMode())))(p)
-    reverse_mode = jax.jit(jax.jacrev(end_of_switched_run))(p)
+    forward_mode = jaxball.jit(jax.jacfwd(lambda p: end_of_switched_run(p, diffrax.ForwardMode())))(p)
+    reverse_mode = jaxball.jit(jax.jacrev(end_of_switched_run))(p)
     assert float(jnp.max(jnp.abs(expected[:, 0]))) > 0.1
     np.testing.assert_allclose(forward_mode, expected, atol=1e-7)
     np.testing.assert_allclose(reverse_mode, expected, atol=1e-7)

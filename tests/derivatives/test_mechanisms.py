@@ -83,17 +83,17 @@ def end(x, tolerance, adjoint, dry=None):
 WEIGHTS = jnp.asarray(np.random.default_rng(61).normal(size=13))
 
 
-@jax.jit
+@jaxball.jit
 def alone(x, dry):
     return end(x, 1e-13, diffrax.ForwardMode(), dry)
 
 
-@jax.jit
+@jaxball.jit
 def tangent(x, direction, dry):
     return jax.jvp(lambda x: end(x, 1e-12, diffrax.ForwardMode(), dry), (x,), (direction,))[1]
 
 
-@jax.jit
+@jaxball.jit
 def reverse(x, dry):
     return jax.grad(lambda x: jnp.dot(WEIGHTS, end(x, 1e-12, None, dry)))(x)
 

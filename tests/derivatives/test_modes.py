@@ -7,6 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 
+import jaxball
 from jaxball import Event, simulate
 from jaxball.classical import FreeRigidBody, RigidBodyState
 
@@ -39,7 +40,7 @@ def test_first_and_second_derivatives_in_forward_mode():
     def forward(w):
         return omega(w, diffrax.ForwardMode())
 
-    both = jax.jit(lambda w: (jax.jacfwd(forward)(w), jax.jacfwd(jax.jacfwd(forward))(w)))
+    both = jaxball.jit(lambda w: (jax.jacfwd(forward)(w), jax.jacfwd(jax.jacfwd(forward))(w)))
     with mpmath.workdps(30):
         expected = [float(mpmath.diff(closed_form, mpmath.mpf("0.4"), n)) for n in (1, 2)]
     np.testing.assert_allclose(both(W), expected, rtol=1e-9)

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxball
 from jaxball import (
     Ball,
     Circle,
@@ -74,8 +75,8 @@ def total(p, adjoint):
 
 @pytest.fixture(scope="module")
 def modes():
-    reverse = jax.jit(jax.grad(lambda p: total(p, None), has_aux=True))
-    forward = jax.jit(jax.jacfwd(lambda p: total(p, diffrax.ForwardMode()), has_aux=True))
+    reverse = jaxball.jit(jax.grad(lambda p: total(p, None), has_aux=True))
+    forward = jaxball.jit(jax.jacfwd(lambda p: total(p, diffrax.ForwardMode()), has_aux=True))
     return reverse, forward
 
 

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxball
 from jaxball import Ball, BallState, Cause, Contact, Mode, ReleasedState, Status, simulate
 from jaxball.ensemble import REDUCTIONS, simulate_ensemble
 
@@ -162,7 +163,7 @@ def test_derivatives_are_those_of_closed_forms():
         return run.state.z[0, -1, 0], run.contact.switches.times[0, 0]
 
     mu = jnp.asarray(0.2)
-    (z, t), slopes = jax.jvp(place, (mu,), (jnp.ones(()),))
+    (z, t), slopes = jaxball.jit(lambda mu: jax.jvp(place, (mu,), (jnp.ones(()),)))(mu)
     np.testing.assert_allclose([z, t], [5 / 7 * 2 + 2 / (49 * mu * G), 2 / (7 * mu * G)], rtol=1e-8)
     # Steps are as long as the tolerances of the states allow, and those of derivatives are not looked at.
     np.testing.assert_allclose(slopes, [-2 / (49 * mu**2 * G), -2 / (7 * mu**2 * G)], rtol=2e-6)

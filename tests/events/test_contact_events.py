@@ -27,7 +27,7 @@ def ball():
 @pytest.fixture(scope="module")
 def ratio(ball):
     """|f| / N at any time, by way of the observables, which know R as a vector in space."""
-    observe = jax.jit(lambda t, x: jaxball.observe(ball.system, t, x))
+    observe = jaxball.jit(lambda t, x: jaxball.observe(ball.system, t, x))
 
     def at(t):
         return float(observe(jnp.asarray(t), ball.at(t)).friction_ratio)
@@ -129,9 +129,9 @@ def test_the_time_of_detachment_is_differentiable(mode):
         return simulate(disk, TIMES[:3], state, events={"lift": Detachment()}, **settings).events["lift"].times[0]
 
     if mode == "reverse":
-        found, slope = jax.jit(jax.value_and_grad(time))(4.0)
+        found, slope = jaxball.jit(jax.value_and_grad(time))(4.0)
     else:
-        found, slope = jax.jit(lambda v: jax.jvp(lambda v: time(v, diffrax.ForwardMode()), (v,), (1.0,)))(4.0)
+        found, slope = jaxball.jit(lambda v: jax.jvp(lambda v: time(v, diffrax.ForwardMode()), (v,), (1.0,)))(4.0)
     h = 1e-3
     p, q = (closed_time_of_detachment(4.0 + k * h) - closed_time_of_detachment(4.0 - k * h) for k in (1, 2))
     np.testing.assert_allclose(found, closed_time_of_detachment(4.0), rtol=1e-10)
@@ -170,7 +170,7 @@ def test_the_derivative_of_the_friction_needed():
     value = closed_friction_needed(speed)
     p, q = (closed_friction_needed(speed + k * h) - closed_friction_needed(speed - k * h) for k in (1, 2))
     expected = (8 * p - q) / (12 * h)
-    found, forward = jax.jit(lambda v: jax.jvp(lambda v: needed(v, diffrax.ForwardMode()), (v,), (1.0,)))(speed)
+    found, forward = jaxball.jit(lambda v: jax.jvp(lambda v: needed(v, diffrax.ForwardMode()), (v,), (1.0,)))(speed)
     np.testing.assert_allclose(found, value, rtol=1e-11)
     np.testing.assert_allclose(forward, expected, rtol=0, atol=1e-9)
 

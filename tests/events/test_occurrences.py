@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
 
+import jaxball
 from jaxball import Event, Status, simulate
 from jaxball.classical import FreeRigidBody, RigidBodyState
 from jaxball.solvers import Gauss
@@ -160,8 +161,8 @@ def test_times_are_differentiable():
 
     h = 1e-4
     expected = (closed(0.4 + h) - closed(0.4 - h)) / (2 * h)
-    forward = jax.jit(jax.jacfwd(time_of_first_crossing(diffrax.ForwardMode())))(0.4)
-    backward = jax.jit(jax.grad(time_of_first_crossing(diffrax.RecursiveCheckpointAdjoint())))(0.4)
+    forward = jaxball.jit(jax.jacfwd(time_of_first_crossing(diffrax.ForwardMode())))(0.4)
+    backward = jaxball.jit(jax.grad(time_of_first_crossing(diffrax.RecursiveCheckpointAdjoint())))(0.4)
     np.testing.assert_allclose(forward, expected, rtol=3e-7)
     np.testing.assert_allclose(backward, forward, rtol=1e-10)
 

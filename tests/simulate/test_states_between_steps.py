@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipj, ellipk
 
+import jaxball
 from jaxball import Disk, DiskState, Event, Fixed, PointMass, contact_extremes, simulate
 from jaxball.classical import FreeRigidBody, RigidBodyState
 from jaxball.ensemble import Integral, Maximum, Minimum, simulate_ensemble
@@ -200,7 +201,7 @@ MASS, BETWEEN = jnp.asarray(1.3), jnp.asarray(2.345)
 def forward_derivatives(step_to_times):
     """Those of the saved angle, with respect to a mass and to the time."""
     derivatives = jax.jacfwd(saved_angle, (0, 1))
-    return jax.jit(lambda mass, t: derivatives(mass, t, diffrax.ForwardMode(), step_to_times))(MASS, BETWEEN)
+    return jaxball.jit(lambda mass, t: derivatives(mass, t, diffrax.ForwardMode(), step_to_times))(MASS, BETWEEN)
 
 
 def test_forward_derivatives_of_states_between_steps():
@@ -213,7 +214,7 @@ def test_forward_derivatives_of_states_between_steps():
 
 def test_reverse_derivatives_of_states_between_steps():
     adjoint = diffrax.RecursiveCheckpointAdjoint()
-    found = jax.jit(jax.grad(lambda mass, t: saved_angle(mass, t, adjoint), (0, 1)))(MASS, BETWEEN)
+    found = jaxball.jit(jax.grad(lambda mass, t: saved_angle(mass, t, adjoint), (0, 1)))(MASS, BETWEEN)
     np.testing.assert_allclose(found, forward_derivatives(False), rtol=0, atol=1e-11)  # some rounding of 100 steps
 
 
