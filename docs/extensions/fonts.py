@@ -14,7 +14,7 @@ DEJAVU = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
 
 
 def write_font(app: Sphinx) -> None:
-    logging.getLogger("fontTools.subset").setLevel(logging.WARNING)  # it tells of every table, which Sphinx would print
+    logging.getLogger("fontTools.subset").setLevel(logging.ERROR)  # of each table it says what it does
     options = Options(flavor="woff", layout_features=[], notdef_outline=True)
     font = load_font(str(DEJAVU), options)
     subsetter = Subsetter(options)
