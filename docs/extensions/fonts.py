@@ -1,5 +1,6 @@
 """A small font with the signs that many systems lack, so that a page shows them as they are and asks no network."""
 
+import logging
 from pathlib import Path
 
 import matplotlib
@@ -13,6 +14,7 @@ DEJAVU = Path(matplotlib.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
 
 
 def write_font(app: Sphinx) -> None:
+    logging.getLogger("fontTools.subset").setLevel(logging.ERROR)  # of each table it says what it does
     options = Options(flavor="woff", layout_features=[], notdef_outline=True)
     font = load_font(str(DEJAVU), options)
     subsetter = Subsetter(options)

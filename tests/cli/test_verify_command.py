@@ -32,15 +32,15 @@ def test_some_laws_of_a_scenario(tmp_path, capsys):
     assert {row["law"]: row["verdict"] for row in content["rows"]} == {"p_y": "holds", "error": "holds"}
 
 
-def test_a_run_that_is_not_to_be_believed(capsys):
+def test_a_run_that_is_not_to_be_trusted(capsys):
     assert main(["verify", "loose.toml", "nonholonomic-particle", "--laws", "error"]) == 1
     text = capsys.readouterr().out
-    assert text.count("Do not believe this run: the error is") == 1
+    assert text.count("Do not trust this run: the error is") == 1
 
 
 def test_a_solve_that_fails(capsys):
     assert main(["verify", "fails.toml", "--laws", "energy"]) == 3
-    assert "Do not believe this run: The solve stopped at t = " in capsys.readouterr().out
+    assert "Do not trust this run: The solve stopped at t = " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", ["run.nc", "run.npz"])
@@ -63,7 +63,7 @@ def test_states_that_were_changed_are_found(tmp_path, capsys):
     content["x"][7] += 1e-4
     np.savez(tmp_path / "other.npz", **content)
     assert main(["verify", "other.npz", "--laws", "saved"]) == 1
-    assert "Do not believe this run: saved" in capsys.readouterr().out
+    assert "Do not trust this run: saved" in capsys.readouterr().out
 
 
 def test_a_run_is_a_scenario_for_every_command(tmp_path, capsys):

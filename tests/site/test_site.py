@@ -93,7 +93,7 @@ def sized(browser):
 
 @needs_chromium
 def test_no_page_scrolls_sideways_at_any_width(sized):
-    """Neither the window nor the column of text, in which a theme may hide what is too wide; views have their own test."""
+    """Neither the window nor the column of text, in which a theme may hide what is too wide."""
     sized.execute_cdp_cmd("Network.enable", {})
     sized.execute_cdp_cmd("Network.setBlockedURLs", {"urls": ["*/shown/*.html"]})
     wide = []

@@ -88,7 +88,7 @@ def test_chaplygins_integral_is_found_to_apply_where_the_masses_balance():
     assert not report["routh"].applies
 
 
-def test_a_ball_that_would_lift_off_is_not_believed():
+def test_a_ball_that_would_lift_off_is_not_trusted():
     """The centre of mass, 0.114 from the centre, needs more than its weight to turn at 8 radians a unit of time."""
     report = verify(sphere(Omega=(8.0, 0.0, 0.0)), laws=["contact", "energy"])
     assert report["energy"].ok
@@ -97,13 +97,13 @@ def test_a_ball_that_would_lift_off_is_not_believed():
     assert "must be above 0" in report.doubts[0]
 
 
-def test_a_loose_tolerance_is_not_believed():
+def test_a_loose_tolerance_is_not_trusted():
     report = verify(sphere(rtol=1e-2), laws=["error"])
     assert not report.ok
     assert report.trust.error > 1e-3
     assert report.trust.horizon < 10
     assert "tighten the tolerances" in str(report)
-    assert "Do not believe this run" in str(report)
+    assert "Do not trust this run" in str(report)
 
 
 @pytest.fixture
@@ -128,14 +128,14 @@ def test_a_term_that_is_wrong_by_a_thousandth_breaks_the_laws():
     assert not report.ok
     failing = {row.law for row in report.rows if not row.ok}
     assert failing == {"energy", "momentum", "jellett-rate", "jellett", "routh"}
-    assert "Do not believe this run: energy fails" in str(report)
+    assert "Do not trust this run: energy fails" in str(report)
 
 
 def test_a_failed_solve_is_the_reports_failure():
     report = verify(sphere(inertia=(0.1, 0.1, 0.9)), quick=True)
     assert not report.ok
     assert report.rows == ()
-    assert "Do not believe this run: The solve did not start" in str(report)
+    assert "Do not trust this run: The solve did not start" in str(report)
 
 
 @pytest.mark.slow

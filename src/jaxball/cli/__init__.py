@@ -13,7 +13,7 @@ MANY_OBJECTS = 50_000
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs a command, and returns its exit code.
 
-    0 for success, 1 for a run that cannot be believed or a design that violates a constraint, 2 for bad input, 3 for
+    0 for success, 1 for a run that fails verification or a design that violates a constraint, 2 for bad input, 3 for
     a solve that failed, 130 for Ctrl-C, 143 for SIGTERM, 129 for SIGHUP, 141 where nothing reads the output any more.
 
     Without ``arguments`` the command is that of the process, and either ends it at once. Called from Python with

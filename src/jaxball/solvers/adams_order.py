@@ -37,7 +37,7 @@ def plan(errors: Float[Array, " rows"], order: Int[Array, ""], equal: Int[Array,
     - ``errors``: of the formula of each order j = 0, 1, …, in units of the tolerance, had all steps had the length of
       this one; those beyond the points there are mean nothing.
     - ``order``: that of the step, k.
-    - ``equal``: how many steps, this one included, had the same length. The error of order k + 1 is believed after
+    - ``equal``: how many steps, this one included, had the same length. The error of order k + 1 is trusted after
       k + 1 of them.
     - ``rising``: as it was.
     """

@@ -101,7 +101,7 @@ class AdamsController(AbstractMultistepController):
     """The step-size controller of :class:`Adams`, which takes the steps that the method plans with its order.
 
     A step is kept where its error, in the norm, is at most 1 in units of atol + rtol |x|. The next one is twice as
-    long, as long, or shorter, because the method believes its estimates for higher orders only after several steps of
+    long, as long, or shorter, because the method trusts its estimates for higher orders only after several steps of
     one length. A step that another controller around this one has cut short says nothing about longer ones.
 
     **Arguments:**

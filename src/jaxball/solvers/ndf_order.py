@@ -39,7 +39,7 @@ def plan(errors: Float[Array, "3"], order: Int[Array, ""], equal: Int[Array, ""]
 
     - ``errors``: of a step of this length by the formulas of order k − 1, k and k + 1, in units of the tolerance.
     - ``order``: that of the step, k, and ``highest`` the highest there is.
-    - ``equal``: how many steps, this one included, had the same length and order. Errors are believed after k + 1.
+    - ``equal``: how many steps, this one included, had the same length and order. Estimates are trusted after k + 1.
     """
     ready = equal > order
     orders = order - 1 + jnp.arange(3)

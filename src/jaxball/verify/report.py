@@ -1,4 +1,4 @@
-"""The report of a verification: a row for each law, and whether the run can be believed."""
+"""The report of a verification: a row for each law, and whether the run can be trusted."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -73,12 +73,12 @@ class Report:
 
     @property
     def ok(self) -> bool:
-        """Whether the run can be believed: it reached its end, all laws that apply hold, and the error is small."""
+        """Whether the run can be trusted: it reached its end, all laws that apply hold, and the error is small."""
         return not self.doubts
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Why the run should not be believed; empty where it should."""
+        """The reasons not to trust the run; empty if there are none."""
         if self.failure:
             return (self.failure,)
         doubts = [f"{row.law} {_failure(row)}" for row in self.rows if not row.ok]
@@ -95,7 +95,7 @@ class Report:
         if self.trust is not None:
             lines.append(f"  {self.trust}")
         if not self.ok:
-            lines.append("  Do not believe this run: " + "; ".join(self.doubts).rstrip(".") + ".")
+            lines.append("  Do not trust this run: " + "; ".join(self.doubts).rstrip(".") + ".")
         return "\n".join(lines)
 
     def as_dict(self) -> dict[str, Any]:

@@ -33,8 +33,9 @@ class Trust:
 
     def __repr__(self) -> str:
         growth = f"{self.growth:.3g}-fold, e-fold in {self.lyapunov_time:.3g}"
-        when = f"at t = {self.horizon:.3g}" if self.horizon <= self.end else f"not before t = {self.horizon:.3g}"
-        return f"error {self.error:.1e}; small deviations grow {growth}; the error reaches {ERROR_ALLOWED:g} {when}"
+        reached = self.horizon <= self.end
+        bound = f"reaches {ERROR_ALLOWED:g} at" if reached else f"stays below {ERROR_ALLOWED:g} until"
+        return f"error {self.error:.1e}; small deviations grow {growth}; the error {bound} t = {self.horizon:.3g}"
 
 
 def trust(case: Case) -> Trust | None:

@@ -14,7 +14,7 @@ def add(commands) -> None:
     parser = commands.add_parser(
         "verify",
         description="Runs scenarios and checks every law that applies. A saved run is compared with that of the "
-        "scenario in its file. The exit code is 1 if a run cannot be believed.",
+        "scenario in its file. The exit code is 1 if a run fails verification.",
         epilog="Laws: " + "; ".join(f"{name}: {what}" for name, what in LAWS.items()) + ".",
     )
     parser.add_argument(
