@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from jaxball.native import Lowered
 
@@ -163,3 +164,21 @@ def test_a_table_that_is_kept_as_it_was_before_a_short_loop():
         return filled, table + filled, jax.lax.fori_loop(0, 4, lambda i, t: t.at[i].add(filled[i]), table)
 
     agree(f, rng.normal(size=(8, 20)), ulps=2)
+
+
+@pytest.mark.parametrize("count", [5, 6, 7])
+def test_a_first_axis_shorter_than_a_vector(count):
+    """Carried by a loop, chosen by a branch, in another order of the lanes, and combined over the first axis."""
+    A = rng.normal(size=(count, count)) / count
+    order = np.roll(np.arange(count), 2)
+
+    def f(x, y):
+        def turn(k, carry):
+            x, y = carry
+            new = jnp.sum(jnp.asarray(A)[:, :, None] * jnp.tanh(x)[None], axis=1) + y[order]
+            return new, jax.lax.cond(jnp.sum(new) > 0, lambda: 0.5 * y, lambda: x - y)
+
+        x, y = jax.lax.fori_loop(0, 30, turn, (x, y))
+        return x, y, jnp.argmax(jnp.abs(x), axis=1), x[count - 1]
+
+    agree(f, rng.normal(size=(count, 9)), rng.normal(size=(count, 9)), ulps=1e5)

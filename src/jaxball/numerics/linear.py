@@ -32,7 +32,7 @@ def complex_inverses(
 ) -> tuple[Float[Array, "k n n"], Float[Array, "k n n"]]:
     """The same of complex matrices, by their real and imaginary parts."""
     if real.shape[1] > LARGEST_SMALL:
-        inverse = jnp.linalg.inv(real + 1j * imaginary)
+        inverse = jnp.linalg.inv(jax.lax.complex(real, imaginary))
         return inverse.real, inverse.imag
     inverse = _eliminated((real, imaginary))
     return inverse[0], inverse[1]

@@ -60,7 +60,7 @@ class SimplifiedNewton(AbstractStageIteration):
         self.slowest = slowest
 
     def start(self, tableau: Tableau, x0: Float[Array, " n"]) -> Memory:
-        zero = jnp.zeros((len(tableau.modes.partner), x0.size, x0.size), x0.dtype)
+        zero = jnp.zeros((len(tableau.modes.eigenvalues), x0.size, x0.size), x0.dtype)
         imaginary = zero if np.any(tableau.eigenvalues.imag) else None
         return Memory(jnp.ones((), x0.dtype), zero, imaginary, jnp.ones((), x0.dtype))
 
@@ -136,8 +136,8 @@ class _Matrices(NamedTuple):
     is singular.
     """
 
-    inverses: Float[Array, "s n n"]
-    imaginary: Float[Array, "s n n"] | None
+    inverses: Float[Array, "k n n"]
+    imaginary: Float[Array, "k n n"] | None
     control: Float[Array, ""]
     f0: Float[Array, " n"] | None
     singular: Bool[Array, ""]

@@ -69,13 +69,13 @@ class Memory(eqx.Module):
     """What the iteration of one step leaves to that of the next.
 
     ``rate``: by which factor the last change was smaller than the one before; 1 if nothing is known.
-    ``inverses``: of the matrices λM − h∂g/∂x for the s modes, made for the step length ``control``, where there are
+    ``inverses``: of the matrices λM − h∂g/∂x for the k modes, made for the step length ``control``, where there are
     any; ``imaginary``: the imaginary parts, where they have some.
     """
 
     rate: Float[Array, ""]
-    inverses: Float[Array, "s n n"] | None = None
-    imaginary: Float[Array, "s n n"] | None = None
+    inverses: Float[Array, "k n n"] | None = None
+    imaginary: Float[Array, "k n n"] | None = None
     control: Float[Array, ""] | None = None
 
     def forgotten(self, when: Bool[Array, ""] | bool) -> "Memory":

@@ -38,6 +38,9 @@ class Tableau:
         """The modes in real numbers; a single eigenvalue is that of all of them."""
         weighted = self.eigenvalues[:, None] * self.to_modes
         pairs = self.eigenvalues.imag > _REAL
+        weighted = self.eigenvalues[:, None] * self.to_modes
+        if not np.any(pairs):
+            return Modes(self.eigenvalues, np.arange(len(pairs)), weighted, self.from_modes)
         if not np.any(pairs):
             alone = np.arange(self.eigenvalues.size)
             return Modes(self.eigenvalues.real, alone, weighted.real, self.from_modes.real)
@@ -56,7 +59,7 @@ class Tableau:
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """The modes of A⁻¹ in real numbers, s of them: of a complex mode u + iv first u, then v.
+    """The modes of A⁻¹ in real numbers: of a complex mode u + iv first u, then v. All may share one real eigenvalue.
 
     With P + iQ = (λM − J)⁻¹, (P + iQ)(u + iv) is Pu − Qv and Pv + Qu: both are of the form of a row of P times a mode
     plus a row of Q times its ``partner``, if Q is that of the conjugate for u. ``eigenvalues`` are those, ``weighted``

@@ -1,0 +1,48 @@
+"""Inverses of small matrices, several at once, beside LAPACK's."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball.numerics.linear import complex_inverses, inverses
+
+rng = np.random.default_rng(11)
+COMPILERS = {"native": jaxball.jit, "xla": jax.jit}
+
+
+def matrices(count, n):
+    """Matrices that need an exchange of rows: the first has only zeros on its diagonal."""
+    A = rng.normal(size=(count, n, n))
+    A[0] = np.roll(np.diag(1 + np.arange(n, dtype=float)), 1, axis=0)
+    return A
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize(("count", "n"), [(1, 1), (1, 2), (1, 9), (3, 9), (7, 2), (7, 9), (2, 20), (1, 40)])
+def test_inverses(compiler, count, n):
+    A = matrices(count, n)
+    exact, condition = np.linalg.inv(A), np.max(np.linalg.cond(A))
+    found = COMPILERS[compiler](inverses)(A)
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-15 * n * condition * np.max(np.abs(exact)))
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+@pytest.mark.parametrize(("count", "n"), [(1, 3), (3, 9), (7, 9), (12, 4), (1, 40)])
+def test_complex_inverses(compiler, count, n):
+    A = matrices(count, n) + 1j * np.roll(matrices(count, n), 1, axis=0)
+    exact, condition = np.linalg.inv(A), np.max(np.linalg.cond(A))
+    found = COMPILERS[compiler](complex_inverses)(A.real, A.imag)
+    found = np.asarray(found[0]) + 1j * np.asarray(found[1])
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-15 * n * condition * np.max(np.abs(exact)))
+
+
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_that_of_a_singular_matrix_is_not_finite(compiler):
+    A = np.array([np.eye(3), np.diag([1.0, 0.0, 2.0])])
+    found = np.asarray(COMPILERS[compiler](inverses)(A))
+    np.testing.assert_array_equal(found[0], np.eye(3))
+    assert not np.all(np.isfinite(found[1]))
+    real, imaginary = COMPILERS[compiler](complex_inverses)(A, jnp.zeros_like(A))
+    assert np.all(np.isfinite(real[0])) and not np.all(np.isfinite(real[1] + imaginary[1]))
