@@ -38,9 +38,6 @@ class Tableau:
         """The modes in real numbers; a single eigenvalue is that of all of them."""
         weighted = self.eigenvalues[:, None] * self.to_modes
         pairs = self.eigenvalues.imag > _REAL
-        weighted = self.eigenvalues[:, None] * self.to_modes
-        if not np.any(pairs):
-            return Modes(self.eigenvalues, np.arange(len(pairs)), weighted, self.from_modes)
         if not np.any(pairs):
             alone = np.arange(self.eigenvalues.size)
             return Modes(self.eigenvalues.real, alone, weighted.real, self.from_modes.real)
