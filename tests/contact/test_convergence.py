@@ -117,8 +117,8 @@ def pendulum_by_restitution(e):
 def test_derivatives_of_all_switches_at_the_default_tolerance(given, at):
     """By a coefficient, against differences over six points of runs at the finest tolerance.
 
-    Where a slip has ended, what is left is rounding of the velocities over the least speed that steps follow, and no
-    longer falls with the tolerance: 2e-9 of the largest derivative here, for which the bound has a part in proportion.
+    Those of ends of slips scatter by some 2e-9 of their size at all tolerances below 1e-9, from where steps leave a
+    slip to the time τ on; so the bound has a part in proportion.
     """
     h = 1e-4
 

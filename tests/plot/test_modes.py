@@ -11,9 +11,9 @@ from mpl_toolkits.mplot3d import proj3d
 
 from jaxball import Contact, Mode, plot
 from jaxball.plot.modes import BANDS, modes_of, track_of
+from jaxball.plot.palette import TRAIL
 from jaxball.plot.record import record
 from jaxball.plot.scene import SHADOW, scene
-from jaxball.plot.palette import TRAIL
 from jaxball.plot.view.document import view_document
 from tests.plot.geometry import overlaps
 from tests.plot.lines import drawn

@@ -1,5 +1,7 @@
 """Figures of how a body moves: the velocity of its centre, and how it is turned."""
 
+from typing import Any
+
 import jax
 import numpy as np
 from jaxtyping import Float
@@ -57,7 +59,8 @@ def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     run = drawn_run(trajectory)
     times, _, observables = record(run)
     if isinstance(run.system, Disk):
-        phi = np.asarray(run.state.phi)[finite_rows(run)]
+        state: Any = run.state
+        phi = np.asarray(state.phi)[finite_rows(run)]
         series, name = [Series(phi, "", COMPONENTS[0])], r"$\phi$ (rad)"
     else:
         Gamma = observables.vertical_body

@@ -101,7 +101,7 @@ def figures(
 
 def standard_figures(trajectory: Trajectory[Any, Any]) -> list[Callable[[Trajectory[Any, Any]], Axes | Figure]]:
     """The functions that draw the standard figures of a run, but for those in which nothing would be seen."""
-    system = trajectory.system
+    system: Any = trajectory.system
     if not isinstance(system, AbstractBody):
         return [draw for draw in CLASSICAL if draw is not law_errors or trajectory.laws]
     joints = OF_JOINTS if system.mechanisms else ()
