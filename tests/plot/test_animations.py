@@ -14,9 +14,9 @@ from jaxball.interface.output import OutputError
 from jaxball.plot.animation import frames
 from jaxball.plot.canvas import Canvas
 from jaxball.plot.gif import long_runs, palette_of
+from jaxball.plot.palette import mass_colour
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
-from jaxball.plot.palette import mass_colour
 
 SIZE = (800, 600)
 LARGEST, IN_ALL = 3e6, 401  # bytes of a GIF of 20 s, and its frames

@@ -130,7 +130,7 @@ def choose(page, text):
 
 
 def test_graphs_follow_and_lead_the_time(page):
-    plots = page.find_elements(By.CSS_SELECTOR, ".plot canvas")
+    plots = page.find_elements(By.CSS_SELECTOR, ".plot > canvas")
     assert len(plots) == 5
     places = []
     for t in (0.0, 5.0, 20.0):
@@ -310,7 +310,7 @@ def test_without_webgl_the_graphs_are_shown_and_a_sentence(ball_trajectory, tmp_
         page.get(path.as_uri())
         assert page.find_element(By.ID, "apology").text.startswith("This browser has no WebGL, which the scene needs;")
         assert not page.find_element(By.ID, "scene").is_displayed()
-        plots = page.find_elements(By.CSS_SELECTOR, ".plot canvas")
+        plots = page.find_elements(By.CSS_SELECTOR, ".plot > canvas")
         go_to(page, 0.0)
         start = [float(plot.get_attribute("data-cursor")) for plot in plots]
         go_to(page, 20.0)
