@@ -255,7 +255,8 @@ def test_a_frame_that_grows_sees_all_beside_its_settings(browser, disk_trajector
     go_to(browser, 0.0)
     browser.set_window_size(1100, 900)
     assert browser.execute_async_script(
-        "const done = arguments[0]; const f = () => settings.open ? setTimeout(() => done(true), 100) : setTimeout(f, 20); f()"
+        "const done = arguments[0];"
+        "const f = () => settings.open ? setTimeout(() => done(true), 100) : setTimeout(f, 20); f()"
     )
     right = browser.execute_script("return document.getElementById('settings').getBoundingClientRect().left")
     assert len(shown_names(browser)) > 4
