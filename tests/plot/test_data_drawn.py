@@ -223,3 +223,26 @@ def test_a_mass_has_one_colour_in_every_figure(disk_trajectory):
         }
         colours |= {text.get_color() for text in plot.configuration(disk_trajectory).texts if text.get_text() == label}
         assert len(colours) == 1
+
+
+@pytest.mark.parametrize("heading", [0.0, 2.0, -1.0])
+def test_downhill_is_where_a_ball_at_rest_begins_to_roll(heading):
+    slope = jaxball.Ground(angle=0.2, heading=heading)
+    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4), ground=slope)
+    run = jaxball.simulate(ball, [0.0, 0.5, 1.0], rtol=1e-6, atol=1e-6)
+    ax = plot.centre_path(run)
+    (arrow,) = (one for one in ax.collections if hasattr(one, "U"))
+    moved = np.asarray(run.state.z[-1])
+    np.testing.assert_allclose([arrow.U[0], arrow.V[0]], moved / np.linalg.norm(moved), atol=1e-6)
+    assert "downhill" in [text.get_text() for text in ax.texts]
+
+
+def test_the_velocity_of_the_centre_is_the_rate_of_its_place():
+    """By central differences, of a ball on a turntable, which carries it along."""
+    table = load_scenario("turntable")
+    times = np.linspace(0.0, 2.0, 401)
+    run = jaxball.simulate(table.system, times, table.state, rtol=1e-10, atol=1e-10)
+    ax = plot.centre_velocity(run)
+    for j in (0, 1):
+        rate = np.gradient(np.asarray(run.state.z)[:, j], times)
+        np.testing.assert_allclose(drawn(ax, f"$V_{j + 1}$")[1:-1, 1], rate[1:-1], atol=1e-4)

@@ -5,16 +5,20 @@ import numpy as np
 import pytest
 
 from jaxball import plot
+from jaxball.plot.files import check_others, run_mark, save_figure, scenario_mark
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
+from jaxball.results import OutputError
 from tests.plot.geometry import overlaps
 
 QUANTITIES = [
     "configuration",
     "body_paths",
     "space_paths",
+    "attitude",
     "angular_velocity",
     "centre_path",
+    "centre_velocity",
     "energies",
     "power",
     "contact_force",
@@ -29,14 +33,54 @@ def ink(path):
 
 def test_all_figures_of_the_disk(disk_trajectory, tmp_path):
     paths = plot.figures(disk_trajectory, tmp_path / "new" / "folder")
-    assert [path.name for path in paths] == [f"disk_{name}.png" for name in ["acceleration", *QUANTITIES]]
+    assert [path.name for path in paths] == [
+        f"disk_{name}.png" for name in ["acceleration", "mass_angles", *QUANTITIES]
+    ]
     for path in paths:
         assert 0.005 < ink(path) < 0.3, path
 
 
-def test_a_ball_without_masses_has_no_acceleration_to_show(bare_trajectory, tmp_path):
-    paths = plot.figures(bare_trajectory, str(tmp_path))
-    assert [path.name for path in paths] == [f"ball_{name}.png" for name in QUANTITIES]
+def test_a_ball_without_masses_has_no_figure_of_a_dot(bare_trajectory, thrown_trajectory, tmp_path):
+    """In the body, the centre of mass of a shell stays where it is; in space it does where it is the centre."""
+    for run, without in (
+        (bare_trajectory, {"body_paths"}),
+        (thrown_trajectory, {"body_paths", "space_paths", "configuration"}),
+    ):
+        names = {path.stem.removeprefix("ball_") for path in plot.figures(run, tmp_path, replace=True)}
+        assert names & {"acceleration", "mass_angles", *QUANTITIES} == set(QUANTITIES) - without
+
+
+def test_figures_of_another_run_stay(disk_trajectory, ball_trajectory, tmp_path):
+    first = plot.figures(disk_trajectory, tmp_path, name="my run")
+    assert {path.name.partition("_")[0] for path in first} == {"my-run"}
+    kept = {path: path.read_bytes() for path in first}
+    assert plot.figures(disk_trajectory, tmp_path, name="my run") == first
+    with pytest.raises(OutputError, match=r"is not a figure of this run, .*; give another folder, or replace=True to"):
+        plot.figures(ball_trajectory, tmp_path, name="my run")
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == kept
+    plot.figures(ball_trajectory, tmp_path, name="my run", replace=True)
+    assert all(path.read_bytes() != kept[path] for path in first)
+
+
+@pytest.mark.parametrize("suffix", ["png", "pdf", "svg"])
+def test_a_file_says_of_which_run_it_is_in_every_format(suffix, ball_trajectory, tmp_path):
+    path = tmp_path / f"figure.{suffix}"
+    save_figure(plot.energies(ball_trajectory), path, run_mark(ball_trajectory))
+    check_others([path], run_mark(ball_trajectory), "")
+    with pytest.raises(OutputError):
+        check_others([path], scenario_mark("another"), "")
+
+
+def test_text_of_pdf_is_truetype_and_that_of_svg_is_text_if_asked_for(ball_trajectory, tmp_path):
+    ax = plot.energies(ball_trajectory)
+    for name in ("figure.pdf", "figure.svg"):
+        save_figure(ax, tmp_path / name)
+    pdf, outlines = (tmp_path / "figure.pdf").read_bytes(), (tmp_path / "figure.svg").read_text()
+    assert b"/Type3" not in pdf
+    assert b"/CIDFontType2" in pdf
+    save_figure(ax, tmp_path / "text.svg", svg_text=True)
+    text = (tmp_path / "text.svg").read_text()
+    assert ("<text" in outlines, "<text" in text) == (False, True)
 
 
 def test_the_overview_is_one_page_of_six_panels(ball_trajectory, tmp_path):

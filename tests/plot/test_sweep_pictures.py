@@ -16,6 +16,7 @@ from jaxball.cli import main
 from jaxball.plot.sweeps import fans, maps, slices
 from jaxball.plot.sweeps.results import standard_results
 from jaxball.plot.sweeps.rows import rows_of, sample
+from jaxball.plot.sweeps.symbols import number_label, plain
 from jaxball.sweep.layout import layout_of
 from tests.plot.geometry import overlaps
 from tests.plot.lines import drawn
@@ -48,15 +49,15 @@ def test_a_slice_is_at_the_middle_of_other_axes():
     ax = plot.sweep_slice(disks(), "phi", OVER_MASS)
     np.testing.assert_allclose(ax.lines[0].get_xydata(), np.column_stack([m, kept(m)]), rtol=1e-15)
     np.testing.assert_allclose(drawn(ax, "MAX_STEPS (1)")[:, 0], m[m > HEAVY])
-    assert texts(ax) == ["body.gravity = 1", "MAX_STEPS (1)"]
-    assert (ax.get_xlabel(), ax.get_ylabel()) == (OVER_MASS, r"$\phi$ at the end (rad)")
+    assert texts(ax) == ["$g$ = 1", "MAX_STEPS (1)"]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("$m_0$ (mass)", r"$\phi$ at the end (rad)")
     assert ax.get_xscale() == "log"
 
 
 def test_a_slice_is_at_the_numbers_that_are_given():
     ax = plot.sweep_slice(disks(), "z", "body.gravity", at={OVER_MASS: 0.8})
     np.testing.assert_allclose(ax.lines[0].get_xydata(), np.column_stack([g, -m[1] * g]), rtol=1e-15)
-    assert texts(ax) == ["body.mass = 0.7071"]
+    assert texts(ax) == ["$m_0$ = 0.7071"]
     assert ax.get_xscale() == "linear"
 
 
@@ -71,8 +72,8 @@ def test_failed_rows_stand_below_all_that_is_drawn():
 def test_a_curve_for_each_point_of_another_axis():
     ax = plot.sweep_slice(disks(), "phi", OVER_MASS, by="body.gravity")
     for gravity in g:
-        np.testing.assert_allclose(drawn(ax, f"body.gravity = {gravity:.4g}")[:, 1], kept(m * gravity), rtol=1e-15)
-    assert texts(ax)[1:] == ["body.gravity = 0.5", "body.gravity = 1", "body.gravity = 2", "MAX_STEPS (4)"]
+        np.testing.assert_allclose(drawn(ax, f"$g$ = {gravity:.4g}")[:, 1], kept(m * gravity), rtol=1e-15)
+    assert texts(ax)[1:] == ["$g$ = 0.5", "$g$ = 1", "$g$ = 2", "MAX_STEPS (4)"]
 
 
 def test_no_line_joins_the_points_of_a_design():
@@ -131,12 +132,12 @@ def test_a_fan_of_disks_is_coloured_by_the_number():
     for mass, points in zip([*good, *heavy], curves.get_segments(), strict=True):
         np.testing.assert_allclose(points, np.column_stack([t, -2 * mass + 0 * t])[: 5 if mass in good else 3])
     bar = ax.figure.axes[1]
-    assert bar.get_ylabel() == OVER_MASS
+    assert bar.get_ylabel() == "$m_0$ (mass)"
     np.testing.assert_allclose(bar.get_ylim(), [0.5, 2.0])
     shown = LogNorm(0.5, 2.0)(good)
     np.testing.assert_allclose(curves.get_colors()[: len(good)], matplotlib.colormaps["viridis"](shown))
     np.testing.assert_allclose(drawn(ax, "MAX_STEPS (3)"), np.column_stack([0 * heavy + 1.0, -2 * heavy]))
-    assert texts(ax) == ["body.gravity = 2", "MAX_STEPS (3)"]
+    assert texts(ax) == ["$g$ = 2", "MAX_STEPS (3)"]
 
 
 def test_a_fan_of_balls_is_in_the_plane():
@@ -248,7 +249,7 @@ def test_a_sample_is_always_the_same_and_has_some_that_failed():
 def test_too_many_rows_are_drawn_in_part_and_the_title_says_so(monkeypatch):
     for module, name, most in ((slices, "MOST_DRAWN", 3), (maps, "MOST_CELLS", 2), (fans, "MOST_CURVES", 2)):
         monkeypatch.setattr(module, name, most)
-    assert texts(plot.sweep_slice(disks(), "phi", OVER_MASS))[0] == "body.gravity = 1; 3 of 5 rows drawn"
+    assert texts(plot.sweep_slice(disks(), "phi", OVER_MASS))[0] == "$g$ = 1; 3 of 5 rows drawn"
     ax = plot.sweep_map(disks(), "phi", OVER_MASS, "body.gravity")
     assert texts(ax) == ["4 of 15 rows drawn", "MAX_STEPS (4)"]
     np.testing.assert_allclose(
@@ -333,6 +334,35 @@ def test_the_command_draws_what_fits_the_study(command, tmp_path, capsys):
     for name in names:
         picture = matplotlib.image.imread(tmp_path / "new" / "figures" / name)
         assert 0.005 < np.mean(np.any(picture[..., :3] < 0.98, axis=-1)) < 0.9, name
+
+
+def test_labels_and_formats_are_those_that_are_given(command, tmp_path, capsys):
+    store(tmp_path, MASSES, engine=pretend)
+    label = ["--label", "body.mass=M (kg)", "phi=turned (rad)"]
+    chosen = ["s.zarr", "--out", "figures", "--result", "phi", "z", "--format", "svg", "--svg-text", *label]
+    assert command(*chosen) == 0
+    assert sorted(path.name for path in (tmp_path / "figures").iterdir()) == [
+        "slice_phi_body.mass.svg",
+        "slice_z_body.mass.svg",
+    ]
+    text = (tmp_path / "figures" / "slice_phi_body.mass.svg").read_text()
+    assert ">M (kg)<" in text
+    assert ">turned (rad)<" in text
+    assert command(*chosen[:-3], "--label", "mass=M") == 2
+    assert "Result `mass` must be one of those" in capsys.readouterr().err
+
+
+def test_names_of_files_have_no_brackets():
+    assert [plain(path) for path in ("z[0]", "masses[1].rail.radius", "R[1][0]")] == [
+        "z0",
+        "masses1.rail.radius",
+        "R1-0",
+    ]
+
+
+def test_symbols_count_from_one_and_have_units():
+    labels = [number_label(path) for path in ("masses[1].mass", "ground.angle", "contact.sliding", "own.number")]
+    assert labels == ["$m_{2}$ (mass)", "$a$ (rad)", r"$\mu$", "own.number"]
 
 
 def test_the_command_draws_standard_results_of_one_number(command, tmp_path, capsys):

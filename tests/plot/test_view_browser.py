@@ -2,6 +2,7 @@
 
 import base64
 import io
+import re
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from jaxball import BallState, plot
 from jaxball.plot.view.document import view_document
 from tests.plot.test_view_page import HOSTILE
 from tests.support.browser import SOFTWARE, chromium, needs_chromium
+from tests.support.colour_vision import contrast
 
 pytestmark = needs_chromium
 
@@ -48,6 +50,10 @@ def picture(page):
         "requestAnimationFrame(() => requestAnimationFrame(() => done(canvas.toDataURL())));"
     )
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(text.partition(",")[2]))).convert("RGBA"), dtype=int)
+
+
+def shown_names(page):
+    return [one.text for one in page.find_elements(By.CSS_SELECTOR, "#labels span") if one.is_displayed()]
 
 
 def go_to(page, t):
@@ -130,7 +136,7 @@ def choose(page, text):
 
 
 def test_graphs_follow_and_lead_the_time(page):
-    plots = page.find_elements(By.CSS_SELECTOR, ".plot canvas")
+    plots = page.find_elements(By.CSS_SELECTOR, ".plot > canvas")
     assert len(plots) == 5
     places = []
     for t in (0.0, 5.0, 20.0):
@@ -145,6 +151,56 @@ def test_graphs_follow_and_lead_the_time(page):
     assert time(page) == 12.0
     ActionChains(page).click_and_hold(plot).move_by_offset(400, 0).release().perform()
     assert time(page) == 20.0
+
+
+def test_coloured_numbers_can_be_read_on_light_and_dark(page):
+    """The contrast that WCAG asks for, AA, of every text beside a graph and in the scene."""
+    for _ in range(2):
+        paper = colour_of(page, "body", "background-color")
+        texts = page.find_elements(By.CSS_SELECTOR, ".plot figcaption span, #labels span, #masses li, #units")
+        assert len(texts) > 10
+        for text in texts:
+            colour = page.execute_script("return getComputedStyle(arguments[0]).color", text)
+            assert contrast(hex_of(colour), paper) >= 4.5, text.text
+        page.find_element(By.ID, "theme").click()
+
+
+def colour_of(page, selector, name):
+    script = "return getComputedStyle(document.querySelector(arguments[0])).getPropertyValue(arguments[1])"
+    return hex_of(page.execute_script(script, selector, name))
+
+
+def hex_of(text):
+    return "#" + "".join(f"{int(part):02x}" for part in re.findall(r"\d+", text)[:3])
+
+
+def test_axes_and_arrows_have_names(page):
+    go_to(page, 7.0)
+    assert {"N", "N + f", "m₁", "m₂", "m₃"} <= set(shown_names(page))
+    assert any(name.endswith(" f") for name in shown_names(page))
+    for layer, names in (("Axes of space", {"e₁", "e₂", "e₃"}), ("Axes of the body", {"E₁", "E₂", "E₃"})):
+        assert not names & set(shown_names(page))
+        choose(page, layer)
+        assert names <= set(shown_names(page))
+        choose(page, layer)
+
+
+def test_graphs_and_the_scene_have_roles_and_keys(page):
+    graph = page.find_elements(By.CSS_SELECTOR, ".plot > canvas")[1]
+    assert (graph.get_attribute("role"), graph.get_attribute("tabindex")) == ("slider", "0")
+    graph.send_keys(Keys.ARROW_RIGHT)
+    assert time(page) == 1.0
+    assert graph.get_attribute("aria-valuenow") == "1"
+    assert graph.get_attribute("aria-valuetext").startswith("t = 1: Ω₁ ")
+    graph.send_keys(Keys.END)
+    assert time(page) == 20.0
+    scene = page.find_element(By.ID, "scene")
+    before = picture(page)
+    scene.send_keys(Keys.ARROW_LEFT)
+    assert time(page) == 20.0
+    assert np.any(picture(page) != before)
+    scene.send_keys(Keys.HOME)
+    np.testing.assert_array_equal(picture(page), before)
 
 
 def test_keys_step_and_play(page):
@@ -164,8 +220,10 @@ def test_layers_and_theme_change_what_is_seen(page):
     go_to(page, 7.0)
     before = picture(page)
     for box in page.find_elements(By.CSS_SELECTOR, "#layers input"):
+        names = shown_names(page)
         box.click()
-        assert np.any(picture(page) != before), box.find_element(By.XPATH, "..").text
+        hidden = np.any(picture(page) != before) or shown_names(page) != names  # names are texts over the canvas
+        assert hidden, box.find_element(By.XPATH, "..").text
         box.click()
     np.testing.assert_array_equal(picture(page), before)
     dark = page.execute_script("return document.documentElement.dataset.theme")
@@ -174,6 +232,55 @@ def test_layers_and_theme_change_what_is_seen(page):
     assert np.any(picture(page) != before)
     page.find_element(By.ID, "theme").click()
     np.testing.assert_array_equal(picture(page), before)
+
+
+def test_the_slider_is_a_time(browser, tmp_path):
+    """Saved times that crowd at the start: half of them are in a hundredth of the time."""
+    times = np.concatenate([np.linspace(0.0, 0.1, 11), np.linspace(1.0, 10.0, 10)])
+    ball = jaxball.Ball(mass=1.0, inertia=(0.4, 0.4, 0.4))
+    run = jaxball.simulate(ball, times, BallState(Omega=(0.0, 1.0, 0.0)), rtol=1e-6, atol=1e-6)
+    browser.get(run.view(tmp_path / "run.html").save(tmp_path / "run.html").as_uri())
+    go_to(browser, 5.0)
+    place = "const s = document.getElementById('slider'); return (s.value - s.min) / (s.max - s.min)"
+    np.testing.assert_allclose(browser.execute_script(place), 0.5, atol=1e-9)
+    browser.execute_script("slider.value = 8; slider.dispatchEvent(new Event('input'))")
+    assert time(browser) == 8.0
+
+
+def test_a_frame_that_grows_sees_all_beside_its_settings(browser, disk_trajectory, tmp_path):
+    """The settings open when there is room for them, and the disk at its start is left of them."""
+    browser.get(disk_trajectory.view(tmp_path / "disk.html").save(tmp_path / "disk.html").as_uri())
+    browser.set_window_size(700, 900)
+    browser.refresh()
+    go_to(browser, 0.0)
+    browser.set_window_size(1100, 900)
+    assert browser.execute_async_script(
+        "const done = arguments[0];"
+        "const f = () => settings.open ? setTimeout(() => done(true), 100) : setTimeout(f, 20); f()"
+    )
+    right = browser.execute_script("return document.getElementById('settings').getBoundingClientRect().left")
+    assert len(shown_names(browser)) > 4
+    for name in browser.find_elements(By.CSS_SELECTOR, "#labels span"):
+        if name.is_displayed():
+            assert name.rect["x"] + name.rect["width"] < right, name.text
+    browser.set_window_size(1000, 900)
+
+
+def test_less_motion_is_shown_in_steps(browser, ball_trajectory, tmp_path):
+    browser.execute_cdp_cmd(
+        "Emulation.setEmulatedMedia", {"features": [{"name": "prefers-reduced-motion", "value": "reduce"}]}
+    )
+    browser.get(ball_trajectory.view(tmp_path / "run.html").save(tmp_path / "run.html").as_uri())
+    frames = browser.execute_async_script(
+        "const done = arguments[0], seen = new Set(); document.getElementById('speed').value = 4;"
+        "speed.dispatchEvent(new Event('change')); play.click();"
+        "const end = performance.now() + 1600;"
+        "const f = () => { seen.add(jaxball.time());"
+        "performance.now() < end ? requestAnimationFrame(f) : done([...seen]) };"
+        "f()"
+    )
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    assert 2 <= len(frames) <= 5  # two a second, where each of the seven times would be shown
 
 
 def test_a_failed_run_says_so(browser, failed_trajectory, tmp_path):
@@ -310,7 +417,7 @@ def test_without_webgl_the_graphs_are_shown_and_a_sentence(ball_trajectory, tmp_
         page.get(path.as_uri())
         assert page.find_element(By.ID, "apology").text.startswith("This browser has no WebGL, which the scene needs;")
         assert not page.find_element(By.ID, "scene").is_displayed()
-        plots = page.find_elements(By.CSS_SELECTOR, ".plot canvas")
+        plots = page.find_elements(By.CSS_SELECTOR, ".plot > canvas")
         go_to(page, 0.0)
         start = [float(plot.get_attribute("data-cursor")) for plot in plots]
         go_to(page, 20.0)

@@ -116,7 +116,7 @@ def check_momentum(arrays, inertia, masses):
 
 def test_graphs_name_columns_that_there_are(ball_trajectory, ball_document):
     titles = [plot["title"] for plot in ball_document["plots"]]
-    assert titles == ["Energies", "Angular velocity", "Normal force", "Friction needed", "Angles of the masses"]
+    assert titles == ["Energies", "Angular velocity", "Normal force", "Friction needed", "Angles of the masses (rad)"]
     three = view_document(dict.fromkeys("abc", ball_trajectory))
     assert [plot["title"] for plot in three["plots"]] == ["Energy", "Angular speed", "Normal force", "Friction needed"]
     for document in (ball_document, three):
@@ -127,6 +127,18 @@ def test_graphs_name_columns_that_there_are(ball_trajectory, ball_document):
     assert [one["name"] for one in ball_document["plots"][-1]["series"]] == ["θ₁", "θ₂", "θ₃"]
     assert ball_document["friction"] == 0.3
     assert ball_document["units"] == "dimensionless, m₀ = r = g = 1"
+
+
+def test_positions_along_tubes_are_no_angles_and_a_disk_turns_at_one_rate(disk_trajectory):
+    tubes = load_scenario("six-tubes")
+    run = jaxball.simulate(tubes.system, [0.0, 0.1], tubes.state, rtol=1e-6, atol=1e-6)
+    titles = [plot["title"] for plot in view_document(run)["plots"]]
+    assert "Positions of the masses" in titles
+    assert not [title for title in titles if title.startswith("Angles")]
+    document = view_document(disk_trajectory)
+    (turning,) = (plot for plot in document["plots"] if plot["title"] == "Angular velocity")
+    assert [one["name"] for one in turning["series"]] == ["φ̇"]
+    np.testing.assert_allclose(arrays_of(document)["turning"], disk_trajectory.state.phidot, rtol=1e-6, atol=1e-7)
 
 
 def test_bodies_are_on_one_plane_and_equal_arrays_are_once(ball_trajectory, ball_document):

@@ -115,7 +115,10 @@ def figure_links(axes: Mapping[str, Axes], folder: Path, system: System, title: 
 
 
 def path_figure(
-    requirements: Sequence[Requirement], before: tuple[np.ndarray, np.ndarray], after: tuple[np.ndarray, np.ndarray]
+    requirements: Sequence[Requirement],
+    before: tuple[np.ndarray, np.ndarray],
+    after: tuple[np.ndarray, np.ndarray],
+    names: tuple[str, str] = ("before", "after"),
 ) -> Axes:
     """The paths before and after, each with its times, and their targets; that of a disk, a line, over time."""
     times, path = after
@@ -123,8 +126,8 @@ def path_figure(
     if path.ndim == 1:
         targets = [item.targets(jnp.asarray(times)) for item in followed if isinstance(item, FollowTrajectory)]
         target = (times, np.asarray(targets[0])[:, 0]) if targets else None
-        return plot.place_in_time({"before": before, "after": after}, target)
-    return plot.designed_path(before[1], path, wanted_path(requirements), discs_to_avoid(requirements))
+        return plot.place_in_time(dict(zip(names, (before, after), strict=True)), target)
+    return plot.designed_path(before[1], path, wanted_path(requirements), discs_to_avoid(requirements), names=names)
 
 
 def _verdict(design: Design) -> str:

@@ -24,6 +24,8 @@ def designed_path(
     wanted: Float[np.ndarray, "k 2"] | None = None,
     discs: Sequence[tuple[Float[np.ndarray, "2"], float]] = (),
     ax: Axes | None = None,
+    *,
+    names: tuple[str, str] = ("before", "after"),
 ) -> Axes:
     """The path of the geometric centre before and after, the target path dashed, and the discs to avoid.
 
@@ -34,14 +36,15 @@ def designed_path(
     - ``before``, ``after``: positions over time, length, shape (t, 2).
     - ``wanted``: points of the target path, shape (k, 2), or None.
     - ``discs``: centre and radius of each.
+    - ``names``: what both paths are called.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
     ax = plane_axes(ax, (WIDE[0], 4.0))
     for centre, radius in discs:
         ax.add_patch(Ring((float(centre[0]), float(centre[1])), radius, facecolor="0.9", edgecolor=SHELL))
-    ax.plot(*before.T, color="0.7", linewidth=1.0, label="before")
-    ax.plot(*after.T, color=TRAIL, linewidth=1.4, label="after")
+    ax.plot(*before.T, color="0.7", linewidth=1.0, label=names[0])
+    ax.plot(*after.T, color=TRAIL, linewidth=1.4, label=names[1])
     if wanted is not None:
         ax.plot(*wanted.T, color=INK, linewidth=0.8, linestyle=linestyle(DASHED), label="wanted")
     ends(ax, after, TRAIL, labelled=True, zorder=3)

@@ -8,18 +8,19 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 
-from ..physics.body import Disk
+from ..physics.body import Disk, System
 from ..simulation.trajectory import Trajectory
 from .mechanisms import looks
 from .modes import PATHS, SWITCH, draw_modes, modes_of, switch_points, track_of
 from .palette import INK, SHELL, TRAIL
 from .record import record
 from .shapes import outline, parallel, rails_of, view
-from .style import WIDE, cube, ends, legend_above, mass_line, named, plane_axes, sharing, space_axes, up_to_ticks
+from .style import WIDE, cube, ends, legend_above, mass_line, named, plane_axes, sharing, space_axes, up_to_ticks, write
 
 # Three-dimensional Axes clip what is outside of their square, and would take these lines'
 # coordinates in space for coordinates on the page when they are laid out.
 LONG = (5.6, 3.6)
+ARROW = 0.35  # inches, of the one that points down a slope
 UNCUT: dict[str, Any] = {"clip_on": False, "in_layout": False}
 
 
@@ -58,7 +59,8 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """The path of the GC, and of the contact point below it.
 
     The ball's is drawn in the plane of e1 and e2, ``fig_ball_gc_path``, with a ring at its start and a
-    square at its end; for the disk, z is drawn over time, ``fig_disk_gc``. Where the ball slides the path is dashed,
+    square at its end; for the disk, z is drawn over time, ``fig_disk_gc``. On a slope an arrow, or for the disk the
+    label, says which way is downhill. Where the ball slides the path is dashed,
     where it flies it is dotted, and dots are where one mode followed another.
 
     **Arguments:**
@@ -83,7 +85,7 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
         draw_modes(ax, modes_of(trajectory))
         ax.margins(x=0)
         up_to_ticks(ax)
-        named(ax, "$t$", "$z$")
+        named(ax, "$t$", "$z$" + _downhill_words(trajectory.system))
         legend_above(ax)
         return ax
     ax = plane_axes(ax, (WIDE[0], 4.2), trajectory.system)
@@ -91,9 +93,39 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     ends(ax, z[:, :2], INK, labelled=True)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
+    _draw_downhill(ax, trajectory.system, z[:, :2])
     named(ax, "$z_1$", "$z_2$")
     legend_above(ax, 3)
     return ax
+
+
+def _downhill_words(system: System) -> str:
+    """Which way is downhill for a disk, which rolls along e1; nothing on a level."""
+    falls = _downhill(system)
+    return "" if falls is None else " (downhill)" if falls[0] > 0 else " (uphill)"
+
+
+def _downhill(system: System) -> Float[np.ndarray, "2"] | None:
+    """The unit vector of steepest descent in the plane, space axes; None on a level."""
+    if system.ground is None:
+        return None
+    up = np.asarray(system.ground.up())[:2]  # against gravity
+    size = float(np.linalg.norm(up))
+    return -up / size if size > 0 else None
+
+
+def _draw_downhill(ax: Axes, system: System, points: Float[np.ndarray, "T 2"]) -> None:
+    """An arrow down the slope with its name, in the corner that is farthest from the path."""
+    falls = _downhill(system)
+    if falls is None:
+        return
+    ax.autoscale_view()
+    shares = ax.transAxes.inverted().transform(ax.transData.transform(points))
+    corners = [np.array([x, y]) for y in (0.92, 0.14) for x in (0.88, 0.12)]
+    at = max(corners, key=lambda corner: float(np.min(np.linalg.norm(shares - corner, axis=1))))
+    look: dict[str, Any] = {"angles": "uv", "scale": 1 / ARROW, "scale_units": "inches", "units": "inches"}
+    ax.quiver(*at[:, None], *falls[:, None], transform=ax.transAxes, pivot="middle", width=0.012, color=INK, **look)
+    write(ax, at - [0.0, 0.05], "downhill", transform=ax.transAxes, ha="center", va="top")
 
 
 def _draw_path(ax: Axes, trajectory: Trajectory, z: Float[np.ndarray, "T 3"]) -> None:

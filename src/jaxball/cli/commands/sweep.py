@@ -11,6 +11,7 @@ from ...scenario.errors import ScenarioError
 from ...scenario.sources import document_of, naming, text_of
 from ..jax_setup import set_up_jax
 from ..options import BadInputError, count
+from ..output import add_formats, add_replacing
 
 NEEDED = ("zarr", "pandas", "pyarrow", "scipy")
 
@@ -22,7 +23,8 @@ def add(commands) -> None:
         usage=(
             "jaxball sweep STUDY --out STORE [--workers N] [--shard K/N] [--dry-run [--measure]]\n"
             "       jaxball sweep status STORE\n"
-            "       jaxball sweep plot STORE --out FOLDER [--result NAME ...] [--against PATH ...]"
+            "       jaxball sweep plot STORE --out FOLDER [--result NAME ...] [--against PATH ...]\n"
+            "               [--label NAME=TEXT ...] [--format FORMAT ...] [--svg-text] [--force]"
         ),
         description="Runs a study, or resumes one that was stopped, whatever stopped it.",
     )
@@ -35,6 +37,16 @@ def add(commands) -> None:
     parser.add_argument("--measure", action="store_true", help="with --dry-run: solve a few rows to estimate the time")
     parser.add_argument("--result", nargs="+", default=[], metavar="NAME", help="what to draw, such as z[0]")
     parser.add_argument("--against", nargs="+", default=[], metavar="PATH", help="the numbers to draw it against")
+    parser.add_argument(
+        "--label",
+        nargs="+",
+        type=_label,
+        default=[],
+        metavar="NAME=TEXT",
+        help="what a number or a result is called in figures, instead of its symbol, as in 'body.mass=$M$ (kg)'",
+    )
+    add_formats(parser, "--format")
+    add_replacing(parser)
     parser.set_defaults(run=lambda options: _run(parser, options))
 
 
@@ -48,9 +60,9 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
         return status(options)
     if options.study == "plot":
         return _plot(parser, options)
-    for name in ("result", "against"):
+    for name in ("result", "against", "label", "format", "svg_text", "force"):
         if getattr(options, name):
-            parser.error(f"argument --{name} is for jaxball sweep plot")
+            parser.error(f"argument --{name.replace('_', '-')} is for jaxball sweep plot")
     if options.measure and not options.dry_run:
         parser.error("argument --measure is for --dry-run")
     if options.store is not None:
@@ -84,6 +96,13 @@ def require_packages(packages: tuple[str, ...]) -> None:
     if missing:
         are = "is" if len(missing) == 1 else "are"
         raise BadInputError(f"A sweep needs {all_of(missing)}, which {are} not installed; {pip_install('sweep')}.")
+
+
+def _label(text: str) -> tuple[str, str]:
+    name, equals, label = text.partition("=")
+    if not (name and equals and label):
+        raise argparse.ArgumentTypeError(f"it must be NAME=TEXT, but it is {text}")
+    return name, label
 
 
 def _shard(text: str) -> tuple[int, int]:

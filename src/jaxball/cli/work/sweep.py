@@ -6,10 +6,12 @@ from pathlib import Path
 
 from ... import sweep
 from ...interface.interruption import STOPPED, exit_code, interrupt_message
+from ...interface.output import OutputError
 from ...interface.wording import counted
 from ...scenario.sources import naming
 from ..options import FAILED_SOLVE, BadInputError
 from ..output import working
+from .files import suffixes
 
 
 def run(options: argparse.Namespace, text: str) -> int:
@@ -37,7 +39,18 @@ def plot(options: argparse.Namespace) -> int:
 
     try:
         with working(options, "drawing"):
-            paths = figures.sweep_figures(data, options.out, options.result, options.against)
+            paths = figures.sweep_figures(
+                data,
+                options.out,
+                options.result,
+                options.against,
+                formats=suffixes(options.format),
+                labels=dict(options.label),
+                svg_text=options.svg_text,
+                replace=options.force,
+            )
+    except OutputError as error:
+        raise OutputError(str(error).replace("replace=True", "--force")) from None
     except figures.PictureError as error:
         raise BadInputError(str(error)) from None
     print(f"{counted(len(paths), 'figure')} of {options.store}")

@@ -16,6 +16,7 @@ from .axes import COLOURS, coloured, heading, norm_of, study_axes
 from .failures import LOOKS, marks, names_of
 from .results import histories_of, label_of, parsed, result_names
 from .rows import Rows, at_fixed, rows_of, sample
+from .symbols import Labels, number_label
 
 if TYPE_CHECKING:
     import xarray
@@ -31,6 +32,7 @@ def sweep_fan(
     *,
     result: str | None = None,
     at: Mapping[str, float] | None = None,
+    labels: Labels = None,
 ) -> Axes:
     """The trajectories of a study with ``save = "times"``, coloured by one of its numbers.
 
@@ -40,14 +42,14 @@ def sweep_fan(
 
     **Arguments:**
 
-    - ``data``, ``ax``, ``at``: as in :func:`sweep_slice`.
+    - ``data``, ``ax``, ``at``, ``labels``: as in :func:`sweep_slice`.
     - ``by``: the path of the number that gives the colours.
     - ``result``: such as ``"Omega[1]"``.
 
     **Raises:** as :func:`sweep_slice`, and :class:`PictureError` where states were not saved at all times.
     """
     rows = rows_of(data)
-    rows, notes = at_fixed(rows, {rows.axis_of(by)}, at)
+    rows, notes = at_fixed(rows, {rows.axis_of(by)}, at, labels)
     names, (drawn, left_out) = names_of(rows.status), sample(rows, MOST_CURVES)
     rows, ax = rows.chosen(drawn), study_axes(rows.data, ax, SIZE)
     in_plane = result is None and {"z[0]", "z[1]"} <= set(result_names(data))
@@ -67,9 +69,9 @@ def sweep_fan(
         keys += ax.plot(*starts.T, "o", ms=4.5, mew=1.0, color=INK, markerfacecolor="white", ls="none", label="start")
         ax.set_aspect("equal", adjustable="datalim")
     ax.autoscale_view()
-    labels = [label_of(data, name, at_the_end=False) for name in results]
-    named(ax, *(labels if in_plane else ["$t$", *labels]))
-    coloured(ax, shown, by)
+    names_shown = [label_of(data, name, labels, at_the_end=False) for name in results]
+    named(ax, *(names_shown if in_plane else ["$t$", *names_shown]))
+    coloured(ax, shown, number_label(by, labels))
     heading(ax, notes + left_out, keys, most=2)
     return ax
 

@@ -15,6 +15,7 @@ from .axes import COLOURS, coloured, edges_of, heading, norm_of, scale, study_ax
 from .failures import LOOKS, MANY, marks, names_of, outcomes, patch
 from .results import label_of, values_of
 from .rows import PictureError, Rows, at_fixed, rows_of, sample
+from .symbols import Labels, number_label
 
 if TYPE_CHECKING:
     import xarray
@@ -32,6 +33,7 @@ def sweep_map(
     ax: Axes | None = None,
     *,
     at: Mapping[str, float] | None = None,
+    labels: Labels = None,
 ) -> Axes:
     """A result of a study in colours over two of its numbers; rows that failed are hatched by their status.
 
@@ -40,7 +42,7 @@ def sweep_map(
 
     **Arguments:**
 
-    - ``data``, ``result``, ``ax``, ``at``: as for :func:`sweep_slice`.
+    - ``data``, ``result``, ``ax``, ``at``, ``labels``: as for :func:`sweep_slice`.
     - ``right``, ``up``: the paths of both numbers.
 
     **Raises:** as :func:`sweep_slice`.
@@ -48,14 +50,14 @@ def sweep_map(
     if right == up:
         raise PictureError(f"Argument `up` must be another number than `right`, but both are `{up}`.")
     rows = rows_of(data)
-    rows, notes = at_fixed(rows, {rows.axis_of(right), rows.axis_of(up)}, at)
+    rows, notes = at_fixed(rows, {rows.axis_of(right), rows.axis_of(up)}, at, labels)
     crossed = rows.axis_of(right) != rows.axis_of(up) and not (rows.is_scattered(right) or rows.is_scattered(up))
     ax = study_axes(rows.data, ax, SIZE)
     shown, keys, more = (_cells if crossed else _dots)(ax, rows, result, right, up)
     for axis, path in ((ax.xaxis, right), (ax.yaxis, up)):
         scale(axis, rows.is_logarithmic(path), rows.number(path))
-    coloured(ax, shown, label_of(data, result))
-    named(ax, right, up)
+    coloured(ax, shown, label_of(data, result, labels))
+    named(ax, number_label(right, labels), number_label(up, labels))
     heading(ax, notes + more, keys, most=2)
     return ax
 

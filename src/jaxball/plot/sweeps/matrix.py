@@ -18,6 +18,7 @@ from .axes import edges_of, scale, title_of
 from .failures import LOOKS, MANY, make_room, marks, names_of, outcomes, present
 from .results import label_of, standard_results, values_of
 from .rows import PictureError, Rows, rows_of, sample
+from .symbols import Labels, number_label
 
 if TYPE_CHECKING:
     import xarray
@@ -39,7 +40,11 @@ class _Variable(NamedTuple):
 
 
 def sweep_matrix(
-    data: "xarray.Dataset", results: Sequence[str] | None = None, numbers: Sequence[str] | None = None
+    data: "xarray.Dataset",
+    results: Sequence[str] | None = None,
+    numbers: Sequence[str] | None = None,
+    *,
+    labels: Labels = None,
 ) -> Figure:
     """A panel for each pair of the numbers that a study changes and of some results.
 
@@ -51,6 +56,7 @@ def sweep_matrix(
     - ``data``: from ``xarray.open_zarr`` of a store.
     - ``results``: as in :func:`sweep_slice`; a few important ones if not given.
     - ``numbers``: paths; those of all numbers that vary if not given.
+    - ``labels``: as in :func:`sweep_slice`.
 
     **Raises:** as :func:`sweep_slice`, and :class:`PictureError` for more than eight numbers and results together.
     """
@@ -63,10 +69,18 @@ def sweep_matrix(
             f"{len(results)} and {len(numbers)}; choose some of {', '.join([*results, *numbers])}."
         )
     variables = [
-        _Variable(_wrapped(path), rows.number(path), True, rows.is_logarithmic(path), not rows.is_scattered(path))
+        _Variable(
+            _wrapped(number_label(path, labels)),
+            rows.number(path),
+            True,
+            rows.is_logarithmic(path),
+            not rows.is_scattered(path),
+        )
         for path in numbers
     ]
-    variables += [_Variable(label_of(data, name), values_of(rows, name), False, False, False) for name in results]
+    variables += [
+        _Variable(label_of(data, name, labels), values_of(rows, name), False, False, False) for name in results
+    ]
     return _drawn(rows, variables)
 
 
@@ -168,5 +182,7 @@ def _edges(different: Float[np.ndarray, " values"], variable: _Variable) -> Floa
 
 def _wrapped(path: str) -> str:
     """A long path on two lines."""
+    if "$" in path:
+        return path
     head, _, tail = path.rpartition(".")
     return path if len(path) <= MOST_LETTERS or not head else f"{head}\n.{tail}"

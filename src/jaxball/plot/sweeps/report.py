@@ -1,20 +1,20 @@
 """The figures that suit a study, written into a folder."""
 
 import itertools
-import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..report import save_figure
+from ..files import check_others, save_figure, scenario_mark
 from .fans import sweep_fan
 from .maps import sweep_map
 from .matrix import MOST_VARIABLES, sweep_matrix
 from .results import parsed, result_names, standard_results
-from .rows import Rows, rows_of
+from .rows import Rows, listed, rows_of
 from .slices import MOST_CURVES, sweep_slice
+from .symbols import plain
 
 if TYPE_CHECKING:
     import xarray
@@ -23,13 +23,22 @@ MOST_NUMBERS = 4
 
 
 def sweep_figures(
-    data: "xarray.Dataset", folder: str | Path, results: Sequence[str] = (), against: Sequence[str] = ()
+    data: "xarray.Dataset",
+    folder: str | Path,
+    results: Sequence[str] = (),
+    against: Sequence[str] = (),
+    *,
+    formats: Sequence[str] = ("png",),
+    labels: Mapping[str, str] | None = None,
+    svg_text: bool = False,
+    replace: bool = False,
 ) -> list[Path]:
-    """Writes figures of a study into ``folder`` as PNG, and returns their paths.
+    """Writes figures of a study into ``folder``, and returns their paths.
 
     They are slices along each number of crossed axes, maps over two numbers, trajectories where states were saved at
     all times, and all numbers and results against one another. A file is named after the figure, the result and the
-    paths, as in ``slice_z[0]_body.mass.png``.
+    paths, without brackets, as in ``slice_z0_body.mass.png``. Figures of the same study are replaced, also when it has
+    more rows by now; those of another are not.
 
     **Arguments:**
 
@@ -38,46 +47,70 @@ def sweep_figures(
       the final position where they exist, and the steps.
     - ``against``: the paths of the numbers; if not given, the first four that vary, with
       maps only over the first two.
+    - ``formats``: png, pdf or svg.
+    - ``labels``: what paths and results are called on axes; the paper's symbols, with units, if not given.
+    - ``svg_text``: whether SVG keeps text as text, and not as outlines.
+    - ``replace``: whether to replace files that are not figures of this study.
 
     **Raises:** :class:`PictureError` when nothing can be drawn, and for an unknown result or path, listing the known
-    ones; nothing is written then. ``OutputError`` when a file cannot be written.
+    ones; nothing is written then. ``OutputError`` when a file cannot be written, and where there is one that is not a
+    figure of this study.
     """
     rows = rows_of(data)
     for name in results:
         parsed(data, name)
     for path in against:
         rows.axis_of(path)
+    for name in labels or {}:
+        if name not in rows.paths:
+            parsed(data, name)
     rows.data.drop_vars([name for name in data.variables if "save" in data[name].dims]).load()  # once for all figures
     numbers = list(against) or (rows.varying() or list(rows.paths))[:MOST_NUMBERS]
     pairs = list(itertools.combinations(numbers, 2))
-    drawings = list(_drawings(rows, list(results) or standard_results(data), numbers, pairs if against else pairs[:1]))
-    folder = Path(folder)
+    drawings = list(
+        _drawings(rows, list(results) or standard_results(data), numbers, pairs if against else pairs[:1], labels)
+    )
+    folder, mark = Path(folder), scenario_mark(_identity(data))
+    paths = [[folder / f"{'_'.join(map(plain, words))}.{suffix}" for suffix in formats] for words, _ in drawings]
+    if not replace:
+        check_others(itertools.chain(*paths), mark, "replace=True")
     folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for words, draw in drawings:
-        paths.append(folder / f"{_file_name(words)}.png")
-        save_figure(draw(), paths[-1])
-    return paths
+    for files, (_, draw) in zip(paths, drawings, strict=True):
+        drawn = draw()
+        for path in files:
+            save_figure(drawn, path, mark, svg_text=svg_text)
+    return list(itertools.chain(*paths))
+
+
+def _identity(data: "xarray.Dataset") -> str:
+    """What tells a study from others: its scenario, and what it changes."""
+    return repr([data.attrs.get("scenario", ""), *(listed(data, name) for name in ("shape", "paths"))])
 
 
 def _drawings(
-    rows: Rows, results: list[str], numbers: list[str], pairs: list[tuple[str, str]]
+    rows: Rows, results: list[str], numbers: list[str], pairs: list[tuple[str, str]], labels: Mapping[str, str] | None
 ) -> Iterator[tuple[list[str], Callable[[], Any]]]:
     """The parts of each file's name, and the function that draws the figure."""
     data = rows.data
     for result, number in itertools.product(results, numbers):
         if not rows.is_scattered(number) or len(numbers) == 1:
             by = _few_curves(rows, number, numbers)
-            yield ["slice", result, number], lambda r=result, n=number, b=by: sweep_slice(data, r, n, by=b)
+            yield (
+                ["slice", result, number],
+                lambda r=result, n=number, b=by: sweep_slice(data, r, n, by=b, labels=labels),
+            )
     for result, (first, second) in itertools.product(results, pairs):
         if rows.axis_of(first) != rows.axis_of(second) or rows.is_scattered(first):
-            yield ["map", result, first, second], lambda r=result, a=first, b=second: sweep_map(data, r, a, b)
+            yield (
+                ["map", result, first, second],
+                lambda r=result, a=first, b=second: sweep_map(data, r, a, b, labels=labels),
+            )
     if any("save" in data[parsed(data, name)[0]].dims for name in result_names(data)):
         for number in numbers:
-            yield ["fan", number], lambda n=number: sweep_fan(data, n)
+            yield ["fan", number], lambda n=number: sweep_fan(data, n, labels=labels)
     fitting = results[: MOST_VARIABLES - len(numbers)]
     if len(numbers) >= 2 and fitting:
-        yield ["matrix"], lambda: sweep_matrix(data, fitting, numbers)
+        yield ["matrix"], lambda: sweep_matrix(data, fitting, numbers, labels=labels)
 
 
 def _few_curves(rows: Rows, number: str, numbers: Sequence[str]) -> str | None:
@@ -87,7 +120,3 @@ def _few_curves(rows: Rows, number: str, numbers: Sequence[str]) -> str | None:
         if axis != rows.axis_of(number) and len(np.unique(rows.indices[:, axis])) <= MOST_CURVES:
             return path
     return None
-
-
-def _file_name(words: Sequence[str]) -> str:
-    return "_".join(re.sub(r"[^\w.\[\]-]+", "_", word).strip("_") for word in words)

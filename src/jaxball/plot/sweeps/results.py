@@ -10,6 +10,7 @@ from ...interface.wording import did_you_mean
 from ...scenario.paths import entries
 from ..symbols import SYMBOLS
 from .rows import PictureError, Rows, listed
+from .symbols import Labels
 
 if TYPE_CHECKING:
     import xarray
@@ -79,8 +80,10 @@ def parsed(data: "xarray.Dataset", result: str) -> tuple[str, tuple[int, ...]]:
     return result.partition("[")[0], tuple(int(k) for k in re.findall(r"\[(\d+)\]", result))
 
 
-def label_of(data: "xarray.Dataset", result: str, *, at_the_end: bool = True) -> str:
-    """The label of a result in a figure, with its units."""
+def label_of(data: "xarray.Dataset", result: str, labels: Labels = None, *, at_the_end: bool = True) -> str:
+    """The label of a result in a figure, as ``labels`` say, or else with its units."""
+    if labels and result in labels:
+        return labels[result]
     name, index = parsed(data, result)
     words = _WORDS.get(name, name.replace("_", " "))
     if name in SYMBOLS:

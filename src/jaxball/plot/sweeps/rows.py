@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...interface.status import Status
 from ...interface.wording import did_you_mean
+from .symbols import Labels, number_label
 
 if TYPE_CHECKING:
     import xarray
@@ -117,7 +118,9 @@ def rows_of(data: "xarray.Dataset") -> Rows:
     return Rows(data, computed, indices, status)
 
 
-def at_fixed(rows: Rows, free: set[int], at: Mapping[str, float] | None) -> tuple[Rows, list[str]]:
+def at_fixed(
+    rows: Rows, free: set[int], at: Mapping[str, float] | None, labels: Labels = None
+) -> tuple[Rows, list[str]]:
     """The rows at one point of each axis that is not in ``free``, and sentences that say at which.
 
     The point is the one whose number is nearest to that in ``at``; without one it is, among the points at which a row
@@ -145,9 +148,10 @@ def at_fixed(rows: Rows, free: set[int], at: Mapping[str, float] | None) -> tupl
             point = candidates[0 if rows.is_scattered(paths[0]) else len(candidates) // 2]
         rows = rows.chosen(rows.indices[:, axis] == point)
         if given or len(paths) <= FEW_PATHS:
-            sentences += [f"{path} = {rows.number(path)[0]:.4g}" for path in given or paths]
+            named = {path: number_label(path, labels, with_unit=False) for path in given or paths}
+            sentences += [f"{name} = {rows.number(path)[0]:.4g}" for path, name in named.items()]
         else:
-            sentences.append(f"point {point} of {paths[0]}, …")
+            sentences.append(f"point {point} of {number_label(paths[0], labels, with_unit=False)}, …")
     return rows, sentences
 
 

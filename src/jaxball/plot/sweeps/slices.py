@@ -15,6 +15,7 @@ from .axes import COLOURS, heading, scale, study_axes
 from .failures import make_room, marks, names_of, outcomes
 from .results import label_of, values_of
 from .rows import PictureError, Rows, at_fixed, rows_of, sample
+from .symbols import Labels, number_label
 
 if TYPE_CHECKING:
     import xarray
@@ -33,6 +34,7 @@ def sweep_slice(
     *,
     by: str | None = None,
     at: Mapping[str, float] | None = None,
+    labels: Labels = None,
 ) -> Axes:
     """A result of a study against one of its numbers; rows that failed are marked by their status on the lower edge.
 
@@ -46,12 +48,13 @@ def sweep_slice(
     - ``by``: the path of a number of another axis, with a curve for each of at most six of its points.
     - ``at``: the numbers at which the other axes are fixed, by path; the nearest computed ones are taken. An axis
       without one is fixed at the middle one of its points at which a row succeeded, a scattered one at the first.
+    - ``labels``: what paths and results are called in figures; the paper's symbols, with units, if not given.
 
     **Raises:** :class:`PictureError` when nothing can be drawn, and for an unknown result or path, listing the known
     ones; ``ValueError`` when ``ax`` is three-dimensional.
     """
     rows = rows_of(data)
-    rows, notes = at_fixed(rows, _free(rows, against, by), at)
+    rows, notes = at_fixed(rows, _free(rows, against, by), at, labels)
     rows = rows if by is None else _few(rows, by)
     outcome = outcomes(rows.status, values_of(rows, result))
     names, (drawn, left_out) = names_of(outcome), sample(rows, MOST_DRAWN)
@@ -59,14 +62,14 @@ def sweep_slice(
     numbers, values = rows.number(against), np.where(outcome == Status.SUCCESS, values_of(rows, result), np.nan)
     ax, keys = study_axes(rows.data, ax, SIZE), []
     look = {"linestyle": "none" if rows.is_scattered(against) else "-", **_markers(rows, against)}
-    for label, which, colour in _curves(rows, by):
+    for label, which, colour in _curves(rows, by, labels):
         order = which[np.argsort(numbers[which], kind="stable")]
         lines = ax.plot(numbers[order], values[order], color=colour, linewidth=1.2, label=label or None, **look)
         keys += lines if label else []
     scale(ax.xaxis, rows.is_logarithmic(against), numbers)
     make_room(ax, names)
     keys += marks(ax, numbers, None, outcome, names)
-    named(ax, against, label_of(data, result))
+    named(ax, number_label(against, labels), label_of(data, result, labels))
     heading(ax, notes + left_out, keys)
     return ax
 
@@ -90,7 +93,7 @@ def _few(rows: Rows, by: str) -> Rows:
     return rows.chosen(np.isin(along, points[places]))
 
 
-def _curves(rows: Rows, by: str | None) -> Iterator[tuple[str, np.ndarray, str]]:
+def _curves(rows: Rows, by: str | None, labels: Labels) -> Iterator[tuple[str, np.ndarray, str]]:
     """The label of each curve, the indices of its rows, and its colour."""
     if by is None:
         yield "", np.arange(len(rows)), COMPONENTS[0]
@@ -98,7 +101,11 @@ def _curves(rows: Rows, by: str | None) -> Iterator[tuple[str, np.ndarray, str]]
     numbers = rows.number(by)
     points = np.unique(numbers)
     for number, colour in zip(points, colormaps[COLOURS](np.linspace(0.0, 0.85, len(points))), strict=True):
-        yield f"{by} = {number:.4g}", np.flatnonzero(numbers == number), to_hex(colour)
+        yield (
+            f"{number_label(by, labels, with_unit=False)} = {number:.4g}",
+            np.flatnonzero(numbers == number),
+            to_hex(colour),
+        )
 
 
 def _markers(rows: Rows, against: str) -> dict[str, Any]:

@@ -48,7 +48,7 @@ export class Arrows extends Group {
     const sum = this.whole ? [[this.whole, "N + f", "ink"]] : [];
     const { normal, friction, spin, momentum, slip } = this.palette;
     return [
-      [this.normal, "N", normal],
+      [this.normal, "N", normal, true],
       [this.friction, this.scales.larger > 1 ? `${this.scales.larger} f` : "f", friction],
       [this.spin, "ω", spin],
       [this.momentum, "Π", momentum],

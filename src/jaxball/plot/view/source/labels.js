@@ -12,21 +12,22 @@ export class Labels {
     this.visible = true;
   }
 
-  // A name for an object of the scene, in a colour; where the object is hidden, so is the name.
-  add(object, text, colour) {
+  // A name to the right or the left of an object of the scene, in a colour; where the object is hidden, so is the name.
+  add(object, text, colour, left = false) {
     const element = document.createElement("span");
     element.textContent = text;
     this.layer.append(element);
-    this.all.push({ object, element, colour });
+    this.all.push({ object, element, colour, left });
   }
 
   place(camera, width, height) {
-    for (const { object, element } of this.all) {
+    for (const { object, element, left } of this.all) {
       const inFront = this.visible && isShown(object) && at.setFromMatrixPosition(object.matrixWorld).project(camera).z < 1;
       element.hidden = !inFront;
       if (!inFront) continue;
       const [x, y] = [((at.x + 1) / 2) * width, ((1 - at.y) / 2) * height];
-      element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
+      const beside = left ? " translateX(calc(-100% - 8px))" : "";
+      element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)${beside}`;
     }
   }
 

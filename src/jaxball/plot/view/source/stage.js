@@ -56,7 +56,7 @@ export class Stage {
     const names = [...(this.spaceAxes?.names ?? []), ...(this.box?.names ?? [])];
     for (const body of this.bodies) names.push(...(body.axes?.names ?? []));
     for (const arrows of this.arrows) {
-      names.push(...arrows.named.map(([arrow, text, colour]) => [arrow.tip, text, () => colour]));
+      names.push(...arrows.named.map(([arrow, text, colour, left]) => [arrow.tip, text, () => colour, left]));
     }
     const masses = this.bodies.length > 1 ? [] : this.bodies[0].run.masses;
     if (masses.length <= MOST_NAMES) {
