@@ -36,23 +36,20 @@ class Tableau:
     @functools.cached_property
     def modes(self) -> "Modes":
         """The modes in real numbers; a single eigenvalue is that of all of them."""
+        pairs = np.imag(self.eigenvalues) > _REAL
         weighted = self.eigenvalues[:, None] * self.to_modes
-        pairs = self.eigenvalues.imag > _REAL
-        weighted = self.eigenvalues[:, None] * self.to_modes
-        if not np.any(pairs):
-            return Modes(self.eigenvalues, np.arange(len(pairs)), weighted, self.from_modes)
         if not np.any(pairs):
             alone = np.arange(self.eigenvalues.size)
-            return Modes(self.eigenvalues.real, alone, weighted.real, self.from_modes.real)
+            return Modes(np.real(self.eigenvalues), alone, np.real(weighted), np.real(self.from_modes))
         order = [(k, part) for k, pair in enumerate(pairs) for part in range(1 + pair)]
         rows, parts = np.array(order).T
         first = parts == 0
         partner = np.array([i if not pairs[k] else i + 1 - 2 * part for i, (k, part) in enumerate(order)])
 
         def part(x: np.ndarray) -> np.ndarray:
-            return np.where(first[:, None], x[rows].real, x[rows].imag)
+            return np.where(first[:, None], np.real(x[rows]), np.imag(x[rows]))
 
-        columns = np.where(first, self.from_modes[:, rows].real, -self.from_modes[:, rows].imag)
+        columns = np.where(first, np.real(self.from_modes[:, rows]), -np.imag(self.from_modes[:, rows]))
         values = self.eigenvalues[rows]
         return Modes(np.where(first, values.conj(), values), partner, part(weighted), columns)
 
