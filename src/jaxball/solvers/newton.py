@@ -72,7 +72,8 @@ class SimplifiedNewton(AbstractStageIteration):
             right = combine(modes.weighted, -equations.residual(Z))
             change = solutions(made.inverses, right)
             if made.imaginary is not None:
-                change = change + solutions(made.imaginary, right[modes.partner])
+                partners = jnp.stack([right[place] for place in modes.partner.tolist()])
+                change = change + solutions(made.imaginary, partners)
             change = combine(modes.to_stages, change)
             return Z + change, self.size(equations, change)
 
@@ -100,7 +101,9 @@ class SimplifiedNewton(AbstractStageIteration):
         def renew():
             f0, J = value_and_jacobian(lambda x: equations.slope(equations.t0, x), x0)
             M = equations.mass_matrix()[None]
-            real, other = (jnp.asarray(part(eigenvalues), x0.dtype)[:, None, None] * M for part in (np.real, np.imag))
+            real, other = (
+                jnp.asarray(x, x0.dtype)[:, None, None] * M for x in (np.real(eigenvalues), np.imag(eigenvalues))
+            )
             if imaginary is None:
                 new, other = inverses(real - J[None]), None
             else:

@@ -36,8 +36,8 @@ class Tableau:
     @functools.cached_property
     def modes(self) -> "Modes":
         """The modes in real numbers; a single eigenvalue is that of all of them."""
-        weighted = self.eigenvalues[:, None] * self.to_modes
         pairs = np.imag(self.eigenvalues) > _REAL
+        weighted = self.eigenvalues[:, None] * self.to_modes
         if not np.any(pairs):
             alone = np.arange(self.eigenvalues.size)
             return Modes(np.real(self.eigenvalues), alone, np.real(weighted), np.real(self.from_modes))
