@@ -230,7 +230,7 @@ def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any
     history, problem = np.asarray(design.progress.history), design.problem
     requirements = [*problem.objectives.values(), *problem.constraints.values()]
     axes = {
-        "path": path_figure(requirements, *(_path(run) for run in (before, after))),
+        "path": path_figure(requirements, _path(before), _path(after)),
         "rails": plot.configuration(after),
         "contact": plot.contact_force(after),
         "convergence": plot.convergence(*history[:, 2:5].T, polish=int(np.sum(history[:, 0] == 0))),

@@ -98,11 +98,8 @@ def _figures(controlled: Controlled) -> dict[str, Axes]:
     problem = rolling(solution.problem)
     times = np.linspace(float(problem.start), float(problem.end), DRAWN)
     requirements = [*problem.objectives.values(), *problem.constraints.values()]
-    axes = {
-        "path": path_figure(
-            requirements, *((times, places(one, times)) for one in (controlled.first, solution)), BRANCH
-        )
-    }
+    first, last = ((times, places(one, times)) for one in (controlled.first, solution))
+    axes = {"path": path_figure(requirements, first, last, BRANCH)}
     masses = problem.system.driven
     if masses:
         schedules = schedules_of(solution)[: len(masses)]
