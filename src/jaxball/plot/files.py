@@ -76,6 +76,6 @@ def save_figure(drawn: "Axes | Figure", path: Path, mark: str = "", *, svg_text:
     figure: Any = drawn if not hasattr(drawn, "figure") or drawn.figure is None else drawn.figure
     kind = path.suffix[1:]
     metadata = {METADATA[kind]: mark} if mark and kind in METADATA else {}
-    settings = {"pdf.fonttype": 42, "svg.fonttype": "none" if svg_text else "path"}
+    settings: dict[Any, Any] = {"pdf.fonttype": 42, "svg.fonttype": "none" if svg_text else "path"}
     with matplotlib.rc_context(settings), replacing(path) as temporary:
         figure.savefig(temporary, dpi=200, metadata=metadata)

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from ..numerics import programs
 from ..numerics.arrays import to_array
 from ..physics.body import Disk
+from ..physics.state import DiskState
 from ..simulation.trajectory import Trajectory
 from .modes import modes_of
 from .over_time import Series, over_time, sizes_of, without_rounding
@@ -57,6 +58,7 @@ def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     run = drawn_run(trajectory)
     times, _, observables = record(run)
     if isinstance(run.system, Disk):
+        assert isinstance(run.state, DiskState)
         phi = np.asarray(run.state.phi)[finite_rows(run)]
         series, name = [Series(phi, "", COMPONENTS[0])], r"$\phi$ (rad)"
     else:

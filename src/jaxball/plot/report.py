@@ -101,11 +101,11 @@ def figures(
 
 def standard_figures(trajectory: Trajectory[Any, Any]) -> list[Callable[[Trajectory[Any, Any]], Axes | Figure]]:
     """The functions that draw the standard figures of a run, but for those in which nothing would be seen."""
-    system = trajectory.system
+    system: Any = trajectory.system
     if not isinstance(system, AbstractBody):
         return [draw for draw in CLASSICAL if draw is not law_errors or trajectory.laws]
     joints = OF_JOINTS if system.mechanisms else ()
-    empty = {acceleration: not accelerations(trajectory), mass_angles: not mass_units(system)}
+    empty = {acceleration: not accelerations(trajectory), mass_angles: not mass_units(trajectory.system)}
     if not (system.n_masses or system.mechanisms):
         central = not np.any(np.asarray(system.offset))
         empty |= {configuration: central, body_paths: True, space_paths: central}

@@ -14,6 +14,7 @@ from ..physics.body_on_plane import BodyOnPlane
 from ..physics.modes import ContactState, Mode
 from ..physics.released import ReleasedState
 from ..physics.slip import Beginning
+from ..physics.state import DiskState
 from .history import ContactHistory
 from .modal import slips
 from .trajectory import Trajectory
@@ -132,8 +133,9 @@ def _directions(
 
 def _is_still(trajectory: Trajectory[Any, Any], sides: _Sides) -> Bool[np.ndarray, " sides"]:
     """Where a body slides of which no direction can be told from its velocity."""
-    Omega = getattr(sides.states.body, "Omega", None)
-    spin = np.abs(np.asarray(sides.states.body.phidot)) if Omega is None else np.linalg.norm(np.asarray(Omega), axis=1)
+    body = sides.states.body
+    planar = isinstance(body, DiskState)
+    spin = np.abs(np.asarray(body.phidot)) if planar else np.linalg.norm(np.asarray(body.Omega), axis=1)
     speed = np.linalg.norm(np.asarray(sides.states.V), axis=1) + float(trajectory.system.radius) * spin
     slow = ~(np.linalg.norm(sides.slip[:, :2], axis=1) > STILL * speed)
     return (sides.modes == Mode.SLIDING) & slow

@@ -98,19 +98,16 @@ def _figures(controlled: Controlled) -> dict[str, Axes]:
     problem = rolling(solution.problem)
     times = np.linspace(float(problem.start), float(problem.end), DRAWN)
     requirements = [*problem.objectives.values(), *problem.constraints.values()]
-    axes = {
-        "path": path_figure(
-            requirements, *((times, places(one, times)) for one in (controlled.first, solution)), BRANCH
-        )
-    }
+    first, last = ((times, places(one, times)) for one in (controlled.first, solution))
+    axes = {"path": path_figure(requirements, first, last, names=BRANCH)}
     masses = problem.system.driven
     if masses:
         schedules = schedules_of(solution)[: len(masses)]
         angles = np.stack([jax.vmap(schedule)(jnp.asarray(times)) for schedule in schedules], axis=1)
         axes["angles"] = plot.rail_angles(times, angles)
         axes["accelerations"] = plot.rail_accelerations(times, solution.path.inputs(times)[:, : len(masses)])
-    weighed, least = branch[0].weights, branch[-1].weights
-    for name in [name for name in weighed if 0 < weighed[name] != least[name] > 0][:1]:
+    weights_first, weights_last = branch[0].weights, branch[-1].weights
+    for name in [name for name in weights_first if 0 < weights_first[name] != weights_last[name] > 0][:1]:
         weights = np.asarray([point.weights[name] for point in branch])
         values = {one: np.asarray([point.means[one] for point in branch]) for one in branch[0].means}
         axes["branch"] = plot.branch(weights, values, f"weight of {name}", of="mean of each objective")
