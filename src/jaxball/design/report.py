@@ -118,6 +118,7 @@ def path_figure(
     requirements: Sequence[Requirement],
     before: tuple[np.ndarray, np.ndarray],
     after: tuple[np.ndarray, np.ndarray],
+    *,
     names: tuple[str, str] = ("before", "after"),
 ) -> Axes:
     """The paths before and after, each with its times, and their targets; that of a disk, a line, over time."""

@@ -24,7 +24,7 @@ ANGLE, LENGTH, UNKNOWN = "rad", "length", ""
 
 
 def mass_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """θ_i of the masses on rails: rad, or along a tube a length.
+    r"""θ_i of the masses on rails: rad, or along a tube a length.
 
     **Arguments:**
 

@@ -100,8 +100,9 @@ def suffixes(formats: list[str] | None) -> tuple[str, ...]:
 
 
 def figure_name(source: str | Path, scenario: Scenario) -> str:
-    """How the names of figures begin: as the file of the scenario or of the run, or its title on standard input."""
-    return plain_name(scenario.title if str(source) == STDIN else Path(source).stem, "run")
+    """How names of figures begin: as the file of the scenario or run; on standard input, as its title or its kind."""
+    kind = scenario.system.title.lower().replace(" ", "_")
+    return plain_name(scenario.title if str(source) == STDIN else Path(source).stem, kind)
 
 
 def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:

@@ -99,7 +99,7 @@ def _figures(controlled: Controlled) -> dict[str, Axes]:
     times = np.linspace(float(problem.start), float(problem.end), DRAWN)
     requirements = [*problem.objectives.values(), *problem.constraints.values()]
     first, last = ((times, places(one, times)) for one in (controlled.first, solution))
-    axes = {"path": path_figure(requirements, first, last, BRANCH)}
+    axes = {"path": path_figure(requirements, first, last, names=BRANCH)}
     masses = problem.system.driven
     if masses:
         schedules = schedules_of(solution)[: len(masses)]
