@@ -41,7 +41,7 @@ def test_values_are_set_and_standard_input_is_read(folder, monkeypatch, capsys):
     assert main(["plot", "run.nc", "--out", "figures", "--format", "svg", "--quiet"]) == 0
     assert capsys.readouterr().out == ""
     drawn = sorted(path.name for path in (folder / "figures").iterdir())
-    assert "disk_energies.svg" in drawn
+    assert "run_energies.svg" in drawn
     assert all(name.endswith(".svg") for name in drawn)
 
 
