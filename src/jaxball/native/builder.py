@@ -6,7 +6,6 @@ Text is written faster than objects are built, and LLVM's parser reads 20,000 li
 """
 
 import contextlib
-import re
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -23,6 +22,7 @@ from .elements import (
     llvm_type,
     vector_type,
     width_of,
+    with_lanes,
     written,
 )
 from .folding import COMPARED, FOLDED, read, simpler_float, simpler_integer, suffix
@@ -34,9 +34,6 @@ _ON_THE_STACK = 4096  # bytes of an array; larger ones lie in the work space
 INDEX, BOOL = np.dtype(np.int64), np.dtype(bool)
 
 _FLOAT = {"add": "fadd contract", "sub": "fsub contract", "mul": "fmul contract", "div": "fdiv"}
-
-
-_LANE = re.compile(r"(%v\d+)\.(\d)")
 
 
 class Builder:
@@ -61,27 +58,8 @@ class Builder:
         """The function's text. ``head``: its result, name and parameters."""
         lines = [*self._allocated, *self._lines]
         if self._vectors:
-            lines = self._with_lanes("\n".join(lines))
+            lines = with_lanes("\n".join(lines), self._vectors)
         return "\n".join([f"define {head} {{", "entry:", *lines, "}"])
-
-    def _with_lanes(self, text: str) -> list[str]:
-        """The lines, with the lanes that are read taken out of their vectors where these are made."""
-        read: dict[Name, list[str]] = {}
-        for vector, lane in sorted(set(_LANE.findall(text)), key=lambda pair: int(pair[1])):
-            read.setdefault(vector, []).append(lane)
-        lines, waiting = [], []  # behind the last phi of a block
-        for line in text.split("\n"):
-            vector, _, instruction = line.partition(" = ")
-            is_phi = instruction.startswith("phi ")
-            if not is_phi:
-                lines += waiting
-                waiting = []
-            lines.append(line)
-            for lane in read.get(vector, ()) if vector in self._vectors else ():
-                kind = vector_type(*self._vectors[vector])
-                taken = f"{vector}.{lane} = extractelement {kind} {vector}, i64 {lane}"
-                (waiting if is_phi else lines).append(taken)
-        return lines
 
     @property
     def lines(self) -> int:

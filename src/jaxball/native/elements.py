@@ -5,6 +5,8 @@ of a complex type, a :class:`Pair` of such. An index is an ``int`` or a name. Wh
 side, a name of :class:`Lanes` stands for one number of each.
 """
 
+import re
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -13,6 +15,7 @@ Name: TypeAlias = str
 Element: TypeAlias = Any
 Index: TypeAlias = int | Name
 
+_LANE = re.compile(r"(%v\d+)\.(\d)")
 
 LANES = 8
 FEWEST_ALWAYS = 5  # elements of a first axis that are computed in vectors whatever it costs to make these
@@ -111,3 +114,26 @@ def as_elements(numbers: np.ndarray) -> np.ndarray:
     for position, number in enumerate(numbers.reshape(-1)):
         flat[position] = Pair(number.real, number.imag) if numbers.dtype.kind == "c" else number
     return elements
+
+
+def with_lanes(text: str, vectors: Mapping[Name, tuple[np.dtype, int]]) -> list[str]:
+    """The lines of a function, with the lanes that it reads taken out of their vectors where these are made.
+
+    - ``vectors``: type and width of those whose lanes have names.
+    """
+    read: dict[Name, list[str]] = {}
+    for vector, lane in sorted(set(_LANE.findall(text)), key=lambda pair: int(pair[1])):
+        read.setdefault(vector, []).append(lane)
+    lines, waiting = [], []  # behind the last phi of a block
+    for line in text.split("\n"):
+        vector, _, instruction = line.partition(" = ")
+        is_phi = instruction.startswith("phi ")
+        if not is_phi:
+            lines += waiting
+            waiting = []
+        lines.append(line)
+        for lane in read.get(vector, ()) if vector in vectors else ():
+            kind = vector_type(*vectors[vector])
+            taken = f"{vector}.{lane} = extractelement {kind} {vector}, i64 {lane}"
+            (waiting if is_phi else lines).append(taken)
+    return lines
