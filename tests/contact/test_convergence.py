@@ -26,9 +26,16 @@ BODIES = [
 ]
 
 
-def simulated(case, law, tolerance):
+def simulated(case, law, tolerance, solver=None):
     return jaxball.simulate(
-        case.body, [0.0, case.end], case.state, contact=law, rtol=tolerance, atol=tolerance, max_steps=2000
+        case.body,
+        [0.0, case.end],
+        case.state,
+        contact=law,
+        rtol=tolerance,
+        atol=tolerance,
+        max_steps=2000,
+        **({} if solver is None else {"solver": solver}),
     )
 
 
@@ -55,6 +62,25 @@ def test_errors_are_in_proportion_to_the_tolerance(kind, law):
     assert jaxball.Cause.GIVES_WAY in np.asarray(fine.contact.switches.cause)
     for tolerance in TOLERANCES:
         require_close(simulated(case, law, tolerance), fine, tolerance)
+
+
+@pytest.mark.slow
+def test_a_method_with_a_small_region_of_stability_follows_slips_to_their_ends():
+    """Beside the speed of a slip that ends, friction turns it ever faster: a stiff end for Adams methods."""
+    case, law = slipping_bodies.masses_on_a_slope(), Contact(0.2, 0.22, 0.3)
+    fine = simulated(case, law, FINEST)
+    for tolerance in (1e-5, 1e-6, 1e-7, 1e-8):
+        require_close(simulated(case, law, tolerance, jaxball.solvers.Adams()), fine, tolerance)
+
+
+@pytest.mark.slow
+def test_a_body_that_lifts_slowly_does_not_land_again_by_rounding():
+    """The first, shortest steps of a multistep method leave the plane by less than rounding."""
+    case, law = slipping_bodies.disk(), Contact(0.2, 0.25, 0.3)
+    causes = np.asarray(simulated(case, law, FINEST).contact.switches.cause)
+    for tolerance in (1e-6, 1e-10):
+        run = simulated(case, law, tolerance, jaxball.solvers.Adams())
+        np.testing.assert_array_equal(run.contact.switches.cause, causes)
 
 
 def test_what_friction_takes_is_what_the_energy_loses():
@@ -115,11 +141,7 @@ def pendulum_by_restitution(e):
 @pytest.mark.slow
 @pytest.mark.parametrize(("given", "at"), [(masses_by_friction, 0.2), (pendulum_by_restitution, 0.3)])
 def test_derivatives_of_all_switches_at_the_default_tolerance(given, at):
-    """By a coefficient, against differences over six points of runs at the finest tolerance.
-
-    Those of ends of slips scatter by some 2e-9 of their size at all tolerances below 1e-9, from where steps leave a
-    slip to the time τ on; so the bound has a part in proportion.
-    """
+    """By a coefficient, against differences over six points of runs at the finest tolerance."""
     h = 1e-4
 
     def switches(x, tolerance, adjoint):
@@ -133,7 +155,7 @@ def test_derivatives_of_all_switches_at_the_default_tolerance(given, at):
     differences = (45 * one - 9 * two + three) / (60 * h)
     found = jaxball.jit(jax.jacfwd(lambda x: switches(x, 1e-10, diffrax.ForwardMode()).times))(at)
     assert count > 5
-    np.testing.assert_allclose(found[:count], differences[:count], rtol=5e-9, atol=1e-8)
+    np.testing.assert_allclose(found[:count], differences[:count], rtol=0, atol=1e-8)
 
 
 def test_an_impact_at_the_start_is_a_switch():

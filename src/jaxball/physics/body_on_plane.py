@@ -29,9 +29,10 @@ from .released import PlacedState, ReleasedState, Response, rates, released, res
 from .system import AbstractSystem
 
 ROUNDING = 8  # of velocities, and of accelerations, in units of rounding: what is smaller is none
-SLOW = 0.36  # power of rounding: of the speed of a body, the slip that is followed to its end in no step of a solve
+SLOW = 0.4  # power of rounding: of the speed of a body, the slip that is followed to its end in no step of a solve
 ERRORS = 30  # of velocities, in tolerances: a slip that ends may be faster by so much
 UNTOLD = 10  # the same: of a slip as slow as that, steps cannot tell the direction
+RISEN = 1e-6  # of √(r/g): the time in which a body that lifts has left the plane
 WINDOW = 0.1  # of √(r/g): the longest time for which the direction of a slip that begins is known beforehand
 BEFORE_KINK = 0.999  # of the time until the next kink: the same
 SLOW_DISK = 0.55  # the same of a disk, whose slip does not turn; more than the error of the place where a mode ends
@@ -179,10 +180,12 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         spare = friction.margin(acting.R, self.contact.static)
         # On a smooth plane, a slip that ends is the beginning of another.
         forward = jnp.where(self.contact.sliding > 0, jnp.sum(slip[:2] * heading.sigma) - heading.least, one)
+        # A body that rises does not land, where rounding takes its height below zero as it lifts.
+        above = jnp.maximum(state.height, jnp.where(slip[2] > 0, RISEN * self._unit_of_time() * slip[2], -jnp.inf))
         rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
         return jnp.stack(
             [
-                jnp.where(rolls, spare, jnp.where(slides, forward, state.height)),
+                jnp.where(rolls, spare, jnp.where(slides, forward, above)),
                 jnp.where(rolls | slides, acting.R[2], one),
                 jnp.where(slides, acting.solvability, one),
             ]

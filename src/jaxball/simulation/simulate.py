@@ -26,7 +26,7 @@ from ..physics.released import ReleasedState
 from ..physics.state import State
 from ..physics.system import AbstractState, AbstractSystem, require_system
 from ..physics.validity import possible_start
-from ..solvers import Projected, SwitchingMassMatrixTerm
+from ..solvers import Adams, Projected, SwitchingMassMatrixTerm
 from .arguments import (
     DEFAULT_TOLERANCE,
     checked_adjoint,
@@ -44,7 +44,7 @@ from .loop import SolveLoop
 from .modal import of_modes, on_plane, unpacked_switches
 from .observers import Observation, Observers
 from .step_size import by_tolerances, kinks_of, to_kinks
-from .switching import Switching
+from .switching import MOST, MOST_OF_ADAMS, Switching
 from .trajectory import Interpolant, Trajectory
 from .watch import checked, locate, stop
 
@@ -250,7 +250,8 @@ def solve(
     switching, term = None, diffrax.ODETerm(field)
     if isinstance(system, BodyOnPlane):
         order = float(method.solver.error_order(term) or 1)  # pyright: ignore
-        switching = Switching(rtol, atol, unpack_parameters, system.contact.room, order)
+        most = MOST_OF_ADAMS if isinstance(method.solver, Adams) else MOST
+        switching = Switching(rtol, atol, unpack_parameters, system.contact.room, order, most)
     if method.dae:
         term = SwitchingMassMatrixTerm(
             dae_field,

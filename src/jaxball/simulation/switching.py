@@ -36,6 +36,7 @@ CLOSE = 1e-9  # switches that are nearer to each other than this part of a run a
 TOO_MANY = 64  # of these
 NEARLY = 3  # times the least speed of a slip: one that is slower than that may end in the next step
 MOST = 0.5  # of the time until the end of a slip, in one step
+MOST_OF_ADAMS = 0.1  # the same with an Adams method, which is stable in short steps only
 PAST = 0.5  # of the least speed: a step is to end no slower than that
 TRUNCATED = 2e5  # tolerances: the most of a step's error beside the speed of a slip that ends, for its derivatives
 
@@ -176,7 +177,7 @@ class Switching(eqx.Module):
     """The modes of the system of a solve; ``unpack`` takes its parameters apart, the first of which is a packing.
 
     ``room`` is how many switches are kept, ``rtol``, ``atol`` are the tolerances of the solve, and ``order`` is that of
-    the errors that its method sees.
+    the errors that its method sees. A step takes at ``most`` this part of the time until a slip ends.
     """
 
     rtol: Float[Array, ""]
@@ -184,6 +185,7 @@ class Switching(eqx.Module):
     unpack: Any = eqx.field(static=True)
     room: int = eqx.field(static=True)
     order: float = eqx.field(static=True)
+    most: float = eqx.field(static=True, default=MOST)
 
     def begin(self, t0: Float[Array, ""], y0: Float[Array, " size"], length: Float[Array, ""]) -> Course:
         """The course of a solve before its first step."""
@@ -241,7 +243,7 @@ class Switching(eqx.Module):
 
     def share(self) -> Float[Array, ""]:
         """The longest step of a slip that ends, over the time until its end."""
-        return share(self.order, self._tolerance())
+        return share(self.order, self._tolerance(), self.most)
 
     def _tolerance(self) -> Float[Array, ""]:
         return jnp.maximum(self.rtol, self.atol)
@@ -359,9 +361,9 @@ def passed_by(course: Course, end: Float[Array, "*lanes"]) -> Judged:
     return Judged(jnp.zeros_like(end, bool), end, jnp.full_like(end, jnp.inf), course._replace(aim=Aim.none(end)))
 
 
-def share(order: float, tolerance: Float[Array, "*lanes"]) -> Float[Array, "*lanes"]:
+def share(order: float, tolerance: Float[Array, "*lanes"], most: float = MOST) -> Float[Array, "*lanes"]:
     """The longest step of a slip that ends, over the time until its end, where the direction turns ever faster."""
-    return jnp.minimum((TRUNCATED * tolerance) ** (1 / (order + 1)), MOST)
+    return jnp.minimum((TRUNCATED * tolerance) ** (1 / (order + 1)), most)
 
 
 def _longest(
