@@ -152,8 +152,8 @@ def test_each_room_says_what_lives_there():
         assert ast.get_docstring(ast.parse(file.read_text())), name
 
 
-def test_every_folder_of_tests_says_on_what_it_stands():
-    table = (ROOT / "tests" / "README.md").read_text().split("## What each folder stands on")[1].split("\n## ")[0]
+def test_every_folder_of_tests_says_what_it_compares_with():
+    table = (ROOT / "tests" / "README.md").read_text().split("## What each folder compares with")[1].split("\n## ")[0]
     folders = {path.name for path in (ROOT / "tests").iterdir() if (path / "__init__.py").exists()}
     said = [
         name for row in re.findall(r"^\| (`.*?) \|", table, flags=re.MULTILINE) for name in re.findall(r"`(\w+)`", row)
