@@ -1,4 +1,4 @@
-"""A particle with dz/dt = y dx/dt by two principles, whose motions differ, as in the figure in the paper's source.
+"""A particle with dz/dt = y dx/dt by two principles, as in a figure in the paper's source.
 
 The Lagrange-d'Alembert principle of mechanics constrains the variations; the vakonomic principle of optimal control
 makes the action stationary among the curves that satisfy the constraint.
