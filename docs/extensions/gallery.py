@@ -160,7 +160,7 @@ def write_gallery(app: Sphinx) -> None:
 
 def index(of_scenarios: list[Entry], of_examples: list[Entry]) -> str:
     lead = (
-        "# Gallery\n\nEvery scenario and example that comes with jaxball, with its view or figures and the file to copy. "
+        "# Gallery\n\nEvery scenario and example that comes with jaxball, with its view or figures and its file.\n"
         "The views play in the page: drag to rotate, and press the space bar to pause.\n"
     )
     parts = [lead]

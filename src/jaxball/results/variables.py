@@ -85,7 +85,7 @@ OBSERVABLES = {
     "kinetic_energy": Variable((), "energy", "kinetic energy"),
     "potential_energy": Variable((), "energy", "potential energy, 0 at the height of the centre"),
     "energy": Variable((), "energy", "total energy"),
-    "power": Variable((), "power", "power of the actuation, the external force and all else that does work"),
+    "power": Variable((), "power", "power of the actuation, the external force and everything else that does work"),
     "dissipation": Variable((), "power", "power dissipated by resistance"),
     "normal_force": Variable((), "force", "normal force of the plane"),
     "friction": Variable(("direction",), "force", "friction force of the plane"),
