@@ -1,4 +1,4 @@
-"""A ball with one mass driven round a circle: build it, simulate it, see what it does."""
+"""A ball with one mass driven round a circle: build it, simulate it and look at the motion."""
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +16,7 @@ print(trajectory)
 observables = trajectory.observables
 print(f"least normal force     {observables.normal_force.min():.6f}")
 print(f"friction needed, mu    {trajectory.friction_needed:.6f}")
-print(f"energy put in          {observables.energy[-1] - observables.energy[0]:.6f}")
+print(f"energy supplied        {observables.energy[-1] - observables.energy[0]:.6f}")
 
 plot.snapshot(trajectory).savefig("first_ball.png", dpi=150)
 trajectory.view("first_ball.html", title="A first ball")

@@ -1,4 +1,4 @@
-"""How far the ball rolls, and how that depends on its rail: derivatives through the solve."""
+"""How far a ball rolls, and how this depends on its rail: derivatives through the solve."""
 
 import diffrax
 import jax
@@ -12,7 +12,7 @@ times = jnp.array([0.0, 4.0])
 
 
 def distance(semi_axes, adjoint=None):
-    """The distance of the ball from its start at t = 4."""
+    """The distance of the ball from its starting point at t = 4."""
     rail = Ellipse(semi_axes, frame=SphericalFrame(azimuth=0.4, elevation=0.2))
     mass = PointMass(0.5, OnRail(rail, Pulse(theta=0.8, height=3.0)))
     ball = Ball(mass=1.0, inertia=(0.6, 0.6, 0.7), masses=[mass])

@@ -14,7 +14,7 @@ times = jnp.linspace(0.0, 5.0, 26)
 @jax.jit
 @jax.vmap
 def sweep(mass, radius):
-    """The final position of each ball, the friction that it needs, and how its solve ended."""
+    """The final position of each ball, the friction it needs, and the status of its solve."""
     driver = PointMass(mass, OnRail(Circle(radius), ConstantRate(-jnp.pi / 2, 0.7)))
     trajectory = simulate(Ball(mass=1.0, inertia=(0.5, 0.5, 0.5), masses=[driver]), times, rtol=1e-8, atol=1e-8)
     return trajectory.state.z[-1], trajectory.friction_needed, trajectory.status

@@ -16,7 +16,8 @@ for theta, above in zip(balanced.solutions, balanced.solutions_above, strict=Tru
 
 rounded = simulate(ball, jnp.array([0.0, 20.0]))
 exact = simulate(with_angles(ball, [1, 2], balanced.theta), jnp.array([0.0, 20.0]))
-print(f"rounding theta to four digits moves the end by {jnp.linalg.norm(exact.state.z[-1] - rounded.state.z[-1]):.1e}")
+moved = jnp.linalg.norm(exact.state.z[-1] - rounded.state.z[-1])
+print(f"rounding theta to four digits moves the final position by {moved:.1e}")
 
 plot.snapshot(exact, 0.0).savefig("balanced.png", dpi=150)
 print("written: balanced.png")

@@ -6,7 +6,7 @@ import numpy as np
 
 import jaxball.cpu
 
-jaxball.cpu.prepare()  # before the first array is made: shorter solves, and shorter waits for the compiler
+jaxball.cpu.prepare()  # before the first array is created: faster solves and faster compilation
 jax.config.update("jax_enable_x64", True)
 
 from jaxball import paper, simulate  # noqa: E402

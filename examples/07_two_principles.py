@@ -1,7 +1,7 @@
-"""A particle with dz/dt = y dx/dt by two principles: the paper's figure of how they differ.
+"""A particle with dz/dt = y dx/dt by two principles, as in a figure in the paper's source.
 
-The Lagrange-d'Alembert principle, that of mechanics, constrains the variations; the vakonomic principle, that of
-optimal control, makes the action stationary among the curves that satisfy the constraint.
+The Lagrange-d'Alembert principle of mechanics constrains the variations; the vakonomic principle of optimal control
+makes the action stationary among the curves that satisfy the constraint.
 """
 
 import jax

@@ -1,4 +1,4 @@
-"""A system of one's own: the Chaplygin sleigh, a rigid body on a plane with a blade that cannot slip sideways."""
+"""Your own system: the Chaplygin sleigh, a rigid body on a plane with a blade that cannot slip sideways."""
 
 from typing import ClassVar, NamedTuple
 
@@ -16,7 +16,7 @@ jax.config.update("jax_enable_x64", True)
 
 
 class SleighState(AbstractState):
-    """Heading, speed v along the blade, angular velocity w, and the place of the blade."""
+    """Heading, speed v along the blade, angular velocity w, and the position of the blade."""
 
     heading: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
     v: Float[Array, ""] = eqx.field(converter=jnp.asarray, default=0.0)
@@ -29,7 +29,7 @@ class SleighLaws(NamedTuple):
 
 
 class Sleigh(AbstractSystem[SleighState]):
-    """Mass 1, centre of mass at the distance a before the blade, and radius of gyration k about the blade."""
+    """Mass 1, centre of mass at a distance a ahead of the blade, and radius of gyration k about the blade."""
 
     a: Float[Array, ""] = eqx.field(converter=jnp.asarray)
     k: Float[Array, ""] = eqx.field(converter=jnp.asarray)
@@ -56,7 +56,7 @@ def end(a):
     return simulate(Sleigh(a, 0.8), times, adjoint=diffrax.ForwardMode()).state.place[-1]
 
 
-print(f"derivative of its last place with respect to a: {jax.jacfwd(end)(jnp.asarray(0.5))}")
+print(f"derivative of its final position with respect to a: {jax.jacfwd(end)(jnp.asarray(0.5))}")
 # The sleigh ends on a straight line with v = 0.8, where one exponent is −a v / k² = −0.625, and the others are 0.
 print(f"Lyapunov exponents {jnp.round(lyapunov_spectrum(sleigh, (0.0, 200.0), transient=100.0).exponents, 4)}")
 

@@ -1,8 +1,8 @@
 """Where a pendulum-driven robot wobbles: Floquet multipliers over speed and resistance, and runs that confirm them.
 
-The robot is that of the built-in scenario `roboball`, but the body's moment about the hinge is the least of three
-unequal ones. At each speed a voltage is chosen at which the motor and the resistance to rolling are in balance. The
-numbers are our own. With `--fine` the charts have the cells of the documentation's figure, which take some minutes.
+The robot is that of the built-in scenario `roboball`, but with three unequal moments of inertia, of which the one about
+the hinge is the smallest. At each speed, the voltage is chosen such that motor and resistance to rolling balance. The
+numbers are our own. With `--fine` the charts have the resolution of the documentation's figure and take some minutes.
 """
 
 import sys
@@ -28,17 +28,17 @@ from jaxball.stability import floquet_chart
 cpu.prepare()
 jax.config.update("jax_enable_x64", True)
 
-MOMENTS = (0.7, 0.3, 0.5)  # about the axes of the body, the second of which is that of the hinge
+MOMENTS = (0.7, 0.3, 0.5)  # about the axes of the body; the second is the hinge's
 WEIGHT, LENGTH, GRAVITY, STALL, FREE_SPEED = 0.8, 0.5, 10.0, 3.0, 4.0
 SPEEDS = np.linspace(0.5, 4.0, 71 if "--fine" in sys.argv else 15)
 ROLLING = np.linspace(0.0, 0.7, 36 if "--fine" in sys.argv else 8)
 SPINNING = np.linspace(0.0, 0.35, 36 if "--fine" in sys.argv else 8)
 TURNS = 24  # in a run
-SLIGHT = 0.1  # the resistance to rolling where that to spinning is varied
+SLIGHT = 0.1  # the resistance to rolling where the resistance to spinning is varied
 
 
 def robot(speed, rolling, spinning: ArrayLike = 0.0):
-    """A robot that can roll at this angular velocity, and the state in which it does: the pendulum holds still."""
+    """A robot that can roll at this angular velocity, and the state in which it does, the pendulum at rest."""
     torque = rolling * speed
     motor = SpeedLimitedMotor(-(speed / FREE_SPEED + torque / STALL), STALL, FREE_SPEED)
     ahead = jnp.arcsin(torque / (WEIGHT * GRAVITY * LENGTH))
@@ -61,10 +61,10 @@ def over_spinning(spinning, speed):
 
 
 def growth(times, deviations):
-    """The largest rate of a sum of three multipliers, to which deviations at multiples of a period are fitted.
+    """The largest growth rate of three multipliers fitted to the deviations at multiples of a period.
 
-    Such a sum obeys d[k + 3] = a d[k + 2] + b d[k + 1] + c d[k] (Prony's method). What is fitted is neither near to the
-    start, where there are more of them, nor beyond the linear range, nor near to rounding.
+    A sum of three geometric sequences obeys d[k + 3] = a d[k + 2] + b d[k + 1] + c d[k] (Prony's method). The fit
+    omits the start, where more multipliers contribute, and deviations beyond the linear range or near rounding.
     """
     size = np.linalg.norm(deviations, axis=1)
     end = np.flatnonzero((size > 1e-9) & (np.maximum.accumulate(size) < 3e-3))[-1] + 1
@@ -76,9 +76,10 @@ def growth(times, deviations):
 
 
 def simulated(speeds, rolling, spinning):
-    """The growth rates that runs show, each from a state beside that of steady rolling, in the full state in space.
+    """The growth rates observed in runs of the full state, each from a state near steady rolling.
 
-    Their deviations are in what is constant in steady rolling at multiples of the period, and does not know its phase.
+    Deviations are measured in quantities that, in steady rolling, are the same at all multiples of the period, whatever
+    the phase.
     """
     robots, states = jax.vmap(robot)(*map(jnp.asarray, (speeds, rolling, spinning)))
     tilted = jnp.zeros_like(states.q).at[:, :2].set(jnp.array([1.0, 5e-6]))
@@ -113,7 +114,8 @@ for ax, (name, (make, values, resistances)) in zip(figure.subplots(1, 2), STUDIE
     print(
         f"resistance to {name}: of {told.size} cells {np.sum(told > 1e-6)} are unstable, by up to {np.max(told):.4f};"
     )
-    print(f"  {np.sum(clear)} runs at rates of more than 0.01: {np.sum((seen * expected > 0)[clear])} have the sign,")
+    same = np.sum((seen * expected > 0)[clear])
+    print(f"  {np.sum(clear)} runs at rates above 0.01 in magnitude: {same} have the same sign,")
     print(f"  half agree to {np.median(apart):.1e}, nine in ten to {np.quantile(apart, 0.9):.1e}", flush=True)
     assert np.all((seen * expected > 0)[clear])
     assert np.median(apart) < 1e-2

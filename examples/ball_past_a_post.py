@@ -2,8 +2,8 @@
 
 As in Putkaradze & Rogers, Numerical simulations of a rolling ball robot actuated by internal point masses: three masses
 on circles, a tracking cost, an acceleration cost and a penalty around the post. The target path leads straight through
-the post. At rest the conditions at the end do not depend on the ball's spin to first order, so they are softened until
-the ball moves; then the penalty grows by continuation.
+the post. While the ball is at rest, the conditions at the end do not depend on its spin to first order, so they are
+softened until the ball moves; then continuation increases the penalty.
 """
 
 from pathlib import Path
@@ -37,7 +37,7 @@ WEIGHTS = (1e-4, 3e-2)
 ball = paper.ball()
 resting = [PointMass(mass.mass, OnRail(mass.motion.rail, ConstantRate(0.0))) for mass in ball.point_masses]
 ball = with_masses(ball, resting)
-# Of the angles for which the centre of mass is below, those for which it is lowest.
+# Of the solutions with the centre of mass below the centre, the one in which it is lowest.
 angles = balance(ball, (0, 1, 2), above=False).solutions
 heights = sum(jax.vmap(mass.motion.rail)(angles[:, i])[:, 2] for i, mass in enumerate(ball.point_masses))
 ball = with_angles(ball, (0, 1, 2), angles[np.argmin(heights)], START)

@@ -1,6 +1,6 @@
-"""Compares rails designed for one ball with rails designed for 64 perturbed ones, on 1,000 other perturbed balls.
+"""Compares rails designed for one ball with rails designed for 64 perturbed balls, on 1,000 other perturbed balls.
 
-`jaxball design` designed them from problem_rail_shape.toml and problem_robust_rails.toml.
+They were designed by `jaxball design` from problem_rail_shape.toml and problem_robust_rails.toml.
 """
 
 import tomllib
@@ -24,7 +24,7 @@ perturbations = design.Perturbations(1000, masses=0.02, offset=0.02, seed=1)
 print("largest distance from the curve, in radii, over 1,000 balls")
 for name in ("designed_rails", "designed_robust_rails"):
     document = tomllib.loads((HERE / f"{name}.toml").read_text(encoding="utf-8"))
-    # The scenario as it is: a free variable that stays where it is.
+    # The unchanged scenario: a design needs a variable, which keeps its value here.
     space = design.DesignSpace(document, [design.Variable(("masses[0].mass",))])
     problem = design.Problem(space, largest, file.problem.constraints)
     results = design.perturbed(problem, space.start, perturbations)

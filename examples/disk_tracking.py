@@ -1,8 +1,7 @@
 """A disk follows a target that moves there and back, from rest to rest: optimal control by collocation.
 
 It takes a minute or two. As in Putkaradze & Rogers, On the optimal control of rolling ball robots actuated by internal
-point masses: four masses on circles, a tracking cost and an acceleration cost, and continuation in the weight of the
-tracking.
+point masses: four masses on circles, a tracking cost, an acceleration cost, and continuation in the tracking weight.
 """
 
 from pathlib import Path

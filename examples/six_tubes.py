@@ -1,8 +1,8 @@
 """Six masses in straight tubes drive a ball round a figure eight, from rest to rest: optimal control by collocation.
 
-It takes a few minutes. Three pairs of tubes are at right angles to one another and off the centre, so that no two
-cross. Newton's method starts from a guess on which the ball rolls round without spin, with its masses where gravity
-provides the torque for that. From its optimum, continuation leads to a smaller weight of the tracking.
+It takes a few minutes. Three pairs of tubes are at right angles to one another and away from the centre, so that no two
+intersect. Newton's method starts from a guess in which the ball rolls along the path without spin, with its masses
+where gravity provides the required torque. From its optimum, continuation leads to a smaller tracking weight.
 """
 
 from pathlib import Path
@@ -20,7 +20,7 @@ START, END = 0.0, 60.0
 BESIDE, DOWN = 0.3, 0.65
 WEIGHTS = (1e1, 3e-4)
 
-# Two tubes along each axis, on either side of the centre. At first the masses in the upright ones are low.
+# Two tubes along each axis, on either side of the centre. Initially the masses in the vertical tubes are low.
 tubes = [Tube(axis, side * np.roll(axis, 1)) for axis in np.eye(3) for side in (BESIDE, -BESIDE)]
 places = (0.0, 0.0, 0.0, 0.0, -DOWN, -DOWN)
 masses = [PointMass(1.0, OnRail(tube, ConstantRate(place))) for tube, place in zip(tubes, places, strict=True)]
@@ -65,7 +65,7 @@ print(f"least normal force {check.margin:.3f} M g, friction needed {check.fricti
 times = np.linspace(START, END, 601)
 theta = np.stack([jax.vmap(schedule)(times) for schedule in control.schedules_of(tight)], axis=1)
 room = np.sqrt(1 - BESIDE**2)
-print(f"the masses come as far as {np.max(np.abs(theta)):.3f} r from the middles of tubes that end at {room:.3f} r")
+print(f"the masses move up to {np.max(np.abs(theta)):.3f} r from the middle of their tubes, which end at {room:.3f} r")
 assert errors[0] < 1e-3
 assert max(check.speed, check.away, check.missed) < 1e-6
 assert check.below > 0

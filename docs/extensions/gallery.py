@@ -77,7 +77,7 @@ class Entry:
     def _view(self, name: str) -> str:
         path = f"shown/{self.name}/{name}"
         frame = f'<iframe class="view" src="{path}" title="{self.title}" loading="lazy"></iframe>'
-        return f'```{{raw}} html\n{frame}\n<p><a href="{path}">The view alone</a></p>\n```'
+        return f'```{{raw}} html\n{frame}\n<p><a href="{path}">The view in a page of its own</a></p>\n```'
 
 
 def scenarios() -> list[Entry]:
@@ -160,8 +160,8 @@ def write_gallery(app: Sphinx) -> None:
 
 def index(of_scenarios: list[Entry], of_examples: list[Entry]) -> str:
     lead = (
-        "# Gallery\n\nEverything that comes with jaxball, each with what it shows and the file to copy. The views play "
-        "in the page: drag to turn, and press the space bar to stop.\n"
+        "# Gallery\n\nEvery scenario and example that comes with jaxball, with its view or figures and its file.\n"
+        "The views play in the page: drag to rotate, and press the space bar to pause.\n"
     )
     parts = [lead]
     for title, entries in (("Scenarios", of_scenarios), ("Examples", of_examples)):

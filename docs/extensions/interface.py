@@ -45,7 +45,7 @@ CHAPTERS = {
         ["physics.schedules", "physics.signals", "physics.feedback", "numerics.harmonics"],
     ),
     "mechanisms": ("Mechanisms", ["physics.mechanisms"]),
-    "states": ("States and what is read off them", ["physics.state", "physics.observables", "simulation.equilibrium"]),
+    "states": ("States and observables", ["physics.state", "physics.observables", "simulation.equilibrium"]),
     "events": (
         "Events and extremes",
         ["simulation.events", "simulation.occurrences", "simulation.extremes"],
@@ -80,10 +80,10 @@ PACKAGES = [
 ]
 LEAD = """# The Python interface
 
-Every public name with its arguments, shapes, units and errors, from its docstring, which `help()` shows too. The names
-of `jaxball` itself come first, in chapters; then the packages. Shapes are written as
-[jaxtyping](https://docs.kidger.site/jaxtyping/) does: `Float[Array, "*batch T"]` has a row for each time after the axes
-of a batch, if there is one.
+Every public name with its arguments, shapes, units and errors, from its docstring, which `help()` shows as well. The
+names of `jaxball` itself come first, in chapters, followed by the packages. Shapes are written in the notation of
+[jaxtyping](https://docs.kidger.site/jaxtyping/): `Float[Array, "*batch T"]` has one row for each time, after the axes
+of a batch, if there are any.
 """
 # Their types are named, but live in documents of others, which a site that is read without network cannot link to.
 ELSEWHERE = (

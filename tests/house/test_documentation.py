@@ -1,5 +1,6 @@
 """Every Python block of the documentation runs, in order, and so does every example; maps show what there is."""
 
+import argparse
 import ast
 import os
 import re
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from sybil.example import SybilFailure
 
+from jaxball.cli.dispatch import _parser
 from tests.support.documents import agrees, examples_of
 from tests.support.pictures import coarse
 
@@ -152,10 +154,27 @@ def test_each_room_says_what_lives_there():
         assert ast.get_docstring(ast.parse(file.read_text())), name
 
 
-def test_every_folder_of_tests_says_on_what_it_stands():
-    table = (ROOT / "tests" / "README.md").read_text().split("## What each folder stands on")[1].split("\n## ")[0]
+def test_every_folder_of_tests_says_what_it_compares_with():
+    table = (ROOT / "tests" / "README.md").read_text().split("## What each folder compares with")[1].split("\n## ")[0]
     folders = {path.name for path in (ROOT / "tests").iterdir() if (path / "__init__.py").exists()}
     said = [
         name for row in re.findall(r"^\| (`.*?) \|", table, flags=re.MULTILINE) for name in re.findall(r"`(\w+)`", row)
     ]
     assert sorted(said) == sorted(folders - {"support"})
+
+
+def test_the_page_on_sweeps_names_every_option_of_their_figures():
+    (commands,) = (one for one in _parser(["sweep"])._actions if isinstance(one, argparse._SubParsersAction))
+    options = re.findall(r"--[\w-]+", commands.choices["sweep"].usage.split("sweep plot")[1])
+    section = (ROOT / "docs" / "how-to" / "sweeps.md").read_text().split("\n## Figures\n")[1]
+    assert {"--out", "--force"} <= set(options)
+    assert [option for option in options if not re.search(rf"{option}(?![\w-])", section)] == []
+
+
+def test_the_page_on_views_names_every_arrow():
+    arrows = (ROOT / "src" / "jaxball" / "plot" / "view" / "source" / "arrows.js").read_text()
+    named = arrows.split("get named() {")[1].split("filter(")[0]
+    symbols = re.findall(r'"([^"]*)", (?:\w+|"ink")[\],]', named)
+    page = (ROOT / "docs" / "how-to" / "view.md").read_text()
+    assert {"N", "f", "vₛ", "N + f"} <= set(symbols)
+    assert [symbol for symbol in symbols if not re.search(rf"(?<!\w){re.escape(symbol)}(?!\w)", page)] == []

@@ -16,12 +16,12 @@ OPTIONS = ("fps", "speed", "size", "from", "to")
 
 def add_animation(parser: argparse.ArgumentParser) -> None:
     """Adds --animate and its options."""
-    parser.add_argument("--animate", type=Path, metavar="FILE", help="make an animation: .mp4 or .gif")
+    parser.add_argument("--animate", type=Path, metavar="FILE", help="write an animation: .mp4 or .gif")
     parser.add_argument("--fps", type=count, help="frames per second of the animation (default: 30, or 20 in a GIF)")
     parser.add_argument("--speed", type=positive, help="units of time per second of the animation (default: 1)")
     parser.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="its size in pixels, as in 1280x720")
-    parser.add_argument("--from", type=number, metavar="T", help="when the animation begins (default: the start)")
-    parser.add_argument("--to", type=number, metavar="T", help="when the animation ends (default: the end)")
+    parser.add_argument("--from", type=number, metavar="T", help="start of the animation (default: that of the run)")
+    parser.add_argument("--to", type=number, metavar="T", help="end of the animation (default: that of the run)")
 
 
 def check_animation(options: argparse.Namespace) -> None:

@@ -32,8 +32,8 @@ def add_scenario(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="PATH=VALUE",
-        help="change a value of the scenario, as in body.mass=2 or 'masses[0].mass=0.3', or take a key away, as in "
-        "time.step=; may be given several times",
+        help="change a value of the scenario, as in body.mass=2 or 'masses[0].mass=0.3', or remove a key, as in "
+        "time.step=; can be given several times",
     )
 
 

@@ -50,7 +50,7 @@ def check_outputs(options: argparse.Namespace, suffixes: Sequence[str]) -> None:
 def add_formats(parser: argparse.ArgumentParser, option: str) -> None:
     """Adds the option that names the formats of figures."""
     parser.add_argument(
-        option, nargs="+", choices=FORMATS, metavar="FORMAT", help="of the figures: png, pdf or svg (default: png)"
+        option, nargs="+", choices=FORMATS, metavar="FORMAT", help="formats of figures: png, pdf or svg (default: png)"
     )
 
 
@@ -59,7 +59,7 @@ def add_replacing(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--svg-text",
         action="store_true",
-        help="keep the text of SVG as text, which can be edited and needs the fonts, and not as outlines",
+        help="keep text in SVG files as text, which can be edited but needs the fonts, instead of outlines",
     )
     parser.add_argument("--force", action="store_true", help="replace figures of another run as well")
 

@@ -16,23 +16,23 @@ from ..simulation.modal import NOWHERE
 from .variables import Variable
 
 HISTORY = {
-    "mode": Variable((), "1", "mode of the motion, -1 where the solve did not come", Mode),
+    "mode": Variable((), "1", "mode of the motion, -1 at times that the solve did not reach", Mode),
     "V": Variable(("axis",), "length/time", "velocity of the geometric centre in space axes"),
-    "height": Variable((), "length", "height of the body over the plane"),
-    "slip": Variable(("axis",), "length/time", "velocity of the lowest point over the plane, space axes"),
-    "sigma": Variable(("direction",), "1", "direction of the slip"),
-    "rubbed": Variable((), "energy", "energy that friction of sliding has taken"),
-    "struck": Variable((), "energy", "energy that impacts have taken"),
+    "height": Variable((), "length", "height of the body above the plane"),
+    "slip": Variable(("axis",), "length/time", "velocity of the lowest point relative to the plane, space axes"),
+    "sigma": Variable(("direction",), "1", "direction of slip"),
+    "rubbed": Variable((), "energy", "energy dissipated by sliding friction"),
+    "struck": Variable((), "energy", "energy dissipated by impacts"),
 }
 
 # By the names of the fields of Switches. Those of the states before and after come with the kind of the state.
 SWITCHES = {
-    "times": Variable((), "time", "time of a switch of the mode"),
+    "times": Variable((), "time", "time of a change of mode"),
     "cause": Variable((), "1", "why the mode ended", Cause),
     "source": Variable((), "1", "mode before the switch", Mode),
     "target": Variable((), "1", "mode after the switch", Mode),
-    "lost": Variable((), "energy", "energy that the impact took"),
-    "grazing": Variable((), "1", "1 where what ended the mode touched zero and did not cross it"),
+    "lost": Variable((), "energy", "energy dissipated by the impact"),
+    "grazing": Variable((), "1", "1 if the function that ended the mode touched zero without crossing it"),
 }
 SIDES = ("before", "after")
 RELEASED = {name: HISTORY[name] for name in ("V", "height")}

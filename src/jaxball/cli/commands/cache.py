@@ -11,7 +11,7 @@ def add(commands) -> None:
     parser = commands.add_parser(
         "cache",
         description="Shows where compiled programs are kept, so that each is compiled once, and their size.",
-        epilog="JAXBALL_CACHE_DIR says where they are kept; with JAXBALL_NO_CACHE=1, or --no-cache, none are.",
+        epilog="JAXBALL_CACHE_DIR sets the folder; JAXBALL_NO_CACHE=1 or --no-cache turns the cache off.",
     )
     parser.add_argument("--clear", action="store_true", help="remove all of them")
     parser.set_defaults(run=_run)

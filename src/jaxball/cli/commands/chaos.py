@@ -20,7 +20,7 @@ def add(commands) -> None:
     parser.add_argument("--end", type=number, help="the time at which to end, instead of the scenario's")
     parser.add_argument("--transient", type=number, default=0.0, help="the time before averages begin (default: 0)")
     parser.add_argument(
-        "--interval", type=positive, help="between orthonormalisations (default: 1, and 10 for a chart)"
+        "--interval", type=positive, help="time between orthonormalisations (default: 1, or 10 for a chart)"
     )
     parser.add_argument("--exponents", type=int, metavar="K", help="compute only the K largest (default: all)")
     parser.add_argument("--out", type=Path, metavar="FILE", help="save the numbers: .csv, or .nc for a chart")
@@ -31,14 +31,15 @@ def add(commands) -> None:
         "--chart",
         nargs=2,
         metavar=METAVAR,
-        help="a chart instead: the largest exponent over two numbers, as in 'initial.Omega[0]=0:3:30' body.mass=1:2:20",
+        help="compute a chart instead: the largest exponent over two numbers, as in 'initial.Omega[0]=0:3:30' "
+        "body.mass=1:2:20",
     )
     kinds.add_argument(
         "--poincare",
         metavar="COMPONENT=VALUE",
-        help="a Poincaré map instead: the states in which a component has a value, as in 'Omega[0]=0'",
+        help="compute a Poincaré map instead: the states in which a component has a value, as in 'Omega[0]=0'",
     )
-    parser.add_argument("--direction", choices=DIRECTIONS, help="of the crossings of --poincare (default: rising)")
+    parser.add_argument("--direction", choices=DIRECTIONS, help="direction of --poincare's crossings (default: rising)")
     parser.add_argument(
         "--axes", nargs=2, metavar="COMPONENT", help="the axes of --poincare's figure, as in 'Omega[1]' 'Gamma[2]'"
     )

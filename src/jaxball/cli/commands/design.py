@@ -13,10 +13,10 @@ def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "design",
-        description="Searches for a design, or resumes a search that was stopped, whatever stopped it.",
+        description="Searches for a design, or resumes one that was interrupted, for whatever reason.",
     )
     parser.add_argument("problem", metavar="FILE", help="a problem file")
-    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where the design and report go")
+    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="folder for the design and report")
     parser.add_argument("--quiet", action="store_true", help="print no progress")
     parser.set_defaults(run=_run)
 

@@ -15,8 +15,8 @@ def add(commands) -> None:
     parser.add_argument(
         "--solvers",
         action="store_true",
-        help="instead of figures, a table of every solver that the paper names beside its counterpart here: steps, "
-        "evaluations, error and time; three or four minutes",
+        help="instead of figures, a table of every solver that the paper names and its counterpart in jaxball: steps, "
+        "evaluations, error and time; takes three or four minutes",
     )
     parser.set_defaults(run=_run)
 

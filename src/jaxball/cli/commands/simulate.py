@@ -31,17 +31,17 @@ def add(commands) -> None:
     parser.add_argument("--view", type=Path, metavar="FILE", help="show the run in one HTML file: .html")
     add_animation(parser)
     parser.add_argument(
-        "--solver", choices=SOLVERS, metavar="SOLVER", help=f"instead of the scenario's: {', '.join(SOLVERS)}"
+        "--solver", choices=SOLVERS, metavar="SOLVER", help=f"instead of the scenario's: one of {', '.join(SOLVERS)}"
     )
     parser.add_argument("--rtol", type=positive, help="relative tolerance, instead of the scenario's")
     parser.add_argument("--atol", type=positive, help="absolute tolerance, instead of the scenario's")
     parser.add_argument(
         "--contact",
         metavar="LAW",
-        help="let the body slip and fly, with this friction of sliding, as in 0.3, or with these keys of [contact], as "
-        "in sliding=0.3,static=0.4,restitution=0.5, instead of the scenario's",
+        help="let the body slip and fly, with this kinetic coefficient of friction, as in 0.3, or with these keys of "
+        "[contact], as in sliding=0.3,static=0.4,restitution=0.5; replaces the scenario's law",
     )
-    parser.add_argument("--friction", type=positive, metavar="MU", help="end where more friction than this is needed")
+    parser.add_argument("--friction", type=positive, metavar="MU", help="end where rolling needs more friction than MU")
     parser.add_argument("--detachment", action="store_true", help="end where the ball would leave the plane")
     add_output(parser)
     parser.set_defaults(run=_run)

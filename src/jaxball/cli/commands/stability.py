@@ -15,8 +15,8 @@ def add(commands) -> None:
         "stability",
         description=(
             "Finds the directions about which a ball can rest or spin in place (--rate) or its rolling in circles "
-            "(--rolling), or takes the scenario's initial state (--initial), and computes eigenvalues, which say what "
-            "is stable. Masses must be at rest in the body."
+            "(--rolling), or takes the scenario's initial state (--initial), and computes the eigenvalues that decide "
+            "its stability. Masses must be at rest in the body."
         ),
     )
     add_scenario(parser)

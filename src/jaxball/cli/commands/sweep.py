@@ -26,24 +26,24 @@ def add(commands) -> None:
             "       jaxball sweep plot STORE --out FOLDER [--result NAME ...] [--against PATH ...]\n"
             "               [--label NAME=TEXT ...] [--format FORMAT ...] [--svg-text] [--force]"
         ),
-        description="Runs a study, or resumes one that was stopped, whatever stopped it.",
+        description="Runs a study, or resumes one that was interrupted, for whatever reason.",
     )
     parser.add_argument("study", metavar="STUDY", help="a study file, or the word status or plot")
-    parser.add_argument("store", nargs="?", type=Path, metavar="STORE", help="the store whose status or figures")
+    parser.add_argument("store", nargs="?", type=Path, metavar="STORE", help="the store to describe or draw")
     parser.add_argument("--out", type=Path, metavar="STORE", help="the store, .zarr; for figures, their folder")
     parser.add_argument("--workers", type=count, default=1, metavar="N", help="number of processes (default: 1)")
     parser.add_argument("--shard", type=_shard, default=(1, 1), metavar="K/N", help="only the K-th of N parts")
     parser.add_argument("--dry-run", action="store_true", help="print the number of rows and the size of the store")
     parser.add_argument("--measure", action="store_true", help="with --dry-run: solve a few rows to estimate the time")
-    parser.add_argument("--result", nargs="+", default=[], metavar="NAME", help="what to draw, such as z[0]")
-    parser.add_argument("--against", nargs="+", default=[], metavar="PATH", help="the numbers to draw it against")
+    parser.add_argument("--result", nargs="+", default=[], metavar="NAME", help="results to draw, such as z[0]")
+    parser.add_argument("--against", nargs="+", default=[], metavar="PATH", help="numbers to draw the results against")
     parser.add_argument(
         "--label",
         nargs="+",
         type=_label,
         default=[],
         metavar="NAME=TEXT",
-        help="what a number or a result is called in figures, instead of its symbol, as in 'body.mass=$M$ (kg)'",
+        help="name of a number or a result in the figures, instead of its symbol, as in 'body.mass=$M$ (kg)'",
     )
     add_formats(parser, "--format")
     add_replacing(parser)

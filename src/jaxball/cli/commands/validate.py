@@ -21,7 +21,7 @@ def add(commands) -> None:
     parser = commands.add_parser(
         "validate",
         description=(
-            "Reads scenarios, studies and problems, recognised by their keys, and lists all that is wrong with them. "
+            "Reads scenarios, studies and problems, recognised by their keys, and lists everything that is wrong. "
             "Nothing is simulated. The exit code is 2 if a file is not valid."
         ),
     )

@@ -23,19 +23,16 @@ def add(commands) -> None:
             "       jaxball view DESIGN --out FILE [--friction MU] [--all-times]\n"
             "       jaxball view STORE --rows K,K,... [--colour NUMBER] --out FILE [--friction MU] [--all-times]"
         ),
-        description="Writes a saved run as one HTML file, the same as `jaxball simulate --view` writes: the body in "
-        "three dimensions, played or stepped through, with graphs over time. Of the folder of `jaxball design`, it "
-        "shows the runs before and after; of the store of `jaxball sweep`, the rows that --rows names. It needs no "
-        "network.",
+        description="Writes a saved run as one HTML file, as `jaxball simulate --view` does: the body in "
+        "three dimensions, played or stepped through, with graphs over time. For the folder of a design, it shows "
+        "the runs before and after; for the store of a sweep, the rows given by --rows. The file needs no network.",
     )
     parser.add_argument("saved", type=Path, metavar="RUN", help="a saved run, or the folder of a design or a sweep")
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="where the view goes: .html")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the file to write: .html")
     parser.add_argument("--friction", type=positive, metavar="MU", help="draw the cone of this coefficient of friction")
     parser.add_argument("--rows", type=_rows, metavar="K,K,...", help="the rows of a sweep, as in 3,17,40")
-    parser.add_argument("--colour", metavar="NUMBER", help="by which they are coloured, such as body.mass or z[0]")
-    parser.add_argument(
-        "--all-times", action="store_true", help="show all saved times of a long run; the file is large"
-    )
+    parser.add_argument("--colour", metavar="NUMBER", help="number that colours them, such as body.mass or z[0]")
+    parser.add_argument("--all-times", action="store_true", help="show all saved times of a long run, in a large file")
     add_quiet(parser)
     parser.set_defaults(run=_run)
 
