@@ -9,7 +9,10 @@ from ..interface.output import OutputError, check_destination
 from .options import count, number, positive
 
 SUFFIXES = (".mp4", ".gif")
-MOST_FRAMES_A_SECOND = {".mp4": 240, ".gif": 50}  # a GIF counts in hundredths of a second; players skip single ones
+MOST_FRAMES_A_SECOND = {
+    ".mp4": 240,
+    ".gif": 50,
+}  # a GIF counts in hundredths of a second; players ignore delays of a single one
 SMALLEST, LARGEST = 64, 7680
 OPTIONS = ("fps", "speed", "size", "from", "to")
 
@@ -19,13 +22,15 @@ def add_animation(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--animate", type=Path, metavar="FILE", help="make an animation: .mp4 or .gif")
     parser.add_argument("--fps", type=count, help="frames per second of the animation (default: 30, or 20 in a GIF)")
     parser.add_argument("--speed", type=positive, help="units of time per second of the animation (default: 1)")
-    parser.add_argument("--size", type=_size, metavar="WIDTHxHEIGHT", help="its size in pixels, as in 1280x720")
+    parser.add_argument(
+        "--size", type=_size, metavar="WIDTHxHEIGHT", help="size of the animation in pixels, as in 1280x720"
+    )
     parser.add_argument("--from", type=number, metavar="T", help="when the animation begins (default: the start)")
     parser.add_argument("--to", type=number, metavar="T", help="when the animation ends (default: the end)")
 
 
 def check_animation(options: argparse.Namespace) -> None:
-    """Raises an :class:`~jaxball.results.OutputError` for an animation that cannot be made of any run."""
+    """Raises an :class:`~jaxball.results.OutputError` for an animation that is impossible for any run."""
     if options.animate is None:
         for name in OPTIONS:
             if getattr(options, name) is not None:

@@ -16,13 +16,13 @@ from ..simulation.modal import NOWHERE
 from .variables import Variable
 
 HISTORY = {
-    "mode": Variable((), "1", "mode of the motion, -1 where the solve did not come", Mode),
+    "mode": Variable((), "1", "mode of the motion, -1 at times that the solve did not reach", Mode),
     "V": Variable(("axis",), "length/time", "velocity of the geometric centre in space axes"),
-    "height": Variable((), "length", "height of the body over the plane"),
-    "slip": Variable(("axis",), "length/time", "velocity of the lowest point over the plane, space axes"),
+    "height": Variable((), "length", "height of the body above the plane"),
+    "slip": Variable(("axis",), "length/time", "velocity of the lowest point relative to the plane, space axes"),
     "sigma": Variable(("direction",), "1", "direction of the slip"),
-    "rubbed": Variable((), "energy", "energy that friction of sliding has taken"),
-    "struck": Variable((), "energy", "energy that impacts have taken"),
+    "rubbed": Variable((), "energy", "energy dissipated by sliding friction"),
+    "struck": Variable((), "energy", "energy dissipated by impacts"),
 }
 
 # By the names of the fields of Switches. Those of the states before and after come with the kind of the state.
@@ -31,8 +31,8 @@ SWITCHES = {
     "cause": Variable((), "1", "why the mode ended", Cause),
     "source": Variable((), "1", "mode before the switch", Mode),
     "target": Variable((), "1", "mode after the switch", Mode),
-    "lost": Variable((), "energy", "energy that the impact took"),
-    "grazing": Variable((), "1", "1 where what ended the mode touched zero and did not cross it"),
+    "lost": Variable((), "energy", "energy dissipated by the impact"),
+    "grazing": Variable((), "1", "1 where the mode ended at a grazing event"),
 }
 SIDES = ("before", "after")
 RELEASED = {name: HISTORY[name] for name in ("V", "height")}
@@ -47,7 +47,7 @@ def history_values(history: ContactHistory) -> Variables:
 
 
 def switch_values(history: ContactHistory, of_state: Mapping[str, Variable]) -> Variables:
-    """The variables of the switches that are kept, which have the dimension ``switch``; none of a run without them.
+    """The variables of the kept switches, which have the dimension ``switch``; none for a run without switches.
 
     ``of_state`` describes the fields of the body's state.
     """
@@ -76,7 +76,7 @@ def contact_attributes(history: ContactHistory) -> dict[str, int | float]:
 def read_history(
     arrays: Mapping[str, np.ndarray], attribute: Callable[[str, Callable[[Any], Any]], Any], states: Any
 ) -> ContactHistory:
-    """The history in a file, whose attributes ``attribute`` reads by their names; ``states`` are those of the body."""
+    """The history in a file, whose attributes ``attribute`` reads by name; ``states`` are those of the body."""
     coefficients = [attribute(f"contact_{name}", float) for name in COEFFICIENTS]
     law = Contact(*coefficients, room=attribute("contact_room", int))
     over_time = {
@@ -93,7 +93,7 @@ def _read_switches(
     kept = min(count, room)
 
     def filled(name: str, shape: tuple[int, ...] = (), nothing: float | int | bool = np.nan) -> Array:
-        """An array of the file, with what stands for no switch in the rest of its room."""
+        """An array of the file, padded with the values that stand for no switch."""
         whole = np.full((room, *shape), nothing)
         if kept and whole.size:
             whole[:kept] = arrays[f"switch_{name}"]
@@ -118,6 +118,6 @@ def _read_switches(
 
 
 def _plain(leaf: Array) -> np.ndarray:
-    """Numbers, also of what is true or false, as every format holds them."""
+    """Numbers, with booleans as integers, which every format can hold."""
     array = np.asarray(leaf)
     return array.astype(int) if array.dtype == bool else array

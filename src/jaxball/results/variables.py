@@ -15,7 +15,7 @@ from ..simulation.trajectory import Trajectory
 class Variable(NamedTuple):
     """Dimensions after ``time``, units in terms of those of the parameters, and the meaning of the variable.
 
-    ``flags`` says what its numbers stand for, where these are names.
+    ``flags`` gives the names that its numbers stand for, if any.
     """
 
     dimensions: tuple[str, ...]
@@ -38,7 +38,7 @@ STATE = {
     "Lambda": Variable(("row", "axis"), "1", "rotation matrix from body to space"),
     "Omega": Variable(("axis",), "rad/time", "angular velocity in body axes"),
     "Gamma": Variable(("axis",), "1", "upward vertical in body axes"),
-    "z": Variable(("direction",), "length", "place of the geometric centre on the plane"),
+    "z": Variable(("direction",), "length", "position of the geometric centre on the plane"),
     "phi": Variable((), "rad", "angle of the disk"),
     "phidot": Variable((), "rad/time", "rate of the disk's angle"),
     "theta": Variable(("driven",), "rad or length", "parameter of a driven mass on its rail, or of a joint"),
@@ -72,12 +72,12 @@ LAWS = {
 }
 
 OBSERVABLES = {
-    "mass_positions_body": Variable(("mass", "axis"), "length", "place of a mass from centre, body axes"),
-    "mass_positions_space": Variable(("mass", "axis"), "length", "place of a mass from centre, space axes"),
-    "centre_of_mass_body": Variable(("axis",), "length", "place of the centre of mass, body axes"),
-    "centre_of_mass_space": Variable(("axis",), "length", "place of the centre of mass, space axes"),
-    "geometric_centre": Variable(("axis",), "length", "place of the geometric centre in space"),
-    "contact_point": Variable(("axis",), "length", "place of the contact point in space"),
+    "mass_positions_body": Variable(("mass", "axis"), "length", "position of a mass from centre, body axes"),
+    "mass_positions_space": Variable(("mass", "axis"), "length", "position of a mass from centre, space axes"),
+    "centre_of_mass_body": Variable(("axis",), "length", "position of the centre of mass, body axes"),
+    "centre_of_mass_space": Variable(("axis",), "length", "position of the centre of mass, space axes"),
+    "geometric_centre": Variable(("axis",), "length", "position of the geometric centre in space"),
+    "contact_point": Variable(("axis",), "length", "position of the contact point in space"),
     "vertical_body": Variable(("axis",), "1", "upward vertical in body axes"),
     "angular_velocity_body": Variable(("axis",), "rad/time", "angular velocity in body axes"),
     "angular_velocity_space": Variable(("axis",), "rad/time", "angular velocity in space axes"),
@@ -86,7 +86,7 @@ OBSERVABLES = {
     "potential_energy": Variable((), "energy", "potential energy, 0 at the height of the centre"),
     "energy": Variable((), "energy", "total energy"),
     "power": Variable((), "power", "power of the actuation, the external force and all else that does work"),
-    "dissipation": Variable((), "power", "power that resistance takes"),
+    "dissipation": Variable((), "power", "power dissipated by resistance"),
     "normal_force": Variable((), "force", "normal force of the plane"),
     "friction": Variable(("direction",), "force", "friction force of the plane"),
     "friction_ratio": Variable((), "1", "friction over normal force"),
@@ -131,7 +131,7 @@ def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.nda
 def measured_values(
     trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]
 ) -> dict[str, tuple[Variable, np.ndarray]]:
-    """What sensors read over time, each under its name after ``measured_``; a vector has the axes of its sensor."""
+    """The readings of sensors over time, named ``measured_…``; a vector has the axes of its sensor."""
     variables = {}
     for name, leaf in (trajectory.measured(sensors) if sensors else {}).items():
         array, sensor = np.asarray(leaf), sensors[name]
@@ -142,7 +142,7 @@ def measured_values(
 
 
 def described(name: str, planar: bool) -> Variable:
-    """The variable of a field of a body's state; the place of a disk is one number."""
+    """The variable of a field of a body's state; the position of a disk is one number."""
     return STATE[name]._replace(dimensions=()) if planar and name == "z" else STATE[name]
 
 
@@ -161,7 +161,7 @@ def undescribed(name: str, dimensions: int) -> Variable:
 
 
 def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """The coordinate along each dimension: 0, 1, …, but the names of joints, ``mechanisms[0].joints[1]``.
+    """The coordinate along each dimension: 0, 1, …, or the names of joints, ``mechanisms[0].joints[1]``.
 
     Along ``driven`` are the numbers of the driven masses or, where joints are among what is driven, the names of all.
     """

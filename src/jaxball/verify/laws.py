@@ -1,21 +1,21 @@
-"""The names of the laws, and what each says."""
+"""The names of the laws, and their statements."""
 
 BALANCES: dict[str, str] = {
-    "energy": "E(t) − E(t0) = ∫ of the power of all that does work: actuation, force, resistance, ground",
-    "momentum": "the momentum about the contact point changes by the moments of all that acts and by −ċ × P",
+    "energy": "E(t) − E(t0) = ∫ of the total power: actuation, force, resistance, ground",
+    "momentum": "the momentum about the contact point changes by the moments of all forces and by −ċ × P",
     "chaplygin": "ΛΠ is constant where the centre of mass is the geometric centre and no force acts",
     "jellett-rate": "d/dt (L·s) = L·(Ω × χ + χ̇) − s·(χ × F̃) + s·T̃, for any ball",
     "jellett": "L·s is constant for a body of revolution with fixed masses and no force",
     "routh": "Routh's integral is constant for the same bodies",
     "norm": "|q| = 1",
-    "moving-energy": "E − W L changes by the work of what is inside, on a level turntable at the rate W",
+    "moving-energy": "E − W L changes by the work of the masses inside, on a level turntable at the rate W",
     "rolling": "z(t) − z(t0) = ∫ (ω × r e3 + u)₁₂, no slip at the contact point",
 }
 COMPARISONS: dict[str, str] = {
-    "saved": "the run that was given, as from a file, is that of its scenario",
+    "saved": "a given run, such as one from a file, agrees with a new run of its scenario",
     "error": "the run agrees with one at a tolerance of 1e-13",
     "convergence": "the error falls with the tolerance",
-    "solvers": "the run agrees with one by a solver of another family",
+    "solvers": "the run agrees with one by a solver of a different family",
     "dae": "the run agrees with that of the differential-algebraic equations",
     "embedding": "a disk rolls like the ball in which it is embedded",
     "closed-form": "the run agrees with the solution in closed form",

@@ -15,7 +15,9 @@ def add(commands) -> None:
     parser.add_argument("--solvers", nargs="+", default=[], metavar="NAME", help="solvers, packages, or parts of names")
     parser.add_argument("--tolerances", nargs="+", type=positive, metavar="RTOL", help="default: 1e-4 to 1e-13")
     parser.add_argument("--budget", type=positive, metavar="SECONDS", help="time for the timed calls of each setting")
-    parser.add_argument("--limit", type=positive, metavar="SECONDS", help="leave out what takes longer for a solve")
+    parser.add_argument(
+        "--limit", type=positive, metavar="SECONDS", help="leave out solvers that take longer per solve"
+    )
     parser.add_argument("--out", type=Path, default=Path("out/bench"), metavar="FOLDER", help="default: out/bench")
     parser.add_argument("--quick", action="store_true", help="two problems, a few solvers, two tolerances")
     parser.add_argument("--list", action="store_true", help="list problems and solvers")

@@ -1,4 +1,4 @@
-"""``jaxball cache``: the compiled programs that are kept, shown or removed."""
+"""``jaxball cache``: shows or removes the compiled programs that are kept."""
 
 import argparse
 
@@ -10,8 +10,8 @@ def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "cache",
-        description="Shows where compiled programs are kept, so that each is compiled once, and their size.",
-        epilog="JAXBALL_CACHE_DIR says where they are kept; with JAXBALL_NO_CACHE=1, or --no-cache, none are.",
+        description="Shows where compiled programs are kept for later runs, and their size.",
+        epilog="JAXBALL_CACHE_DIR sets where they are kept; with JAXBALL_NO_CACHE=1 or --no-cache, none are.",
     )
     parser.add_argument("--clear", action="store_true", help="remove all of them")
     parser.set_defaults(run=_run)

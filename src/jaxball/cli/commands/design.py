@@ -1,4 +1,4 @@
-"""``jaxball design``: a search for rails, motions and parameters with which a ball does what a problem file asks."""
+"""``jaxball design``: searches for rails, motions and parameters with which a ball does what a problem file asks."""
 
 import argparse
 from pathlib import Path
@@ -13,10 +13,12 @@ def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "design",
-        description="Searches for a design, or resumes a search that was stopped, whatever stopped it.",
+        description="Searches for a design, or resumes an interrupted search.",
     )
     parser.add_argument("problem", metavar="FILE", help="a problem file")
-    parser.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="where the design and report go")
+    parser.add_argument(
+        "--out", type=Path, required=True, metavar="FOLDER", help="where to write the design and the report"
+    )
     parser.add_argument("--quiet", action="store_true", help="print no progress")
     parser.set_defaults(run=_run)
 

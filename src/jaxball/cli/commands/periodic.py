@@ -20,10 +20,10 @@ def add(commands) -> None:
     parser = commands.add_parser(
         "periodic",
         description=(
-            "Finds the motion near the scenario's initial state that comes back after a period, by Newton's method, "
-            "and its Floquet multipliers, the factors by which deviations change in a period: they say whether it is "
-            "stable. Place and heading need not come back where nothing depends on them, and angles up to whole turns. "
-            "Solved to 1e-11, or finer where the scenario is."
+            "Finds the motion near the scenario's initial state that repeats after a period, by Newton's method, and "
+            "its Floquet multipliers, the factors by which deviations change over a period: they say whether it is "
+            "stable. Position and heading need not repeat where nothing depends on them, and angles only up to whole "
+            "turns. Solved to 1e-11, or finer where the scenario is."
         ),
     )
     add_scenario(parser)
@@ -32,27 +32,30 @@ def add(commands) -> None:
         "--period",
         type=positive,
         metavar="T",
-        help="the period; near it will do, but where time enters the equations, as by a schedule, it must be exact",
+        help="the period; an approximate value is enough, unless the equations depend on time, as through a schedule",
     )
     period.add_argument(
         "--frequency",
         type=_frequency,
         metavar="OMEGA|PATH",
-        help="the angular frequency 2 pi / T in its place, or its path in the scenario, as in "
+        help="the angular frequency 2 pi / T instead, or its path in the scenario, as in "
         "'ground.motion.free.frequency[0]'",
     )
     parser.add_argument(
-        "--after", type=number, metavar="T", help="start from where the scenario's run is at this time, as settled"
+        "--after",
+        type=number,
+        metavar="T",
+        help="start from the state of the scenario's run at this time, for instance once it has settled",
     )
     parser.add_argument(
         "--turns",
         type=int,
         nargs="+",
         metavar="N",
-        help="whole turns that angles gain in a period, one for each (default: those nearest to what they gain)",
+        help="whole turns that each angle gains in a period (default: the nearest)",
     )
     parser.add_argument(
-        "--iterations", type=count, metavar="N", help=f"the most steps of Newton's method (default: {ITERATIONS})"
+        "--iterations", type=count, metavar="N", help=f"maximum number of Newton steps (default: {ITERATIONS})"
     )
     parser.add_argument(
         "--chart",

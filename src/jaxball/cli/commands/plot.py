@@ -12,7 +12,7 @@ def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "plot",
-        description="Draws the figures of a saved run, the same as `jaxball simulate --plot` draws.",
+        description="Draws the figures of a saved run, as `jaxball simulate --plot` does.",
     )
     parser.add_argument("saved", type=Path, metavar="RUN", help="a run that jaxball saved: .nc or .npz")
     parser.add_argument(
@@ -20,7 +20,7 @@ def add(commands) -> None:
         type=Path,
         required=True,
         metavar="FOLDER",
-        help="where the figures go, which are named after the run; those of another run are not replaced",
+        help="where to write the figures, named after the run; those of another run are not replaced",
     )
     add_formats(parser, "--format")
     add_replacing(parser)

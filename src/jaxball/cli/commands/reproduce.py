@@ -1,4 +1,4 @@
-"""``jaxball reproduce``: both runs of the paper, its figures and a table of errors, or its solvers and ours."""
+"""``jaxball reproduce``: both runs of the paper, its figures and a table of errors, or a comparison of solvers."""
 
 import argparse
 from pathlib import Path
@@ -15,8 +15,8 @@ def add(commands) -> None:
     parser.add_argument(
         "--solvers",
         action="store_true",
-        help="instead of figures, a table of every solver that the paper names beside its counterpart here: steps, "
-        "evaluations, error and time; three or four minutes",
+        help="instead of figures, a table of every solver that the paper names and its counterpart here: steps, "
+        "evaluations, error and time; takes three or four minutes",
     )
     parser.set_defaults(run=_run)
 

@@ -1,4 +1,4 @@
-"""``jaxball simulate``: a scenario simulated, saved and drawn."""
+"""``jaxball simulate``: simulates, saves and draws a scenario."""
 
 import argparse
 from pathlib import Path
@@ -38,10 +38,15 @@ def add(commands) -> None:
     parser.add_argument(
         "--contact",
         metavar="LAW",
-        help="let the body slip and fly, with this friction of sliding, as in 0.3, or with these keys of [contact], as "
-        "in sliding=0.3,static=0.4,restitution=0.5, instead of the scenario's",
+        help="let the body slip and fly, with this kinetic friction coefficient, as in 0.3, or with these keys of "
+        "[contact], as in sliding=0.3,static=0.4,restitution=0.5, instead of the scenario's",
     )
-    parser.add_argument("--friction", type=positive, metavar="MU", help="end where more friction than this is needed")
+    parser.add_argument(
+        "--friction",
+        type=positive,
+        metavar="MU",
+        help="end where rolling needs a larger coefficient of friction than this",
+    )
     parser.add_argument("--detachment", action="store_true", help="end where the ball would leave the plane")
     add_output(parser)
     parser.set_defaults(run=_run)

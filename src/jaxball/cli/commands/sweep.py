@@ -1,4 +1,4 @@
-"""``jaxball sweep``: a study run over all its rows, its progress, and its figures."""
+"""``jaxball sweep``: runs a study over all its rows, shows its progress, and draws its figures."""
 
 import argparse
 import importlib.util
@@ -26,10 +26,12 @@ def add(commands) -> None:
             "       jaxball sweep plot STORE --out FOLDER [--result NAME ...] [--against PATH ...]\n"
             "               [--label NAME=TEXT ...] [--format FORMAT ...] [--svg-text] [--force]"
         ),
-        description="Runs a study, or resumes one that was stopped, whatever stopped it.",
+        description="Runs a study, or resumes an interrupted one.",
     )
     parser.add_argument("study", metavar="STUDY", help="a study file, or the word status or plot")
-    parser.add_argument("store", nargs="?", type=Path, metavar="STORE", help="the store whose status or figures")
+    parser.add_argument(
+        "store", nargs="?", type=Path, metavar="STORE", help="the store whose status to show or figures to draw"
+    )
     parser.add_argument("--out", type=Path, metavar="STORE", help="the store, .zarr; for figures, their folder")
     parser.add_argument("--workers", type=count, default=1, metavar="N", help="number of processes (default: 1)")
     parser.add_argument("--shard", type=_shard, default=(1, 1), metavar="K/N", help="only the K-th of N parts")
@@ -43,7 +45,7 @@ def add(commands) -> None:
         type=_label,
         default=[],
         metavar="NAME=TEXT",
-        help="what a number or a result is called in figures, instead of its symbol, as in 'body.mass=$M$ (kg)'",
+        help="label of a number or a result in figures, instead of its symbol, as in 'body.mass=$M$ (kg)'",
     )
     add_formats(parser, "--format")
     add_replacing(parser)

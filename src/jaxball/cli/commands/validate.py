@@ -1,4 +1,4 @@
-"""``jaxball validate``: everything that is wrong with files, without a run."""
+"""``jaxball validate``: lists everything that is wrong with files, without running them."""
 
 import argparse
 import sys
@@ -21,8 +21,8 @@ def add(commands) -> None:
     parser = commands.add_parser(
         "validate",
         description=(
-            "Reads scenarios, studies and problems, recognised by their keys, and lists all that is wrong with them. "
-            "Nothing is simulated. The exit code is 2 if a file is not valid."
+            "Reads scenarios, studies and problems, recognised by their keys, and lists everything that is wrong with "
+            "them. Nothing is simulated. The exit code is 2 if a file is not valid."
         ),
     )
     parser.add_argument("files", nargs="+", metavar="FILE", help="a file, a built-in scenario, or - for standard input")

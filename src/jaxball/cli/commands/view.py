@@ -11,7 +11,7 @@ from ..options import BadInputError, positive
 from ..output import add_quiet
 from .sweep import require_packages
 
-DESIGN, SWEEP = "design.toml", "zarr.json"  # by which folders are known
+DESIGN, SWEEP = "design.toml", "zarr.json"  # by which folders are recognised
 
 
 def add(commands) -> None:
@@ -23,16 +23,16 @@ def add(commands) -> None:
             "       jaxball view DESIGN --out FILE [--friction MU] [--all-times]\n"
             "       jaxball view STORE --rows K,K,... [--colour NUMBER] --out FILE [--friction MU] [--all-times]"
         ),
-        description="Writes a saved run as one HTML file, the same as `jaxball simulate --view` writes: the body in "
-        "three dimensions, played or stepped through, with graphs over time. Of the folder of `jaxball design`, it "
-        "shows the runs before and after; of the store of `jaxball sweep`, the rows that --rows names. It needs no "
+        description="Writes a saved run as one HTML file, as `jaxball simulate --view` does: the body in "
+        "three dimensions, played or stepped through, with graphs over time. For the folder of `jaxball design`, it "
+        "shows the runs before and after; for the store of `jaxball sweep`, the rows that --rows names. It needs no "
         "network.",
     )
     parser.add_argument("saved", type=Path, metavar="RUN", help="a saved run, or the folder of a design or a sweep")
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="where the view goes: .html")
-    parser.add_argument("--friction", type=positive, metavar="MU", help="draw the cone of this coefficient of friction")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="where to write the view: .html")
+    parser.add_argument("--friction", type=positive, metavar="MU", help="draw the friction cone for this coefficient")
     parser.add_argument("--rows", type=_rows, metavar="K,K,...", help="the rows of a sweep, as in 3,17,40")
-    parser.add_argument("--colour", metavar="NUMBER", help="by which they are coloured, such as body.mass or z[0]")
+    parser.add_argument("--colour", metavar="NUMBER", help="colour the rows by this number, such as body.mass or z[0]")
     parser.add_argument(
         "--all-times", action="store_true", help="show all saved times of a long run; the file is large"
     )
@@ -58,7 +58,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _kind(path: Path) -> str:
-    """What there is to show: the name of the file by which a folder is known, empty for a file."""
+    """What there is to show: the name of the file that identifies a folder, empty for a file."""
     if not path.is_dir():
         check_saved(path)
         return ""
@@ -74,7 +74,7 @@ def _kind(path: Path) -> str:
 def _rows(text: str) -> tuple[int, ...]:
     parts = [part.strip() for part in text.split(",")]
     if not all(part.isdecimal() and part.isascii() for part in parts):
-        raise argparse.ArgumentTypeError(f"it must be numbers of rows with commas between them, but it is {text}")
+        raise argparse.ArgumentTypeError(f"it must be row numbers separated by commas, but it is {text}")
     rows = tuple(int(part) for part in parts)
     if len(set(rows)) < len(rows) or len(rows) > MOST_BODIES:
         given = counted(len(rows), "row") + " with one twice" * (len(set(rows)) < len(rows))
