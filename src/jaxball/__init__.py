@@ -4,19 +4,19 @@ masses moving inside it, after Putkaradze & Rogers (2018).
 A body (``Ball``, ``Disk``) holds point masses (``PointMass``), each with a motion (``OnRail``, ``Driven``, ``Fixed``,
 ``Free``, ``Oscillating``), and mechanisms (``Mechanism``) of joints (``Hinge``, ``Slider``, ``Carriage``) under forces
 (``Motor``, ``Spring``); a ``Ground`` and a ``Resistance`` act on it. ``simulate`` takes a body and times to a
-``Trajectory``. Nothing is imported before its name is used, and neither are the packages:
+``Trajectory``. Names and packages are imported when they are first used. The packages are:
 
 - ``chaos``, ``stability``: Lyapunov exponents, Poincaré maps; steady motions.
 - ``classical``: the heavy top, Suslov's problem and other systems.
 - ``design``, ``ensemble``, ``sweep``: designs by gradients, many runs side by side, studies.
-- ``plot``, ``results``, ``scenario``: figures, files out, files in.
-- ``sensors``: accelerometers, gyroscopes and encoders, to be read along a run.
+- ``plot``, ``results``, ``scenario``: figures, saved runs, scenario files.
+- ``sensors``: accelerometers, gyroscopes and encoders, read along a run.
 - ``solvers``: implicit methods for diffrax.
 - ``paper``, ``reproduce``, ``verify``, ``bench``: the paper's systems and figures, checks, comparisons of solvers.
-- ``cpu``, ``cache``: settings for fast solves on a CPU, compiled programs kept from one process to the next.
+- ``cpu``, ``cache``: settings for fast solves on a CPU, compiled programs kept between processes.
 
 The names of ``jaxball`` itself live in ``physics``, ``simulation``, ``numerics`` and ``interface``, and the commands in
-``cli``, which nobody needs to import; ``CONTRIBUTING.md`` has a map of all.
+``cli``, which need not be imported; ``CONTRIBUTING.md`` has a map of all packages.
 """
 
 import importlib
@@ -249,7 +249,7 @@ else:
     __all__, __dir__, _load = lazy_interface(__name__, _NAMES, *_PACKAGES, "__version__")
 
     def __getattr__(name: str) -> object:
-        """A name of the interface, a package of it, or any other room of jaxball, which ``dir`` does not show."""
+        """A public name or package of jaxball, or one of its internal packages, which ``dir`` does not show."""
         if name in __all__:
             return _load(name)
         module = f"{__name__}.{_PACKAGES.get(name, name)}"

@@ -1,6 +1,6 @@
-"""All that jaxball takes from JAX and equinox beside their documented interfaces, and where their releases differ.
+"""All that jaxball uses of JAX and equinox outside their documented interfaces, and where their releases differ.
 
-``tests/test_compat.py`` tries each of it with the version that is installed.
+``tests/test_compat.py`` tests each of these with the installed version.
 """
 
 import functools
@@ -24,7 +24,7 @@ try:
 except ImportError:  # in a version that has it elsewhere
 
     def trace_context() -> Any:
-        """What decides, beside a function and its arguments, how the function is traced."""
+        """What, besides a function and its arguments, determines how the function is traced."""
         return tuple(settings().items())
 
 
@@ -63,12 +63,12 @@ __all__ = [
 
 
 def is_traced(x: Any) -> bool:
-    """Whether the value of ``x`` is not known, as within jit, vmap and grad."""
+    """Whether ``x`` is traced, so that its value is unknown, as within jit, vmap and grad."""
     return isinstance(x, Tracer)
 
 
 def settings() -> Mapping[str, Any]:
-    """JAX's settings by their names, as they are in this place of the program."""
+    """JAX's settings by name, as they are at this point of the program."""
     return jax.config.values
 
 
@@ -82,7 +82,7 @@ def stablehlo_bindings() -> tuple[Any, Any]:
 
 @functools.cache
 def stablehlo_passes() -> Any:
-    """What reads and runs passes over lowered programs, those of StableHLO among them."""
+    """What reads lowered programs and runs passes over them, including those of StableHLO."""
     from jax.extend.mlir import passmanager
     from jax.extend.mlir.dialects import stablehlo
 
@@ -98,7 +98,7 @@ def array_type(shape: tuple[int, ...], dtype: np.dtype, weak: bool) -> Any:
 def put(array: np.ndarray, aval: Any, sharding: Any, device: Any) -> jax.Array | np.ndarray:
     """An array of JAX of the type ``aval``, which is not copied where it need not be.
 
-    Where a type has no numbers, as that of derivatives of integers, JAX has arrays of NumPy, and so have we.
+    For a type without numbers, such as that of derivatives of integers, JAX uses NumPy arrays, and so does this.
     """
     if aval.dtype == jax.dtypes.float0:
         return np.zeros(aval.shape, jax.dtypes.float0)
@@ -115,7 +115,7 @@ def node_of(structure: Any) -> tuple[type, Any] | None:
 def primitive(name: str, function: Callable[..., Any], results: int | None = None) -> Any:
     """An operation of JAX that computes ``function`` of an array.
 
-    It gives as many arrays of the same shape and type as ``results`` says, or one that is in no tuple.
+    It returns as many arrays of the same shape and type as ``results`` says, or a single one outside any tuple.
     """
     new = Primitive(name)
     new.multiple_results = results is not None
@@ -131,17 +131,17 @@ def primitive(name: str, function: Callable[..., Any], results: int | None = Non
 
 
 def differentiate_by(own: Any, rule: Callable[..., tuple[Any, Any]]) -> None:
-    """Has ``own`` differentiated by ``rule(primals, tangents)``, which gives results and their tangents."""
+    """Makes ``rule(primals, tangents)``, which returns results and their tangents, the derivative rule of ``own``."""
     ad.primitive_jvps[own] = rule
 
 
 def batch_by(own: Any, rule: Callable[..., Any]) -> None:
-    """Has ``rule`` batch ``own``, in the place of a rule that does so along the axis that its operand has."""
+    """Makes ``rule`` the batching rule of ``own``, instead of the one that batches along the axis of its operand."""
     batching.primitive_batchers[own] = rule
 
 
 def declare_linear(own: Any, transposed: Callable[..., Any]) -> None:
-    """Has ``own`` be its own derivative, with ``transposed(cotangent, x)`` for the cotangents of its operands."""
+    """Makes ``own`` its own derivative, with ``transposed(cotangent, x)`` for the cotangents of its operands."""
     ad.deflinear2(own, transposed)
 
 
@@ -149,9 +149,10 @@ class Loop(NamedTuple):
     """What the equation of a ``jax.lax.scan`` says.
 
     - ``body``: the program of a step, from constants, what is carried and elements of sequences to the last two.
-    - ``constants``, ``carried``: how many operands are, in this order, the one and the other; the rest are sequences.
+    - ``constants``, ``carried``: how many operands are constants and how many are carried, in this order; the rest are
+      sequences.
     - ``length``: how many steps there are.
-    - ``backwards``: whether the last step is the first to be done.
+    - ``backwards``: whether the steps are done from last to first.
     """
 
     body: Program
@@ -174,7 +175,7 @@ def loop(equation: Any) -> Loop:
 
 
 def branches(equation: Any) -> tuple[Program, ...]:
-    """The programs between which the equation of a ``jax.lax.cond`` or ``jax.lax.switch`` chooses."""
+    """The branches of the equation of a ``jax.lax.cond`` or ``jax.lax.switch``."""
     return argument(equation, "branches")
 
 
@@ -189,14 +190,14 @@ def called(equation: Any) -> Program | None:
 def argument(equation: Any, name: str) -> Any:
     """What the function of ``jax.lax`` that an equation stands for was given under the name of this argument.
 
-    **Raises:** ``RuntimeError`` where this version of JAX keeps it otherwise.
+    **Raises:** ``RuntimeError`` where this version of JAX stores it differently.
     """
     try:
         return equation.params[name]
     except KeyError:
         raise RuntimeError(
-            f"JAX {jax.__version__} writes the operation `{equation.primitive.name}` down without `{name}`, which "
-            "jaxball reads there; install a version of JAX that jaxball was tried with: `pip install jaxball` does."
+            f"JAX {jax.__version__} records the operation `{equation.primitive.name}` without `{name}`, which jaxball "
+            "needs; install a version of JAX that jaxball is tested with, as `pip install jaxball` does."
         ) from None
 
 

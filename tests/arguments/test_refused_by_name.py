@@ -75,7 +75,7 @@ def test_a_run_has_one_tolerance(name, size):
 def test_one_wrong_tolerance_of_many_runs():
     with pytest.raises(ValueError, match=r"^Argument `atol\[1\]` must be 0 or a positive number, but it is -1e-08\.$"):
         ensemble(atol=[1e-8, -1e-8, 1e-8])
-    with pytest.raises(ValueError, match="must reach"):  # a row whose larger one is too small
+    with pytest.raises(ValueError, match="must not both be below"):  # a row whose larger one is too small
         ensemble(atol=[1e-8, 0.0, 1e-8], rtol=[0.0, 1e-30, 0.0])
     assert ensemble(atol=[1e-8, 0.0, 1e-8], rtol=[0.0, 1e-8, 0.0]).trajectory.status.tolist() == [0, 0, 0]
 

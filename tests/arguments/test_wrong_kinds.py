@@ -76,7 +76,7 @@ MOTIONS = [
     (lambda: Pulse([0.0, 1.0]), "`theta` must be a single number"),
     (lambda: ConstantRate(RAIL), "`theta` must be numbers, but it is a Circle"),
     (lambda: jaxball.Waypoints([0.0, [1.0]], [0.0, 1.0]), "`times` must be numbers, but it is the list"),
-    (lambda: jaxball.Servo(PULSE, [1.0], [1.0]), "`targets` must be a list, each of it a schedule.*but it is a Pulse"),
+    (lambda: jaxball.Servo(PULSE, [1.0], [1.0]), "`targets` must be a list, each item a schedule.*but it is a Pulse"),
     (lambda: jaxball.Servo([PULSE, RAIL], [1.0] * 2, [1.0] * 2), r"`targets\[1\]` must be a schedule.*a Circle"),
     (lambda: jaxball.Servo((PULSE,), [1.0, 2.0], [1.0]), "`stiffness` must be a list of one number"),
     (lambda: jaxball.FollowSchedules((0.3,)), r"`schedules\[0\]` must be a schedule"),
@@ -85,7 +85,7 @@ BODIES = [
     (lambda: jaxball.Ball(**SHELL, masses=[RAIL]), r"`masses\[0\]` must be a PointMass, but it is a Circle"),
     (
         lambda: jaxball.Ball(**SHELL, masses=on_rail()),
-        "`masses` must be a list, each of it a PointMass.*is a PointMass",
+        "`masses` must be a list, each item a PointMass.*is a PointMass",
     ),
     (
         lambda: jaxball.Ball(**SHELL, masses=[PointMass]),

@@ -82,7 +82,7 @@ def test_exponents_of_lorenz(lorenz_spectrum):
 def test_a_chaotic_run_tells_its_exponents_from_zero_and_the_zero_along_the_flow_from_none(lorenz_spectrum):
     np.testing.assert_array_equal(lorenz_spectrum.told_from_zero, [True, False, True])
     assert np.all(np.abs(lorenz_spectrum.limits.limits - [0.9056, 0.0, -14.5723]) < 5 * lorenz_spectrum.limits.errors)
-    assert "cannot tell λ2 from zero" in str(lorenz_spectrum)
+    assert "cannot distinguish λ2 from zero" in str(lorenz_spectrum)
     assert "drift" not in lorenz_spectrum.message
 
 
@@ -121,7 +121,7 @@ def test_integrable_tops_are_told_from_chaos(end):
         for k in range(6):
             one = jax.tree.map(lambda leaf, k=k: leaf[k], several)
             assert not np.any(one.told_from_zero)
-            assert "The run cannot tell λ1 to λ" in one.message
+            assert "The run cannot distinguish λ1 to λ" in one.message
 
 
 def test_exponents_fall_and_all_that_belongs_to_them_follows():
@@ -162,7 +162,7 @@ def test_a_drift_that_remains_is_said_and_the_limit_has_the_error_it_claims():
 def test_too_few_intervals_tell_nothing():
     found = lyapunov_spectrum_of(linear, (0.0, 3.0), np.ones(2), jnp.eye(2))
     assert not np.any(found.told_from_zero)
-    assert "too few intervals to tell any exponent from zero" in found.message
+    assert "too few intervals to distinguish any exponent from zero" in found.message
 
 
 @pytest.mark.slow

@@ -37,10 +37,10 @@ def test_crossings_lie_on_the_section_and_have_one_energy(rocking):
     omega, found = rocking
     np.testing.assert_allclose(found.state.phi, 0, atol=1e-13)
     np.testing.assert_allclose(found.state.phidot, 1e-4 * omega, rtol=1e-7)
-    assert found.message.endswith("Of 10 crossings 10 are kept.")
+    assert found.message.endswith("Of 10 crossings 10 were kept.")
 
 
 def test_crossings_without_room_are_counted():
     found = PoincareMap(np.arange(4.0), None, count=10, status=0, reached=5.0, end=5.0)
     assert not found.ok
-    assert found.message.endswith("Of 10 crossings 4 are kept; raise `room` to keep them all.")
+    assert found.message.endswith("Of 10 crossings 4 were kept; raise `room` to keep them all.")

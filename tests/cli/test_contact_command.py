@@ -31,7 +31,7 @@ def test_a_run_that_slides(capsys):
     assert "the mode of contact changed once, and is rolling at the end" in printed
     assert "    t = 1.33333333" in printed
     assert "from sliding to rolling, as the slip ended" in printed
-    assert "friction of sliding took the energy 0.166666666" in printed
+    assert "sliding friction dissipated the energy 0.166666666" in printed
     with open("run.json") as file:
         contact = json.load(file)["contact"]
     assert contact["law"] == {"sliding": 0.25, "static": 0.25}
@@ -64,7 +64,7 @@ def test_keys_of_the_law(monkeypatch):
 
 
 REFUSED = {
-    "no law": (["thrown.toml"], "Key `initial.velocity` must stand beside a table [contact]"),
+    "no law": (["thrown.toml"], "Key `initial.velocity` needs a table [contact]"),
     "no number": (
         ["thrown.toml", "--contact", "ice"],
         'Key `contact.sliding` must be a finite number, but it is "ice".',
@@ -103,4 +103,4 @@ def test_what_cannot_be_asked_for(arguments, sentence, capsys):
 )
 def test_commands_of_bodies_that_roll(command, capsys):
     assert main(command) == 2
-    assert "for bodies that roll all the time; `jaxball simulate` and studies take it." in capsys.readouterr().err
+    assert "for bodies that always roll; `jaxball simulate` and studies accept it." in capsys.readouterr().err

@@ -43,7 +43,7 @@ def test_a_platform_that_is_not_there_is_a_sentence():
     assert done.returncode == 2
     (told,) = done.stderr.splitlines()
     assert told.startswith(
-        'jaxball: Variable `JAX_PLATFORMS` must name what JAX can compute on here, but it is "abacus"'
+        'jaxball: Variable `JAX_PLATFORMS` must name a device that JAX can use here, but it is "abacus"'
     )
     assert told.endswith("leave it out, or set it to cpu.")
 
@@ -52,8 +52,8 @@ def test_a_platform_that_is_not_there_is_a_sentence():
     ("name", "value", "must"),
     [
         ("JAX_PLATFORM_NAME", "abacus", "name what JAX can compute on here"),
-        ("JAX_ENABLE_X64", "maybe", "be what JAX can read"),
-        ("JAX_NUM_CPU_DEVICES", "many", "be what JAX can read"),
+        ("JAX_ENABLE_X64", "maybe", "have a value that JAX can read"),
+        ("JAX_NUM_CPU_DEVICES", "many", "have a value that JAX can read"),
     ],
 )
 def test_other_variables_of_jax(name, value, must):

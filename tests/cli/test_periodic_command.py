@@ -109,7 +109,7 @@ def test_a_shaken_disk_grows_as_hills_equation_says(capsys, period):
     assert motion["period"] == 2 * np.pi / 0.9
     assert motion["growth"] == pytest.approx(np.log(abs(wanted[0])) / motion["period"], abs=1e-9)
     assert (motion["kind"], motion["stable"]) == ("saddle", False)
-    assert motion["message"].endswith("with another sign each period.")
+    assert motion["message"].endswith("changing sign each period.")
 
 
 def test_a_chart_has_each_cells_own_period(folder, capsys):
@@ -167,10 +167,10 @@ def test_what_is_not_found_fails_and_says_so(folder, capsys):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["shaken.toml", "--period", "5"], "`--period` must be one of the forcing where time enters the equations"),
+        (["shaken.toml", "--period", "5"], "`--period` must be one of the forcing where the equations depend on time"),
         (["disk.toml", "--period", "5", "--turns", "1", "2"], "`--turns` must be 1 whole numbers"),
         (["disk.toml", "--period", "5", "--after", "0"], "`--after` must be after the start, 0, but it is 0."),
-        (["disk.toml", "--frequency", "body.mas"], "`body.mas` names no number"),
+        (["disk.toml", "--frequency", "body.mas"], "`body.mas` must name a number"),
         (["disk.toml", "--period", "5", "--out", "motion.nc"], "must end in .csv"),
         (["disk.toml", "--period", "5", "--chart", "a=1:2:2", "a=1:2:2"], "names `a` twice"),
         (["disk.toml", "--period", "5", "--after", "3", "--chart", "a=1:2:2", "b=1:2:2"], "leave it out with --chart"),

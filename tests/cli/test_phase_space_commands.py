@@ -100,10 +100,10 @@ def test_permanent_rotations_of_a_top(folder, capsys):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["stability", "body.toml"], "are those of a ball or a disk, but the scenario is of a"),
+        (["stability", "body.toml"], "are searched for only for a ball or a disk, but the scenario is of a"),
         (
             ["stability", "top.toml", "--turning", "1"],
-            "`--turning` is for a state that is given; give --initial with it",
+            "`--turning` is for the scenario's initial state; give --initial with it",
         ),
         (["stability", "disk"], "of a disk are not searched for; give --initial"),
         (["stability", "top.toml", "--rolling", "0.5", "0"], "PRECESSION must not be zero"),

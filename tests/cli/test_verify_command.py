@@ -80,7 +80,10 @@ def test_a_run_is_a_scenario_for_every_command(tmp_path, capsys):
     ("arguments", "sentence"),
     [
         (["nonholonomic-particle", "none.toml"], '"none.toml" (No such file or directory)'),
-        (["ball", "--laws", "enrgy"], '`--laws` must hold names of laws, but it holds "enrgy"; did you mean "energy"?'),
+        (
+            ["ball", "--laws", "enrgy"],
+            '`--laws` must contain names of laws, but it contains "enrgy"; did you mean "energy"?',
+        ),
         (["ball", "--laws", "qqq"], 'it holds "qqq"; the laws here are energy, momentum, chaplygin, jellett-rate, '),
         (["ball", "--json", "report.txt"], "must end in .json"),
     ],

@@ -55,7 +55,7 @@ def test_a_run_that_failed_is_shown_and_marked(folder, capsys):
             "`--view` must be a new file or a view to replace, but",
         ),
         (["simulate", "disk.toml", "--view", "run.txt"], '`--view` must end in .html, but it is "run.txt".'),
-        (["view", "disk.toml", "--out", "run.html"], 'read back from a .nc or .npz file, but this is "disk.toml".'),
+        (["view", "disk.toml", "--out", "run.html"], 'can be loaded from a .nc or .npz file, but this is "disk.toml".'),
         (
             ["view", "notes.nc", "--out", "run.html"],
             'The file "notes.nc" must be a run that jaxball saved, but',
@@ -199,7 +199,7 @@ def test_a_design_is_shown_before_and_after_with_the_path_that_is_wanted(folder,
 
     (result / "design.toml").write_text(DISK + "\n[ground]\nangle = 0.1\n")
     assert main(["view", "result", "--out", "other.html"]) == 2
-    assert 'must be on one plane to be shown together, but that of "after" is not' in capsys.readouterr().err
+    assert 'must be on the same plane to be shown together, but the plane of "after" differs' in capsys.readouterr().err
 
     (result / "problem.toml").unlink()
     assert main(["view", "result", "--out", "other.html"]) == 2
@@ -262,7 +262,7 @@ def test_rows_of_a_sweep_are_shown_in_the_colours_of_a_number(store, capsys):
 @pytest.mark.parametrize(
     ("rows", "sentence"),
     [
-        ("1,x", "it must be numbers of rows with commas between them, but it is 1,x"),
+        ("1,x", "it must be row numbers separated by commas, but it is 1,x"),
         ("1,1", "it must be up to 24 different rows, but it is 2 rows with one twice"),
         (",".join(map(str, range(25))), "it must be up to 24 different rows, but it is 25 rows"),
     ],

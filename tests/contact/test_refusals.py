@@ -24,8 +24,8 @@ SENTENCES = {
     ),
     "static friction below that of sliding": (
         lambda: Contact(sliding=0.3, static=0.2),
-        "Argument `static` must be no less than the coefficient `sliding`, because what slips would be held by less "
-        "than what rests, but it is 0.2.",
+        "Argument `static` must be no less than the coefficient `sliding`, because friction cannot be larger on a body "
+        "that slips, but it is 0.2.",
     ),
     "bounces without end": (
         lambda: Contact(sliding=0.3, slowest=0.0),
@@ -59,7 +59,7 @@ SENTENCES = {
     "a state without a place": (
         lambda: simulate(BALL, TIMES, ReducedState(), contact=LAW),
         "Argument `state` must be a BallState, a RotationState, a DiskState or a ReleasedState with `contact`, because "
-        "a body that may slip has a velocity and a place, but it is a ReducedState.",
+        "a body that may slip has a velocity and a position, but it is a ReducedState.",
     ),
     "another body's state": (
         lambda: simulate(DISK, TIMES, THROWN, contact=LAW),

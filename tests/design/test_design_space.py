@@ -128,7 +128,7 @@ def test_a_start_on_a_bound_can_leave_it(side):
         ([], "one variable or more"),
         ([Variable(("masses[0].mass",))] * 2, "in one variable"),
         ([Variable(("masses[0].mass",), lower=2.0)], "start between its bounds"),
-        ([Variable(("solve.rtol",))], "can change alone"),
+        ([Variable(("solve.rtol",))], "can change on its own"),
         ([Variable(("masses[0].mas",))], "did you mean"),
         ([Variable(("masses[*].mas",))], "none has such a path"),
     ],

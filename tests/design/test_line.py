@@ -102,13 +102,13 @@ def space():
 @pytest.mark.parametrize(
     ("wanted", "words"),
     [
-        (design.ReachPlace((1.0, 0.5)), "a place 0.5 beside e1"),
+        (design.ReachPlace((1.0, 0.5)), "a position 0.5 off e1"),
         (design.ReachPose((1.0, 0.1, 0.0, 0.0)), "a turn about another axis"),
-        (design.FollowCurve(design.Sigmoid(2.0, 0.5)), "a place 0.5 beside e1"),
-        (design.FollowTrajectory(design.FigureEight(2.0, 0.0, (0.0, -1.0))), "a place 1 beside e1"),
-        (design.LargestDistance(design.Through([[0.0, 0.0], [1.0, 0.25]])), "a place 0.25 beside e1"),
-        (design.AvoidObstacles([[1.0, 0.5]], [0.2]), "a place 0.5 beside e1"),
-        (design.ClearOfObstacles([[1.0, 0.5]], [0.2]), "a place 0.5 beside e1"),
+        (design.FollowCurve(design.Sigmoid(2.0, 0.5)), "a position 0.5 off e1"),
+        (design.FollowTrajectory(design.FigureEight(2.0, 0.0, (0.0, -1.0))), "a position 1 off e1"),
+        (design.LargestDistance(design.Through([[0.0, 0.0], [1.0, 0.25]])), "a position 0.25 off e1"),
+        (design.AvoidObstacles([[1.0, 0.5]], [0.2]), "a position 0.5 off e1"),
+        (design.ClearOfObstacles([[1.0, 0.5]], [0.2]), "a position 0.5 off e1"),
         (design.Within((-1.0, -1.0), (1.0, 1.0)), "a range of e2"),
     ],
 )
@@ -132,7 +132,7 @@ def on_rail():
 
 
 def test_so_does_optimal_control():
-    with pytest.raises(design.DesignError, match=r"^`mine` must be within reach .* 0\.841471 beside e1"):
+    with pytest.raises(design.DesignError, match=r"^`mine` must be within reach .* 0\.841471 off e1"):
         control.Rolling(on_rail(), (0.0, 1.0), {"mine": design.FollowTrajectory(Circling())})
     with pytest.raises(design.DesignError, match=r"^Argument `place` must be one number, .* it is \[1\.0, 0\.0\]"):
         control.Rolling(on_rail(), (0.0, 1.0), {}, place=(1.0, 0.0))

@@ -21,10 +21,10 @@ INFINITE = np.inf
     [
         (-0.25, "holds, margin 2.50e-01"),
         (0.0, "holds, margin 0.00e+00"),
-        (5e-5, "holds, but for 5.0e-05"),
+        (5e-5, "holds to within 5.0e-05"),
         (0.02, "violated by 2.00e-02"),
         (INFINITE, "violated by inf"),
-        (-INFINITE, "nothing to look at"),
+        (-INFINITE, "nothing to check"),
         (np.nan, "not known"),
     ],
 )

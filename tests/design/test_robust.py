@@ -118,7 +118,7 @@ def test_a_robust_design_is_verified_and_shown_on_balls_that_it_has_not_seen(tmp
     np.testing.assert_allclose(done.perturbed.terms[:, 0], (place - PLACE) ** 2, rtol=1e-6)
     assert done.perturbed.terms.shape == (1000, 2)
     write_report(done, "Robust", tmp_path)
-    assert "Perturbed are 1000 balls with masses off by up to 50.0%" in (tmp_path / "report.md").read_text()
+    assert "The 1000 perturbed balls have errors of up to 50.0% in masses" in (tmp_path / "report.md").read_text()
 
 
 @pytest.mark.parametrize("system", [paper_ball(), paper_disk()], ids=["ball", "disk"])

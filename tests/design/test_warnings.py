@@ -67,7 +67,7 @@ def test_the_least_normal_force_in_closed_form():
 @pytest.mark.parametrize(
     ("words"),
     [
-        "the best design violates `within` by 0.5, `within 2` by 0.25; look whether they contradict each other",
+        "the best design violates `within` by 0.5, `within 2` by 0.25; check whether they contradict each other",
         "The ball would leave the plane: its least normal force is -0.35 of its weight",
         "The target of `reach-place` is missed by 0.5 radii",
     ],

@@ -123,7 +123,7 @@ def test_readers_take_no_other_keys_than_they_tell(known):
     """What they take while they read documents of every kind, but for `kind` and `form`, which choose."""
     for document in corpus.with_everything():
         corpus.read_any(document)
-    with pytest.raises(ScenarioError, match="cannot stand beside `theta`"):
+    with pytest.raises(ScenarioError, match="must not be combined with `theta`"):
         read_scenario(corpus.EVERY_MOTION.replace("[time]", "balance = { masses = [1] }\n[time]"))
     told = {}
     for path, _, name in entries():

@@ -33,7 +33,7 @@ def test_what_has_no_solution_at_the_start_is_refused(share, solvable):
     assert run.ok == solvable
     if not solvable:
         assert run.status == jaxball.Status.IMPOSSIBLE
-        assert "Argument `resistance.dry` must be so small, or the masses so near to above the contact" in run.message
+        assert "Argument `resistance.dry` must be so small, or the masses so nearly above the contact" in run.message
         assert np.all(np.isnan(run.state.Omega[-1]))
     assert (jaxball.problems(run.system, run.start) == []) == solvable
 

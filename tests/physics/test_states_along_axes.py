@@ -139,7 +139,9 @@ def test_what_is_of_one_state_refuses_many(use, body, states):
 
 @pytest.mark.usefixtures("no_type_checks")
 def test_what_is_of_a_place_refuses_a_state_that_knows_none():
-    with pytest.raises(TypeError, match=r"`state` must be one that knows where the body is.*but it is a ReducedState"):
+    with pytest.raises(
+        TypeError, match=r"`state` must be one that contains the position of the body.*but it is a ReducedState"
+    ):
         observe(Ball(mass=1.0, inertia=(0.5, 0.6, 0.7)), jnp.array(0.0), ReducedState())
 
 
@@ -147,14 +149,14 @@ def test_what_is_of_one_trajectory_refuses_many():
     body, times = FreeRigidBody(inertia=(1.0, 2.0, 3.0)), np.linspace(0.0, 1.0, 4)
     batch = jax.vmap(lambda q: simulate(body, times, RigidBodyState(q=q)))(versors((1,)))  # of one alone, too
     for name in ("ok", "message", "problems", "raise_if_failed"):
-        with pytest.raises(ValueError, match=rf"`{name}` is of one trajectory, but this is a batch of shape \(1,\)"):
+        with pytest.raises(ValueError, match=rf"`{name}` is for one trajectory, but this is a batch of shape \(1,\)"):
             getattr(batch, name)()
 
 
 def test_a_batch_is_evaluated_within_vmap():
     ball, times = Ball(mass=1.0, inertia=(0.5, 0.6, 0.7)), np.array([0.0, 1.0])
     batch = jax.vmap(lambda q: simulate(ball, times, BallState(q=q, Omega=(1.0, 0.2, 0.1)), dense=True))(versors((2,)))
-    with pytest.raises(ValueError, match=r"is of one trajectory, but this is a batch of shape \(2,\)"):
+    with pytest.raises(ValueError, match=r"is for one trajectory, but this is a batch of shape \(2,\)"):
         batch.at(0.5)
     halfway = jax.vmap(lambda run: run.at(0.5))(batch)
     assert halfway.Lambda.shape == (2, 3, 3)

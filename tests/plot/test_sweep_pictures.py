@@ -375,7 +375,7 @@ def test_the_command_draws_standard_results_of_one_number(command, tmp_path, cap
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["none.zarr"], 'must be the store of a study at "none.zarr", but there is nothing'),
+        (["none.zarr"], 'must be the store of a study at "none.zarr", but nothing is there'),
         (["."], "must be the store of a study, but it is something else"),
         (["s.zarr", "--result", "steps", "psi"], "Result `psi` must be one of those that the study has; did you mean"),
         (["s.zarr", "--against", "body.masses"], "Path `body.masses` must be one of the numbers"),

@@ -91,7 +91,7 @@ def test_a_run_without_a_switch_and_one_with_too_many(disk, tmp_path, suffix):
     assert short.contact.switches.count == disk.contact.switches.count
     run = load_run(save(short, tmp_path / f"short{suffix}"))
     assert_same(run, short)
-    assert run.contact.switches.lines[-1].endswith("which a larger `room` of the Contact keeps")
+    assert run.contact.switches.lines[-1].endswith("which a larger `room` of the Contact would keep")
 
 
 def test_a_run_that_failed_has_no_mode_where_it_did_not_come(disk, tmp_path):

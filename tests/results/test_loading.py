@@ -79,7 +79,7 @@ def test_a_trajectory_saves_itself_with_its_system(tmp_path):
     path = trajectory.save(tmp_path / "run.nc")
     assert_same(load_run(path), trajectory)
     text = trajectory.to_dataset().attrs["scenario"]
-    assert "does not hold its solver settings" in text
+    assert "does not contain its solver settings" in text
     assert "[solve]" not in read_scenario(text).title + text.split("\n", 1)[1]
     with pytest.raises(OutputError, match="must end in one of"):
         trajectory.save(tmp_path / "run.xlsx")
@@ -117,7 +117,7 @@ def test_a_file_without_a_scenario_needs_the_system(tmp_path):
     scenario = jaxball.Scenario("A helix", ball, trajectory.start, np.asarray(trajectory.times))
     assert trajectory.made_by(scenario).to_dataset().attrs["title"] == "A helix"
     path = trajectory.save(tmp_path / "run.nc")
-    with pytest.raises(RunError, match=r"holds no scenario.*give its system: load_run\(path, system\)\.$"):
+    with pytest.raises(RunError, match=r"contains no scenario.*give its system: load_run\(path, system\)\.$"):
         load_run(path)
     assert_same(load_run(path, ball), trajectory)
 

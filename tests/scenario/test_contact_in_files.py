@@ -61,13 +61,13 @@ def test_a_disk_moves_in_its_plane():
 SENTENCES = {
     "a velocity without a law": (
         ["initial = { velocity = [1.0, 0.0, 0.0] }"],
-        "Key `initial.velocity` must stand beside a table [contact], or the body slides with no law of friction, but "
-        "there is none; give one, such as `contact = { sliding = 0.3 }`.",
+        "Key `initial.velocity` needs a table [contact], because otherwise the body slides without a law of friction; "
+        "give one, such as `contact = { sliding = 0.3 }`.",
     ),
     "a height without a law": (
         ["initial = { height = 1.0 }"],
-        "Key `initial.height` must stand beside a table [contact], or the body comes down with no law of impact, but "
-        "there is none; give one, such as `contact = { sliding = 0.3 }`.",
+        "Key `initial.height` needs a table [contact], because otherwise the body lands without a law of impact; give "
+        "one, such as `contact = { sliding = 0.3 }`.",
     ),
     "negative friction": (
         ["contact = { sliding = -0.1 }"],
@@ -75,8 +75,8 @@ SENTENCES = {
     ),
     "static below sliding": (
         ["contact = { sliding = 0.3, static = 0.2 }"],
-        "Key `contact.static` must be no less than the coefficient `sliding`, because what slips would be held by less "
-        "than what rests, but it is 0.2.",
+        "Key `contact.static` must be no less than the coefficient `sliding`, because friction cannot be larger on a "
+        "body that slips, but it is 0.2.",
     ),
     "impacts that create energy": (
         ["contact = { sliding = 0.3, restitution = 1.1 }"],
@@ -96,12 +96,12 @@ SENTENCES = {
     ),
     "a start below the plane": (
         [LAW, "initial = { height = -0.5 }"],
-        "Key `initial.height` must be a non-negative number, because a lower body would be in its plane, but it is "
+        "Key `initial.height` must be a non-negative number, because a lower body would be inside the plane, but it is "
         "-0.5.",
     ),
     "differential-algebraic": (
         [LAW, 'solve = { dae = true, solver = "radau5" }'],
-        "Key `solve.dae` must be false beside `contact`, whose modes are differential equations, but it is true.",
+        "Key `solve.dae` must be false with `contact`, whose modes are differential equations, but it is true.",
     ),
 }
 

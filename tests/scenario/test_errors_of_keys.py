@@ -17,7 +17,7 @@ TYPES = {
     "a heading that counts": (
         "[[mechanisms]]\n[[mechanisms[0].joints[1].force]]\n",
         "A scenario must be a TOML document, but it is not: Expected ']]' at the end of an array declaration (at line "
-        "2, column 13); a heading does not count: [[mechanisms.joints.force]] belongs to the last [[mechanisms]] "
+        "2, column 13); a heading has no index: [[mechanisms.joints.force]] belongs to the last [[mechanisms]] "
         "before it.",
     ),
     "no format": (
@@ -164,12 +164,12 @@ SHELLS = {
     ),
     "offset outside": (
         edited("gravity = 1.0", "gravity = 1.0\noffset = [0.0, 0.0, -1.5]"),
-        "Key `body.offset` must be a point inside the shell, nearer to the centre than the radius, but it is "
+        "Key `body.offset` must be a point inside the shell, closer to the centre than the radius, but it is "
         "[0.0, 0.0, -1.5].",
     ),
     "offset whose square is infinite": (
         edited("gravity = 1.0", "gravity = 1.0\noffset = [2e299, 0.0, 0.0]"),
-        "Key `body.offset` must be a point inside the shell, nearer to the centre than the radius, but it is "
+        "Key `body.offset` must be a point inside the shell, closer to the centre than the radius, but it is "
         "[2e+299, 0.0, 0.0].",
     ),
     "disk's offset": (
@@ -269,7 +269,9 @@ def test_an_axis_of_any_length_gives_the_same_versor(size):
 def test_no_such_file():
     with pytest.raises(ScenarioError, match=r'name of a built-in one, but it is "bal" \(.*\); did you mean "ball"\?$'):
         load_scenario("bal")
-    with pytest.raises(ScenarioError, match=r'that of a built-in scenario, but it is "discus"; did you mean "disk"\?$'):
+    with pytest.raises(
+        ScenarioError, match=r'the name of a built-in scenario, but it is "discus"; did you mean "disk"\?$'
+    ):
         builtin_text("discus")
 
 

@@ -63,7 +63,8 @@ CASES = {
     ),
     "a mass on the axis": (
         with_parts(PENDULUM.replace("[0, 0, -0.6]", "[0, 0.5, 0]")),
-        f"{JOINT}` must be a joint that moves some mass as those before it do not, with an inertia of its own above 0",
+        f"{JOINT}` must be a joint that moves some mass in a way that those before it do not, with a positive inertia "
+        "of its own",
     ),
     "a mass outside": (
         with_parts(PENDULUM.replace("-0.6", "-1.6")),
@@ -75,7 +76,8 @@ CASES = {
     ),
     "a force and a schedule": (
         with_drive('schedule = { kind = "pulse", theta = 0 }, force = { kind = "motor", signal = 0 }'),
-        f"{JOINT}.schedule` cannot stand beside `force`, because a joint either moves as it is told or under forces; ",
+        f"{JOINT}.schedule` must not be combined with `force`, because a joint moves either by a prescribed motion or "
+        "under forces; ",
     ),
     "no force": (with_force("1.0"), f"{JOINT}.force` must be a table, or a list of tables whose forces add up, but "),
     "no kind of force": (
@@ -134,7 +136,7 @@ CASES = {
     ),
     "a linear law beside a schedule": (
         with_law('form = "linear"\nsignals = [1]', TURNING),
-        f'{JOINT}.schedule` cannot stand where `actuation.form` is "linear", which follows no schedule; give ',
+        f'{JOINT}.schedule` must be left out where `actuation.form` is "linear", which follows no schedule; give ',
     ),
     "a factor of another shape": (
         with_law('form = "linear"\nOmega = [[1, 2]]'),

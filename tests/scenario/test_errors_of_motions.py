@@ -176,7 +176,7 @@ RUNS = {
     ),
     "balance and angles": (
         BALL + '[initial]\ntheta = [0.1]\nbalance = { masses = [0] }\n[actuation]\nform = "integrated"',
-        "Key `initial.balance` cannot stand beside `theta`, because it finds the angles.",
+        "Key `initial.balance` must not be combined with `theta`, because it finds the angles.",
     ),
     "above neither true nor false": (
         BALL + "[initial]\nbalance = { masses = [0], above = 1 }",
@@ -200,8 +200,7 @@ RUNS = {
     ),
     "step beside the span": (
         edited("saves = 5", "step = 0.3"),
-        "Key `time.step` must be a whole part of the span from 0.0 to 2.0, and not less than a "
-        "10000000th of it, "
+        "Key `time.step` must be the span from 0.0 to 2.0 divided by a whole number of at most 10000000, "
         "but it is 0.3.",
     ),
     "one time": (
@@ -216,11 +215,11 @@ RUNS = {
     "a DAE by a solver for ODEs": (
         BALL + '[solve]\nsolver = "gauss16"\ndae = true',
         'Key `solve.solver` must be one of "radau5", "radau9", "radau13", "ndf" where `solve.dae` is true, because '
-        'other solvers know no mass matrix, but it is "gauss16".',
+        'other solvers do not support a mass matrix, but it is "gauss16".',
     ),
     "a DAE of a disk": (
         DISK + '[solve]\nsolver = "radau5"\ndae = true',
-        "Key `solve.dae` must be false for a disk, whose state holds no versor, but it is true; use a ball.",
+        "Key `solve.dae` must be false for a disk, whose state has no versor, but it is true; use a ball.",
     ),
     "no tolerance": (
         BALL + "[solve]\nrtol = 0.0",

@@ -88,7 +88,7 @@ def test_a_script_keeps_its_own_functions():
             "Key `force.function` must name functions .* No module named 'no_such",
         ),
         ("my_forces:drag", "my_forces:pull", "cannot: module 'my_forces' has no attribute 'pull'"),
-        ("my_forces:drag", "my_forces:number", "cannot: it is no function"),
+        ("my_forces:drag", "my_forces:number", "cannot: it is not a function"),
         ("my_forces:drag", "my_forces:of_two", r"Key `force\.function` must give an array of shape \(3,\), but"),
         (
             "my_forces:drag",

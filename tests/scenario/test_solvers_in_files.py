@@ -92,5 +92,5 @@ def test_differential_algebraic_form_by_another_solver(tmp_path, capsys, solver)
         assert captured.out == ""
         assert captured.err == (
             f'jaxball: {name} must be one of "radau5", "radau9", "radau13", "ndf" where `solve.dae` is true, '
-            f'because other solvers know no mass matrix, but it is "{solver}".\n'
+            f'because other solvers do not support a mass matrix, but it is "{solver}".\n'
         )

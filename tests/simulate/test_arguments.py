@@ -98,7 +98,9 @@ def test_a_reduced_ball_knows_no_force_and_no_place():
 
 
 def test_tolerances_beyond_the_floating_point_type():
-    with pytest.raises(jaxball.PrecisionError, match=r"must reach 1\.8e-15 in float64, but they are 1e-16") as refused:
+    with pytest.raises(
+        jaxball.PrecisionError, match=r"must not both be below 1\.8e-15 in float64, but they are 1e-16"
+    ) as refused:
         jaxball.simulate(BALL, [0.0, 1.0], rtol=1e-16, atol=1e-16)
     assert "jax_enable_x64" not in str(refused.value)
 

@@ -218,4 +218,4 @@ def test_a_motion_that_gives_no_place_is_named():
     body = ball(jaxball.Free(outward, jnp.asarray(jnp.nan)))
     run = simulate(body, TIMES)
     assert run.status == Status.IMPOSSIBLE
-    assert "Argument `masses[0].motion` must give a finite place and a finite velocity at t = 0" in run.message
+    assert "Argument `masses[0].motion` must give a finite position and a finite velocity at t = 0" in run.message

@@ -63,6 +63,6 @@ def test_traced_times_that_do_not_increase():
 
 def test_other_adjoints_are_refused():
     for adjoint in (diffrax.BacksolveAdjoint(), diffrax.ImplicitAdjoint()):
-        sentence = r"RecursiveCheckpointAdjoint\(\).*it is diffrax\.\w+\(\), which brings a loop of its own"
+        sentence = r"RecursiveCheckpointAdjoint\(\).*it is diffrax\.\w+\(\), which needs a loop of its own"
         with pytest.raises(TypeError, match=sentence):
             jaxball.simulate(DISK, TIMES, adjoint=adjoint)

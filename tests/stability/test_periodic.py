@@ -193,7 +193,7 @@ def test_a_shaken_disk_is_at_the_border_where_mathieus_functions_have_it(border,
     assert np.sum(motion.multipliers).real == pytest.approx(-2, abs=1e-8)
     inside = periodic_motion(shaken(amplitude, 2 * np.sqrt(ROCKING)), jaxball.DiskState(), np.pi / np.sqrt(ROCKING))
     assert inside.kind == "saddle"
-    assert "t), with another sign each period." in inside.message
+    assert "t), changing sign each period." in inside.message
 
 
 def test_the_shaken_ball_of_the_gallery_grows_as_hills_equation_says():
@@ -256,11 +256,11 @@ def test_what_is_not_found_is_said():
     assert not wrong.stable
     assert wrong.kind == "unknown"
     assert np.all(np.isnan(wrong.multipliers))
-    assert "No periodic motion was found near the state: after 2 steps of Newton's method it misses" in wrong.message
+    assert "No periodic motion was found near the state: after 2 steps of Newton's method it fails" in wrong.message
     short = periodic_motion(disk, rolling, 5.5, max_steps=2)
     assert "`max_steps`" in short.message
     rest = periodic_motion(disk, jaxball.DiskState(phi=0.0), 5.0)
-    assert rest.message.endswith("Its state does not change, so that its period means nothing; see `stability`.")
+    assert rest.message.endswith("Its state does not change, so its period means nothing; see `stability`.")
     impossible = periodic_motion(jaxball.Disk(mass=-1.0, inertia=DISK), rolling, 5.5)
     assert "no body can have these parameters" in impossible.message
 
@@ -269,7 +269,7 @@ def test_wrong_arguments():
     disk = jaxball.Disk(mass=1.0, inertia=DISK, offset=(0.0, 0.0, -LOW))
     with pytest.raises(ValueError, match="`period` must be a positive time, but it is -1"):
         periodic_motion(disk, jaxball.DiskState(), -1.0)
-    with pytest.raises(ValueError, match="`period` must be one of the forcing where time enters the equations"):
+    with pytest.raises(ValueError, match="`period` must be one of the forcing where the equations depend on time"):
         periodic_motion(shaken(0.3, 0.9), jaxball.DiskState(phi=0.1), 5.0)
     for turns in ([1, 2], [0.5]):
         with pytest.raises(ValueError, match="`turns` must be 1 whole numbers, one for each angle of the state"):

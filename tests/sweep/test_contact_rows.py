@@ -62,7 +62,7 @@ def test_what_is_found_of_rows_knows_how_they_slide(tmp_path):
     [
         (
             "contact = true",
-            "^Key `contact` must be false where the scenario has a law of contact, by which",
+            "^Key `contact` must be false where the scenario has a law of contact, with which",
         ),
         ("detachment = true", "^Key `detachment` must be false where the scenario has a law of contact"),
     ],

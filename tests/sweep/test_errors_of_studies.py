@@ -19,11 +19,11 @@ def design(line, count=8, kind="random"):
 @pytest.mark.parametrize(
     ("axes", "sentence"),
     [
-        (axis("values = [1]", "body.mas"), "Key `body.mas` names no number .* did you mean `body.mass`?"),
-        (axis("values = [1]", "body.offset[1]"), "`body.offset\\[1\\]` names no number that stands in the scenario"),
-        (axis("values = [1]", "masses[1].mass"), "Key `masses\\[1\\].mass` names no number"),
+        (axis("values = [1]", "body.mas"), "Key `body.mas` must name a number .* did you mean `body.mass`?"),
+        (axis("values = [1]", "body.offset[1]"), "`body.offset\\[1\\]` must name a number written in the scenario"),
+        (axis("values = [1]", "masses[1].mass"), "Key `masses\\[1\\].mass` must name a number"),
         (axis("values = [1]", "time.saves"), "Key `time.saves` must be the same in all rows"),
-        (axis("values = [1]", "kind"), "Key `kind` names no number"),
+        (axis("values = [1]", "kind"), "Key `kind` must name a number"),
         (axis("values = []"), "Key `axes\\[0\\].values` must be a list of finite numbers, but it is \\[\\]"),
         (axis("values = [1, inf]"), "Key `axes\\[0\\].values` must be a list of finite numbers"),
         (axis("linear = { from = 1, to = 2, count = 0 }"), "`axes\\[0\\].linear.count` must be a whole number from 1"),
@@ -40,7 +40,7 @@ def design(line, count=8, kind="random"):
         (design("uniform = [1, 2]", kind="halton"), '`axes\\[0\\].design` must be one of "random"'),
         ('[[axes]]\npoints = "none.csv"\n', "Key `points` must be a file that can be read"),
         ('[[axes]]\npoints = "empty.csv"\n', "must be a file with one row or more"),
-        ('[[axes]]\npoints = "words.csv"\n', "Column `body.mass` of .* must hold numbers alone"),
+        ('[[axes]]\npoints = "words.csv"\n', "Column `body.mass` of .* must contain only numbers"),
         (
             '[[axes]]\nzip = [{ path = "body.mass", values = [1] }, { path = "body.gravity", values = [1, 2] }]\n',
             "Key `axes\\[0\\].zip` must be axes with the same number of points, but it is axes with \\[1, 2\\]",

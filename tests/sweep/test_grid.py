@@ -105,7 +105,7 @@ def test_a_store_without_points_that_counts_from_one_is_opened_and_drawn(tmp_pat
     ]
     assert plot.sweep_slice(data, "z[1]", "body.mass").get_ylabel() == "$z_{2}$ at the end (length)"
     assert "15 of 15 rows" in describe(store)
-    with pytest.raises(StoreError, match="must hold the points of its axes"):
+    with pytest.raises(StoreError, match="must contain the points of its axes"):
         open_grid(store)
     with pytest.raises(StoreError, match="with other layout; it is left as it is"):
         sweep(found, store, engine=still)

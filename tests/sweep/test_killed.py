@@ -43,7 +43,7 @@ def test_the_command_stops_at_ctrl_c(tmp_path):
         run.send_signal(signal.SIGINT)
         text = run.communicate(timeout=120)[1]
     assert run.returncode == 130
-    assert "\njaxball: Stopping when what is being computed is in the store; press Ctrl-C again to stop" in text
+    assert "\njaxball: Stopping when the chunks being computed are in the store; press Ctrl-C again to stop" in text
     assert "of 600 rows done; run the same command to resume." in text
 
 

@@ -123,7 +123,7 @@ def test_a_store_that_became_read_only_is_left_as_it_is(tmp_path, read_only):
     try:
         for folder in folders:
             folder.chmod(0o555)
-        with pytest.raises(StoreError, match=r"cannot be written: Permission denied\. What it holds is whole"):
+        with pytest.raises(StoreError, match=r"cannot be written: Permission denied\. Its contents are intact"):
             sweep(found, place, engine=pretend)
     finally:
         for folder in folders:

@@ -48,7 +48,7 @@ class Run:
 def test_compiling_is_no_part_of_the_time_to_go():
     run = Run()
     assert run.progress.line() == "0 of 1,000 rows (0.0 %), 0 failed, compiling"
-    unknown = "100 of 1,000 rows (10.0 %), 0 failed, time to go not known before the next chunk"
+    unknown = "100 of 1,000 rows (10.0 %), 0 failed, remaining time not known before the next chunk"
     assert run.ends(at=30.0) == unknown
     assert run.ends(at=32.0, failed=3) == "200 of 1,000 rows (20.0 %), 3 failed, 50 rows/s, 16 s to go"
     assert run.ends(at=36.0) == "300 of 1,000 rows (30.0 %), 3 failed, 33.3 rows/s, 21 s to go"

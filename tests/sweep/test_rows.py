@@ -82,7 +82,7 @@ def test_a_row_that_no_body_can_have_is_a_status_and_no_number(disks, data):
         assert np.all(np.isnan(data[name][bad]))
     lines = describe(disks[1].store)
     assert "12 of 12 rows are done (100.0 %)\n  2 SUCCESS\n  2 MAX_STEPS\n  8 IMPOSSIBLE" in lines
-    assert "the first to fail is row 1, IMPOSSIBLE, with body.mass = 0.5" in lines
+    assert "the first failed row is 1, IMPOSSIBLE, with body.mass = 0.5" in lines
     assert "Key `masses[0].rail` must be a curve inside the shell of radius 1" in lines
 
 

@@ -82,7 +82,7 @@ def test_a_disk_that_fills_up_leaves_what_was_done(tmp_path, whole, monkeypatch)
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", full)
-        with pytest.raises(StoreError, match=r"cannot be written: No space left on device. What it holds is whole"):
+        with pytest.raises(StoreError, match=r"cannot be written: No space left on device. Its contents are intact"):
             sweep(found, store, engine=pretend)
     assert describe(store).startswith(("4 of 15", "8 of 15"))
     assert sweep(found, store, engine=pretend).finished
@@ -144,7 +144,7 @@ def test_what_is_no_store_is_refused_and_left(tmp_path, content):
 
 def test_a_table_of_something_else_is_refused_and_left(tmp_path):
     (tmp_path / "s.parquet").write_text("precious")
-    with pytest.raises(StoreError, match=r'"\S+s.parquet", but that exists and is not of this study'):
+    with pytest.raises(StoreError, match=r'"\S+s.parquet", but that file belongs to another study'):
         sweep(study(tmp_path), tmp_path / "s.zarr", engine=pretend)
     assert (tmp_path / "s.parquet").read_text() == "precious"
     assert not (tmp_path / "s.zarr").exists()

@@ -47,10 +47,10 @@ def test_a_finished_study_is_not_computed_again(folder, capsys):
         (["study.toml", "--out", "file/s.zarr"], "must lie in a folder that can be written"),
         (["study.toml", "--out", "mine.zarr"], "must be the store of a study, but it is something else"),
         (["status", "mine.zarr"], "must be the store of a study"),
-        (["status", "none.zarr"], 'There must be the store of a study at "none.zarr", but there is nothing.'),
+        (["status", "none.zarr"], 'There must be the store of a study at "none.zarr", but nothing is there.'),
         (
             ["plot", "none.zarr", "--out", "f"],
-            'There must be the store of a study at "none.zarr", but there is nothing.',
+            'There must be the store of a study at "none.zarr", but nothing is there.',
         ),
     ],
 )

@@ -151,7 +151,7 @@ def test_a_disk_with_moving_masses_keeps_the_balances():
     ("arguments", "kind", "sentence"),
     [
         ({"times": [0.0, 1.0]}, ValueError, "must be left out for a Scenario"),
-        ({"laws": ["enrgy"]}, ValueError, r'must hold names of laws, .* "enrgy"; did you mean "energy"\?'),
+        ({"laws": ["enrgy"]}, ValueError, r'must contain names of laws, .* "enrgy"; did you mean "energy"\?'),
     ],
 )
 def test_arguments_for_a_scenario(arguments, kind, sentence):

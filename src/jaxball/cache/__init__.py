@@ -1,4 +1,4 @@
-"""Compiled programs kept from one process to the next, so that each is compiled once on a machine.
+"""Compiled programs kept between processes, so that each is compiled once on a machine.
 
 The command line keeps them, in the user's cache folder. In Python, one line does:
 
@@ -6,10 +6,10 @@ The command line keeps them, in the user's cache folder. In Python, one line doe
 >>> jaxball.cache.enable()  # doctest: +SKIP
 True
 
-What is kept are jaxball's own programs for jaxball's own systems, rails, laws and the like: whatever has functions or
-classes of yours in it is compiled as ever. A program is found again by jaxball's files, the versions of what it is
-made with, its compiler, XLA's flags, JAX's settings, the processor and the kinds of its arguments. It is the same
-machine code, so that numbers are the same to the last bit.
+Only jaxball's own programs for jaxball's own systems, rails, laws and the like are kept: anything that contains
+functions or classes of yours is compiled in each process. A program is identified by jaxball's files, the versions of
+its dependencies, its compiler, XLA's flags, JAX's settings, the processor and the kinds of its arguments. It is the
+same machine code, so numbers are the same to the last bit.
 """
 
 import contextlib
@@ -27,18 +27,18 @@ from .store import FolderStore
 __all__ = ["Contents", "clear", "contents", "disable", "enable"]
 
 OFF, PLACE = "JAXBALL_NO_CACHE", "JAXBALL_CACHE_DIR"
-# XLA checks preferences of the processor it compiles for as though they were instructions, and complains on stderr.
+# XLA checks preferences of the target processor as though they were instructions, and complains on stderr.
 LOG_LEVEL, OF_ALL_THAT_JAX_STARTS, SILENT = "TF_CPP_MIN_LOG_LEVEL", "1", "3"
 
 
 class Contents(NamedTuple):
-    """What is in the cache.
+    """The contents of the cache.
 
     - ``folder``: where it is.
-    - ``files``: how many there are: of each program one, and of each command the list of its programs.
-    - ``native``, ``xla``: how many of them are programs of the one compiler and of the other.
-    - ``size``, ``limit``: of all files together, in bytes; at the limit, those used longest ago are removed.
-    - ``objection``: why it is not used, as a sentence; None where it is.
+    - ``files``: the number of files: one for each program, and one for each command with the list of its programs.
+    - ``native``, ``xla``: the number of programs by each compiler.
+    - ``size``, ``limit``: of all files together, in bytes; at the limit, the least recently used are removed.
+    - ``objection``: why it is not used, as a sentence; None if it is.
     """
 
     folder: Path
@@ -51,17 +51,17 @@ class Contents(NamedTuple):
 
 
 def enable(folder: str | os.PathLike[str] | None = None) -> bool:
-    """Keeps compiled programs from now on, and uses those that are there already.
+    """Keeps compiled programs from now on, and uses those already kept.
 
-    Call it before JAX is imported where XLA complains of the processor's features as programs are loaded.
+    Call it before JAX is imported if XLA complains about the processor's features when programs are loaded.
 
     **Arguments:**
 
-    - ``folder``: where; by default, what the variable ``JAXBALL_CACHE_DIR`` says, or the user's cache folder.
+    - ``folder``: where; by default the environment variable ``JAXBALL_CACHE_DIR``, or the user's cache folder.
 
     **Returns:** whether programs are kept: False where the variable ``JAXBALL_NO_CACHE`` is set, or where the folder
-    cannot be made, belongs to somebody else or can be written by others; :func:`contents` has the reason. Where JAX
-    keeps XLA's programs itself (``JAX_COMPILATION_CACHE_DIR``), those are left to it.
+    cannot be created, belongs to another user or can be written by others; :func:`contents` has the reason. If JAX
+    itself keeps XLA's programs (``JAX_COMPILATION_CACHE_DIR``), those are left to it.
     """
     place = _folder(folder)
     if _objection(place) is not None:
@@ -72,16 +72,16 @@ def enable(folder: str | os.PathLike[str] | None = None) -> bool:
 
 
 def disable() -> None:
-    """Neither keeps nor uses programs from now on; those that are there remain."""
+    """Neither keeps nor uses programs from now on; existing ones remain."""
     current.keep_in(None)
 
 
 def contents(folder: str | os.PathLike[str] | None = None) -> Contents:
-    """What is in the cache, and whether it is used. Needs no JAX.
+    """The contents of the cache, and whether it is used. Does not need JAX.
 
     **Arguments:**
 
-    - ``folder``: as of :func:`enable`.
+    - ``folder``: as for :func:`enable`.
     """
     place = _folder(folder)
     entries = place.entries()
@@ -91,11 +91,11 @@ def contents(folder: str | os.PathLike[str] | None = None) -> Contents:
 
 
 def clear(folder: str | os.PathLike[str] | None = None) -> Contents:
-    """Removes all programs. Returns what was there. Needs no JAX.
+    """Removes all programs, and returns what the contents were. Does not need JAX.
 
     **Arguments:**
 
-    - ``folder``: as of :func:`enable`.
+    - ``folder``: as for :func:`enable`.
 
     **Raises:** ``OSError`` where something cannot be removed.
     """
@@ -106,7 +106,7 @@ def clear(folder: str | os.PathLike[str] | None = None) -> Contents:
 
 @contextlib.contextmanager
 def of_a_command(arguments: Sequence[str]) -> Iterator[None]:
-    """Keeps programs in this block; afterwards all is as before. ``arguments`` are those of the command."""
+    """Keeps programs in this block; afterwards everything is as before. ``arguments`` are those of the command."""
     if _objection(_folder(None)) is not None or current.store is not None:
         yield
         return
@@ -120,7 +120,7 @@ def of_a_command(arguments: Sequence[str]) -> Iterator[None]:
 
 
 def load_early() -> None:
-    """Begins to load what the same command needed when it ran last, in a thread. JAX must be imported and set up."""
+    """Starts loading, in a thread, what the same command needed when it last ran. JAX must be imported and set up."""
     if isinstance(current.store, FolderStore):
         current.store.begin()
 

@@ -1,4 +1,4 @@
-"""Where compiled programs are kept now, if anywhere."""
+"""The current store of compiled programs, if any."""
 
 import contextlib
 from collections.abc import Iterator
@@ -7,14 +7,14 @@ from typing import Any, Protocol, runtime_checkable
 
 @runtime_checkable
 class Store(Protocol):
-    """Keeps contents by keys. What cannot be read or written is not there, and no reason for an error."""
+    """Keeps contents by keys. Contents that cannot be read or written are treated as missing, without an error."""
 
     def identity(self) -> str:
-        """A digest of what decides how programs are compiled, but for JAX's settings: versions, flags, processor."""
+        """A digest of what determines how programs are compiled, except JAX's settings: versions, flags, processor."""
         ...
 
     def read(self, key: str) -> bytes | None:
-        """What was written, whole."""
+        """The content that was written, if it is intact."""
         ...
 
     def write(self, key: str, content: bytes) -> None:
@@ -22,11 +22,11 @@ class Store(Protocol):
         ...
 
     def alone(self, key: str) -> contextlib.AbstractContextManager[bytes | None]:
-        """No other process compiles the program of this key in this block; what one has written of it meanwhile."""
+        """A block in which no other process compiles this program; yields what another has written meanwhile."""
         ...
 
     def early(self, key: str) -> Any:
-        """As of :func:`~.executables.loaded`, where that was begun before it was asked for; else None."""
+        """As :func:`~.executables.loaded`, if loading was started early; otherwise None."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""Compiled programs as bytes, and as programs again, of both compilers."""
+"""Converts compiled programs of both compilers to bytes and back."""
 
 import functools
 import io
@@ -18,32 +18,32 @@ from .names import name_of
 
 
 class Loaded(NamedTuple):
-    """A program from a list of arrays to another one, and what the result has beside its arrays, pickled."""
+    """A program from a list of arrays to another, and the rest of the result, without its arrays, pickled."""
 
     executable: Any
     pickled: bytes
 
     def result(self) -> Any:
-        """What the result has beside its arrays; imports the modules that its classes are in."""
+        """The rest of the result, without its arrays; imports the modules of its classes."""
         return pickle.loads(self.pickled)
 
 
 def content(program: Any, takes: int, gives: int, result: Any) -> bytes | None:
-    """A program that takes and gives so many arrays, as bytes; None where it has none, as one that calls Python.
+    """A program with so many input and output arrays, as bytes; None if impossible, as for one that calls Python.
 
     ``program`` is one of the native compiler or an executable of JAX.
     """
     try:
         pickled = io.BytesIO()
         _Pickler(pickled).dump(result)
-        # What is compared by identity would be another after loading.
+        # Objects compared by identity would differ after loading.
         if pickle.loads(pickled.getvalue()) != result:
             return None
         if isinstance(program, native.Program):
             return NATIVE + pickle.dumps((program.form, pickled.getvalue()))
         payload, _, _ = serialize_executable.serialize(program)
         return XLA + pickle.dumps((payload, takes, gives, pickled.getvalue()))
-    except Exception:  # whatever versions of JAX raise
+    except Exception:  # depends on the version of JAX
         return None
 
 
@@ -53,7 +53,7 @@ def content_of_refusal(refusal: native.Refusal) -> bytes:
 
 
 def loaded(content: bytes | None) -> Loaded | native.Refusal | None:
-    """The program, or that it is refused; None where there is none or it cannot be loaded.
+    """The program, or the note that it is refused; None if there is none or it cannot be loaded.
 
     Several threads may do this at once.
     """
@@ -63,7 +63,7 @@ def loaded(content: bytes | None) -> Loaded | native.Refusal | None:
         for beginning, load in _LOADERS.items():
             if content.startswith(beginning):
                 return load(content[len(beginning) :])
-    except Exception:  # whatever versions of JAX raise
+    except Exception:  # depends on the version of JAX
         return None
     return None
 
@@ -95,14 +95,14 @@ def _set_up_lapack() -> None:
 
 
 class _Pickler(pickle.Pickler):
-    """Pickles structures, with classes and functions of known libraries alone, by their names."""
+    """Pickles structures that contain only classes and functions of known libraries, by their names."""
 
     def reducer_override(self, obj: Any) -> Any:
         if isinstance(obj, PyTreeDef):
             return _structure_of, (obj.unflatten([0] * obj.num_leaves),)
         if obj is not type(None) and isinstance(obj, type | types.FunctionType):
             name_of(obj)
-        elif getattr(obj, "__dict__", None) == {}:  # perhaps one whose identity is its meaning
+        elif getattr(obj, "__dict__", None) == {}:  # possibly a sentinel, compared by identity
             names = [name for name, value in vars(sys.modules[type(obj).__module__]).items() if value is obj]
             return names[0] if names else NotImplemented
         return NotImplemented

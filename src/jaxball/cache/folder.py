@@ -1,4 +1,4 @@
-"""The folder of compiled programs: private, limited in size, and never an error or a message."""
+"""The folder of compiled programs: private, limited in size, and silent about failures."""
 
 import contextlib
 import hashlib
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 LIMIT = 512 * 10**6
-KEPT_OF_LIMIT = 0.9  # so that what is new does not push something out each time
+KEPT_OF_LIMIT = 0.9  # so that not every new program evicts an old one
 SECONDS_OF_A_WRITE = 3600
 SECONDS_OF_A_COMPILATION = 900.0
 MAGIC = b"jaxball program 2\n"
@@ -21,7 +21,7 @@ _UNFINISHED = re.compile(r"\.part-.*\.program|[0-9a-f]{40}\.lock")
 
 
 class Entry(NamedTuple):
-    """A file of the folder: its size in bytes, and when it was used last, in seconds."""
+    """A file of the folder: its size in bytes, and when it was last used, in seconds."""
 
     path: Path
     size: int
@@ -31,10 +31,10 @@ class Entry(NamedTuple):
 class Folder:
     """Programs by key, each a file: a checksum of key and content, then the content.
 
-    What is loaded is machine code. So the folder, and each file, must belong to this user and be writable by nobody
-    else; what is not is as good as not there. The programs that were used longest ago make room for new ones.
+    Because machine code is loaded, the folder and each file must belong to this user and be writable by nobody else;
+    otherwise they are ignored. The least recently used programs make room for new ones.
 
-    - ``path``: where it is, or will be made when something is written.
+    - ``path``: where it is, or will be created when something is written.
     - ``limit``: the size of all files together, in bytes.
     """
 
@@ -42,12 +42,12 @@ class Folder:
         self.path, self.limit = path, limit
 
     def objection(self) -> str | None:
-        """Why nothing can be read here, as the end of a sentence that begins with the folder; None where it can."""
+        """Why nothing can be read here, as the end of a sentence that begins with the folder; None if it can."""
         try:
             status = self.path.stat()
         except FileNotFoundError:
             obstacle = _obstacle(self.path)
-            return obstacle and f"does not exist and cannot be made: {obstacle}"
+            return obstacle and f"does not exist and cannot be created: {obstacle}"
         except OSError as error:
             return f"cannot be used: {error.strerror}"
         if not stat.S_ISDIR(status.st_mode):
@@ -57,7 +57,7 @@ class Folder:
         return "can be written by others" if _is_open(status) else None
 
     def read(self, key: str) -> bytes | None:
-        """What was written under the key, whole and as it was; None if it is not there."""
+        """The content written under the key, verified; None if it is missing."""
         path = self._path(key)
         if self.objection() is not None:
             return None
@@ -76,10 +76,10 @@ class Folder:
             return None
 
     def write(self, key: str, content: bytes) -> None:
-        """Keeps the content, if there is room, and removes what is too much."""
+        """Keeps the content, if there is room, and removes what exceeds the limit."""
         if len(content) > self.limit or not self._made():
             return
-        # Imported here, because a command that is refused at once has no time for it.
+        # Imported here, because it would delay a command that is refused at once.
         from ..interface.output import atomic_write
 
         with contextlib.suppress(OSError):
@@ -91,7 +91,7 @@ class Folder:
 
     @contextlib.contextmanager
     def alone(self, key: str) -> Iterator[None]:
-        """No other process is in such a block of this key, as long as none takes longer than a compilation."""
+        """A block for this key that no other process enters, as long as none takes longer than a compilation."""
         from .lock import held  # here, as above
 
         if not self._made():
@@ -101,11 +101,11 @@ class Folder:
             yield
 
     def entries(self) -> list[Entry]:
-        """The programs, those used longest ago first."""
+        """The programs, the least recently used first."""
         return sorted(self._files(_ENTRY), key=lambda entry: entry.used)
 
     def count(self, beginning: bytes) -> int:
-        """How many contents begin so."""
+        """How many contents begin with these bytes."""
         start, found = len(MAGIC) + CHECKSUM.digest_size, 0
         for entry in self.entries():
             with contextlib.suppress(OSError), open(entry.path, "rb") as file:
@@ -114,7 +114,7 @@ class Folder:
         return found
 
     def clear(self) -> list[Entry]:
-        """Removes all programs, and what was left half written. Returns what was removed.
+        """Removes all programs and partially written files. Returns what was removed.
 
         **Raises:** ``OSError`` where something cannot be removed.
         """
@@ -124,7 +124,7 @@ class Folder:
         return removed
 
     def _made(self) -> bool:
-        """Makes the folder where it is not there, and says whether it can be used."""
+        """Creates the folder if it does not exist, and returns whether it can be used."""
         if self.objection() is not None:
             return False
         with contextlib.suppress(OSError):
@@ -136,7 +136,7 @@ class Folder:
         entries = self.entries()
         size = sum(entry.size for entry in entries)
         if size > self.limit:
-            for entry in entries[:-1]:  # never what was just written
+            for entry in entries[:-1]:  # never the one just written
                 if size <= KEPT_OF_LIMIT * self.limit:
                     break
                 entry.path.unlink(missing_ok=True)
@@ -168,7 +168,7 @@ def _head(key: str, content: bytes) -> bytes:
 
 def _private_content(path: Path) -> bytes | None:
     """The content of a file; None where it is not a file of this user's own, which nobody else can write."""
-    # Asked of the open file, because another may take the place of what has the path.
+    # Checked on the open file, because the path may be replaced meanwhile.
     with open(os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
         status = os.fstat(file.fileno())
         private = stat.S_ISREG(status.st_mode) and _is_own(status) and not _is_open(status)
@@ -184,7 +184,7 @@ def _is_open(status: os.stat_result) -> bool:
 
 
 def _obstacle(path: Path) -> str | None:
-    """Why a folder cannot be made, in the words of the system, which alone knows; None where it can."""
+    """Why a folder cannot be created, in the words of the operating system; None if it can."""
     existing = next(place for place in (path, *path.absolute().parents) if os.path.lexists(place))
     tried = existing / f".part-{os.getpid()}-{os.urandom(4).hex()}"
     try:

@@ -1,4 +1,4 @@
-"""A file that one process holds at a time; the system takes it back when the process ends, however it does."""
+"""A lock file that one process holds at a time; the operating system releases it when the process ends in any way."""
 
 import contextlib
 import os
@@ -22,9 +22,9 @@ else:
 
 @contextlib.contextmanager
 def held(path: Path, patience: float) -> Iterator[None]:
-    """Waits until nobody else holds the file, ``patience`` seconds at most, and holds it in this block.
+    """Waits until no other process holds the file, ``patience`` seconds at most, and holds it in this block.
 
-    Where files cannot be made or held, nothing is waited for.
+    Where files cannot be created or locked, it does not wait.
     """
     try:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
@@ -43,6 +43,6 @@ def held(path: Path, patience: float) -> Iterator[None]:
                 break
         yield
     finally:
-        with contextlib.suppress(OSError):  # as where another process has it open on Windows
+        with contextlib.suppress(OSError):  # for instance if another process has it open on Windows
             path.unlink()
         os.close(descriptor)

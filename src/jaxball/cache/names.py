@@ -9,13 +9,13 @@ _KNOWN = frozenset((OWN, *LIBRARIES, "builtins", "collections", "enum", "functoo
 
 
 class NoNameError(TypeError):
-    """A value may differ between processes in ways that cannot be seen."""
+    """A value may differ invisibly between processes."""
 
 
 def name_of(named: Any) -> str:
     """The name by which a class or a function of a known library is found.
 
-    **Raises:** :class:`NoNameError` where it is of another library or not found by its name.
+    **Raises:** :class:`NoNameError` where it belongs to another library or is not found by its name.
     """
     module, path = getattr(named, "__module__", None), getattr(named, "__qualname__", None)
     bearer: Any = None

@@ -16,7 +16,7 @@ class FolderStore:
     """A :class:`~.current.Store` of files.
 
     - ``folder``: where they are.
-    - ``arguments``: of a command, by which the list of its programs is found.
+    - ``arguments``: those of a command, which identify the list of its programs.
     """
 
     def __init__(self, folder: Folder, arguments: Sequence[str] = ()):
@@ -24,7 +24,7 @@ class FolderStore:
         self._used: dict[str, None] = {}
         self._early: dict[str, concurrent.futures.Future] = {}
         self._expected: list[str] | None = None
-        # One thread, because the main one is busy; what is loaded waits for no lock of Python's.
+        # One thread, because the main one is busy; loading releases Python's lock.
         self._thread = concurrent.futures.ThreadPoolExecutor(1)
 
     @functools.cached_property
@@ -40,14 +40,14 @@ class FolderStore:
         return surroundings.identity(self._sources)
 
     def read(self, key: str) -> bytes | None:
-        """What was written, whole."""
+        """The content that was written, if it is intact."""
         content = self.folder.read(key)
         if content is not None:
             self._used[key] = None
         return content
 
     def write(self, key: str, content: bytes) -> None:
-        """Keeps the content, unless jaxball's files have changed since they were looked at."""
+        """Keeps the content, unless jaxball's files have changed since they were checked."""
         from . import surroundings
 
         if surroundings.sources() == self._sources:
@@ -56,9 +56,9 @@ class FolderStore:
 
     @contextlib.contextmanager
     def alone(self, key: str) -> Iterator[bytes | None]:
-        """No other process compiles the program of this key in this block; what one has written of it meanwhile.
+        """A block in which no other process compiles this program; yields what another has written meanwhile.
 
-        What is there and cannot be loaded is compiled by each.
+        Content that exists but cannot be loaded is compiled by each process.
         """
         if self.folder.read(key) is not None:
             yield None
@@ -67,7 +67,7 @@ class FolderStore:
             yield self.read(key)
 
     def early(self, key: str) -> Any:
-        """The program, where :meth:`begin` has begun to load it."""
+        """The program, if :meth:`begin` has started loading it."""
         future = self._early.pop(key, None)
         loaded = None if future is None else future.result()
         if loaded is not None:
@@ -75,7 +75,7 @@ class FolderStore:
         return loaded
 
     def begin(self) -> None:
-        """Begins to load what the command with these arguments used last."""
+        """Starts loading what the command with these arguments last used."""
         from . import executables
 
         names = self.folder.read(self._list())

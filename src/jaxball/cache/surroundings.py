@@ -1,4 +1,4 @@
-"""What decides how a program is compiled, beside itself and JAX's settings: sources, versions, flags, the processor."""
+"""What determines how a program is compiled, besides itself and JAX's settings: sources, versions, flags, processor."""
 
 import contextlib
 import functools
@@ -13,7 +13,7 @@ from pathlib import Path
 
 OWN = Path(__file__).parents[1]
 COMPILERS = ("jax", "jaxlib", "numpy")
-# Packages in Python that somebody may have installed from files that change.
+# Python packages that may be installed in editable form.
 LIBRARIES = ("equinox", "diffrax", "optimistix", "lineax")
 VARIABLES = ("XLA_", "JAX_", "EQX_", "TF_XLA_")
 PROCESSOR = ("model name", "flags", "Features", "CPU implementer", "CPU part")
@@ -21,7 +21,7 @@ PROCESSOR = ("model name", "flags", "Features", "CPU implementer", "CPU part")
 
 @functools.cache
 def identity(sources: str) -> str:
-    """A digest of all of it, the same as long as nothing of it changes; ``sources`` is that of jaxball's own files."""
+    """A digest of all of these; ``sources`` is that of jaxball's own files."""
     parts = [
         sys.version,
         platform.platform(),
@@ -38,7 +38,7 @@ def identity(sources: str) -> str:
 
 
 def sources() -> str:
-    """A digest of jaxball's own files; another one each time where they cannot be read."""
+    """A digest of jaxball's own files; a different one each time if they cannot be read."""
     digest = hashlib.blake2b(digest_size=20)
     try:
         paths = sorted(OWN.rglob("*.py"))
@@ -52,7 +52,7 @@ def sources() -> str:
 
 
 def _dates(package: Path) -> Iterator[str]:
-    """The size of each file, and when it was changed."""
+    """The size and modification time of each file."""
     yield str(package)
     for path in sorted(package.rglob("*.py")):
         with contextlib.suppress(OSError):
@@ -61,7 +61,7 @@ def _dates(package: Path) -> Iterator[str]:
 
 
 def _processor() -> list[str]:
-    """The model and the instructions of the processor; where they cannot be read, the name of the machine."""
+    """The model and the instructions of the processor; if they cannot be read, the name of the machine."""
     try:
         text = Path("/proc/cpuinfo").read_text()
     except OSError:

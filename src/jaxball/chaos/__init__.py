@@ -1,6 +1,6 @@
 """Measures of chaos: Lyapunov exponents of any system or flow, charts of them, and Poincaré maps.
 
-No figures and no files: :mod:`jaxball.plot` draws what is found here.
+No figures and no files: :mod:`jaxball.plot` draws the results.
 """
 
 from ..interface.names import interface as _interface

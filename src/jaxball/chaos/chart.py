@@ -46,27 +46,27 @@ def chart(
 
     **Arguments:**
 
-    - ``make``: from the values of both parameters to a system and its initial state; traced, so it must not branch on
-      them.
-    - ``parameters``: two names and the values of each: the first has shape (n,), the second (m,).
+    - ``make``: a function of both parameters that returns a system and its initial state; traced, so it must not branch
+      on them.
+    - ``parameters``: two names with the values of each, of shapes (n,) and (m,).
     - ``times``, ``transient``, ``interval``, ``solver``, ``rtol``, ``atol``, ``max_steps``: as for
       :func:`lyapunov_spectrum`.
-    - ``chunk``: how many cells are solved side by side by one program.
-    - ``workers``: how many chunks are solved at the same time; as many as this process has cores if not given.
+    - ``chunk``: how many cells one program solves side by side.
+    - ``workers``: how many chunks are solved at the same time; by default the number of this process's cores.
     - ``progress``: called with the number of cells done and the number of all, after each chunk.
 
     **Returns:** a data set over both parameters with
 
-    - ``exponent``: the largest exponent in 1/time, NaN where the normal force was not positive throughout, and where
-      the solve failed;
-    - ``exponent_regardless``: the same whatever the normal force; the equations of motion go on where a real ball would
-      leave the plane;
+    - ``exponent``: the largest exponent in 1/time, NaN where the normal force was not positive throughout, or where the
+      solve failed;
+    - ``exponent_regardless``: the same whatever the normal force; the equations of motion continue where a real ball
+      would leave the plane;
     - ``standard_error``: as in :class:`LyapunovSpectrum`;
     - ``least_normal_force``: the least N at the start and at the ends of the steps, infinite for a classical system;
     - ``status``: the number of a :class:`~jaxball.Status`, 0 where the solve reached its end.
 
-    **Raises:** ``ValueError`` for other than two parameters, for values that are not a row of numbers, and for times
-    that cannot be, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
+    **Raises:** ``ValueError`` unless there are two parameters, each with a row of numbers, and for invalid times, and
+    :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
     names, values = _checked(parameters)
     edges, skipped = interval_edges(times, transient, interval)

@@ -1,4 +1,4 @@
-"""What a run of finite length tells of its Lyapunov exponents."""
+"""What a run of finite length reveals about its Lyapunov exponents."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -6,11 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-PARTS = 16  # means over parts of the run, to which the limit is fitted
+PARTS = 16  # parts of the run, to whose means the limit is fitted
 FEWEST_PARTS = 6
-ALIGNING = 1 / 8  # of the run, during which the deviations turn to their directions, and their rates say nothing else
-ERRORS = 2.5  # a limit closer to zero than so many of its standard errors may be zero
-FOLDS = 3.0  # so many e-folds or fewer are grown along regular motions too: t² gives 2.1 where it begins late in a run
+ALIGNING = 1 / 8  # of the run, during which the deviations align with their directions, and their rates mean nothing
+ERRORS = 2.5  # a limit closer to zero than this many standard errors may be zero
+FOLDS = (
+    3.0  # this many e-folds or fewer may occur along regular motions too: t² gives 2.1 where it begins late in a run
+)
 
 
 class Limits(NamedTuple):
@@ -19,10 +21,10 @@ class Limits(NamedTuple):
     Along a regular motion deviations grow as a power tᵃ of time, whose rate is a/t, and λ is zero.
 
     - ``limits``, ``errors``: λ and its standard error, NaN where the run has too few intervals to fit it.
-    - ``told``: whether the exponent is told from zero: λ has the sign of the mean rate and is more than 2.5 standard
-      errors from zero, and deviations changed by more than three e-folds.
-    - ``drifting``: whether, of those, the mean differs from λ by more than its own standard error, and by more than a
-      tenth, while a differs from zero by more than 2.5 of its own.
+    - ``told``: whether the exponent is distinguished from zero: λ has the sign of the mean rate and is more than 2.5
+      standard errors from zero, and deviations changed by more than three e-folds.
+    - ``drifting``: whether, in addition, the mean differs from λ by more than its own standard error, and by more than
+      a tenth, while a differs from zero by more than 2.5 of its own.
     """
 
     limits: Float[np.ndarray, " k"]
@@ -64,22 +66,23 @@ def limits_of(
 
 
 def sentences(limits: Limits) -> list[str]:
-    """What ``limits`` leave open, and what to do about it; none where every exponent is told from zero and stays."""
+    """What ``limits`` leave open, and what to do; empty if every exponent is distinguished from zero and has converged."""
     lines = []
     untold, moving = np.flatnonzero(~limits.told), np.flatnonzero(limits.drifting)
     if np.any(np.isnan(limits.limits)):
         return [
-            "The run has too few intervals to tell any exponent from zero; give it a later end, or shorter intervals."
+            "The run has too few intervals to distinguish any exponent from zero; choose a later end, or shorter "
+            "intervals."
         ]
     if untold.size:
         lines.append(
-            f"The run cannot tell {_names(untold)} from zero: growth as a power of time, as along a regular motion, "
-            "explains as much; a later end, ten times as far, narrows it down."
+            f"The run cannot distinguish {_names(untold)} from zero: growth as a power of time, as along a regular "
+            "motion, explains the data equally well; a run ten times as long narrows it down."
         )
     if moving.size:
         values = ", ".join(f"{limits.limits[i]:.3g}" for i in moving)
         lines.append(
-            f"The means of {_names(moving)} still drift, as 1/t towards {values}; give a transient, or a later end."
+            f"The means of {_names(moving)} still drift, as 1/t towards {values}; choose a transient, or a later end."
         )
     return lines
 

@@ -15,8 +15,8 @@ Monitor = Callable[[Float[Array, ""], Float[Array, " size"], Any], Float[Array, 
 class Monitored(AbstractWrappingSolver):
     """``solver``, with the least value of ``of(t, x, args)`` at the ends of its steps, not at the start, in its state.
 
-    It takes the same few operations in every step, as many solves side by side want it. What it misses between two ends
-    is at most (step)² / 8 times the second derivative.
+    It takes the same few operations in every step, which suits many solves side by side. It misses at most (step)² / 8
+    times the second derivative between two ends.
     """
 
     solver: diffrax.AbstractSolver  # pyright: ignore[reportIncompatibleVariableOverride]

@@ -20,9 +20,9 @@ from ..simulation.simulate import simulate
 class PoincareMap(Printed):
     """The crossings of a section, in the order of time: each is the image of the one before it.
 
-    - ``times``: when, shape (n,).
+    - ``times``: the times of the crossings, shape (n,).
     - ``state``: the states there; each of its arrays has n as leading axis.
-    - ``count``: how many crossings there were; more than n where they had no room.
+    - ``count``: how many crossings there were; more than n if there was not enough room.
     - ``status``, ``reached``: how the run ended; ``ok`` and ``message`` read them.
     - ``end``: the time at which the run was to end.
     """
@@ -47,8 +47,8 @@ class PoincareMap(Printed):
 
     @property
     def message(self) -> str:
-        """A sentence that says how the run ended, and one that says how many crossings are kept."""
-        kept = f"Of {self.count} crossings {len(self.times)} are kept"
+        """A sentence on how the run ended, and one on how many crossings were kept."""
+        kept = f"Of {self.count} crossings {len(self.times)} were kept"
         more = "; raise `room` to keep them all." if self.count > len(self.times) else "."
         return f"{Status(self.status).sentence(self.reached, self.end, alone=True)} {kept}{more}"
 
@@ -68,15 +68,15 @@ def poincare_map(
 ) -> PoincareMap:
     """The states at which the motion of ``system`` crosses a section, located to the accuracy of the solve.
 
-    For masses driven with a period, the stroboscopic map is the states at multiples of it, which
-    :func:`jaxball.simulate` saves; a section is for motions that time does not enter.
+    For masses driven periodically, the stroboscopic map consists of the states at multiples of the period, which
+    :func:`jaxball.simulate` saves; a section is for autonomous motions.
 
     **Arguments:**
 
     - ``solver``, ``rtol``, ``atol``, ``max_steps``: as for :func:`jaxball.simulate`.
     - ``section``: a function of (system, t, state) that is zero on the section, as for :class:`jaxball.Event`.
     - ``times``: the start and the end.
-    - ``state``: the state at the start. A :class:`~jaxball.ReducedState` is the shortest for a ball.
+    - ``state``: the state at the start. A :class:`~jaxball.ReducedState` is the smallest for a ball.
     - ``direction``: 1 for crossings at which ``section`` rises, −1 where it falls, 0 for both.
     - ``room``: how many crossings are kept.
     - all others: as for :func:`jaxball.simulate`.

@@ -9,22 +9,22 @@ from .convergence import Limits, limits_of, sentences
 
 
 class LyapunovSpectrum(Printed):
-    """Lyapunov exponents and how they converged. NaN after the time to which the solve came.
+    """Lyapunov exponents and their convergence. NaN after the time that the solve reached.
 
     - ``exponents``: the mean growth rates over the run without its transient, shape (k,), in 1/time, the largest first;
       all other arrays follow this order.
-    - ``standard_error``: of each exponent, from the scatter of its means over sixteen parts of the run. It says how
-      far a chaotic run is from its limit; for a regular one, whose means tend to it as log(t)/t, it says little, and
+    - ``standard_error``: of each exponent, from the scatter of its means over sixteen parts of the run. It estimates
+      how far a chaotic run is from its limit; for a regular run, whose means converge as log(t)/t, it says little, and
       ``told_from_zero`` and ``limits`` say more.
     - ``times``: the ends of the intervals, shape (n,).
     - ``rates``: the growth rates within each interval, shape (n, k).
     - ``running``: the means of the rates from the end of the transient to each of ``times``, shape (n, k).
-    - ``x``: the state at the end, as the vector that was advanced.
+    - ``x``: the state at the end, as the solver's vector.
     - ``vectors``: the orthonormal vectors at the end, a row for each exponent.
-    - ``least_normal_force``: the least N of a rolling body over all of the run, transient included; where it is not
+    - ``least_normal_force``: the least N of a rolling body over the whole run, including the transient; if it is not
       positive, the ball would have left the plane. None for other flows.
     - ``status``, ``reached``, ``steps``: as in a :class:`~jaxball.Trajectory`; ``ok`` and ``message`` read them.
-    - ``start``: when the run began, transient included.
+    - ``start``: when the run began, including the transient.
     """
 
     exponents: Float[Array, "*batch k"]
@@ -47,18 +47,18 @@ class LyapunovSpectrum(Printed):
 
     @property
     def message(self) -> str:
-        """A sentence that says how the run ended, and what it does not tell of the exponents."""
+        """A sentence on how the run ended, and on what it does not determine about the exponents."""
         return " ".join([self._ending, *self._doubts])
 
     @property
     def limits(self) -> Limits:
-        """What the exponents tend to, by a fit of λ + a/t to the rates, and which of them are told from zero."""
+        """The limits of the exponents, from a fit of λ + a/t to the rates, and which are distinguished from zero."""
         rates, errors = np.asarray(self.rates, float), np.asarray(self.standard_error, float)
         return limits_of(float(self.start), np.asarray(self.times, float), rates, errors)
 
     @property
     def told_from_zero(self) -> Bool[np.ndarray, " k"]:
-        """Which exponents the run tells from zero, as :class:`~jaxball.chaos.Limits` says. Not for a batch."""
+        """Which exponents the run distinguishes from zero, see :class:`~jaxball.chaos.Limits`. Not for a batch."""
         return self.limits.told
 
     @property
@@ -73,7 +73,7 @@ class LyapunovSpectrum(Printed):
     def dimension(self) -> float:
         """The Kaplan–Yorke dimension: how many exponents sum to zero, with a fraction of the last.
 
-        NaN where the spectrum has too few exponents to tell.
+        NaN if the spectrum has too few exponents.
         """
         exponents = np.asarray(self.exponents)
         sums = np.cumsum(exponents)

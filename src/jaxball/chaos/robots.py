@@ -14,9 +14,9 @@ from ..physics.schedules import ConstantRate
 def rolling_robot(
     orbit: Numbers = 0.6, *, rate: Numbers = 1.5, mass: Numbers = 1.0, inertia: Numbers = 2 / 3, gravity: Numbers = 1.0
 ) -> Ball:
-    """The rolling robot of Ilin, Moffatt & Vladimirov (2017, PNAS 114, 12858): a point mass driven round in a shell.
+    """The rolling robot of Ilin, Moffatt & Vladimirov (2017, PNAS 114, 12858): a point mass driven around in a shell.
 
-    The shell has mass 1 and radius 1. The mass goes round the circle of radius ``orbit`` about the centre, in the plane
+    The shell has mass 1 and radius 1. The mass moves on the circle of radius ``orbit`` about the centre, in the plane
     of E1 and E3, at the constant ``rate``, and starts at −E3. These four numbers and the choice of the unit of time are
     the paper's four dimensionless parameters.
 
@@ -25,7 +25,7 @@ def rolling_robot(
     - ``orbit``: the radius of the orbit, in radii of the shell.
     - ``rate``: θ̇, in rad per time.
     - ``mass``: of the point mass, in masses of the shell.
-    - ``inertia``: d1 = d2 = d3 of the shell; a thin one has 2/3.
+    - ``inertia``: d1 = d2 = d3 of the shell; 2/3 for a thin shell.
     - ``gravity``: g; with 1, times are in √(r/g).
 
     **Example:**
@@ -43,10 +43,10 @@ def rolling_robot(
 def chaplygin_top(
     offset: Numbers = (0.2, 0.3, 0.4), *, inertia: Numbers = (0.2, 0.6, 0.7), gravity: Numbers = 1.0
 ) -> Ball:
-    """Chaplygin's top: a ball with unequal moments whose centre of mass, on none of the axes, is off the centre.
+    """Chaplygin's top: a ball with unequal moments whose centre of mass is off the centre and off all axes.
 
-    Of mass 1 and radius 1. Energy is its only integral, and much of its motion is chaotic (Borisov, Kazakov & Sataev
-    2014, Regular and Chaotic Dynamics 19, 718).
+    It has mass 1 and radius 1. Energy is its only integral, and much of its motion is chaotic (Borisov, Kazakov &
+    Sataev 2014, Regular and Chaotic Dynamics 19, 718).
 
     **Arguments:**
 

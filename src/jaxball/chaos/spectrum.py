@@ -52,27 +52,27 @@ def lyapunov_spectrum_of(
 
     The deviations δẋ = f′(t, x) δx are advanced with x, under the same control of the step, and made orthonormal
     again after each interval; an exponent is the mean of log(length before) / interval (Benettin et al. 1980;
-    Shimada & Nagashima 1979). Time is not a part of the state, so a prescribed f(t, x) adds no zero exponent.
+    Shimada & Nagashima 1979). Time is not part of the state, so a time-dependent f(t, x) adds no zero exponent.
 
     **Arguments:**
 
     - ``field``: f(t, x, args), from x of shape (size,) to its rate.
     - ``times``: the start and the end.
     - ``x``: the state at the start, shape (size,).
-    - ``args``: any arrays that f needs. Changing them compiles nothing anew.
-    - ``exponents``: how many, from the largest on; as many as there are if not given.
-    - ``transient``: the time from the start during which nothing is averaged, while x comes to its attractor and the
-      vectors turn to their directions.
+    - ``args``: any arrays that f needs. Changing them compiles nothing again.
+    - ``exponents``: how many of the largest exponents to compute; by default all.
+    - ``transient``: the time from the start before averaging begins, while x approaches its attractor and the vectors
+      align with their directions.
     - ``interval``: the time between two orthonormalisations; shortened so that a whole number fits. Deviations must
       not grow by more than about 1e6 in it.
     - ``solver``, ``rtol``, ``atol``: as for :func:`jaxball.simulate`. A step keeps x and each deviation to the
       tolerances.
-    - ``kinks``: times at which f jumps or bends, to which the solver steps.
+    - ``kinks``: times at which f jumps or has a kink, where the solver ends steps.
     - ``normal``: where x stays on a surface, the surface's normal at x. Deviations are tangent to it, so there is one
-      exponent fewer. Rounding along the normal is removed after each interval; the flow must keep the surface.
-    - ``max_steps``: the number of steps after which an interval is given up.
+      exponent fewer. Rounding along the normal is removed after each interval; the flow must preserve the surface.
+    - ``max_steps``: the most steps in an interval.
 
-    **Raises:** ``ValueError`` for times, numbers of exponents or intervals that cannot be, and
+    **Raises:** ``ValueError`` for invalid times, numbers of exponents or intervals, and
     :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
 
     **Example:**
@@ -109,10 +109,10 @@ class Method(NamedTuple):
 
 
 class Flow(NamedTuple):
-    """What it is computed of: ẋ = field(t, x, args) from ``x`` at the first of ``edges``, which bound the intervals.
+    """The flow: ẋ = field(t, x, args) from ``x`` at the first of ``edges``, which bound the intervals.
 
-    - ``kinks``: times at which the field jumps or bends.
-    - ``startable``: False where nothing can be solved.
+    - ``kinks``: times at which the field jumps or has a kink.
+    - ``startable``: False if the solve cannot start.
     - ``monitor``: a function of (t, x, args) whose least value becomes ``least_normal_force``.
     """
 
@@ -126,9 +126,9 @@ class Flow(NamedTuple):
 
 
 def checked_count(exponents: int | None, largest: int) -> int:
-    """How many exponents, all of them if not said.
+    """How many exponents; by default all.
 
-    **Raises:** ``ValueError`` when the phase space has not so many.
+    **Raises:** ``ValueError`` when the phase space does not have so many.
     """
     if exponents is None:
         return largest
@@ -145,7 +145,7 @@ def checked_count(exponents: int | None, largest: int) -> int:
 def interval_edges(times: Numbers, transient: float, interval: float) -> tuple[np.ndarray, int]:
     """The times at which vectors are made orthonormal, the start first, and how many intervals are transient.
 
-    **Raises:** ``ValueError`` for times or intervals that cannot be.
+    **Raises:** ``ValueError`` for invalid times or intervals.
     """
     ends = to_numpy(times, "times")
     if ends.shape != (2,) or not np.all(np.isfinite(ends)) or ends[1] <= ends[0]:
@@ -184,7 +184,7 @@ def spectrum(method: Method, flow: Flow) -> LyapunovSpectrum:
 
 
 class _Progress(NamedTuple):
-    """What one interval hands to the next."""
+    """What one interval passes to the next."""
 
     rows: Float[Array, "rows size"]  # x and the deviations
     step: Float[Array, ""]  # a good length for the first step
@@ -219,7 +219,7 @@ def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_P
     if flow.monitor is not None:
         least = jnp.where(alive, jnp.minimum(least, cast(tuple, solution.solver_state)[1]), least)
     after = _Progress(
-        # What failed stands still at 1 from there on, because no step passes the control of numbers like NaN.
+        # A failed run stays at 1 from there on, because step-size control rejects NaN.
         rows=jnp.where(status == Status.SUCCESS, jnp.concatenate([rows[:1], vectors]), 1.0),
         step=length / jnp.maximum(solution.stats["num_accepted_steps"], 1).astype(length.dtype),
         status=status,
@@ -231,7 +231,7 @@ def _interval(method: Method, flow: Flow, progress: _Progress, ends) -> tuple[_P
 
 
 def _advanced(method: Method, flow: Flow, progress: _Progress, ends, alive: Bool[Array, ""]) -> diffrax.Solution:
-    """x and the deviations at the end of an interval; where the run has failed, they stand still."""
+    """x and the deviations at the end of an interval; after a failure they stay as they are."""
     t0, t1 = ends
     rates_of = tangent_field(flow.field)
 
@@ -261,9 +261,10 @@ def _advanced(method: Method, flow: Flow, progress: _Progress, ends, alive: Bool
 
 
 def _result(method: Method, flow: Flow, end: _Progress, growth: Float[Array, "intervals k"]) -> LyapunovSpectrum:
-    """The means of the growth rates after the transient, in falling order.
+    """The means of the growth rates after the transient, in descending order.
 
-    The orthonormalisation finds them in this order once they have converged, and equal ones, or a short run's, in any.
+    The orthonormalisation yields them in this order once they have converged, but equal ones, or those of a short run,
+    in any order.
     """
     times, growth = flow.edges[1 + method.skipped :], growth[method.skipped :]
     order = jnp.argsort(-jnp.mean(growth, axis=0))
@@ -287,7 +288,7 @@ def _result(method: Method, flow: Flow, end: _Progress, growth: Float[Array, "in
 
 
 def _standard_error(rates: Float[Array, "n k"]) -> Float[Array, " k"]:
-    """Of the means of ``rates``, from means over parts of the run, because neighbours in time are correlated."""
+    """Standard errors of the means of ``rates``, from means over parts of the run, as successive rates are correlated."""
     parts = min(BATCHES, rates.shape[0])
     if parts < 2:
         return jnp.full_like(rates[0], jnp.nan)

@@ -34,14 +34,14 @@ def lyapunov_spectrum(
     """The Lyapunov exponents of the motion of ``system`` from ``times[0]`` to ``times[1]``, in 1/time.
 
     The phase space is that of (Ω, Γ) with |Γ| = 1 (``uncon_ball_eqns_explicit``), of dimension 5; each mass that a
-    feedback law drives, and each joint without a schedule, adds its θ and θ̇. Place and heading follow by integration
-    and would add zeros. Where a force acts or the ground is not level and at rest, which (Ω, Γ) cannot express, it
-    is the phase space of (q, Ω, z) with |q| = 1, of dimension 8. For a disk it is that of (φ, φ̇, z), and for a
-    classical system that of its own state. Time adds no exponent, because what is prescribed is no part of the state.
+    feedback law drives, and each joint without a schedule, adds its θ and θ̇. Position and heading follow by
+    integration and would add zeros. Where a force acts or the ground is tilted or moves, which (Ω, Γ) cannot express,
+    it is the phase space of (q, Ω, z) with |q| = 1, of dimension 8. For a disk it is that of (φ, φ̇, z), and for a
+    classical system that of its own state. Time adds no exponent, because prescribed motions are not part of the state.
 
     Deviations of Γ are tangent to the sphere: Γ̇ = Γ × Ω keeps Γ·δΓ = 0, and rounding is removed after each interval.
-    The vector that is advanced holds the locked angular velocity W for Ω (module ``locked``); the exponents are those
-    of Ω, because the change from one to the other is smooth and bounded.
+    The solver's vector contains the locked angular velocity W instead of Ω (module ``locked``); the exponents are the
+    same, because the change from one to the other is smooth and bounded.
 
     **Arguments:**
 
@@ -50,10 +50,10 @@ def lyapunov_spectrum(
       :func:`lyapunov_spectrum_of`.
     - ``times``: the start and the end.
     - ``state``: the state at the start, of any kind; at rest and upright if not given.
-    - all others: as for :func:`lyapunov_spectrum_of`. The largest exponent alone, with
-      ``exponents=1``, takes half of the time.
+    - all others: as for :func:`lyapunov_spectrum_of`. Only the largest exponent, with ``exponents=1``, takes half of
+      the time.
 
-    **Raises:** ``ValueError`` for times, numbers of exponents or intervals that cannot be, ``TypeError`` for a state of
+    **Raises:** ``ValueError`` for invalid times, numbers of exponents or intervals, ``TypeError`` for a state of
     another kind of system, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
     state = phase_point(system, at_rest(system) if state is None else state)

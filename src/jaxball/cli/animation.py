@@ -9,7 +9,10 @@ from ..interface.output import OutputError, check_destination
 from .options import count, number, positive
 
 SUFFIXES = (".mp4", ".gif")
-MOST_FRAMES_A_SECOND = {".mp4": 240, ".gif": 50}  # a GIF counts in hundredths of a second; players skip single ones
+MOST_FRAMES_A_SECOND = {
+    ".mp4": 240,
+    ".gif": 50,
+}  # a GIF counts in hundredths of a second; players ignore delays of a single one
 SMALLEST, LARGEST = 64, 7680
 OPTIONS = ("fps", "speed", "size", "from", "to")
 
@@ -25,7 +28,7 @@ def add_animation(parser: argparse.ArgumentParser) -> None:
 
 
 def check_animation(options: argparse.Namespace) -> None:
-    """Raises an :class:`~jaxball.results.OutputError` for an animation that cannot be made of any run."""
+    """Raises an :class:`~jaxball.results.OutputError` for an animation that is impossible for any run."""
     if options.animate is None:
         for name in OPTIONS:
             if getattr(options, name) is not None:

@@ -11,7 +11,7 @@ METAVAR = "PATH=FROM:TO:COUNT"
 
 
 class Axis(NamedTuple):
-    """An axis of a chart: ``values`` of them of the number at ``path``, equally spaced from ``low`` to ``high``."""
+    """An axis of a chart: so many ``values`` of the number at ``path``, equally spaced from ``low`` to ``high``."""
 
     path: str
     low: float
@@ -22,7 +22,7 @@ class Axis(NamedTuple):
 def axes_of(options: argparse.Namespace) -> tuple[Axis, Axis]:
     """The two axes of --chart.
 
-    **Raises:** :class:`BadInputError` for what is none, and for the same number twice.
+    **Raises:** :class:`BadInputError` for a malformed axis, and for the same number twice.
     """
     first, second = map(_axis, options.chart)
     if first.path == second.path:

@@ -28,7 +28,7 @@ COMMANDS = {
     "design": "find a design by gradients through the simulation",
     "reproduce": "reproduce both runs of Putkaradze & Rogers (2018)",
     "bench": "compare solvers at equal achieved error",
-    "cache": "show or remove the compiled programs that are kept",
+    "cache": "show or remove kept compiled programs",
 }
 WITHOUT_CACHE = ("scenarios", "bench", "cache")
 
@@ -43,7 +43,7 @@ def run(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt as error:
         print(f"jaxball: {error.args[0] if error.args else STOPPED}", file=sys.stderr)
         return INTERRUPTED
-    except BrokenPipeError:  # as from `| head`, which stops reading
+    except BrokenPipeError:  # such as from `| head`, which stops reading
         return BROKEN_PIPE
     except (UserError, OSError) as error:
         print(f"jaxball: {sentence(error)}", file=sys.stderr)
@@ -72,9 +72,9 @@ def _flush() -> None:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Suggests the word that was perhaps meant, where argparse would list all choices.
+    """Suggests the word that may have been meant, where argparse would list all choices.
 
-    What is left over is the mistake of the command that it was given to, where argparse has the program complain.
+    Unknown arguments are reported by the command that they were given to, not, as in argparse, by the program.
     """
 
     def parse_known_args(self, args=None, namespace=None):  # pyright: ignore[reportIncompatibleMethodOverride]

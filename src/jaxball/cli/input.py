@@ -1,4 +1,4 @@
-"""The scenario that a command reads: a file, a built-in one, that of a run or of standard input, perhaps changed.
+"""The scenario that a command reads: a file, a built-in one, that of a run or standard input, possibly changed.
 
 As a document it needs no JAX; :func:`scenario_of` does.
 """
@@ -45,7 +45,7 @@ def is_run(source: str) -> bool:
 def input_text(source: str) -> str | None:
     """The text of standard input where ``source`` is -, that of the scenario in a saved run, or else None.
 
-    **Raises:** :class:`~jaxball.ScenarioError` where it is not text, and where there is none.
+    **Raises:** :class:`~jaxball.ScenarioError` where it is not text, and where there is no scenario.
     """
     if is_run(source):
         return saved_text(Path(source))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 def set_up_jax() -> None:
     """Imports JAX, with float64 and the settings for fast solves on a CPU, and begins to load compiled programs.
 
-    A command calls this once there is nothing left to refuse that needs no numbers, and imports its work after it.
+    A command calls this after all checks that need no JAX, and then imports its work.
     """
     try:
         import jax
@@ -29,17 +29,17 @@ def set_up_jax() -> None:
 
 
 def _refused_by_jax(error: ValueError) -> BadInputError:
-    """The sentence for a variable of the environment that JAX cannot read; its own names it in a word of its own."""
+    """The sentence for an environment variable that JAX cannot read; JAX's own uses another name for it."""
     reason = str(error).splitlines()[0] if str(error) else "JAX does not say which"
     of_jax = [name for name in sorted(os.environ) if name.startswith("JAX_")]
     named = [name for name in of_jax if name in reason or name.lower() in reason] or of_jax
     which = f"Variable `{named[0]}`" if len(named) == 1 else f"Variables {', '.join(f'`{name}`' for name in named)}"
     given = ", ".join(f'"{os.environ[name]}"' for name in named)
-    return BadInputError(f"{which} must be what JAX can read, but it is {given}: {reason}; leave it out.")
+    return BadInputError(f"{which} must have a value that JAX can read, but it is {given}: {reason}; leave it out.")
 
 
 def _require_platform() -> None:
-    """Raises a :class:`BadInputError` where JAX is told to compute on what is not there."""
+    """Raises a :class:`BadInputError` where JAX is told to use a device that does not exist."""
     given = {name: os.environ.get(name, "") for name in ("JAX_PLATFORMS", "JAX_PLATFORM_NAME", "JAX_DEFAULT_DEVICE")}
     wanted = {name: value for name, value in given.items() if value not in ("", "cpu")}
     if not wanted:
@@ -55,15 +55,16 @@ def _require_platform() -> None:
         names = " and ".join(f"`{name}`" for name in wanted)
         values = " and ".join(f'"{value}"' for value in wanted.values())
         raise BadInputError(
-            f"Variable {names} must name what JAX can compute on here, but it is {values}: {reason}; leave it out, or "
-            "set it to cpu."
+            f"Variable {names} must name a device that JAX can use here, but it is {values}: {reason}; leave it out, "
+            "or set it to cpu."
         ) from None
 
 
 def compiled_for(scenario: "Scenario") -> AbstractContextManager[None]:
-    """Programs of this block are compiled quickly, unless the scenario's run may take more steps than by default.
+    """Programs in this block are compiled quickly, unless the scenario allows many steps.
 
-    Up to these, an optimised program seldom saves the time that optimising it takes.
+    Up to that
+    many, an optimised program seldom saves the time that optimising it takes.
     """
     from ..numerics.programs import compiled_quickly
 

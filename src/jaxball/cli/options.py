@@ -1,4 +1,4 @@
-"""What the commands share: exit codes, and the types of numbers that their options take."""
+"""Shared by the commands: exit codes, and the types of numbers that their options take."""
 
 import argparse
 import math
@@ -7,7 +7,7 @@ from ..interface.errors import UserError
 
 BAD_INPUT = 2
 FAILED_SOLVE = 3
-BROKEN_PIPE = 141  # as a shell reports it of other programs
+BROKEN_PIPE = 141  # as a shell reports it for other programs
 
 
 class BadInputError(UserError):
@@ -31,7 +31,7 @@ def number(text: str) -> float:
 
 
 def count(text: str) -> int:
-    """A whole number from 1 on, for argparse."""
+    """A whole number, 1 or more, for argparse."""
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"it must be a whole number, 1 or more, but it is {text}")
     return int(text)

@@ -1,4 +1,4 @@
-"""The options that say what a command writes and where, their checks, and what it says."""
+"""The options for what a command writes and where, their checks, and what it prints."""
 
 import argparse
 import sys
@@ -85,12 +85,12 @@ def written_line(written: Sequence[str | Path]) -> str:
 
 
 def working(options: argparse.Namespace, text: str) -> AbstractContextManager[Line]:
-    """:func:`~jaxball.interface.activity.activity`, which --quiet silences."""
+    """:func:`~jaxball.interface.activity.activity`, unless --quiet."""
     return activity(text, quiet=getattr(options, "quiet", False))
 
 
 def say(options: argparse.Namespace, *lines: object) -> None:
-    """Prints the lines that are not empty: none with --quiet, and to standard error where JSON has standard output."""
+    """Prints the nonempty lines: none with --quiet, and to standard error where JSON goes to standard output."""
     if not getattr(options, "quiet", False):
         text = "\n".join(filter(None, map(str, lines)))
         print(text, file=sys.stderr if options.json == STDOUT else sys.stdout, flush=True)

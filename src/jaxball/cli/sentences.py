@@ -2,7 +2,7 @@
 
 import re
 
-# Arguments of Python functions that are not options of the same name, as the command line calls them.
+# What the command line calls arguments of Python functions that are not options of the same name.
 POSITIONAL = {
     "source": "FILE",
     "name": "NAME",

@@ -1,11 +1,11 @@
-"""Rails, motions and parameters that make a ball do what is wanted, found by gradients through the simulation.
+"""Design of rails, motions and parameters that make a ball do what is wanted, by gradients through the simulation.
 
-``problem`` says what is designed: a scenario with variables (``space``, ``variables``, ``scales``, ``bounds``), whose
-runs (``run``) have ``objectives`` and ``constraints``, in the plane (``plane``, ``curves``), and for balls that are a
-little off (``perturbations``). ``search`` solves it, ``verify`` checks the design by other means, ``warnings`` and
-``report`` tell of it, and ``files``, with the ``families`` of its tables, reads it; ``result`` reads back what was
-found. ``control`` finds motions of any shape, by ``equations`` and their ``continuation``; ``identify`` finds a body's
-numbers from its path. No other room knows of designs but the command line.
+``problem`` defines what is designed: a scenario with variables (``space``, ``variables``, ``scales``, ``bounds``),
+whose runs (``run``) have ``objectives`` and ``constraints``, in the plane (``plane``, ``curves``), also for slightly
+perturbed balls (``perturbations``). ``search`` solves it, ``verify`` checks the design by other means, ``warnings`` and
+``report`` describe it, and ``files``, with the ``families`` of its tables, reads it; ``result`` loads what was found.
+``control`` finds motions of any shape, by ``equations`` and their ``continuation``; ``identify`` finds a body's
+parameters from its path. Only the command line uses this package.
 """
 
 from ..interface.names import interface as _interface

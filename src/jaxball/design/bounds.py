@@ -1,7 +1,7 @@
 """Bounded numbers as functions of unbounded ones, after MINUIT.
 
 An optimum on a bound is an interior stationary point of the unbounded variable, at which the Hessian is
-definite, so that a quasi-Newton method meets nothing special there (James & Roos, Comput. Phys. Commun. 10 (1975) 343).
+definite, so that it is nothing special to a quasi-Newton method (James & Roos, Comput. Phys. Commun. 10 (1975) 343).
 """
 
 from typing import NamedTuple
@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-# A start on a bound, where nothing would move it away, is moved inside by this share of its scale.
+# A start on a bound, from which it could not move away, is moved inside by this fraction of its scale.
 INSIDE = 1e-3
 
 
 class Bounds(NamedTuple):
-    """The lower and upper bounds of n numbers, infinite where there is none, and their scales.
+    """The lower and upper bounds of n numbers, infinite where there are none, and their scales.
 
     **Arguments:**
 
@@ -46,7 +46,7 @@ class Bounds(NamedTuple):
         return jnp.where(below & above, both, jnp.where(below, low + away, jnp.where(above, high - away, scale * y)))
 
     def variables(self, x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """The unbounded variables of numbers; those on a bound are moved inside a little."""
+        """The unbounded variables of numbers; those on a bound are moved slightly inside."""
         below, above = np.isfinite(self.lower), np.isfinite(self.upper)
         low, high = self._finite()
         half = np.where(below & above, (high - low) / 2, 1.0)

@@ -1,7 +1,7 @@
 """Solution branches of F(y, λ) = 0, followed past turning points.
 
 Pseudo-arclength continuation (Keller 1977; Allgower & Georg, Numerical Continuation Methods, chapters 2, 6 and 10): a
-predictor along the tangent, and Newton's method on F = 0 together with the condition that the point has the wanted
+predictor along the tangent, and Newton's method on F = 0 together with the condition that the point is at the given
 distance along the tangent. The bordered matrix of that system is regular at a fold, where F_y is singular.
 """
 
@@ -17,10 +17,10 @@ from ..numerics.bracketing import Sample, between, other_end
 from .equations import ROUNDING, AbstractEquations, bordered_solver
 from .errors import DesignError
 
-# Corrections of Newton's method with which a step is neither too short nor too long, and with which it has failed.
+# The numbers of Newton corrections at which a step is neither too short nor too long, and at which it has failed.
 EASY, MOST_CORRECTIONS = 4, 8
 LONGER, SHORTER = 2.0, 0.5
-# The cosine of the largest angle between the tangents of neighbours.
+# The cosine of the largest angle between neighbouring tangents.
 STRAIGHT = 0.9
 LEAST_STEP = 1e-8
 FOLD_SEARCHES, FLAT = 40, 1e-9
@@ -31,7 +31,7 @@ class Fold(NamedTuple):
 
     **Arguments:**
 
-    - ``y``, ``parameter``: where it is: y, shape (n,), and λ.
+    - ``y``, ``parameter``: its position: y, shape (n,), and λ.
     """
 
     after: int
@@ -42,12 +42,12 @@ class Fold(NamedTuple):
 class Branch(NamedTuple):
     """Points of a solution branch, in their order along it.
 
-    - ``y``, ``parameter``: where they are.
+    - ``y``, ``parameter``: their positions.
     - ``length``: the arclength s up to each, in the norm that :func:`follow` describes.
     - ``slope``: dλ/ds there.
     - ``folds``: the turning points.
-    - ``ended``: why it ends: ``"end"`` (λ is what was asked for), ``"outside"``, ``"length"``, ``"points"``, or
-      ``"lost"``, where no further point could be computed.
+    - ``ended``: why it ends: ``"end"`` (λ has reached ``end``), ``"outside"``, ``"length"``, ``"points"``, or
+      ``"lost"``, if no further point could be computed.
     """
 
     y: Float[np.ndarray, "points n"]
@@ -84,16 +84,16 @@ def follow(
     weights: Float[np.ndarray, " n"] | None = None,
     visit: Callable[[Float[np.ndarray, " n"], float], None] = lambda y, parameter: None,
 ) -> Branch:
-    """The branch of F(y, λ) = 0 that goes through a solution near ``y`` at λ = ``start``.
+    """The branch of F(y, λ) = 0 through a solution near ``y`` at λ = ``start``.
 
     **Arguments:**
 
     - ``equations``: F with its derivatives.
-    - ``end``: the λ at which the branch ends; reached exactly, without another step past it.
-    - ``direction``: where λ goes at first, up or down; towards ``end`` if that is given.
+    - ``end``: the λ at which the branch ends; reached exactly, without a step past it.
+    - ``direction``: whether λ first goes up or down; towards ``end`` if that is given.
     - ``step``, ``longest``: the first and the longest step in arclength.
     - ``within``: the least and the largest λ, beyond which the branch ends.
-    - ``length``, ``points``: the arclength and the number of points at which the branch ends at the latest.
+    - ``length``, ``points``: the largest arclength and number of points of the branch.
     - ``tolerance``: of the corrector: the largest entry of its last correction, over 1 + |Y|.
     - ``weights``: w of the norm ds² = Σ w dy² + dλ²; 1/n if not given. Entries may be 0.
     - ``visit``: called with each point.
@@ -145,25 +145,25 @@ def _between(a: float, x: float, b: float) -> bool:
 
 
 class _Track:
-    """Equations, a norm and a tolerance: what takes one point of a branch to the next."""
+    """Equations, a norm and a tolerance: the corrector that leads from one point of a branch to the next."""
 
     def __init__(self, equations: AbstractEquations, weights: Float[np.ndarray, " n"], tolerance: float):
         self.equations, self.tolerance = equations, tolerance
         self.metric = np.append(weights, 1.0)
 
     def first(self, Y: Float[np.ndarray, " n_plus_one"], direction: float) -> _Point:
-        """The solution at the λ of Y, with the tangent along which λ goes in ``direction``."""
+        """The solution at the λ of Y, with the tangent along which λ changes in ``direction``."""
         solved = self._corrected(Y, self._fixed(Y))
         if solved is None:
             raise DesignError(
                 f"Argument `y` must be near a solution at λ = {Y[-1]:g}, but Newton's method finds none; start from a "
-                "better one, or at a λ where the solution is known."
+                "better guess, or at a λ where the solution is known."
             )
         tangent = self._tangent(solved[0], self._fixed(solved[0]))
         return _Point(solved[0], tangent * math.copysign(1.0, direction), 0.0)
 
     def step(self, at: _Point, step: float) -> _Point | None:
-        """The point at the distance ``step`` along the tangent; None where it is not found, or the branch bends."""
+        """The point at distance ``step`` along the tangent; None if it is not found, or the branch bends too much."""
         row = self.metric * at.tangent
         solved = self._corrected(at.Y + step * at.tangent, row)
         if solved is None:
@@ -175,7 +175,7 @@ class _Track:
         return _Point(Y, tangent, at.length + step, corrections)
 
     def onward(self, at: _Point, step: float, end: float | None) -> tuple[_Point | None, bool]:
-        """The next point, None where the step is too long; and whether it is that with λ = ``end``."""
+        """The next point, None if the step is too long; and whether it is the point with λ = ``end``."""
         there = self.step(at, step)
         if there is None or end is None or not _between(at.Y[-1], end, there.Y[-1]):
             return there, False
@@ -209,11 +209,11 @@ class _Track:
         return Fold(after, nearest.Y[:-1], float(nearest.Y[-1]))
 
     def _fixed(self, Y: np.ndarray) -> np.ndarray:
-        """The row of the condition that λ stays as it is."""
+        """The row of the condition that λ is fixed."""
         return np.eye(1, Y.size, Y.size - 1)[0]
 
     def _corrected(self, Y: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, int] | None:
-        """Newton's method for F(Y) = 0 with row · Y as it is, and how many corrections it took."""
+        """Newton's method for F(Y) = 0 with row · Y fixed, and the number of corrections."""
         largest = math.inf
         for k in range(1, MOST_CORRECTIONS + 1):
             F = self.equations.residual(Y[:-1], float(Y[-1]))
@@ -238,6 +238,6 @@ class _Track:
         return tangent / math.sqrt(self.metric @ tangent**2)
 
     def _bordered(self, Y: np.ndarray, row: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        """What solves systems with F's Jacobian and ``row`` below it."""
+        """A solver for systems with F's Jacobian and ``row`` below it."""
         by_y, by_parameter = self.equations.jacobian(Y[:-1], float(Y[-1]))
         return bordered_solver(by_y, by_parameter, row)

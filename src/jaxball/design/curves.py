@@ -1,4 +1,4 @@
-"""Curves in the plane that a ball is to follow."""
+"""Curves in the plane for a ball to follow."""
 
 import abc
 import math
@@ -18,18 +18,18 @@ SAMPLES = 200
 
 
 class AbstractCurve(eqx.Module):
-    """A curve c(s) in the plane, 0 ≤ s ≤ 1; that of a disk lies on e1, and its places are single numbers."""
+    """A curve c(s) in the plane, 0 ≤ s ≤ 1; for a disk it lies on e1, and its points are single numbers."""
 
     @abc.abstractmethod
     def __call__(self, s: Float[Array, ""]) -> Float[Array, "2"]:
         """The point c(s)."""
 
     def points(self, count: int) -> Float[Array, "count 2"]:
-        """Points at equal steps of s, both ends among them."""
+        """Points at equal steps of s, including both ends."""
         return jax.vmap(self)(jnp.linspace(0.0, 1.0, count, dtype=to_array(0.0).dtype))
 
     def spanned_by(self) -> Float[Array, "k 2"]:
-        """Vectors of which each of its points is a linear combination; points of it if not overridden."""
+        """Vectors of which each of its points is a linear combination; by default points of it."""
         return self.points(SAMPLES)
 
 
@@ -42,7 +42,7 @@ class Sigmoid(AbstractCurve):
     **Arguments:**
 
     - ``length``, ``height``: length.
-    - ``steepness``: a number without unit.
+    - ``steepness``: dimensionless.
     - ``origin``: length, shape (2,).
 
     **Example:**
@@ -68,7 +68,7 @@ class Sigmoid(AbstractCurve):
 
 
 class FigureEight(AbstractCurve):
-    """Once round the eight curve of Gerono, from its crossing at ``origin``, over ``length`` along e1 and ``height``.
+    """Once around the figure eight of Gerono, from its crossing at ``origin``, with ``length`` along e1 and ``height``.
 
     c = origin + (length/2 sin 2πs, height/2 sin 4πs).
 
@@ -104,7 +104,7 @@ class Through(AbstractCurve):
 
     - ``through``: the points, length, shape (n, 2).
 
-    **Raises:** ``ValueError`` when it has another shape, and :class:`DesignError` for fewer than two points.
+    **Raises:** ``ValueError`` for another shape, and :class:`DesignError` for fewer than two points.
 
     **Example:**
 

@@ -14,10 +14,10 @@ from jaxtyping import Array, Float
 from .errors import DesignError
 
 LEAST_SHARE = 1e-4
-# Corrections below this that do not become smaller are rounding.
+# Corrections below this that no longer decrease are rounding.
 ROUNDING = 1e-7
 
-# A dense array of NumPy, or a sparse one of SciPy, whose types do not say what its methods give.
+# A dense NumPy array, or a sparse SciPy array, whose types do not declare what its methods return.
 Matrix = Any
 
 
@@ -33,11 +33,11 @@ class AbstractEquations(abc.ABC):
         """∂F/∂y, dense or sparse, and ∂F/∂λ."""
 
     def sizes(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """What corrections of y are measured by: 1 + |y|."""
+        """The scale of corrections of y: 1 + |y|."""
         return 1 + np.abs(y)
 
     def length(self, change: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> float:
-        """The length of a correction of y, by which it is judged whether the next one is shorter."""
+        """The norm of a correction of y, by which successive corrections are compared."""
         return float(np.linalg.norm(change))
 
 
@@ -70,7 +70,7 @@ class FunctionEquations(AbstractEquations):
 
 
 def solver(matrix: Matrix) -> Callable[[np.ndarray], np.ndarray]:
-    """What solves systems with ``matrix``.
+    """A solver for systems with ``matrix``.
 
     **Raises:** ``numpy.linalg.LinAlgError`` or ``RuntimeError`` where it is singular.
     """
@@ -82,7 +82,7 @@ def solver(matrix: Matrix) -> Callable[[np.ndarray], np.ndarray]:
 def bordered_solver(
     matrix: Matrix, column: Float[np.ndarray, " n"], row: Float[np.ndarray, " n_plus_one"]
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """What solves systems with ``matrix``, ``column`` on its right and ``row`` below both.
+    """A solver for systems with ``matrix``, ``column`` on its right and ``row`` below both.
 
     **Raises:** as :func:`solver`.
     """
@@ -102,10 +102,10 @@ def newton(
     """A solution near ``y``, by Newton's method with the natural monotonicity test.
 
     A correction is shortened until the next one, by the same Jacobian, is shorter (Deuflhard, Newton Methods for
-    Nonlinear Problems, section 3.3.1), whatever the units of equations and unknowns. It ends where no entry of a
+    Nonlinear Problems, section 3.3.1), whatever the units of equations and unknowns. It ends when no entry of a
     correction is larger than ``tolerance`` (1 + |y|).
 
-    **Raises:** :class:`~jaxball.design.DesignError` where it comes to no solution in ``most`` corrections.
+    **Raises:** :class:`~jaxball.design.DesignError` where it does not converge in ``most`` corrections.
     """
     share = 1.0
     for _ in range(most):
@@ -127,7 +127,7 @@ def newton(
             break
         y = y + share * change
     raise DesignError(
-        f"Newton's method must come to a solution at λ = {parameter:g}, but it does not; start from a better guess, or "
-        "come to this λ by continuation from one at which the problem is easier. Conditions "
-        "at the end of a motion that follow from each other need some `softness`."
+        f"Newton's method must converge at λ = {parameter:g}, but it does not; start from a better guess, or reach "
+        "this λ by continuation from one at which the problem is easier. Redundant conditions at the end of a motion "
+        "need some `softness`."
     )

@@ -1,4 +1,4 @@
-"""What can be wrong with a design problem."""
+"""The errors of design problems."""
 
 from ..scenario import ScenarioError
 

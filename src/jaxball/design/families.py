@@ -28,7 +28,7 @@ _ABOUT_E2 = Rule(
 
 @dataclass(frozen=True)
 class OnLine(Numbers):
-    """Places of a disk, one number each."""
+    """Positions of a disk, one number each."""
 
     @property
     def words(self) -> str:
@@ -39,10 +39,10 @@ class OnLine(Numbers):
 
 
 class Plane(NamedTuple):
-    """What places of a body are in a file: of a ball in the plane, of a disk on a line in it.
+    """The kinds of positions in a file: of a ball in the plane, of a disk on a line in it.
 
-    - ``place``, ``places``: one place, and a list of them.
-    - ``height``: how far a curve goes along e2.
+    - ``place``, ``places``: one position, and a list of them.
+    - ``height``: the extent of a curve along e2.
     - ``versor``: an orientation.
     """
 
@@ -57,7 +57,7 @@ LINE = Plane(OnLine(), OnLine((None,)), Key(Numbers(rule=_FLAT), 0.0), Numbers((
 
 
 def plane_of(system: AbstractSystem) -> Plane:
-    """Where the places of a system are."""
+    """The kinds of positions of a system."""
     return LINE if isinstance(system, Disk) else PLANE
 
 
@@ -80,7 +80,7 @@ def curves(plane: Plane) -> Family:
 
 
 def objectives_of(plane: Plane) -> Family:
-    """What can be made small."""
+    """The objectives, which are minimised."""
     curve = {"curve": Key(member_of(curves(plane)))}
     return {
         "reach-place": Module(objectives.ReachPlace, {"place": Key(plane.place), **WEIGHT}),
@@ -116,7 +116,7 @@ def objectives_of(plane: Plane) -> Family:
 
 
 def constraints_of(plane: Plane) -> Family:
-    """What can be asked to hold."""
+    """The constraints."""
     return {
         "rails-inside": Module(constraints.RailsInside, {"clearance": Key(NUMBER, 0.0)}),
         "rails-apart": Module(constraints.RailsApart, {"distance": Key(SIZE)}),

@@ -1,4 +1,4 @@
-"""Problem files: a scenario, its variables, objectives, constraints, and how they are searched."""
+"""Problem files: a scenario, its variables, objectives, constraints, and search settings."""
 
 import dataclasses
 from pathlib import Path
@@ -32,7 +32,7 @@ from .variables import Variable
 
 FORMAT = 1
 LIST = "a list of tables"
-# What a problem of either kind has.
+# The keys of problems of either kind.
 SHARED = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
@@ -78,7 +78,7 @@ KEYS = {
 class ProblemFile(NamedTuple):
     """The content of a problem file.
 
-    - ``identity``: all that the result depends on, as a text.
+    - ``identity``: everything that the result depends on, as text.
     """
 
     title: str
@@ -103,7 +103,7 @@ def load_problem(source: str | Path) -> ProblemFile:
 
 
 def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
-    """The problem that the text of a file describes; a scenario file is looked for from ``folder`` on.
+    """The problem that the text of a file describes; a scenario file is looked for relative to ``folder``.
 
     **Arguments:**
 
@@ -115,7 +115,7 @@ def read_problem(text: str, folder: str | Path = ".") -> ProblemFile:
 
 
 def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFile:
-    """The problem of a document; a scenario file is looked for from ``folder`` on.
+    """The problem of a document; a scenario file is looked for relative to ``folder``.
 
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when a key of it or of its scenario is misspelt,
     missing or wrong.
@@ -127,7 +127,7 @@ def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFil
         lambda: _perturbations(document["robust"]) if "robust" in document else None,
     )
     objectives, constraints = {}, {}
-    if given and space:  # which decides what a place is
+    if given and space:  # which determines the kind of positions
         plane = plane_of(space.scenario.system)
         (objectives, constraints), later = tried(
             lambda: objects_of(given["objectives"], "objectives", objectives_of(plane)),
@@ -150,7 +150,7 @@ def _space(document: dict[str, Any], folder: Path) -> DesignSpace:
 
 
 def objects_of(values: Any, path: str, family: Family, empty: bool = False) -> dict[str, Any]:
-    """Objects of a family by their kinds; a second one of a kind has its number behind it."""
+    """Objects of a family by their kinds; a second one of a kind has a number appended."""
     objects: dict[str, Any] = {}
     read = read_list(values, path, lambda item, place: (read_family(item, place, family), item["kind"]), empty)
     for item, kind in read:

@@ -21,11 +21,13 @@ from .plane import places
 from .run import Solve, run_of
 from .space import DesignSpace
 
-# A combination of parameters that is uncertain by this share of its scale cannot be told from nothing.
+# A combination of parameters that is uncertain by this fraction of its scale counts as undetermined.
 UNCERTAIN = 0.5
-# Directions that the data see this much less than the best one are not seen at all: the square root of rounding.
+# Directions to which the data are less sensitive than to the best one by this factor, the square root of rounding, are
+# unseen.
 UNSEEN = 1e-7
-# The search ends where a step gains less than this share of the sum of squares, or is shorter than this share of |y|.
+# The search ends when a step gains less than this fraction of the sum of squares, or is shorter than this fraction of
+# |y|.
 GAIN, STEP, EVALUATIONS = 1e-9, 1e-9, 60
 
 
@@ -36,7 +38,7 @@ class Identification:
     - ``names``, ``estimates``: the variables and their values.
     - ``deviations``: their standard deviations, to first order: σ² (JᵀJ)⁻¹; infinite for those in ``unseen``.
     - ``correlations``: between the errors of the estimates, shape (n, n).
-    - ``noise``: the standard deviation of the path's noise, from what is left unexplained.
+    - ``noise``: the standard deviation of the path's noise, from the residuals.
     - ``singular_values``: of J, in scales of the variables.
     - ``unseen``: combinations of the variables, in scales, that do not change the path, shape (k, n);
       ``uncertain``: those that change it so little that they are uncertain by half of their scale or more.
@@ -54,13 +56,13 @@ class Identification:
     converged: bool
 
     def intervals(self, confidence: float = 0.95) -> Float[np.ndarray, "n 2"]:
-        """From where to where each parameter lies, each with this confidence."""
+        """The confidence interval of each parameter."""
         half = NormalDist().inv_cdf((1 + confidence) / 2) * self.deviations
         return np.stack([self.estimates - half, self.estimates + half], axis=1)
 
     @property
     def alike(self) -> list[tuple[str, ...]]:
-        """Sets of parameters that the path cannot tell apart; a single one is one of which it says nothing."""
+        """Sets of parameters that the path cannot distinguish; a single one is not determined by it at all."""
         sets = []
         for combination in [*self.unseen, *self.uncertain]:
             large = np.abs(combination) > 0.1 * np.max(np.abs(combination))
@@ -73,20 +75,20 @@ class Identification:
             for name, value, error in zip(self.names, self.estimates, self.deviations, strict=True)
         ]
         for names in self.alike:
-            told = "says nothing of" if len(names) == 1 else "cannot tell apart"
+            told = "does not determine" if len(names) == 1 else "cannot tell apart"
             rows.append(f"  the path {told} {' and '.join(names)}")
         return "\n".join([f"noise {self.noise:.3g}", *rows])
 
 
 def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identification:
-    """The numbers of ``space`` with which its scenario's path is nearest to a recorded one, in the mean square.
+    """The parameters of ``space`` with which its scenario's path fits a recorded one best, in the mean square.
 
-    ``path`` is that of the geometric centre at the scenario's save times, two numbers each, of a disk one. The
-    noise is taken to be independent and of one size. Steps from the start on are those of Levenberg and Marquardt, in
-    SciPy's ``least_squares``, which shortens a step to where the scenario cannot be simulated.
+    ``path`` is that of the geometric centre at the scenario's save times, two numbers each, one for a disk. The noise
+    is assumed to be independent, with equal variances. The search is that of Levenberg and Marquardt, by SciPy's
+    ``least_squares``, which shortens a step to a scenario that cannot be simulated.
 
-    **Raises:** :class:`DesignError` when the path has not one place for each save time or is not finite, and when the
-    start cannot be simulated.
+    **Raises:** :class:`DesignError` when the path does not have one position for each save time or is not finite, and
+    when the start cannot be simulated.
     """
     require("space", space, DesignSpace, "a DesignSpace")
     path = to_numpy(path, "path")
@@ -94,7 +96,7 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identificat
     flat = isinstance(space.scenario.system, Disk)
     if path.shape != (times.size, 2)[: 1 if flat else 2]:
         raise DesignError(
-            f"Argument `path` must be a place for each of the {times.size} save times, "
+            f"Argument `path` must be a position for each of the {times.size} save times, "
             f"{'one number' if flat else 'two numbers'} each, but its shape is {path.shape}."
         )
     unknown = np.flatnonzero(~np.isfinite(path.reshape(times.size, -1)).all(axis=1))
@@ -102,14 +104,14 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identificat
         others = unknown.size - 1
         more = f", and so {'is' if others == 1 else 'are'} {others} more" if others else ""
         raise DesignError(
-            f"Argument `path` must be finite, but the place at t = {times[unknown[0]]:g}, `path[{unknown[0]}]`, is "
+            f"Argument `path` must be finite, but the position at t = {times[unknown[0]]:g}, `path[{unknown[0]}]`, is "
             f"{path[unknown[0]].tolist()}{more}; leave such times out of the scenario and of the path."
         )
     path = np.asarray(places("path")(path))
     evaluate = _residuals(space, path)
 
     def seen_jacobian(y: Float[np.ndarray, " n"]) -> Float[np.ndarray, "residuals n"]:
-        """The Jacobian without directions that the data do not see, along which no step is taken."""
+        """The Jacobian without directions that the data do not determine, along which no step is taken."""
         U, s, Vt = np.linalg.svd(evaluate(tuple(y))[1], full_matrices=False)
         return (U * np.where(s > UNSEEN * s[0], s, 0.0)) @ Vt
 
@@ -151,7 +153,7 @@ def _residuals(
 
 
 def _identified(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray, converged: bool) -> Identification:
-    """The estimates at the unknowns y, with what the Jacobian J says of their errors."""
+    """The estimates at the unknowns y, with their errors from the Jacobian J."""
     _, s, Vt = np.linalg.svd(J, full_matrices=False)
     seen = s > UNSEEN * s[0]
     rows = int(np.sum(np.any(np.abs(J.reshape(-1, 2, len(y))) > 0, axis=(0, 2)))) * len(r) // 2

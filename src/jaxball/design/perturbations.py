@@ -1,4 +1,4 @@
-"""Balls as they may be built: masses and centre of mass a little off."""
+"""Balls with manufacturing errors in masses and centre of mass."""
 
 import dataclasses
 from typing import NamedTuple
@@ -13,7 +13,7 @@ from .errors import DesignError
 
 
 class Errors(NamedTuple):
-    """Relative errors of the shell's mass and of the point masses, group by group, and the offset's in radii."""
+    """Relative errors of the shell's mass and of the point masses, group by group, and of the offset in radii."""
 
     shell: Float[Array, "*balls"]
     offset: Float[Array, "*balls 3"]
@@ -22,15 +22,16 @@ class Errors(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Perturbations:
-    """A set of balls about a given one, their errors uniformly distributed.
+    """A set of perturbations of a given ball, uniformly distributed.
 
     - ``count``: how many.
-    - ``masses``: each mass, the shell's too, is off by up to this share of it.
-    - ``offset``: each coordinate of the shell's centre of mass is off by up to this share of the radius; of a disk,
-      those in its plane.
+    - ``masses``: the largest relative error of each mass, including the shell's.
+    - ``offset``: the largest error of each coordinate of the shell's centre of mass, in radii; for a disk, of those in
+      its plane.
     - ``seed``: of the random numbers.
 
-    **Raises:** :class:`DesignError` for no balls, and for errors that are negative or so large that a mass may vanish.
+    **Raises:** :class:`DesignError` for a count below 1, and for errors that are negative or so large that a mass may
+    vanish.
     """
 
     count: int = 64
@@ -60,7 +61,7 @@ class Perturbations:
 
 
 def perturbed_system(system: System, errors: Errors) -> System:
-    """One system with its errors; JAX can trace it."""
+    """One system with its errors; traceable."""
     shell = (system.mass * (1 + errors.shell), system.offset + system.radius * errors.offset)
     masses = [group.mass * (1 + error) for group, error in zip(system.groups, errors.masses, strict=True)]
     system = eqx.tree_at(lambda s: (s.mass, s.offset), system, shell)

@@ -1,4 +1,4 @@
-"""Places in the plane: two numbers each, and one for those of a disk, which rolls along e1."""
+"""Positions in the plane: two numbers each, and one for a disk, which rolls along e1."""
 
 from collections.abc import Callable, Mapping
 
@@ -12,15 +12,15 @@ from ..physics.body import Disk
 from ..physics.system import AbstractSystem
 from .errors import DesignError
 
-# What is less beside e1 than this share of how far it goes is rounding.
+# A deviation from e1 smaller than this fraction of the extent is rounding.
 ROUNDING = 1e-9
 
 
 class Requirement(eqx.Module):
-    """What is asked of a motion: an objective or a constraint."""
+    """A requirement on a motion: an objective or a constraint."""
 
     def beyond_a_disk(self) -> str:
-        """What it asks for that no disk does, which rolls along e1 and turns about e2; empty if nothing."""
+        """What it requires that a disk, which rolls along e1 and turns about e2, cannot do; empty if nothing."""
         return ""
 
 
@@ -28,7 +28,7 @@ Converter = Callable[[Numbers], Float[Array, "..."]]
 
 
 def place(name: str) -> Converter:
-    """The converter of a field ``name`` to a place in the plane; a single number z is (z, 0)."""
+    """The converter of a field ``name`` to a position in the plane; a single number z is (z, 0)."""
 
     def convert(x: Numbers) -> Float[Array, "..."]:
         z = to_array(x, name)
@@ -40,7 +40,7 @@ def place(name: str) -> Converter:
 
 
 def places(name: str) -> Converter:
-    """The converter of a field ``name`` to places in the plane, a row each; single numbers z are (z, 0)."""
+    """The converter of a field ``name`` to positions in the plane, a row each; single numbers z are (z, 0)."""
 
     def convert(x: Numbers) -> Float[Array, "..."]:
         z = to_array(x, name)
@@ -52,7 +52,7 @@ def places(name: str) -> Converter:
 
 
 def corner(name: str) -> Converter:
-    """The converter of a field ``name`` to a bound of places: two numbers, or one for a disk."""
+    """The converter of a field ``name`` to a bound of positions: two numbers, or one for a disk."""
 
     def convert(x: Numbers) -> Float[Array, "..."]:
         z = jnp.atleast_1d(to_array(x, name))
@@ -63,10 +63,10 @@ def corner(name: str) -> Converter:
 
 
 def beside(points: Float[ArrayLike, "n 2"]) -> str:
-    """That places are beside e1, for :meth:`Requirement.beyond_a_disk`."""
+    """Reports positions off e1, for :meth:`Requirement.beyond_a_disk`."""
     points = np.abs(np.asarray(points))
     most = np.max(points[:, 1], initial=0.0)
-    return f"a place {most:.6g} beside e1" if most > ROUNDING * np.max(points, initial=0.0) else ""
+    return f"a position {most:.6g} off e1" if most > ROUNDING * np.max(points, initial=0.0) else ""
 
 
 def require_reach(system: AbstractSystem, requirements: Mapping[str, Requirement]) -> None:
@@ -78,6 +78,6 @@ def require_reach(system: AbstractSystem, requirements: Mapping[str, Requirement
         beyond = requirement.beyond_a_disk()
         if beyond:
             raise DesignError(
-                f"`{name}` must be within reach of a disk, which rolls along e1 and turns about e2, but it asks for "
-                f"{beyond}; give a place by one number, or take a ball."
+                f"`{name}` must be within reach of a disk, which rolls along e1 and turns about e2, but it requires "
+                f"{beyond}; give positions as single numbers, or use a ball."
             )

@@ -1,4 +1,4 @@
-"""A design problem: what may change, what is wanted, and what must hold."""
+"""A design problem: variables, objectives and constraints."""
 
 import dataclasses
 import functools
@@ -24,8 +24,8 @@ class Evaluation(NamedTuple):
     """The terms and constraints of a design.
 
     - ``terms``: the objectives, each without its weight.
-    - ``violations``: the signed violations of all constraints at all their places and times, one after the other, and
-      of all balls of a robust problem.
+    - ``violations``: the signed violations of all constraints at all their points and times, one after the other, and
+      for all balls of a robust problem.
     - ``status``: a :class:`~jaxball.Status`; where the solve failed, the numbers are NaN.
     """
 
@@ -36,11 +36,11 @@ class Evaluation(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Places:
-    """How the violations of all constraints, at all their places and times, lie in one vector.
+    """The layout of the violations of all constraints, at all their points and times, in one vector.
 
     One constraint comes after the other, and one ball after the other.
 
-    - ``sizes``: at how many places each constraint is, for one ball.
+    - ``sizes``: at how many points each constraint is evaluated, for one ball.
     - ``balls``: how many balls there are.
     """
 
@@ -54,22 +54,22 @@ class Places:
 
     @property
     def shares(self) -> Float[np.ndarray, " places"]:
-        """1 / the number of places of its constraint, for each place."""
+        """1 / the number of points of its constraint, for each point."""
         return self.spread({name: 1 / (size * self.balls) for name, size in self.sizes.items() if size})
 
     def spread(self, values: Mapping[str, float]) -> Float[np.ndarray, " places"]:
-        """A value for each constraint, 0 where none is given, at all its places."""
+        """A value for each constraint, 0 where none is given, at all its points."""
         each = np.asarray([values.get(name, 0.0) for name in self.sizes], dtype=float)
         return np.tile(np.repeat(each, self._lengths), self.balls)
 
     def by_constraint(self, violations: Float[np.ndarray, " places"]) -> dict[str, Float[np.ndarray, " k"]]:
-        """The violations of each constraint, by its name; of one ball, or of any number."""
+        """The violations of each constraint, by name; for one ball, or for any number."""
         rows = np.reshape(violations, (len(violations) // max(self._of_ball, 1), self._of_ball))
         parts = np.split(rows, np.cumsum(self._lengths), axis=1)
         return {name: np.ravel(part) for name, part in zip(self.sizes, parts, strict=False)}
 
     def name(self, place: int) -> str:
-        """The constraint at a place; none at −1."""
+        """The constraint at an index; none at −1."""
         return str(np.repeat(list(self.sizes), self._lengths)[place % self._of_ball]) if place >= 0 else ""
 
     @property
@@ -85,8 +85,7 @@ class Places:
 class Problem:
     """Minimise Σ weight · objective over the designs of ``space`` that fulfil all ``constraints``.
 
-    Between its save times, nothing is known of a run: the scenario's save times are the samples at which objectives
-    and constraints are evaluated.
+    Objectives and constraints are evaluated only at the scenario's save times, not between them.
 
     With ``perturbations`` the problem is robust: its objectives are means over the perturbed balls, and its constraints
     must hold for each of them.
@@ -95,7 +94,7 @@ class Problem:
 
     - ``objectives``, ``constraints``: by name.
 
-    **Raises:** :class:`DesignError` for a disk that cannot meet an objective or a constraint.
+    **Raises:** :class:`DesignError` for an objective or a constraint that a disk cannot meet.
     """
 
     space: DesignSpace
@@ -134,7 +133,7 @@ class Problem:
         return run_of(self.space.candidate(y), self.solve(adjoint), RAIL_SAMPLES)
 
     def of_each(self, candidate: Candidate, function: Callable[..., Any], *others: Float[Array, "balls ..."]) -> Any:
-        """``function`` of each ball, and of its part of the others, on a leading axis."""
+        """``function`` of each ball and of the corresponding other arguments, on a leading axis."""
         if self.perturbations is None:
             return jax.tree.map(lambda x: x[None], function(candidate, *(x[0] for x in others)))
         system = candidate.system
@@ -164,6 +163,6 @@ def merged(each: Evaluation) -> Evaluation:
 
 
 def worst(values: Sequence[float] | np.ndarray) -> float:
-    """The largest violation; −∞ where there is none, and NaN where one is NaN."""
+    """The largest violation; −∞ without constraints, and NaN where one is NaN."""
     values = np.asarray(values)
     return float(np.max(values)) if values.size else -np.inf

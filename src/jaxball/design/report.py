@@ -1,4 +1,4 @@
-"""The report of a design: all its numbers in Markdown, and figures; with what reports of optimal control share."""
+"""The report of a design: all its numbers in Markdown, and figures; with parts shared by reports of optimal control."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -31,7 +31,7 @@ from .warnings import warnings
 
 REPORT = "report.md"
 UNITS = "Objectives are dimensionless: lengths over r, times over √(r/g), forces over M g."
-# Less is rounding, of which there is nothing to draw.
+# Anything less is rounding and is not drawn.
 SMALLEST_FRICTION = 1e-9
 
 
@@ -63,18 +63,18 @@ def write_report(design: Design, title: str, folder: Path, source: Source | None
 
 
 def violation(by: float, allowed: float) -> str:
-    """Whether a constraint holds, by its largest signed violation and what is allowed."""
+    """Whether a constraint holds, from its largest signed violation and the tolerance."""
     if math.isnan(by):
         return "not known"
     if by == -math.inf:
-        return "nothing to look at"
+        return "nothing to check"
     if by > allowed:
         return f"violated by {by:.2e}"
-    return f"holds, but for {by:.1e}" if by > 0 else f"holds, margin {abs(by):.2e}"
+    return f"holds to within {by:.1e}" if by > 0 else f"holds, margin {abs(by):.2e}"
 
 
 def bounds(lower: float, upper: float) -> str:
-    """Between which bounds a variable may be."""
+    """The bounds of a variable, as text."""
     if lower == -math.inf:
         return "free" if upper == math.inf else f"at most {upper:g}"
     return f"at least {lower:g}" if upper == math.inf else f"{lower:g} to {upper:g}"
@@ -85,7 +85,7 @@ def in_units(
 ) -> dict[str, str]:
     """The length, the angle or the time that the value of an objective stands for, in units of the scenario.
 
-    Empty where it stands for none, or is not finite.
+    Empty if it stands for none of them, or is not finite.
     """
     length, gravity = float(system.radius), abs(float(system.gravity))
     time = math.sqrt(length / gravity) if gravity > 0 else math.inf
@@ -121,7 +121,7 @@ def path_figure(
     *,
     names: tuple[str, str] = ("before", "after"),
 ) -> Axes:
-    """The paths before and after, each with its times, and their targets; that of a disk, a line, over time."""
+    """The paths before and after, each with its times, and their targets; for a disk, positions over time."""
     times, path = after
     followed = [item for item in requirements if isinstance(item, FollowTrajectory | FollowCurve)]
     if path.ndim == 1:
@@ -141,7 +141,7 @@ def _verdict(design: Design) -> str:
     objective = verified.designed.terms @ design.problem.weights
     stationary = merit.gradient <= 10 * design.settings.stationary
     return (
-        f"{ends}, to {design.settings.tolerance:g}, at the samples and at nine places between each two of them. The "
+        f"{ends}, to {design.settings.tolerance:g}, at the samples and at nine times between each two of them. The "
         f"objective is {objective:.6g}. The gradient of the Lagrangian is {merit.gradient:.1e}: the design is "
         f"{'' if stationary else 'not '}stationary. `{SCENARIO}` is the scenario."
     )
@@ -176,7 +176,7 @@ def objectives_in_units(design: Design) -> dict[str, str]:
 
 def _constraints(design: Design) -> list[str]:
     if not design.problem.constraints:
-        return ["There are no constraints but bounds."]
+        return ["There are no constraints except bounds."]
     places = design.problem.places
     before = places.by_constraint(np.asarray(design.before.violations))
     perturbed = [places.by_constraint(np.asarray(row)) for row in design.perturbed.violations]
@@ -186,7 +186,7 @@ def _constraints(design: Design) -> list[str]:
         rows.append([name, *(violation(by, design.settings.tolerance) for by in violations)])
     header = ["constraint", "before", "after", "verified, between samples too", "perturbed, worst"]
     legend = (
-        "Each is where it is nearest to being violated, or violated most; violations and margins are dimensionless."
+        "Each value is that of the largest violation or the smallest margin; violations and margins are dimensionless."
     )
     return [*table(header, rows), "", legend]
 
@@ -204,9 +204,9 @@ def _variables(design: Design) -> list[str]:
 def _checks(design: Design) -> list[str]:
     verified, built = design.verified, as_built(design.problem)
     lines = [
-        f"Simulated again by {verified.solver} at the tolerance {verified.rtol:.0e}, the path is {verified.apart:.1e} "
-        f"radii away at most. Perturbed are {built.count} balls with masses off by up to {built.masses:.1%} and "
-        f"centres of mass by up to {built.offset:.1%} of the radius along each axis.",
+        f"Simulated again by {verified.solver} at the tolerance {verified.rtol:.0e}, the path differs by at most "
+        f"{verified.apart:.1e} radii. The {built.count} perturbed balls have errors of up to {built.masses:.1%} in "
+        f"masses and up to {built.offset:.1%} of the radius in the centre of mass along each axis.",
     ]
     if design.check is None:
         return lines
@@ -223,7 +223,7 @@ def _distances(design: Design, before: Trajectory[Any, Any], after: Trajectory[A
     for name, item in design.problem.objectives.items():
         if isinstance(item, FollowTrajectory | FollowCurve) and not isinstance(item, LargestDistance):
             old, new = (float(item.farthest(_run(trajectory))) for trajectory in (before, after))
-            lines += [f"The largest distance of {name} is {new:.3g} radii; before it was {old:.3g}.", ""]
+            lines += [f"The largest distance of {name} is {new:.3g} radii; before, it was {old:.3g}.", ""]
     return lines
 
 

@@ -1,4 +1,4 @@
-"""What ``jaxball design`` left in a folder, read back: the scenarios before and after, and the path that was wanted."""
+"""Loads the results of ``jaxball design`` from a folder: the scenarios before and after, and the desired path."""
 
 import tomllib
 from pathlib import Path
@@ -20,13 +20,13 @@ from .source import COPY
 
 
 class Result(NamedTuple):
-    """A design and what it began with.
+    """A design and its starting point.
 
     - ``title``: that of the problem.
-    - ``before``: the scenario at the start of the search; of a problem of optimal control, its scenario as it stands.
+    - ``before``: the scenario at the start of the search; for a problem of optimal control, its given scenario.
     - ``after``: the scenario that was found.
-    - ``wanted``: points of the curve that is to be followed, length, shape (k, 2); None where there is none.
-    - ``discs``: centre and radius of each disc of the plane that is to be avoided, length.
+    - ``wanted``: points of the curve to follow, length, shape (k, 2); None if there is none.
+    - ``discs``: centre and radius of each disc in the plane to avoid, length.
     """
 
     title: str
@@ -37,7 +37,7 @@ class Result(NamedTuple):
 
 
 def load_result(folder: str | Path) -> Result:
-    """The design in a folder that ``jaxball design --out`` wrote; the best so far, where the search is not finished.
+    """The design in a folder that ``jaxball design --out`` wrote; the best so far, if the search is not finished.
 
     **Arguments:**
 
@@ -68,7 +68,7 @@ def _document(path: Path) -> dict[str, Any]:
 
 def _problem(document: dict[str, Any], folder: Path) -> tuple[str, Scenario, list[Requirement]]:
     """Title, scenario at the start, and the objectives and constraints of a problem of either kind."""
-    from .control.files import TABLE, read_control  # here, because searches do without optimal control
+    from .control.files import TABLE, read_control  # here, because other searches do not need optimal control
 
     if TABLE in document:
         control = read_control(document, folder)

@@ -1,4 +1,4 @@
-"""A simulated candidate: what objectives and constraints are functions of."""
+"""A simulated candidate, the argument of objectives and constraints."""
 
 from typing import NamedTuple
 
@@ -53,7 +53,7 @@ class OnRails(NamedTuple):
 
 
 class Curves(NamedTuple):
-    """Closed rails sampled all the way round: ``points`` ζ(θ) and ``speed`` |ζ′(θ)|, and the masses that they carry."""
+    """Closed rails sampled all the way around: ``points`` ζ(θ), ``speed`` |ζ′(θ)|, and the masses that they carry."""
 
     masses: tuple[int, ...]
     points: Float[Array, "rails samples 3"]
@@ -61,11 +61,11 @@ class Curves(NamedTuple):
 
 
 class Run(eqx.Module):
-    """A system that has rolled, at times t. What is not asked for is not computed.
+    """The run of a system, at times t. Quantities are computed only when used.
 
     - ``system``, ``times``, ``state``: the body, times of shape (t,), and the states then.
     - ``status``: the number of a :class:`~jaxball.Status`.
-    - ``rail_samples``: at how many places of closed rails.
+    - ``rail_samples``: the number of points on closed rails.
     """
 
     system: System
@@ -80,7 +80,7 @@ class Run(eqx.Module):
 
     @property
     def z(self) -> Float[Array, "t 2"]:
-        """The path of the geometric centre; that of a disk lies on the first axis."""
+        """The path of the geometric centre; for a disk it lies on the first axis."""
         return self.state.in_space().z
 
     @property
@@ -129,7 +129,7 @@ class Run(eqx.Module):
 
     @property
     def joint_efforts(self) -> Float[Array, "t joints"]:
-        """Q of every joint of the mechanisms; where all are free, known without the motion's accelerations."""
+        """Q of every joint of the mechanisms; where all are free, computed without the motion's accelerations."""
         if any(mechanism.n_joints > len(mechanism.free) for mechanism in self.system.mechanisms):
             return self.observables.joint_efforts
         prepared = self.system.prepare()
@@ -142,7 +142,7 @@ class Run(eqx.Module):
 
     @property
     def effort_units(self) -> Float[Array, " joints"]:
-        """What efforts of joints are measured by: the force of a slider by M g, the torque of any other by M g r."""
+        """The units of joint efforts: M g for the force of a slider, M g r for the torque of any other."""
         slides = [one for mechanism in self.system.mechanisms for one in _slides(mechanism)]
         return self.weight * jnp.where(np.asarray(slides, dtype=bool), 1.0, self.length)
 
@@ -159,13 +159,13 @@ class Run(eqx.Module):
 
 
 def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES) -> Run:
-    """The run of a candidate; NaN where the solve did not come.
+    """The run of a candidate; NaN at times that the solve did not reach.
 
     **Arguments:**
 
-    - ``candidate``: what is simulated.
+    - ``candidate``: what to simulate.
     - ``solve``: how.
-    - ``rail_samples``: at how many places of closed rails.
+    - ``rail_samples``: the number of points on closed rails.
     """
     trajectory = simulate(
         candidate.system,
@@ -176,7 +176,7 @@ def run_of(candidate: Candidate, solve: Solve, rail_samples: int = RAIL_SAMPLES)
         atol=solve.atol,
         max_steps=solve.max_steps,
         adjoint=solve.adjoint,
-        inside=False,  # a search may pass through bodies that are not
+        inside=False,  # a search may pass through bodies that violate this
     )
     return Run(candidate.system, candidate.times, trajectory.state, trajectory.status, rail_samples)
 

@@ -1,6 +1,6 @@
-"""By how much a number of a scenario may change where no scale is given: from its dimension.
+"""The default scale of a number of a scenario, from its dimension.
 
-Lengths are counted in radii r of the shell, times in √(r/g), and angles in radians.
+Lengths are measured in radii r of the shell, times in √(r/g), and angles in radians.
 """
 
 import math
@@ -10,7 +10,7 @@ from ..scenario.values import Dimension
 
 
 def default_scale(dimension: Dimension | None, value: float, system: System) -> float:
-    """The scale of a number of this ``dimension``; its own size, or 1, where its key declares none."""
+    """The scale of a number of this ``dimension``; its own magnitude, or 1, if its key declares none."""
     if dimension is None:
         return abs(value) or 1.0
     r, g = float(system.radius), abs(float(system.gravity))

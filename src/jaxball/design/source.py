@@ -1,4 +1,4 @@
-"""Where a report comes from: the command, the problem file, of which it keeps a copy, the versions and the time."""
+"""The provenance of a report: the command, the problem file, of which a copy is kept, the versions and the time."""
 
 import importlib.metadata
 import tomllib
@@ -18,7 +18,7 @@ COPY = "problem.toml"
 def write_text(path: Path, text: str) -> Path:
     """Writes a file atomically; its path."""
     with replacing(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="surrogateescape")  # as of a file's name that is no text
+        temporary.write_text(text, encoding="utf-8", errors="surrogateescape")  # a file name may not be valid text
     return path
 
 
@@ -47,7 +47,7 @@ class Source(NamedTuple):
         there = folder / COPY
         if there.exists() and not self._is(there) and _document(there) != self.document:
             raise OutputError(
-                f'Argument `--out` must be a folder without another problem, but "{there}" is not the one that is '
+                f'Argument `--out` must be a folder without another problem, but "{there}" is not the one being '
                 "read; choose another folder, or remove it."
             )
 
@@ -75,12 +75,12 @@ def made(source: Source | None, elapsed: float, resumed: bool = False) -> list[s
     by = "By" if source is None else f"By `{source.command}`, with"
     lines = [f"{by} {versions}, in {duration(elapsed)}{', all runs of the search together' * resumed}."]
     if source is not None:
-        lines += ["", f"The problem is `{COPY}`, a copy of what was read."]
+        lines += ["", f"The problem is `{COPY}`, a copy of the file that was read."]
     return ["## How it was made", "", *lines, ""]
 
 
 def _document(path: Path) -> Any:
-    """What is in a file; None where that is no document."""
+    """The content of a file; None if it is not a document."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):

@@ -25,7 +25,7 @@ from .variables import Variable, expanded
 
 
 class Candidate(NamedTuple):
-    """What is simulated for one z.
+    """The simulation inputs for one z.
 
     **Arguments:**
 
@@ -40,14 +40,14 @@ class Candidate(NamedTuple):
 
 
 class DesignSpace:
-    """Which scenarios a design may choose from: a document with ``variables`` in the places of some of its numbers.
+    """The scenarios that a design may choose from: a document with ``variables`` in place of some of its numbers.
 
-    - ``document``: a scenario, as the TOML document that its file is.
+    - ``document``: a scenario, as the TOML document of its file.
     - ``scenario``: what it describes.
-    - ``variables``: the design variables, one an entry of z; paths with ``[*]`` expanded.
+    - ``variables``: the design variables, one for each entry of z; paths with ``[*]`` expanded.
 
-    **Raises:** :class:`DesignError` where a number cannot be a variable: one that is in two variables, that has no
-    derivative, or on which the angles of ``initial.balance`` depend; and where a start is outside its bounds.
+    **Raises:** :class:`DesignError` where a number cannot be a variable, because it is in two variables, has no
+    derivative, or determines the angles of ``initial.balance``; and where a start is outside its bounds.
     """
 
     def __init__(self, document: Mapping[str, Any], variables: Sequence[Variable]):
@@ -67,7 +67,7 @@ class DesignSpace:
             jax.eval_shape(self._structure.build, jnp.zeros(len(self._paths)))
         except UntraceableError:
             raise DesignError(
-                f"Variables {', '.join(self._paths)} must not change what is in balance, but one does; give the angles "
+                f"Variables {', '.join(self._paths)} must not change a body in balance, but one does; give the angles "
                 "of the masses instead of `initial.balance`."
             ) from None
         x = [self._start_of(variable) for variable in self.variables]
@@ -89,7 +89,7 @@ class DesignSpace:
         return self.bounds.numbers(z)
 
     def candidate(self, z: Float[Array, " n"]) -> Candidate:
-        """The system, the state and the times of z; JAX can trace it."""
+        """The system, the state and the times of z; traceable."""
         return self.candidate_of(self.numbers(z))
 
     def candidate_of(self, x: Float[Array, " n"]) -> Candidate:
@@ -116,7 +116,7 @@ class DesignSpace:
     def scenario_of(self, x: Float[np.ndarray, " n"]) -> Scenario:
         """The scenario with values ``x`` of the variables.
 
-        **Raises:** :class:`~jaxball.ScenarioError` where no body can have them.
+        **Raises:** :class:`~jaxball.ScenarioError` where they are impossible.
         """
         return read_document(self.document_of(x))
 
@@ -167,7 +167,7 @@ def _check_paths(paths: tuple[str, ...], document: Mapping[str, Any]) -> None:
             raise DesignError(f"Path `{path}` must be in one variable, but it is in {paths.count(path)}.")
         if path.startswith(("solve.", "time.step", "time.at")) or ".frame.matrix" in path:
             raise DesignError(
-                f"Path `{path}` must be a number that can change alone and that the motion depends on smoothly, but "
-                "those of the solve, single save times and entries of rotation matrices are not; of times, "
+                f"Path `{path}` must be a number that can change on its own and on which the motion depends smoothly, "
+                "but those of the solve, single save times and entries of rotation matrices are not; of times, "
                 "`time.start` and `time.end` can be varied, and of frames, their angles or versors."
             )

@@ -12,16 +12,16 @@ from .errors import DesignError
 
 @dataclasses.dataclass(frozen=True)
 class Variable:
-    """A number that a design may change: free, bounded, or shared by several places of the scenario.
+    """A number that a design may change: free, bounded, or shared by several entries of the scenario.
 
-    - ``paths``: where it stands, as in ``masses[0].rail.radius``; the first place has the number itself.
-    - ``factors``: what it is multiplied by at each path, such as -1 for an opposite pulse; 1 if not given.
+    - ``paths``: the entries that it sets, as in ``masses[0].rail.radius``; the first has the number itself.
+    - ``factors``: its factor at each path, such as -1 for an opposite pulse; 1 if not given.
     - ``lower``, ``upper``: its bounds, which it never passes.
-    - ``scale``: by how much it is expected to change; from its dimension if not given.
-    - ``start``: where to start; what stands at the first path if not given.
+    - ``scale``: the size of change to expect; derived from its dimension if not given.
+    - ``start``: the value to start from; by default the number at the first path.
 
-    **Raises:** :class:`DesignError` for bounds that leave no room, for a scale that is not positive, and for another
-    number of factors than of paths.
+    **Raises:** :class:`DesignError` for a lower bound that is not below the upper one, for a scale that is not
+    positive, and unless there is one factor for each path.
 
     **Example:**
 
@@ -62,9 +62,9 @@ class Variable:
 
 
 def expanded(variable: Variable, document: Mapping[str, Any]) -> list[Variable]:
-    """The variables that one with ``[*]`` in its path stands for: each number whose path fits.
+    """The variables that one with ``[*]`` in its path stands for: one for each number whose path matches.
 
-    **Raises:** :class:`DesignError` when no number fits, when such a variable has several paths, and
+    **Raises:** :class:`DesignError` when no number matches, when such a variable has several paths, and
     :class:`~jaxball.ScenarioError` when a path names no number.
     """
     if "*" not in variable.name:
@@ -72,9 +72,9 @@ def expanded(variable: Variable, document: Mapping[str, Any]) -> list[Variable]:
             check_number(document, path)
         return [variable]
     if len(variable.paths) > 1:
-        raise DesignError(f"Variable `{variable.name}` must have no other path beside it, because it is many numbers.")
+        raise DesignError(f"Variable `{variable.name}` must have no other path, because it stands for many numbers.")
     pattern = re.escape(variable.name).replace(r"\*", r"\d+")
     paths = [path for path in numbers_of(document) if re.fullmatch(pattern, path)]
     if not paths:
-        raise DesignError(f"Variable `{variable.name}` must fit a number of the scenario, but none has such a path.")
+        raise DesignError(f"Variable `{variable.name}` must match a number of the scenario, but none has such a path.")
     return [dataclasses.replace(variable, paths=(path,)) for path in paths]

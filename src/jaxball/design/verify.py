@@ -23,19 +23,19 @@ TIGHTER, TIGHTEST = 1e-2, 1e-13
 TARGETS = (FollowCurve, FollowTrajectory, ReachPlace)
 EXPLICIT = ("dopri5", "dopri8", "tsit5")
 AS_BUILT = Perturbations(16, 0.01, 0.01)
-# A robust design is evaluated on so many balls that it was not designed for.
+# The number of balls, other than those it was designed for, on which a robust design is evaluated.
 FRESH = 1000
 
 
 class Verified(NamedTuple):
-    """A design evaluated by two means.
+    """A design evaluated in two ways.
 
-    - ``designed``: as the search did it; ``finer``: by the other solver, between the samples as well.
+    - ``designed``: as in the search; ``finer``: by the other solver, between the samples as well.
     - ``solver``, ``rtol``: of the latter.
-    - ``violations``: the largest one of each constraint, at the samples and between them as well.
+    - ``violations``: the largest of each constraint, at the samples, and between them as well.
     - ``apart``: the largest distance between the two paths at the save times, in radii.
     - ``margin``: the least normal force, over M g, between the samples as well.
-    - ``missed``: how far each target is missed, in radii, of objectives that have one.
+    - ``missed``: how far each objective with a target misses it, in radii.
     """
 
     designed: Evaluation
@@ -58,7 +58,7 @@ def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
 
     **Arguments:**
 
-    - ``problem``: for whose objectives and constraints.
+    - ``problem``: the problem with its objectives and constraints.
     - ``y``: the unknowns of the design, shape (n,).
     """
     other, solver = _other_solve(problem)
@@ -78,7 +78,7 @@ def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
 
 
 class _Most(NamedTuple):
-    """What is largest over all balls: distances, violations, and minus the normal force."""
+    """The largest values over all balls: distances, violations, and minus the normal force."""
 
     apart: Float[jax.Array, "*balls"]
     coarse: dict[str, Float[jax.Array, "*balls"]]
@@ -129,11 +129,11 @@ def _finer(times: Float[jax.Array, " t"]) -> Float[jax.Array, " fine"]:
 
 
 def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Perturbations = AS_BUILT) -> Evaluation:
-    """The design as it may be built: each perturbed ball's objectives and violations, on a leading axis.
+    """The design with manufacturing errors: each perturbed ball's objectives and violations, on a leading axis.
 
     **Arguments:**
 
-    - ``problem``: for whose objectives and constraints.
+    - ``problem``: the problem with its objectives and constraints.
     - ``y``: the unknowns of the design, shape (n,).
     - ``perturbations``: how the balls differ.
     """
@@ -149,6 +149,6 @@ def perturbed(problem: Problem, y: Float[np.ndarray, " n"], perturbations: Pertu
 
 
 def as_built(problem: Problem) -> Perturbations:
-    """The balls on which a finished design is shown: those of a robust problem with errors anew."""
+    """The balls on which a finished design is evaluated: for a robust problem, new random ones."""
     given = problem.perturbations
     return AS_BUILT if given is None else dataclasses.replace(given, count=FRESH, seed=given.seed + 1)

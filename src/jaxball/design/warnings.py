@@ -1,26 +1,27 @@
-"""What is wrong with a finished design, in sentences."""
+"""Warnings about a finished design."""
 
 import numpy as np
 
 from .search.design import Design
 
-# A target that is missed by so many radii was not reached.
+# A target missed by this many radii was not reached.
 MISSED = 0.1
 
 
 def warnings(design: Design) -> list[str]:
-    """A sentence for whatever a search could not do; none where all is well."""
+    """A sentence for each shortcoming of a design; none if all is well."""
     verified, tolerance = design.verified, design.settings.tolerance
     sentences = []
     if int(verified.finer.status) != 0:
         sentences.append(
-            f"The best design could not be simulated to its end by {verified.solver}; give it more steps, or less time."
+            f"The best design could not be simulated to its end by {verified.solver}; allow more steps, or shorten the "
+            "run."
         )
     violated = [f"`{name}` by {fine:.2g}" for name, (_, fine) in verified.violations.items() if not fine <= tolerance]
     if violated:
         sentences.append(
-            f"The constraints could not all be fulfilled: the best design violates {', '.join(violated)}; look whether "
-            "they contradict each other or the bounds, or look longer."
+            f"The constraints could not all be fulfilled: the best design violates {', '.join(violated)}; check "
+            "whether they contradict each other or the bounds, or search longer."
         )
     if verified.margin <= 0:
         sentences.append(
@@ -28,8 +29,8 @@ def warnings(design: Design) -> list[str]:
             "that the equations of rolling do not hold; add the constraint `normal-force`."
         )
     sentences += [
-        f"The target of `{name}` is missed by {by:.2g} radii, and nothing nearer was found; give it more weight, more "
-        "time or more variables, or another place to start from."
+        f"The target of `{name}` is missed by {by:.2g} radii, and nothing closer was found; give it more weight, more "
+        "time or more variables, or another starting point."
         for name, by in verified.missed.items()
         if by > MISSED
     ]

@@ -1,6 +1,6 @@
-"""Many runs side by side: the way in which sweeps are solved.
+"""Many runs side by side, as sweeps are solved.
 
-Runs are arrays here: :mod:`jaxball.sweep` knows how they are written in files.
+Runs are arrays here; :mod:`jaxball.sweep` reads and writes them as files.
 """
 
 from ..interface.names import interface as _interface

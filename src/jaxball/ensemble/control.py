@@ -1,4 +1,4 @@
-"""How long a step is in every lane: diffrax's step-size control, lane by lane."""
+"""Step-size control by diffrax, lane by lane."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -12,11 +12,11 @@ from jaxtyping import Array, Bool, Float
 Controller = Callable[
     [Float[Array, " kinks"], Float[Array, ""], Float[Array, ""]], diffrax.AbstractAdaptiveStepSizeController
 ]
-FIRST_STEP = 0.01  # as diffrax begins
+FIRST_STEP = 0.01  # as in diffrax
 
 
 class Limits(NamedTuple):
-    """What a lane's controller is made of."""
+    """The limits from which a lane's controller is made."""
 
     kinks: Float[Array, "kinks lanes"]
     rtol: Float[Array, " lanes"]
@@ -24,9 +24,9 @@ class Limits(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """What becomes of a step: whether it is kept, where the next begins and ends, and whether there is one.
+    """The verdict on a step: whether it is accepted, where the next begins and ends, and whether there is one.
 
-    ``jumped`` says whether the next begins past a kink, where the field may be another than just before.
+    ``jumped`` says whether the next begins past a kink, where the field may have jumped.
     """
 
     kept: Bool[Array, " lanes"]
@@ -48,7 +48,7 @@ def begin(controller: Controller, limits: Limits, t0: Float[Array, " lanes"], or
 
 
 def judge(controller: Controller, limits: Limits, step: Any, memory: Any, order: Any) -> Verdict:
-    """Keeps or rejects a step, and chooses the next."""
+    """Accepts or rejects a step, and chooses the next."""
 
     def one(limits, start, end, x, y, error, memory):
         kept, start, end, jumped, memory, result = controller(*limits).adapt_step_size(

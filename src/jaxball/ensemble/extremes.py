@@ -37,7 +37,7 @@ class Extremes(AbstractObserver):
 
     - ``which``, ``signs``: the quantity of each search, and what it is multiplied by.
     - ``between``: the states by which the steps are found; ``exact``: those by which the places are.
-    - ``recompute``: a step that was taken, computed anew: that takes less time than to keep its stages.
+    - ``recompute``: a step that was taken, recomputed, which is faster than keeping its stages.
     """
 
     quantities: Quantities
@@ -87,7 +87,7 @@ class Extremes(AbstractObserver):
     ) -> tuple[Float[Array, "k rows"], Float[Array, "k rows"]]:
         """The largest values, and when they occur; NaN where there was no step or a quantity was never a number.
 
-        ``of_field`` are the numbers of each row with which its step is computed anew.
+        ``of_field`` are the numbers of each row with which its step is recomputed.
 
         Values have derivatives and times do not: a maximum does not change to first order as its place does.
         """

@@ -1,7 +1,7 @@
 """Many runs as one program that maps a single run over them, for a compiler that has lanes of its own.
 
 The native compiler computes the turns of a ``jax.lax.map`` side by side, in the lanes of vectors. So the runs are those
-of :func:`jaxball.simulate`, with all that it can do; XLA would take one after the other.
+of :func:`jaxball.simulate`, with all its features; XLA would compute one after the other.
 """
 
 import functools
@@ -23,7 +23,7 @@ from .program import Settings
 from .quantities import values
 from .reductions import AbstractReduction, Observed, Quantity
 
-# Runs of which a program takes as many at a time, where nothing else is said.
+# How many runs a program takes at a time by default.
 BLOCK = 512
 
 

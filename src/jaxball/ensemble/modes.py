@@ -1,8 +1,8 @@
-"""Lanes whose modes follow each other: where their steps end, and what they go on with.
+"""Lanes that switch between modes: where their steps end, and how they continue.
 
-The rules are those of ``simulation.switching``. What a mode lasts by is looked at in every step of every lane. What
-follows a mode is a long program, and few lanes need it at a time: it is computed for one after the other. That takes as
-long as for several at once, and compiles in a third less time.
+The rules are those of ``simulation.switching``. Guard functions are evaluated in every step of every lane. The
+transition to the next mode is a long program that few lanes need at a time: it is computed for one after the other,
+which takes as long as for several at once, and compiles in a third less time.
 """
 
 from collections.abc import Callable

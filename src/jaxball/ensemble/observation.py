@@ -1,4 +1,4 @@
-"""What is looked at in the runs of an ensemble: the states at saved times, and what reductions need."""
+"""What is observed in the runs of an ensemble: the states at saved times, and what reductions need."""
 
 import functools
 from collections.abc import Callable, Sequence

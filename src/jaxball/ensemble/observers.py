@@ -1,4 +1,4 @@
-"""What is looked at in each step of a lane, so that no more than results is kept of a run."""
+"""Observers of each step of a lane, so that only results are kept of a run."""
 
 import abc
 import dataclasses
@@ -19,19 +19,19 @@ Quantities = Callable[
 
 
 class AbstractObserver(abc.ABC):
-    """Sees every step. What it has seen is a PyTree of arrays whose last axis is that of the lanes."""
+    """Observes every step. Its state is a PyTree of arrays whose last axis is that of the lanes."""
 
     @abc.abstractmethod
     def begin(self, given: Any) -> Any:
-        """What it has seen at the start of a run. ``given`` are the numbers of each lane that it looks with."""
+        """Its state at the start of a run. ``given`` are its parameters in each lane."""
 
     def asks(self, seen: Any, given: Any, start: Float[Array, " lanes"], end: Float[Array, " lanes"]) -> Any:
-        """In which lanes it needs states within a step that are as exact as those at its ends, or in any at all."""
+        """The lanes in which it needs states within a step as exact as those at its ends, or whether any does."""
         return False
 
     @abc.abstractmethod
     def observe(self, seen: Any, given: Any, step: Step, kept: Bool[Array, " lanes"]) -> Any:
-        """What it has seen after a step in the lanes where that was kept; as before in the others."""
+        """Its state after a step in the lanes where that was accepted; unchanged in the others."""
 
 
 class Saved(NamedTuple):
@@ -43,7 +43,7 @@ class Saved(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Saves(AbstractObserver):
-    """Keeps the states at the times that it is given, in the order of time."""
+    """Saves the states at given times, in the order of time."""
 
     exact: Between
     size: int

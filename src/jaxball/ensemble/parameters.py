@@ -1,4 +1,4 @@
-"""The parameters of rows of one structure, as elements: those that all rows share, and those that they do not."""
+"""The parameters of rows of one structure, as elements: those that all rows share, and those that differ."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -35,7 +35,7 @@ def shared_leaves(in_axes: Any, tree: Any) -> tuple[bool, ...]:
 
 
 def axes(tree: Any, shared: Sequence[bool]) -> Any:
-    """The axes of rows in the leaves, as ``jax.vmap`` wants them."""
+    """The axes of rows in the leaves, in the form for ``jax.vmap``."""
     return jax.tree.unflatten(jax.tree.structure(tree), [None if one else 0 for one in shared])
 
 

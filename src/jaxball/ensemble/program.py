@@ -141,7 +141,7 @@ def _contact(each: Callable[..., Any], times: Array, states: ContactState, solve
     def unpacked(kept: Kept) -> Any:
         return each(lambda system, state, one: unpacked_switch(Packing.of(system.prepare(), state), one), kept)
 
-    # One after the other, because states of all switches of many rows are much at a time.
+    # One after the other, because the states of all switches of many rows take much memory.
     kept = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 1, 0), switches_of(solved.switches))
     switches = jax.tree.map(lambda leaf: jnp.moveaxis(leaf, 0, 1), jax.lax.map(unpacked, kept))
     return slip, sigma, solved.course[1], switches
@@ -162,7 +162,7 @@ def _states(
     startable: Bool[Array, " runs"],
     status: Int[Array, " runs"],
 ) -> Float[Array, "runs times size"]:
-    """The vectors at all times; NaN at those to which a run did not come."""
+    """The vectors at all times; NaN at those that a run did not reach."""
     end = jnp.where((status == Status.SUCCESS)[:, None], end, jnp.nan)
     states = jnp.concatenate([x[:, None], between, end[:, None]], axis=1)
     return jnp.where(startable[:, None, None], states, jnp.nan)

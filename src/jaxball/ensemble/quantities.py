@@ -1,4 +1,4 @@
-"""Quantities of a ball or a disk that reductions look at."""
+"""Quantities of a ball or a disk for reductions."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -32,7 +32,7 @@ def friction(system: System | BodyOnPlane, t: Float[Array, ""], state: State | C
 def half_tangent(system: System | BodyOnPlane, t: Float[Array, ""], state: State | ContactState) -> Float[Array, ""]:
     """tan(α/2) for the angle α of the reaction from the vertical, which grows with |f| / N, smoothly past N = 0.
 
-    Without an arctangent, which takes as long as half of the equations of motion. 0 in flight.
+    This avoids the arctangent, which takes as long as half of the equations of motion. 0 in flight.
     """
     R = _reaction(system, t, state)
     whole = R.normal + jnp.sqrt(R.normal**2 + R.friction_squared)
@@ -62,7 +62,7 @@ def speed(system: System | BodyOnPlane, t: Float[Array, ""], state: State | Cont
 def energy(
     system: System | BodyOnPlane, t: Float[Array, ""], state: BallState | DiskState | ContactState
 ) -> Float[Array, ""]:
-    """E, kinetic and potential; with a law of contact, with what friction and impacts have taken."""
+    """E, kinetic and potential; with a law of contact, plus the energy dissipated by friction and impacts."""
     if isinstance(system, BodyOnPlane) or isinstance(state, ContactState):
         return released_energy(system.body, t, state.released) + state.rubbed + state.struck  # pyright: ignore
     return observe(system, t, state).energy

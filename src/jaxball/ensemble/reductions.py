@@ -1,4 +1,4 @@
-"""What can be found of a run while it is computed, so that no more than a few numbers are kept of it."""
+"""Results found in a run while it is computed, so that only a few numbers of it are kept."""
 
 import abc
 from collections.abc import Callable
@@ -15,7 +15,7 @@ Quantity = Callable[[Any, Float[Array, ""], Any], Float[Array, ""]]
 
 
 class Observed(NamedTuple):
-    """What was observed of a quantity: its value at the start, its extreme values and their times, its integral."""
+    """Observations of a quantity: its value at the start, its extreme values and their times, its integral."""
 
     start: Float[Array, "*runs"]
     extremes: tuple[Float[Array, "*runs"], ...]
@@ -24,13 +24,14 @@ class Observed(NamedTuple):
 
 
 class AbstractReduction(Printed):
-    """A number found of a quantity over a run.
+    """A number derived from a quantity over a run.
 
-    ``quantity(system, t, state)`` is kept as it is, so pass the same function each time: a new lambda compiles anew.
+    ``quantity(system, t, state)`` is compiled into programs, so pass the same function each time: a new lambda compiles
+    again.
 
-    - ``signs``: what the quantity is multiplied by where its largest value is looked for, an entry a search.
+    - ``signs``: the factors of the quantity in the searches for its largest value, one per search.
     - ``is_integral``, ``needs_start``: whether it needs the integral, and the value at the start.
-    - ``ends``: what the names of its results have after its own.
+    - ``ends``: the suffixes of the names of its results.
     """
 
     quantity: eqx.AbstractVar[Quantity]
@@ -41,7 +42,7 @@ class AbstractReduction(Printed):
 
     @abc.abstractmethod
     def result(self, observed: Observed) -> dict[str, Float[Array, "*runs"]]:
-        """What is reported, by what its name has after that of the reduction."""
+        """The results, by the suffixes of their names."""
 
 
 def _as_it_is(value: Array) -> Array:
@@ -51,7 +52,7 @@ def _as_it_is(value: Array) -> Array:
 class Maximum(AbstractReduction):
     """The largest value within the steps of a run, not just at their ends, and when it occurs, ``…_time``.
 
-    ``then`` is a growing function that is applied to the value: a smooth quantity has its maximum found more easily.
+    ``then`` is an increasing function that is applied to the value: the maximum of a smooth quantity is easier to find.
 
     **Arguments:**
 

@@ -1,6 +1,6 @@
-"""Many initial-value problems of the same form, solved a few at a time in lanes that never wait for each other.
+"""Many initial-value problems of the same form, solved a few at a time in lanes that do not wait for each other.
 
-A lane whose problem has ended takes the next. Lanes are filled when an eighth of them is idle, because filling them
+A lane whose problem is finished takes the next. Lanes are refilled when an eighth of them is idle, because refilling
 costs about as much as a stage.
 """
 
@@ -27,11 +27,11 @@ IDLE = 8
 class Rows(NamedTuple):
     """The problems, in the last axis of each array: the rows.
 
-    - ``parameters``: what the field is given beside time and state and rows do not share.
+    - ``parameters``: the arguments of the field, besides time and state, that differ between rows.
     - ``t0``, ``t1``: start and end. A row for which they are equal costs nothing.
     - ``x``: the state at the start.
-    - ``observers``: what each observer is given, by its name.
-    - ``modes``: what the programs of modes are given, None where there is one mode.
+    - ``observers``: the parameters of each observer, by name.
+    - ``modes``: the parameters of the programs of modes, None where there is one mode.
     """
 
     parameters: Float[Array, "parameters rows"]
@@ -66,7 +66,7 @@ class Solved(NamedTuple):
 
 
 class _Lanes(NamedTuple):
-    """What lanes are at, in the last axis."""
+    """The state of the lanes, which are the last axis."""
 
     row: Int[Array, " lanes"]  # the number of rows where a lane is idle
     running: Bool[Array, " lanes"]
@@ -141,7 +141,7 @@ def _ended(lanes: _Lanes) -> tuple:
 def _packing(tree: Any) -> tuple[Float[Array, "numbers lanes"], Callable[[Array], Any]]:
     """A PyTree of arrays whose last axis is that of the lanes as one matrix, and the way back.
 
-    XLA's CPU compiler of jaxlib 0.10 breaks off at a loop that scatters arrays of several shapes.
+    XLA's CPU compiler in jaxlib 0.10 fails at a loop that scatters arrays of several shapes.
     """
     leaves, structure = jax.tree.flatten(tree)
     parts = [leaf.reshape(-1, leaf.shape[-1]) for leaf in leaves]
@@ -196,7 +196,7 @@ def _advance_until_idle(
     executed: Int[Array, ""],
     record: Any,
 ) -> tuple[_Lanes, Int[Array, ""], Any]:
-    """Steps until an eighth of the lanes is idle, or all of them where there are no ``more`` rows."""
+    """Steps until an eighth of the lanes is idle, or all of them if there are no ``more`` rows."""
     size = lanes.row.shape[0]
     enough = jnp.where(more, max(size // IDLE, 1), size)
 

@@ -63,7 +63,7 @@ def step(
     def stage(i, carry):
         slopes, y = carry
         state = separately(x + h[None] * sum(rows[i, j] * slopes[j] for j in used))
-        # Rounding must not lead past the end, where a kink may be.
+        # Rounding must not lead past the end, which may be a kink.
         t = jnp.minimum(start + jnp.asarray(nodes, x.dtype)[i] * h, end)
         slope = jnp.where((i > 0) | fresh, field(t, state), first)
         slopes = jax.lax.dynamic_update_index_in_dim(slopes, slope, i, 0)
@@ -90,7 +90,7 @@ def fits(solver: diffrax.AbstractSolver) -> bool:
 
 
 def tableau_of(solver: diffrax.AbstractERK) -> diffrax.ButcherTableau:
-    """The coefficients of a method that fits."""
+    """The coefficients of a suitable method."""
     assert isinstance(solver.tableau, diffrax.ButcherTableau)
     return solver.tableau
 

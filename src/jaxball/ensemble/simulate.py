@@ -1,4 +1,4 @@
-"""The one entry function for many runs, and its result: systems that differ in numbers in, trajectories out."""
+"""The entry point for many runs, and its result: from systems that differ in numbers to trajectories."""
 
 import contextlib
 from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ from .runge_kutta import fits
 LANES = 64
 BLOCK = 4096
 
-# The programs that are compiled, by all that they are compiled for.
+# The compiled programs, by everything that they are compiled for.
 _warm: set[Any] = set()
 
 
@@ -48,10 +48,10 @@ class Ensemble(Printed):
     """Many runs, with the runs as leading axis; ``ensemble[k]`` is the trajectory of run k.
 
     - ``trajectory``: as ``jax.vmap`` of :func:`jaxball.simulate` gives it.
-    - ``reductions``: what was asked for of each run, by name.
-    - ``executed``: the steps of all lanes, idle ones among them.
-    - ``system``, ``times``, ``state``, ``reached``, ``status``, ``steps``, ``rejected``, ``start``, ``contact``: as of
-      ``trajectory``.
+    - ``reductions``: the results of reductions for each run, by name.
+    - ``executed``: the steps of all lanes, including idle ones.
+    - ``system``, ``times``, ``state``, ``reached``, ``status``, ``steps``, ``rejected``, ``start``, ``contact``: those
+      of ``trajectory``.
     """
 
     trajectory: Trajectory[Any, Any]
@@ -73,7 +73,7 @@ class Ensemble(Printed):
         return len(self.trajectory.status)
 
     def __getitem__(self, run: int) -> Trajectory[Any, Any]:
-        """The trajectory of one run, with its ``observables``, ``plot()`` and all else."""
+        """The trajectory of one run, with its ``observables``, ``plot()`` and so on."""
         return jax.tree.map(lambda leaf: jnp.asarray(leaf[run]), self.trajectory)
 
     @property
@@ -114,7 +114,7 @@ class Ensemble(Printed):
 
     @property
     def ok(self) -> Bool[Array, " runs"]:
-        """Whether each solve reached its end, or an event that it was to end at."""
+        """Whether each solve reached its end, or a terminal event."""
         return (self.status == Status.SUCCESS) | (self.status == Status.EVENT)
 
     @property
@@ -140,7 +140,7 @@ def simulate_ensemble(
     inside: bool = True,
     in_axes: Any = 0,
 ) -> Ensemble:
-    """Many runs of systems of one structure; each is what :func:`jaxball.simulate` makes of it, to the tolerances.
+    """Many runs of systems of one structure; each agrees with :func:`jaxball.simulate`, to within the tolerances.
 
     **Arguments:**
 
@@ -149,27 +149,29 @@ def simulate_ensemble(
     - ``times``: of shape (runs, T), or (T,) for all runs.
     - ``contact``: a :class:`~jaxball.Contact`, as for one run: each run may roll, slide and fly, and
       ``trajectory.contact`` has its modes. Each of its numbers is for all runs or, made by ``jax.vmap``, of shape
-      (runs,). ``state`` may then be a :class:`~jaxball.ReleasedState`. Its ``room`` for switches is that of every run.
+      (runs,). ``state`` may then be a :class:`~jaxball.ReleasedState`. Its ``room`` for switches is the same for every
+      run.
     - ``solver``: an explicit method of diffrax whose last stage is the first of the next step: ``Dopri8()`` if not
       given, ``Dopri5()``, ``Tsit5()``, ``Bosh3()``.
     - ``rtol``, ``atol``: for all runs, or of shape (runs,).
     - ``max_steps``: as for one run.
-    - ``reductions``: what to find of each run while it is computed, by name: some of ``jaxball.ensemble.REDUCTIONS``,
-      or any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of a function of one's own.
-    - ``lanes``: how many runs XLA computes side by side. 64 if not given, which was fastest on the CPU that was
-      measured; all of a block on a GPU. Natively it is 8 runs, and the next ones begin when the longest of them has
-      ended: put runs of like length beside each other.
-    - ``block``: how many runs a compiled program takes at a time; fewer are filled up, so that calls with other numbers
-      of runs share it. If not given, as many for each thread, and no more than 512, or 4096 of XLA's; on GPUs, as many
-      for each of them.
-    - ``threads``: how many blocks are computed at a time: as many as this process has cores, or GPUs, if not given.
+    - ``reductions``: results to find in each run while it is computed, by name: some of
+      ``jaxball.ensemble.REDUCTIONS``, or any :class:`Maximum`, :class:`Minimum`, :class:`Drift` or :class:`Integral` of
+      your own function.
+    - ``lanes``: how many runs XLA computes side by side; by default 64, which was fastest on the CPU measured, or a
+      whole block on a GPU. Native programs always take 8 runs, and the next 8 begin when the longest of these has
+      ended: put runs of similar length next to each other.
+    - ``block``: how many runs a compiled program takes at a time; fewer are padded, so that calls with other numbers of
+      runs share it. By default the runs are divided equally among threads, or GPUs, with at most 512 at a time natively
+      and 4096 with XLA on CPUs.
+    - ``threads``: how many blocks are computed at a time; by default the number of this process's cores, or GPUs.
     - ``inside``: whether rails and masses must be in the body, as for one run.
     - ``in_axes``: which arrays of ``(system, state)`` have the runs as leading axis, as ``jax.vmap`` takes it: 0 for
-      those that have, None for those that all runs share, which cost less; each for one array or for all of a part, so
-      that ``(None, 0)`` is one system from many states. 0 if not given.
+      those that have, None for those that all runs share, which is cheaper; each for one array or for all of a part, so
+      that ``(None, 0)`` is one system from many states. By default 0.
 
-    A run that fails has its status and NaN, and harms no other. Within ``jax.jit`` and under ``jax.jvp``, all runs are
-    one block. Derivatives are forward: ``jax.jvp``, ``jax.jacfwd``.
+    A run that fails has its status and NaN, and does not affect the others. Within ``jax.jit`` and under ``jax.jvp``,
+    all runs are one block. Derivatives are forward-mode: ``jax.jvp``, ``jax.jacfwd``.
 
     **Raises:** ``ValueError`` where leading axes differ or ``in_axes`` is not of this form, ``TypeError`` for other
     solvers, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
@@ -240,7 +242,7 @@ def simulate_ensemble(
 def _checked_method(solver: diffrax.AbstractSolver) -> diffrax.AbstractERK:
     """The solver.
 
-    **Raises:** ``TypeError`` for one that lanes cannot take.
+    **Raises:** ``TypeError`` for one that lanes do not support.
     """
     if not fits(solver):
         raise TypeError(
@@ -261,7 +263,7 @@ def _checked_reductions(reductions: Mapping[str, AbstractReduction] | None) -> M
 
 
 def _in_blocks(settings: Settings, parameters: Any, arrays: tuple[np.ndarray, ...], block: int, threads: int) -> list:
-    """What the compiled program gives for each block; ``arrays`` are times and tolerances."""
+    """The results of the compiled program for each block; ``arrays`` are times and tolerances."""
     leaves, structure = jax.tree.flatten(parameters)
     own = list(zip(map(np.asarray, leaves), settings.shared, strict=True))
 
@@ -275,7 +277,7 @@ def _in_blocks(settings: Settings, parameters: Any, arrays: tuple[np.ndarray, ..
     def take(places: np.ndarray) -> Any:
         parts = [leaf if shared else leaf[places] for leaf, shared in own]
         spans, *others = (x[places] for x in arrays)
-        # A run that is there only to fill a block is over as it begins.
+        # A run that only pads a block ends as it begins.
         spans[np.append(False, places[1:] == places[:-1])] = spans[-1, :1]
         return structure.unflatten(parts), spans, *others
 
@@ -296,13 +298,13 @@ def _count(parameters: Any, shared: Sequence[bool], times: Any, *tolerances: Any
         raise ValueError(
             "Arguments `system`, `state`, `times` and tolerances must have the same number of runs as leading axis of "
             f"every array, but the leading axes are {sorted(counts, key=str)}; stack systems with jax.tree.map, and "
-            "give what all runs share once, with `in_axes`."
+            "use `in_axes` for what all runs share."
         )
     return runs
 
 
 def _joined(blocks: list[Any], runs: int) -> tuple[Any, ...]:
-    """The results of all blocks, without those of runs that were there only to fill one."""
+    """The results of all blocks, without padding."""
     executed = sum(int(block[-1]) for block in blocks)
     whole = jax.tree.map(jnp.asarray, unpadded([block[:-1] for block in blocks], runs))
     return *whole, jnp.asarray(executed)

@@ -1,4 +1,4 @@
 """Messages, checks of arguments, how objects print, atomic writes, lines of progress and Ctrl-C.
 
-Nothing here knows any mechanics or imports another package of jaxball.
+Nothing here contains any mechanics or imports another package of jaxball.
 """

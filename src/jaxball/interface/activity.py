@@ -1,4 +1,4 @@
-"""A line on a terminal that says what a command is doing; in a log there is none."""
+"""A line on a terminal that says what a command is doing; nothing is written to a log."""
 
 import contextlib
 import os
@@ -8,17 +8,17 @@ import time
 from collections.abc import Iterator
 from typing import Any, TextIO
 
-DELAY = 0.5  # in seconds; what takes no longer is not worth a line
+DELAY = 0.5  # in seconds; anything shorter is not worth a line
 BETWEEN_CHANGES = 0.1  # in seconds
 ERASE = "\r\x1b[K"
 
 
 @contextlib.contextmanager
 def activity(text: str, *, quiet: bool = False) -> Iterator["Line"]:
-    """Shows ``text`` on standard error while this block runs, from half a second on, and erases it at the end.
+    """Shows ``text`` on standard error while this block runs, after half a second, and erases it at the end.
 
-    Nothing is shown where standard error is no terminal, or if ``quiet``. What is printed meanwhile is printed by the
-    line, which makes room for it.
+    Nothing is shown if standard error is not a terminal, or if ``quiet``. Anything printed meanwhile must be printed
+    through the line, which makes room for it.
     """
     line = Line(text, None if quiet or not _is_terminal(sys.stderr) else sys.stderr)
     # A thread, because the main one compiles, for seconds without a pause.
@@ -62,7 +62,7 @@ class Line:
             self.show()
 
     def close(self) -> None:
-        """Erases the line; it does not come again."""
+        """Erases the line for good."""
         self._closed = True
         self._erase()
 

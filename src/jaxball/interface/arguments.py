@@ -1,4 +1,4 @@
-"""Checks of arguments: an error is a sentence that says what was given, what it must be, and the way out.
+"""Checks of arguments: an error is a sentence that says what was given, what it must be, and how to mend it.
 
 Only types and shapes are checked, so arguments may be traced.
 """
@@ -27,7 +27,7 @@ _checked: weakref.WeakKeyDictionary[Any, set[Any]] = weakref.WeakKeyDictionary()
 def require(
     name: str, value: Any, kind: type[Kind] | tuple[type[Kind], ...], must: str, remedy: str = ""
 ) -> TypeGuard[Kind]:
-    """Raises a ``TypeError`` unless the argument ``name`` is a ``kind``; ``must`` says that in words."""
+    """Raises a ``TypeError`` unless the argument ``name`` is a ``kind``, which ``must`` describes."""
     if isinstance(value, kind):
         return True
     raise refusal(name, must, value, remedy)
@@ -36,19 +36,19 @@ def require(
 def require_each(name: str, values: Any, kind: type[Kind], must: str, remedy: str = "") -> None:
     """Raises a ``TypeError`` unless the argument ``name`` is a list or a tuple whose items are all a ``kind``."""
     if not isinstance(values, list | tuple):
-        raise refusal(name, f"a list, each of it {must}", values, remedy)
+        raise refusal(name, f"a list, each item {must}", values, remedy)
     for index, value in enumerate(values):
         require(f"{name}[{index}]", value, kind, must, remedy)
 
 
 def require_flags(**values: Any) -> None:
-    """Raises a ``TypeError`` for the first of these arguments that is neither True nor False."""
+    """Raises a ``TypeError`` for the first of these arguments that is not True or False."""
     for name, value in values.items():
         require(name, value, (bool, np.bool_), "True or False")
 
 
 def refusal(name: str, must: str, value: Any, remedy: str = "") -> TypeError:
-    """The error for the argument ``name``, which is ``value`` and ``must`` be something else."""
+    """The error for the argument ``name``: what it ``must`` be, and the ``value`` that it is."""
     if isinstance(value, type) and not remedy:
         remedy = f"make one with {value.__name__}(...)"
     end = f"; {remedy}." if remedy else "."
@@ -76,9 +76,9 @@ def a(noun: str) -> str:
 
 
 def require_arguments(cls: type, given: Sequence[Any], named: Mapping[str, Any]) -> None:
-    """Raises a ``TypeError`` for arguments with which a class cannot be made, in which it has its own name.
+    """Raises a ``TypeError`` that names the class, for arguments with which it cannot be made.
 
-    Python calls it by the class whose constructor it inherits.
+    Python's own error would name the class whose constructor it inherits.
     """
     taken = _arguments_of(cls)
     if taken is None:
@@ -134,8 +134,8 @@ def require_callable(name: str, function: Any, *takes: str) -> None:
 def require_function(name: str, function: Any, shape: tuple[int, ...], **arguments: Any) -> None:
     """Raises a ``TypeError`` unless the argument ``name`` is a function whose value is an array of ``shape``.
 
-    It is traced with ``arguments``, whose names appear in the message only, once for each combination of shapes. An
-    error that it raises itself is passed on with a note.
+    It is traced with ``arguments``, whose names appear only in the message, once for each combination of shapes. An
+    error that the function itself raises is passed on with a note.
     """
     require_callable(name, function, *arguments)
     checked = _checked.setdefault(function, set()) if _is_weakly_hashable(function) else set()
@@ -155,7 +155,7 @@ def require_function(name: str, function: Any, shape: tuple[int, ...], **argumen
 
 @contextlib.contextmanager
 def traceable(name: str, function: Any) -> Iterator[None]:
-    """Raises a ``TypeError`` in words where JAX cannot trace the argument ``name``, a function that is called here."""
+    """Raises a clear ``TypeError`` where JAX cannot trace the argument ``name``, a function that is called here."""
     try:
         yield
     except jax.errors.JAXTypeError as error:

@@ -1,5 +1,5 @@
-"""The errors that are for whoever typed something."""
+"""Errors in what the user typed."""
 
 
 class UserError(ValueError):
-    """What was typed, or written into a file, cannot be done; the message is one sentence that says what and why."""
+    """What was typed, or written in a file, cannot be done; the message is one sentence that says what and why."""

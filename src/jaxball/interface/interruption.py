@@ -1,4 +1,4 @@
-"""What Ctrl-C does, SIGTERM, with which schedulers stop a job, and SIGHUP, which comes when a terminal closes.
+"""What Ctrl-C, SIGTERM (by which schedulers stop a job) and SIGHUP (sent when a terminal closes) do.
 
 Python raises ``KeyboardInterrupt`` wherever the main thread happens to be: in a callback of XLA it kills the process or
 is lost, during an import it leaves a module half imported, and during a compilation it is not raised at all. So in a
@@ -15,12 +15,12 @@ from collections.abc import Callable, Iterator
 INTERRUPTED = 130
 STOPPED = "Stopped."
 SECONDS_FOR_THE_MAIN_THREAD = 0.2
-# What each signal does by default, and how it is given once more.
+# What each signal does by default, and how it is sent again.
 _HANDLED = {
     signal.SIGINT: (signal.default_int_handler, "press Ctrl-C again"),
     signal.SIGTERM: (signal.SIG_DFL, "send SIGTERM again"),
 }
-if hasattr(signal, "SIGHUP"):  # which Windows has not
+if hasattr(signal, "SIGHUP"):  # Windows has none
     _HANDLED[signal.SIGHUP] = (signal.SIG_DFL, "send SIGHUP again")
 
 _heard: set[int] = set()
@@ -34,8 +34,8 @@ _stops: list[tuple[threading.Event, str]] = []
 def end_at_signals() -> None:
     """Makes Ctrl-C, SIGTERM and SIGHUP end this process with a sentence and exit code 130, 143 or 129.
 
-    Only for the process of a command. What it ignores, as a shell's background job does Ctrl-C and one of ``nohup``
-    SIGHUP, or handles itself stays as it is.
+    Only for the process of a command. Signals that it already ignores, such as Ctrl-C in a shell's background job and
+    SIGHUP under ``nohup``, or handles itself stay as they are.
     """
     if _heard:
         return
@@ -51,13 +51,13 @@ def end_at_signals() -> None:
 
 
 def stop_listening() -> None:
-    """Makes the signals change nothing any more, because the command has finished."""
+    """Makes the signals have no further effect, because the command has finished."""
     for number in _heard:
         signal.signal(number, signal.SIG_IGN)
 
 
 def exit_code() -> int:
-    """That of a command which a signal has stopped."""
+    """The exit code of a command that a signal has stopped."""
     return 128 + _received
 
 
@@ -91,8 +91,8 @@ def interrupt_message(message: Callable[[], str]) -> Iterator[None]:
 def stop_requested(message: str = "") -> Iterator[threading.Event]:
     """An event that the first signal sets, printing ``message``; the second one ends or interrupts at once.
 
-    In the message ``{again}`` says how the second one is given. In Python the signal is Ctrl-C alone; outside the main
-    thread, where Python delivers none, only those of a command set the event.
+    In the message, ``{again}`` says how to send the second one. In Python the only signal is Ctrl-C; outside the main
+    thread, where Python delivers none, only the signals of a command set the event.
     """
     event = threading.Event()
     if _heard:
@@ -133,7 +133,7 @@ def blocked_in_children() -> Iterator[None]:
 
 
 def leave_to_parent() -> None:
-    """Makes the signals do nothing in a worker, whose parent receives them too."""
+    """Makes a worker ignore the signals, which its parent receives too."""
     for number in _HANDLED:
         signal.signal(number, signal.SIG_IGN)
 
@@ -161,7 +161,7 @@ def _listen(reading: int) -> None:
 
 
 def _end() -> None:
-    # Else the main thread might make a file anew that an action has just removed.
+    # Otherwise the main thread might create again a file that an action has just removed.
     _ending.set()
     signal.raise_signal(_received)
     _main_thread_waits.wait(SECONDS_FOR_THE_MAIN_THREAD)

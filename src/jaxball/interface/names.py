@@ -9,7 +9,7 @@ from types import ModuleType
 def interface(names: Mapping[str, object], *packages: str) -> tuple[list[str], Callable[[], list[str]]]:
     """``__all__`` and ``__dir__`` of a package, from its ``globals()`` at the end of its ``__init__``.
 
-    Modules are left out, but for ``packages``, the public ones within it, which ``dir`` shows too.
+    Modules are left out, except for ``packages``, the public packages within it, which ``dir`` shows too.
     """
     public = sorted(
         name for name, value in names.items() if not (name.startswith("_") or isinstance(value, ModuleType))
@@ -22,8 +22,8 @@ def lazy_interface(
 ) -> tuple[list[str], Callable[[], list[str]], Callable[[str], object]]:
     """``__all__``, ``__dir__`` and ``__getattr__`` of a package that imports its names when they are first used.
 
-    ``names`` are the public names of each module, separated by spaces; none may be that of a module of the package,
-    which would take its place. ``dir`` shows what is ``shown`` as well.
+    ``names`` are the public names of each module, separated by spaces; none may be the name of a module of the package,
+    which would hide it. ``dir`` shows what is ``shown`` as well.
     """
     module_of = {name: module for module, words in names.items() for name in words.split()}
 
@@ -37,5 +37,5 @@ def lazy_interface(
 
 
 def missing(package: str, name: str) -> AttributeError:
-    """The error where a package has nothing of that name."""
+    """The error for a name that a package does not have."""
     return AttributeError(f"module {package!r} has no attribute {name!r}", name=name, obj=sys.modules[package])

@@ -39,7 +39,7 @@ def atomic_write(path: Path, *, flush: bool = False) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A file that is written whole or not at all, with errors as sentences.
+    """A file that is written atomically, with errors as sentences.
 
     **Raises:** :class:`OutputError` when the file cannot be written; ``path`` is then as it was.
     """
@@ -55,7 +55,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def check_destination(path: Path, suffixes: Sequence[str], argument: str = "path") -> None:
-    """Raises an :class:`OutputError` unless a file with one of ``suffixes`` can be written at ``path``.
+    """Raises an :class:`OutputError` unless a file with one of the ``suffixes`` can be written at ``path``.
 
     The message calls the path ``argument``.
     """
@@ -100,12 +100,12 @@ def check_folder(path: Path, argument: str = "folder") -> None:
 
 
 def part_prefix() -> str:
-    """The beginning of the names of this process's unfinished files and folders, which says whose they are."""
+    """The prefix of the names of this process's unfinished files and folders, which identifies their owner."""
     return f".part-{machine()}-{os.getpid()}-"
 
 
 def machine() -> str:
-    """Within what a process number is unique: the machine and, on Linux, the process namespace."""
+    """Where a process number is unique: the machine and, on Linux, the process namespace."""
     import socket  # here, because most commands need neither it nor the time that it takes
 
     namespace = Path("/proc/self/ns/pid")

@@ -16,7 +16,7 @@ FEW = 9
 
 
 class Printed(eqx.Module):
-    """A module that prints its numbers, where equinox prints their shapes, and refuses arguments by its own name."""
+    """A module that prints its numbers, not just their shapes, and names itself in errors about arguments."""
 
     def __new__(cls, *given: Any, **named: Any):
         require_arguments(cls, given, named)

@@ -4,13 +4,13 @@ import enum
 
 
 class Status(enum.IntEnum):
-    """The end of a solve, with a sentence for each.
+    """How a solve ended, with a sentence for each way.
 
     **Example:**
 
     >>> from jaxball import Status
     >>> Status.LEFT_SHELL.sentence(reached=3.5, end=20.0)
-    'The run to t = 20 means nothing after a mass left the shell at t = 3.5.'
+    'The run to t = 20 is not valid after t = 3.5, where a mass left the shell.'
     """
 
     SUCCESS = 0
@@ -28,13 +28,13 @@ class Status(enum.IntEnum):
     def sentence(self, reached: float, end: float, *, alone: bool = False) -> str:
         """What happened; the result is valid up to the time ``reached``.
 
-        With ``alone``, the sentence of an impossible body says how to find out what is impossible about it.
+        With ``alone``, the sentence for an impossible body says how to find out what is impossible about it.
         """
         sentence = _SENTENCES[self].format(reached=reached, end=end)
         return f"{sentence} {ADVICE}" if alone and self == Status.IMPOSSIBLE else sentence
 
 
-ADVICE = "jaxball.problems(system, state) says what they cannot be."
+ADVICE = "jaxball.problems(system, state) says what is impossible about them."
 _SENTENCES = {
     Status.SUCCESS: "The solve reached t = {end:.10g}.",
     Status.MAX_STEPS: (
@@ -42,22 +42,22 @@ _SENTENCES = {
         "steps; raise `max_steps`, loosen the tolerances, or shorten the run."
     ),
     Status.NOT_FINITE: (
-        "The solve stopped at t = {reached:.10g} before t = {end:.10g}, because the equations of motion "
-        "give a number that is not finite there; look at the schedules, rails and forces at that time, and at "
-        "dry friction, which may be too large for the normal force to have a solution (Painlevé's paradox)."
+        "The solve stopped at t = {reached:.10g} before t = {end:.10g}, because the equations of motion are not finite "
+        "there; check the schedules, rails and forces at that time, and dry friction, which may be too large for the "
+        "normal force to have a solution (Painlevé's paradox)."
     ),
     Status.IMPOSSIBLE: "The solve did not start, because no body can have these parameters or this initial state.",
     Status.SOLVER_FAILED: (
         "The solve stopped at t = {reached:.10g} before t = {end:.10g}, because the solver could not take "
         "a step, for instance because an implicit equation did not converge; try another solver."
     ),
-    Status.LEFT_SHELL: ("The run to t = {end:.10g} means nothing after a mass left the shell at t = {reached:.10g}."),
+    Status.LEFT_SHELL: "The run to t = {end:.10g} is not valid after t = {reached:.10g}, where a mass left the shell.",
     Status.DETACHED: (
         "The run ended at t = {reached:.10g} before t = {end:.10g}, because the normal force was zero there: the ball "
         "would leave the plane, and the equations of rolling do not hold after that."
     ),
     Status.SLIPPED: (
-        "The run ended at t = {reached:.10g} before t = {end:.10g}, because rolling needed all the friction there is: "
+        "The run ended at t = {reached:.10g} before t = {end:.10g}, because rolling needed all the friction available: "
         "the ball would slip, and the equations of rolling do not hold after that."
     ),
     Status.JAMMED: (
@@ -65,8 +65,8 @@ _SENTENCES = {
         "force of a sliding body has no solution (Painlevé's paradox); lower the coefficient `sliding`."
     ),
     Status.CHATTERED: (
-        "The run ended at t = {reached:.10g} before t = {end:.10g}, because the body went from mode to mode there, "
-        "again and again in no time; a coefficient `static` above `sliding` may keep these apart."
+        "The run ended at t = {reached:.10g} before t = {end:.10g}, because the body switched between modes of contact "
+        "over and over there in almost no time; a coefficient `static` larger than `sliding` may prevent this."
     ),
     Status.EVENT: "The run ended at t = {reached:.10g} before t = {end:.10g}, where an event ended it.",
 }

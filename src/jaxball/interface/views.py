@@ -1,4 +1,4 @@
-"""Which files are views that jaxball wrote, so that one is written only where there is none or an older one."""
+"""Recognises views that jaxball wrote, so that a view never overwrites any other file."""
 
 from pathlib import Path
 
@@ -12,7 +12,7 @@ MARK = "<!doctype html>\n<!-- jaxball view -->\n"  # what every view begins with
 def check_view(path: Path, argument: str = "path") -> None:
     """Raises an :class:`~jaxball.results.OutputError` unless a view can be written at ``path``.
 
-    What is there already must be a view. The message calls the path ``argument``.
+    A file that is already there must be a view. The message calls the path ``argument``.
     """
     check_destination(path, SUFFIXES, argument)
     if path.exists() and not _is_view(path):

@@ -15,12 +15,12 @@ def all_of(names: Sequence[str]) -> str:
 
 
 def counted(number: int, thing: str, things: str = "") -> str:
-    """``1 mass``, ``2 masses``, ``1,000 rows``; ``things`` is the plural where adding an s does not make it."""
+    """``1 mass``, ``2 masses``, ``1,000 rows``; ``things`` is the plural where it is not formed by adding an s."""
     return f"{number:,} {thing if number == 1 else things or f'{thing}s'}"
 
 
 def nearest(name: str, known: Iterable[str], most: int = 1, cutoff: float = 0.6) -> list[str]:
-    """Up to ``most`` known names that are similar to ``name``, the most similar first; case is ignored."""
+    """Up to ``most`` known names similar to ``name``, the most similar first, ignoring case."""
     import difflib  # here, because it is for mistakes alone
 
     lower = {one.lower(): one for one in known}

@@ -1,4 +1,4 @@
-"""The mechanics: what systems are made of, their equations of motion, and what is read off their states.
+"""The mechanics: the parts of systems, their equations of motion, and the observables of their states.
 
 Pure functions of arrays: no integrator, no figures and no files are imported here.
 """

@@ -34,10 +34,10 @@ AnyBody = TypeVar("AnyBody", bound="AbstractBody")
 class AbstractBody(BodyParameters, AbstractSystem[Any]):
     """What a ball and a disk share as systems.
 
-    A solve advances the locked angular velocity W in the place of Ω; the module ``locked`` says why.
+    A solve advances the locked angular velocity W instead of Ω; the module ``locked`` explains why.
     """
 
-    __init__ = BodyParameters.__init__  # type checkers would make another of the fields
+    __init__ = BodyParameters.__init__  # type checkers would derive another one from the fields
 
     def described(self) -> str:
         parts = [counted(self.n_masses, "point mass", "point masses")] if self.n_masses else []
@@ -55,7 +55,7 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
             (self.offset**2).sum() <= self.radius**2,
             "offset",
             self.offset,
-            "a point inside the shell, nearer to the centre than the radius",
+            "a point inside the shell, closer to the centre than the radius",
         )
         if self.planar:
             flat = ~beside(self, self.offset)
@@ -104,7 +104,7 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
                 yield argument.key + jax.tree_util.keystr(tuple(path)), leaf
 
     def prepare(self: AnyBody) -> AnyBody:
-        """The same body with splines solved and frames turned to matrices: once a solve, not once a step."""
+        """The same body with splines solved and frames converted to matrices: once per solve, not once per step."""
         groups = tuple(
             eqx.tree_at(lambda g: g.motion, group, eqx.filter_vmap(lambda motion: motion.prepare())(group.motion))
             for group in self.groups
@@ -119,11 +119,11 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
         )
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        """The times, in no order, at which χ̈ of a prescribed motion jumps or bends, but where dry friction feels it."""
+        """The unsorted times at which χ̈ of a prescribed motion jumps or has a kink; none with dry friction."""
         return concatenated([] if self._is_dry else self._prescribed_kinks())
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
-        """The times, in no order, at which a law, a force or the ground's motion jumps or bends.
+        """The unsorted times at which a law, a force or the ground's motion jumps or has a kink.
 
         Dry friction is proportional to the normal force, which jumps with prescribed accelerations.
         """
@@ -181,19 +181,18 @@ class Ball(AbstractBody):
     - ``radius``: r, length.
     - ``offset``: χ_0 = ζ_0, from the geometric centre to the shell's centre of mass, body axes, length, shape (3,).
     - ``gravity``: g, length/time².
-    - ``force``: Fe(t) at the geometric centre, a :class:`~jaxball.FunctionWrench` where it feels the motion, or None.
-    - ``masses``: the point masses, in any number.
+    - ``force``: Fe(t) at the geometric centre, a :class:`~jaxball.FunctionWrench` if it depends on the motion, or None.
+    - ``masses``: the point masses, any number of them.
     - ``law``: the feedback law that drives the :class:`~jaxball.Driven` masses and :class:`~jaxball.Accelerated`
       joints, if there are any.
-    - ``mechanisms``: joints with masses, such as a :class:`~jaxball.Mechanism`, in any number.
-    - ``ground``: a :class:`~jaxball.Ground`, where the plane is tilted or moves; None for a level one at rest.
-    - ``resistance``: a :class:`~jaxball.Resistance` to the rolling, or None.
+    - ``mechanisms``: joints with masses, such as a :class:`~jaxball.Mechanism`, any number of them.
+    - ``ground``: a :class:`~jaxball.Ground`, if the plane is tilted or moves; None for a level plane at rest.
+    - ``resistance``: a :class:`~jaxball.Resistance` to rolling, or None.
 
     Any consistent units will do; the paper rescales so that m = r = g = 1.
 
-    **Raises:** ``ValueError`` when a shape is wrong, or when there are driven masses and no law, or
-    a law and no driven mass. Values are not checked here, so that they may be traced; see
-    :func:`jaxball.problems`.
+    **Raises:** ``ValueError`` when a shape is wrong, or when there are driven masses but no law, or a law but nothing
+    that it drives. Values are not checked here, so that they may be traced; see :func:`jaxball.problems`.
 
     **Example:**
 
@@ -232,7 +231,7 @@ class Ball(AbstractBody):
         return self.force is None and self.ground is None
 
     def phase_point(self, state: Any) -> BallState | ReducedState:
-        """(Ω, Γ), unless a force acts or the ground is not level and at rest, which they cannot express."""
+        """(Ω, Γ), unless a force acts or the ground is tilted or moves, which they cannot express."""
         return state.reduced() if self.is_reducible else state.in_space()
 
 
@@ -241,13 +240,13 @@ class Disk(AbstractBody):
 
     **Arguments:**
 
-    - ``inertia``: the one moment d2, about the shell's own centre of mass, mass length².
-    - ``offset``: as of a :class:`Ball`, length, shape (3,), in the plane of E1 and E3, as are the rails and the free
+    - ``inertia``: the only moment d2, about the shell's own centre of mass, mass length².
+    - ``offset``: as for a :class:`Ball`, length, shape (3,), in the plane of E1 and E3, as are the rails and the free
       motions of the masses.
     - ``mass``, ``radius``, ``gravity``, ``force``, ``masses``, ``law``, ``mechanisms``, ``ground``, ``resistance``: as
-      of a :class:`Ball`; no turntable.
+      for a :class:`Ball`; no turntable.
 
-    **Raises:** as :class:`Ball`.
+    **Raises:** as for :class:`Ball`.
 
     **Example:**
 
@@ -270,7 +269,7 @@ class Disk(AbstractBody):
         return state.rates(self.radius, found.Omegadot, found.angles)
 
     def embedded(self) -> Ball:
-        """The disk as a ball of three equal moments that rolls in the plane of e1 and e3."""
+        """The disk as a ball with three equal moments that rolls in the plane of e1 and e3."""
         arguments: dict[str, Any] = {**self.arguments, "inertia": jnp.stack([self.inertia] * 3)}
         return Ball(**arguments)
 
@@ -284,7 +283,7 @@ def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | 
     **Arguments:**
 
     - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
-    - ``masses``: the point masses, in any number.
+    - ``masses``: the point masses, any number of them.
     - ``law``: the feedback law of those that are :class:`~jaxball.Driven`, or None.
 
     **Example:**
@@ -300,18 +299,20 @@ def with_masses(system: System, masses: Sequence[PointMass], law: AbstractLaw | 
 def with_integrated_angles(
     system: System, t0: Numbers = 0.0, state: State | None = None
 ) -> tuple[System, dict[str, Array]]:
-    """The same system in the paper's own form, with θ and θ̇ of what has schedules in the state.
+    """The same system in the paper's own form, where the state contains θ and θ̇ of everything that has a schedule.
 
     **Arguments:**
 
     - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
     - ``t0``: the time of the state.
-    - ``state``: a state of the system then; only where some of its joints are free, whose θ and θ̇ are kept.
+    - ``state``: a state of the system at that time, needed only if some of its joints are free; their θ and θ̇ are
+      kept.
 
-    **Returns:** the system whose :class:`~jaxball.OnRail` masses have become driven ones that follow θ̈(t) of their
-    schedules, as do its joints with schedules, and the entries ``theta`` and ``thetadot`` of its state at ``t0``.
+    **Returns:** the system with its :class:`~jaxball.OnRail` masses replaced by driven ones that follow θ̈(t) of their
+    schedules, as do its joints with schedules; and the entries ``theta`` and ``thetadot`` of its state at ``t0``.
 
-    **Raises:** ``ValueError`` when the system has a feedback law already, and without a state of its free joints.
+    **Raises:** ``ValueError`` when the system already has a feedback law, and when it has free joints but no state is
+    given.
 
     **Example:**
 
@@ -364,18 +365,18 @@ def _free_angles(system: System, state: State | None) -> dict[str, Array]:
 
 
 def _wild_masses(system: AbstractBody, t: float, state: State) -> Iterator[Problem]:
-    """The masses whose places or velocities are not finite at the start."""
+    """The masses whose positions or velocities are not finite at the start."""
     places, rates = jax.tree.map(np.asarray, _at_start(system, state, t))
     names = [f"masses[{index}].motion" for index in range(system.n_masses)]
     for index, mechanism in enumerate(system.mechanisms):
         names += [f"mechanisms[{index}]"] * mechanism.mass.shape[-1]
     for index in np.flatnonzero(~np.all(np.isfinite(places) & np.isfinite(rates), axis=1)):
         given = f"it gives {places[index].tolist()} and {rates[index].tolist()}"
-        yield Problem(names[index], f"give a finite place and a finite velocity at t = {t:g}", given)
+        yield Problem(names[index], f"give a finite position and a finite velocity at t = {t:g}", given)
 
 
 @programs.filter_jit
 def _at_start(system: AbstractBody, state: State, t: Float[ArrayLike, ""]):
-    """Places and velocities of the masses."""
+    """Positions and velocities of the masses."""
     at = kinematics(system.prepare(), jnp.asarray(t, system.mass.dtype), (state.theta, state.thetadot, state.theta))
     return at.chi, at.chidot

@@ -1,13 +1,14 @@
-"""A body on a plane that rolls, slides or flies, as one system whose modes follow each other.
+"""A body on a plane that rolls, slides or flies, as one hybrid system with a mode for each.
 
-While a mode lasts, its motion is that of a smooth field, and functions that are positive say that it may last. Where
-one of them falls to zero it ends, and what follows is decided there:
+Within a mode, the motion follows a smooth field, and guard functions are positive. Where one of them falls to zero, the
+mode ends, and the next one is decided there:
 
-- rolling ends where it would need more friction than μ_s N, or where the plane would have to pull;
-- sliding ends where the slip velocity vanishes, or where the plane would have to pull;
-- flight ends where the body comes down, with an impact.
+- rolling ends where it would need more friction than μ_s N, or where the normal force falls to zero;
+- sliding ends where the slip velocity vanishes, or where the normal force falls to zero;
+- flight ends where the body lands, with an impact.
 
-On the plane, what does not slip rolls if friction can hold it, and else begins to slip as ``friction.first_slip`` says.
+On the plane, a body that does not slip rolls if friction can hold it, and otherwise begins to slip as
+``friction.first_slip`` determines.
 """
 
 from collections.abc import Iterator
@@ -86,7 +87,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return BodyOnPlane(self.body.prepare(), self.contact)
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
-        """All kinks: friction of sliding is proportional to N, which jumps with prescribed accelerations."""
+        """All kinks: sliding friction is proportional to N, which jumps with prescribed accelerations."""
         return jnp.concatenate([self.body.driving_kinks(), self.body.motion_kinks()])
 
     def confined(self, times: Float[Array, " T"], state: ContactState) -> Bool[Array, ""]:
@@ -311,7 +312,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return carry.state.moved(jax.tree.map(lambda x, rate: x + time * rate, carry.state.released, moved))
 
     def _struck(self, carry: "_Following", found: Response) -> "_Following":
-        """After an impact. A rebound that is too slow is none."""
+        """After an impact. A rebound that is too slow is treated as none."""
         t, state, contact = carry.t, carry.state, self.contact
         coming = -slip_velocity(self.body, t, state.released)[2]
         unit = root(jnp.abs(self.body.gravity) * self.body.radius)

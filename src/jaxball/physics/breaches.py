@@ -1,6 +1,6 @@
-"""What of a body breaks the rule of ``confinement``: which mass, where and when, and how far it is from the centre.
+"""Violations of the rule of ``confinement``: which mass, where and when, and how far it is from the centre.
 
-A force or a ground that would turn a disk out of its plane is told here too.
+A force or a ground that would turn a disk out of its plane is reported here too.
 """
 
 from collections.abc import Iterator
@@ -50,10 +50,10 @@ def breaches(
 ) -> Iterator[Problem]:
     """What is not in the body, from the first of ``times`` to the last; for numbers that are known.
 
-    ``theta`` is that of driven masses at the first of ``times``, or at all; without it, they are not looked at.
+    ``theta`` is that of driven masses at the first of ``times``, or at all of them; without it, they are not checked.
     """
     with np.errstate(all="ignore"):
-        yield from _breaches(jax.tree.map(np.asarray, system), times, theta)  # NumPy's are taken apart much faster
+        yield from _breaches(jax.tree.map(np.asarray, system), times, theta)  # NumPy arrays are indexed much faster
 
 
 def _breaches(

@@ -1,6 +1,6 @@
 """Conditions that parameters and initial states must meet, as values that can be traced.
 
-Of arrays of NumPy they are NumPy's, and nothing is compiled for them.
+For NumPy arrays they are computed by NumPy, and nothing is compiled.
 """
 
 from collections.abc import Iterable, Iterator
@@ -16,7 +16,7 @@ UNIT = 1e-6  # how far the square of a unit vector may be from 1
 
 
 class Condition(NamedTuple):
-    """A condition on a number, or on several at once: whether it holds, their names, what they are and must be.
+    """A condition on one or several numbers: whether it holds, their names, their values, and what they must be.
 
     ``name`` is that of one number, however many entries it has; a tuple has one for each entry of ``holds``.
     """
@@ -27,7 +27,7 @@ class Condition(NamedTuple):
     must: str
 
     def problems(self) -> Iterator["Problem"]:
-        """A problem for each number for which it does not hold, where numbers are known."""
+        """A problem for each number that violates it, where numbers are known."""
         if isinstance(self.name, str):
             cases = [(self.holds, self.name, self.value)]
         else:
@@ -38,7 +38,7 @@ class Condition(NamedTuple):
 
 
 class Problem(NamedTuple):
-    """A number that cannot be: its name in Python, and what it must do and does, each a clause."""
+    """An impossible number: its name in Python, and, as clauses, what it must do and what it does."""
 
     name: str
     must: str
@@ -66,7 +66,7 @@ def positive_inertia(d: Float[AnyArray, "..."]) -> Condition:
 
 
 def real_inertia(d: Float[AnyArray, "3"]) -> Condition:
-    """The condition on three principal moments that some distribution of mass has them."""
+    """The condition that three principal moments belong to some distribution of mass."""
     return Condition(
         namespace_of(d).all(2 * d <= d.sum() * (1 + 1e-6)),
         "inertia",

@@ -1,10 +1,10 @@
 """Whether the masses stay in the body: inside the shell, and those of a disk in its plane.
 
 The rule. A closed rail must lie in the body as a whole, wherever on it the mass goes. On an open rail, and in free
-motion, it is the mass that must stay, as long as a run lasts, and so must those of mechanisms. On the shell is inside
-it. What is not finite is nowhere, and so not outside.
+motion, it is the mass that must stay, as long as a run lasts, and so must those of mechanisms. A mass on the shell
+counts as inside. A position that is not finite is not counted as outside.
 
-All of it can be traced; derivatives stop here, because nothing here has any.
+All of it can be traced; it has no derivatives.
 """
 
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ HALVINGS = 52
 
 
 def rounding(x: Array | np.ndarray) -> float:
-    """How far beyond the shell, or beside a disk's plane, rounding may put a mass that is on it, over the radius."""
+    """How far rounding may put a mass beyond the shell or off a disk's plane, relative to the radius."""
     return float(np.sqrt(np.finfo(x.dtype).eps))
 
 
@@ -63,7 +63,7 @@ def rail_points(rail: AbstractRail, radius: Float[Array, ""]) -> Float[Array, "n
 
 
 def time_samples(times: Float[Array, " T"], count: int = TIME_SAMPLES) -> Float[Array, " n"]:
-    """The times at which a motion is looked at between the first and the last of ``times``."""
+    """The times at which a motion is checked between the first and the last of ``times``."""
     return jnp.linspace(times[0], times[-1], count + 1)
 
 
@@ -101,9 +101,9 @@ def time_of_leaving(
 ) -> Float[Array, ""]:
     """The first time at which a mass is seen outside the shell; infinite where none is.
 
-    A prescribed motion is looked at between all of ``times``, and the time found to rounding, that of a mechanism whose
-    joints are all prescribed to one of ``time_samples``; what a law drives and what free joints carry is known at
-    ``times`` alone. ``system`` is prepared.
+    A prescribed motion is checked between all of ``times``, and the time found to rounding, for a mechanism whose
+    joints are all prescribed to one of ``time_samples``; masses that a law drives and those on free joints are checked
+    at ``times`` only. ``system`` is prepared.
     """
     system, times, theta = jax.lax.stop_gradient((system, times, theta))
     first = jnp.asarray(jnp.inf, system.radius.dtype)
@@ -130,7 +130,7 @@ def time_of_leaving(
 def until_left(
     system: AbstractSystem, times: Float[Array, " T"], states: Any, reached: Float[Array, ""], status: Int[Array, ""]
 ) -> tuple[Float[Array, ""], Int[Array, ""]]:
-    """To which time a run is good, and its status, where something leaves the inside of the system.
+    """The time up to which a run is valid, and its status, where something leaves the inside of the system.
 
     ``reached`` and ``status`` are those of its solve, ``states`` those at ``times``; ``system`` is prepared.
     """

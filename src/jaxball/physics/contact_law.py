@@ -15,22 +15,22 @@ SLOWEST = 1e-6
 
 
 class Contact(Printed):
-    """What happens where rolling ends: how large friction can be, and how an impact rebounds.
+    """What happens when rolling ends: how large friction can be, and how an impact rebounds.
 
-    A body that does not slip is held by friction up to |f| = ``static`` N. On one that slips with v_s, friction is
-    −``sliding`` N v_s/|v_s|. One that comes down on the plane rebounds with −``restitution`` times its normal velocity,
-    and with the friction of sliding in the impact.
+    Friction up to |f| = ``static`` N holds a body that does not slip. On a body that slips with v_s, friction is
+    −``sliding`` N v_s/|v_s|. A body that lands on the plane rebounds with −``restitution`` times its normal velocity,
+    with sliding friction during the impact.
 
     **Arguments:**
 
-    - ``sliding``: the coefficient μ of friction of sliding, without unit; 0 for a smooth plane.
-    - ``static``: the coefficient μ_s of static friction; that of sliding if not given.
+    - ``sliding``: the kinetic friction coefficient μ, dimensionless; 0 for a smooth plane.
+    - ``static``: the static friction coefficient μ_s; ``sliding`` if not given.
     - ``restitution``: Newton's e, from 0 to 1.
-    - ``slowest``: a rebound with less than this part of √(g r) is none, because bounces get shorter and shorter, and
-      infinitely many of them end in a finite time (Zeno).
+    - ``slowest``: a rebound slower than this times √(g r) is treated as none, because bounces get shorter and shorter,
+      and infinitely many of them end in a finite time (Zeno).
     - ``room``: how many switches of the mode are kept; all are counted.
 
-    **Raises:** ``ValueError`` for coefficients that no plane has.
+    **Raises:** ``ValueError`` for impossible coefficients.
 
     **Example:**
 
@@ -61,7 +61,7 @@ class Contact(Printed):
         if room < 1:
             raise ValueError(f"Argument `room` must be 1 or more, but it is {room}.")
         if not any(map(is_traced, jax.tree.leaves(self))):
-            known = jax.tree.map(np.asarray, self)  # whose conditions are NumPy's, for which nothing is compiled
+            known = jax.tree.map(np.asarray, self)  # NumPy checks its conditions, without compiling anything
             for condition in known.conditions():
                 for problem in condition.problems():
                     raise ValueError(problem.sentence(name=problem.name.removeprefix("contact.")))
@@ -71,7 +71,7 @@ class Contact(Printed):
         finite = namespace_of(self.sliding).isfinite
         must = "0 or positive"
         yield Condition((self.sliding >= 0) & finite(self.sliding), "contact.sliding", self.sliding, must)
-        must = "no less than the coefficient `sliding`, because what slips would be held by less than what rests"
+        must = "no less than the coefficient `sliding`, because friction cannot be larger on a body that slips"
         yield Condition((self.static >= self.sliding) & finite(self.static), "contact.static", self.static, must)
         holds = (self.restitution >= 0) & (self.restitution <= 1)
         yield Condition(holds, "contact.restitution", self.restitution, "from 0 to 1, or impacts would create energy")

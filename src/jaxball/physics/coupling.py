@@ -1,4 +1,4 @@
-"""How the body and the free joints of its mechanisms move each other.
+"""The dynamic coupling of the body and the free joints of its mechanisms.
 
 With c_a = rΓ × p_a + ℓ_a and H_ab = Σ m χ_a·χ_b of the free joints, Ω and θ̇ together have the inertia
 
@@ -26,7 +26,7 @@ from .parameters import BodyParameters
 from .state import State
 
 SINGULAR = 1e-10  # of a joint's inertia, what those before it must leave to it
-MOVES = "a joint that moves some mass as those before it do not, with an inertia of its own above 0"
+MOVES = "a joint that moves some mass in a way that those before it do not, with a positive inertia of its own"
 
 # One array for each group that has free joints, with axes (mechanisms, joints).
 Joints = list[Float[Array, "_ _"]]

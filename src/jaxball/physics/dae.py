@@ -1,9 +1,9 @@
 """The equations of motion as a differential-algebraic equation M ẋ = g(t, x), ``rolling_ball_dae``.
 
-The paper replaces the equation for q̇₀ by |q|² − 1 = 0. That determines q₀ as long as q₀ ≠ 0, and the
-problem has index 1 there and nowhere else; in the paper's own run of the ball q₀ passes 0 at t = 9.2067.
-Any component can play the part of q₀, so it is chosen here: the largest is never below ½. The same holds of any other
-unit vector of a state, as Γ.
+The paper replaces the equation for q̇₀ by |q|² − 1 = 0. That determines q₀ as long as q₀ ≠ 0, and the problem has index
+1 there and nowhere else; in the paper's own run of the ball q₀ passes 0 at t = 9.2067. Any component can take the role
+of q₀, so the largest one is chosen, which is never below ½. The same holds for any other unit vector of a state, such
+as Γ.
 """
 
 from typing import Any
@@ -24,7 +24,7 @@ def algebraic_component(state: AbstractState) -> Int[Array, ""]:
 
 
 def dae_field(system: AbstractSystem, t: Float[Array, ""], state: AnyState, component: Int[Array, ""]) -> AnyState:
-    """g(t, x) of ``rolling_ball_dae_g``, with ``component`` in the place of q₀.
+    """g(t, x) of ``rolling_ball_dae_g``, with ``component`` in place of q₀.
 
     **Raises:** ``TypeError`` for states without a unit vector.
     """
@@ -32,7 +32,7 @@ def dae_field(system: AbstractSystem, t: Float[Array, ""], state: AnyState, comp
 
 
 def constrained(rates: AnyState, state: AnyState, component: Int[Array, ""]) -> AnyState:
-    """``rates`` with |q|² − 1 in the place of the rate of q's ``component``."""
+    """``rates`` with |q|² − 1 in place of the rate of q's ``component``."""
     unit = _unit_of(state)
     q = unit(state)
     residual = jnp.where(jnp.arange(q.size) == component, jnp.sum(q * q) - 1, unit(rates))

@@ -23,7 +23,7 @@ from .parameters import BodyParameters
 from .state import Rates, State
 
 SOLVABLE = (
-    "so small, or the masses so near to above the contact point, that friction at the start adds less to the normal "
+    "so small, or the masses so nearly above the contact point, that friction at the start adds less to the normal "
     "force than this force itself (Painlevé's paradox)"
 )
 
@@ -137,7 +137,7 @@ def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State)
     dry = system.resistance.dry_torque(r, Omega, Gamma)
     assert dry is not None
     *_, slope = _rubbed(at, Gamma, with_free_joints(links), matrix, dry)
-    # What is not a number is told by other conditions.
+    # NaN is reported by other conditions.
     yield Condition(~(slope >= 1), "resistance.dry", system.resistance.dry, SOLVABLE)
 
 

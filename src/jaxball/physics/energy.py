@@ -1,4 +1,4 @@
-"""Energy of the ball, and the power that is put into it and taken from it (section 3.1)."""
+"""The energy of the ball, and the power supplied to it and dissipated (section 3.1)."""
 
 import jax
 import jax.numpy as jnp
@@ -78,7 +78,7 @@ def dissipation(
     velocity: Float[Array, "3"],
     omega: Float[Array, "3"],
 ) -> Float[Array, ""]:
-    """The rate at which resistance takes energy: −T·ω − F_m·ż, of all that is no external force.
+    """The rate at which resistance dissipates energy: −T·ω − F_m·ż, without the external force.
 
     ``dry`` is the torque of dry friction in body axes, and ``velocity`` ż.
     """

@@ -1,4 +1,4 @@
-"""Feedback laws: θ̈ = u(t, state) for the masses and joints whose θ̈ nothing else gives."""
+"""Feedback laws: θ̈ = u(t, state) for the masses and joints whose θ̈ is not given otherwise."""
 
 import abc
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ from .state import State
 class AbstractLaw(Printed):
     """A law that gives θ̈ of every :class:`~jaxball.Driven` mass and :class:`~jaxball.Accelerated` joint.
 
-    They have the order of ``coordinates`` of the body: the masses, then the joints of each mechanism.
+    They are in the order of the body's ``coordinates``: the masses, then the joints of each mechanism.
     """
 
     @abc.abstractmethod
@@ -27,11 +27,11 @@ class AbstractLaw(Printed):
         """u(t, state)."""
 
     def among(self, driven: Sequence[int], t: Float[Array, ""], state: State) -> Float[Array, " driven"]:
-        """u(t, state), where ``driven`` are the places in the state's ``theta`` of what the law drives."""
+        """u(t, state), where ``driven`` are the indices in the state's ``theta`` of what the law drives."""
         return self(t, state)
 
     def require_driven(self, count: int) -> None:
-        """Raises a ``ValueError`` where it is known that the law is not one for ``count`` driven masses."""
+        """Raises a ``ValueError`` if the law is known not to fit ``count`` driven masses."""
 
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which u or one of its derivatives jumps."""
@@ -45,14 +45,14 @@ class AbstractLaw(Printed):
 class FunctionLaw(AbstractLaw):
     """u(t, state) = function(t, state, parameters), for any function that JAX can trace.
 
-    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+    ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again.
 
     **Arguments:**
 
     - ``function``: of (t, state, parameters), to θ̈ of each driven mass, rad/time², or length/time² in a tube,
       shape (driven,).
-    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+    - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
+    - ``kink_times``: times, shape (kinks,), at which it jumps or has a kink.
 
     **Example:**
 
@@ -83,8 +83,8 @@ class FunctionLaw(AbstractLaw):
 class FollowSchedules(AbstractLaw):
     """u(t) = θ̈(t) of given schedules, so that θ and θ̇ are integrated as in the paper.
 
-    Where θ̈ of several schedules jumps at one time, the derivative of a solve with respect to that time
-    belongs to all of them together; with the schedules prescribed, each has its own.
+    Where θ̈ of several schedules jumps at the same time, a solve has one derivative with respect to that time, shared
+    by all of them; with the schedules prescribed, each has its own.
 
     **Arguments:**
 
@@ -169,22 +169,22 @@ class LinearLaw(AbstractLaw):
     """u = theta θ + thetadot θ̇ + Omega Ω + Gamma Γ + z (z) + signals(t): linear in the state, each factor a matrix.
 
     It has a row for each driven coordinate: the :class:`~jaxball.Driven` masses and :class:`~jaxball.Accelerated`
-    joints, in the order of ``coordinates`` of the body. Ω and Γ are in body axes, the place z in space axes.
+    joints, in the order of ``coordinates`` of the body. Ω and Γ are in body axes, the position z in space axes.
 
     **Arguments:**
 
     - ``theta``: the factors of every θ of the state, 1/time², shape (driven, coordinates).
     - ``thetadot``: those of every θ̇, 1/time, shape (driven, coordinates).
-    - ``Omega``: those of Ω, rad/time² over rad/time, shape (driven, 3).
+    - ``Omega``: those of Ω, rad/time² per rad/time, shape (driven, 3).
     - ``Gamma``: those of Γ, rad/time², shape (driven, 3).
-    - ``z``: those of the place, rad/time² over length, shape (driven, 2), and (driven, 1) for a disk.
-    - ``signals``: what is added: for each driven coordinate a number, a :class:`~jaxball.PiecewiseSignal` or a
+    - ``z``: those of the position, rad/time² per length, shape (driven, 2), and (driven, 1) for a disk.
+    - ``signals``: the terms added: for each driven coordinate a number, a :class:`~jaxball.PiecewiseSignal` or a
       schedule, rad/time².
 
-    A factor that is not given is 0. For a mass in a tube or a slider, read length for rad in θ, θ̇ and θ̈.
+    A factor that is not given is 0. For a mass in a tube or a slider, θ, θ̇ and θ̈ have length instead of rad.
 
     **Raises:** ``ValueError`` when a factor does not have a row for each driven coordinate, and, where it is evaluated,
-    a column for each number of the state that it multiplies; ``TypeError`` for ``z`` where the state has no place.
+    a column for each number of the state that it multiplies; ``TypeError`` for ``z`` where the state has no position.
 
     **Example:**
 
@@ -264,8 +264,8 @@ def _numbers_of(state: State, name: str, factor: Float[Array, "driven columns"])
     value = getattr(state, name, None)
     if value is None:
         raise TypeError(
-            f"Argument `{name}` of the law must be None for a {type(state).__name__}, which has no place; use a state "
-            "with `z`."
+            f"Argument `{name}` of the law must be None for a {type(state).__name__}, which has no position; use a "
+            "state with `z`."
         )
     value = jnp.atleast_1d(value)
     if factor.shape[1] != value.shape[0]:

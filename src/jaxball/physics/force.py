@@ -1,4 +1,4 @@
-"""What acts on the body from outside, in space axes: forces Fe(t) at the geometric centre, and wrenches."""
+"""External loads on the body, in space axes: forces Fe(t) at the geometric centre, and wrenches."""
 
 import abc
 from collections.abc import Callable
@@ -17,18 +17,18 @@ from ..numerics.vectors import apply
 
 
 class BodyMotion(NamedTuple):
-    """Where a body is and how it moves, for a force that depends on it. It may roll, slip or fly.
+    """The position and motion of a body, which may roll, slip or fly, for a force that depends on them.
 
     Space axes move with the plane and never turn; velocities are relative to them.
 
     **Arguments:**
 
-    - ``position``: of the geometric centre, the third entry its height over that of rolling, space axes, length,
-      shape (3,).
+    - ``position``: of the geometric centre, space axes, length, shape (3,); the third entry is its height above that of
+      rolling.
     - ``velocity``: of the geometric centre, space axes, length/time, shape (3,).
     - ``Lambda``: the rotation matrix Λ from body to space, shape (3, 3).
     - ``Omega``: the angular velocity Ω, body axes, rad/time, shape (3,).
-    - ``theta``, ``thetadot``: θ and θ̇ of the driven masses and the joints, as a state has them, shape (coordinates,).
+    - ``theta``, ``thetadot``: θ and θ̇ of the driven masses and the joints, as in a state, shape (coordinates,).
 
     **Example:**
 
@@ -75,14 +75,15 @@ class Wrench(NamedTuple):
 
 
 class AbstractWrench(Printed):
-    """A force, and perhaps a torque, that act on the body from outside, as the time and the body's motion have them.
+    """An external force, and perhaps a torque, as functions of the time and the body's motion.
 
-    It knows no acceleration and no reaction. Of a disk, what is beside its plane is taken by what holds it upright.
+    They cannot depend on accelerations or on the reaction of the plane. For a disk, components out of its plane are
+    taken up by whatever holds it upright.
     """
 
     @abc.abstractmethod
     def wrench(self, t: Float[Array, ""], motion: BodyMotion) -> Wrench:
-        """The wrench at time ``t`` on a body that moves so."""
+        """The wrench at time ``t`` on a body with this motion."""
 
     def kinks(self) -> Float[Array, " kinks"]:
         """The times at which the force or the torque, or one of their derivatives, jumps."""
@@ -106,7 +107,7 @@ class HarmonicForce(AbstractForce):
     **Arguments:**
 
     - ``constant``: space axes, mass length/time², shape (3,).
-    - ``amplitude``: the same of each sinusoid, shape (terms, 3).
+    - ``amplitude``: of each sinusoid, in the same units, shape (terms, 3).
     - ``frequency``: rad/time, shape (terms,).
     - ``phase``: rad, shape (terms,); zero if not given.
     - ``powers``: the coefficients of t, t², …, shape (degree, 3); none if not given.
@@ -142,13 +143,13 @@ class HarmonicForce(AbstractForce):
 class FunctionForce(AbstractForce):
     """Fe(t) = function(t, parameters), for any function that JAX can trace.
 
-    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+    ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again.
 
     **Arguments:**
 
     - ``function``: of (t, parameters), to Fe, space axes, mass length/time², shape (3,).
-    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+    - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
+    - ``kink_times``: times, shape (kinks,), at which it jumps or has a kink.
 
     **Example:**
 
@@ -175,16 +176,16 @@ class FunctionForce(AbstractForce):
 
 
 class FunctionWrench(AbstractWrench):
-    """The force function(t, motion, parameters), or the :class:`~jaxball.Wrench` that it gives: wind, drag, a magnet.
+    """The force, or :class:`~jaxball.Wrench`, function(t, motion, parameters): wind, drag, a magnet.
 
-    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+    ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again.
 
     **Arguments:**
 
     - ``function``: of (t, motion, parameters), where ``motion`` is a :class:`~jaxball.BodyMotion`, to the force at the
       geometric centre, space axes, mass length/time², shape (3,), or to a :class:`~jaxball.Wrench`.
-    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+    - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
+    - ``kink_times``: times, shape (kinks,), at which it jumps or has a kink.
 
     **Example:**
 
@@ -214,7 +215,7 @@ class FunctionWrench(AbstractWrench):
 
 
 def require_wrench(name: str, force: AbstractWrench, coordinates: int) -> None:
-    """Raises a ``TypeError`` where a body with so many ``coordinates`` gets no force, or no torque, from ``force``.
+    """Raises a ``TypeError`` unless ``force`` returns a force or a wrench for a body with so many ``coordinates``.
 
     It is traced for this; an error that it raises itself is passed on with a note.
     """

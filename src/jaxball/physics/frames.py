@@ -53,7 +53,7 @@ class AbstractFrame(Printed):
 
 
 class MatrixFrame(AbstractFrame):
-    """A frame given by its rotation matrix; the identity unless told otherwise.
+    """A frame given by its rotation matrix, by default the identity.
 
     **Arguments:**
 
@@ -109,8 +109,8 @@ class SphericalFrame(AbstractFrame):
     - ``azimuth``: from E1 towards E2, rad.
     - ``elevation``: over the plane of E1 and E2, rad.
 
-    **Raises:** ``ValueError`` for an angle beyond a full turn, which must be in degrees. Between a quarter and a full
-    turn, where a search for an angle may come, an elevation means what its sine and cosine say.
+    **Raises:** ``ValueError`` for an angle beyond a full turn, which must be in degrees. An elevation between a quarter
+    and a full turn, which a search may reach, is taken by its sine and cosine.
 
     **Example:**
 
@@ -142,7 +142,7 @@ class SphericalFrame(AbstractFrame):
 def principal_angles(azimuth: float, elevation: float) -> tuple[float, float]:
     """The angles of the same direction whose elevation is from −π/2 to π/2 and whose azimuth is from −π to π.
 
-    Those that are so already are left as they are.
+    Angles that are already in these ranges are unchanged.
     """
     if abs(elevation) <= math.pi / 2 and abs(azimuth) <= 2 * math.pi:
         return azimuth, elevation

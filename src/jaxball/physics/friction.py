@@ -1,4 +1,4 @@
-"""The force of the plane on a body that rolls, slides or flies, and when one becomes another.
+"""The force of the plane on a body that rolls, slides or flies, and when it switches between these.
 
 Coulomb's law: a plane that presses with N > 0 holds a body that does not slip by any friction |f| ≤ μ N, with the
 static coefficient; on one that slips with v_s friction is −μ N σ with σ = v_s/|v_s|, with the sliding coefficient. All
@@ -24,7 +24,7 @@ STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quar
 class Interaction(NamedTuple):
     """The reaction R of the plane, and the slip acceleration v̇_s that it leaves.
 
-    ``normal`` is the normal force with which dry rolling friction is reckoned. ``solvability`` is by how much a unit of
+    ``normal`` is the normal force with which dry rolling friction is computed. ``solvability`` is by how much a unit of
     normal force with its friction raises the body, over what a unit without friction does: where it is not positive,
     the normal force has no solution (Painlevé's paradox), and these numbers mean nothing.
     """
@@ -36,7 +36,7 @@ class Interaction(NamedTuple):
 
 
 def rolling(found: Response) -> Interaction:
-    """The reaction that keeps v_s constant, whatever friction it needs. Where N would be negative, nothing rubs."""
+    """The reaction that keeps v_s constant, whatever friction it needs; without dry rolling friction where N < 0."""
     R, still = found.rolling.reaction, jnp.zeros_like(found.free)
     if found.rubbing is None:
         return Interaction(R, still, jnp.maximum(R[2], 0.0), jnp.ones_like(R[2]))

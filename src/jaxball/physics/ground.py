@@ -1,6 +1,6 @@
 """The ground: a plane that may be tilted, that may move without turning, and that may carry a turntable.
 
-Space axes move with the plane and never turn; e3 is its normal, and the place z and all velocities are relative to
+Space axes move with the plane and never turn; e3 is its normal, and the position z and all velocities are relative to
 these axes.
 """
 
@@ -23,12 +23,12 @@ ALONG = 1e-6  # how far the sine of a disk's heading may be from 0
 
 
 class Turntable(Printed):
-    """A part of the plane that turns about its normal, without end.
+    """A part of the plane that turns about its normal; it has no edge.
 
     **Arguments:**
 
-    - ``turning``: the angle by which it has turned, rad, as a schedule: its rate is W(t), so that
-      ``ConstantRate(0.0, rate=2.0)`` turns it at W = 2.
+    - ``turning``: its angle of rotation, rad, as a schedule, whose rate is W(t): ``ConstantRate(0.0, rate=2.0)`` turns
+      it at W = 2.
     - ``centre``: the point c about which it turns, length, shape (2,); the origin if not given.
 
     **Example:**
@@ -45,7 +45,7 @@ class Turntable(Printed):
     centre: Float[Array, "*group 2"] = eqx.field(converter=numbers("centre", (2,)), default=(0.0, 0.0))
 
     def __check_init__(self):
-        must = "a schedule of the angle by which it has turned, such as ConstantRate(0.0, rate=2.0)"
+        must = "a schedule of its angle of rotation, such as ConstantRate(0.0, rate=2.0)"
         require("turning", self.turning, AbstractSchedule, must)
 
     def prepare(self) -> "Turntable":
@@ -61,18 +61,18 @@ class TableMotion(NamedTuple):
 
 
 class Ground(Printed):
-    """The plane on which a body rolls, where it is not level and at rest.
+    """A plane that is tilted, moves or carries a turntable; without a ground, a body rolls on a level plane at rest.
 
     **Arguments:**
 
-    - ``angle``: by which the plane is tilted, rad, less than a right angle either way.
+    - ``angle``: the tilt of the plane, rad, between −π/2 and π/2.
     - ``heading``: the direction of steepest descent, from e1 to e2, rad.
     - ``motion``: the displacement X(t) of the plane, with its axes, as a motion: an :class:`~jaxball.Oscillating` of
       sinusoids, an :class:`~jaxball.OnRail` of a rail and a schedule, or a :class:`~jaxball.Free` of a function.
     - ``turntable``: a :class:`~jaxball.Turntable` in the plane, for a ball.
 
     Gravity is g (sin a cos b, sin a sin b, −cos a), with a the angle and b the heading. The weight, the plane's
-    acceleration and the turntable act together on the masses as γ = Λ⁻¹(Ẍ + u̇ − **g**) does in the place of gΓ.
+    acceleration and the turntable act together on the masses as γ = Λ⁻¹(Ẍ + u̇ − **g**), which replaces gΓ.
 
     **Example:**
 
@@ -134,7 +134,7 @@ class Ground(Printed):
         return TableMotion(W, W * aside, Wdot * aside + W * _turned(rolling + W * aside))
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which Ẍ or Ẇ jumps or bends."""
+        """The times at which Ẍ or Ẇ jumps or has a kink."""
         sources = [self.motion, None if self.turntable is None else self.turntable.turning]
         return concatenated([source.kinks() for source in sources if source is not None])
 

@@ -1,4 +1,4 @@
-"""What a body at rest lacks of equilibrium: a torque about the contact point, and forces on its free joints."""
+"""The imbalance of a body at rest: a torque about the contact point, and forces on its free joints."""
 
 from typing import NamedTuple
 
@@ -16,10 +16,11 @@ from .state import BallState, DiskState, RotationState
 
 
 class Imbalance(NamedTuple):
-    """What would set a body in motion that is at rest; all of it is 0 in equilibrium.
+    """What would set a body at rest in motion; all of it is 0 in equilibrium.
 
     - ``torque``: of the load about the contact point, space axes, mass length²/time².
-    - ``efforts``: on each free joint, its force less what holds up its masses; 0 for what a law drives.
+    - ``efforts``: on each free joint, its force minus that which would hold up its masses; 0 for joints that a law
+      drives.
     - ``p``, ``weight``: Λp = Σ m Λχ, and γ, what a unit of mass weighs, upward; space axes.
     - ``M``: the whole mass.
     """
@@ -44,7 +45,7 @@ class Imbalance(NamedTuple):
 
 
 def imbalance(system: BodyParameters, t: Float[Array, ""], state: BallState | RotationState | DiskState) -> Imbalance:
-    """The imbalance of a body in the place of ``state``, with all velocities 0; ``system`` is prepared."""
+    """The imbalance of a body in the configuration of ``state``, with all velocities 0; ``system`` is prepared."""
     still = eqx.tree_at(lambda s: s.thetadot, state, jnp.zeros_like(state.thetadot))
     still = still.with_Omega(jnp.zeros_like(state.Omega))
     angles = (still.theta, still.thetadot, still.thetadot)

@@ -1,19 +1,20 @@
 """The impact of a body on the plane, with Newton's restitution and Coulomb's friction.
 
-An impact takes no time: places stay, and so do the rates of joints that a schedule or a law moves. The impulse I of the
-plane changes the slip velocity v_s by D I, and with it Ω and θ̇ of free joints as a slip acceleration of this size would
-change their rates. Where slip and normal velocity are coupled by D, or D is not isotropic, the slip turns, and may end
-and begin again, while the normal impulse grows. This is followed as a process in the normal impulse I₃,
+An impact takes no time: positions are unchanged, and so are the rates of joints that a schedule or a law moves. The
+impulse I of the plane changes the slip velocity v_s by D I, and with it Ω and θ̇ of free joints as a slip acceleration
+of this size would change their rates. Where slip and normal velocity are coupled by D, or D is not isotropic, the slip
+turns, and may end and begin again, while the normal impulse grows. This is integrated as a process in the normal
+impulse I₃,
 
     dv_s/dI₃ = D (e3 − μσ)        σ = v_s/|v_s|
 
 (Routh's method; J. A. Batlle, Rough balanced collisions, J. Appl. Mech. 63 (1996) 168–172), with the slip velocity held
 at zero where friction can do it.
 
-The impact ends where v_s3 has become −e times what it was. It ends before, where the normal force has done work of 0 in
-all: it then gives back what compression took, and Newton's e asks for more, as it may where friction drives v_s3. So no
-impact with e ≤ 1 creates energy, because friction takes some. Rolling and spinning friction give no impulse here, not
-even the dry one, which is proportional to N.
+The impact ends where v_s3 has become −e times its value before. It ends earlier if the total work of the normal force
+reaches 0: all the energy of compression has then been returned, while Newton's e asks for more, as it may where
+friction drives v_s3. So no impact with e ≤ 1 creates energy, because friction dissipates some. Rolling and spinning
+friction give no impulse here, not even the dry one, which is proportional to N.
 """
 
 from typing import NamedTuple

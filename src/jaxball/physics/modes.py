@@ -1,4 +1,4 @@
-"""The modes in which a body is on its plane or over it, why they end, and the state of one that may change its mode."""
+"""The modes of a body on or above its plane, why they end, and the state of a body that may switch between them."""
 
 import enum
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ class Mode(enum.IntEnum):
 
 
 class Cause(enum.IntEnum):
-    """Why a mode ends: friction gives way, a slip ends, the plane would have to pull, the body comes down.
+    """Why a mode ends: friction gives way, a slip ends, the normal force falls to zero, the body lands.
 
     ``JAMS``: friction is so large that the normal force of a sliding body has no solution. ``START`` is none of these.
 
@@ -73,11 +73,11 @@ CAUSES = (
 
 
 class ContactState(AbstractState):
-    """What a solve advances of a body that rolls, slides or flies.
+    """The variables of a body that rolls, slides or flies that a solve advances.
 
-    - ``body``, ``V``, ``height``: as of a :class:`ReleasedState`. A solve advances the slip velocity in the place of
-      ``V``, but in flight, so that no rounding is left of it where the body rolls.
-    - ``rubbed``, ``struck``: the energy that friction of sliding and impacts have taken.
+    - ``body``, ``V``, ``height``: as of a :class:`ReleasedState`. A solve advances the slip velocity instead of ``V``,
+      except in flight, so that it is exactly zero where the body rolls.
+    - ``rubbed``, ``struck``: the energy dissipated by sliding friction and by impacts.
     - ``mode``: a :class:`Mode`, as a number.
     - ``begun``: the direction of a slip that has just begun, which cannot be told from its velocity.
     """

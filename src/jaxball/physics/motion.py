@@ -1,7 +1,7 @@
-"""How a point mass moves in the ball: on a rail, freely, or not at all.
+"""The motions of a point mass in the ball: on a rail, free, or fixed.
 
-Every motion supplies χ, χ̇ and χ̈, body vectors from the geometric centre, and nothing else: the
-equations of motion do not know rails.
+Every motion supplies χ, χ̇ and χ̈, body vectors from the geometric centre, and nothing else: the equations of motion do
+not depend on rails.
 """
 
 import abc
@@ -82,7 +82,7 @@ class OnRail(AbstractPrescribedMotion):
     **Arguments:**
 
     - ``rail``: where the mass can be, such as a :class:`~jaxball.Circle`.
-    - ``schedule``: where on it the mass is when, such as a :class:`~jaxball.Pulse`.
+    - ``schedule``: its position on the rail as a function of time, such as a :class:`~jaxball.Pulse`.
 
     **Example:**
 
@@ -155,7 +155,7 @@ class Driven(AbstractMotion):
 
 
 class Fixed(AbstractPrescribedMotion):
-    """A mass held at ``position``: with only such masses the ball has static internal structure.
+    """A mass held at ``position``: with only such masses, the ball has a static internal structure.
 
     **Arguments:**
 
@@ -176,12 +176,12 @@ class Fixed(AbstractPrescribedMotion):
 
 
 class Oscillating(AbstractPrescribedMotion):
-    """A free motion in space whose coordinates are constants plus sinusoids, and powers of the time.
+    """A free motion in the body whose coordinates are constants plus sinusoids and powers of the time.
 
     **Arguments:**
 
-    - ``path``: χ(t), body axes: a :class:`~jaxball.HarmonicSeries` with a constant of shape (3,), length, and, where
-      it is to grow, with ``powers``.
+    - ``path``: χ(t), body axes: a :class:`~jaxball.HarmonicSeries` with a constant of shape (3,), length, and
+      ``powers`` for growth with time.
 
     **Example:**
 
@@ -205,14 +205,14 @@ class Oscillating(AbstractPrescribedMotion):
 class Free(AbstractPrescribedMotion):
     """Any free motion χ(t) = function(t, parameters), on a surface or in the volume.
 
-    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew. Say
-    in ``kink_times`` when its second derivative jumps.
+    ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. Give the times
+    at which its second derivative jumps in ``kink_times``.
 
     **Arguments:**
 
     - ``function``: of (t, parameters), to χ, body axes, length, shape (3,).
-    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+    - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
+    - ``kink_times``: times, shape (kinks,), at which its second derivative jumps or has a kink.
 
     **Example:**
 

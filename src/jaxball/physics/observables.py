@@ -1,4 +1,4 @@
-"""Everything that can be read off a state: positions, energies, forces."""
+"""All observables of a state: positions, energies, forces."""
 
 from typing import NamedTuple
 
@@ -31,13 +31,13 @@ from .system import require_one_state
 
 
 class Observables(Printed):
-    """What is observed at one time, or along a leading axis of times.
+    """The observables at one time, or along a leading axis of times.
 
-    Positions named ``…_body`` are in body axes and drawn from the geometric centre; those named
-    ``…_space`` are in space axes, drawn from it too. ``geometric_centre`` and ``contact_point`` are
-    places in space, with the plane at height −r. The contact force acts on the ball.
+    Positions named ``…_body`` are in body axes, relative to the geometric centre; those named ``…_space`` are in space
+    axes, also relative to it. ``geometric_centre`` and ``contact_point`` are positions in space, with the plane at
+    height −r. The contact force acts on the ball.
 
-    **Arguments:** each with the times, if there are many, as leading axes.
+    **Arguments:** each with a leading axis of times, if there are several.
 
     - ``mass_positions_body``, ``mass_positions_space``: of the point masses, and then of those of mechanisms, length,
       shape (n, 3).
@@ -47,14 +47,14 @@ class Observables(Printed):
     - ``angular_velocity_body``, ``angular_velocity_space``, ``angular_acceleration_body``: Ω, ω = ΛΩ and Ω̇, in
       rad/time and rad/time², shape (3,).
     - ``kinetic_energy``, ``potential_energy``: T and V, mass length²/time².
-    - ``power``: Ė, of all that does work together: the actuation, the external force, resistance and the ground's
-      motion, mass length²/time³.
-    - ``dissipation``: what of it resistance takes away, 0 or positive unless a coefficient is negative.
+    - ``power``: Ė, the total of the actuation, the external force, resistance and the ground's motion, mass
+      length²/time³.
+    - ``dissipation``: the power dissipated by resistance, 0 or positive unless a coefficient is negative.
     - ``normal_force``, ``friction``: N, and the two components of f, shape (2,), mass length/time².
     - ``friction_ratio``: |f| / N; 0 in flight.
     - ``joint_angles``, ``joint_rates``: θ and θ̇ of every joint of every mechanism, in their order, shape (joints,).
-    - ``joint_efforts``: Q of each, the torque of a hinge and the force along a slider, shape (joints,); that of the
-      motor that a joint needs which a schedule or a law moves. Its power is Q θ̇.
+    - ``joint_efforts``: Q of each, the torque of a hinge and the force along a slider, shape (joints,); for a joint
+      that a schedule or a law moves, the effort that its motor needs. Its power is Q θ̇.
 
     **Example:**
 
@@ -102,10 +102,10 @@ def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskSt
 
     - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
     - ``t``: time.
-    - ``state``: of one of the kinds that know where the body is.
+    - ``state``: of a kind that contains the position of the body.
 
-    **Raises:** ``TypeError`` when the body has no state of that kind, ``ValueError`` for many states, for which there
-    are ``jax.vmap`` and, of a run, its ``observables``.
+    **Raises:** ``TypeError`` when the body has no state of that kind, ``ValueError`` for several states; use
+    ``jax.vmap`` or, for a run, its ``observables``.
 
     **Example:**
 
@@ -116,7 +116,7 @@ def observe(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskSt
     Array([ 3. ,  4. , -0.5], dtype=float64)
     """
     if isinstance(state, ReducedState):
-        raise refusal("state", "one that knows where the body is, such as a BallState", state)
+        raise refusal("state", "one that contains the position of the body, such as a BallState", state)
     require_one_state(system, state)
     return _observed(system, t, movement(system, t, state))
 
@@ -127,7 +127,7 @@ def observe_on_plane(plane: BodyOnPlane, t: Float[Array, ""], state: ContactStat
 
 
 class Movement(NamedTuple):
-    """How a body moves at one moment: what its accelerations are, and what acts on it.
+    """The motion of a body at one moment: its accelerations, and what acts on it.
 
     Ω̇ in body axes, θ, θ̇ and θ̈, the load, the moments, the torque of dry friction, R in space axes, and the slip of a
     body that need not roll.
@@ -158,7 +158,7 @@ class Slip(NamedTuple):
 
 
 def movement(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskState) -> Movement:
-    """The movement of a body that rolls."""
+    """The motion of a body that rolls."""
     acting = load(system, t, state)
     found = accelerations(system, t, state, acting)
     in_space = state.in_space()
@@ -168,7 +168,7 @@ def movement(system: AbstractBody, t: Float[Array, ""], state: BallState | DiskS
 
 
 def movement_on_plane(plane: BodyOnPlane, t: Float[Array, ""], state: ContactState) -> Movement:
-    """The movement of a body that rolls, slides or flies."""
+    """The motion of a body that rolls, slides or flies."""
     system, body = plane.body, state.body
     response = plane.response(t, state)
     force = plane.interaction(t, state, response)

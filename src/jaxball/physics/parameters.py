@@ -35,7 +35,7 @@ class PointMass(Printed):
     **Arguments:**
 
     - ``mass``: m_i, in units of mass.
-    - ``motion``: where it is in the ball: an :class:`~jaxball.OnRail`, :class:`~jaxball.Driven`,
+    - ``motion``: how it moves in the ball: an :class:`~jaxball.OnRail`, :class:`~jaxball.Driven`,
       :class:`~jaxball.Fixed`, :class:`~jaxball.Oscillating` or :class:`~jaxball.Free`.
 
     **Example:**
@@ -55,7 +55,7 @@ class PointMass(Printed):
 
 
 class BodyParameters(Printed):
-    """The parameters that a ball and a disk share; :class:`~jaxball.Ball` says what each is.
+    """The parameters that a ball and a disk share; :class:`~jaxball.Ball` describes them.
 
     Masses whose motions have the same structure are stacked into one group with a leading axis, so
     that the cost of compiling does not grow with their number. ``point_masses`` undoes it; ``order``
@@ -153,13 +153,13 @@ class BodyParameters(Printed):
 
     @property
     def accelerated(self) -> tuple[int, ...]:
-        """The places in a state's ``theta`` of what the feedback law drives."""
+        """The indices in a state's ``theta`` of what the feedback law drives."""
         free = {(i, a) for group, order in self._mechanism_items for i in order for a in group.free}
         joints = (len(self.driven) + slot for slot, joint in enumerate(self.joints) if joint not in free)
         return (*range(len(self.driven)), *joints)
 
     def slots(self, order: tuple[int, ...], joints: Sequence[int]) -> Int[np.ndarray, "mechanisms joints"]:
-        """The places in a state's ``theta`` of some joints of each mechanism of a group."""
+        """The indices in a state's ``theta`` of some joints of each mechanism of a group."""
         places = {joint: len(self.driven) + slot for slot, joint in enumerate(self.joints)}
         return np.asarray([[places[index, a] for a in joints] for index in order], dtype=int).reshape(len(order), -1)
 
@@ -230,7 +230,7 @@ def _lines(name: str, groups: Sequence[PointMass | AbstractMechanism], order: Se
 
 
 def _stacked(leaves: Sequence[Any]) -> Array:
-    """Known numbers are stacked by NumPy, for which nothing is compiled."""
+    """Known numbers are stacked by NumPy, without compiling anything."""
     if any(map(is_traced, leaves)):
         return jnp.stack(leaves)
     stacked = np.stack([np.asarray(leaf) for leaf in leaves])
@@ -238,7 +238,7 @@ def _stacked(leaves: Sequence[Any]) -> Array:
 
 
 def _entry(leaf: Any, index: int) -> Any:
-    """An entry along the first axis, taken by NumPy where it is known, for which nothing is compiled."""
+    """An entry along the first axis, taken by NumPy where it is known, without compiling anything."""
     known = isinstance(leaf, jax.Array) and not is_traced(leaf)
     return jnp.asarray(np.asarray(np.asarray(leaf)[index]), dtype=leaf.dtype) if known else leaf[index]
 

@@ -1,4 +1,4 @@
-"""The phase space of a system: what of its state the motion depends on."""
+"""The phase space of a system: the part of its state that the motion depends on."""
 
 import functools
 from collections.abc import Callable
@@ -26,7 +26,7 @@ def phase_point(system: AbstractSystem, state: AbstractState) -> AbstractState: 
 
 
 def phase_point(system: AbstractSystem, state: AbstractState) -> AbstractState:
-    """``state`` as a point of the phase space: (Ω, Γ) of a ball, unless a force acts, which they cannot express.
+    """``state`` as a point of the phase space: for a ball (Ω, Γ), unless a force acts, which they cannot express.
 
     **Raises:** ``TypeError`` when the system has no state of that kind.
     """
@@ -35,7 +35,7 @@ def phase_point(system: AbstractSystem, state: AbstractState) -> AbstractState:
 
 
 def dimension(state: AbstractState) -> int:
-    """The dimension of the phase space: a unit vector counts one less than its components."""
+    """The dimension of the phase space, where a unit vector counts one less than its number of components."""
     return ravel_pytree(state)[0].size - (state.unit_vector is not None)
 
 

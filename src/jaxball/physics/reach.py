@@ -1,4 +1,4 @@
-"""How far masses come from the centre and out of a disk's plane: bounds that cost less than looking at every time."""
+"""Bounds on how far masses get from the centre and out of a disk's plane, cheaper than checking every time."""
 
 import functools
 from typing import NamedTuple
@@ -26,9 +26,9 @@ class Reach(NamedTuple):
 
 
 def surely_stay(system: BodyParameters, start: Time, end: Time) -> Bool[Array, ""]:
-    """Whether bounds alone tell that masses in free motion or on open rails stay in the body from ``start`` to ``end``.
+    """Whether bounds prove that masses in free motion or on open rails stay in the body from ``start`` to ``end``.
 
-    Those that are driven are not looked at.
+    Driven masses are not checked.
     """
     stay = jnp.asarray(True)
     for group in system.groups:

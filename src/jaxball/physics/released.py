@@ -1,4 +1,4 @@
-"""The body released from the rolling constraint: it may slip on the plane, and leave it.
+"""The body released from the rolling constraint: it may slip on the plane and leave it.
 
 The velocity V of the geometric centre and its height over that of rolling are then part of the state. With the slip
 velocity v_s = V − rω × e3 − u, whose third component is that of V, in the place of V,
@@ -41,14 +41,15 @@ PlacedState = BallState | RotationState | DiskState
 
 
 class ReleasedState(Printed):
-    """The state of a body that need not roll: it may slip on the plane, and be over it.
+    """The state of a body that need not roll: it may slip on the plane or be above it.
 
     **Arguments:**
 
-    - ``body``: orientation, Ω, place and joints, as of a body that rolls: a :class:`~jaxball.BallState`, a
+    - ``body``: orientation, Ω, position and joints, as for a body that rolls: a :class:`~jaxball.BallState`, a
       :class:`~jaxball.RotationState` or a :class:`~jaxball.DiskState`.
-    - ``V``: the velocity of the geometric centre, space axes, length/time, shape (3,); its second entry is 0 of a disk.
-    - ``height``: of the geometric centre over that of rolling, length.
+    - ``V``: the velocity of the geometric centre, space axes, length/time, shape (3,); for a disk its second entry is
+      0.
+    - ``height``: of the geometric centre above that of rolling, length.
 
     **Example:**
 
@@ -63,7 +64,10 @@ class ReleasedState(Printed):
 
     def __check_init__(self):
         require(
-            "body", self.body, get_args(PlacedState), "a BallState, a RotationState or a DiskState, which have a place"
+            "body",
+            self.body,
+            get_args(PlacedState),
+            "a BallState, a RotationState or a DiskState, which have a position",
         )
 
 
@@ -116,7 +120,7 @@ class Response(NamedTuple):
         return -apply(self.contact, self.rolling.reaction)
 
     def slip_acceleration(self, R: Float[Array, "3"], N: Float[Array, ""]) -> Float[Array, "3"]:
-        """v̇_s under a reaction, space axes; ``N`` is the normal force with which dry rolling friction is reckoned."""
+        """v̇_s under a reaction, space axes; ``N`` is the normal force with which dry rolling friction is computed."""
         rest = R - self.rolling.reaction
         return apply(self.contact, rest if self.rubbing is None else rest - N * self.rubbing.reaction)
 

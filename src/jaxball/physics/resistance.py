@@ -1,4 +1,4 @@
-"""What resists the rolling: viscous and dry friction of rolling, friction of spinning, and the drag of the medium."""
+"""Resistance to rolling: viscous and dry rolling friction, spinning friction, and the drag of the medium."""
 
 from collections.abc import Iterator
 
@@ -16,15 +16,15 @@ SMOOTHING = 1e-3  # of dry friction by default, rad/time
 
 
 class Resistance(Printed):
-    """Torques at the contact, and the drag of a medium that is at rest over the plane.
+    """Torques at the contact, and the drag of a medium that is at rest relative to the plane.
 
     With ω_h the horizontal part of ω, over a plane whose turntable turns at W,
 
     - at the contact T = −rolling ω_h − spinning (ω₃ − W) e3 − N dry r ω_h / √(ω_h² + smoothing²);
-    - of the medium, the force −drag ż at the geometric centre and the torque −rotational_drag ω.
+    - from the medium, the force −drag ż at the geometric centre and the torque −rotational_drag ω.
 
-    Dry friction grows with the normal force N, which friction changes in turn; both are solved for together. Smoothed,
-    it holds nothing at rest: on a slope whose tangent is s times ``dry``, with s < 1, the body creeps at
+    Dry friction is proportional to the normal force N, which it changes in turn; both are solved for together. Being
+    smoothed, it cannot hold a body at rest: on a slope whose tangent is s times ``dry``, with s < 1, the body creeps at
     ω = smoothing s / √(1 − s²).
 
     **Arguments:**
@@ -32,9 +32,10 @@ class Resistance(Printed):
     - ``rolling``, ``spinning``: of viscous friction at the contact, mass length²/time.
     - ``drag``: of the medium, mass/time.
     - ``rotational_drag``: of the medium, mass length²/time.
-    - ``dry``: the coefficient of rolling friction, a length over the radius; None, for none, costs least.
+    - ``dry``: the coefficient of rolling friction, a length over the radius; None for no dry friction, which is
+      cheapest.
     - ``smoothing``: rad/time, far below the rates of interest; the smaller, the stiffer the equations.
-    - ``negative``: whether coefficients may be negative, and so put energy in.
+    - ``negative``: whether coefficients may be negative, and so supply energy.
 
     **Example:**
 

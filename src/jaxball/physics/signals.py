@@ -32,7 +32,7 @@ class AbstractSignal(Printed):
 class AbstractIntegrableSignal(AbstractSignal):
     """A signal whose integral is known in closed form.
 
-    Derivatives of a solve with respect to the times of jumps of a motor's signal are then right for each motor, also
+    Derivatives of a solve with respect to the times of jumps of a motor's signal are then right for each motor, even
     when several jump at once.
     """
 
@@ -62,7 +62,7 @@ class ConstantSignal(AbstractSignal):
 
 
 class PiecewiseSignal(AbstractIntegrableSignal):
-    """s(t) as polynomials in pieces: steps, where there is one number a piece.
+    """s(t) as a piecewise polynomial: steps, if there is one number per piece.
 
     On times[j] ≤ t < times[j + 1], s = Σ_k values[j, k] (t − times[j])ᵏ; before the first time and after the last, 0.
 
@@ -131,7 +131,7 @@ class IntegratedSignal(AbstractIntegrableSignal):
 
 
 def as_signal(name: str, given: Any) -> AbstractSignal | AbstractSchedule:
-    """A signal, a schedule, or the signal that is a number always.
+    """A signal, a schedule, or a number as a constant signal.
 
     **Raises:** ``TypeError`` for anything else.
     """

@@ -1,6 +1,6 @@
-"""The states of a ball and of a disk, with their kinematics: the rates of a state whose angular acceleration is known.
+"""The states of a ball and of a disk, with their kinematics: the rates of a state, given its angular acceleration.
 
-Times, lengths and masses carry whatever consistent units the parameters have.
+Times, lengths and masses are in the same consistent units as the parameters.
 """
 
 import abc
@@ -116,7 +116,7 @@ class BallState(AbstractBodyState):
         return self
 
     def reduced(self) -> "ReducedState":
-        """(Ω, Γ), without place and heading."""
+        """(Ω, Γ), without position and heading."""
         return ReducedState(self.Omega, self.Gamma, self.theta, self.thetadot)
 
 
@@ -176,7 +176,7 @@ class RotationState(AbstractBodyState):
         yield from super().conditions()
 
     def projected(self) -> "RotationState":
-        """The state with Λ orthogonal, up to squares of the distance."""
+        """The state with Λ orthogonal, up to second order in its distance from a rotation."""
         R = self.Lambda
         gram = jnp.sum(R[..., :, :, None] * R[..., :, None, :], axis=-3)
         nearer = 1.5 * R - 0.5 * jnp.sum(R[..., :, :, None] * gram[..., None, :, :], axis=-2)
@@ -187,7 +187,7 @@ class RotationState(AbstractBodyState):
         return BallState(versor.from_rotation_matrix(self.Lambda), self.Omega, self.z, self.theta, self.thetadot)
 
     def reduced(self) -> "ReducedState":
-        """(Ω, Γ), without place and heading."""
+        """(Ω, Γ), without position and heading."""
         return ReducedState(self.Omega, self.Gamma, self.theta, self.thetadot)
 
 
@@ -235,7 +235,7 @@ class DiskState(AbstractBodyState):
 
     - ``phi``: φ, rad.
     - ``phidot``: φ̇, rad/time.
-    - ``z``: the place of the centre on the line, length.
+    - ``z``: the position of the centre on the line, length.
     - ``theta``: θ of each driven mass, rad on a closed rail and length in a tube, shape (driven,); empty if there are
       none.
     - ``thetadot``: θ̇ of each of them, shape (driven,).
@@ -321,6 +321,6 @@ def rolling_velocity(Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: F
 def centre_velocity(
     Lambda: Float[Array, "3 3"], Omega: Float[Array, "3"], r: Float[Array, ""], drift: Float[Array, "2"] | None
 ) -> Float[Array, "2"]:
-    """ż over a plane that moves with the velocity ``drift`` under the centre, if it does."""
+    """ż over a plane that moves with the velocity ``drift`` under the centre, if there is one."""
     rolling = rolling_velocity(Lambda, Omega, r)
     return rolling if drift is None else rolling + drift

@@ -1,9 +1,9 @@
-"""The contract of a mechanical system: what one supplies, and what it gets for it.
+"""The contract of a mechanical system: what an implementer supplies, and what jaxball does with it.
 
 A system is an :class:`AbstractSystem` of parameters with an :class:`AbstractState` that a solve advances. Ball and disk
-(``body``), the classical systems (``jaxball.classical``) and systems of one's own fulfil the same contract. What they
-get for it: :func:`jaxball.simulate` with status, events, dense output and derivatives, ensembles, Lyapunov exponents,
-Poincaré maps, checks of laws, data sets and figures, and sentences that say what cannot be.
+(``body``), the classical systems (``jaxball.classical``) and users' systems fulfil the same contract. In return they
+get :func:`jaxball.simulate` with status, events, dense output and derivatives, ensembles, Lyapunov exponents, Poincaré
+maps, checks of laws, data sets and figures, and clear messages about impossible parameters and states.
 """
 
 import abc
@@ -27,27 +27,27 @@ AnySystem = TypeVar("AnySystem", bound="AbstractSystem")
 
 
 class AbstractState(Printed):
-    """What a solve advances: the arrays of an Equinox module, each a field.
+    """The state that a solve advances: the arrays of an Equinox module, each a field.
 
-    Fields that have defaults make the state from which a run starts if none is given.
+    If every field has a default, these make the state from which a run starts if none is given.
 
     - ``unit_vector``: the name of the field that is a unit vector, if there is one. It must be one at the start,
       ``project`` and ``dae`` of :func:`jaxball.simulate` keep it one, and it counts one dimension less.
-    - ``sized``: the names of fields whose length the system decides; its ``require_state`` checks them.
+    - ``sized``: the names of fields whose length depends on the system; its ``require_state`` checks them.
     """
 
     unit_vector: ClassVar[str | None] = None
     sized: ClassVar[tuple[str, ...]] = ()
 
     def conditions(self) -> Iterator[Condition]:
-        """Every condition that an initial state must meet; traceable. What is not finite meets none."""
+        """Every condition that an initial state must meet; traceable. A state that is not finite meets none."""
         if self.unit_vector is not None:
             yield unit(f"state.{self.unit_vector}", getattr(self, self.unit_vector))
         for path, leaf in jax.tree_util.tree_leaves_with_path(self):
             yield Condition(jnp.all(jnp.isfinite(leaf)), "state" + jax.tree_util.keystr(path), leaf, "finite")
 
     def projected(self: AnyState) -> AnyState:
-        """The nearest state that is one: with a unit vector of length 1."""
+        """The nearest valid state: with a unit vector of length 1."""
         if self.unit_vector is None:
             return self
         name, vector = self.unit_vector, getattr(self, self.unit_vector)
@@ -55,7 +55,7 @@ class AbstractState(Printed):
         return eqx.tree_at(lambda state: getattr(state, name), self, vector / length)
 
     def reduced(self) -> "AbstractState":
-        """What of the state the motion depends on, where nothing breaks the system's symmetries: its phase space."""
+        """The part of the state that the motion depends on if nothing breaks the symmetries: the phase space."""
         return self
 
 
@@ -71,18 +71,18 @@ class AbstractSystem(Printed, Generic[AnyState]):
     - ``state_type``: the class of its states, and ``other_state_types`` where it takes more;
     - ``field(t, state)``: the equations of motion.
 
-    All else has a default, and is supplied where the default does not fit:
+    Everything else has a default, to be overridden where it does not fit:
 
     - ``title``: what it is called in sentences;
-    - ``conditions``, ``start_conditions``: which parameters and which starts can be, so that a run that cannot be has
-      the status ``IMPOSSIBLE`` and a sentence that says why;
-    - ``laws``: what is constant along every motion;
-    - ``prepare``: work to be done once a solve;
+    - ``conditions``, ``start_conditions``: which parameters and initial states are possible, so that an impossible run
+      has the status ``IMPOSSIBLE`` and a sentence that says why;
+    - ``laws``: what is conserved along every motion;
+    - ``prepare``: work to be done once per solve;
     - ``driving_kinks``, ``motion_kinks``: the times to which a solve steps, because the field is not smooth there;
-    - ``to_packed``, ``from_packed``, ``packed_field``: other coordinates for a solve to advance, such as a momentum in
-      the place of a velocity;
+    - ``to_packed``, ``from_packed``, ``packed_field``: other coordinates for a solve to advance, such as a momentum
+      instead of a velocity;
     - ``phase_point``: which part of a state the motion depends on;
-    - ``confined``, ``time_of_leaving``, ``breaches``: for a system with an inside, that nothing leaves it.
+    - ``confined``, ``time_of_leaving``, ``breaches``: for a system with an inside, checks that nothing leaves it.
 
     Methods are traced: they are written with ``jax.numpy``, for one state without a batch, and without branches on
     numbers.
@@ -100,18 +100,18 @@ class AbstractSystem(Printed, Generic[AnyState]):
         """What the system is, for a sentence after "a"."""
         return self.title
 
-    # What can be.
+    # What is possible.
 
     def conditions(self) -> Iterator[Condition]:
         """Every condition that the parameters must meet; traceable."""
         yield from ()
 
     def start_conditions(self, t: Float[Array, ""], state: AnyState) -> Iterator[Condition]:
-        """Every condition that an initial state must meet beside those of its own; traceable."""
+        """Every condition that an initial state must meet in addition to its own; traceable."""
         yield from ()
 
     def default_state(self) -> AnyState:
-        """The state from which a run starts if none is given: that of the defaults of ``state_type``.
+        """The state from which a run starts if none is given: the defaults of ``state_type``.
 
         **Raises:** ``ValueError`` where a state must be given.
         """
@@ -122,7 +122,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
         return default
 
     def require_state(self, state: AnyState) -> None:
-        """Refuses a state that is not of this system, by its type and shapes. A batch may be given.
+        """Refuses a state whose type or shapes do not fit this system. A batch may be given.
 
         **Raises:** ``TypeError`` for another kind, ``ValueError`` for a state of a size that does not fit.
         """
@@ -143,11 +143,11 @@ class AbstractSystem(Printed, Generic[AnyState]):
     # What a solve advances.
 
     def prepare(self: AnySystem) -> AnySystem:
-        """The same system, ready to be evaluated many times: called once a solve, not once a step."""
+        """The same system, ready to be evaluated many times: called once per solve, not once per step."""
         return self
 
     def to_packed(self, t: Float[Array, ""], state: AnyState) -> AnyState:
-        """The state with what a solve advances in the place of some fields; ``self`` is prepared."""
+        """The state with some fields replaced by what a solve advances instead; ``self`` is prepared."""
         return state
 
     def from_packed(self, t: Float[Array, ""], packed: AnyState) -> AnyState:
@@ -169,25 +169,25 @@ class AbstractSystem(Printed, Generic[AnyState]):
         return rates
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        """The times, in no order, of kinks at which the packed field is continuous. They need no derivatives."""
+        """The unsorted times of kinks at which the packed field is continuous. They need no derivatives."""
         return jnp.zeros((0,), dtype=default_dtype())
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
-        """The times, in no order, at which the field jumps or bends. A solve steps to them."""
+        """The unsorted times at which the field jumps or has a kink. A solve ends steps at them."""
         return jnp.zeros((0,), dtype=default_dtype())
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times of all kinks, in no order."""
+        """The unsorted times of all kinks."""
         return jnp.concatenate([self.motion_kinks(), self.driving_kinks()])
 
     # What is read off a state.
 
     def laws(self, t: Float[Array, ""], state: AnyState) -> Any:
-        """A named tuple of quantities that are constant along every motion, or are where its entries say so."""
+        """A named tuple of quantities that are conserved along every motion, or when its entries say so."""
         return NoLaws()
 
     def phase_point(self, state: AnyState) -> AbstractState:
-        """``state`` as a point of the phase space: what of it the motion depends on."""
+        """``state`` as a point of the phase space: the part of it that the motion depends on."""
         return state.reduced()
 
     # Confinement, of a system that has an inside.
@@ -197,7 +197,7 @@ class AbstractSystem(Printed, Generic[AnyState]):
         return jnp.asarray(True)
 
     def time_of_leaving(self, times: Float[Array, " T"], states: AnyState) -> Float[Array, ""] | None:
-        """When something first leaves, infinite if never; None for a system without an inside. ``self`` is prepared."""
+        """When something first leaves; infinite if never, None for a system without an inside. ``self`` is prepared."""
         return None
 
     def breaches(self, times: Any, state: AnyState | None, states: AnyState | None) -> Iterator[Problem]:
@@ -233,7 +233,7 @@ def require_system(system: Any) -> None:
 
 
 def require_state(system: Any, state: Any) -> None:
-    """Refuses what is not a system, and a state that is not of it.
+    """Refuses anything but a system, and a state that does not fit it.
 
     **Raises:** ``TypeError`` for other kinds, ``ValueError`` for a state of a size that does not fit.
     """
@@ -243,7 +243,7 @@ def require_state(system: Any, state: Any) -> None:
 
 
 def require_one_state(system: Any, state: Any) -> None:
-    """Refuses what is not one state of the system, such as those of a whole run.
+    """Refuses anything but one state of the system, such as the states of a whole run.
 
     **Raises:** ``TypeError`` for other kinds, ``ValueError`` for a state of a size that does not fit and for a batch.
     """
@@ -285,10 +285,10 @@ def vector_field(system: AbstractSystem, t: Float[Array, ""], state: AnyState) -
 
     - ``system``: a body, a system of :mod:`jaxball.classical`, or another :class:`~jaxball.AbstractSystem`.
     - ``t``: time.
-    - ``state``: of any kind that the system has.
+    - ``state``: of any kind that the system supports.
 
-    **Raises:** ``TypeError`` when the system has no state of that kind, ``ValueError`` for many states, for which there
-    is ``jax.vmap``.
+    **Raises:** ``TypeError`` when the system has no state of that kind, ``ValueError`` for several states; use
+    ``jax.vmap``.
 
     **Example:**
 

@@ -1,4 +1,4 @@
-"""Which systems can be, and from which states a solve can start."""
+"""Which systems are possible, and from which states a solve can start."""
 
 from collections.abc import Iterator
 
@@ -31,15 +31,15 @@ def possible_start(
 
 
 def problems(system: AbstractSystem, state: AbstractState | None = None, t: Numbers = 0.0) -> list[str]:
-    """One sentence for each number of a body, and of its state, that cannot be; empty when all is well.
+    """One sentence for each impossible number of a body and of its state; empty when all is well.
 
     **Arguments:**
 
     - ``system``: a body, a system of :mod:`jaxball.classical`, or another :class:`~jaxball.AbstractSystem`.
-    - ``state``: the state at the start; not looked at if not given.
-    - ``t``: the time of the start, or the times of a run, in which prescribed motions must stay in the body.
+    - ``state``: the state at the start; not checked if not given.
+    - ``t``: the time of the start, or the times of a run, during which prescribed motions must stay in the body.
 
-    **Raises:** ``TypeError`` for what is no system, ``ValueError`` for many states.
+    **Raises:** ``TypeError`` for anything but a system, ``ValueError`` for several states.
 
     **Example:**
 
@@ -59,7 +59,7 @@ def find_problems(
     times: Float[np.ndarray, " T"],
     states: AbstractState | None = None,
 ) -> list[Problem]:
-    """What :func:`problems` says, before it is said; with the ``states`` of a run, also where it carried its masses."""
+    """The problems that :func:`problems` reports; with the ``states`` of a run, also where it carried its masses."""
     conditions = list(system.conditions())
     if state is not None:
         conditions += state.conditions()
@@ -76,7 +76,7 @@ def find_problems(
 
 
 def not_numbers(system: AbstractSystem) -> Iterator[Problem]:
-    """The first entry of each parameter that is NaN; those of a function are its own affair."""
+    """The first NaN entry of each parameter, except parameters of functions."""
     for name, value in system.numbers():
         for index in np.argwhere(np.isnan(value))[: "parameters" not in name]:
             yield Problem(name + "".join(f"[{k}]" for k in index), "be a number", "it is nan")
@@ -90,7 +90,10 @@ def beyond_arithmetic(system: AbstractSystem, state: AbstractState, t: ArrayLike
     name, value = max(_numbers(system, state), key=lambda item: abs(np.log(abs(item[1]))), default=("", 1.0))
     if np.all(np.isfinite(packed)) and abs(np.log(abs(value))) < np.log(np.finfo(packed.dtype).max) / 4:
         return  # then it is something else, such as a force, that is not finite
-    must = f"be closer to 1, as in other units, because products of such numbers are beyond the range of {packed.dtype}"
+    must = (
+        "be closer to 1, for instance in other units, because products of such numbers are beyond the range of "
+        f"{packed.dtype}"
+    )
     yield Problem(name, must, f"it is {value:g}")
 
 

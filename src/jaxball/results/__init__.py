@@ -1,4 +1,4 @@
-"""Result files: a trajectory as a labelled data set, saved, and read back.
+"""Result files: a trajectory as a labelled data set, saved and loaded.
 
 Nothing is solved or drawn here.
 """

@@ -47,7 +47,7 @@ def history_values(history: ContactHistory) -> Variables:
 
 
 def switch_values(history: ContactHistory, of_state: Mapping[str, Variable]) -> Variables:
-    """The variables of the switches that are kept, which have the dimension ``switch``; none of a run without them.
+    """The variables of the kept switches, which have the dimension ``switch``; none for a run without switches.
 
     ``of_state`` describes the fields of the body's state.
     """
@@ -76,7 +76,7 @@ def contact_attributes(history: ContactHistory) -> dict[str, int | float]:
 def read_history(
     arrays: Mapping[str, np.ndarray], attribute: Callable[[str, Callable[[Any], Any]], Any], states: Any
 ) -> ContactHistory:
-    """The history in a file, whose attributes ``attribute`` reads by their names; ``states`` are those of the body."""
+    """The history in a file, whose attributes ``attribute`` reads by name; ``states`` are those of the body."""
     coefficients = [attribute(f"contact_{name}", float) for name in COEFFICIENTS]
     law = Contact(*coefficients, room=attribute("contact_room", int))
     over_time = {
@@ -93,7 +93,7 @@ def _read_switches(
     kept = min(count, room)
 
     def filled(name: str, shape: tuple[int, ...] = (), nothing: float | int | bool = np.nan) -> Array:
-        """An array of the file, with what stands for no switch in the rest of its room."""
+        """An array of the file, padded with the values that stand for no switch."""
         whole = np.full((room, *shape), nothing)
         if kept and whole.size:
             whole[:kept] = arrays[f"switch_{name}"]
@@ -118,6 +118,6 @@ def _read_switches(
 
 
 def _plain(leaf: Array) -> np.ndarray:
-    """Numbers, also of what is true or false, as every format holds them."""
+    """Numbers, with booleans as integers, which every format can hold."""
     array = np.asarray(leaf)
     return array.astype(int) if array.dtype == bool else array

@@ -1,4 +1,4 @@
-"""The files that a run is saved in and read back from; nothing here needs JAX."""
+"""The files of saved runs; nothing here needs JAX."""
 
 import contextlib
 import zipfile
@@ -11,21 +11,21 @@ from ..scenario.errors import ScenarioError
 FORMAT = 1
 SUFFIXES = (".nc", ".npz", ".csv")
 READ_BACK = SUFFIXES[:2]  # a .csv holds only numbers
-UNKNOWN_SOLVER = "# Made from a trajectory, which does not hold its solver settings: there is no table [solve].\n"
+UNKNOWN_SOLVER = "# Made from a trajectory, which does not contain its solver settings: there is no table [solve].\n"
 
 
 class RunError(ScenarioError):
-    """A file is not a run that can be read back; the message is one sentence that names the file."""
+    """A file is not a run that can be loaded; the message is one sentence that names the file."""
 
 
 def check_saved(path: Path) -> None:
-    """Raises a :class:`RunError` unless there is a file at ``path`` with the suffix of one that can be read back."""
+    """Raises a :class:`RunError` unless there is a file at ``path`` with the suffix of one that can be loaded."""
     if path.suffix not in READ_BACK:
         hint = "; a .csv holds only numbers, not the system that they belong to" if path.suffix == ".csv" else ""
-        raise RunError(f'A run is read back from a {" or ".join(READ_BACK)} file, but this is "{path}"{hint}.')
+        raise RunError(f'A run can be loaded from a {" or ".join(READ_BACK)} file, but this is "{path}"{hint}.')
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "does not exist"
-        raise RunError(f'A run is read back from a file, but "{path}" {what}.')
+        raise RunError(f'A run can be loaded from a file, but "{path}" {what}.')
 
 
 def saved_attributes(path: Path) -> Mapping[str, Any]:
@@ -55,7 +55,7 @@ def saved_text(path: Path) -> str:
     text = str(saved_attributes(path).get("scenario", ""))
     if not text:
         raise RunError(
-            f'The run "{path}" holds no scenario, because a file cannot hold what it was made of, such as a Python '
+            f'The run "{path}" contains no scenario, because a file cannot hold some part of it, such as a Python '
             "function; give its system: load_run(path, system)."
         )
     return text
@@ -63,7 +63,7 @@ def saved_text(path: Path) -> str:
 
 @contextlib.contextmanager
 def refused(path: Path) -> Iterator[None]:
-    """Turns what is raised as a file is read into a :class:`RunError`."""
+    """Turns errors raised while reading a file into a :class:`RunError`."""
     try:
         yield
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
@@ -71,12 +71,12 @@ def refused(path: Path) -> Iterator[None]:
 
 
 def no_run(path: Path, reason: str) -> RunError:
-    """The error of a file that is no run."""
+    """The error for a file that is not a run."""
     return RunError(f'The file "{path}" must be a run that jaxball saved, but it is not: {reason}.')
 
 
 def _of_netcdf(path: Path) -> Mapping[str, Any]:
-    # Imported here, as below, because what reads no run has no use for it.
+    # Imported here, as below, because code that loads no run does not need it.
     import h5netcdf
 
     with h5netcdf.File(path, "r") as file:

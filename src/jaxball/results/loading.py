@@ -1,4 +1,4 @@
-"""Reads a saved run back."""
+"""Loads a saved run."""
 
 import dataclasses
 import functools
@@ -21,20 +21,20 @@ DRIVEN_FIELDS = ("theta", "thetadot")  # left out of a file where no mass is dri
 
 
 def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajectory[Any, Any]:
-    """The trajectory that :func:`save` wrote into a ``.nc`` or ``.npz`` file, its states the same bit for bit.
+    """The trajectory that :func:`save` wrote to a ``.nc`` or ``.npz`` file, its states identical bit for bit.
 
-    Its system is that of the scenario in the file, and its observables, or laws, are computed from the states. Its
-    status is that of the run, so a failed run is not ``ok``. Dense output and events are not in a file: ``at`` raises,
-    and ``events`` is empty. ``contact`` of a run with a law of contact is the same, with its switches. ``scenario`` is
-    that which made the run, where the file has its settings too.
+    Its system is that of the scenario in the file, and its observables, or laws, are recomputed from the states. Its
+    status is that of the run, so a failed run is not ``ok``. Dense output and events are not saved: ``at`` raises, and
+    ``events`` is empty. ``contact`` of a run with a law of contact is restored, with its switches. ``scenario`` is the
+    one that was run, if the file has its settings too.
 
     **Arguments:**
 
     - ``path``: the file.
     - ``system``: the system, for a file without a scenario, such as one with a rail that is a Python function.
 
-    **Raises:** :class:`RunError`, with one sentence, when there is no such file, when it is not a run or one of a later
-    version, and when it has no scenario and no ``system`` is given.
+    **Raises:** :class:`RunError`, with one sentence, when there is no such file, when it is not a run or is from a
+    later version, and when it has no scenario and no ``system`` is given.
 
     **Example:**
 
@@ -93,7 +93,7 @@ def saved_scenario(path: str | Path) -> Scenario:
 def _attribute(path: Path, about: Mapping[str, Any], name: str, read: Callable[[Any], Any]) -> Any:
     """An attribute of a file.
 
-    **Raises:** :class:`RunError` that names it where it is missing or wrong.
+    **Raises:** :class:`RunError`, which names the attribute, where it is missing or wrong.
     """
     try:
         return read(about[name])
@@ -122,7 +122,8 @@ def _state(arrays: Mapping[str, np.ndarray], system: AbstractSystem, path: Path)
 
 
 def _of_netcdf(path: Path) -> Mapping[str, np.ndarray]:
-    # Imported here, because what reads no run has no use for it; xarray, which could do this, takes ten times as long.
+    # Imported here, because code that loads no run does not need it; xarray, which could do this, takes ten times as
+    # long.
     import h5netcdf
 
     with h5netcdf.File(path, "r") as file:

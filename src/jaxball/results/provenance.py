@@ -27,12 +27,12 @@ def attributes(
 ) -> dict[str, str | int | float]:
     """Title, how the solve ended, the scenario's text, and the versions of the packages.
 
-    Without a ``scenario``, it is that which made the trajectory; where none did, its text is that of the trajectory's
-    system, initial state, times and ``sensors``, and empty where a file cannot hold them. ``format`` is the version of
-    the file format, which :func:`load_run` checks. ``ok`` is 1 for a solve that reached its end and 0 for one that
-    failed. A run with dense output also has the extremes of the contact force over the whole run, ``friction_needed``
-    and the others of :class:`~jaxball.ContactExtremes`, by the names that they have in the store of a sweep. One with a
-    law of contact has its coefficients instead, ``contact_sliding`` and so on, and its ``contact_switches``.
+    Without a ``scenario``, it is the one that was run; if there was none, its text describes the trajectory's system,
+    initial state, times and ``sensors``, and is empty where a file cannot hold them. ``format`` is the version of the
+    file format, which :func:`load_run` checks. ``ok`` is 1 for a solve that reached its end and 0 for one that failed.
+    A run with dense output also has the extremes of the contact force over the whole run, ``friction_needed`` and the
+    others of :class:`~jaxball.ContactExtremes`, with the same names as in the store of a sweep. One with a law of
+    contact has its coefficients instead, ``contact_sliding`` and so on, and its ``contact_switches``.
     """
     text = _of_trajectory(trajectory, sensors or {}) if scenario is None else write_scenario(scenario)
     known = trajectory.scenario if scenario is None else scenario
@@ -57,7 +57,7 @@ def attributes(
 
 
 def _of_trajectory(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> str:
-    """The text of the scenario that made the trajectory, or of one made of it; empty where a file cannot hold it."""
+    """The text of the scenario that was run, or of one made from the trajectory; empty where a file cannot hold it."""
     text = _text(trajectory.scenario)
     if not text and (made := _text(_made_of(trajectory, sensors))):
         text = UNKNOWN_SOLVER + made
@@ -76,7 +76,7 @@ def _text(scenario: Scenario | None) -> str:
 
 
 def _made_of(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Scenario | None:
-    """A scenario of the system, the initial state and the times; None where the state has no place."""
+    """A scenario of the system, the initial state and the times; None where the state has no position."""
     state = jax.tree.map(lambda leaf: leaf[0], trajectory.state)
     state = state.in_space() if isinstance(state, RotationState) else state
     if isinstance(state, ReducedState):

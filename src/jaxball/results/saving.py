@@ -32,18 +32,18 @@ def to_dataset(
     Dimensions are ``time``, ``mass``, ``joint`` (by name, ``mechanisms[0].joints[1]``), ``driven`` (the masses whose
     angles belong to the state, by their numbers, or, with joints among them, all by name) and those of vectors:
     ``axis``, ``direction`` in the plane, ``component`` of a versor. All are counted from 0. Attributes say how the
-    solve ended, and hold the scenario's file. A run with a law of contact has its modes too, and along ``switch`` what
-    became of one mode after another.
+    solve ended, and hold the scenario's file. A run with a law of contact has its modes too, and its switches between
+    them along ``switch``.
 
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
-    - ``scenario``: the scenario of the run, if it is not that which made the trajectory. Where there is none, a file of
-      the system, its initial state and the times is kept, if a file can hold them.
-    - ``sensors``: those of :mod:`jaxball.sensors` whose readings it has too, each under its name after ``measured_``;
-      those of the scenario if not given.
+    - ``scenario``: the scenario of the run; by default the one that was run. If there is none, a scenario of the
+      system, its initial state and the times is saved, if a file can hold them.
+    - ``sensors``: those of :mod:`jaxball.sensors` whose readings are included, each under its name after ``measured_``;
+      by default those of the scenario.
 
-    **Raises:** ``ValueError`` for a batch of trajectories, and where the body does not have what a sensor is on.
+    **Raises:** ``ValueError`` for a batch of trajectories, and where the body lacks the part that a sensor is on.
 
     **Example:**
 
@@ -85,15 +85,15 @@ def save(
         that reached its end, and the number of its :class:`~jaxball.Status` for one that failed. The switches of a run
         with a law of contact are left out.
     - ``scenario``: the scenario whose text is saved with it, as in :func:`to_dataset`.
-    - ``sensors``: as of :func:`to_dataset`.
+    - ``sensors``: as in :func:`to_dataset`.
 
     A failed solve is saved too, with its status, and NaN after the time that it reached. The write is atomic, so a
-    failure never harms an existing file. A symbolic link is followed.
+    failure never damages an existing file. A symbolic link is followed.
 
     **Returns:** ``path``.
 
-    **Raises:** :class:`OutputError` when the suffix is another one, or the file cannot be written,
-    ``ValueError`` for a batch of trajectories, and where the body does not have what a sensor is on.
+    **Raises:** :class:`OutputError` when the suffix is another one, or the file cannot be written, ``ValueError`` for a
+    batch of trajectories, and where the body lacks the part that a sensor is on.
 
     **Example:**
 
@@ -120,7 +120,7 @@ Values = dict[str, tuple[Variable, np.ndarray]]
 def _settled(
     trajectory: Trajectory[Any, Any], scenario: Scenario | None, sensors: Sensors | None
 ) -> tuple[Scenario | None, Sensors]:
-    """The sensors that are given, or else those of the scenario, and the scenario with them."""
+    """The given sensors, or those of the scenario, and the scenario with them."""
     known = trajectory.scenario if scenario is None else scenario
     own = {} if known is None else known.sensors
     if sensors is None or sensors is own:

@@ -15,7 +15,7 @@ from ..simulation.trajectory import Trajectory
 class Variable(NamedTuple):
     """Dimensions after ``time``, units in terms of those of the parameters, and the meaning of the variable.
 
-    ``flags`` says what its numbers stand for, where these are names.
+    ``flags`` gives the names that its numbers stand for, if any.
     """
 
     dimensions: tuple[str, ...]
@@ -131,7 +131,7 @@ def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.nda
 def measured_values(
     trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]
 ) -> dict[str, tuple[Variable, np.ndarray]]:
-    """What sensors read over time, each under its name after ``measured_``; a vector has the axes of its sensor."""
+    """The readings of sensors over time, named ``measured_…``; a vector has the axes of its sensor."""
     variables = {}
     for name, leaf in (trajectory.measured(sensors) if sensors else {}).items():
         array, sensor = np.asarray(leaf), sensors[name]
@@ -142,7 +142,7 @@ def measured_values(
 
 
 def described(name: str, planar: bool) -> Variable:
-    """The variable of a field of a body's state; the place of a disk is one number."""
+    """The variable of a field of a body's state; the position of a disk is one number."""
     return STATE[name]._replace(dimensions=()) if planar and name == "z" else STATE[name]
 
 
@@ -161,7 +161,7 @@ def undescribed(name: str, dimensions: int) -> Variable:
 
 
 def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
-    """The coordinate along each dimension: 0, 1, …, but the names of joints, ``mechanisms[0].joints[1]``.
+    """The coordinate along each dimension: 0, 1, …, or the names of joints, ``mechanisms[0].joints[1]``.
 
     Along ``driven`` are the numbers of the driven masses or, where joints are among what is driven, the names of all.
     """

@@ -1,4 +1,4 @@
-"""Scenario files: a run as a text that people can read, checked before anything is computed.
+"""Scenario files: a run as human-readable text, checked before anything is computed.
 
 Scenarios that vary, in studies and problems of design, are read by :mod:`jaxball.sweep` and :mod:`jaxball.design`.
 """

@@ -1,4 +1,4 @@
-"""Who moves the masses on rails and the joints, in a scenario file: their schedules, or a law."""
+"""What moves the masses on rails and the joints, in a scenario file: their schedules, or a law."""
 
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -68,7 +68,7 @@ def is_linear(values: Any) -> bool:
 def apply_actuation(
     values: Any, path: str, masses: Sequence[PointMass], mechanisms: Sequence[ReadMechanism], kind: str
 ) -> Actuated:
-    """The masses with those that a law drives made so, the law, and what they follow."""
+    """The masses, those that a law drives made driven, the law, and what they follow."""
     chosen, make_law = read_family(values, path, FORMS, key="form")
     joints = joints_in_state(mechanisms)
     accelerated = [joint for joint in joints if joint.accelerated]
@@ -118,7 +118,7 @@ def _driven_masses(
 
 
 def _check_targets(values: Any, path: str, names: Sequence[str], joints: Sequence[JointInState], kind: str) -> None:
-    """Raises unless what a servo drives, or what is integrated, has schedules, and gains."""
+    """Raises unless everything that a servo drives, or that is integrated, has a schedule, and gains."""
     for joint in joints:
         if joint.accelerated and joint.target is None:
             must = f'a table where `{path}.form` is "{values["form"]}", which follows it'

@@ -1,4 +1,4 @@
-"""The body of a scenario file: the shell, gravity and what acts on it from outside."""
+"""The body of a scenario file: the shell, gravity and external loads."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ FORCES: Family = {
 
 
 def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
-    """The arguments of a ball or a disk for its shell. A shell that no body can have raises."""
+    """The arguments of a ball or a disk for its shell. An impossible shell raises."""
     make, keys = BODIES[kind]
     shell = read_table(values, path, keys)
     system = make(**shell)
@@ -38,7 +38,7 @@ def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
 
 
 def read_force(values: Any, path: str, kind: str) -> AbstractWrench:
-    """The external force: a function of one's own, or a series, which on a disk must lie in the disk's plane."""
+    """The external force: a user's function, or a series, which on a disk must lie in the disk's plane."""
     choices = {name: force.keys for name, force in FORCES.items() if name}
     if read_one_of(values, path, choices, FORCE.keys)[0]:
         with trying(join(path, "function")):
@@ -54,14 +54,14 @@ def read_force(values: Any, path: str, kind: str) -> AbstractWrench:
 
 
 def check_force(force: AbstractWrench | None, path: str, coordinates: int) -> None:
-    """Raises where a function makes no force on a body with so many ``coordinates``."""
+    """Raises unless a function returns a force on a body with so many ``coordinates``."""
     if isinstance(force, FunctionWrench):
         with trying(join(path, "function")):
             require_wrench("function", force, coordinates)
 
 
 def write_body(system: System) -> dict[str, Any]:
-    """The table [body], and [force], [ground] and [resistance] where there are such."""
+    """The table [body], and [force], [ground] and [resistance] where these exist."""
     kind = kind_of(system)
     keys = BODIES[kind][1]
     tables = {"body": write_table({name: getattr(system, name) for name in keys}, "body", keys)}
@@ -70,7 +70,9 @@ def write_body(system: System) -> dict[str, Any]:
         if getattr(system, name) is not None:
             kind, table = write_member(getattr(system, name), name, family)
             first, key = next(iter(family[kind].keys.items()))
-            tables[name] = table or {first: key.kind.write(key.default, name)}  # lest it be taken for none at all
+            tables[name] = table or {
+                first: key.kind.write(key.default, name)
+            }  # because an empty table would be taken for none
     return tables
 
 

@@ -41,7 +41,7 @@ _AXIS = Module(
     attributes=SERIES,
     check=check_lengths,
 )
-# As a family of one, so that a FunctionAxis is refused by name where a file is written.
+# A family of one, so that a FunctionAxis is refused by name when a file is written.
 _XI = Nested(_AXIS.read, lambda item, path: write_member(item, path, {"harmonic": _AXIS})[1], tables={"": _AXIS.keys})
 
 CLASSICAL = {
@@ -79,7 +79,7 @@ def read_classical(
 ) -> tuple[AbstractClassicalSystem, AbstractClassicalState]:
     """The system of the table ``body`` and the state of the table ``initial`` at time ``start``.
 
-    **Raises:** :class:`ScenarioError` for parameters and states that cannot be.
+    **Raises:** :class:`ScenarioError` for impossible parameters and states.
     """
     system = CLASSICAL[kind].read({} if body is None else body, "body")
     _refuse(system.conditions())
@@ -92,7 +92,7 @@ def read_classical(
 def write_classical(system: AbstractSystem, state: AbstractState) -> dict[str, Any]:
     """The kind and the tables [body] and [initial].
 
-    **Raises:** :class:`ScenarioError` for a system that a file cannot hold: one of one's own, or with a function.
+    **Raises:** :class:`ScenarioError` for a system that a file cannot hold: a user's own, or one with a function.
     """
     kind, body = write_member(system, "body", CLASSICAL)
     if isinstance(state, RigidBodyState):

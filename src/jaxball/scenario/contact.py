@@ -17,7 +17,7 @@ COEFFICIENTS = ("sliding", "static", "restitution", "slowest")
 
 
 def _law(sliding: Any, static: Any = None, *, room: int, **others: Any) -> Contact:
-    """The law, without what its constructor refuses, because a reader says that in the words of the file."""
+    """The law, without the checks of its constructor, because a reader reports these in the words of the file."""
     values = {"sliding": sliding, "static": sliding if static is None else static, **others}
     arrays = [to_array(values[name], name) for name in COEFFICIENTS]
     return eqx.tree_at(lambda law: [getattr(law, name) for name in COEFFICIENTS], Contact(0.0, room=room), arrays)
@@ -46,14 +46,14 @@ def read_contact(values: Any, path: str) -> Contact:
 def rolling_state(
     state: AbstractState | ReleasedState, contact: Contact | None, what: str, error: type[ScenarioError] = ScenarioError
 ) -> AbstractState:
-    """The state of a scenario, for ``what``, with its verb, for bodies that roll all the time.
+    """The state of a scenario, for ``what`` (with its verb), which is for bodies that always roll.
 
     **Raises:** ``error`` where the scenario has a law of contact.
     """
     if contact is not None:
         raise error(
-            f"Key `contact` must be left out here, because {what} for bodies that roll all the time; `jaxball simulate`"
-            " and studies take it."
+            f"Key `contact` must be left out here, because {what} for bodies that always roll; `jaxball simulate` and "
+            "studies accept it."
         )
-    assert not isinstance(state, ReleasedState)  # which there is only with a law
+    assert not isinstance(state, ReleasedState)  # which exists only with a law
     return state

@@ -1,4 +1,4 @@
-"""What cannot be in a file: the first problem as an error, or all problems at once."""
+"""Errors in a file: the first problem as an error, or all problems at once."""
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
@@ -11,11 +11,11 @@ LONGEST_SHOWN = 60
 
 
 class ScenarioError(UserError):
-    """A scenario cannot be read, or cannot be written; the message is one sentence that names the key."""
+    """A scenario cannot be read or written; the message is one sentence that names the key."""
 
 
 class UntraceableError(ScenarioError):
-    """A traced number of a document decides something that cannot be traced."""
+    """A traced number of a document determines something that cannot be traced."""
 
 
 def key_error(path: str, must: str, got: str) -> ScenarioError:
@@ -40,7 +40,7 @@ _PROBLEMS: ContextVar[list[ScenarioError] | None] = ContextVar("_PROBLEMS", defa
 
 @contextlib.contextmanager
 def all_problems() -> Iterator[list[ScenarioError]]:
-    """The errors that a reader finds within, in the order of the file."""
+    """The errors that readers find within this block, in the order of the file."""
     more: list[ScenarioError] = []
     token = _PROBLEMS.set(more)
     try:
@@ -52,7 +52,7 @@ def all_problems() -> Iterator[list[ScenarioError]]:
 
 
 def each_of(*readers: Callable[[], Any]) -> list[Any]:
-    """What the readers return; they read parts that do not depend on each other.
+    """What the readers return, which read independent parts.
 
     **Raises:** the first :class:`ScenarioError`. Within :func:`all_problems` the other readers run too before that, and
     their errors are found there.

@@ -71,8 +71,8 @@ def load_scenario(source: str | Path) -> Scenario:
 
     - ``source``: the path of a file, or the name of a built-in scenario.
 
-    **Raises:** :class:`ScenarioError`, with one sentence, when there is no such file or name, when it
-    is not TOML, and when a key is misspelt, missing, of the wrong type or shape, or impossible.
+    **Raises:** :class:`ScenarioError`, with one sentence, when there is no such file or name, when it is not TOML, and
+    when a key is misspelt, missing, of the wrong type or shape, or has an impossible value.
 
     **Example:**
 
@@ -95,8 +95,8 @@ def read_scenario(text: str) -> Scenario:
 
     - ``text``: the content of a scenario file.
 
-    **Raises:** :class:`ScenarioError`, with one sentence, when the text is not TOML, or a key is
-    misspelt, missing, of the wrong type or shape, or impossible.
+    **Raises:** :class:`ScenarioError`, with one sentence, when the text is not TOML, or a key is misspelt, missing, of
+    the wrong type or shape, or has an impossible value.
 
     **Example:**
 
@@ -114,11 +114,11 @@ def read_scenario(text: str) -> Scenario:
 
 
 def read_document(document: dict[str, Any]) -> Scenario:
-    """The scenario that a parsed file describes, which is left as it is.
+    """The scenario that a parsed file describes; the document is not changed.
 
     **Arguments:**
 
-    - ``document``: what :mod:`tomllib` makes of a scenario file.
+    - ``document``: a scenario file as parsed by :mod:`tomllib`.
 
     **Raises:** :class:`ScenarioError` as :func:`read_scenario`.
 
@@ -133,7 +133,7 @@ def read_document(document: dict[str, Any]) -> Scenario:
 
 
 class Contents(NamedTuple):
-    """What a file says, any of whose numbers may be traced: a :class:`Scenario` whose save times are not yet made."""
+    """The contents of a file, whose numbers may be traced: a :class:`Scenario` without its save times."""
 
     title: str
     system: AbstractSystem
@@ -152,7 +152,7 @@ class Contents(NamedTuple):
 
 
 def read_contents(document: dict[str, Any]) -> Contents:
-    """The contents of a file; :func:`read_document` says what it raises.
+    """The contents of a file; raises as :func:`read_document`.
 
     Numbers of ``document`` may be traced within :func:`~jaxball.scenario.errors.traced_conditions`.
     """
@@ -175,7 +175,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
     )
     parts = _Parts(kind, *read)
     if parts.make_a_body:
-        # What is wrong elsewhere does not hide what is wrong with the body.
+        # Errors elsewhere must not hide errors in the body.
         made, later = tried(lambda: _contents(parts, "contact" in document))
         if not errors and not later:
             return made[0]
@@ -185,7 +185,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
 
 
 class _Parts(NamedTuple):
-    """What the tables of a file say; None, or False, of one that cannot be read or is missing."""
+    """The contents of the tables of a file; None, or False, for a table that cannot be read or is missing."""
 
     kind: str
     table: dict[str, Any] | None
@@ -201,13 +201,13 @@ class _Parts(NamedTuple):
 
     @property
     def make_a_body(self) -> bool:
-        """Whether all parts of which a body and its start are made could be read."""
+        """Whether all parts of a body and its initial state could be read."""
         rest = self.masses, self.mechanisms, self.initial
         return bool(self.table and self.shell and self.times) and all(part is not None for part in rest)
 
 
 def _contents(parts: Any, touches: bool) -> Contents:
-    """The contents of a file whose parts fit together; ``touches`` says whether it has a law of contact."""
+    """The contents of a file whose parts fit together; ``touches`` says whether there is a law of contact."""
     kind, table, shell, surroundings, contact, times, solve, masses, mechanisms, initial, sensors = parts
     start, surroundings = times.start, surroundings or {}
     resting = {**shell, "ground": surroundings.get("ground")}
@@ -236,7 +236,7 @@ def _contents(parts: Any, touches: bool) -> Contents:
 
 
 def _read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
-    """The arguments of a body for what acts on it from outside, as far as the document has them."""
+    """The arguments of a body for external loads, as far as the document has them."""
     readers = {
         "force": lambda values, path: read_force(values, path, kind),
         "ground": lambda values, path: read_ground(values, path, kind),
@@ -262,7 +262,7 @@ def write_scenario(scenario: Scenario) -> str:
 
     **Arguments:**
 
-    - ``scenario``: what to write.
+    - ``scenario``: the scenario to write.
 
     **Raises:** :class:`ScenarioError` for what a file cannot hold: Python functions, and states other
     than that of a ball with a versor and of a disk.
@@ -275,7 +275,7 @@ def write_scenario(scenario: Scenario) -> str:
     >>> bool((again.times == scenario.times).all())
     True
     """
-    # NumPy's are taken apart without compiling anything.
+    # NumPy arrays are indexed without compiling anything.
     parts = scenario.system, scenario.state, scenario.contact, dict(scenario.sensors)
     system, state, contact, sensors = jax.tree.map(np.asarray, parts)
     tables = {

@@ -39,7 +39,7 @@ def read_frame(values: Any, path: str) -> AbstractFrame:
 
 
 def write_frame(frame: AbstractFrame, path: str) -> dict[str, Any] | None:
-    """The table of a frame, or None for the identity, which need not be said."""
+    """The table of a frame, or None for the identity, which is the default."""
     _, table = write_member(frame, path, _FRAMES)
     return None if repr(table) == repr({"matrix": np.eye(3).tolist()}) else table
 

@@ -1,4 +1,4 @@
-"""Functions of one's own that a file names as "module:function", and the numbers that they are given."""
+"""Users' functions that a file names as "module:function", and the numbers passed to them."""
 
 import contextlib
 import importlib
@@ -25,13 +25,13 @@ def imported(path: str, named: str) -> Callable[..., Any]:
     try:
         with _current_folder():
             function = getattr(importlib.import_module(module), name)
-    except Exception as error:  # of whatever kind: the module is somebody's own
+    except Exception as error:  # of any kind: the module is the user's
         reason = f"{error}" if isinstance(error, ImportError | AttributeError) else f"{type(error).__name__}: {error}"
         reason = " ".join(reason.split())
     else:
         if callable(function):
             return function
-        reason = "it is no function"
+        reason = "it is not a function"
     raise ScenarioError(
         f'Key `{path}` must name functions that can be imported as "module:function", but {shown(named)} cannot: '
         f"{reason.rstrip('.')}."
@@ -40,7 +40,7 @@ def imported(path: str, named: str) -> Callable[..., Any]:
 
 @contextlib.contextmanager
 def _current_folder() -> Iterator[None]:
-    """The current folder is the last in which modules are looked for, as it is for a program that is no command."""
+    """The current folder is searched last for modules, as it would be for a Python script."""
     added = "" not in sys.path
     if added:
         sys.path.append("")
@@ -53,7 +53,7 @@ def _current_folder() -> Iterator[None]:
 
 @contextlib.contextmanager
 def trying(path: str) -> Iterator[None]:
-    """Whatever a function raises that is tried within, as the error of the key at ``path``, which names it."""
+    """Turns whatever a function raises within this block into an error of the key at ``path`` that names it."""
     try:
         yield
     except ScenarioError:
@@ -91,7 +91,7 @@ class Function:
 
 @dataclass(frozen=True)
 class Parameters:
-    """What a function is given: a number, a list of numbers, or a table of these by their names."""
+    """The parameters of a function: a number, a list of numbers, or a table of these by name."""
 
     words: str = "a number, a list of numbers, or a table of these"
 

@@ -27,9 +27,9 @@ GROUND = Module(
 
 
 def read_ground(values: Any, path: str, kind: str) -> Ground:
-    """The ground; that under a disk has no turntable."""
+    """The ground; under a disk it has no turntable."""
     ground = GROUND.read(values, path)
     if kind == "disk" and ground.turntable is not None:
-        raise ScenarioError(f"Key `{path}.turntable` cannot stand under a disk, which rolls on a line; use a ball.")
+        raise ScenarioError(f"Key `{path}.turntable` must be left out for a disk, which rolls on a line; use a ball.")
     require_conditions(ground)
     return ground

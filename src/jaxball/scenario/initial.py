@@ -47,7 +47,7 @@ _DRIVEN = {
     "thetadot": Key(Numbers((None,), dimension=RATE), None),
     "balance": Key(_BALANCE, None),
 }
-_ABOVE = Rule("non-negative", lambda x: (x >= 0).all(), ", because a lower body would be in its plane")
+_ABOVE = Rule("non-negative", lambda x: (x >= 0).all(), ", because a lower body would be inside the plane")
 # Of a body that need not roll.
 _RELEASED = {
     "velocity": Key(Numbers((3,), dimension=VELOCITY), None),
@@ -76,7 +76,7 @@ UNIT = 1e-6
 
 
 def read_initial(values: Any, path: str, kind: str) -> dict[str, Any]:
-    """The arguments of a state, those for driven masses as far as they are given, ``balance``, and how it is released.
+    """The arguments of a state (those for driven masses as far as given), ``balance``, and how it is released.
 
     The velocity of a disk lies in its plane.
     """
@@ -90,7 +90,7 @@ def read_initial(values: Any, path: str, kind: str) -> dict[str, Any]:
 
 
 def read_orientation(choice: str, table: dict[str, Any], path: str) -> dict[str, Any]:
-    """``table`` with the versor ``q`` in the place of an axis and an angle, or of the key ``versor``."""
+    """``table`` with the versor ``q`` in place of an axis and an angle, or of the key ``versor``."""
     if choice == "axis":
         axis, half = table.pop("axis"), table.pop("angle") / 2
         xp = namespace(axis, half)
@@ -101,7 +101,7 @@ def read_orientation(choice: str, table: dict[str, Any], path: str) -> dict[str,
 
 
 def _unit(q: Any, path: str) -> Any:
-    """A versor, rescaled only where it is off by more than rounding, so that it is read as it was written."""
+    """A versor, normalised only where it is off by more than rounding, so that it is read as it was written."""
     size = _length(q)
     must = "a versor, whose four numbers have squares that add up to 1"
     require(abs(size - 1) <= UNIT, path, must, lambda: str(q.tolist()))
@@ -147,16 +147,16 @@ def released_from(
     if not given:
         return state
     if contact is None:
-        does = "slides with no law of friction" if "height" not in given else "comes down with no law of impact"
+        does = "slides without a law of friction" if "height" not in given else "lands without a law of impact"
         raise ScenarioError(
-            f"Key `{join(path, next(iter(given)))}` must stand beside a table [contact], or the body {does}, but there "
-            "is none; give one, such as `contact = { sliding = 0.3 }`."
+            f"Key `{join(path, next(iter(given)))}` needs a table [contact], because otherwise the body {does}; "
+            "give one, such as `contact = { sliding = 0.3 }`."
         )
     return ReleasedState(state, V=given.get("velocity", (0.0, 0.0, 0.0)), height=given.get("height", 0.0))
 
 
 def _starting(name: str, targets: Sequence[AbstractSchedule | None], start: Any) -> Any:
-    """θ or θ̇ of each target at the start, and 0 where there is none."""
+    """θ or θ̇ of each target at the start, 0 for those without one."""
     places = [place for place, target in enumerate(targets) if target is not None]
     if not places:
         return (0.0,) * len(targets)
@@ -173,7 +173,7 @@ def _starting(name: str, targets: Sequence[AbstractSchedule | None], start: Any)
 def starting_angles(
     schedules: tuple[AbstractSchedule, ...], t: Float[ArrayLike, ""]
 ) -> dict[str, Float[Array, " schedules"]]:
-    """θ and θ̇ of one schedule or more at ``t``, by name; compiled once for schedules of the same kinds."""
+    """θ and θ̇ of one or more schedules at ``t``, by name; compiled once for schedules of the same kinds."""
     rates = [schedule.derivatives(jnp.asarray(t)) for schedule in schedules]
     return {"theta": jnp.stack([rate[0] for rate in rates]), "thetadot": jnp.stack([rate[1] for rate in rates])}
 
@@ -187,14 +187,14 @@ def balanced(
     kind: str,
     start: Any,
 ) -> list[PointMass]:
-    """The masses, their schedules moved so that the centre of mass starts where a body can rest.
+    """The masses, their schedules shifted so that the body starts in balance.
 
     ``resting`` has the numbers of the shell, and the ground.
     """
     wanted = fields["balance"]
     if wanted is None:
         return masses
-    # Imported here, because few files need it, and what it imports takes long.
+    # Imported here, because few files need it, and its imports take long.
     from ..simulation.equilibrium import balance, with_angles
 
     path = join(path, "balance")
@@ -202,15 +202,17 @@ def balanced(
     if not set(wanted["masses"]) <= set(on_rails):
         raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(wanted["masses"])))
     if fields["theta"] is not None:
-        raise ScenarioError(f"Key `{path}` cannot stand beside `theta`, because it finds the angles.")
+        raise ScenarioError(f"Key `{path}` must not be combined with `theta`, because it finds the angles.")
     ground = resting["ground"]
     if ground is not None and ground.moving:
         part = "motion" if ground.turntable is None else "turntable"
-        raise ScenarioError(f"Key `{path}` cannot stand beside `ground.{part}`, because it is for a plane at rest.")
+        raise ScenarioError(
+            f"Key `{path}` must not be combined with `ground.{part}`, because it is for a plane at rest."
+        )
     for index, item in enumerate(masses):
         if isinstance(item.motion, Driven):
             must = f"masses with schedules, but `masses[{index}]` has none; give `initial.theta` instead"
-            raise ScenarioError(f"Key `{path}` must stand beside {must}.")
+            raise ScenarioError(f"Key `{path}` must name {must}.")
     still = [item.without_law() for item in mechanisms]
     system = (Disk if kind == "disk" else Ball)(**resting, masses=masses, mechanisms=still)
     targets = [joint.target for joint in joints_in_state(mechanisms)]

@@ -28,7 +28,7 @@ _DRIVES = {
 
 
 class ReadJoint(NamedTuple):
-    """A joint, and the schedule that a law which accelerates it is to follow, if it has one."""
+    """A joint, and the schedule that a law accelerating it follows, if there is one."""
 
     joint: AbstractJoint
     target: AbstractSchedule | None
@@ -48,8 +48,8 @@ def _check_drive(table: dict[str, Any], path: str) -> None:
     for name in ("schedule", "accelerated"):
         if table[name]:
             raise ScenarioError(
-                f"Key `{join(path, name)}` cannot stand beside `force`, because a joint either moves as it is told or "
-                "under forces; leave one of them out."
+                f"Key `{join(path, name)}` must not be combined with `force`, because a joint moves either by a "
+                "prescribed motion or under forces; leave one of them out."
             )
 
 

@@ -7,7 +7,7 @@ from ..interface.wording import did_you_mean
 from .errors import ScenarioError
 
 _FOLDER = os.path.join(os.path.dirname(__file__), "builtin")
-_TITLE = re.compile(r'^title = "(.*)"$', re.MULTILINE)  # all of them are such lines, and TOML takes long to parse
+_TITLE = re.compile(r'^title = "(.*)"$', re.MULTILINE)  # every title is such a line, and TOML takes long to parse
 
 
 def builtin_scenarios() -> tuple[str, ...]:
@@ -39,7 +39,7 @@ def builtin_text(name: str) -> str:
     """
     if name not in builtin_scenarios():
         raise ScenarioError(
-            f'Argument `name` must be that of a built-in scenario, but it is "{name}"{nearest_builtin(name)}'
+            f'Argument `name` must be the name of a built-in scenario, but it is "{name}"{nearest_builtin(name)}'
         )
     with open(os.path.join(_FOLDER, f"{name}.toml"), encoding="utf-8") as file:
         return file.read()

@@ -1,4 +1,4 @@
-"""A law that is linear in the state, in a scenario file: its factors, and signals."""
+"""A law that is linear in the state, in a scenario file: its factors and signals."""
 
 import functools
 from collections.abc import Sequence
@@ -46,8 +46,8 @@ def check_factors(values: Any, path: str, names: Sequence[str], joints: Sequence
     for joint in joints:
         if joint.accelerated and joint.target is not None:
             raise ScenarioError(
-                f'Key `{joint.path}.schedule` cannot stand where `{path}.form` is "linear", which follows no '
-                "schedule; give `initial.theta`, and what it is to do as `signals`."
+                f'Key `{joint.path}.schedule` must be left out where `{path}.form` is "linear", which follows no '
+                "schedule; give `initial.theta`, and the motion as `signals`."
             )
     given = [name for name in LINEAR if name in values]
     if not given:

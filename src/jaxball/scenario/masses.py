@@ -1,4 +1,4 @@
-"""The point masses of a scenario file, and who moves them."""
+"""The point masses of a scenario file, and what moves them."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -23,14 +23,14 @@ MOTIONS = {
     "free": {"free": FREE},
 }
 _MASSES = {name: {"mass": MASS, **keys} for name, keys in MOTIONS.items()}
-# With a linear law, those on rails that have no schedule are driven.
+# With a linear law, masses on rails without a schedule are driven.
 CHOICES = {**_MASSES, "rail": {**_MASSES["rail"], "schedule": Key(SCHEDULE.kind, None)}}
 
 
 def read_masses(values: Any, path: str, scheduled: bool) -> list[PointMass]:
     """The masses, those on rails with the motion that their schedules prescribe.
 
-    Where they need not be ``scheduled``, those without a schedule are driven.
+    Unless they must be ``scheduled``, those without a schedule are driven.
     """
     choices = _MASSES if scheduled else CHOICES
     return read_list(values, path, lambda item, path: _read_mass(*read_one_of(item, path, choices)), empty=True)
@@ -42,7 +42,7 @@ def _read_mass(kind: str, table: dict[str, Any]) -> PointMass:
 
 
 def read_motion(kind: str, table: dict[str, Any]) -> AbstractMotion:
-    """A prescribed motion, by the key that tells its kind and the values of its keys."""
+    """A prescribed motion, from the key that determines its kind and the values of its keys."""
     if kind == "rail":
         return OnRail(table["rail"], table["schedule"])
     return Fixed(table["position"]) if kind == "position" else table["free"]

@@ -42,13 +42,13 @@ MECHANISM = {
 
 
 class ReadMechanism(NamedTuple):
-    """A mechanism, and for each joint the schedule that a law which accelerates it is to follow, if it has one."""
+    """A mechanism, and for each joint the schedule that a law accelerating it follows, if there is one."""
 
     mechanism: Mechanism
     targets: tuple[AbstractSchedule | None, ...]
 
     def without_law(self) -> Mechanism:
-        """The mechanism with its accelerated joints free: the same places, for which no law is needed."""
+        """The mechanism with its accelerated joints free: the same positions, without needing a law."""
         free = [
             eqx.tree_at(lambda j: j.drive, joint, None) if isinstance(joint.drive, Accelerated) else joint
             for joint in self.mechanism.joints
@@ -83,7 +83,7 @@ def _read_mechanism(values: Any, path: str) -> ReadMechanism:
     joints, targets = zip(*table["joints"], strict=True)
     try:
         mechanism = Mechanism(joints, table["masses"])
-    except ValueError as error:  # of a joint or a mass that is in no place; it has the same name in a file
+    except ValueError as error:  # of a misplaced joint or mass, which has the same name in a file
         raise ScenarioError(str(error).replace("Argument `", f"Key `{path}.", 1)) from None
     return ReadMechanism(mechanism, targets)
 
@@ -94,7 +94,7 @@ def write_mechanisms(system: System, targets: Mapping[str, AbstractSchedule | No
 
 
 def _write_mechanism(item: Any, targets: Mapping[str, AbstractSchedule | None], path: str) -> dict[str, Any]:
-    write_member(item, path, {"": Module(Mechanism, {})})  # which raises for any other
+    write_member(item, path, {"": Module(Mechanism, {})})  # raises for any other kind
     paths = [f"{path}.joints[{a}]" for a in range(item.n_joints)]
     joints = [write_joint(joint, targets.get(at), at) for joint, at in zip(item.joints, paths, strict=True)]
     masses = [

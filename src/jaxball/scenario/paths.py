@@ -1,4 +1,4 @@
-"""Paths, by which numbers and whatever else stands in a document are called, counted from 0: ``masses[0].radius``."""
+"""Paths that name the entries of a document, with indices counted from 0: ``masses[0].radius``."""
 
 import copy
 import itertools
@@ -22,13 +22,13 @@ _FIXED = re.compile(
 def entries(name: str, shape: tuple[int, ...]) -> dict[str, tuple[int, ...]]:
     """The index of each number of an array by the number's path: ``{"z[0]": (0,), "z[1]": (1,)}``.
 
-    A single number, of shape (), is called as the array is.
+    A single number, of shape (), has the name of the array.
     """
     return {name + "".join(f"[{k}]" for k in index): index for index in itertools.product(*map(range, shape))}
 
 
 def steps(path: str) -> list[str | int]:
-    """The names and numbers of which a path is made."""
+    """The names and indices in a path."""
     return [name or int(index) for name, index in _STEP.findall(path)]
 
 
@@ -50,10 +50,13 @@ def check_number(document: Mapping[str, Any], path: str) -> None:
     if path in known:
         return
     if _FIXED.fullmatch(path):
-        raise ScenarioError(f"Key `{path}` must be the same in all rows, because it shapes what is computed and saved.")
+        raise ScenarioError(
+            f"Key `{path}` must be the same in all rows, because it determines what is computed and saved."
+        )
     hint = did_you_mean(path, known, f"its numbers are {', '.join(known)}", "`")
     raise ScenarioError(
-        f"Key `{path}` names no number that stands in the scenario; write it there if it has its default{hint}"
+        f"Key `{path}` must name a number written in the scenario, but there is none; write it there if it has its "
+        f"default{hint}"
     )
 
 
@@ -72,7 +75,7 @@ def key_of(path: str) -> str:
 
 
 def value_at(document: Mapping[str, Any], path: str) -> Any:
-    """What stands in the document at ``path``.
+    """The entry of the document at ``path``.
 
     **Raises:** ``LookupError`` when nothing does.
     """
@@ -89,11 +92,11 @@ def with_values(document: Mapping[str, Any], changes: Sequence[str]) -> dict[str
     """A copy of the document with each change, ``PATH=VALUE``, made.
 
     The value is a number or any other of TOML; a single word needs no quotes. Keys and tables that the document leaves
-    out may be named too; whether there are such is found when it is read. ``PATH=``, without a value, takes away the
-    key, the table or the entry of a list.
+    out may be named too; whether they exist is checked when it is read. ``PATH=``, without a value, removes the key,
+    the table or the entry of a list.
 
-    **Raises:** :class:`ScenarioError` for what is no change, for an entry that a list does not have, and where there is
-    nothing to take away.
+    **Raises:** :class:`ScenarioError` for a malformed change, for an entry that a list does not have, and where there
+    is nothing to remove.
     """
     changed = copy.deepcopy(dict(document))
     for change in changes:
@@ -116,17 +119,17 @@ def with_values(document: Mapping[str, Any], changes: Sequence[str]) -> dict[str
 
 
 def _take_away(document: dict[str, Any], way: list[str | int], path: str) -> None:
-    """Removes what stands at the end of ``way``; later entries of a list move up."""
+    """Removes the entry at the end of ``way``; later entries of a list move up."""
     *above, last = way
     try:
         del _at(document, above)[last]
     except (LookupError, TypeError):
         hint = did_you_mean(path, list(_paths(document)), quote="`")
-        raise ScenarioError(f"Path `{path}` cannot be taken away, because it is not in the scenario{hint}") from None
+        raise ScenarioError(f"Path `{path}` cannot be removed, because it is not in the scenario{hint}") from None
 
 
 def _paths(place: Any, path: str = "") -> Iterator[str]:
-    """The paths of everything below ``place``."""
+    """The paths of all entries below ``place``."""
     named = place.items() if isinstance(place, Mapping) else enumerate(place) if isinstance(place, list) else ()
     for step, below in named:
         name = f"{path}[{step}]" if isinstance(step, int) else f"{path}.{step}".removeprefix(".")
@@ -135,21 +138,21 @@ def _paths(place: Any, path: str = "") -> Iterator[str]:
 
 
 def _entry(place: Any, way: Sequence[str | int], path: str, missing: Any) -> Any:
-    """What stands at the last step of ``way``, in ``place``; ``missing`` is put there where nothing does."""
+    """The entry at the last step of ``way``, in ``place``; ``missing`` is inserted there if there is none."""
     *above, step = way
     name = _path(above)
     if isinstance(step, int):
         if not isinstance(place, list):
-            raise ScenarioError(f"Path `{path}` cannot be, because `{name}` is no list.")
+            raise ScenarioError(f"Path `{path}` does not exist, because `{name}` is not a list.")
         if step >= len(place):
             has = counted(len(place), "entry", "entries")
-            raise ScenarioError(f"Path `{path}` cannot be, because `{name}` has {has}, counted from 0.")
+            raise ScenarioError(f"Path `{path}` does not exist, because `{name}` has {has}, counted from 0.")
         return place[step]
     if not isinstance(place, dict):
-        raise ScenarioError(f"Path `{path}` cannot be, because `{name}` is no table.")
+        raise ScenarioError(f"Path `{path}` does not exist, because `{name}` is not a table.")
     if missing is None and step not in place:
         raise ScenarioError(
-            f"Path `{path}` cannot be, because the list `{_path(way)}` is not in the scenario; give all of it."
+            f"Path `{path}` does not exist, because the list `{_path(way)}` is not in the scenario; give all of it."
         )
     return place.setdefault(step, missing)
 

@@ -1,4 +1,4 @@
-"""A scenario: all that a run needs, as one object."""
+"""A scenario: everything that a run needs, as one object."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Scenario:
-    """A system, its initial state, the times to save, and how to solve. The content of a scenario file.
+    """A system, its initial state, the save times, and solver settings: the content of a scenario file.
 
     - ``title``: a line that says what it is.
     - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, or one of :mod:`jaxball.classical`.
@@ -36,8 +36,8 @@ class Scenario:
       "radau5", "radau9", "radau13", "ndf", "gauss16", "trapezoidal" and "tr-bdf2" of :mod:`jaxball.solvers`.
     - ``rtol``, ``atol``, ``max_steps``, ``step_to_times``, ``dae``, ``project``: as in :func:`jaxball.simulate`.
     - ``contact``: the :class:`~jaxball.Contact`, the law by which a ball or a disk may slip, fly and bounce; None for
-      one that rolls all the time.
-    - ``sensors``: those of :mod:`jaxball.sensors` whose readings are saved and drawn with a run, by their names.
+      one that always rolls.
+    - ``sensors``: those of :mod:`jaxball.sensors` whose readings are saved and drawn with a run, by name.
 
     **Example:**
 
@@ -81,11 +81,11 @@ class Scenario:
         progress: "diffrax.AbstractProgressMeter | None" = None,
         throw: bool = False,
     ) -> "Trajectory[Any, Any]":
-        """The trajectory, with the scenario's own settings where no other is given; it knows both, and saves them.
+        """The trajectory, with the scenario's own settings unless others are given; both are saved with it.
 
-        **Raises:** as :func:`jaxball.simulate`, and :class:`ScenarioError` where the solver does not go with ``dae``.
+        **Raises:** as :func:`jaxball.simulate`, and :class:`ScenarioError` where the solver does not support ``dae``.
         """
-        # Imported here, because to read a scenario takes no solver, and these take long to import.
+        # Imported here, because reading a scenario needs no solver, and these take long to import.
         from ..simulation.simulate import simulate
 
         named = "Key `solve.solver`" if solver is None else "Argument `solver`"

@@ -1,4 +1,4 @@
-"""The sensors of a scenario file, each a table under a name of its own."""
+"""The sensors of a scenario file, each a table with its own name."""
 
 import re
 from collections.abc import Mapping
@@ -28,14 +28,14 @@ def read_sensors(values: Any, path: str) -> dict[str, AbstractSensor]:
     for name in values:
         if not _NAME.fullmatch(name):
             raise ScenarioError(
-                f"Key `{path}` must have names of letters, digits and underscores, a letter first, but it has "
+                f"Key `{path}` must have names of letters, digits and underscores that begin with a letter, but it has "
                 f"{shown(name)}."
             )
     return {name: read_family(table, join(path, name), SENSORS) for name, table in values.items()}
 
 
 def check_sensors(sensors: Mapping[str, AbstractSensor], path: str, system: AbstractBody) -> None:
-    """Raises where the body does not have what a sensor is on."""
+    """Raises where the body lacks the part that a sensor is on."""
     for name, sensor in sensors.items():
         try:
             sensor.require_on(system, join(path, name))
@@ -44,5 +44,5 @@ def check_sensors(sensors: Mapping[str, AbstractSensor], path: str, system: Abst
 
 
 def write_sensors(sensors: Mapping[str, AbstractSensor], path: str) -> dict[str, Any]:
-    """The tables of the sensors by their names."""
+    """The tables of the sensors by name."""
     return {name: write_family(sensor, join(path, name), SENSORS) for name, sensor in sensors.items()}

@@ -1,4 +1,4 @@
-"""What of a scenario cannot be, in the words of its file."""
+"""What is impossible about a scenario, in the words of its file."""
 
 import re
 from typing import TYPE_CHECKING, Any
@@ -34,7 +34,7 @@ EXTREME = 1e20
 def check_confined(system: System, times: Any, state: BallState | DiskState) -> None:
     """Raises a :class:`ScenarioError` for the rails and masses that are not in the body (module ``confinement``).
 
-    Where they are traced, it is a condition, which leaves those in doubt that may leave an open rail or the shell.
+    Where they are traced, this is a condition, which leaves undecided those that may leave an open rail or the shell.
     """
     motions = [group.motion for group in system.groups]
     if any_traced((system.radius, motions, system.mechanism_groups, times, state.theta)):
@@ -46,10 +46,11 @@ def check_confined(system: System, times: Any, state: BallState | DiskState) -> 
 
 
 def check_start(system: System, start: Any, state: BallState | DiskState) -> None:
-    """Raises a :class:`ScenarioError` where nothing tells how the body starts to move.
+    """Raises a :class:`ScenarioError` where the body's initial accelerations are not determined.
 
-    That is for the first free joint that moves no mass, for dry friction with which there is no normal force, and for
-    numbers so far from 1 that what a solve advances is not finite. What depends on traced numbers is a condition.
+    That is, for the first free joint that moves no mass, for dry friction with which the normal force has no solution,
+    and for numbers so far from 1 that what a solve advances is not finite. Checks that depend on traced numbers become
+    conditions.
     """
     if not any_traced((system, start, state)) and _has_extremes((system, state)):
         raise_first([_in_keys(problem) for problem in beyond_arithmetic(system, state, to_array(start))])
@@ -74,7 +75,7 @@ def _in_keys(problem: Problem) -> ScenarioError:
 
 
 def _has_extremes(tree: Any) -> bool:
-    """Whether a number is so large or so small that products of a few may be beyond arithmetic, which takes longer."""
+    """Whether a number is so large or so small that products of a few may overflow or underflow."""
     numbers = [np.abs(np.ravel(np.asarray(leaf))) for leaf in jax.tree.leaves(tree) if is_array(leaf)]
     return any(np.any((x > EXTREME) | (x < 1 / EXTREME) & (x > 0)) for x in numbers)
 
@@ -85,12 +86,12 @@ def _can_start(system: System, t: Float[Array, ""], state: BallState | DiskState
 
 
 def message_in_keys(trajectory: "Trajectory[Any, Any]") -> str:
-    """How the solve of a scenario ended, in a sentence that names keys of its file where no body can have them."""
+    """How the solve of a scenario ended, in a sentence that names the keys of its file whose values are impossible."""
     return trajectory.message_of([problem.sentence("Key", key_of(problem.name)) for problem in trajectory.problems])
 
 
 def key_of(name: str) -> str:
-    """The key of a scenario file at which the number of this ``name`` in Python stands."""
+    """The key of a scenario file for the number with this ``name`` in Python."""
     if name.startswith("state."):
         return "initial." + re.sub(r"^V\b", "velocity", re.sub(r"^q\b", "versor", name.removeprefix("state.")))
     if name.startswith("masses["):

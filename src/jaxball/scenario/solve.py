@@ -23,25 +23,23 @@ SOLVE = {
 def check_dae(
     system: AbstractSystem, contact: Contact | None, solver: str, dae: bool, named: str = "Key `solve.solver`"
 ) -> None:
-    """Raises a :class:`ScenarioError` where the differential-algebraic form is asked for and there is none.
+    """Raises a :class:`ScenarioError` where the differential-algebraic form is asked for but does not exist.
 
     The message calls the solver as ``named``.
     """
     if dae and isinstance(system, Disk):
         raise ScenarioError(
-            "Key `solve.dae` must be false for a disk, whose state holds no versor, but it is true; use a ball."
+            "Key `solve.dae` must be false for a disk, whose state has no versor, but it is true; use a ball."
         )
     if dae and isinstance(system, NonholonomicParticle | VakonomicParticle):
-        raise ScenarioError(
-            "Key `solve.dae` must be false for a particle, whose state holds no versor, but it is true."
-        )
+        raise ScenarioError("Key `solve.dae` must be false for a particle, whose state has no versor, but it is true.")
     if dae and contact is not None:
         raise ScenarioError(
-            "Key `solve.dae` must be false beside `contact`, whose modes are differential equations, but it is true."
+            "Key `solve.dae` must be false with `contact`, whose modes are differential equations, but it is true."
         )
     if dae and solver not in KNOW_MASS_MATRICES:
         names = ", ".join(f'"{name}"' for name in KNOW_MASS_MATRICES)
         raise ScenarioError(
-            f"{named} must be one of {names} where `solve.dae` is true, because other solvers know no mass "
+            f"{named} must be one of {names} where `solve.dae` is true, because other solvers do not support a mass "
             f'matrix, but it is "{solver}".'
         )

@@ -1,4 +1,4 @@
-"""The solvers that a scenario can name. A package is imported when a solver of it is made, and not for its name."""
+"""The solvers that a scenario can name. Their packages are imported only when a solver is made."""
 
 import functools
 import importlib
@@ -21,7 +21,7 @@ def _of_jaxball(solver: str, **settings: Any) -> Callable[[], Any]:
     return functools.partial(_made, "jaxball.solvers", solver, **settings)
 
 
-# Radau IIA has its order in its name, as the codes of Hairer & Wanner do.
+# The order of Radau IIA is part of its name, as in the codes of Hairer & Wanner.
 KNOW_MASS_MATRICES: "Mapping[str, Callable[[], diffrax.AbstractAdaptiveSolver]]" = {
     f"radau{2 * stages - 1}": _of_jaxball("RadauIIA", stages=stages) for stages in (3, 5, 7)
 } | {"ndf": _of_jaxball("NDF")}

@@ -1,4 +1,4 @@
-"""Texts, documents and names of scenarios, also of those that studies and problems hold."""
+"""Texts, documents and names of scenarios, including those in studies and problems."""
 
 import contextlib
 import re
@@ -14,7 +14,7 @@ SCENARIO = "a table, a name or a file"  # which a study or a problem holds or na
 
 @contextlib.contextmanager
 def naming(source: str | Path) -> Iterator[None]:
-    """Lets the errors that are raised within begin with the name of the file."""
+    """Makes the errors raised within begin with the name of the file."""
     try:
         yield
     except ScenarioError as error:
@@ -23,7 +23,7 @@ def naming(source: str | Path) -> Iterator[None]:
 
 @contextlib.contextmanager
 def naming_scenario(value: Any, what: str, error: type[ScenarioError]) -> Iterator[None]:
-    """Lets errors of the scenario that ``what`` holds or names say so; those of the type ``error`` do already."""
+    """Makes errors in the scenario that ``what`` holds or names say so; those of the type ``error`` already do."""
     try:
         yield
     except error:
@@ -50,7 +50,7 @@ def scenario_text(source: str | Path) -> str:
 def text_of(source: str | Path, what: str, error: type[ScenarioError], hint: str = ".") -> str:
     """The text of a file, which is ``what``; ``hint`` ends the sentence where there is none.
 
-    **Raises:** ``error``, with one sentence, when there is no such file, or when it is no text.
+    **Raises:** ``error``, with one sentence, when there is no such file, or when it is not text.
     """
     try:
         return Path(source).read_text(encoding="utf-8")
@@ -63,7 +63,7 @@ def text_of(source: str | Path, what: str, error: type[ScenarioError], hint: str
 def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, Any]:
     """The TOML document of a text, which is ``what``.
 
-    **Raises:** ``error`` when it is none.
+    **Raises:** ``error`` when it is not TOML.
     """
     try:
         return _parsed(text)
@@ -72,9 +72,9 @@ def document_of(text: str, what: str, error: type[ScenarioError]) -> dict[str, A
 
 
 def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> dict[str, Any]:
-    """The document of the scenario that the key `scenario` holds or names; files are looked for from ``folder`` on.
+    """The document of the scenario that the key `scenario` holds or names; files are looked for relative to ``folder``.
 
-    **Raises:** ``error`` where there is none.
+    **Raises:** ``error`` where it does not exist.
     """
     if isinstance(value, dict):
         return value
@@ -91,16 +91,16 @@ def scenario_document(value: Any, folder: Path, error: type[ScenarioError]) -> d
 
 
 def _parsed(text: str) -> dict[str, Any]:
-    """Some editors put a byte-order mark at the beginning, which TOML does not know."""
+    """Some editors put a byte-order mark at the beginning, which TOML does not allow."""
     import tomllib  # here, as below, because it takes as long as Python itself to start
 
     return tomllib.loads(text.removeprefix("\ufeff"))
 
 
 def _heading(text: str) -> str:
-    """What to write instead of a heading that counts, such as ``[[mechanisms[0].masses]]``; empty where there is none.
+    """What to write instead of a heading with an index, such as ``[[mechanisms[0].masses]]``; empty if there is none.
 
-    So are keys named in the command line and in studies.
+    Keys are written with indices on the command line and in studies.
     """
     counting = re.search(r"^\s*(\[\[?)([\w.-]+)\[(\d+)\]([\w.\[\]-]*?)(\]\]?)\s*$", text, re.MULTILINE)
     if counting is None:
@@ -108,14 +108,14 @@ def _heading(text: str) -> str:
     opening, key, _, rest, closing = counting.groups()
     rest = re.sub(r"\[\d+\]", "", rest)
     return (
-        f"; a heading does not count: {opening}{key}{rest}{closing} belongs to the last [[{key}]] before it"
+        f"; a heading has no index: {opening}{key}{rest}{closing} belongs to the last [[{key}]] before it"
         if rest
-        else f"; a heading does not count: every [[{key}]] begins the next one"
+        else f"; a heading has no index: every [[{key}]] begins the next one"
     )
 
 
 def _reason(cause: Exception) -> str:
-    """Why a text is no document; not all that the parser raises is an error of its own."""
+    """Why a text is not a document; the parser also raises errors other than its own."""
     if isinstance(cause, OSError):
         return cause.strerror or str(cause)
     if isinstance(cause, UnicodeDecodeError):

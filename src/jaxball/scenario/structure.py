@@ -16,7 +16,7 @@ from .traced import Conditions, traced_conditions
 
 
 class Parts(NamedTuple):
-    """What the numbers of a document make: all of a scenario that is not the same for all of them."""
+    """The parts of a scenario that depend on the numbers of its document."""
 
     system: AbstractSystem
     state: AbstractState | ReleasedState
@@ -33,11 +33,11 @@ class Parts(NamedTuple):
 
 
 class Structure:
-    """A document with places for the numbers at ``paths``, of which it is a function that JAX can trace.
+    """A document as a traceable function of the numbers at ``paths``.
 
-    - ``document``: as the file is, with numbers at these places, too.
-    - ``scenario``, ``parts``: what it says as it is.
-    - ``paths``: of numbers that do not decide how much there is to compute: see :func:`~.paths.check_number`.
+    - ``document``: as in the file, including numbers at these paths.
+    - ``scenario``, ``parts``: its contents as it is.
+    - ``paths``: of numbers that do not determine how much is computed: see :func:`~.paths.check_number`.
 
     **Raises:** :class:`~jaxball.ScenarioError` as :func:`~jaxball.scenario.read_document`; where ``values`` are used,
     :class:`~.errors.UntraceableError` where something depends on them that cannot be traced.
@@ -50,11 +50,11 @@ class Structure:
         self._build = jax.jit(lambda values: self.traced(values)[0])
 
     def build(self, values: Float[Array, " paths"]) -> Parts:
-        """What the document with ``values`` at ``paths`` says, possible or not."""
+        """The contents of the document with ``values`` at ``paths``, possible or not."""
         return self._build(values)
 
     def conditions(self, values: Float[Array, " paths"]) -> dict[str, Bool[Array, ""]]:
-        """Whether each rule holds that ``values`` have a part in, by the path of the key that the rule is on."""
+        """Whether each rule that involves ``values`` holds, by the path of the rule's key."""
         results: dict[str, Bool[Array, ""]] = {}
         for path, holds in self.traced(values)[1].holds:
             results[path] = results[path] & holds() if path in results else holds()

@@ -1,4 +1,4 @@
-"""Tables of a scenario file: which keys one has, read and written by the same description."""
+"""Tables of a scenario file: their keys, read and written by the same description."""
 
 import functools
 import re
@@ -16,7 +16,7 @@ REQUIRED = object()
 
 @dataclass(frozen=True)
 class Key:
-    """A key of a table: the kind of its value, and its default where it may be left out.
+    """A key of a table: the kind of its value, and its default if it is optional.
 
     A default None leaves the choice to what is built from the table.
     """
@@ -32,7 +32,7 @@ Keys = Mapping[str, Key]
 class Module:
     """How an object stands in a file as a table.
 
-    - ``type``: its class, by which a writer recognises it.
+    - ``type``: its class, by which it is recognised for writing.
     - ``keys``: the keys of its table.
     - ``build``: makes the object from the values of the keys; the class itself if not given.
     - ``attributes``: where the object holds a key's value, if not under the same name.
@@ -60,7 +60,7 @@ class Module:
 
     @property
     def nested(self) -> Nested:
-        """The kind of value that such a table is in another one."""
+        """The kind of value of such a table within another table."""
         return Nested(self.read, self.write, tables={"": self.keys})
 
 
@@ -91,7 +91,7 @@ def read_table(values: Any, path: str, keys: Keys) -> dict[str, Any]:
 
 
 def write_table(contents: Mapping[str, Any], path: str, keys: Keys) -> dict[str, Any]:
-    """The table with the values ``contents``; what has its default is left out."""
+    """The table with the values ``contents``; defaults are left out."""
     table = {}
     for name, key in keys.items():
         value = None if contents[name] is None else key.kind.write(contents[name], join(path, name))
@@ -105,7 +105,7 @@ def read_one_of(
 ) -> tuple[str, dict[str, Any]]:
     """Which of the keys in ``choices`` a table has, and its values: each choice has keys of its own.
 
-    A table must have exactly one of them, or may have none where ``otherwise`` says what it has then.
+    A table must have exactly one of them, or none if there is an ``otherwise``.
     """
     every = {name for keys in [*choices.values(), otherwise or {}] for name in keys}
     refuse_unknown(values, path, every)
@@ -120,7 +120,7 @@ def read_one_of(
 
 
 def read_family(values: Any, path: str, family: Family, key: str = "kind") -> Any:
-    """The object that a table describes, of the kind that its key ``kind`` names."""
+    """The object that a table describes, of the kind given by its key ``kind``."""
     if not isinstance(values, dict):
         raise key_error(path, "a table", shown(values))
     rest = {name: value for name, value in values.items() if name != key}
@@ -137,9 +137,9 @@ def read_family(values: Any, path: str, family: Family, key: str = "kind") -> An
 
 
 def write_member(item: Any, path: str, family: Family) -> tuple[str, dict[str, Any]]:
-    """The kind of an object of a family, and the table that describes it but for its kind.
+    """The kind of an object of a family, and the table that describes it except for its kind.
 
-    **Raises:** :class:`ScenarioError` for an object that a file cannot hold, as a Python function.
+    **Raises:** :class:`ScenarioError` for an object that a file cannot hold, such as a Python function.
     """
     for name, member in family.items():
         if type(item) is member.type:
@@ -158,7 +158,7 @@ def write_family(item: Any, path: str, family: Family) -> dict[str, Any]:
 
 
 def member_of(family: Family) -> Nested:
-    """The kind of value that the table of an object of a family is in another table."""
+    """The kind of value of an object of a family within another table."""
     return Nested(
         lambda values, path: read_family(values, path, family),
         lambda item, path: write_family(item, path, family),
@@ -167,14 +167,14 @@ def member_of(family: Family) -> Nested:
 
 
 def keys_of(family: Family) -> dict[str, Keys]:
-    """The keys of each kind of a family, but for the kind itself."""
+    """The keys of each kind of a family, except for the kind itself."""
     return {name: member.keys for name, member in family.items()}
 
 
 def read_list(values: Any, path: str, read: Callable[[Any, str], Any], empty: bool = False) -> list[Any]:
-    """What ``read`` makes of each table of a list and its path; the list may be ``empty`` only if that is said."""
+    """The results of ``read`` for each table of a list and its path; the list may be empty only if ``empty``."""
     if not isinstance(values, list) or not (values or empty):
-        heading = re.sub(r"\[\d+\]", "", path)  # as TOML has it, which counts tables by itself
+        heading = re.sub(r"\[\d+\]", "", path)  # as in TOML, where tables have no indices
         raise key_error(path, f"a list of tables, each under the heading [[{heading}]]", shown(values))
     return each_of(*(functools.partial(read, item, f"{path}[{index}]") for index, item in enumerate(values)))
 
@@ -194,7 +194,7 @@ def refuse_unknown(values: Any, path: str, known: Iterable[str]) -> None:
 
 
 def _is_default(value: Any, key: Key) -> bool:
-    """By the digits, which tell 0.0 from -0.0."""
+    """By the digits, which distinguish 0.0 from -0.0."""
     if key.default is REQUIRED or key.default is None:
         return False
     return repr(value) == repr(key.kind.write(key.default, ""))

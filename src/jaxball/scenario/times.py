@@ -21,7 +21,7 @@ TIMES = {
 class SaveTimes(NamedTuple):
     """The save times of a run: ``count`` of them from ``start`` to ``end``, equally spaced or else ``listed``.
 
-    Each is a number, or an array, that may be traced, and may have a leading axis for the runs that there are.
+    Each is a number, or an array, that may be traced, and may have a leading axis of runs.
     """
 
     start: Any
@@ -38,7 +38,7 @@ class SaveTimes(NamedTuple):
 
 
 def read_times(values: Any, path: str) -> SaveTimes:
-    """The save times, by their number, by the step between them, or one by one."""
+    """The save times, given by their number, by the step between them, or one by one."""
     choice, table = read_one_of(values, path, TIMES)
     if choice == "at":
         at = table["at"]
@@ -66,7 +66,7 @@ def _intervals(start: Any, end: Any, step: Any, path: str) -> Any:
     require(
         (intervals <= MOST_SAVES) & (whole >= 1) & (abs(intervals - whole) <= 1e-9 * intervals),
         path,
-        f"a whole part of the span from {start!r} to {end!r}, and not less than a {MOST_SAVES}th of it",
+        f"the span from {start!r} to {end!r} divided by a whole number of at most {MOST_SAVES}",
         lambda: repr(step),
     )
     return whole if xp is not np else int(whole)

@@ -19,10 +19,10 @@ from .errors import key_error
 class Conditions:
     """The rules on the numbers of a document that a reader could not decide, because they are traced.
 
-    - ``holds``: whether each rule holds, with the path of its key. Where one does not, the document has no scenario.
-    - ``certain``: what must hold for these conditions to be all that the document itself would be refused for.
+    - ``holds``: whether each rule holds, with the path of its key. If one does not, the document is not a scenario.
+    - ``certain``: what must hold for these conditions to be the only reasons to refuse the document itself.
 
-    Both are called for their values within the trace, so that a rule that nobody asks for costs nothing.
+    Both are called for their values within the trace, so that an unused rule costs nothing.
     """
 
     def __init__(self):
@@ -88,7 +88,7 @@ def require_conditions(item: Any, under: str = "", *name: str) -> None:
 def leave_open(
     path: str, holds: Callable[[], Bool[Array, ""]], certain: Callable[[], Bool[Array, ""]] | None = None
 ) -> None:
-    """Keeps a rule on traced numbers as a condition; ``certain`` says where the rule has been decided by it."""
+    """Keeps a rule on traced numbers as a condition; ``certain`` says where this decides the rule."""
     conditions = _CONDITIONS.get()
     assert conditions is not None, "Numbers of a document are traced where no conditions are collected."
     conditions.holds.append((path, holds))
@@ -97,9 +97,9 @@ def leave_open(
 
 
 def outside_of_traces(function: Callable[[], Any]) -> Any:
-    """What a function of known numbers returns, whose programs are those of a document that is not traced.
+    """The result of a function of known numbers, by the same programs as for a document that is not traced.
 
-    **Raises:** ``jax.errors.JAXTypeError`` where a traced number has a part in it.
+    **Raises:** ``jax.errors.JAXTypeError`` where a traced number is involved.
     """
     if _CONDITIONS.get() is None:
         return function()

@@ -1,6 +1,6 @@
-"""What the value of a key may be: numbers of a shape, an integer, a text, a choice, or a table.
+"""The kinds of values of keys: numbers of a shape, an integer, a text, a choice, or a table.
 
-A kind of value reads what the TOML parser gave, or raises one sentence, and writes it back.
+A kind of value reads what the TOML parser returned, or raises one sentence, and writes it back.
 """
 
 import contextlib
@@ -43,7 +43,7 @@ AnyArray = Array | np.ndarray
 
 
 class Rule(NamedTuple):
-    """A condition on the numbers of a key, with the words before and after "numbers" that say it.
+    """A condition on the numbers of a key, with the words before and after "numbers" that describe it.
 
     ``holds`` is a function of a NumPy array, or of a traced one.
     """
@@ -70,7 +70,7 @@ QUARTER_TURN, FULL_TURN = within(math.pi / 2, "π/2"), within(2 * math.pi, "2π"
 
 
 class Dimension(NamedTuple):
-    """The dimension of a number that has one of length and time alone, by their exponents; angles have neither."""
+    """The dimension of a number made of length and time only, by their exponents; angles have neither."""
 
     length: int
     time: int
@@ -85,7 +85,7 @@ VELOCITY = Dimension(1, -1)
 class Numbers:
     """Finite numbers of a given shape, in which None stands for one or more; () is a single number.
 
-    - ``dimension``: theirs, where it is said; it has no bearing on how they are read.
+    - ``dimension``: theirs, if it is declared; it does not affect how they are read.
     """
 
     shape: tuple[int | None, ...] = ()
@@ -124,7 +124,7 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Radians(Numbers):
-    """An angle in radians, no further from 0 than its rule says."""
+    """An angle in radians, limited by its rule."""
 
     def read(self, value: Any, path: str) -> Any:
         try:
@@ -188,7 +188,7 @@ class Flag:
 
 @dataclass(frozen=True)
 class Indices:
-    """Masses by their numbers, counted from 0; there may be none of them only if that is said."""
+    """Masses by index, counted from 0; the list may be empty only if that is allowed."""
 
     words: str = "a list of increasing whole numbers, one or more, each the number of a mass counted from 0"
     empty: bool = False
@@ -254,7 +254,7 @@ class Nested:
 
 
 def unread(words: str = "a table", tables: Mapping[str, Mapping[str, Any]] | None = None) -> Nested:
-    """A value that is taken as it is, because what it must be depends on other keys."""
+    """A value that is not checked here, because what it must be depends on other keys."""
     return Nested(lambda value, path: value, lambda value, path: value, words, tables or {})
 
 

@@ -1,4 +1,4 @@
-"""Sensors on a body and on what it carries: what each would read at a moment of a run, exactly."""
+"""Sensors on a body and on what it carries: their exact readings at a moment of a run."""
 
 from ..interface.names import interface as _interface
 from .base import AbstractSensor as AbstractSensor

@@ -1,4 +1,4 @@
-"""What a sensor is."""
+"""The contract of sensors."""
 
 import abc
 from collections.abc import Mapping
@@ -14,10 +14,10 @@ from ..physics.observables import Movement
 
 
 class AbstractSensor(Printed):
-    """Something that reads the motion of a ball or a disk at one moment.
+    """A sensor that reads the motion of a ball or a disk at one moment.
 
-    A kind of sensor implements ``reading``, and ``places`` where its field ``on`` names what it is on. ``units`` and
-    ``meaning`` say in files and figures what it reads.
+    A kind of sensor implements ``reading``, and ``places`` if its field ``on`` names what it is mounted on. ``units``
+    and ``meaning`` describe its reading in files and figures.
     """
 
     units: ClassVar[str] = ""
@@ -25,20 +25,20 @@ class AbstractSensor(Printed):
 
     @abc.abstractmethod
     def reading(self, system: AbstractBody, t: Float[Array, ""], movement: Movement) -> Float[Array, "..."]:
-        """What it reads of a body that moves so; ``system`` is prepared."""
+        """Its reading for this motion of a body; ``system`` is prepared."""
 
     @classmethod
     def places(cls, system: AbstractBody) -> tuple[str, ...]:
-        """What of a body it can be on, by name."""
+        """The parts of a body that it can be on, by name."""
         return ()
 
     def require_on(self, system: AbstractBody, name: str) -> None:
-        """Raises a ``ValueError`` unless the body has what it is on; ``name`` is what the sensor is called."""
+        """Raises a ``ValueError`` unless the body has the part that it is on; ``name`` is the name of the sensor."""
         on = getattr(self, "on", None)
         places = self.places(system)
         if on is None or on in places:
             return
-        known = f"it can be on {', '.join(places)}" if places else "there is nothing that it can be on"
+        known = f"it can be on {', '.join(places)}" if places else "there is no part that it can be on"
         raise ValueError(
             f"Argument `{name}.on` must be a part of this {system.title}, but it is {on!r}"
             f"{did_you_mean(on, places, known)}"
@@ -46,9 +46,9 @@ class AbstractSensor(Printed):
 
 
 def require_sensors(sensors: Any, system: Any) -> None:
-    """Raises unless the argument ``sensors`` holds sensors by name that a body can have.
+    """Raises unless the argument ``sensors`` has sensors by name that fit the body.
 
-    **Raises:** ``TypeError`` for anything else, ``ValueError`` where the body does not have what one is on.
+    **Raises:** ``TypeError`` for anything else, ``ValueError`` where the body lacks the part that one is on.
     """
     if not isinstance(sensors, Mapping):
         raise refusal("sensors", 'a dictionary of sensors by name, such as {"gyro": Gyroscope()}', sensors)

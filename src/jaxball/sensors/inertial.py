@@ -18,19 +18,19 @@ from .mount import Mount, mount, mounts
 
 
 class Accelerometer(AbstractSensor):
-    """The specific force at a mount, its acceleration less that of gravity, in the axes of the sensor.
+    """The specific force at a mount, its acceleration minus that of gravity, in the axes of the sensor.
 
-    At rest on a level plane it is g upwards, and in the centre of mass of what falls 0. The acceleration is that in
-    space, so that the motion of the plane is in it, and that of slipping and of flight. An impact, which takes no time,
-    is not read.
+    At rest on a level plane it is g upwards, and at the centre of mass of a falling body it is 0. The acceleration is
+    that in space, so it includes the motion of the plane, slipping and flight. An impact, which takes no time, is not
+    read.
 
     **Arguments:**
 
-    - ``at``: its place, length, shape (3,): on the shell or a link from the geometric centre, in body axes, where every
-      θ is 0; on a mass from the mass.
-    - ``on``: what it is on: the link that ``"mechanisms[0].joints[1]"`` moves, the mass ``"masses[2]"`` or
-      ``"mechanisms[0].masses[1]"``, and None for the shell.
-    - ``frame``: the axes of the sensor in those of what it is on, such as a :class:`~jaxball.SphericalFrame`.
+    - ``at``: its position, length, shape (3,): on the shell or a link, from the geometric centre, in body axes, where
+      every θ is 0; on a mass, from the mass.
+    - ``on``: what it is mounted on: the link moved by ``"mechanisms[0].joints[1]"``, the mass ``"masses[2]"`` or
+      ``"mechanisms[0].masses[1]"``, or None for the shell.
+    - ``frame``: the axes of the sensor relative to its mount, such as a :class:`~jaxball.SphericalFrame`.
 
     **Example:**
 
@@ -65,11 +65,11 @@ class Accelerometer(AbstractSensor):
 
 
 class Gyroscope(AbstractSensor):
-    """The angular velocity in space of what it is on, in the axes of the sensor.
+    """The angular velocity in space of its mount, in the axes of the sensor.
 
     **Arguments:**
 
-    - ``on``, ``frame``: as of an :class:`Accelerometer`; where on a link it is does not matter.
+    - ``on``, ``frame``: as for an :class:`Accelerometer`; its position on a link does not matter.
 
     **Example:**
 

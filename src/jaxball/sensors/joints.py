@@ -14,7 +14,7 @@ from .mount import joint_rates, parts
 
 
 class _OfJoint(AbstractSensor):
-    """What reads a joint."""
+    """A sensor of a joint."""
 
     on: str = eqx.field(static=True)
 
@@ -44,7 +44,7 @@ class Encoder(_OfJoint):
 
     **Arguments:**
 
-    - ``on``: which, ``"mechanisms[0].joints[1]"`` or ``"masses[2]"``.
+    - ``on``: the joint or mass, such as ``"mechanisms[0].joints[1]"`` or ``"masses[2]"``.
 
     **Example:**
 
@@ -69,7 +69,7 @@ class Tachometer(_OfJoint):
 
     **Arguments:**
 
-    - ``on``: as of an :class:`Encoder`, which has an example.
+    - ``on``: as for an :class:`Encoder`, which has an example.
     """
 
     units: ClassVar[str] = "rad or length / time"

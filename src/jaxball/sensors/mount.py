@@ -1,8 +1,9 @@
 """Where a sensor is mounted: on the shell, on a link of a mechanism or on a mass, and how the mount moves in the body.
 
-A place on a link is given as those of joints and carried masses are: from the geometric centre, in body axes, where
-every θ is 0. One on a mass is given from the mass. Its axes are those of the body where every θ is 0, and turn with the
-link; a mass on a rail, or of a mechanism that is a function, has no axes of its own and keeps those of the body.
+A position on a link is given like those of joints and carried masses: from the geometric centre, in body axes, where
+every θ is 0. A position on a mass is given from the mass. The axes are those of the body where every θ is 0, and turn
+with the link; a mass on a rail, or of a mechanism given by a function, has no axes of its own and keeps those of the
+body.
 """
 
 import re
@@ -23,7 +24,7 @@ _ON = re.compile(r"(masses|mechanisms)\[(\d+)\](?:\.(joints|masses)\[(\d+)\])?")
 
 
 class Mount(NamedTuple):
-    """A mount in the body: the rotation from its axes to those of the body, their rate in the body, and its place."""
+    """A mount in the body: the rotation from its axes to those of the body, its rate in the body, and its position."""
 
     turn: Float[Array, "3 3"]
     rate: Float[Array, "3"]
@@ -31,7 +32,7 @@ class Mount(NamedTuple):
 
 
 def mounts(system: AbstractBody) -> tuple[str, ...]:
-    """What a mount can be on, beside the shell, by name."""
+    """The parts that a mount can be on, besides the shell, by name."""
     names = [f"masses[{index}]" for index in range(system.n_masses)]
     for index, mechanism in enumerate(system.mechanisms):
         joints = range(mechanism.n_joints if isinstance(mechanism, Mechanism) else 0)
@@ -59,7 +60,7 @@ def mount(system: AbstractBody, t: Float[Array, ""], angles: Rates, on: str | No
 
 
 def parts(on: str) -> tuple[str, int, str, int]:
-    """The kind of what a sensor is on with its index, and which part of a mechanism."""
+    """The kind and index of the part that a sensor is on, and the part within a mechanism."""
     found = _ON.fullmatch(on)
     assert found is not None
     kind, index, part, number = found.groups()
@@ -74,7 +75,7 @@ def joint_rates(system: AbstractBody, t: Float[Array, ""], angles: Rates, index:
 
 
 def _beside(system: AbstractBody, t: Float[Array, ""], angles: Rates, row: int, at: Float[Array, "3"]) -> Kinematics:
-    """A place beside a mass, from which it keeps its distance in the body."""
+    """A point at a constant distance from a mass, in the body."""
     chi, chidot, chiddot = (values[row] for values in kinematics(system, t, angles))
     return Kinematics(chi + at, chidot, chiddot)
 

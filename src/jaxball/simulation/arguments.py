@@ -1,4 +1,4 @@
-"""What the arguments of a solve must be, and what they are where they are not given."""
+"""What the arguments of a solve must be, and their defaults."""
 
 import functools
 
@@ -24,11 +24,11 @@ FINEST = {name: 8 * float(np.finfo(name).eps) for name in ("float32", "float64")
 
 
 class PrecisionError(UserError):
-    """A tolerance was asked for that the floating-point type in use cannot reach."""
+    """The tolerances are too tight for the floating-point type in use."""
 
 
 def _as_array(name: str, x: Numbers) -> Array | np.ndarray:
-    """``x`` as an array; kept in NumPy where it is known, because that costs microseconds less a call."""
+    """``x`` as an array; a known one stays in NumPy, which saves microseconds a call."""
     if is_traced(x):
         return to_array(x, name)
     require_numbers(name, x)
@@ -41,7 +41,7 @@ def _as_array(name: str, x: Numbers) -> Array | np.ndarray:
 def checked_times(times: Numbers) -> Array | np.ndarray:
     """The times as an array.
 
-    **Raises:** ``ValueError`` where they are not two or more in one axis or, where that is known, do not increase.
+    **Raises:** ``ValueError`` unless they are two or more in one axis and, where that is known, increasing.
     """
     array = _as_array("times", times)
     if array.ndim != 1 or array.size < 2:
@@ -60,14 +60,14 @@ def checked_times(times: Numbers) -> Array | np.ndarray:
 def checked_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.AbstractAdaptiveSolver:
     """The solver, or the default.
 
-    **Raises:** ``TypeError`` for what is not a solver that estimates its error.
+    **Raises:** ``TypeError`` for anything but a solver that estimates its error.
     """
     if solver is None or isinstance(solver, diffrax.AbstractAdaptiveSolver):
         return DEFAULT_SOLVER if solver is None else solver
     if isinstance(solver, str):
         remedy = "names are for scenario files"
     elif isinstance(solver, diffrax.AbstractSolver):
-        remedy = "it has no error estimate to choose its steps by, and diffrax.HalfSolver(...) gives it one"
+        remedy = "it has no error estimate by which to choose its steps, and diffrax.HalfSolver(...) gives it one"
     else:
         remedy = ""
     raise refusal("solver", "an adaptive solver, such as diffrax.Dopri8()", solver, remedy)
@@ -76,7 +76,7 @@ def checked_solver(solver: diffrax.AbstractAdaptiveSolver | None) -> diffrax.Abs
 def checked_steps(max_steps: int) -> int:
     """The number of steps.
 
-    **Raises:** ``TypeError`` or ``ValueError`` for what is not a positive whole number.
+    **Raises:** ``TypeError`` or ``ValueError`` for anything but a positive whole number.
     """
     if isinstance(max_steps, bool) or not isinstance(max_steps, int | np.integer):
         raise refusal("max_steps", "a whole number of steps", max_steps)
@@ -90,7 +90,7 @@ def checked_adjoint(
 ) -> diffrax.RecursiveCheckpointAdjoint | diffrax.ForwardMode:
     """The adjoint, or the default.
 
-    **Raises:** ``TypeError`` for what is not one, or not one of these.
+    **Raises:** ``TypeError`` for anything else, and for an adjoint that is not supported.
     """
     if adjoint is None:
         return DEFAULT_ADJOINT
@@ -98,9 +98,9 @@ def checked_adjoint(
         return adjoint
     require("adjoint", adjoint, diffrax.AbstractAdjoint, "an adjoint, such as diffrax.ForwardMode()")
     why = (
-        "which takes steps of other lengths on the way back where rounding decides them, and is wrong in reverse mode"
+        "which repeats steps with other lengths where rounding decides them, and so is wrong in reverse mode"
         if isinstance(adjoint, diffrax.DirectAdjoint)
-        else "which brings a loop of its own, where simulate has its own"
+        else "which needs a loop of its own, but simulate uses its own"
     )
     raise TypeError(
         "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint(), the default, for reverse mode or "
@@ -111,7 +111,7 @@ def checked_adjoint(
 def checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax.AbstractProgressMeter:
     """The progress meter, or none.
 
-    **Raises:** ``TypeError`` for what is not one.
+    **Raises:** ``TypeError`` for anything else.
     """
     if progress is None:
         return NO_PROGRESS
@@ -121,7 +121,7 @@ def checked_progress(progress: diffrax.AbstractProgressMeter | None) -> diffrax.
 
 
 def require_kind_of_state(system: AbstractSystem, state: AbstractState | ReleasedState) -> None:
-    """Raises ``TypeError`` where there is no law of contact, and the state asks for one or is not the system's."""
+    """Raises ``TypeError`` where there is no law of contact, and the state needs one or is not the system's."""
     if isinstance(state, ReleasedState):
         raise TypeError(
             "Argument `contact` must be given where `state` is a ReleasedState, because a body that may slip or fly "
@@ -131,13 +131,13 @@ def require_kind_of_state(system: AbstractSystem, state: AbstractState | Release
 
 
 def require_one_law(contact: Contact) -> None:
-    """Raises ``TypeError`` or ``ValueError`` for what is not one law of contact."""
+    """Raises ``TypeError`` or ``ValueError`` for anything but one law of contact."""
     require("contact", contact, Contact, "a Contact, such as Contact(sliding=0.3)")
     require_one("contact", "law", contact, dict.fromkeys(("sliding", "static", "restitution", "slowest"), ()))
 
 
 def require_one_state(system: AbstractSystem, state: AbstractState | ReleasedState, contact: Contact | None) -> None:
-    """Raises ``TypeError`` or ``ValueError`` for what is not one state of the system."""
+    """Raises ``TypeError`` or ``ValueError`` for anything but one state of the system."""
     body = state
     if contact is not None and isinstance(state, ReleasedState):
         require_one("state", "state", state, {"V": (3,), "height": ()})
@@ -147,7 +147,7 @@ def require_one_state(system: AbstractSystem, state: AbstractState | ReleasedSta
 
 
 def require_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> None:
-    """Raises ``TypeError`` for a state without a unit vector, and for a solver that knows no mass matrix."""
+    """Raises ``TypeError`` for a state without a unit vector, and for a solver that does not support a mass matrix."""
     if state.unit_vector is None:
         raise TypeError(
             f"Argument `state` must be {WITH_UNIT} where `dae` is True, because it is a component of their unit "
@@ -156,17 +156,17 @@ def require_dae(state: AbstractState, solver: diffrax.AbstractSolver | None) -> 
     if not isinstance(solver, RadauIIA | NDF):
         raise TypeError(
             "Argument `solver` must be a jaxball.solvers.RadauIIA or NDF where `dae` is True, because other solvers "
-            f"know no mass matrix, but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
+            f"do not support a mass matrix, but it is a {type(DEFAULT_SOLVER if solver is None else solver).__name__}."
         )
 
 
 def checked_tolerances(
     rtol: Numbers, atol: Numbers, of_many: bool = False
 ) -> tuple[Array | np.ndarray, Array | np.ndarray]:
-    """The tolerances as arrays; those of many runs may have an axis.
+    """The tolerances as arrays; with many runs they may have an axis.
 
-    **Raises:** ``ValueError`` for more than one number of one run and where they are known and negative or not finite,
-    and :class:`PrecisionError` when the floating-point type cannot reach the larger one of them.
+    **Raises:** ``ValueError`` for more than one number for a single run, and where they are known and negative or not
+    finite, and :class:`PrecisionError` when the floating-point type cannot reach the larger of them.
     """
     rtol, atol = _as_array("rtol", rtol), _as_array("atol", atol)
     plain = all(isinstance(x, np.ndarray) and x.ndim == 0 for x in (rtol, atol))
@@ -191,6 +191,6 @@ def checked_tolerances(
         else ""
     )
     raise PrecisionError(
-        f"Arguments `rtol` and `atol` must reach {finest:.1e} in {dtype}, but they are {rtol} and {atol}; "
-        f"{remedy}ask for looser ones."
+        f"Arguments `rtol` and `atol` must not both be below {finest:.1e} in {dtype}, but they are {rtol} and {atol}; "
+        f"{remedy}choose looser ones."
     )

@@ -1,3 +1,3 @@
-"""Arguments of a solve where they are not given, for those who need no solver to know them."""
+"""Default arguments of a solve, which can be read without importing a solver."""
 
 DEFAULT_TOLERANCE = 1e-10

@@ -29,10 +29,10 @@ class Balance(Printed):
 
     - ``found``: whether there is a solution.
     - ``theta``: the angles of the free masses, rad on a closed rail and length in a tube, shape (k,); without a
-      solution, those that come nearest.
+      solution, the nearest miss.
     - ``above``: whether the centre of mass is then above the geometric centre; on a slope, higher than it.
-    - ``residual``: the distance of the centre of mass from the vertical through the contact point, which on a level
-      plane is that through the geometric centre, length.
+    - ``residual``: the distance, a length, of the centre of mass from the vertical through the contact point; on a
+      level plane this vertical passes through the geometric centre.
     - ``solutions``, ``solutions_above``: every solution found, shape (n, k), and its ``above``, shape (n,); the
       chosen one first.
     - ``message``: a sentence that says all this.
@@ -73,26 +73,26 @@ def balance(
     """Solves for angles that put the system's centre of mass above or below the geometric centre.
 
     On a slope they put it on the vertical through the contact point instead, where the weight has no moment about this
-    point, so that a body can rest whose masses do not move. Nothing does where the slope is so steep that r sin a is
-    more than the greatest distance of the centre of mass from the geometric centre.
+    point, so that a body whose masses do not move can rest. No angles do so where the slope is so steep that r sin a
+    exceeds the greatest possible distance of the centre of mass from the geometric centre.
 
-    This is how section 5 finds its θ_a: the paper fixes θ1 = 0 and solves for θ2 and θ3. The search
-    starts from many points at once and reports all solutions that it comes to: those of the paper's ball
-    are two. Where more than two angles are free, solutions are not isolated, and there are as many as starts.
+    This is how section 5 finds its θ_a: the paper fixes θ1 = 0 and solves for θ2 and θ3. The search starts from many
+    points at once and reports all solutions that it finds: for the paper's ball there are two. Where more than two
+    angles are free, solutions are not isolated, and each start may find another.
 
     **Arguments:**
 
     - ``system``: a :class:`~jaxball.Ball` or a :class:`~jaxball.Disk`.
     - ``free``: the indices (from 0) of the masses whose θ is free; each must be on a rail.
-    - ``guess``: the solution nearest to it is chosen; otherwise the one nearest to the angles that
-      the masses have at ``t``.
+    - ``guess``: the solution nearest to it is chosen; if not given, the one nearest to the angles of the masses at
+      ``t``.
     - ``above``: True or False to accept only a centre of mass above, or below, the geometric centre; on a slope, only
-      one that is higher, or lower, than it.
+      one that is higher, or lower, than this centre.
     - ``state``: gives the orientation, and θ of the driven masses; upright if not given.
     - ``t``: the time at which the schedules and free motions are read.
 
-    **Raises:** ``ValueError`` when ``free`` names a mass that is not on a rail, or none, when ``guess`` has another
-    length, and where the ground moves or has a turntable.
+    **Raises:** ``ValueError`` when ``free`` names no mass or one that is not on a rail, when ``guess`` has another
+    length, and when the ground moves or has a turntable.
 
     **Example:**
 
@@ -216,7 +216,7 @@ def _search(rails, masses, offset, total, Lambda, r, up, starts):
         return apply(Lambda, offset + jnp.sum(masses[:, None] * places(theta), axis=0)) / total
 
     def aside(theta):
-        """The place of the centre of mass from the contact point × the vertical."""
+        """The vector from the contact point to the centre of mass × the vertical."""
         return cross(centre(theta).at[2].add(r), up)
 
     def one(start):

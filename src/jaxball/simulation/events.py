@@ -1,4 +1,4 @@
-"""What may happen along a motion: the ball leaves the plane or slips, or whatever a function says."""
+"""What may happen along a motion: the ball leaves the plane or slips, or a given function crosses zero."""
 
 import abc
 from collections.abc import Callable
@@ -22,9 +22,9 @@ class AbstractEvent(Printed):
 
     - ``direction``: 1 if it happens only where the function rises, −1 if only where it falls, 0 for both.
     - ``terminal``: whether it ends the run.
-    - ``from_start``: whether it has happened already in a run that starts beyond zero.
+    - ``from_start``: whether it counts as having happened in a run that starts beyond zero.
     - ``room``: how many of its times and states are kept; all are counted.
-    - ``status``: how the run that it ended is said to have ended.
+    - ``status``: the status of a run that it ended.
     """
 
     if TYPE_CHECKING:  # to a type checker, fields declared here would come before `of` among the arguments
@@ -49,13 +49,13 @@ class AbstractEvent(Printed):
 
 
 class Event(AbstractEvent):
-    """A place reached, an angle at a bound, a Poincaré section: wherever ``of(system, t, state)`` crosses zero.
+    """A position reached, an angle at a bound, a Poincaré section: wherever ``of(system, t, state)`` crosses zero.
 
     **Arguments:**
 
-    - ``of``: a scalar function, written with ``jax.numpy``. A named function rather than a new ``lambda`` at each
-      call saves compiling anew.
-    - ``direction``: 1 for upward crossings alone, −1 for downward ones, 0 for both.
+    - ``of``: a scalar function, written with ``jax.numpy``. A named function, rather than a new ``lambda`` at each
+      call, avoids compiling again.
+    - ``direction``: 1 for upward crossings only, −1 for downward ones, 0 for both.
     - ``terminal``: whether the first crossing ends the run.
     - ``room``: how many crossings are kept; all are counted.
 
@@ -121,11 +121,11 @@ class Detachment(AbstractEvent):
 
 
 class Slip(AbstractEvent):
-    """The friction |f| rises to μN, all that a plane with the coefficient of friction μ can give. Ends the run.
+    """The friction |f| rises to μN, the most that a plane with the coefficient of friction μ can give. Ends the run.
 
     **Arguments:**
 
-    - ``friction``: μ, a number without unit.
+    - ``friction``: μ, dimensionless.
     - ``terminal``: whether it ends the run.
     - ``room``: how many of its times and states are kept; all are counted.
 

@@ -22,22 +22,23 @@ from ..solvers.dense.maxima import maxima, moved
 from ..solvers.dense.steps import Steps
 from .trajectory import Interpolant, Trajectory
 
-ROUNDING = 1e-12  # of the weight, or of 1: what is less is none, and does not change what is constant
-SAME = 1e-8  # relative to its size, by which what is constant may change
+ROUNDING = 1e-12  # of the weight, or of 1: anything smaller counts as zero, and leaves a constant value constant
+SAME = 1e-8  # the relative change that a constant value may have
 
 
 class ContactExtremes(Printed):
-    """How near a ball or disk came to leaving the plane or slipping, at the times where it was nearest.
+    """How close a ball or disk came to leaving the plane or slipping, and when.
 
     The times are refined between the saved ones, to the accuracy of the solver's dense output. The values have the
-    right first derivatives; the times have none, but where a kink of the motion or the end of the run is the time.
+    right first derivatives; the times have none, except where the extreme is at a kink of the motion or at the end of
+    the run.
 
     - ``least_normal_force``: the smallest N, mass length/time².
     - ``friction_needed``: μ_min, the largest |f| / N; with less friction the ball would slip. Infinite where
       N ≤ 0 somewhere.
     - ``largest_friction``: the largest |f|, mass length/time².
     - ``weight``: M g, mass length/time².
-    - ``constant``: whether N, |f| / N and |f| are the same throughout but for rounding, shape (3,); the times then say
+    - ``constant``: whether N, |f| / N and |f| are constant to within rounding, shape (3,); their times then mean
       nothing.
     - ``least_normal_force_time``, ``friction_needed_time``, ``largest_friction_time``: when.
 
@@ -71,7 +72,7 @@ class ContactExtremes(Printed):
 
     @property
     def when(self) -> tuple[str, str]:
-        """When N is least and |f| / N largest, in words. For one run, not for a batch."""
+        """The times at which N is least and |f| / N largest, as text. For one run, not for a batch."""
         times = self.least_normal_force_time, self.friction_needed_time
         pairs = zip(times, np.asarray(self.constant)[:2], strict=True)
         first, second = ("throughout" if same else f"at t = {float(t):.6g}" for t, same in pairs)
@@ -86,12 +87,12 @@ class ContactExtremes(Printed):
             mu = float(self.friction_needed)
             lines.append(f"friction needed, max |f|/N, {mu if mu > ROUNDING else 0.0:.10g} {self.when[1]}")
         else:
-            lines.append("the ball would leave the plane, so that no friction is enough")
+            lines.append("the ball would leave the plane, so no friction is enough")
         return "\n".join(lines)
 
 
 def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
-    """N, |f| / N and |f| where they are extreme, within the steps of a run and not just at its saved times.
+    """The extreme values of N, |f| / N and |f| within the steps of a run, not just at its saved times.
 
     NaN for a run that could not start.
 
@@ -100,7 +101,7 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
     - ``trajectory``: what :func:`jaxball.simulate` returns with ``dense=True``.
 
     **Raises:** ``ValueError`` when the trajectory was made without ``dense=True`` or with a law of contact, and
-    ``TypeError`` for a system that touches no plane.
+    ``TypeError`` for a system that does not touch a plane.
 
     **Example:**
 
@@ -113,13 +114,13 @@ def contact_extremes(trajectory: Trajectory[Any, Any]) -> ContactExtremes:
     require("trajectory", trajectory, Trajectory, "what jaxball.simulate returns")
     if not isinstance(trajectory.system, AbstractBody):
         raise TypeError(
-            "Argument `trajectory` must be of a Ball or a Disk, which a plane holds, but it is of a "
+            "Argument `trajectory` must be of a Ball or a Disk, which is supported by a plane, but it is of a "
             f"{type(trajectory.system).__name__}."
         )
     if trajectory.contact is not None:
         raise ValueError(
-            "Argument `trajectory` must be of a body that rolls all the time, but it is of one with a law of contact; "
-            "its forces at the saved times are in `observables`."
+            "Argument `trajectory` must be of a body that always rolls, but it is of one with a law of contact; its "
+            "forces at the saved times are in `observables`."
         )
     if trajectory.interpolant is None:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""What became of the contact between a body and its plane in a run: its modes, and when one followed another."""
+"""The history of the contact between a body and its plane in a run: its modes, and when it switched between them."""
 
 import dataclasses
 from typing import Any
@@ -19,16 +19,17 @@ MOST_SHOWN = 8  # switches in a summary; `Switches.lines` has all
 
 
 class Switches(Printed):
-    """When one mode followed another, in the order of time.
+    """The switches from one mode to another, in the order of time.
 
-    - ``count``: how many there were. The arrays hold the first ``room`` of them; NaN, or −1, where there are fewer.
+    - ``count``: how many there were. The arrays hold the first ``room`` of them; where there are fewer, the rest is NaN
+      or −1.
     - ``times``: when, shape (room,).
-    - ``cause``: a ``jaxball.Cause`` each, shape (room,).
+    - ``cause``: the ``jaxball.Cause`` of each, shape (room,).
     - ``source``, ``target``: the :class:`~jaxball.Mode` before and after it, shape (room,).
     - ``before``, ``after``: the :class:`~jaxball.ReleasedState` before and after it, with a leading axis.
-    - ``lost``: the energy that an impact took, mass length²/time², shape (room,).
-    - ``grazing``: whether what ended the mode touched zero rather than crossing it, so that derivatives mean little,
-      shape (room,).
+    - ``lost``: the energy lost in an impact, mass length²/time², shape (room,).
+    - ``grazing``: whether the function that ended the mode touched zero rather than crossing it, so that derivatives
+      mean little, shape (room,).
 
     Times and states are differentiable.
     """
@@ -48,16 +49,16 @@ class Switches(Printed):
 
     @property
     def lines(self) -> list[str]:
-        """A line for each switch that is kept. For one trajectory, not for a batch."""
+        """A line for each switch that was kept. For one trajectory, not for a batch."""
         count, kept = int(self.count), self.times.shape[-1]
         columns = self.times, self.source, self.target, self.cause, self.grazing
         lines = []
         for t, source, target, cause, grazing in zip(*(np.asarray(column)[:count] for column in columns), strict=True):
             modes = " to ".join(Mode(int(mode)).name.lower() for mode in (source, target))
-            touched = ", by a touch" if grazing else ""
+            touched = ", grazing" if grazing else ""
             lines.append(f"t = {float(t):.10g}: from {modes}, as {Cause(int(cause)).sentence}{touched}")
         if count > kept:
-            lines.append(f"{count - kept} more, which a larger `room` of the Contact keeps")
+            lines.append(f"{count - kept} more, which a larger `room` of the Contact would keep")
         return lines or ["none"]
 
 
@@ -65,12 +66,13 @@ class ContactHistory(Printed):
     """The modes of a run with a law of contact, at its saved times.
 
     - ``law``: the :class:`~jaxball.Contact`.
-    - ``mode``: the :class:`~jaxball.Mode` at each time, shape (T,); −1 where the solve did not come.
+    - ``mode``: the :class:`~jaxball.Mode` at each time, shape (T,); −1 at times that the solve did not reach.
     - ``V``: the velocity of the geometric centre, space axes, length/time, shape (T, 3).
-    - ``height``: of the body over the plane, length, shape (T,).
-    - ``slip``: v_s, the velocity of the body's lowest point over the plane, space axes, length/time, shape (T, 3).
+    - ``height``: of the body above the plane, length, shape (T,).
+    - ``slip``: v_s, the velocity of the body's lowest point relative to the plane, space axes, length/time, shape (T,
+      3).
     - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
-    - ``rubbed``, ``struck``: the energy that friction of sliding and impacts have taken so far, mass length²/time²,
+    - ``rubbed``, ``struck``: the energy dissipated so far by sliding friction and by impacts, mass length²/time²,
       shape (T,) each.
     - ``switches``: the :class:`Switches`.
     """
@@ -91,19 +93,19 @@ class ContactHistory(Printed):
 
     @property
     def lines(self) -> list[str]:
-        """How the body moved on its plane, and what that took of its energy. For one trajectory, not for a batch."""
+        """How the body moved on its plane, and the energy that this dissipated. For one trajectory, not for a batch."""
         count, switches, modes = int(self.switches.count), self.switches.lines, np.asarray(self.mode)
         known = np.flatnonzero(modes >= 0)
         if not known.size:
             return []
         last = known[-1]
-        when = "is {} at the end" if last == modes.size - 1 else "was {} at the last time that is known"
+        when = "is {} at the end" if last == modes.size - 1 else "was {} at the last saved time that was reached"
         end = when.format(Mode(int(modes[last])).name.lower())
         changed = "never changed" if count == 0 else "changed once" if count == 1 else f"changed {count:,} times"
         shown = switches[:MOST_SHOWN] if count else []
         rest = [f"  and {count - len(shown):,} more"] if count > len(shown) else []
         rubbed, struck = (float(np.asarray(taken)[last]) for taken in (self.rubbed, self.struck))
-        taken = f"friction of sliding took the energy {rubbed:.10g}, and impacts {struck:.10g}"
+        taken = f"sliding friction dissipated the energy {rubbed:.10g}, and impacts {struck:.10g}"
         return [f"the mode of contact {changed}, and {end}", *(f"  {line}" for line in shown), *rest, taken]
 
     def at_rows(self, rows: slice) -> "ContactHistory":

@@ -1,4 +1,4 @@
-"""A run with a law of contact with what held just before each switch of its mode and just after it."""
+"""A run with a law of contact, with the states just before and just after each switch of its mode."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -19,16 +19,16 @@ from .history import ContactHistory
 from .modal import slips
 from .trajectory import Trajectory
 
-STILL = 1e-9  # of the speeds of a body: a slip that is slower is at its beginning or at its end
+STILL = 1e-9  # of the speeds of a body: a slower slip is at its beginning or at its end
 
 
 def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
-    """The run with two more rows at each switch that is kept: the state and the mode just before it, and just after.
+    """The run with two more rows at each switch that was kept: the state and the mode just before it, and just after.
 
-    Between switches nothing jumps, so that a curve through these rows shows each jump where it is. A saved time at
-    which a switch is gives way to both. Rows without a switch have states of NaN and stand at the end: there are
-    always 2 ``room`` more of them than saved times, so that programs for them do not depend on how many switches
-    there were. A run without a law of contact is returned as it is.
+    Nothing jumps between switches, so a curve through these rows shows each jump where it is. The two rows replace a
+    saved time that coincides with a switch. Rows without a switch have states of NaN and stand at the end: there are
+    always 2 ``room`` more of them than saved times, so that programs for them do not depend on how many switches there
+    were. A run without a law of contact is returned as it is.
 
     **Arguments:**
 

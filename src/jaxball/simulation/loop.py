@@ -1,6 +1,6 @@
-"""The loop of steps of a solve: where a step ends, what of it is kept, and when to stop.
+"""The time-stepping loop of a solve: where a step ends, what is saved of it, and when to stop.
 
-diffrax makes ready what the loop needs, and its solvers and controllers do the steps. Its own loop is not used, because
+diffrax prepares what the loop needs, and its solvers and controllers take the steps. Its own loop is not used, because
 the program of that is twice as large, and because diffrax checks the times at which to save by calling back to Python,
 which took a third of a solve.
 """
@@ -37,10 +37,10 @@ class SavedStates(NamedTuple):
 
 
 class SolveLoop(diffrax.AbstractAdjoint):
-    """The loop of a solve that saves the vectors at ``times``, infinite where it does not come.
+    """The loop of a solve that saves the vectors at ``times``, infinite at times that it does not reach.
 
     With ``switching``, the system has modes that follow each other, and their ``course`` is among the statistics; with
-    ``observers``, so is what they have ``found``.
+    ``observers``, so is what they ``found``.
 
     diffrax calls a loop after the way in which it is differentiated. ``kind`` is "checkpointed" for reverse mode, with
     so many ``checkpoints``, and "lax" for forward mode or none.
@@ -149,7 +149,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
         """How many steps are kept for reverse mode.
 
         With fewer than all steps, derivatives of what follows the end of a slip were off by up to 2e-5, presumably
-        because a step that is computed again rounds otherwise. So where modes end, all are kept up to a limit.
+        because a recomputed step rounds differently. So where modes end, all steps are kept, up to a limit.
         """
         if self.checkpoints is None and self.switching is not None:
             return min(max_steps, MOST_CHECKPOINTS)
@@ -158,7 +158,7 @@ class SolveLoop(diffrax.AbstractAdjoint):
     def _save(
         self, saved: SavedStates, interpolation: diffrax.AbstractLocalInterpolation, until: Float[Array, ""]
     ) -> SavedStates:
-        """What is saved when the vectors up to ``until`` are known as well, by the interpolation of a step."""
+        """What is saved once the vectors up to ``until`` are known as well, from the interpolation of a step."""
         if self.times.size == 2:
             return saved
 
@@ -267,7 +267,7 @@ class _Solve(NamedTuple):
         return state, info, keep, course
 
     def again(self, output: DenseOutput, t0: Array, t1: Array, y: Array) -> Step:
-        """A step that was taken, computed once more, which takes less than to keep what it was made of."""
+        """A step that was taken, computed once more, which is cheaper than keeping its intermediate values."""
         fresh = self.solver.init(self.terms, t0, t1, y, self.args)
         _, _, info, _, _ = self.solver.step(self.terms, t0, t1, y, self.args, fresh, True)
         info = output.info(info, self.terms, t0, t1, args=self.args, asked=jnp.asarray(True))

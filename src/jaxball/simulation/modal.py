@@ -1,4 +1,4 @@
-"""A run whose modes follow each other, as a trajectory of the body."""
+"""A run through several modes, as a trajectory of the body."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -21,13 +21,13 @@ from .history import ContactHistory, Switches
 from .switching import Kept
 from .trajectory import Trajectory
 
-NOWHERE = -1  # the mode at times to which a solve did not come
+NOWHERE = -1  # the mode at times that a solve did not reach
 
 
 def on_plane(system: Any, state: Any, contact: Contact, dae: bool, events: Mapping[str, AbstractEvent]) -> BodyOnPlane:
     """The system of a body with a law of contact.
 
-    **Raises:** ``TypeError`` or ``ValueError`` for what has no contact, or no equations for it.
+    **Raises:** ``TypeError`` or ``ValueError`` for a system without contact, or a state without equations for it.
     """
     require("contact", contact, Contact, "a Contact, such as Contact(sliding=0.3)")
     if not isinstance(system, AbstractBody):
@@ -38,7 +38,7 @@ def on_plane(system: Any, state: Any, contact: Contact, dae: bool, events: Mappi
     if isinstance(state, ReducedState):
         raise TypeError(
             "Argument `state` must be a BallState, a RotationState, a DiskState or a ReleasedState with `contact`, "
-            "because a body that may slip has a velocity and a place, but it is a ReducedState."
+            "because a body that may slip has a velocity and a position, but it is a ReducedState."
         )
     if dae:
         raise ValueError(
@@ -94,7 +94,7 @@ def slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Arra
 def history(
     law: Contact, saved: ContactState, slip: Array, sigma: Array, count: Array, switches: Unpacked
 ) -> ContactHistory:
-    """What became of the contact in one run, or in several with these as leading axis."""
+    """The history of the contact in one run, or in several as a leading axis."""
     (times, causes, _, _, grazing), before, after = switches
     known = jnp.isfinite(times)
     return ContactHistory(

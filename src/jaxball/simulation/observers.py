@@ -1,4 +1,4 @@
-"""What is looked at in the steps of a run while it is computed, so that no more than a few numbers are kept of it."""
+"""What is observed in the steps of a run while it is computed, so that only a few numbers of it are kept."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

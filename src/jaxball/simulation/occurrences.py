@@ -13,8 +13,8 @@ class Occurrences(Printed):
 
     - ``count``: how many there were.
     - ``times``: when, shape (room,); NaN where there are fewer.
-    - ``state``: the states then; each of its arrays has room as leading axis.
-    - ``least``, ``largest``: the extreme values of the event's function, where the solve looked.
+    - ``state``: the states then; each of its arrays has ``room`` as leading axis.
+    - ``least``, ``largest``: the extreme values of the event's function, where the solve evaluated it.
 
     Times and states are differentiable, ``least`` and ``largest`` are not.
     """
@@ -40,4 +40,4 @@ class Occurrences(Printed):
             return f"It happened once, at t = {float(np.asarray(self.times)[0]):.10g}."
         if count <= room:
             return f"It happened {count} times, {first}."
-        return f"It happened {count} times, {first}; the first {room} are kept, and a larger `room` keeps more."
+        return f"It happened {count} times, {first}; the first {room} are kept, and a larger `room` would keep more."

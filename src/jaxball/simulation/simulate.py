@@ -1,4 +1,4 @@
-"""The one entry function: a system, times and a state in, a trajectory out."""
+"""The entry point: from a system, times and a state to a trajectory."""
 
 import functools
 from collections.abc import Callable, Mapping
@@ -77,45 +77,45 @@ def simulate(
 
     - ``system``: a :class:`~jaxball.Ball`, a :class:`~jaxball.Disk`, one of :mod:`jaxball.classical`, or any other
       :class:`~jaxball.AbstractSystem`.
-    - ``times``: increasing, two or more. The solver steps as it likes, and exactly to the kinks of
+    - ``times``: increasing, two or more. The solver chooses its own steps, and ends steps exactly at the kinks of
       actuation and force.
-    - ``state``: the state at ``times[0]``; at rest at the origin if not given, θ of free joints 0. Its kind chooses the
-      equations: :class:`~jaxball.BallState` (versor), :class:`~jaxball.RotationState` (matrix),
-      :class:`~jaxball.ReducedState` (Ω, Γ), or :class:`~jaxball.DiskState`; other systems mostly have one.
+    - ``state``: the state at ``times[0]``; if not given, at rest at the origin with θ of free joints 0. Its kind
+      determines the equations: :class:`~jaxball.BallState` (versor), :class:`~jaxball.RotationState` (matrix),
+      :class:`~jaxball.ReducedState` (Ω, Γ), or :class:`~jaxball.DiskState`; most other systems have a single kind.
     - ``solver``: any adaptive diffrax solver; ``diffrax.Dopri8()`` if not given.
-    - ``rtol``, ``atol``: tolerances of the step-size control. Changing them compiles nothing anew.
+    - ``rtol``, ``atol``: tolerances of the step-size control. Changing them compiles nothing again.
     - ``dense``: whether the trajectory can be evaluated at any time, ``trajectory.at(t)``.
-    - ``step_to_times``: whether the solver steps exactly to each of ``times``. Otherwise the states
-      there come from a polynomial within the step, whose error was at most three times that of the steps in
-      the paper's runs.
+    - ``step_to_times``: whether the solver steps exactly to each of ``times``. Otherwise the states there come from a
+      polynomial within the step; in the paper's runs its error was at most three times that of the steps.
     - ``dae``: whether to solve the differential-algebraic form of the paper, in which |q|² = 1 determines a
       component of q, the largest at the start of each step (module ``dae``), with a solver that knows mass
       matrices: :class:`jaxball.solvers.RadauIIA`.
     - ``project``: whether each step ends with q normalised (Γ, or Λ, in states that have these instead).
-    - ``events``: what to look for, :class:`~jaxball.Detachment`, :class:`~jaxball.Slip` or any
-      :class:`~jaxball.Event`, by name; when each happened is ``trajectory.events[name]``. One that ends the run is
-      its status, and the states saved after that are NaN.
+    - ``events``: the events to detect, by name: :class:`~jaxball.Detachment`, :class:`~jaxball.Slip` or any
+      :class:`~jaxball.Event`; ``trajectory.events[name]`` says when each happened. One that ends the run sets its
+      status, and the states saved after that are NaN.
     - ``contact``: a :class:`~jaxball.Contact`, the law of friction and impact by which a ball or a disk may slip, leave
-      the plane and come down on it. ``state`` may then be a :class:`~jaxball.ReleasedState`, and
-      ``trajectory.contact`` has the modes and when each of them began. The body rolls all the time if not given.
+      the plane and land on it. ``state`` may then be a :class:`~jaxball.ReleasedState`, and ``trajectory.contact`` has
+      the modes and when each of them began. If not given, the body always rolls.
     - ``adjoint``: the mode of differentiation. ``diffrax.RecursiveCheckpointAdjoint()`` if not given: reverse mode,
       ``jax.grad``, ``jax.jacrev``, ``jax.vjp``, once. ``diffrax.ForwardMode()`` for ``jax.jvp`` and ``jax.jacfwd``,
       and for second derivatives, ``jax.jacfwd(jax.jacfwd(f))``, of all but events. ``diffrax.DirectAdjoint()`` is
       refused, because its reverse-mode derivatives were wrong.
-    - ``max_steps``: the number of steps, accepted and rejected, after which the solve gives up.
+    - ``max_steps``: the most steps, accepted and rejected, that the solve may take.
     - ``progress``: a diffrax progress meter.
-    - ``inside``: whether rails and masses must be in the body (module ``confinement``): where a rail or a start is not,
-      the run is ``IMPOSSIBLE``, and one in which a mass leaves the shell has the status ``LEFT_SHELL`` and the time
-      ``reached`` at which it does. Motions that a law drives along an open rail are looked at at ``times`` alone. The
-      equations themselves do not know where the shell is; a search that passes through such bodies says False.
+    - ``inside``: whether rails and masses must be in the body (module ``confinement``): where a rail or an initial
+      position is not, the run is ``IMPOSSIBLE``, and one in which a mass leaves the shell has the status ``LEFT_SHELL``
+      and the time ``reached`` at which it does so. Motions that a law drives along an open rail are checked at
+      ``times`` only. The equations themselves do not depend on the shell; False is for searches that pass through such
+      bodies.
     - ``throw``: whether a failed solve raises; otherwise it is a status on the trajectory.
 
-    Inside, the solver advances the locked angular velocity in the place of Ω, so that derivatives with
-    respect to the times of kinks are right; the module ``locked`` says why.
+    Internally, the solver advances the locked angular velocity instead of Ω, so that derivatives with respect to the
+    times of kinks are right; the module ``locked`` explains why.
 
-    **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or
-    ``TypeError`` for arguments of the wrong kind, ``TypeError`` where the default adjoint is differentiated in forward
-    mode or twice, and :class:`~jaxball.SolveError` where asked for.
+    **Raises:** :class:`PrecisionError` when float32 cannot reach the tolerances, ``ValueError`` or ``TypeError`` for
+    arguments of the wrong kind, ``TypeError`` where the default adjoint is differentiated in forward mode or twice, and
+    :class:`~jaxball.SolveError` with ``throw``.
 
     **Example:**
 
@@ -185,7 +185,7 @@ class Method(NamedTuple):
 def _run(
     method: Method, system: AbstractSystem, times: Any, state: AbstractState | ReleasedState, *others: Any
 ) -> Trajectory[Any, Any]:
-    """A trajectory. Dense output has room for few steps at first, because room that is not used costs time as well."""
+    """A trajectory. Dense output has room for few steps at first, because unused room costs time as well."""
 
     def trajectory_by(method: Method) -> Trajectory[Any, Any]:
         *solved, course, _ = _program(method)(system, times, state, *others)
@@ -361,9 +361,9 @@ def at_rest(system: AbstractSystem) -> AbstractState: ...
 
 
 def at_rest(system: AbstractSystem) -> AbstractState:
-    """The default initial state: of a ball or a disk, at rest at the origin, upright.
+    """The default initial state: for a ball or a disk, at rest at the origin, upright.
 
-    **Raises:** ``ValueError`` where a state must be given, as where angles belong to it.
+    **Raises:** ``ValueError`` where a state must be given, for instance because it contains angles.
     """
     require_system(system)
     return type(system).default_state(system)  # which costs less than a bound method, see `require_state`
@@ -373,5 +373,5 @@ def _check_untraced(trajectory: Trajectory[Any, Any]) -> None:
     if is_traced(trajectory.status):
         raise ValueError(
             "Argument `throw` must be False where the solve is traced, as within jit or vmap, but it is True; "
-            "return the trajectory's status and look at it outside."
+            "return the trajectory's status and check it outside."
         )

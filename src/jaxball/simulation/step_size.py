@@ -20,7 +20,7 @@ def by_tolerances(
     solver: diffrax.AbstractSolver | None = None,
     norm: Callable[[PyTree], Float[Array, ""]] = optx.rms_norm,
 ) -> diffrax.PIDController | AbstractMultistepController:
-    """Steps by the tolerances alone, by the controller that ``solver`` needs. A step below 1e-30 ends the solve."""
+    """Steps by the tolerances only, with the controller that ``solver`` needs. A step below 1e-30 ends the solve."""
     if isinstance(solver, AbstractMultistep):
         return solver.controller_cls(rtol, atol, norm, dtmin=1e-30)
     return diffrax.PIDController(rtol=rtol, atol=atol, norm=norm, dtmin=1e-30, force_dtmin=False)

@@ -1,9 +1,9 @@
-"""Where in a solve the mode of a system ends, and what the solve goes on with.
+"""Where in a solve the mode of a system ends, and how the solve continues.
 
-A step is looked at as soon as it is taken. Where one of the functions that say that the mode lasts falls to zero within
-it, it is taken back, and steps of other lengths follow until one ends there: by the secant method, on steps of the
-solver itself and not on its interpolation, so that the state is as exact as any other. The next step begins with what
-follows the mode.
+Each step is checked as soon as it is taken. Where one of the guard functions, which are positive while the mode lasts,
+falls to zero within it, the step is rejected, and steps of other lengths follow until one ends there: by the secant
+method, on steps of the solver itself and not on its interpolation, so that the state is as exact as any other. The next
+step begins in the mode that follows.
 """
 
 from typing import Any, NamedTuple
@@ -29,11 +29,11 @@ MOST_TRIES = 40
 LEAST = 8  # the length of a step, in units of rounding of the time
 ROOT_STEPS = 8  # of the Illinois method, to the zero of a quartic
 POWERS = sampling().powers.tolist()
-REAL = 1e-6  # what is not below this part of its size in a step is no zero
-NOTHING = 1e-9  # a normal force below this part of its size in a step is none
+REAL = 1e-6  # a value not below this part of its size in a step is not a zero
+NOTHING = 1e-9  # a normal force below this part of its size in a step counts as zero
 GRAZING = 1e-6  # a function that falls by less than this part of its size in a step touches zero
-CLOSE = 1e-9  # switches that are nearer to each other than this part of a run are too many
-TOO_MANY = 64  # of these
+CLOSE = 1e-9  # switches closer to each other than this part of a run are counted as crowded
+TOO_MANY = 64  # crowded switches
 NEARLY = 3  # times the least speed of a slip: one that is slower than that may end in the next step
 MOST = 0.5  # of the time until the end of a slip, in one step
 MOST_OF_ADAMS = 0.1  # the same with an Adams method, which is stable in short steps only

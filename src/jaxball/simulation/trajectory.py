@@ -73,16 +73,17 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     - ``system``: what was simulated.
     - ``interpolant``: what ``at`` evaluates; None without dense output.
     - ``times``: the saved times, shape (T,).
-    - ``state``: the states there; each of its arrays has T as leading axis. NaN where the solve did
-      not come, or all of it where the solve could not start.
+    - ``state``: the states there; each of its arrays has T as leading axis. NaN at times that the solve did not reach,
+      and throughout where it could not start.
     - ``status``: a :class:`~jaxball.Status`; ``ok`` and ``message`` read it.
-    - ``reached``: the time to which the solve came.
+    - ``reached``: the time that the solve reached.
     - ``steps``, ``rejected``: how many steps were taken in all, and how many of them were rejected.
     - ``events``: the :class:`~jaxball.Occurrences` of each event, by name.
-    - ``start``: the initial state that was given, also where no solve can start from it.
+    - ``start``: the initial state that was given, even where no solve can start from it.
     - ``contact``: the :class:`ContactHistory` of a run with a law of contact: its modes and switches.
     - ``scenario``: the :class:`~jaxball.Scenario`, with the settings of the solve, where one was simulated or the
-      trajectory was read from a file of its run; else None. It is no part of the pytree, and lost in transformations.
+      trajectory was read from a file of its run; else None. It is not part of the pytree, and is lost in
+      transformations.
 
     **Example:**
 
@@ -113,7 +114,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     scenario: ClassVar["Scenario | None"] = None
 
     def made_by(self, scenario: "Scenario") -> "Trajectory[AnySystem, AnyState]":
-        """This trajectory, which now knows that it is the run of ``scenario``."""
+        """This trajectory, now recorded as the run of ``scenario``."""
         object.__setattr__(self, "scenario", scenario)
         return self
 
@@ -127,7 +128,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
     @property
     def ok(self) -> bool:
-        """Whether the solve reached its end, or an event that it was to end at. For one trajectory, not for a batch."""
+        """Whether the solve reached its end, or a terminal event. For one trajectory, not for a batch."""
         self._require_one("Property `ok`")
         return int(self.status) in (Status.SUCCESS, Status.EVENT)
 
@@ -139,7 +140,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
     @property
     def problems(self) -> list[Problem]:
-        """What no body can have, or which mass left the shell, where that is how the solve ended; otherwise nothing.
+        """What is impossible about the body, or which mass left the shell, where that ended the solve; otherwise empty.
 
         For one trajectory, not for a batch.
         """
@@ -156,7 +157,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return find_problems(system, start, times, states if status == Status.LEFT_SHELL else None)
 
     def message_of(self, problems: Sequence[str]) -> str:
-        """The same sentence with ``problems`` told in other words."""
+        """The same sentence with other words for the ``problems``."""
         sentence = Status(int(self.status)).sentence(float(self.reached), float(self.times[-1]))
         return " ".join([sentence, *problems])
 
@@ -173,7 +174,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     def at(self, t: Numbers) -> AnyState:
         """The state at any time ``t`` of the run, a number or an array, from dense output.
 
-        NaN before the start and after the time to which the solve came.
+        NaN before the start and after the time that the solve reached.
 
         **Raises:** ``ValueError`` when the trajectory was made without ``dense=True``, and for a batch.
         """
@@ -185,11 +186,11 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
 
     @property
     def observables(self) -> Observables:
-        """Positions, energies and forces at every saved time, in a batch those of each run.
+        """Positions, energies and forces at every saved time; in a batch, those of each run.
 
-        Where what drives the body jumps at the end of the run, those at the end are of the side before.
+        Where the actuation jumps at the end of the run, the values at the end are those just before the jump.
 
-        **Raises:** ``ValueError`` for a reduced trajectory, which does not know where the ball is, and for
+        **Raises:** ``ValueError`` for a reduced trajectory, which does not contain the position of the ball, and for
         one of another system, which may have ``laws``.
         """
         body = self._body("The observables")
@@ -199,15 +200,15 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         return self._evaluated(_observe_all, body, self.state)
 
     def measured(self, sensors: "Mapping[str, AbstractSensor]") -> dict[str, Array]:
-        """What sensors read at every saved time, by their names; NaN at times that the solve did not reach.
+        """The readings of sensors at every saved time, by name; NaN at times that the solve did not reach.
 
         **Arguments:**
 
-        - ``sensors``: such as an :class:`~jaxball.sensors.Accelerometer`, each by a name of one's own.
+        - ``sensors``: such as an :class:`~jaxball.sensors.Accelerometer`, by names of your choice.
 
         **Returns:** for each sensor an array with T as leading axis.
 
-        **Raises:** ``ValueError`` where the body does not have what a sensor is on, and as ``observables``.
+        **Raises:** ``ValueError`` where the body lacks the part that a sensor is on, and as ``observables``.
         """
         from ..sensors.base import require_sensors  # here, because a simulation does without
 
@@ -221,36 +222,37 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
     def laws(self) -> Any:
         """The laws of the system at every saved time: a named tuple, each entry with T as leading axis.
 
-        In a batch those of each run.
+        In a batch, those of each run.
 
-        **Raises:** ``ValueError`` for a ball or a disk, whose integrals are functions of a state.
+        **Raises:** ``ValueError`` for a ball or a disk, whose integrals are functions of a state
+        (``jaxball.physics.integrals``).
         """
         if isinstance(self.system, AbstractBody):
             raise ValueError(
-                f"The laws are those of other systems, but this trajectory is of a {type(self.system).__name__}; "
+                f"Only other systems have `laws`, but this trajectory is of a {type(self.system).__name__}; "
                 "the modules jaxball.physics.integrals and jaxball.physics.momentum have its integrals."
             )
         return self._evaluated(_laws_of_all, self.system, self.state)
 
-    def _require_one(self, what: str, remedy: str = "the array `status` says how each of them ended") -> None:
+    def _require_one(self, what: str, remedy: str = "the array `status` says how each run ended") -> None:
         """**Raises:** ``ValueError`` for a batch of trajectories."""
         if np.ndim(self.status):
             shape = np.shape(self.status)
-            raise ValueError(f"{what} is of one trajectory, but this is a batch of shape {shape}; {remedy}.")
+            raise ValueError(f"{what} is for one trajectory, but this is a batch of shape {shape}; {remedy}.")
 
     def _evaluated(self, function: Callable[..., Any], system: Any, states: Any) -> Any:
-        """``function`` of a system, the times and its states, and when the run ended; of each run in a batch."""
+        """``function`` of a system, the times, its states and the time of its end; for each run of a batch."""
         arguments = system, jnp.asarray(self.times), states, jnp.asarray(self.reached)
         for _ in range(np.ndim(self.status)):
             function = eqx.filter_vmap(function)
         return function(*arguments)
 
     def _body(self, what: str) -> AbstractBody:
-        """The system, which must be a body, and its place known: ``what`` needs both."""
+        """The system, which must be a body whose position is known: ``what`` needs both."""
         if not isinstance(self.system, AbstractBody):
             raise ValueError(
                 f"{what} are those of a ball or a disk, but this trajectory is of a {type(self.system).__name__}; its "
-                "`laws` say what is constant in it."
+                "`laws` say what is conserved."
             )
         if isinstance(self.state, ReducedState):
             raise ValueError(
@@ -266,7 +268,7 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         """
         return jnp.max(self.observables.friction_ratio, axis=-1)
 
-    # A user has a trajectory in hand and looks there for what can be done with it. These four import, when called,
+    # A user who has a trajectory looks there for what can be done with it. These four import, when called,
     # modules that are built upon this one; the contracts in pyproject.toml name them as exceptions.
 
     def to_dataset(self) -> "xarray.Dataset":
@@ -311,9 +313,9 @@ class Trajectory(Printed, Generic[AnySystem, AnyState]):
         **Arguments:**
 
         - ``path``: a file that ends in ``.html``, to which it is written as well; see :func:`jaxball.plot.write_view`.
-        - ``title``: a line that says which system it is; that of the scenario, if there is one, if not given.
-        - ``friction``: a coefficient μ, whose cone is drawn at the contact point, and whose line beside |f| / N.
-        - ``all_times``: whether a page that would be larger than 1 MB shows all saved times, and not some of them.
+        - ``title``: a line that says which system it is; if not given, that of the scenario, if there is one.
+        - ``friction``: a coefficient μ, drawn as a cone at the contact point and as a line beside |f| / N.
+        - ``all_times``: whether a page that would be larger than 1 MB shows all saved times instead of some of them.
 
         **Raises:** as :func:`jaxball.plot.write_view`.
         """
@@ -399,7 +401,7 @@ def _laws_of_all(system, times, state, reached) -> Any:
 
 
 def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any, reached: Array) -> Any:
-    """``function(system, t, state)`` at each time; where the solve did not come, its derivatives are NaN as well."""
+    """``function(system, t, state)`` at each time; where the solve did not get, its derivatives are NaN as well."""
     prepared = system.prepare()
 
     def one(t, x):

@@ -1,4 +1,4 @@
-"""Events in a solve: where it may stop, and when exactly each of them happened."""
+"""Events in a solve: where it may stop, and the exact times at which they happened."""
 
 import functools
 import inspect
@@ -34,7 +34,7 @@ STEPS_AT_A_TIME = 64
 def checked(system: Any, events: Mapping[str, AbstractEvent] | None) -> dict[str, AbstractEvent]:
     """The events to look for.
 
-    **Raises:** ``TypeError`` for what is not an event, or cannot happen to such a system.
+    **Raises:** ``TypeError`` for anything but an event, and for one that cannot happen to such a system.
     """
     events = {} if events is None else events
     require("events", events, Mapping, 'a dictionary of events by name, such as {"lift": Detachment()}')

@@ -1,6 +1,6 @@
 """Steady and periodic motions and their linear stability.
 
-No figures and no files: :mod:`jaxball.plot` draws what is found here.
+No figures and no files: :mod:`jaxball.plot` draws the results.
 """
 
 from ..interface.names import interface as _interface

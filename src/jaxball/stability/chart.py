@@ -43,12 +43,12 @@ def floquet_chart(
 
     **Arguments:**
 
-    - ``make``: from the values of both parameters to a system, a state and a period near the motion, as
-      :func:`periodic_motion` takes them; traced, so it must not branch on them.
-    - ``parameters``: two names and the values of each: the first has shape (n,), the second (m,).
+    - ``make``: a function of both parameters that returns a system, and a state and a period near the motion, as for
+      :func:`periodic_motion`; traced, so it must not branch on them.
+    - ``parameters``: two names with the values of each, of shapes (n,) and (m,).
     - ``t``, ``rtol``, ``atol``, ``iterations``, ``max_steps``: as for :func:`periodic_motion`.
-    - ``chunk``: how many cells are solved side by side by one program.
-    - ``workers``: how many chunks are solved at the same time; as many as this process has cores if not given.
+    - ``chunk``: how many cells one program solves side by side.
+    - ``workers``: how many chunks are solved at the same time; by default the number of this process's cores.
     - ``progress``: called with the number of cells done and the number of all, after each chunk.
 
     **Returns:** a data set over both parameters with
@@ -60,8 +60,8 @@ def floquet_chart(
     - ``closed``: whether a motion was found;
     - ``status``: the number of a :class:`~jaxball.Status`, 0 where the last solve reached its end.
 
-    **Raises:** as :func:`periodic_motion`, and ``ValueError`` for other than two parameters and for values that are not
-    a row of numbers.
+    **Raises:** as :func:`periodic_motion`, and ``ValueError`` unless there are two parameters, each with a row of
+    numbers.
 
     **Example:**
 
@@ -107,7 +107,7 @@ def _solve(make: Make, search: Search, cells: Float[Array, "cells 2"]) -> Shot:
 
 
 def _equations(make: Make, cells: Float[np.ndarray, "cells 2"], t: float) -> tuple[bool, tuple[bool, ...]]:
-    """Whether time enters the equations, and which components are angles, by the first cell and the last."""
+    """Whether the equations depend on time, and which components are angles, judged by the first cell and the last."""
     seen = []
     for cell in cells[[0, -1]]:
         system, state, period = make(*to_array(cell))

@@ -24,19 +24,19 @@ STANDING = 1e-8  # the change over a period at the initial rate, up to which a s
 
 
 class PeriodicMotion(Printed):
-    """A motion that returns to its state after a period, and its linear stability.
+    """A motion that repeats after a period, and its linear stability.
 
-    - ``state``: the point of the phase space from which it starts.
+    - ``state``: its initial point in the phase space.
     - ``period``: T.
-    - ``turns``: the whole turns that angles gain in it: φ of a disk, and each coordinate θ.
+    - ``turns``: the whole turns that angles gain in a period: φ of a disk, and each coordinate θ.
     - ``residual``: the largest difference between the state after a period, less whole turns, and that at the start.
     - ``periodic``: whether that is zero up to the errors of the solve.
     - ``multipliers``: the eigenvalues of the derivative of the return, on the tangent of |Γ| = 1, the largest first.
-      Where time does not enter the equations, a shift along the motion has the multiplier 1, which is left out.
+      Where the equations do not depend on time, a shift along the motion has the multiplier 1, which is left out.
     - ``exponents``: log(multiplier) / T, in 1/time, in the same order; their imaginary parts are known up to 2π/T.
-    - ``kind``: by the exponents, as of :class:`SteadyMotion`; "unknown" where no motion was found.
+    - ``kind``: by the exponents, as for :class:`SteadyMotion`; "unknown" if no motion was found.
     - ``least_normal_force``: over the period; infinite for a system that does not roll.
-    - ``iterations``: the steps of Newton's method.
+    - ``iterations``: the number of Newton steps.
     - ``message``: a sentence that says all this.
     """
 
@@ -85,32 +85,32 @@ def periodic_motion(
 ) -> PeriodicMotion:
     """The periodic motion near a state, and its Floquet multipliers.
 
-    Newton's method finds the state that the equations bring back after a period, up to whole turns of angles; place and
-    heading need not come back where nothing depends on them. The derivative of the return, the monodromy matrix, comes
-    from the equations of deviations, solved along under the same control of the step. Its eigenvalues, the multipliers,
-    are the factors by which deviations change in each period.
+    Newton's method finds the state that returns after a period, up to whole turns of angles; position and heading need
+    not return where nothing depends on them. The derivative of the return map, the monodromy matrix, comes from the
+    variational equations, solved along with the motion under the same step-size control. Its eigenvalues, the
+    multipliers, are the factors by which deviations change in each period.
 
-    Where time does not enter the equations, the period is found as well. Where it does, as for masses with a schedule
-    or on a shaken plane, the period is held, and must be one of the forcing.
+    Where the equations do not depend on time, the period is found as well. Where they do, as for masses with a schedule
+    or on a shaken plane, the period is fixed, and must be one of the forcing.
 
-    A family of motions, as of all speeds without resistance, has further multipliers of 1, and so have integrals of
-    motion; that of the family which is nearest to the state is found.
+    A family of motions, such as those of all speeds without resistance, has further multipliers of 1, as do integrals
+    of motion; the member of the family nearest to the state is found.
 
     **Arguments:**
 
     - ``system``: a body, or a system of :mod:`jaxball.classical`.
     - ``state``: near the motion, of any kind.
-    - ``period``: T, or a value near it where time does not enter the equations.
-    - ``turns``: the whole turns that angles gain in a period, as in :class:`PeriodicMotion`, shape (angles,); if not
-      given, those that are nearest to what they gain from ``state``.
+    - ``period``: T, or a value near it where the equations do not depend on time.
+    - ``turns``: the whole turns that angles gain in a period, as in :class:`PeriodicMotion`, shape (angles,); by
+      default the nearest to what they gain from ``state``.
     - ``t``: the time of the start.
     - ``rtol``, ``atol``: tolerances of the solves, for the state and for deviations of size 1.
-    - ``iterations``: the most steps of Newton's method.
-    - ``max_steps``: the number of steps after which the solve of a period is given up.
+    - ``iterations``: the most Newton steps.
+    - ``max_steps``: the most steps in the solve of a period.
 
-    **Raises:** ``ValueError`` for a period that is not positive or not one of the forcing, and for turns that are not
-    one for each angle, or are of coordinates that are none; ``TypeError`` for a state of another kind of system, and
-    :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
+    **Raises:** ``ValueError`` for a period that is not positive or not one of the forcing, and for ``turns`` without
+    one entry for each angle, or for coordinates that are not angles; ``TypeError`` for a state of another kind of
+    system, and :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
 
     **Example:**
 
@@ -143,11 +143,11 @@ def _shoot(search: Search, system: AbstractSystem, state: AbstractState, period,
 def equations_of(
     system: AbstractSystem, state: AbstractState, t: float, period: float
 ) -> tuple[bool, tuple[bool, ...]]:
-    """Whether time enters the equations, and which components of a state are angles.
+    """Whether the equations depend on time, and which components of a state are angles.
 
-    They are compared at the state and at one beside it, because at a state that stays what is forced may not show.
+    They are compared at the state and at one near it, because at a steady state the forcing may not show.
 
-    **Raises:** ``ValueError`` where time enters them, and not with this period.
+    **Raises:** ``ValueError`` where they depend on time, but not with this period.
     """
     x = np.asarray(ravel_pytree(state)[0])
     candidates = countable(state)
@@ -160,8 +160,8 @@ def equations_of(
     forced = bool(np.max(np.abs(here - here[0])) > same)
     if forced and np.max(np.abs(later - here)) > same:
         raise ValueError(
-            "Argument `period` must be one of the forcing where time enters the equations, such as "
-            f"2 pi over its angular frequency, but after {period:.10g} the rates of change are other ones."
+            "Argument `period` must be one of the forcing where the equations depend on time, such as "
+            f"2 pi over its angular frequency, but after {period:.10g} the rates of change differ."
         )
     angles = candidates.copy()
     angles[candidates] = [bool(np.max(np.abs(rates[:, 2 + k] - rates[:, 1])) <= same) for k in range(len(turned))]
@@ -190,14 +190,14 @@ def _counts(turns: Numbers, state: AbstractState, angles: tuple[bool, ...]) -> F
 def multipliers_of(
     shot: Shot, system: AbstractSystem, forced: bool
 ) -> tuple[Complex[np.ndarray, " n"], Complex[np.ndarray, " n"]]:
-    """The multipliers of a motion that is closed, the largest first, and its exponents."""
+    """The multipliers of a closed motion, the largest first, and its exponents."""
     state, returned, period = shot.state, shot.returned, float(shot.period)
     x, back, normal = to_array(ravel_pytree(state)[0]), returning(system, state), normal_of(state)
     apart = [] if normal is None else [np.asarray(normal(x))[back]]
     along = np.asarray(returned.before)[back]
     if not forced and np.max(np.abs(along)) * period > STANDING:
         apart.append(along / np.linalg.norm(along))
-    # Deviations along the motion return as they are, so that those of the others are found beside them.
+    # Deviations along the motion return unchanged, so the multipliers of the others are found separately.
     basis = np.linalg.svd(np.stack(apart))[2][len(apart) :] if apart else np.eye(int(np.sum(back)))
     matrix = np.asarray(returned.monodromy)[np.ix_(back, back)]
     multipliers = np.linalg.eigvals(basis @ matrix @ basis.T).astype(complex)
@@ -215,7 +215,7 @@ def _motion(shot: Shot, system: AbstractSystem, search: Search, counted: bool) -
         kind = kind_of(finite / max(float(np.max(np.abs(finite), initial=0.0)), TURN / period))
         message = _message(kind, multipliers, exponents)
         if not search.forced and np.max(np.abs(returned.before)) * period <= STANDING:
-            message += " Its state does not change, so that its period means nothing; see `stability`."
+            message += " Its state does not change, so its period means nothing; see `stability`."
         if returned.least_normal_force <= 0:
             message += f" The normal force falls to {float(returned.least_normal_force):.3g} on the way."
     else:
@@ -235,7 +235,7 @@ def _message(kind: str, multipliers: np.ndarray, exponents: np.ndarray) -> str:
         sizes = "all of size 1" if kind == "centre" else "none larger than 1"
         return f"The motion is spectrally stable, a {kind}: its multipliers are {sizes}."
     largest, growth = multipliers[0], exponents[0].real
-    how = "" if abs(largest.imag) > 1e-9 * abs(largest) or largest.real > 0 else ", with another sign each period"
+    how = "" if abs(largest.imag) > 1e-9 * abs(largest) or largest.real > 0 else ", changing sign each period"
     return f"The motion is unstable, a {kind}: deviations grow as exp({growth:.6g} t){how}."
 
 
@@ -246,9 +246,9 @@ def _failure(shot: Shot, search: Search, counted: bool) -> str:
         return Status(status).sentence(float(returned.reached), start + period, alone=True)
     missed = float(np.max(np.abs(returned.gain)))
     more = np.round(np.where(search.angles, returned.gain, 0.0) / TURN)[countable(shot.state)]
-    turning = f" It gains {tuple(int(k) for k in more)} turns beside those of `turns`." if counted and any(more) else ""
+    turning = f" It gains {tuple(int(k) for k in more)} turns in addition to `turns`." if counted and any(more) else ""
     return (
-        f"No periodic motion was found near the state: after {int(shot.iterations)} steps of Newton's method it "
-        f"misses itself by {missed:.3g} after the period {period:.6g}.{turning} Start from a state and a period closer "
-        "to one, such as those of a run that has settled."
+        f"No periodic motion was found near the state: after {int(shot.iterations)} steps of Newton's method it fails "
+        f"to close by {missed:.3g} after the period {period:.6g}.{turning} Start from a state and a period closer to "
+        "one, such as those of a run that has settled."
     )

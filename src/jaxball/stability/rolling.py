@@ -14,7 +14,7 @@ ROUND = 1e-9
 
 
 def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numbers = 0.0) -> SteadyMotion:
-    """The Routh sphere's steady motion: its axis E3 keeps its angle to the vertical and goes round it.
+    """The Routh sphere's steady motion: its axis E3 precesses about the vertical at a constant inclination.
 
     With Γ = (sin ϑ, 0, cos ϑ) and Ω = P Γ + σ E3, the balance of angular momentum about the centre of mass, where the
     contact force follows from the centre of mass's own circle, gives the spin σ relative to the plane through E3 and
@@ -23,17 +23,17 @@ def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numb
         P [ C + M r (r + ℓ cos ϑ) ] σ = M ℓ [ g + P² (r + ℓ cos ϑ) ] + P² (A − C) cos ϑ
 
     with A and C the moments about the centre of mass, across E3 and along it, and ℓ the height of the centre of mass on
-    E3. In the body, Ω and Γ turn about E3 at −σ. The geometric centre goes round a circle of radius r |σ sin ϑ / P|.
+    E3. In the body, Ω and Γ turn about E3 at −σ. The geometric centre moves on a circle of radius r |σ sin ϑ / P|.
 
     **Arguments:**
 
     - ``ball``: a body of revolution about E3.
     - ``inclination``: ϑ, from E3 to the vertical, in rad.
-    - ``precession``: P, the rate at which E3 goes round the vertical, in rad per time; not zero.
+    - ``precession``: P, the rate of precession of E3 about the vertical, in rad per time; not zero.
     - ``t``: the time at which schedules are read; the masses must be at rest in the ball.
 
     **Raises:** ``ValueError`` when the ball is not a body of revolution about E3, when masses are driven by a feedback
-    law, and for no precession.
+    law, and for zero precession.
 
     **Example:**
 
@@ -46,7 +46,9 @@ def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numb
     require("ball", ball, Ball, "a Ball")
     require_prescribed(ball)
     if precession == 0:
-        raise ValueError("Argument `precession` must not be zero, because the axis then stands or rolls straight on.")
+        raise ValueError(
+            "Argument `precession` must not be zero, because the ball would then rest or roll in a straight line."
+        )
     nothing = jnp.zeros((0,))
     at = moments(ball.prepare(), to_array(t), (nothing, nothing, nothing))
     p, J, M = np.asarray(at.p), np.asarray(at.J), float(at.M)

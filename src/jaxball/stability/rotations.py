@@ -25,9 +25,9 @@ def permanent_rotations(
 ) -> tuple[SteadyMotion, ...]:
     """The directions Γ about which ``ball`` can rotate forever at ``rate`` with its contact point at rest.
 
-    There Ω = ω Γ, so that Γ̇ = 0, and Ω̇ = 0 is solved for Γ by Newton's method from many points of the sphere at once.
-    With ``rate`` zero these are the equilibria, where the centre of mass is above or below the geometric centre. Where
-    the directions are not isolated, as on a cone about the axis of a body of revolution, many of them are found.
+    For these, Ω = ω Γ, so that Γ̇ = 0, and Ω̇ = 0 is solved for Γ by Newton's method from many points of the sphere at
+    once. With ``rate`` zero these are the equilibria, where the centre of mass is above or below the geometric centre.
+    Where the directions are not isolated, as on a cone about the axis of a body of revolution, many of them are found.
 
     **Arguments:**
 

@@ -1,4 +1,4 @@
-"""Newton's method for motions that return to where they began, with the derivative of the return."""
+"""Newton's method for periodic motions, with the derivative of the return map."""
 
 from typing import Any, NamedTuple, cast
 
@@ -33,11 +33,11 @@ LOOKS = 33  # at the normal force in a period
 
 
 class Search(NamedTuple):
-    """How a motion is searched for.
+    """The settings of the search for a motion.
 
-    - ``forced``: whether time enters the equations, so that the period is given.
-    - ``angles``: which components of the state are angles, so that whole turns of them change nothing.
-    - ``iterations``: the most steps of Newton's method.
+    - ``forced``: whether the equations depend on time, so that the period is given.
+    - ``angles``: which components of the state are angles, whose whole turns change nothing.
+    - ``iterations``: the most Newton steps.
     - ``max_steps``: the most steps of a solve over one period.
     - ``t``, ``rtol``, ``atol``: the time at the start, and the tolerances of the solves.
     """
@@ -52,14 +52,14 @@ class Search(NamedTuple):
 
 
 class Return(NamedTuple):
-    """What a solve over one period tells of a motion.
+    """The result of a solve over one period.
 
-    - ``turns``: the whole turns that each component gains; zero but for angles.
-    - ``gain``: what each gains beside that; zero for those that need not come back.
+    - ``turns``: the whole turns that each component gains; zero except for angles.
+    - ``gain``: what each gains in addition; zero for those that need not return.
     - ``monodromy``: the derivative of the state after the period with respect to that at the start.
     - ``before``, ``after``: the state's rates of change at the start and at the end.
     - ``status``, ``reached``: how the solve ended.
-    - ``least_normal_force``: over the period; infinite for what does not roll.
+    - ``least_normal_force``: over the period; infinite for a system that does not roll.
     """
 
     turns: Float[Array, " size"]
@@ -77,9 +77,9 @@ class Return(NamedTuple):
 
 
 class Shot(NamedTuple):
-    """A motion as Newton's method left it: its state and its period, what it gains, and the number of steps.
+    """The result of Newton's method: state, period, what the motion gains, and the number of steps.
 
-    ``closed`` says whether it returns up to 100 times the tolerance.
+    ``closed`` says whether it returns to within 100 times the tolerance.
     """
 
     state: Any
@@ -98,7 +98,7 @@ def shoot(
 ) -> Shot:
     """The motion near ``state`` that returns after about ``period``; traceable.
 
-    ``turns`` are the whole turns that components gain; those nearest to what the first solve gives, if not given.
+    ``turns`` are the whole turns that components gain; by default the nearest to the result of the first solve.
     """
     x, unravel = ravel_pytree(state)
     normal = normal_of(state)
@@ -130,7 +130,7 @@ def shoot(
         )
 
     start = jnp.where(possible, Status.SUCCESS, Status.IMPOSSIBLE)
-    # Nothing is known at first, so that the first step is zero.
+    # Nothing is known at first, so the first step is zero.
     first = Return(
         turns=nothing if turns is None else turns,
         gain=nothing,
@@ -153,9 +153,8 @@ def _newton(
 
     With M the derivative of the return P(x), they are to solve (M − 1) δx + ẋ δT = x − P(x), with δx orthogonal to the
     rows that are ``held``. Where the motion belongs to a family, or the system has an integral, this is singular at the
-    motion, and close to it what is left in those directions is small over small. So the step is that of Levenberg and
-    Marquardt, damped by the residual, which converges as fast as Newton's to motions that are not isolated (Yamashita
-    and Fukushima 2001).
+    motion, and nearly so close to it. So the step is that of Levenberg and Marquardt, damped by the residual, which
+    converges as fast as Newton's to motions that are not isolated (Yamashita and Fukushima 2001).
     """
     count, size = held.shape
     square = jnp.concatenate([returned.monodromy - jnp.eye(size, dtype=held.dtype), held])
@@ -239,7 +238,7 @@ def _solved(search: Search, system: AbstractSystem, packing: Packing, rows, end)
 
 
 def returning(system: AbstractSystem, state: AbstractState) -> Bool[np.ndarray, " size"]:
-    """Which components of ``state`` must come back: all but the place, where nothing depends on it."""
+    """Which components of ``state`` must return: all except the position, where nothing depends on it."""
     ground = getattr(system, "ground", None)
     placed = isinstance(state, BallState | DiskState) and (ground is None or ground.turntable is None)
     return ~_named(state, ".z") if placed else _named(state)

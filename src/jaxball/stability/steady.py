@@ -19,24 +19,23 @@ from ..physics.state import ReducedState, State
 from ..physics.system import vector_field
 
 STEADY = 1e-8  # the rate, in units of the largest eigenvalue, up to which a state counts as steady
-NEUTRAL = 1e-7  # the real part, in the same units, that counts as none
+NEUTRAL = 1e-7  # the real part, in the same units, that counts as zero
 ZERO = 1e-5  # the size that counts as zero: a threefold zero is found as the cube root of the rounding error
 
 
 class SteadyMotion(Printed):
-    """A motion whose state is constant, or turns about E3 at a constant rate, and its linear stability.
+    """A motion whose state is constant or turns about E3 at a constant rate, and its linear stability.
 
     - ``state``: the point of the phase space: a :class:`~jaxball.ReducedState`, the state of a disk, or a
       :class:`~jaxball.BallState` where a force acts or the ground is tilted or moves.
-    - ``turning``: the rate at which Ω and Γ turn about E3 in the body, rad/time; not zero for a body of revolution
-      only.
-    - ``residual``: the largest rate of change of the state beside this turning.
+    - ``turning``: the rate at which Ω and Γ turn about E3 in the body, rad/time; nonzero only for a body of revolution.
+    - ``residual``: the largest rate of change of the state apart from this turning.
     - ``steady``: whether that is zero up to rounding.
-    - ``eigenvalues``: of the equations linearised on the tangent of |Γ| = 1, in the frame that turns along, in 1/time,
-      the largest real part first.
-    - ``kind``: "centre" where none has a real part, "sink" or "source" where real parts are negative or positive only,
-      "saddle" where both occur, and "saddle-centre" where imaginary pairs are there beside them. Zero eigenvalues,
-      which symmetries and integrals cause, do not count.
+    - ``eigenvalues``: of the equations linearised on the tangent of |Γ| = 1, in the co-rotating frame, in 1/time, the
+      largest real part first.
+    - ``kind``: "centre" if none has a real part, "sink" or "source" if all real parts are negative or positive,
+      "saddle" if both occur, and "saddle-centre" if imaginary pairs occur as well. Zero eigenvalues, which come from
+      symmetries and integrals, do not count.
     - ``message``: a sentence that says all this.
     """
 
@@ -67,15 +66,16 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
     """The linear stability of a steady motion of ``system``.
 
     The derivative of the reduced equations (``uncon_ball_eqns_explicit``) comes from forward mode, and is restricted to
-    δΓ orthogonal to Γ. Spectral stability is necessary for stability; for a motion without friction losses it says no
-    more than that deviations do not grow exponentially.
+    δΓ orthogonal to Γ. Spectral stability is necessary for stability; for a motion without dissipation it only means
+    that deviations do not grow exponentially.
 
     **Arguments:**
 
-    - ``state``: of any kind; place and heading do not matter, unless a force acts or the ground is tilted or moves:
-      there, it is a state at rest, and the zeros among the eigenvalues are those of the place and of |q| = 1.
+    - ``state``: of any kind; position and heading do not matter, unless a force acts or the ground is tilted or moves:
+      then it must be a state at rest, and there are zero eigenvalues from the position and from |q| = 1.
     - ``turning``: the rate at which Ω and Γ turn about E3, for a body of revolution; see :func:`steady_rolling`.
-    - ``t``: the time at which schedules are read; the masses must be at rest in the body then, and stay so.
+    - ``t``: the time at which schedules are read; the masses must be at rest in the body at that time, and stay at
+      rest.
 
     **Raises:** ``TypeError`` for a state of another kind of system.
 
@@ -101,7 +101,7 @@ def stability(system: System, state: State, *, turning: float = 0.0, t: Numbers 
 
 
 def require_prescribed(ball: Ball) -> None:
-    """Raises a ``ValueError`` where something of the ball moves as the state or resistance has it."""
+    """Raises a ``ValueError`` where something in the ball moves by a law or freely, or resistance acts."""
     if ball.coordinates:
         moving = all_of(ball.coordinates)
         raise ValueError(
@@ -111,13 +111,14 @@ def require_prescribed(ball: Ball) -> None:
     if not ball.is_reducible or ball.resistance is not None:
         raise ValueError(
             "Argument `ball` must roll on a level ground at rest, without force and resistance, but it has a `force`, "
-            "a `ground` or a `resistance`; `stability` takes any steady motion, `periodic_motion` one that comes back."
+            "a `ground` or a `resistance`; use `stability` for any steady motion, `periodic_motion` for one that "
+            "repeats."
         )
 
 
 @programs.filter_jit
 def _linearised(system: System, state: State, turning, t):
-    """The rates beside the turning, their derivative, and the normal of the sphere of Γ; None where there is none."""
+    """The rates apart from the turning, their derivative, and the normal of the sphere of Γ; None if there is none."""
     prepared = system.prepare()
     x, unravel = ravel_pytree(state)
 
@@ -155,8 +156,8 @@ def kind_of(eigenvalues: np.ndarray) -> str:
 def _message(steady: bool, residual: float, kind: str, eigenvalues: np.ndarray) -> str:
     if not steady:
         return (
-            f"The state is not steady: it changes at the rate {residual:.3g}, so that the eigenvalues say nothing "
-            "about stability; `periodic_motion` takes motions that come back."
+            f"The state is not steady: it changes at the rate {residual:.3g}, so the eigenvalues say nothing about "
+            "stability; use `periodic_motion` for motions that repeat."
         )
     if kind in ("centre", "sink"):
         decay = "all on the imaginary axis" if kind == "centre" else "none with a positive real part"

@@ -1,6 +1,6 @@
 """Studies: a scenario run over and over, with other numbers in each row.
 
-How rows are solved is :mod:`jaxball.ensemble`'s; how they are drawn, :mod:`jaxball.plot`'s.
+:mod:`jaxball.ensemble` solves the rows, and :mod:`jaxball.plot` draws them.
 """
 
 from ..interface.names import interface as _interface

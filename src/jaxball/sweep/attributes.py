@@ -1,4 +1,4 @@
-"""Whose a store is: what its attributes say of the study and of the versions that computed it."""
+"""The attributes of a store: its study, and the versions that computed it."""
 
 import importlib.metadata
 import json
@@ -11,16 +11,16 @@ from .errors import StoreError
 from .study import Study
 
 PACKAGES = ("jaxball", "jax", "jaxlib", "diffrax", "numpy", "scipy")
-LAYOUT = "2"  # counted up when stores are written otherwise
+LAYOUT = "2"  # increased when the layout of stores changes
 
 
 def identity_of(study: Study) -> dict[str, str]:
-    """All that the numbers in a store depend on, as attributes."""
+    """Everything that the numbers in a store depend on, as attributes."""
     return {**study.identity(), **versions(), "layout": LAYOUT}
 
 
 def differences(attributes: dict[str, Any], wanted: dict[str, str]) -> list[str]:
-    """The names of the attributes that are not as ``wanted``."""
+    """The names of the attributes that differ from ``wanted``."""
     return [name for name, value in wanted.items() if attributes.get(name) != value]
 
 
@@ -30,7 +30,7 @@ def read_attributes(folder: Path) -> dict[str, Any]:
     **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study.
     """
     if not os.path.lexists(folder):
-        raise StoreError(f'There must be the store of a study at "{folder}", but there is nothing.')
+        raise StoreError(f'There must be the store of a study at "{folder}", but nothing is there.')
     try:
         attributes = json.loads((folder / "zarr.json").read_text(encoding="utf-8"))["attributes"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -49,7 +49,7 @@ def versions() -> dict[str, str]:
 def _commit() -> str:
     here = Path(__file__)
     try:
-        # An installed package may lie in a folder of somebody else's repository, which does not track it.
+        # An installed package may lie within an unrelated repository, which does not track it.
         _git("ls-files", "--error-unmatch", here.name)
         return _git("rev-parse", "HEAD")
     except (OSError, subprocess.CalledProcessError):

@@ -93,7 +93,7 @@ class Designed:
 
 @dataclasses.dataclass(frozen=True)
 class FromFile:
-    """Numbers whose values a file lists, each column named by a path; known by what the file holds."""
+    """Numbers whose values a file lists, each column named by a path; identified by the contents of the file."""
 
     file: Path = dataclasses.field(repr=False)
     digest: str
@@ -106,7 +106,7 @@ class FromFile:
 
 @dataclasses.dataclass(frozen=True)
 class Zipped:
-    """Axes of the same size that go on together."""
+    """Axes of the same size that advance together."""
 
     members: tuple[Axis, ...]
 
@@ -143,7 +143,7 @@ AXES: Mapping[str, Keys] = {
 
 
 def read_axis(values: Any, path: str, folder: Path) -> Axis:
-    """The axis that a table describes; files in it are named from ``folder`` on.
+    """The axis that a table describes; its files are relative to ``folder``.
 
     **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence that names the key.
     """

@@ -1,4 +1,4 @@
-"""What an engine is given: scenarios that differ in numbers alone, stacked."""
+"""The input of an engine: scenarios that differ only in numbers, stacked."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -12,13 +12,13 @@ from .reductions import Find
 
 
 class Batch(NamedTuple):
-    """Scenarios that differ in numbers alone, each array with them as its leading axis. All arrays are NumPy's.
+    """Scenarios that differ only in numbers, stacked along the leading axis of each array. All arrays are NumPy's.
 
     - ``template``: what all have in common: its ``solver``, ``max_steps``, ``step_to_times``, ``dae`` and ``project``
-      hold for all of them, its numbers for none.
-    - ``system``, ``state``: as those of a scenario, every leaf stacked.
-    - ``times``: the times to save, as many for each scenario; the first and the last alone where nothing looks at
-      those between.
+      apply to all of them; its numbers are not used.
+    - ``system``, ``state``: as in a scenario, every leaf stacked.
+    - ``times``: the save times, equally many for each scenario; only the first and the last where those between are not
+      used.
     - ``rtol``, ``atol``: the tolerances.
     - ``contact``: the law of contact, every leaf stacked, or None.
     - ``in_axes``: 0 for the arrays of ``(system, state)`` that change from row to row, None for the others, as
@@ -40,12 +40,12 @@ class Batch(NamedTuple):
         return len(self.times)
 
     def take(self, rows: Any) -> "Batch":
-        """Some of the scenarios, by a slice or by their places."""
+        """Some of the scenarios, by a slice or by indices."""
         stacked = {name: getattr(self, name) for name in ("system", "times", "state", "rtol", "atol", "contact")}
         return self._replace(**jax.tree.map(lambda leaf: leaf[rows], stacked))
 
     def shared_once(self) -> tuple[Any, Any]:
-        """System and state, with the arrays that do not change as a single one has them."""
+        """System and state, with the arrays that do not change unstacked."""
         return jax.tree.map(
             lambda axis, part: jax.tree.map(lambda leaf: leaf[0], part) if axis is None else part,
             self.in_axes,
@@ -55,12 +55,12 @@ class Batch(NamedTuple):
 
 
 class Wanted(NamedTuple):
-    """What an engine is asked for.
+    """What an engine must compute.
 
     - ``contact``: whether to find the extremes of the contact force.
     - ``detachment``: whether a run ends where the ball would leave the plane.
-    - ``finds``: what else to find.
-    - ``most``: the largest number of scenarios that a call has in this study.
+    - ``finds``: other results.
+    - ``most``: the largest number of scenarios in any call of this study.
     - ``threads``: how many cores it may use.
     """
 
@@ -73,5 +73,5 @@ class Wanted(NamedTuple):
 
 # From scenarios to arrays with the scenarios as leading axis: `status`, `steps`, `rejected`, `reached`, the entries of
 # the state at each of a scenario's times, and the extremes of the contact force where wanted.
-# It must be a function of a module, so that it can be sent to a worker.
+# It must be a module-level function, so that it can be sent to a worker.
 Engine = Callable[[Batch, Wanted], dict[str, np.ndarray]]

@@ -38,9 +38,9 @@ def scenario_chart(
 ) -> "xarray.Dataset":
     """:func:`jaxball.chaos.chart` of a scenario with other numbers at the paths of two ``axes``.
 
-    Cells that no body can have are IMPOSSIBLE. ``end`` is instead of the scenario's; all others are those of the chart.
+    Cells with impossible parameters are IMPOSSIBLE. ``end`` replaces the scenario's; other arguments are the chart's.
 
-    **Raises:** :class:`~jaxball.ScenarioError` where a path names no number or none of the cells can be, and as the
+    **Raises:** :class:`~jaxball.ScenarioError` where a path names no number or all cells are impossible, and as the
     chart does.
     """
     cells = _Cells(document, axes, "Lyapunov exponents are")
@@ -69,11 +69,11 @@ def scenario_floquet_chart(
 ) -> "xarray.Dataset":
     """:func:`jaxball.stability.floquet_chart` of a scenario with other numbers at the paths of two ``axes``.
 
-    ``period`` is one number near that of all motions, or the path of an angular frequency, of which each cell has its
-    own or which all have. Each motion is searched for near the scenario's initial state. Cells that no body can have
-    are IMPOSSIBLE.
+    ``period`` is one number near the period of all motions, or the path of an angular frequency, which may differ
+    between cells. Each motion is searched for near the scenario's initial state. Cells with impossible parameters are
+    IMPOSSIBLE.
 
-    **Raises:** as :func:`scenario_chart` and as the chart does.
+    **Raises:** as :func:`scenario_chart` and the chart itself.
     """
     cells = _Cells(document, axes, "periodic motions are")
     template = cells.template
@@ -119,7 +119,7 @@ class _Cells:
         cells = study.rows_of(0)
         possible, batch = read_rows(study, self.template, cells, study.values(cells))
         if batch is None:
-            study.scenario(0)  # raises, and says why
+            study.scenario(0)  # raises an error that says why
             raise AssertionError("The first of the impossible rows can be read.")
         self.impossible: Int[np.ndarray, " n"] = np.setdiff1d(cells, possible)
         place = np.zeros(rows, dtype=int)
@@ -148,7 +148,7 @@ class _Cells:
         return 2 * jnp.pi / jnp.broadcast_to(jnp.asarray(frequency), shape)
 
     def finished(self, data: "xarray.Dataset", unknown: tuple[str, ...]) -> "xarray.Dataset":
-        """The chart with the values of its axes, and nothing known where no body can be."""
+        """The chart with the values of its axes, and NaN where the parameters are impossible."""
         for name in unknown:
             data[name].values.flat[self.impossible] = np.nan
         data["status"].values.flat[self.impossible] = Status.IMPOSSIBLE

@@ -17,7 +17,7 @@ from .study import ends_at_detachment
 
 
 def row_events(folder: str | Path) -> dict[str, AbstractEvent]:
-    """The events that may have ended the runs of a store, by their names, for those of :func:`row_scenarios`.
+    """The events that may have ended the runs of a store, by name, to be used with :func:`row_scenarios`.
 
     **Arguments:**
 
@@ -29,17 +29,17 @@ def row_events(folder: str | Path) -> dict[str, AbstractEvent]:
 
 
 def row_scenarios(folder: str | Path, rows: Sequence[int]) -> list[Scenario]:
-    """The scenarios of some rows of a store: simulated with :func:`row_events`, they are the runs of these rows.
+    """The scenarios of some rows of a store; simulated with :func:`row_events`, they repeat the runs of these rows.
 
-    They have all save times, also where the study kept the end alone.
+    They have all save times, even where the study kept only the end.
 
     **Arguments:**
 
     - ``folder``: the store.
     - ``rows``: the numbers of the rows, from 0.
 
-    **Raises:** :class:`StoreError` as :func:`open_dataset`, and for a row that there is not, that is not computed yet,
-    or whose numbers no body can have.
+    **Raises:** :class:`StoreError` as :func:`open_dataset`, and for a row that does not exist, is not computed yet, or
+    has impossible numbers.
     """
     data = open_dataset(folder)
     paths, count = np.atleast_1d(data.attrs["paths"]).tolist(), data.sizes["row"]

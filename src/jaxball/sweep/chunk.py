@@ -1,4 +1,4 @@
-"""A chunk of rows: computed, and written to the store. What a worker does."""
+"""The task of a worker: a chunk of rows is computed and written to the store."""
 
 import os
 import socket
@@ -19,7 +19,7 @@ from .study import Study
 
 
 class Task(NamedTuple):
-    """All that a worker needs to know."""
+    """Everything that a worker needs to know."""
 
     study: Study
     store: Path
@@ -48,7 +48,7 @@ def solve_chunk(task: Task) -> Done:
 
 
 def solve_chunk_elsewhere(task: Task) -> Done:
-    """The same in a process of a worker, whose settings of JAX are its own."""
+    """The same in a worker's process, which has JAX settings of its own."""
     jax.config.update("jax_enable_x64", True)
     return solve_chunk(task)
 
@@ -61,7 +61,7 @@ def compute(
     engine: Engine,
     threads: int = 1,
 ) -> dict[str, np.ndarray]:
-    """The variables of ``rows``. A row that no body can have has the status IMPOSSIBLE, and harms no other."""
+    """The variables of ``rows``. An impossible row has the status IMPOSSIBLE, and does not affect the others."""
     arrays = {name: output.empty(len(rows)) for name, output in outputs.items()}
     values = study.values(rows)
     arrays["row"][:] = rows

@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
 
 def open_dataset(folder: str | Path) -> "xarray.Dataset":
-    """The rows of a store, done or not, as ``xarray.open_zarr`` opens them; nothing is read but what is asked for.
+    """The rows of a store, done or not, as ``xarray.open_zarr`` opens them; data are read only when used.
 
     Joints have their names as labels, ``data["theta"].sel(driven="mechanisms[0].joints[1]")``. In the store these are
-    an attribute, ``names``, because not every library reads texts from Zarr.
+    an attribute, ``names``, because not every library reads strings from Zarr.
 
     **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study,
-    and when something else has changed a file of it.
+    and when a file of it has been changed from outside.
     """
     # Imported here, because it takes longer than all of jaxball's own modules.
     import xarray
@@ -32,11 +32,11 @@ def open_dataset(folder: str | Path) -> "xarray.Dataset":
 
 
 def open_grid(folder: str | Path) -> "xarray.Dataset":
-    """The same along the axes of the study, so that ``grid.sel({"body.mass": 1.0})`` is what it says.
+    """The same along the axes of the study, so that ``grid.sel({"body.mass": 1.0})`` selects by value.
 
-    The first dimensions are the axes, in the study's order. One of a single number has its path as name and its values
-    as coordinate. One of several numbers, such as a design, is called ``axes[k]`` and counted from 0, and its numbers
-    are coordinates along it. Where a row is not done there is NaN, and -1 in place of a whole number.
+    The first dimensions are the axes, in the study's order. An axis of a single number has its path as name and its
+    values as coordinate. An axis of several numbers, such as a design, is called ``axes[k]``, counted from 0, and its
+    numbers are coordinates along it. Rows that are not done are NaN, or -1 for whole numbers.
 
     **Arguments:**
 
@@ -51,7 +51,7 @@ def open_grid(folder: str | Path) -> "xarray.Dataset":
     data = open_dataset(folder)
     if not (Path(folder) / AXES).is_dir():
         raise StoreError(
-            f'The store "{folder}" must hold the points of its axes, but another version of jaxball wrote it without '
-            "them; open_dataset opens its rows."
+            f'The store "{folder}" must contain the points of its axes, but another version of jaxball wrote it '
+            "without them; use open_dataset for its rows."
         )
     return crossed(data, xarray.open_zarr(folder, group=AXES, chunks=None, consolidated=False))

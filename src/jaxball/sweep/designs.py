@@ -10,7 +10,7 @@ Design = Callable[[Int[np.ndarray, " points"], int, int, int], Float[np.ndarray,
 
 
 def random(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
-    """Independent uniform numbers, those of a point computed from its index alone by a counter-based generator."""
+    """Independent uniform numbers, computed for each point from its index alone by a counter-based generator."""
     blocks = -(-dimension // 4)  # of four numbers for a step of the counter
     different, places = np.unique(indices, return_inverse=True)
     runs = np.split(different, np.flatnonzero(np.diff(different) > 1) + 1)
@@ -20,7 +20,7 @@ def random(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed
 
 
 def latin_hypercube(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
-    """A Latin hypercube of ``count`` points: in each number, one point in each of ``count`` equal parts."""
+    """A Latin hypercube of ``count`` points: in each dimension, one point in each of ``count`` equal intervals."""
     return _latin_hypercube(count, dimension, seed)[indices]
 
 
@@ -32,7 +32,7 @@ def sobol(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed:
 DESIGNS: Mapping[str, Design] = {"random": random, "latin-hypercube": latin_hypercube, "sobol": sobol}
 
 
-# A point of these depends on all the others; one design in a process is the usual number.
+# Each of these points depends on all the others; a process usually needs only one design.
 @functools.lru_cache(maxsize=4)
 def _latin_hypercube(count: int, dimension: int, seed: int) -> np.ndarray:
     from scipy.stats import qmc

@@ -9,7 +9,7 @@ import numpy as np
 from ..scenario.table import Key, read_one_of
 from ..scenario.values import Numbers, key_error, shown
 
-# The least and the largest number that 53 random bits make, moved off 0 and 1, where a normal one is infinite.
+# The smallest and the largest number of 53 random bits, moved off 0 and 1, where the normal quantile is infinite.
 _EDGE = 2.0**-54
 
 _PAIR = Key(Numbers((2,)))
@@ -46,14 +46,14 @@ class Distribution:
     second: float
 
     def inverse(self, u: np.ndarray) -> np.ndarray:
-        """The numbers below which the shares ``u`` of the distribution lie, 0 ≤ u < 1."""
+        """The quantiles of the distribution at ``u``, 0 ≤ u < 1."""
         return _INVERSES[self.kind](u, self.first, self.second)
 
 
 def read_distribution(values: Any, path: str) -> Distribution:
     """The distribution that a table such as ``{ normal = [0.0, 0.1] }`` describes.
 
-    **Raises:** :class:`~jaxball.scenario.ScenarioError` for an unknown one, and for numbers that it cannot have.
+    **Raises:** :class:`~jaxball.scenario.ScenarioError` for an unknown distribution, and for invalid parameters.
     """
     kind, table = read_one_of(values, path, DISTRIBUTIONS)
     first, second = map(float, table[kind])

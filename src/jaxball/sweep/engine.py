@@ -19,7 +19,7 @@ BLOCK = 2048
 
 
 def solve_in_lanes(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
-    """The rows by :func:`jaxball.ensemble.simulate_ensemble` where it knows the method; an ``Engine``.
+    """The rows by :func:`jaxball.ensemble.simulate_ensemble` where it supports the method; an ``Engine``.
 
     Other methods (implicit ones, the DAE, projection, steps to saved times) are left to :func:`jaxball.simulate` under
     ``vmap``, and so are the runs that end where the ball detaches.
@@ -27,7 +27,7 @@ def solve_in_lanes(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
     **Arguments:**
 
     - ``batch``: the rows.
-    - ``wanted``: what to find of them.
+    - ``wanted``: what to compute for them.
     """
     if not solved_in_lanes(batch.template):
         return solve_by_vmap(batch, wanted)
@@ -63,7 +63,7 @@ def _solved(batch: Batch, wanted: Wanted, reductions: Mapping[str, AbstractReduc
 
 
 def _ended(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
-    """Runs that end where the ball detaches, and what is found of them until then."""
+    """Runs that end where the ball detaches, and their results until then."""
     ended = solve_by_vmap(batch, wanted)
     finds = _finds(wanted)
     if not finds:

@@ -1,4 +1,4 @@
-"""What can be wrong with a sweep."""
+"""The errors of a sweep."""
 
 from ..interface.output import OutputError
 from ..scenario import ScenarioError

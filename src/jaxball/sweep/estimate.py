@@ -19,12 +19,12 @@ TRIED = 512
 
 
 class Estimate(NamedTuple):
-    """Rows, chunks, the size of the store, and where it was measured how long one process takes.
+    """Rows, chunks, the size of the store and, if measured, how long one process takes.
 
     **Arguments:**
 
     - ``rows``, ``chunks``, ``size``: how many, and the bytes of the store.
-    - ``compiling``, ``solving``: the seconds for which one process compiles, and in which it then solves all rows.
+    - ``compiling``, ``solving``: how long one process takes to compile, and then to solve all rows, seconds.
     """
 
     rows: int
@@ -34,7 +34,7 @@ class Estimate(NamedTuple):
     solving: float | None = None
 
     def sentence(self, workers: int) -> str:
-        """The estimate in words, for so many workers."""
+        """The estimate as text, for so many workers."""
         words = f"{_counted(self.rows, 'row')} in {_counted(self.chunks, 'chunk')}, a store of {_bytes(self.size)}"
         if self.compiling is None or self.solving is None:
             return words
@@ -49,9 +49,9 @@ def estimate(study: Study, engine: Engine = solve_in_lanes, *, measure: bool = F
 
     **Arguments:**
 
-    - ``study``: what is to be run.
+    - ``study``: the study to be run.
     - ``engine``: what solves its rows.
-    - ``measure``: whether a few rows are solved, to say how long all of them take.
+    - ``measure``: whether to solve a few rows, to estimate how long all of them take.
 
     **Raises:** :class:`StudyError` as :func:`sweep`.
     """

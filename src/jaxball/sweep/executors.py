@@ -36,13 +36,13 @@ class Here(concurrent.futures.Executor):
         return future
 
     def kill(self) -> None:
-        """There is nothing beside this process."""
+        """There is nothing besides this process."""
 
 
 class Processes(concurrent.futures.ThreadPoolExecutor):
-    """So many processes, each started afresh by a thread that hands it one call after another.
+    """A pool of processes, each started by a thread that passes it one call after another.
 
-    A process shares its pipe with nobody, so that its end, however it comes, holds up no other.
+    Processes do not share pipes, so that the end of one, however it ends, does not block the others.
     """
 
     def __init__(self, workers: int):
@@ -51,21 +51,21 @@ class Processes(concurrent.futures.ThreadPoolExecutor):
         self._started: list[tuple[Any, Any]] = []
 
     def submit(self, fn, /, *args, **kwargs):
-        """The result of ``fn``, a function of a module, as a future.
+        """The result of ``fn``, a module-level function, as a future.
 
         Its ``result`` raises ``BrokenExecutor`` when the process was killed.
         """
         return super().submit(self._call, fn, args, kwargs)
 
     def kill(self) -> None:
-        """Ends the processes at once; what they have not finished has no mark in the store. No other is started."""
+        """Ends the processes at once; unfinished chunks have no mark in the store. No other process is started."""
         with self._starting:
             self._killed = True
             for process, _ in self._started:
                 process.kill()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Ends the processes when they have done what they are at."""
+        """Ends the processes when they have finished their current calls."""
         super().shutdown(wait, cancel_futures=cancel_futures)
         for process, pipe in self._started:
             pipe.close()
@@ -108,7 +108,7 @@ def _settings() -> dict[str, Any]:
 
 
 def _serve(pipe: Connection, folder: Path | None, settings: dict[str, Any]) -> None:
-    """What a process does, until there is nothing more to do, or nobody to do it for."""
+    """The loop of a process, until there is nothing more to do, or its parent has ended."""
     interruption.leave_to_parent()
     threading.Thread(target=_end_with_parent, name="end with parent", daemon=True).start()
     for name, value in settings.items():
@@ -128,7 +128,7 @@ def _serve(pipe: Connection, folder: Path | None, settings: dict[str, Any]) -> N
 
 
 def _end_with_parent() -> None:
-    """Ends this process, whatever it is doing, when its parent has ended, however that did."""
+    """Ends this process, whatever it is doing, when its parent has ended in any way."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -141,12 +141,12 @@ def executor_of(workers: int) -> Here | Processes:
 
 
 def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.Event) -> Iterator[Done]:
-    """What became of each task, in the order in which they end; no more than ``ahead`` are with the executor at a time.
+    """The result of each task, in order of completion; at most ``ahead`` are submitted to the executor at a time.
 
-    Once ``stop`` is set no task begins, and those that have begun come to their end. The executor's futures need
-    ``done`` and ``result``, and no more.
+    Once ``stop`` is set, no task begins, and those that have begun are completed. The executor's futures need only
+    ``done`` and ``result``.
 
-    **Raises:** what a task raised, and :class:`WorkerError` when a worker was killed.
+    **Raises:** whatever a task raised, and :class:`WorkerError` when a worker was killed.
     """
     function = solve_chunk if isinstance(executor, Here) else solve_chunk_elsewhere
     waiting, tasks = [], iter(tasks)
@@ -170,8 +170,8 @@ def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.
                 time.sleep(SECONDS_BETWEEN_LOOKS)
     except concurrent.futures.BrokenExecutor:
         raise WorkerError(
-            "A worker ended before its chunk did: it was killed, perhaps for want of memory. What the store holds is "
-            "whole; run the same command again, perhaps with fewer workers."
+            "A worker ended before its chunk was done: it was killed, perhaps because memory ran out. The store is "
+            "intact; run the same command again, perhaps with fewer workers."
         ) from None
     finally:
         for future in waiting:
@@ -179,5 +179,5 @@ def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.
 
 
 def _cancelled(future: Any) -> bool:
-    """Cancels what has not begun, where the executor can; says whether it did."""
+    """Cancels a task that has not begun, where the executor can; returns whether it did."""
     return bool(getattr(future, "cancel", lambda: False)())

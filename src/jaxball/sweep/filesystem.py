@@ -1,4 +1,4 @@
-"""Files of a store, and what killed processes left beside them."""
+"""Files of a store, and leftovers of killed processes beside them."""
 
 import contextlib
 import os
@@ -14,7 +14,7 @@ _PART = re.compile(r"\.part-(?P<machine>.+)-(?P<process>\d+)-[^-]+")
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Writes a file atomically. Its folder is made where it does not exist."""
+    """Writes a file atomically. Its folder is created if it does not exist."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_write(path, flush=True) as beside:
         beside.write_bytes(content)
@@ -27,10 +27,10 @@ def remove_parts(folder: Path) -> None:
 
 
 def remove_dead_parts(folder: Path) -> None:
-    """Removes what killed processes left in ``folder`` itself, where others may be at work.
+    """Removes what killed processes left in ``folder`` itself, where others may be running.
 
-    A process of this machine is known to be dead. Those of others are not, and what they left is removed when it is
-    older than a day. What cannot be removed stays.
+    Whether a process of this machine is dead is known. For other machines it is not, and their files are removed when
+    older than a day. Files that cannot be removed stay.
     """
     with contextlib.suppress(OSError):
         for path in folder.glob(".part-*"):

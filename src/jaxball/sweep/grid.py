@@ -23,7 +23,7 @@ def crossed(data: xarray.Dataset, points: xarray.Dataset) -> xarray.Dataset:
 
 
 def _crossed(variable: Any, axes: list[str], shape: tuple[int, ...]) -> Any:
-    """A variable with the axes in place of its dimension ``row``, if it has that."""
+    """A variable with the axes in place of its dimension ``row``, if it has one."""
     if variable.dims[:1] != ("row",):
         return variable
     lazy = indexing.LazilyIndexedArray(_Crossed(variable, shape))
@@ -31,7 +31,7 @@ def _crossed(variable: Any, axes: list[str], shape: tuple[int, ...]) -> Any:
 
 
 class _Crossed(BackendArray):
-    """A variable over rows as an array over the points of all axes, read where it is indexed."""
+    """A variable over rows as an array over the points of all axes, read when it is indexed."""
 
     def __init__(self, variable: Any, axes: tuple[int, ...]):
         self.variable, self.axes = variable, axes

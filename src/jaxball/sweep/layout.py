@@ -1,4 +1,4 @@
-"""How the rows of a study lie along its axes, as attributes from which its store can be drawn."""
+"""The layout of a study's rows along its axes, as attributes from which its store can be drawn."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -8,13 +8,13 @@ from .axes import Axis, Designed, FromFile, Ranged, Zipped
 from .study import Study
 
 AXES = "axes"  # the group of a store that holds the points of each axis
-NAMES = "names"  # the attribute that has the labels along a dimension, where they are no numbers
+NAMES = "names"  # the attribute that has the labels along a dimension, if they are not numbers
 _LOGARITHMIC = ("log-uniform", "lognormal")
 
 
 def layout_of(study: Study) -> dict[str, list[Any]]:
-    """For each path, its axis and whether its values are spread by their logarithm; for each axis, whether its points
-    are scattered; the names of what the study finds. Lists of numbers and texts, which every file format can hold.
+    """For each path, its axis and whether its values are spaced logarithmically; for each axis, whether its points are
+    scattered; the names of what the study finds. Lists of numbers and strings, which every file format can hold.
     """
     finds = {"finds": [find.name for find in study.finds]} if study.finds else {}
     return finds | {
@@ -25,7 +25,7 @@ def layout_of(study: Study) -> dict[str, list[Any]]:
 
 
 def dimensions(paths: Sequence[str], path_axis: Sequence[int]) -> list[str]:
-    """The name of each axis as a dimension: the path of its one number, or else its place in the study, ``axes[0]``."""
+    """The name of each axis as a dimension: the path of its one number, or else its index in the study, ``axes[0]``."""
     numbers = Counter(path_axis)
     alone = {axis: path for path, axis in zip(paths, path_axis, strict=True) if numbers[axis] == 1}
     return [alone.get(axis, f"{AXES}[{axis}]") for axis in sorted(numbers)]

@@ -1,4 +1,4 @@
-"""What a study keeps of each row: names, dimensions, units."""
+"""The results that a study keeps for each row: names, dimensions, units."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -19,23 +19,23 @@ from .errors import StudyError
 from .layout import AXES
 from .study import Study
 
-NOT_COMPUTED = -1  # the status of a row that has none yet
+NOT_COMPUTED = -1  # the status of a row that is not computed yet
 CONTACT = tuple(field.name for field in dataclasses.fields(ContactExtremes) if field.name not in ("weight", "constant"))
 _PER_ROW = {
     "status": (np.int8, "", "how the solve ended, the number of a jaxball.Status; -1 before it is computed"),
     "steps": (np.int32, "", "steps taken, accepted and rejected"),
     "rejected": (np.int32, "", "steps rejected"),
-    "reached": (np.float64, "time", "the time to which the solve came"),
+    "reached": (np.float64, "time", "the time that the solve reached"),
 }
 _OF_SWITCHES = {
-    "switches": (np.int32, "", "how often the mode of contact changed"),
-    "first_switch": (np.float64, "time", "when it changed first; NaN where it never did"),
+    "switches": (np.int32, "", "how often the mode of contact switched"),
+    "first_switch": (np.float64, "time", "time of the first switch; NaN if there is none"),
     "modes": (np.int8, "", "the modes of the run: the sum of 1 for rolling, 2 for sliding and 4 for flight"),
 }
 
 
 class Output(NamedTuple):
-    """A variable of a store: its dimensions and its shape after ``row``, and what it is."""
+    """A variable of a store: its dimensions and its shape after ``row``, type, units and meaning."""
 
     dimensions: tuple[str, ...]
     shape: tuple[int, ...]
@@ -46,11 +46,11 @@ class Output(NamedTuple):
 
     @property
     def fill(self) -> Any:
-        """What stands where nothing was computed."""
+        """The fill value for rows that are not computed."""
         return np.nan if self.dtype.kind == "f" else NOT_COMPUTED
 
     def empty(self, rows: int) -> np.ndarray:
-        """An array for so many rows, in which nothing was computed."""
+        """An array of fill values for so many rows."""
         return np.full((rows, *self.shape), self.fill, dtype=self.dtype)
 
 
@@ -77,13 +77,13 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
     for find in study.finds:
         for name, end in ((find.name + end, end) for end in find.reduction().ends):
             if find.kind and (name in outputs or name == AXES):
-                raise StudyError(f"Key `find` must give names that the store has not yet, but `{name}` is taken.")
+                raise StudyError(f"Key `find` must give names that are not in the store yet, but `{name}` is taken.")
             outputs[name] = _number("time" if end == "_time" else "", f"{name.replace('_', ' ')} of the run")
     return outputs
 
 
 def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, ...]]]:
-    """What is kept of the state at a time, with its shape: that of the body and, with a law of contact, its mode."""
+    """The variables of the state at a time, with shapes: those of the body and, with a law of contact, its mode."""
     state = template.state
     body = state.body if isinstance(state, ReleasedState) else state
     shapes = {name: np.shape(leaf) for name, leaf in vars(body).items() if np.size(leaf)}
@@ -95,12 +95,12 @@ def state_variables(template: Scenario) -> dict[str, tuple[Variable, tuple[int, 
 
 
 def contact_results(trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
-    """What is kept of the contact of a run, or of many, by name; nothing without a law of contact."""
+    """The variables of the contact in a run, or in many, by name; none without a law of contact."""
     contact = trajectory.contact
     if contact is None:
         return {}
     switches = contact.switches
-    # Those at saved times, too, because there may have been more switches than there was room for.
+    # Modes at saved times too, because there may have been more switches than there was room for.
     seen = jnp.concatenate([contact.mode, switches.source, switches.target], axis=-1)
     modes = sum(jnp.any(seen == int(mode), axis=-1).astype(int) << int(mode) for mode in Mode)
     of_switches = {"switches": switches.count, "first_switch": switches.times[..., 0], "modes": modes}
@@ -108,7 +108,7 @@ def contact_results(trajectory: Trajectory[Any, Any]) -> dict[str, Array]:
 
 
 def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.ndarray]:
-    """The labels along each dimension but ``row``."""
+    """The labels along each dimension except ``row``."""
     sizes = {name: n for item in outputs.values() for name, n in zip(item.dimensions, item.shape, strict=True)}
     return labels(template.system, sizes)
 

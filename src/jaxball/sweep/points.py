@@ -37,7 +37,9 @@ def _table(path: Path, digest: str) -> tuple[tuple[str, ...], np.ndarray]:
 
     content = path.read_bytes()
     if hashlib.sha256(content).hexdigest() != digest:
-        raise StudyError(f'Key `points` must stay the same file while a study runs, but "{path}" has changed.')
+        raise StudyError(
+            f'Key `points` must be a file that does not change while a study runs, but "{path}" has changed.'
+        )
     if path.suffix not in (".csv", ".parquet"):
         raise StudyError(f'Key `points` must be a .csv or .parquet file, but it is "{path}".')
     try:
@@ -47,6 +49,8 @@ def _table(path: Path, digest: str) -> tuple[tuple[str, ...], np.ndarray]:
         raise StudyError(f'Key `points` must be a table, but "{path}" is not: {error}.') from None
     for field in table.schema if table.num_rows else ():
         if not (pyarrow.types.is_integer(field.type) or pyarrow.types.is_floating(field.type)):
-            raise StudyError(f'Column `{field.name}` of "{path}" must hold numbers alone, but it holds {field.type}.')
+            raise StudyError(
+                f'Column `{field.name}` of "{path}" must contain only numbers, but it contains {field.type}.'
+            )
     columns = [np.asarray(column.to_numpy(), dtype=float) for column in table.columns]
     return tuple(table.column_names), np.stack(columns, axis=1)

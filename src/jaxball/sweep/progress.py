@@ -1,4 +1,4 @@
-"""A line that says how far a study has come."""
+"""The progress line of a study."""
 
 import time
 from collections.abc import Callable
@@ -14,7 +14,7 @@ SECONDS_BETWEEN_CHANGES = 0.2
 
 @runtime_checkable
 class Stream(Protocol):
-    """What a line can be shown on, as ``sys.stderr``."""
+    """A stream that a line can be shown on, such as ``sys.stderr``."""
 
     def write(self, text: str, /) -> Any: ...
 
@@ -24,9 +24,9 @@ class Stream(Protocol):
 
 
 class Progress:
-    """Rows done of all, failures, and the time to go; on one line of a terminal, else line by line.
+    """The rows done, failures, and remaining time; on one line of a terminal, otherwise line by line.
 
-    The first chunk of a worker compiles, and so each worker's speed is that of the chunks after its first.
+    The first chunk of a worker includes compiling, so its speed is measured from the chunks after the first.
     """
 
     def __init__(
@@ -67,9 +67,7 @@ class Progress:
         self.stream.flush()
 
     def close(self, after: Tally | None = None) -> None:
-        """Shows the last line, if there is one to show, with what the store holds ``after`` the run: other shards may
-        have written to it too.
-        """
+        """Shows the last line, if needed, with the rows in the store ``after`` the run, also those of other shards."""
         if not self.told:
             return
         if after is not None:
@@ -91,16 +89,16 @@ class Progress:
             return f"in {duration(self.last - self.start)}"
         rate = self._rate()
         if rate is None:
-            return "time to go not known before the next chunk"
+            return "remaining time not known before the next chunk"
         return f"{rate:,.3g} rows/s, {duration((self.mine - self.now) / rate)} to go"
 
     def _rate(self) -> float | None:
-        """Rows a second of all workers, of whom those that have done one chunk are as fast as the others."""
+        """Rows per second of all workers; those that have done one chunk are assumed as fast as the others."""
         rows = sum(worker.rows for worker in self.workers.values())
         seconds = sum(worker.last - worker.start for worker in self.workers.values())
         if rows and seconds:
             return len(self.workers) * rows / seconds
-        if len(self.workers) > self.parallel:  # a process for each chunk, which compiles it
+        if len(self.workers) > self.parallel:  # a new process for each chunk, which compiles first
             return self.now / (self.last - self.start)
         return None
 
@@ -117,7 +115,7 @@ class _Worker(NamedTuple):
 
 
 def duration(seconds: float) -> str:
-    """A time in words: ``42 s``, ``5 min``, ``3.2 h``."""
+    """A duration as text: ``42 s``, ``5 min``, ``3.2 h``."""
     if seconds < 100:
         return f"{seconds:.2g} s" if seconds < 10 else f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

@@ -1,4 +1,4 @@
-"""What a study finds of each run while it is computed."""
+"""The results that a study finds in each run while it is computed."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ CHOICES = {kind: {"name": Key(Text()), kind: Key(Text())} for kind in KINDS}
 
 @dataclasses.dataclass(frozen=True)
 class Find:
-    """A reduction by name: one of ``jaxball.ensemble.REDUCTIONS``, or that of a function of a module."""
+    """A reduction by name: one of ``jaxball.ensemble.REDUCTIONS``, or that of a module's function."""
 
     name: str
     kind: str = ""
@@ -38,9 +38,10 @@ class Find:
 
 
 def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
-    """What the key `find` lists.
+    """The reductions that the key `find` lists.
 
-    **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence, for what cannot be found of this scenario.
+    **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence, for a result that cannot be found for this
+    scenario.
     """
     if not isinstance(values, list):
         raise key_error("find", "a list of names and tables", shown(values))
@@ -50,8 +51,8 @@ def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
         raise key_error("find", "a list of different names", shown(names))
     if finds and not solved_in_lanes(template):
         raise StudyError(
-            "Key `find` must be empty where runs are not computed in lanes, but it is not, and the scenario has an "
-            "implicit solver, `dae`, `project` or `step_to_times`."
+            "Key `find` must be empty for an implicit solver, `dae`, `project` or `step_to_times`, with which runs are "
+            "not computed in lanes, but it is not."
         )
     for find in finds:
         find.reduction()

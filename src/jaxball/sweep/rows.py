@@ -1,4 +1,4 @@
-"""The scenarios of many rows of a study, by one reading of its document for all of them."""
+"""The scenarios of many rows of a study, from reading its document once for all of them."""
 
 import functools
 import tomllib
@@ -27,13 +27,13 @@ BLOCK = 1024
 def read_rows(
     study: Study, template: Scenario, rows: Int[np.ndarray, " rows"], values: Float[np.ndarray, "rows numbers"]
 ) -> tuple[Int[np.ndarray, " possible"], Batch | None]:
-    """The places in ``rows`` of those that a body can have, and their scenarios, None where there are none.
+    """The indices of the possible ones among ``rows``, and their scenarios; None if there are none.
 
-    Numbers that stand in the document have the bits of ``values``; what is computed from them, such as a versor from an
-    axis and an angle, is that of the row's own document to rounding, and so is whether a row is possible.
+    Numbers in the document have the bits of ``values``; what is computed from them, such as a versor from an axis and
+    an angle, agrees with the row's own document to rounding, and so does whether a row is possible.
 
-    **Raises:** :class:`~jaxball.sweep.StudyError` for a row with another number of save times than the scenario where
-    that number matters.
+    **Raises:** :class:`~jaxball.sweep.StudyError` for a row whose number of save times differs from the scenario's,
+    where that number matters.
     """
     try:
         together = _read_together(study, values)
@@ -50,7 +50,7 @@ def read_rows(
             f"Row {rows[k]} must have as many save times as the scenario, {template.times.size}, but it has "
             f"{int(parts.times.count[k])}; give `time.saves` instead of `time.step`."
         )
-    # Steps are as they would be without the times between, and where `ends_only` nothing looks there.
+    # The times between do not affect the steps, and with `ends_only` they are not used.
     times = _times(together, template, ends_only)
     batch = Batch(template, parts.system, times, parts.state, parts.rtol, parts.atol, parts.contact, together.in_axes)
     return possible, batch if possible.size == len(rows) else batch.take(possible)
@@ -59,10 +59,10 @@ def read_rows(
 class _Together(NamedTuple):
     """Rows read together.
 
-    - ``parts``: what their numbers make, stacked.
+    - ``parts``: the parts that depend on their numbers, stacked.
     - ``in_axes``: which arrays of system and state differ, as of a :class:`Batch`.
-    - ``times_differ``: whether times do.
-    - ``possible``: which of the rows can be.
+    - ``times_differ``: whether their times differ.
+    - ``possible``: which of the rows are possible.
     """
 
     parts: Parts
@@ -90,8 +90,8 @@ def _read_together(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _
 def _compiled(text: str, paths: tuple[str, ...]) -> tuple[Structure, Callable[[np.ndarray], Any]]:
     """The structure of a document, given as TOML, and the compiled reader of several rows.
 
-    Of each row it finds which leaves of the parts change, by their places, whether all conditions hold, and whether
-    that is certain.
+    It finds which leaves of the parts change, by index, and for each row whether all conditions hold, and whether that
+    is certain.
     """
     structure = Structure(tomllib.loads(text), paths)
 
@@ -104,7 +104,7 @@ def _compiled(text: str, paths: tuple[str, ...]) -> tuple[Structure, Callable[[n
 
 
 def _times(together: _Together, template: Scenario, ends_only: bool) -> Float[np.ndarray, "rows times"]:
-    """The save times of every row, not to be looked at where it is impossible."""
+    """The save times of every row, meaningless where it is impossible."""
     times = together.parts.times
     if not together.times_differ:
         kept = template.times[[0, -1]] if ends_only else template.times

@@ -1,4 +1,4 @@
-"""A study run, or resumed: chunks computed by workers, each written to the store as it ends."""
+"""Runs or resumes a study: workers compute chunks and write each to the store when it is done."""
 
 import contextlib
 import io
@@ -25,13 +25,13 @@ from .tally import tally
 from .whole import Damage
 
 TASKS_PER_WORKER = 2
-STOPPING = "Stopping when what is being computed is in the store; {again} to stop at once."
+STOPPING = "Stopping when the chunks being computed are in the store; {again} to stop at once."
 
 
 class Outcome(NamedTuple):
-    """How far a study has come.
+    """The progress of a study.
 
-    - ``store``, ``table``: the Zarr store, and the Parquet table, which is there once ``finished``.
+    - ``store``, ``table``: the Zarr store, and the Parquet table, which exists once ``finished``.
     - ``rows``, ``done``: how many rows there are, and how many of them are in the store.
     - ``finished``: whether all are.
     - ``interrupted``: whether a signal, Ctrl-C or a command's SIGTERM or SIGHUP, ended the run.
@@ -57,25 +57,26 @@ def sweep(
 ) -> Outcome:
     """Runs a study, or resumes it, and writes a Zarr store and, at the end, a Parquet table.
 
-    Chunks of rows are written atomically, and so a run that was killed at any moment is resumed when it is called
-    again; chunks of which something else has changed a file are then computed again. The finished files are the same,
-    byte for byte, whatever the number of workers and the order of chunks, as long as all workers have the same
-    versions, the same ``XLA_FLAGS`` and the same kind of processor.
+    Chunks of rows are written atomically, so a run that was killed at any moment is resumed when this is called again;
+    chunks whose files have been changed from outside are then recomputed. The finished files are identical, byte for
+    byte, whatever the number of workers and the order of chunks, as long as all workers have the same versions, the
+    same ``XLA_FLAGS`` and the same kind of processor.
 
     **Arguments:**
 
     - ``study``: from :func:`load_study`.
     - ``out``: the store, a path that ends in ``.zarr``; the table is beside it and ends in ``.parquet``.
-    - ``workers``: how many processes compute. One is this process, whose threads use every core; several share them.
-    - ``executor``: instead of these, an executor in the style of ``concurrent.futures``, such as
+    - ``workers``: the number of processes. With one, it is this process, whose threads use every core; several share
+      the cores.
+    - ``executor``: instead of workers, an executor in the style of ``concurrent.futures``, such as
       ``dask.distributed.Client(...).get_executor()``; its workers must see the folder of ``out``.
-    - ``shard``: (k, n) computes the k-th of n parts, k from 1 on. The last to end makes the table.
+    - ``shard``: (k, n) computes the k-th of n parts, with k from 1. The last one to finish writes the table.
     - ``engine``: how the rows of a chunk are solved.
     - ``stream``: where to show the progress; nothing is shown if not given.
 
     **Raises:** :class:`StoreError` when the store cannot be written or belongs to another study, :class:`StudyError`
-    for a row that cannot be a row of this study and where float64 is not enabled, :class:`WorkerError` when a worker
-    was killed, ``ValueError`` for arguments that cannot be.
+    for a row that is invalid in this study and where float64 is not enabled, :class:`WorkerError` when a worker was
+    killed, ``ValueError`` for invalid arguments.
     """
     _check(workers, shard)
     store = open_store(Path(out).resolve(), study, outputs_of(study, study.template()))
@@ -101,7 +102,7 @@ def sweep(
 
 
 def _mended(study: Study, damages: list[Damage]) -> str:
-    """The line that says what is computed again; empty where nothing is."""
+    """The line that says what is recomputed; empty if nothing is."""
     if not damages:
         return ""
     others = f" and {counted(len(damages) - 1, 'other file')}" if damages[1:] else ""
@@ -112,7 +113,7 @@ def _mended(study: Study, damages: list[Damage]) -> str:
 
 
 def _ended(store: Store, interrupted: bool) -> Outcome:
-    """The outcome; where all chunks are done, the table is made."""
+    """The outcome; the table is written if all chunks are done."""
     study, done = store.study, store.done()
     finished = len(done) == study.chunks
     if finished and not has_table(store):
@@ -124,7 +125,7 @@ def _ended(store: Store, interrupted: bool) -> Outcome:
 
 @contextlib.contextmanager
 def _running(executor: Any, workers: int) -> Iterator[Any]:
-    """The executor given, which stays as it is, or one of our own, which ends with the run."""
+    """The given executor, which is left running, or a new one, which ends with the run."""
     if executor is not None:
         yield executor
         return
@@ -151,6 +152,6 @@ def _check(workers: int, shard: tuple[int, int]) -> None:
         raise ValueError(f"Argument `shard` must be (k, n) with k from 1 to n, but it is {shard}.")
     if not jax.config.read("jax_enable_x64"):
         raise StudyError(
-            "A sweep computes in float64, which is not enabled; call "
+            "A sweep needs float64, which is not enabled; call "
             '`jax.config.update("jax_enable_x64", True)` before the first array is made.'
         )

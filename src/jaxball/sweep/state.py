@@ -1,4 +1,4 @@
-"""How far a store has come, read from the store alone."""
+"""The progress of a store, read from the store alone."""
 
 import tomllib
 from collections.abc import Mapping
@@ -16,10 +16,10 @@ from .whole import STATUS
 
 
 def describe(folder: str | Path) -> str:
-    """How many rows of a store are done, with which statuses, and what is wrong with the first row that failed.
+    """How many rows of a store are done, their statuses, and what is wrong with the first row that failed.
 
     **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study,
-    and when something else has changed a file of it.
+    and when a file of it has been changed from outside.
     """
     folder = Path(folder)
     attributes, tallied = read_attributes(folder), tally(folder)
@@ -39,7 +39,7 @@ def _failure(folder: Path, attributes: Mapping[str, Any], row: int) -> str:
     values = {path: float(column(folder, path, chunk, size, np.dtype("<f8"))[place]) for path in attributes["paths"]}
     shown = ", ".join(f"{path} = {value:.6g}" for path, value in values.items())
     status = Status(int(column(folder, "status", chunk, size, STATUS)[place]))
-    line = f"  the first to fail is row {row}, {status.name}, with {shown}"
+    line = f"  the first failed row is {row}, {status.name}, with {shown}"
     try:
         read_document(with_numbers(tomllib.loads(attributes["scenario"]), values))
     except ScenarioError as error:

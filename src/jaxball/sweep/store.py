@@ -1,8 +1,8 @@
 """The store of a study: a Zarr group that xarray opens, each of its chunks written atomically.
 
-The arrays are not compressed, so that a chunk of an array is a file of its numbers, which can be written beside its
-place and moved there. When all files of a chunk of rows are on the disk, a mark says so; rows without one are computed
-again.
+The arrays are not compressed, so that a chunk of an array is a file of its numbers, which can be written to a temporary
+file and moved into place. When all files of a chunk of rows are on disk, a mark says so; rows without a mark are
+computed again.
 """
 
 import contextlib
@@ -28,12 +28,12 @@ from .study import Study
 from .whole import MARKS, Damage, changed, damages, done
 
 POINTS_TOGETHER = 2**20
-# Else Zarr writes no file where all numbers are 0, and one that is lost would be read as zeros.
+# Otherwise Zarr would write no file where all numbers are 0, and a lost file would be read as zeros.
 WRITTEN_EVEN_IF_ZERO: Any = {"write_empty_chunks": True}
 
 
 class Store:
-    """The folder of a study's results, which exists and is the study's."""
+    """The folder of a study's results, which exists and belongs to the study."""
 
     def __init__(self, folder: Path, study: Study, outputs: dict[str, Output]):
         self.folder, self.study, self.outputs = folder, study, outputs
@@ -46,7 +46,7 @@ class Store:
     def write(self, chunk: int, arrays: dict[str, np.ndarray]) -> None:
         """Writes all variables of a chunk, and then its mark.
 
-        **Raises:** :class:`StoreError` when that cannot be; the chunk then has no mark.
+        **Raises:** :class:`StoreError` when that fails; the chunk then has no mark.
         """
         folders = set()
         try:
@@ -62,18 +62,18 @@ class Store:
             flush_to_disk(self._mark(chunk).parent)
         except OSError as error:
             raise StoreError(
-                f'The store "{self.folder}" cannot be written: {error.strerror or error}. What it holds is whole; '
-                "make room for the rest, and run the same command again."
+                f'The store "{self.folder}" cannot be written: {error.strerror or error}. Its contents are intact; '
+                "free some space, and run the same command again."
             ) from error
 
     def done(self) -> list[int]:
-        """The chunks that are on the disk, in their order."""
+        """The chunks that are on disk, in order."""
         return done(self.folder)
 
     def read(self, name: str, chunk: int) -> np.ndarray:
         """A variable in the rows of a chunk that is done.
 
-        **Raises:** :class:`StoreError` when something else has changed its file.
+        **Raises:** :class:`StoreError` when its file has been changed from outside.
         """
         path, output = self._file(name, chunk), self.outputs[name]
         shape = (self.study.chunk, *output.shape)
@@ -84,18 +84,18 @@ class Store:
         return array[: len(self.study.rows_of(chunk))]
 
     def mend(self) -> list[Damage]:
-        """Takes the marks of chunks of whose files something else has changed one, so that they are computed again.
+        """Removes the marks of chunks with files that have been changed from outside, so that they are computed again.
 
-        What is the same for all rows is written again. Returns what was changed.
+        Files that belong to no row are written again. Returns what was changed.
 
-        **Raises:** :class:`StoreError` when that cannot be.
+        **Raises:** :class:`StoreError` when that fails.
         """
         found = list(damages(self.folder))
         for damage in found:
             if damage.path.is_dir():
                 raise StoreError(
                     f'The file "{damage.path}" must be as the sweep wrote it, but a folder is in its place; remove '
-                    "that, and run the same command again."
+                    "the folder, and run the same command again."
                 )
             if damage.chunk is not None:
                 self._mark(damage.chunk).unlink(missing_ok=True)
@@ -120,10 +120,10 @@ class Store:
 
 
 def open_store(folder: Path, study: Study, outputs: dict[str, Output]) -> Store:
-    """The store of ``study`` at ``folder``, made where there is none.
+    """The store of ``study`` at ``folder``, created if it does not exist.
 
-    **Raises:** :class:`StoreError` when there is something else at that place, the store of another study or of other
-    versions included, and when it cannot be made. What is there is left as it is.
+    **Raises:** :class:`StoreError` when there is something else at that path, including the store of another study or
+    of other versions, and when it cannot be created. Existing files are not changed.
     """
     if folder.suffix != ".zarr":
         raise StoreError(f'Argument `out` must end in .zarr, but it is "{folder}".')
@@ -133,7 +133,7 @@ def open_store(folder: Path, study: Study, outputs: dict[str, Output]) -> Store:
     if not os.path.lexists(folder):
         if os.path.lexists(store.table):
             raise StoreError(
-                f'The table of the study would be "{store.table}", but that exists and is not of this study; choose '
+                f'The table of the study would be "{store.table}", but that file belongs to another study; choose '
                 "another name for the store, or move the table."
             )
         _create(store, wanted)
@@ -148,9 +148,9 @@ def open_store(folder: Path, study: Study, outputs: dict[str, Output]) -> Store:
 
 @contextlib.contextmanager
 def _made(store: Store, attributes: dict[str, Any]) -> Iterator[Path]:
-    """A store without results, in a folder beside that is removed afterwards.
+    """A store without results, in a temporary folder beside it that is removed afterwards.
 
-    **Raises:** :class:`StoreError` when it cannot be made.
+    **Raises:** :class:`StoreError` when it cannot be created.
     """
     folder = store.folder
     try:
@@ -210,7 +210,7 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
             attributes={"units": output.units, "long_name": output.meaning},
         )
     for name, labels in labels_of(outputs, template).items():
-        # Of texts there is no type that every Zarr library reads.
+        # There is no string type that every Zarr library reads.
         texts = labels.dtype.kind == "U"
         group.create_array(
             name,
@@ -222,13 +222,13 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
         )
     _write_points(group.create_group(AXES), study, dimensions(about["paths"], about["path_axis"]))
     with warnings.catch_warnings():
-        # zarr warns that its metadata in one file are not yet in the standard; without them xarray warns.
+        # zarr warns that consolidated metadata are not yet in the standard; without them xarray warns.
         warnings.simplefilter("ignore")
         zarr.consolidate_metadata(folder)
 
 
 def _write_points(group: Any, study: Study, names: list[str]) -> None:
-    """The values along each axis, which the rows that are done may not yet have."""
+    """The values along each axis, which the finished rows may not cover yet."""
     for name, axis in zip(names, study.axes, strict=True):
         chunks = (min(axis.size, POINTS_TOGETHER),)
         arrays = [

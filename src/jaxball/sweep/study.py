@@ -1,4 +1,4 @@
-"""A study: a scenario, the axes along which its numbers change, and what to keep of each run."""
+"""A study: a scenario, the axes along which its numbers change, and the results to keep of each run."""
 
 import dataclasses
 import functools
@@ -25,9 +25,9 @@ from .reductions import CHOICES as FINDS, Find, read_finds
 FORMAT = 1
 LARGEST_CHUNK = 8192
 MOST_NUMBERS = 2**24  # in the states of a chunk
-NUMBERS_OF_A_STATE = 16  # about as many as a ball with a few driven masses has
+NUMBERS_OF_A_STATE = 16  # about as many as for a ball with a few driven masses
 SMALLEST_CHUNK = 16
-ENOUGH_CHUNKS = 16  # of a small study
+ENOUGH_CHUNKS = 16  # for a small study
 KEYS = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
@@ -43,17 +43,17 @@ KEYS = {
 
 @dataclasses.dataclass(frozen=True)
 class Study:
-    """A scenario whose numbers change from row to row. The content of a study file.
+    """A scenario whose numbers change from row to row: the content of a study file.
 
     The rows are the points of all axes crossed, the last axis changing fastest. Row k is computed from k alone.
 
     - ``title``: a line that says what it is.
-    - ``document``: the scenario, as the TOML document that its file is.
-    - ``axes``: what changes; each axis has one or more paths of numbers in the document.
-    - ``save``: "end" for the state at the end of each run, "times" for that at all of the scenario's save times.
-    - ``contact``: whether to find the extremes of the contact force over each run, μ_min among them.
+    - ``document``: the scenario, as the TOML document of its file.
+    - ``axes``: what changes: each axis has the paths of one or more numbers in the document.
+    - ``save``: "end" for the state at the end of each run, "times" for the states at all of the scenario's save times.
+    - ``contact``: whether to find the extremes of the contact force over each run, including μ_min.
     - ``detachment``: whether a run ends where the ball would leave the plane.
-    - ``finds``: what else to find of each run while it is computed.
+    - ``finds``: other results to find in each run while it is computed.
     - ``chunk``: how many rows are solved and written together.
     """
 
@@ -98,7 +98,7 @@ class Study:
     def scenario(self, row: int) -> Scenario:
         """The scenario of a row.
 
-        **Raises:** :class:`StudyError`, which names the row, where no body can have its numbers.
+        **Raises:** :class:`StudyError`, which names the row, where its numbers are impossible.
         """
         values = self.values(np.asarray([row]))[0]
         try:
@@ -109,7 +109,7 @@ class Study:
     def scenario_with(self, values: Float[np.ndarray, " numbers"]) -> Scenario:
         """The scenario with ``values`` at ``paths``.
 
-        **Raises:** :class:`~jaxball.scenario.ScenarioError` where no body can have them.
+        **Raises:** :class:`~jaxball.scenario.ScenarioError` where they are impossible.
         """
         return read_document(self.document_with(values))
 
@@ -118,11 +118,11 @@ class Study:
         return with_numbers(self.document, dict(zip(self.paths, values.tolist(), strict=True)))
 
     def template(self) -> Scenario:
-        """The scenario itself, which says what all rows have in common."""
+        """The scenario itself, with what all rows have in common."""
         return _read(tomli_w.dumps(self.document))
 
     def identity(self) -> dict[str, str]:
-        """All that the results depend on, but for versions, as texts; files in it are known by their SHA-256."""
+        """Everything that the results depend on, except versions, as text; files are identified by their SHA-256."""
         axes = repr(self.axes)
         names = ("save", "contact", "detachment", "finds", "chunk")
         kept = ", ".join(f"{name} = {getattr(self, name)}" for name in names)
@@ -130,7 +130,7 @@ class Study:
 
 
 def ends_at_detachment(settings: str) -> bool:
-    """Whether the ``settings`` of an identity are of a study whose runs end where the ball would leave the plane."""
+    """Whether the ``settings`` of an identity belong to a study whose runs end where the ball would leave the plane."""
     return settings.partition(", finds = ")[0].endswith(", detachment = True")
 
 
@@ -150,7 +150,7 @@ def load_study(source: str | Path) -> Study:
 
 
 def read_study(text: str, folder: str | Path = ".") -> Study:
-    """The study that the text of a file describes; files that it names are looked for from ``folder`` on.
+    """The study that the text of a file describes; files that it names are looked for relative to ``folder``.
 
     **Arguments:**
 
@@ -179,7 +179,7 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
         lambda: _axes(document["axes"], folder) if "axes" in document else None,
     )
     scenario, template = found or ({}, None)
-    # What is wrong with one of these parts does not hide what is wrong with the others.
+    # Errors in one of these parts must not hide errors in the others.
     (*_, finds), later = tried(
         lambda: table and template and _check_contact(table, template),
         lambda: axes and template and _check_paths(axes, scenario),
@@ -209,7 +209,7 @@ def _read(document: str) -> Scenario:
 
 
 def _template(given: Any, folder: Path) -> tuple[dict[str, Any], Scenario]:
-    """The document of the scenario that a study holds or names, and what it says."""
+    """The document of the scenario that a study contains or names, and its contents."""
     document = scenario_document(given, folder, StudyError)
     with naming_scenario(given, "study", StudyError):
         return document, read_document(document)
@@ -225,7 +225,7 @@ def _check_contact(table: dict[str, Any], template: Scenario) -> None:
             raise StudyError(f"Key `{key}` must be false for a {template.system.title}, which touches no plane.")
         if table[key] and template.contact is not None:
             raise StudyError(
-                f"Key `{key}` must be false where the scenario has a law of contact, by which the body may slip and "
+                f"Key `{key}` must be false where the scenario has a law of contact, with which the body may slip and "
                 "fly, but it is true."
             )
 
@@ -240,6 +240,6 @@ def _check_paths(axes: tuple[Axis, ...], scenario: dict[str, Any]) -> None:
 
 
 def _chunk_for(rows: int, saves: int) -> int:
-    """Enough chunks to share among workers and to lose little, but not so many that lanes and files are a burden."""
+    """Enough chunks to share among workers and to lose little, but not so many that lanes and files become costly."""
     most = min(LARGEST_CHUNK, MOST_NUMBERS // (NUMBERS_OF_A_STATE * saves))
     return max(1, min(max(SMALLEST_CHUNK, 1 << (rows // ENOUGH_CHUNKS).bit_length()), most, rows))

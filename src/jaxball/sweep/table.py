@@ -15,11 +15,11 @@ ROWS_OF_A_GROUP = 2**16
 
 
 def write_table(store: Store) -> None:
-    """Writes the table of a store all of whose chunks are done; states are those at the end of each run.
+    """Writes the table of a store whose chunks are all done; states are those at the end of each run.
 
-    Its bytes depend on the store alone. No more than a group of its rows is in memory.
+    Its bytes depend only on the store. At most one group of its rows is in memory.
 
-    **Raises:** :class:`StoreError` when it cannot be written; a table that was there is then as it was.
+    **Raises:** :class:`StoreError` when it cannot be written; an existing table is then unchanged.
     """
     # Imported here, because it belongs to the extra `sweep`.
     import pyarrow
@@ -34,7 +34,7 @@ def write_table(store: Store) -> None:
     )
     together = max(1, ROWS_OF_A_GROUP // store.study.chunk)
     try:
-        # The file is opened here, because pyarrow takes no name that is not text.
+        # The file is opened here, because pyarrow accepts no name that is not valid text.
         with (
             atomic_write(store.table, flush=True) as beside,
             beside.open("wb") as file,
@@ -46,13 +46,13 @@ def write_table(store: Store) -> None:
         flush_to_disk(store.table.parent)
     except OSError as error:
         raise StoreError(
-            f'The table "{store.table}" cannot be written: {error.strerror or error}. The store is whole; make room, '
-            "and run the same command again."
+            f'The table "{store.table}" cannot be written: {error.strerror or error}. The store is intact; free some '
+            "space, and run the same command again."
         ) from error
 
 
 def _columns(outputs: dict[str, Output]) -> Iterator[tuple[str, tuple[str, tuple[Any, ...]]]]:
-    """The name of each column, with the variable it is from and the place in it."""
+    """The name of each column, with its variable and the index in it."""
     for name, output in outputs.items():
         if name == "time":
             continue
@@ -70,5 +70,5 @@ def _group(store: Store, columns: dict[str, Any], chunks: range) -> dict[str, np
 
 
 def has_table(store: Store) -> bool:
-    """Whether the table is there."""
+    """Whether the table exists."""
     return store.table.exists()

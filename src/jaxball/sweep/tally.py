@@ -1,4 +1,4 @@
-"""What became of the rows that a store holds."""
+"""The outcomes of the rows in a store."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -24,15 +24,15 @@ class Tally(NamedTuple):
 
     @property
     def failed(self) -> int:
-        """How many of them have another status than SUCCESS."""
+        """How many of them have a status other than SUCCESS."""
         return self.rows - int(self.counts[Status.SUCCESS])
 
 
 def tally(folder: Path) -> Tally:
-    """What became of the rows that are done.
+    """The outcomes of the rows that are done.
 
-    **Raises:** :class:`StoreError` when ``folder`` is not the store of a study, and when something else has changed a
-    file of it.
+    **Raises:** :class:`StoreError` when ``folder`` is not the store of a study, and when a file of it has been changed
+    from outside.
     """
     attributes = read_attributes(folder)
     check_whole(folder)
@@ -47,9 +47,9 @@ def tally(folder: Path) -> Tally:
 
 
 def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> np.ndarray:
-    """A variable that is a number a row, in the ``rows`` of a chunk that is done; in the last one some are left over.
+    """A variable with one number per row, in the ``rows`` of a chunk that is done; the last one has padding.
 
-    **Raises:** :class:`StoreError` when something else has changed its file.
+    **Raises:** :class:`StoreError` when its file has been changed from outside.
     """
     path = folder / name / "c" / str(chunk)
     content = path.read_bytes() if path.is_file() else b""

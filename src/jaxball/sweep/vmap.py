@@ -1,4 +1,4 @@
-"""Rows by :func:`jaxball.simulate` under ``vmap``: slower than lanes, and for every method."""
+"""Rows by :func:`jaxball.simulate` under ``vmap``: slower than lanes, but for every method."""
 
 import functools
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Which files of a store are as they were written, told by their sizes, and which ones something else has changed."""
+"""Finds files of a store that have been changed from outside, by their sizes."""
 
 import json
 import math
@@ -16,20 +16,20 @@ STATUS = np.dtype(np.int8)
 
 
 class Damage(NamedTuple):
-    """A file that is not as it was written, and the chunk of rows that it is of; None where it is of no rows."""
+    """A file that is not as it was written, and its chunk of rows; None if it belongs to no chunk."""
 
     path: Path
     chunk: int | None
 
 
 def done(folder: Path) -> list[int]:
-    """The chunks that have been written, in their order."""
+    """The chunks that have been written, in order."""
     marks = folder / MARKS
     return sorted(int(path.name) for path in marks.iterdir() if path.name.isdigit()) if marks.is_dir() else []
 
 
 def damages(folder: Path) -> Iterator[Damage]:
-    """The files of the store at ``folder`` that something else has changed, in chunks that were written."""
+    """The files of the store at ``folder`` that have been changed from outside, in chunks that were written."""
     chunks = set(done(folder))
     for name, metadata in _nodes(folder).items():
         about = folder / name / "zarr.json"
@@ -50,16 +50,16 @@ def damages(folder: Path) -> Iterator[Damage]:
 
 
 def check_whole(folder: Path) -> None:
-    """Raises a :class:`StoreError` where something else has changed a file of a store."""
+    """Raises a :class:`StoreError` where a file of a store has been changed from outside."""
     for damage in damages(folder):
         raise changed(damage.path)
 
 
 def changed(path: Path) -> StoreError:
-    """The error for a file that something else has changed."""
+    """The error for a file that has been changed from outside."""
     return StoreError(
         f'The file "{path}" must be as the sweep wrote it, but something has changed it; run the study into the same '
-        "store again, which computes again what was in it."
+        "store again to recompute it."
     )
 
 
@@ -75,7 +75,7 @@ def _nodes(folder: Path) -> Mapping[str, Any]:
 
 
 def _says(path: Path, metadata: Mapping[str, Any]) -> bool:
-    """Whether the file of an array or a group says of it what the store's own says, which Zarr reads in its place."""
+    """Whether the metadata file of an array or a group agrees with the store's, which Zarr reads instead."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""The laws of mechanics that a run must keep, checked, and how far ahead its result can be trusted.
+"""Checks of the laws of mechanics on a run, and of how far ahead its result can be trusted.
 
 No figures are drawn and no files written here.
 """

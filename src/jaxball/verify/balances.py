@@ -25,7 +25,7 @@ from .symmetry import (
     why_not_routh,
 )
 
-NO_VERSOR = "a disk's state holds no versor"
+NO_VERSOR = "a disk's state has no versor"
 MEANINGLESS = (MASSES_MOVE, PLANAR, NO_VERSOR, NO_TURNTABLE)  # reasons for which there is no quantity that could change
 
 
@@ -35,7 +35,7 @@ def balance(name: str, case: Case) -> Row:
     Where the law holds exactly, its residual consists of the solver's errors alone. Each step adds an error of about
     the tolerance, which does not grow, because the law holds along the exact motion through the perturbed state as
     well. So the expected residual is the number of steps × the change of the quantity for a change of the state by its
-    tolerance, times a safety factor of 10.
+    tolerance × a safety factor of 10.
     """
     reason = _why_not(name, case)
     if reason in MEANINGLESS:

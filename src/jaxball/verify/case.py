@@ -32,7 +32,7 @@ INTERPOLATION = 10  # the interpolation error at the saved times, in steps
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Case:
-    """A scenario and its runs; ``given`` is one that was computed before."""
+    """A scenario and its runs; ``given`` is a run that was computed before."""
 
     scenario: Scenario
     given: Trajectory[Any, Any] | None = None
@@ -69,7 +69,7 @@ class Case:
 
     @cached_property
     def reference(self) -> Trajectory[Any, Any]:
-        """The same motion by Dopri8 at a tolerance of 1e-13, or a tenth of the run's if that is finer."""
+        """The same motion by Dopri8 at a tolerance of 1e-13, or a tenth of the run's if that is tighter."""
         return self.precise(self.state)
 
     def precise(self, state: AbstractState) -> Trajectory[Any, Any]:

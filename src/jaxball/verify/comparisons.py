@@ -29,15 +29,15 @@ SLOW = ("solvers", "dae", "embedding")  # each compiles a program of its own
 
 
 def saved(case: Case) -> Row:
-    """The trajectory that was given, up to the time to which it came, and the run, which is solved again."""
+    """The given trajectory, up to the time that it reached, compared with the run solved again."""
     given = case.given
     if given is None:
-        return Row("saved", reason="a scenario was given, and not a run")
+        return Row("saved", reason="a scenario was given, not a run")
     if not np.array_equal(given.times, case.run.times):
         return Row("saved", note="its times are not those of its scenario")
     known = np.isfinite(flat(given.state)).all(axis=1)
     distances = case.distance(given.state, case.run.state)[known]
-    note = "" if known.all() else f"up to t = {float(given.reached):.6g}, to which it came"
+    note = "" if known.all() else f"up to t = {float(given.reached):.6g}, which it reached"
     return Row("saved", float(np.max(distances, initial=0.0)), 2 * case.expected, note=note)
 
 
@@ -63,7 +63,7 @@ def convergence(case: Case) -> Row:
 
 
 def solvers(case: Case) -> Row:
-    """Dopri8 or Gauss's method of order 16, whichever is of another family than the scenario's solver."""
+    """Dopri8 or Gauss's method of order 16, whichever is of a different family than the scenario's solver."""
     explicit = isinstance(SOLVERS[case.scenario.solver](), diffrax.AbstractERK)
     other = Gauss(stages=8) if explicit else diffrax.Dopri8()
     return _agreement("solvers", case, case.other(other), type(other).__name__)

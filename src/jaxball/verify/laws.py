@@ -1,4 +1,4 @@
-"""The names of the laws, and what each says."""
+"""The names of the laws, and their statements."""
 
 BALANCES: dict[str, str] = {
     "energy": "E(t) − E(t0) = ∫ of the power of everything that does work: actuation, force, resistance, ground",

@@ -1,7 +1,7 @@
 """The quantities that the laws of mechanics balance or conserve, as sums over the masses.
 
-A solve advances other formulas, those with the moments of the masses, so a wrong term in the equations of motion breaks
-a law here.
+A solve uses other formulas, those with the moments of the masses, so a wrong term in the equations of motion violates a
+law here.
 """
 
 from typing import Any, NamedTuple
@@ -34,7 +34,7 @@ class Balance(NamedTuple):
 
 
 class Quantities(NamedTuple):
-    """Balances by the name of their law, and the moments of the masses, which decide which laws hold."""
+    """Balances by the name of their law, and the moments of the masses, which determine which laws hold."""
 
     balances: dict[str, Balance]
     moments: Moments | None
@@ -110,9 +110,9 @@ def moving_energy_balance(
 ) -> Balance:
     """The moving energy E − W L on a level turntable at the rate W, and its rate of change.
 
-    L = e3·(ΛΠ + (z − c) × ΛP) is the angular momentum about the turntable's axis. What does work on E at the velocity u
-    of the table does none on E − W L: Ė less (f + F)·u and W T₃, and less ẆL. It is constant for steady W and what is
-    passive inside (Bizyaev, Borisov & Mamaev, arXiv:1807.08438).
+    L = e3·(ΛΠ + (z − c) × ΛP) is the angular momentum about the turntable's axis. Forces that do work on E through the
+    velocity u of the table do none on E − W L: its rate is Ė minus (f + F)·u, W T₃ and ẆL. It is constant for steady W
+    without actuation inside (Bizyaev, Borisov & Mamaev, arXiv:1807.08438).
     """
     ground = system.ground
     assert ground is not None
@@ -132,7 +132,7 @@ def moving_energy_balance(
 
 
 class _InSpace(NamedTuple):
-    """ΛP, ΛΠ, and Σ m Λs with s from the contact point, over all masses one by one; velocities are over the plane."""
+    """ΛP, ΛΠ, and Σ m Λs with s from the contact point, over all masses; velocities are relative to the plane."""
 
     P: Float[Array, "3"]
     Pi: Float[Array, "3"]
@@ -158,7 +158,7 @@ def _in_space(system: AbstractBody, t: Float[Array, ""], state: BallState | Disk
 def axis_of(at: Moments) -> Float[Array, "3"]:
     """The only axis about which the ball can be a body of revolution.
 
-    It leads through the centre of mass; where that is the geometric centre, it is the body axis whose moment differs
+    It passes through the centre of mass; where that is the geometric centre, it is the body axis whose moment differs
     most from the others.
     """
     J = jnp.diagonal(at.J)

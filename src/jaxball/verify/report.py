@@ -29,7 +29,7 @@ class Row:
 
     @property
     def applies(self) -> bool:
-        """Whether the law is one for such a system."""
+        """Whether the law applies to the system."""
         return not self.reason
 
     @property
@@ -43,7 +43,7 @@ class Row:
 
     @property
     def verdict(self) -> str:
-        """Whether the law holds or applies, in words."""
+        """Whether the law applies and holds, as text."""
         if not self.applies:
             return f"does not apply: {self.reason}"
         return f"{'holds' if self.ok else 'FAILS'}{': ' if self.note else ''}{self.note}"

@@ -1,4 +1,4 @@
-"""The entry function: it takes a scenario, or a system with times and a state, and returns a report."""
+"""The entry point: from a scenario, or a system with times and a state, to a report."""
 
 import concurrent.futures
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +22,7 @@ from .report import Report, Row
 from .trust import trust
 
 ROLLING_ONLY = "it is for a ball or a disk"
-UNSAID = ("closed-form", "moving-energy", "saved")  # no row says only that there is none, or no turntable, or no file
+UNSAID = ("closed-form", "moving-energy", "saved")  # without a closed form, a turntable or a file, these have no row
 
 
 def verify(
@@ -38,22 +38,22 @@ def verify(
 
     **Arguments:**
 
-    - ``system``: a :class:`~jaxball.Scenario`; a trajectory that one made or that :func:`jaxball.load_run` read, which
-      is compared with the run as well; or a system, and then ``times`` and ``state`` are those of
+    - ``system``: a :class:`~jaxball.Scenario`; the trajectory of one, also as read by :func:`jaxball.load_run`, which
+      is then compared with the run as well; or a system, in which case ``times`` and ``state`` are those of
       :func:`jaxball.simulate`, and ``settings`` are fields of a scenario, such as ``solver``, ``rtol`` and ``atol``.
     - ``laws``: the names of the laws to check, from :data:`LAWS` or a classical system's laws; all if not given. Where
       a law does not apply, its row says why.
-    - ``quick``: whether to leave out the laws for which another solver or another system must be compiled.
+    - ``quick``: whether to skip the laws for which another solver or another system must be compiled.
 
     If the solve fails, the report's ``failure`` says why.
 
-    **Raises:** ``ValueError`` for a name that is no law and for a scenario with a law of contact, ``TypeError`` for
-    states without a place, and what :func:`jaxball.simulate` raises.
+    **Raises:** ``ValueError`` for an unknown law and for a scenario with a law of contact, ``TypeError`` for states
+    without a position, and as :func:`jaxball.simulate`.
     """
     require_flags(quick=quick)
     given = system if isinstance(system, Trajectory) else None
     case = Case(_scenario(system, times, state, settings), given)
-    _ = case.state  # which one with a law of contact has not
+    _ = case.state  # raises for one with a law of contact
     known = {**laws_along(case.scenario), **CHECKS}
     chosen = [name for name in known if not (quick and name in SLOW)] if laws is None else _checked(laws, known)
     if not case.run.ok:
@@ -69,7 +69,7 @@ def _rows(case: Case, chosen: Sequence[str], known: Mapping[str, Callable[[Case]
     """The rows of the chosen laws. One core compiles what they share, the other the programs of single rows."""
     slow = [name for name in chosen if name in SLOW and name in known]
     if slow:
-        _ = case.expected  # which they compare with, so that no two threads simulate the same
+        _ = case.expected  # needed by several, so that two threads do not simulate it
     beside = concurrent.futures.ThreadPoolExecutor(1)
     try:
         later = {name: beside.submit(known[name], case) for name in slow}
@@ -92,7 +92,7 @@ def _scenario(
         scenario = system.scenario if isinstance(system, Trajectory) else system
         if scenario is None:
             raise ValueError(
-                "Argument `system` must be a trajectory that a Scenario made, which has its settings, but this one has "
+                "Argument `system` must be the trajectory of a Scenario, which has its settings, but this one has "
                 "none; give its system, times and state."
             )
         return scenario
@@ -111,5 +111,5 @@ def _checked(laws: Sequence[str], known: Mapping[str, Any]) -> list[str]:
     unknown = [name for name in laws if name not in known and name not in LAWS]
     if unknown:
         hint = did_you_mean(unknown[0], known, f"the laws here are {', '.join(known)}")
-        raise ValueError(f'Argument `laws` must hold names of laws, but it holds "{unknown[0]}"{hint}')
+        raise ValueError(f'Argument `laws` must contain names of laws, but it contains "{unknown[0]}"{hint}')
     return list(dict.fromkeys(laws))

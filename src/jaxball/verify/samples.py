@@ -16,7 +16,7 @@ from ..simulation.watch import room_for
 from ..solvers.dense.steps import Steps
 from .quantities import quantities
 
-# Enough for the polynomials of dense output, times factors that vary on the same scale.
+# Enough for the polynomials of dense output, multiplied by factors that vary on the same scale.
 NODES = 10
 GAUSS = np.polynomial.legendre.leggauss(NODES)
 FRACTIONS = np.concatenate([[0.0], (1 + GAUSS[0]) / 2, [1.0]])
@@ -104,7 +104,7 @@ def _nodes(trajectory: Trajectory[Any, Any], room: int) -> tuple[Array, Array, A
     fractions = jnp.asarray(FRACTIONS, steps.start.dtype)
     times = steps.start[:, None] + (steps.end - steps.start)[:, None] * fractions[None]
 
-    # The first step takes the place of those that were not taken, so that all numbers are finite.
+    # The first step replaces those that were not taken, so that all numbers are finite.
     index = jnp.where(steps.taken, jnp.arange(steps.start.size), 0)
     times = times[index]
     nodes = jnp.repeat(index, fractions.size), times.reshape(-1)

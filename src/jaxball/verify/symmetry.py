@@ -1,4 +1,4 @@
-"""Whether the integrals of Chaplygin, Jellett and Routh hold for a ball, judged by its moments along a run."""
+"""Whether the integrals of Chaplygin, Jellett and Routh hold for a ball, judged from its moments along a run."""
 
 import numpy as np
 from jaxtyping import Float
@@ -52,7 +52,7 @@ def why_not_routh(system: AbstractBody, at: Moments, axis: Float[np.ndarray, "st
 
 
 def _what_acts(system: AbstractBody) -> str:
-    """What acts on a body beside a level plane at rest; empty where nothing does."""
+    """What acts on a body besides a level plane at rest; empty if nothing does."""
     if system.force is not None:
         return "a force acts"
     if system.ground is not None:

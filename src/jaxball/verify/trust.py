@@ -15,13 +15,13 @@ LEAST_ERROR = 1e-16
 class Trust:
     """How far ahead a result can be trusted.
 
-    Errors are relative to 1 + |x|, component by component, as the tolerances are where both are equal.
+    Errors are relative to 1 + |x|, component by component, like the tolerances if both are equal.
 
     - ``error``: the largest error of the run, measured against a run at a tolerance of 1e-13.
     - ``growth``: the largest factor by which a small deviation of the initial state grows in the run.
     - ``lyapunov_time``: the time in which it grows e-fold on average, the inverse of the finite-time Lyapunov exponent.
     - ``horizon``: the time at which the error reaches 1e-3. Beyond the end of the run it is extrapolated with the mean
-      growth rate, and too early where the motion is regular.
+      growth rate, and is too early where the motion is regular.
     - ``end``: when the run ended.
     """
 

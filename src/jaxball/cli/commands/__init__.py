@@ -1,1 +1,1 @@
-"""Commands of the command line, one a file: their options, and what is refused before JAX is imported."""
+"""Commands of the command line, one per file: their options, and what is refused before JAX is imported."""

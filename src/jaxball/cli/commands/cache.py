@@ -1,4 +1,4 @@
-"""``jaxball cache``: the compiled programs that are kept, shown or removed."""
+"""``jaxball cache``: shows or removes the compiled programs that are kept."""
 
 import argparse
 

@@ -17,8 +17,8 @@ def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser("chaos")
     add_scenario(parser)
-    parser.add_argument("--end", type=number, help="the time at which to end, instead of the scenario's")
-    parser.add_argument("--transient", type=number, default=0.0, help="the time before averages begin (default: 0)")
+    parser.add_argument("--end", type=number, help="end at this time, instead of the scenario's")
+    parser.add_argument("--transient", type=number, default=0.0, help="start averaging after this time (default: 0)")
     parser.add_argument(
         "--interval", type=positive, help="time between orthonormalisations (default: 1, or 10 for a chart)"
     )
@@ -90,7 +90,7 @@ def _poincare(options: argparse.Namespace) -> int:
 
 
 def _check_options(options: argparse.Namespace) -> None:
-    """Raises an :class:`BadInputError` for options that do not go together."""
+    """Raises a :class:`BadInputError` for options that cannot be combined."""
     for name in ("direction", "axes"):
         if getattr(options, name) is not None and options.poincare is None:
             raise BadInputError(f"Argument `--{name}` is for a Poincaré map; give --poincare COMPONENT=VALUE with it.")

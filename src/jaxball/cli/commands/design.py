@@ -1,4 +1,4 @@
-"""``jaxball design``: a search for rails, motions and parameters with which a ball does what a problem file asks."""
+"""``jaxball design``: searches for rails, motions and parameters with which a ball does what a problem file asks."""
 
 import argparse
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``jaxball reproduce``: both runs of the paper, its figures and a table of errors, or its solvers and ours."""
+"""``jaxball reproduce``: both runs of the paper, its figures and a table of errors, or a comparison of solvers."""
 
 import argparse
 from pathlib import Path

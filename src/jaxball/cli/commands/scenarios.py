@@ -1,4 +1,4 @@
-"""``jaxball scenarios``: the built-in scenarios listed, or one printed as a file."""
+"""``jaxball scenarios``: lists the built-in scenarios, or prints one as a file."""
 
 import argparse
 

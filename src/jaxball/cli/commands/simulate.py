@@ -1,4 +1,4 @@
-"""``jaxball simulate``: a scenario simulated, saved and drawn."""
+"""``jaxball simulate``: simulates, saves and draws a scenario."""
 
 import argparse
 from pathlib import Path

@@ -37,7 +37,7 @@ def add(commands) -> None:
 def _run(options: argparse.Namespace) -> int:
     check_outputs(options, (".csv",))
     if options.turning is not None and not options.initial:
-        raise BadInputError("Argument `--turning` is for a state that is given; give --initial with it.")
+        raise BadInputError("Argument `--turning` is for the scenario's initial state; give --initial with it.")
     document = scenario_document(options)
     set_up_jax()
     from ..work.stability import run

@@ -1,4 +1,4 @@
-"""``jaxball sweep``: a study run over all its rows, its progress, and its figures."""
+"""``jaxball sweep``: runs a study over all its rows, shows its progress, and draws its figures."""
 
 import argparse
 import importlib.util

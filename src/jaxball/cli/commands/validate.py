@@ -1,4 +1,4 @@
-"""``jaxball validate``: everything that is wrong with files, without a run."""
+"""``jaxball validate``: lists everything that is wrong with files, without running them."""
 
 import argparse
 import sys

@@ -13,7 +13,7 @@ def add(commands) -> None:
     """Adds the command to the subparsers of argparse."""
     parser = commands.add_parser(
         "verify",
-        description="Runs scenarios and checks every law that applies. A saved run is compared with that of the "
+        description="Runs scenarios and checks every law that applies. A saved run is compared with a new run of the "
         "scenario in its file. The exit code is 1 if a run fails verification.",
         epilog="Laws: " + "; ".join(f"{name}: {what}" for name, what in LAWS.items()) + ".",
     )
@@ -24,7 +24,7 @@ def add(commands) -> None:
         help="scenario files, built-in scenarios (default: all of those), saved runs (.nc or .npz), or -",
     )
     parser.add_argument("--laws", nargs="+", metavar="LAW", help="only these (default: all)")
-    parser.add_argument("--quick", action="store_true", help="leave out checks for which another solver is compiled")
+    parser.add_argument("--quick", action="store_true", help="skip checks that need another solver to be compiled")
     add_json(parser, "the reports")
     parser.set_defaults(run=_run)
 

@@ -11,7 +11,7 @@ from ..options import BadInputError, positive
 from ..output import add_quiet
 from .sweep import require_packages
 
-DESIGN, SWEEP = "design.toml", "zarr.json"  # by which folders are known
+DESIGN, SWEEP = "design.toml", "zarr.json"  # by which folders are recognised
 
 
 def add(commands) -> None:
@@ -55,7 +55,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _kind(path: Path) -> str:
-    """What there is to show: the name of the file by which a folder is known, empty for a file."""
+    """What there is to show: the name of the file that identifies a folder, empty for a file."""
     if not path.is_dir():
         check_saved(path)
         return ""
@@ -71,7 +71,7 @@ def _kind(path: Path) -> str:
 def _rows(text: str) -> tuple[int, ...]:
     parts = [part.strip() for part in text.split(",")]
     if not all(part.isdecimal() and part.isascii() for part in parts):
-        raise argparse.ArgumentTypeError(f"it must be numbers of rows with commas between them, but it is {text}")
+        raise argparse.ArgumentTypeError(f"it must be row numbers separated by commas, but it is {text}")
     rows = tuple(int(part) for part in parts)
     if len(set(rows)) < len(rows) or len(rows) > MOST_BODIES:
         given = counted(len(rows), "row") + " with one twice" * (len(set(rows)) < len(rows))

@@ -15,7 +15,7 @@ from ..output import working
 
 
 def check_against(options: argparse.Namespace, scenario: Scenario) -> None:
-    """Raises an error with one sentence for an animation that cannot be made of this scenario's run."""
+    """Raises an error with one sentence for an animation that is impossible for this scenario's run."""
     if options.animate is None:
         return
     if not isinstance(scenario.system, AbstractBody):
@@ -34,7 +34,7 @@ def check_against(options: argparse.Namespace, scenario: Scenario) -> None:
 
 def write_animation(options: argparse.Namespace, scenario: Scenario) -> None:
     """Writes the animation."""
-    # Imported here, because matplotlib takes longer to import than many a run.
+    # Imported here, because importing matplotlib takes longer than many runs.
     from ...plot.animation import FRAMES, animate
 
     speed, fps = options.speed or 1.0, options.fps or FRAMES[options.animate.suffix]

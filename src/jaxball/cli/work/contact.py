@@ -1,4 +1,4 @@
-"""The law of contact on the command line: that of ``--contact``, and what became of the contact in a run."""
+"""The law of contact on the command line: that of ``--contact``, and the history of the contact in a run."""
 
 from typing import Any
 
@@ -15,7 +15,7 @@ from ...simulation.history import ContactHistory, Switches
 
 
 def with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:
-    """The document with the law of ``--contact``, a coefficient of sliding or keys with their values, for its own.
+    """The document with its law replaced by that of ``--contact``, a kinetic coefficient or keys with values.
 
     **Raises:** :class:`~jaxball.ScenarioError` for a system that touches no plane.
     """
@@ -32,16 +32,16 @@ def with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:
 
 
 def check_against_contact(contact: Contact | None, events: dict[str, AbstractEvent]) -> None:
-    """Raises where ``events`` end a run for what a law of contact lets happen."""
+    """Raises where ``events`` would end a run at something that a law of contact allows."""
     if contact is not None and events:
         raise ScenarioError(
-            "Arguments `--friction` and `--detachment` must be left out where the scenario has a law of contact, by "
-            "which the body slips and flies where they would end the run."
+            "Arguments `--friction` and `--detachment` must be left out where the scenario has a law of contact, with "
+            "which the body slips and flies instead of the run ending."
         )
 
 
 def content(contact: ContactHistory) -> dict[str, Any]:
-    """What --json says of the contact: the law, the mode at each saved time, the switches, and how it ended."""
+    """The contact in --json: the law, the mode at each saved time, the switches, and how it ended."""
     end = {name: np.asarray(getattr(contact, name))[-1] for name in ("V", "height", "slip", "rubbed", "struck")}
     modes = [_name(mode) for mode in np.asarray(contact.mode)]
     law = CONTACT.write(contact.law, "contact")
@@ -65,5 +65,5 @@ def _all(contact: ContactHistory) -> list[dict[str, Any]]:
 
 
 def _name(mode: Any) -> str | None:
-    """The name of a mode; None where the solve did not come."""
+    """The name of a mode; None at times that the solve did not reach."""
     return Mode(int(mode)).name.lower() if int(mode) >= 0 else None

@@ -1,4 +1,4 @@
-"""A design searched for, and reported."""
+"""Searches for a design, and reports it."""
 
 import argparse
 import shlex
@@ -58,7 +58,7 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
     _print_summary(problem_file.title, means(done.solution), objectives_in_units(done), violations)
     print(f"  written: {report}, {options.out / SCENARIO}")
     for name, by in done.broken.items():
-        sentence = f"The constraint `{name}` is violated by {by:.2g}, and {done.violation:g} is allowed"
+        sentence = f"The constraint `{name}` is violated by {by:.2g}, where {done.violation:g} is allowed"
         print(f"jaxball: {sentence}; start with more intervals.", file=sys.stderr)
     return 0 if done.good else UNMET
 

@@ -1,4 +1,4 @@
-"""What a command writes: JSON for programs, tables and figures."""
+"""The files that a command writes: JSON for programs, tables and figures."""
 
 import argparse
 import contextlib
@@ -24,7 +24,7 @@ def write_json(options: argparse.Namespace, content: dict[str, Any]) -> None:
     if options.json is None:
         return
     text = json.dumps(json_types(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    text = text.encode(errors="backslashreplace").decode()  # a file's name that is no text, in JSON's own way
+    text = text.encode(errors="backslashreplace").decode()  # escapes file names that are not valid text
     if options.json == STDOUT:
         sys.stdout.write(text)
         return
@@ -46,7 +46,7 @@ def write_outputs(
             save(temporary)
         written.append(options.out)
     if options.plot is not None:
-        # Imported here, because matplotlib takes longer to import than many a command runs.
+        # Imported here, because importing matplotlib takes longer than many commands.
         from ... import plot
         from ...plot.report import write_figure
 
@@ -65,7 +65,7 @@ def draw_figures(
     source: str | Path,
 ) -> str:
     """Draws the standard figures of a run of a scenario, named after ``source``, and returns how many and where."""
-    # Imported here, because matplotlib takes longer to import than many a run.
+    # Imported here, because importing matplotlib takes longer than many runs.
     from ... import plot
 
     try:
@@ -100,7 +100,7 @@ def suffixes(formats: list[str] | None) -> tuple[str, ...]:
 
 
 def figure_name(source: str | Path, scenario: Scenario) -> str:
-    """How names of figures begin: as the file of the scenario or run; on standard input, as its title or its kind."""
+    """The prefix of figure names: the name of the scenario or run; for standard input, its title or its kind."""
     kind = scenario.system.title.lower().replace(" ", "_")
     return plain_name(scenario.title if str(source) == STDIN else Path(source).stem, kind)
 

@@ -1,4 +1,4 @@
-"""How much memory the times of a run need, said before it is tried."""
+"""How much memory the times of a run need, reported before it starts."""
 
 import argparse
 import math
@@ -8,15 +8,15 @@ from pathlib import Path
 from ...interface.wording import counted
 from ..options import BadInputError
 
-# Bytes for each time, as measured of balls and disks: of a run, and of what is read off it for files and figures.
+# Bytes for each time, measured for balls and disks: of a run, and of its observables for files and figures.
 OF_STATES, OF_OBSERVABLES = 800.0, 1_800.0
-MANY = 1_000_000  # times, of which nobody waits without wondering
+MANY = 1_000_000  # times, for which a user should be warned of the wait
 
 
 def check_memory(options: argparse.Namespace, times: int) -> None:
-    """Says what so many times need where they are many.
+    """Prints what so many times need if they are many.
 
-    **Raises:** :class:`BadInputError` where that is more than there is.
+    **Raises:** :class:`BadInputError` where that is more than is free.
     """
     observed = any(getattr(options, name) is not None for name in ("out", "plot", "view"))
     needed, free = times * (OF_STATES + OF_OBSERVABLES * observed), free_memory()

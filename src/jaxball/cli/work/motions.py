@@ -20,7 +20,7 @@ def state_line(motion: Motion) -> str:
 
 
 def complex_numbers(values: np.ndarray) -> str:
-    """Complex numbers, without parts that are rounding."""
+    """Complex numbers, without parts that are mere rounding."""
     return ", ".join(map(_complex, values))
 
 

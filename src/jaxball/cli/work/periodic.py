@@ -133,7 +133,7 @@ def _summary(motion: PeriodicMotion) -> list[str]:
     lines = [
         state_line(motion),
         f"  {motion.message}",
-        f"  period {motion.period:.10g}{turned and f' (turns: {turned})'}, back to {motion.residual:.1g} after {steps} "
+        f"period {motion.period:.10g}{turned and f' (turns: {turned})'}, closed to {motion.residual:.1g} after {steps} "
         "of Newton's method",
         f"  multipliers {complex_numbers(motion.multipliers)}",
         f"  exponents {complex_numbers(motion.exponents)}",

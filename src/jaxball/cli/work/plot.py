@@ -9,7 +9,7 @@ from .files import draw_figures
 
 
 def run(options: argparse.Namespace) -> int:
-    """Draws the figures, and prints the run."""
+    """Draws the figures, and prints a summary of the run."""
     with working(options, "drawing"), compiled_quickly():
         run = load_run(options.saved)
         written = draw_figures(options, run, options.out, options.format, saved_scenario(options.saved), options.saved)

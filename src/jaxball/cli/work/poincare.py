@@ -84,5 +84,5 @@ def _components(state: Any) -> dict[str, tuple[str, tuple[int, ...]]]:
 
 def _checked(name: str, known: dict[str, Any]) -> str:
     if name not in known:
-        raise BadInputError(f'The components of this state are {", ".join(known)}, but not "{name}".')
+        raise BadInputError(f'The component must be one of {", ".join(known)}, but it is "{name}".')
     return name

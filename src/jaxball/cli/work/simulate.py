@@ -1,4 +1,4 @@
-"""A scenario simulated, saved and drawn."""
+"""Simulates, saves and draws a scenario."""
 
 import argparse
 import dataclasses
@@ -54,7 +54,7 @@ def _simulate(options: argparse.Namespace, scenario: Scenario) -> int:
             _evaluate(trajectory)
             save(trajectory, options.out, scenario)
         written.append(str(options.out))
-    if options.view is not None and is_known(trajectory):  # also of a run that failed, to see why
+    if options.view is not None and is_known(trajectory):  # also for a run that failed, to see why
         with working(options, "writing the view"):
             write_view(trajectory, options.view, scenario.title, options.friction)
         written.append(str(options.view))
@@ -77,7 +77,7 @@ def _quoted(paths: list[str]) -> str:
 
 
 def _shows_contact(options: argparse.Namespace) -> bool:
-    """Whether anything that is asked for shows how near the ball came to slipping or leaving the plane."""
+    """Whether any requested output shows how close the ball came to slipping or leaving the plane."""
     return not options.quiet or any(getattr(options, name) is not None for name in ("out", "json", "plot"))
 
 
@@ -86,7 +86,7 @@ def _evaluate(trajectory: Trajectory[Any, Any]) -> None:
     if not isinstance(trajectory.system, AbstractBody) or trajectory.interpolant is None:
         return
     with ThreadPoolExecutor(1) as beside:
-        beside.submit(lambda: trajectory.observables)  # an error is that of saving, which needs them as well
+        beside.submit(lambda: trajectory.observables)  # an error will be reported by saving, which needs them as well
         contact_extremes(trajectory)
 
 
@@ -131,7 +131,7 @@ def _events(options: argparse.Namespace, scenario: Scenario) -> dict[str, Abstra
 
 
 def _checks(trajectory: Trajectory[Any, Any]) -> list[str]:
-    """The lines about what held: the contact of a body with its plane, or the conserved quantities."""
+    """The lines about the contact of a body with its plane, or about conserved quantities."""
     if trajectory.contact is not None:
         return []  # they are among the trajectory's own lines
     return _contact(trajectory) if isinstance(trajectory.system, AbstractBody) else _conservation(trajectory)

@@ -17,7 +17,7 @@ from .motions import complex_numbers, content, save, state_line
 
 MOST_SHOWN = 20  # motions in a summary; files have all
 NAMES, COMPLEX = ("turning", "residual", "steady", "stable", "kind"), ("eigenvalues",)
-ELSE = "give --initial for a state that is steady, or take jaxball periodic for a motion that repeats itself"
+ELSE = "give --initial for a state that is steady, or use jaxball periodic for a motion that repeats itself"
 
 
 def run(options: argparse.Namespace, document: dict[str, Any]) -> int:
@@ -45,8 +45,8 @@ def _motions(options: argparse.Namespace, scenario: Scenario) -> Sequence[Steady
     rolling_state(scenario.state, scenario.contact, "the stability of steady motions is")
     if not isinstance(system, AbstractBody):
         raise ValueError(
-            f"Steady motions are those of a ball or a disk, but the scenario is of a {system.title}; take jaxball "
-            "periodic for a motion that repeats itself."
+            f"Steady motions are searched for only for a ball or a disk, but the scenario is of a {system.title}; use "
+            "jaxball periodic for a motion that repeats itself."
         )
     if options.initial:
         return (stability(system, scenario.state, turning=options.turning or 0.0, t=t),)  # pyright: ignore
@@ -59,17 +59,17 @@ def _motions(options: argparse.Namespace, scenario: Scenario) -> Sequence[Steady
 
 
 def _require_still(ball: Ball) -> None:
-    """Raises a ``ValueError`` where no steady motion of the ball is searched for, and says what can be done instead."""
+    """Raises a ``ValueError`` where steady motions of the ball are not searched for, and says what to do instead."""
     if ball.coordinates:
         raise ValueError(
-            "Steady motions are searched for where nothing moves freely or by a law, unlike "
+            "Steady motions are searched for only where nothing moves freely or by a law, unlike "
             f"{all_of(ball.coordinates)} here; hold these with a schedule, {ELSE}."
         )
     acting = [f"`{name}`" for name in ("force", "ground", "resistance") if getattr(ball, name) is not None]
     if acting:
         raise ValueError(
-            "Steady motions are searched for on a level plane at rest, without force and resistance, but the scenario "
-            f"has {all_of(acting)}; {ELSE}."
+            "Steady motions are searched for only on a level plane at rest, without force and resistance, but the "
+            f"scenario has {all_of(acting)}; {ELSE}."
         )
 
 

@@ -1,4 +1,4 @@
-"""A study run over all its rows, its progress, and its figures."""
+"""Runs a study over all its rows, shows its progress, and draws its figures."""
 
 import argparse
 import sys
@@ -27,7 +27,7 @@ def run(options: argparse.Namespace, text: str) -> int:
 
 
 def status(options: argparse.Namespace) -> int:
-    """Prints how far a store has come."""
+    """Prints the progress of a store."""
     print(sweep.describe(options.store))
     return 0
 
@@ -35,7 +35,7 @@ def status(options: argparse.Namespace) -> int:
 def plot(options: argparse.Namespace) -> int:
     """Draws the figures of a store."""
     data = sweep.open_dataset(options.store)
-    from ... import plot as figures  # here, because matplotlib takes longer to import than a study to read
+    from ... import plot as figures  # here, because importing matplotlib takes longer than reading a study
 
     try:
         with working(options, "drawing"):

@@ -1,4 +1,4 @@
-"""Files read, and described."""
+"""Reads and describes files."""
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -9,7 +9,7 @@ from ...scenario import Scenario, read_document
 
 
 def described(document: dict[str, Any], folder: Path) -> str:
-    """The contents of a file, in one line; files that it names are looked for from ``folder`` on.
+    """The contents of a file, in one line; files that it names are looked for relative to ``folder``.
 
     **Raises:** :class:`~jaxball.ScenarioError` for a document that is not valid.
     """
@@ -17,7 +17,7 @@ def described(document: dict[str, Any], folder: Path) -> str:
 
 
 def _reader(document: dict[str, Any]) -> Callable[[dict[str, Any], Path], str]:
-    """The function that reads a document, chosen by its keys; a document is taken for a scenario by default."""
+    """The function that reads a document, chosen by its keys; by default, a document is taken for a scenario."""
     if "axes" in document:
         return _study
     if "control" in document:
@@ -35,7 +35,7 @@ def _of_scenario(scenario: Scenario) -> str:
 
 
 def _study(document: dict[str, Any], folder: Path) -> str:
-    # Imported here, as below, because the other commands have no use for it.
+    # Imported here, as below, because the other commands do not need it.
     import tomli_w
 
     from ...sweep import read_study

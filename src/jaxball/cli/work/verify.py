@@ -1,4 +1,4 @@
-"""Scenarios simulated, and their runs checked."""
+"""Simulates scenarios, and checks their runs."""
 
 import argparse
 from collections.abc import Mapping
@@ -16,7 +16,7 @@ LAW_BROKEN = 1
 
 
 def run(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]) -> int:
-    """Prints a report for each document of ``documents``, which are known by what their sources are called."""
+    """Prints a report for each of ``documents``, which have the names of their sources."""
     scenarios = {name: scenario_of(document, name) for name, document in documents.items()}
     reports = {}
     for name, scenario in scenarios.items():

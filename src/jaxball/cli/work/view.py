@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Writes the view of a saved run, and prints the run."""
+    """Writes the view of a saved run, and prints a summary of the run."""
     with working(options, "writing the view"), compiled_quickly():
         run = load_run(options.saved)
         _check(options, run, f'The run "{options.saved}"')
@@ -71,7 +71,7 @@ def write_view(
     trajectory: Trajectory[Any, Any], path: Path, title: str, friction: float | None, *, all_times: bool = False
 ) -> None:
     """Writes the view of a run."""
-    # Imported here, because matplotlib takes longer to import than many a run.
+    # Imported here, because importing matplotlib takes longer than many runs.
     from ... import plot
 
     plot.write_view(trajectory, path, title, friction=friction, all_times=all_times)
@@ -117,8 +117,8 @@ def _write(
     if other is not None:
         names = list(runs)
         raise RunError(
-            f'The runs of "{options.saved}" must be on one plane to be shown together, but that of "{names[other]}" is '
-            f'not that of "{names[0]}".'
+            f'The runs of "{options.saved}" must be on the same plane to be shown together, but the plane of '
+            f'"{names[other]}" differs from that of "{names[0]}".'
         )
     plot.write_view(
         runs,

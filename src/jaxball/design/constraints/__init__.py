@@ -1,4 +1,4 @@
-"""Constraints: what a design must fulfil."""
+"""Constraints that a design must fulfil."""
 
 from .base import AbstractConstraint as AbstractConstraint, AbstractRunningConstraint as AbstractRunningConstraint
 from .contact import (

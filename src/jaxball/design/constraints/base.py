@@ -1,4 +1,4 @@
-"""What a constraint is."""
+"""The contract of constraints."""
 
 import abc
 
@@ -16,15 +16,15 @@ class AbstractConstraint(Requirement):
 
     @abc.abstractmethod
     def __call__(self, run: Run) -> Float[Array, "..."]:
-        """The violation at each place or time at which it is evaluated."""
+        """The violation at each point or time at which it is evaluated."""
 
 
 class AbstractRunningConstraint(AbstractConstraint):
-    """What a motion fulfils at each time by the state and the actuation at that time."""
+    """A constraint on the state and the actuation at each time."""
 
     def margins(self, run: Run) -> Float[Array, "t ..."]:
-        """What is not negative where the constraint holds, with second derivatives everywhere.
+        """A function that is nonnegative where the constraint holds, with second derivatives everywhere.
 
-        Near the boundary it is minus the violation, to first order; if not overridden, everywhere.
+        Near the boundary it is minus the violation, to first order; by default, everywhere.
         """
         return -self(run)

@@ -1,4 +1,4 @@
-"""What keeps the ball on the plane and from slipping, and away from obstacles."""
+"""Constraints that keep the ball on the plane, from slipping, and away from obstacles."""
 
 from collections.abc import Iterable
 
@@ -16,7 +16,7 @@ from .base import AbstractRunningConstraint
 
 
 class NormalForce(AbstractRunningConstraint):
-    """N ≥ least M g at all times, ``least`` a share of the weight."""
+    """N ≥ least M g at all times, with ``least`` a fraction of the weight."""
 
     least: Float[Array, ""] = eqx.field(converter=numbers("least"))
 
@@ -29,7 +29,7 @@ class Friction(AbstractRunningConstraint):
 
     **Arguments:**
 
-    - ``mu``: μ, a number without unit.
+    - ``mu``: μ, dimensionless.
     """
 
     mu: Float[Array, ""] = eqx.field(converter=numbers("mu"))
@@ -46,7 +46,7 @@ class Friction(AbstractRunningConstraint):
 
 
 class ClearOfObstacles(AbstractRunningConstraint):
-    """The geometric centre outside of discs of the plane; shape (t, k).
+    """The geometric centre outside discs in the plane; shape (t, k).
 
     **Arguments:**
 
@@ -68,7 +68,7 @@ class ClearOfObstacles(AbstractRunningConstraint):
 
 
 def discs_to_avoid(requirements: Iterable[Requirement]) -> tuple[tuple[Float[np.ndarray, "2"], float], ...]:
-    """Centre and radius of each disc of the plane that the geometric centre is to stay out of."""
+    """Centre and radius of each disc in the plane that the geometric centre must stay out of."""
     avoiding = [item for item in requirements if isinstance(item, AvoidObstacles | ClearOfObstacles)]
     return tuple(
         disc for item in avoiding for disc in zip(np.asarray(item.centres), map(float, item.radii), strict=True)
@@ -78,7 +78,7 @@ def discs_to_avoid(requirements: Iterable[Requirement]) -> tuple[tuple[Float[np.
 class Within(AbstractRunningConstraint):
     """The geometric centre within a rectangle of the plane, from ``low`` to ``high``; shape (t, 4).
 
-    Those of a disk are single numbers, and the shape is (t, 2).
+    For a disk, the bounds are single numbers, and the shape is (t, 2).
 
     **Arguments:**
 
@@ -93,5 +93,5 @@ class Within(AbstractRunningConstraint):
         return jnp.concatenate([self.low[None] - z, z - self.high[None]], axis=1) / run.length
 
     def beyond_a_disk(self):
-        """A range of e2: even one with 0 in it leaves an interior-point method no room."""
+        """A range of e2: even one that contains 0 leaves an interior-point method no room."""
         return "a range of e2, in which it is always 0" if np.size(self.low) > 1 else ""

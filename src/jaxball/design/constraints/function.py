@@ -1,4 +1,4 @@
-"""Constraints that are functions of one's own."""
+"""Constraints given by a user's function."""
 
 from collections.abc import Callable
 
@@ -16,8 +16,8 @@ class FunctionConstraint(AbstractConstraint):
     **Arguments:**
 
     - ``function``: of (run, parameters), to an array that is positive where the constraint is violated; ``run`` is as
-      of a :class:`FunctionObjective`.
-    - ``parameters``: arrays, in any PyTree, that it is given.
+      for a :class:`FunctionObjective`.
+    - ``parameters``: arrays, in any PyTree, passed to it.
     """
 
     function: Callable[[Run, PyTree], Float[Array, "..."]] = eqx.field(static=True)
@@ -31,13 +31,13 @@ class FunctionConstraint(AbstractConstraint):
 
 
 class FunctionRunningConstraint(AbstractRunningConstraint):
-    """function(run, parameters) ≤ 0 at each time, which it knows by itself.
+    """function(run, parameters) ≤ 0 at each time, where the value depends only on that time.
 
     **Arguments:**
 
-    - ``function``: as of a :class:`FunctionConstraint`, with the times of the run as the first axis. Optimal control
-      needs second derivatives of it.
-    - ``parameters``: arrays, in any PyTree, that it is given.
+    - ``function``: as for a :class:`FunctionConstraint`, with the times of the run as the first axis. Optimal control
+      needs its second derivatives.
+    - ``parameters``: arrays, in any PyTree, passed to it.
     """
 
     function: Callable[[Run, PyTree], Float[Array, "t ..."]] = eqx.field(static=True)

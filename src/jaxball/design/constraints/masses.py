@@ -1,4 +1,4 @@
-"""What masses and their actuators can do."""
+"""Limits of masses and their actuators."""
 
 import abc
 
@@ -15,7 +15,7 @@ from .base import AbstractRunningConstraint
 
 
 class MassesApart(AbstractRunningConstraint):
-    """No two masses nearer to each other than ``distance``; shape (t, pairs)."""
+    """No two masses closer to each other than ``distance``; shape (t, pairs)."""
 
     distance: Float[Array, ""] = eqx.field(converter=numbers("distance"))
 
@@ -37,7 +37,7 @@ class _Limit(AbstractRunningConstraint):
 
     @abc.abstractmethod
     def unit(self, run: Run) -> Float[Array, "..."]:
-        """What violations are measured by; for all vectors, or for each of shape (1, n)."""
+        """The unit of violations; one for all vectors, or one for each, shape (1, n)."""
 
     def __call__(self, run: Run):
         return (norm(self.vectors(run)) - self.most) / self.unit(run)
@@ -81,7 +81,7 @@ class JointEffortLimit(_Limit):
 
     **Arguments:**
 
-    - ``most``: mass length²/time² of a torque, mass length/time² of a force.
+    - ``most``: mass length²/time² for a torque, mass length/time² for a force.
     """
 
     def vectors(self, run: Run):

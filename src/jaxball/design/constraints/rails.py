@@ -30,12 +30,12 @@ class RailsInside(AbstractRunningConstraint):
         return (reach + self.clearance) / run.length - 1
 
     def margins(self, run: Run):
-        """Those of the masses: no motion changes the rails."""
+        """Only the part about masses: no motion changes the rails."""
         return room(run.masses.chi, run.length - self.clearance) / run.length
 
 
 class RailsApart(AbstractConstraint):
-    """No two closed rails nearer to each other than ``distance``: the least distance from each chord of one to another.
+    """No two closed rails closer to each other than ``distance``: the least distance from each chord of one to another.
 
     Shape (pairs, chords).
     """
@@ -50,7 +50,7 @@ class RailsApart(AbstractConstraint):
 
 
 class RegularRails(AbstractConstraint):
-    """|ζ′(θ)| ≥ least on every closed rail, so that the mass can go along it at a finite rate.
+    """|ζ′(θ)| ≥ least on every closed rail, so that the mass can move along it at a finite rate.
 
     **Arguments:**
 

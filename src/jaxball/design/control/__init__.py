@@ -1,7 +1,7 @@
-"""Optimal control: how the masses must move, found by direct collocation, in schedules of any shape.
+"""Optimal control: motions of the masses found by direct collocation, with schedules of any shape.
 
 A ``problem``, such as that of a body ``rolling``, becomes the equations of ``collocation``, with the ``terms`` of each
-node and the ``complementarity`` of inequalities. From a ``guess``, on a mesh made finer (``refine``), ``homotopy``
+node and the ``complementarity`` of inequalities. From a ``guess``, on a mesh that is refined (``refine``), ``homotopy``
 leads to a ``solution``, whose ``path`` gives the ``schedules`` of the masses. ``files``, ``solve`` and ``report`` serve
 the command line.
 """

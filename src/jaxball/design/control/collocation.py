@@ -25,9 +25,9 @@ from .path import Path
 from .problem import AbstractControlProblem
 from .terms import Sizes, Term, Vary, at_end, at_nodes, initial, sizes
 
-# So many nodes are evaluated by one call of a compiled program, which is the same for each mesh.
+# The number of nodes evaluated by one call of a compiled program, the same for each mesh.
 NODES = 32
-# The barrier with which problems are begun, and that of a finished solution; only inequalities know of it.
+# The barrier at the start, and that of a finished solution; it only affects inequalities.
 BARRIER, SHARP = 1e-2, 1e-8
 
 
@@ -58,7 +58,7 @@ class Unknowns(NamedTuple):
 class Collocation(AbstractEquations):
     """The equations for the problem vary(problem, λ) on a mesh, with s nodes an interval, and the barrier µ.
 
-    ``vary`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+    ``vary`` is compiled into programs, so pass the same one each time: a new lambda compiles again.
 
     **Arguments:**
 
@@ -139,14 +139,14 @@ class Collocation(AbstractEquations):
 
     @property
     def equalities(self) -> slice:
-        """Where the multipliers are of all conditions but inequalities."""
+        """The indices of the multipliers of all conditions except inequalities."""
         return slice(self.unconstrained, self.size - int(np.prod(self.shapes.excess)))
 
     def sizes(self, y):
-        """1 + |y|, without multipliers that rounding changes much.
+        """1 + |y|, without multipliers that are sensitive to rounding.
 
-        Those are all of them beside inequalities, near a boundary, and those of the end where its conditions are soft,
-        because some may follow from others.
+        These are all of them if there are inequalities, near a boundary, and those of the end if its conditions are
+        soft, because some conditions may follow from others.
         """
         sizes = super().sizes(y)
         if self.inequalities:
@@ -192,7 +192,7 @@ class Collocation(AbstractEquations):
 
     @functools.cached_property
     def linear(self) -> scipy.sparse.sparray:
-        """The part of the Jacobian that is the same everywhere: coefficients of linear equations."""
+        """The constant part of the Jacobian: coefficients of linear equations."""
         s, n, N = self.stages, self.shapes.at_start[0], len(self.steps)
         # Rows: h F = A⁻¹ (X − x_k) at the nodes, and x_{k+1} = x_k + b·A⁻¹ (X − x_k). Columns: x_k, X, x_{k+1}.
         slopes, ends = self.tableau.A_inverse, self.tableau.b @ self.tableau.A_inverse
@@ -211,7 +211,7 @@ class Collocation(AbstractEquations):
 
     @functools.cached_property
     def _node_places(self) -> np.ndarray:
-        """Where X, u, the costate and the inequalities' unknowns of each node are in y."""
+        """The indices in y of X, u, the costate and the inequalities' unknowns of each node."""
         return _local(self.places)
 
     @functools.cached_property
@@ -219,7 +219,7 @@ class Collocation(AbstractEquations):
         return np.concatenate([self.places.knots[-1], self.places.at_end])
 
     def _terms(self, y: np.ndarray, parameter: float) -> tuple[Term, Term]:
-        """The terms of the nodes and of the end; kept, because residual and Jacobian are wanted at the same point."""
+        """The terms of the nodes and of the end; cached, because residual and Jacobian are needed at the same point."""
         if self._last is None or self._last[1] != parameter or not np.array_equal(self._last[0], y):
             parts = self.parts(y)
             self._last = (y.copy(), parameter, self._node(parts, parameter), self._end(parts, parameter))
@@ -246,13 +246,13 @@ def _along(name: str, vary: Vary, problem: Any, parameter, times, states, contro
 
 
 def _local(parts: Unknowns) -> np.ndarray:
-    """What of each node goes with it, a row for each."""
+    """The entries that belong to each node, a row for each."""
     rows = np.concatenate([parts.nodes, parts.controls, parts.at_nodes, parts.excess], axis=2)
     return rows.reshape(-1, rows.shape[-1])
 
 
 def _scattered(places: np.ndarray, blocks: np.ndarray, size: int) -> scipy.sparse.csr_array:
-    """The sum of blocks, each at its places of rows and columns."""
+    """The sum of blocks, each at its own rows and columns."""
     rows = np.broadcast_to(places[:, :, None], blocks.shape)
     columns = np.broadcast_to(places[:, None, :], blocks.shape)
     return scipy.sparse.csr_array((np.ravel(blocks), (np.ravel(rows), np.ravel(columns))), shape=(size, size))

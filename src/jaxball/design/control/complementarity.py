@@ -1,8 +1,8 @@
-"""Complementary pairs: slack > 0, multiplier > 0, and slack · multiplier = µ, as functions of one number that is free.
+"""Complementary pairs: slack > 0, multiplier > 0, and slack · multiplier = µ, as functions of one free number.
 
 These are the conditions of an interior point with the barrier µ. With s = slack − multiplier they hold whatever s is
-(Chen & Harker 1993, Kanzow 1996), so that Newton's method needs no care to keep anything positive, and may start where
-an inequality does not hold.
+(Chen & Harker 1993, Kanzow 1996), so that Newton's method need not keep anything positive, and may start where an
+inequality is violated.
 """
 
 import jax.numpy as jnp

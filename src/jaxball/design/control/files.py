@@ -1,4 +1,4 @@
-"""Problem files of optimal control: a scenario whose masses may move as they please, and what their motion is to do."""
+"""Problem files of optimal control: a scenario whose masses may move in any way, and the goals of their motion."""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -49,9 +49,9 @@ KEYS = {**SHARED, TABLE: Key(unread(tables={"": _control(PLANE)}))}
 class ControlFile(NamedTuple):
     """The content of a problem file with a table ``[control]``.
 
-    - ``problem``: what is to be solved; ``easy``: the same with other weights, from which continuation leads there, or
+    - ``problem``: the problem to be solved; ``easy``: the same with other weights, from which continuation starts, or
       None.
-    - ``saves``: how many times the scenario that is found saves.
+    - ``saves``: the number of save times of the scenario found.
     - ``intervals``, ``tolerance``: of the first mesh, and of :func:`mesh_errors`.
     - ``violation``: how much a constraint may be violated; ``barrier``: with which the search begins.
     """
@@ -68,7 +68,7 @@ class ControlFile(NamedTuple):
 
 
 def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlFile:
-    """The problem of a document with a table ``[control]``; a scenario file is looked for from ``folder`` on.
+    """The problem of a document with a table ``[control]``; a scenario file is looked for relative to ``folder``.
 
     **Raises:** :class:`~jaxball.ScenarioError`, with one sentence, when a key of it or of its scenario is misspelt,
     missing or wrong.
@@ -87,7 +87,7 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
     _require(objectives, "objectives", AbstractRunningObjective, "means over the run", family)
     family = constraints_of(plane)
     constraints = objects_of(given["constraints"], "constraints", family, empty=True)
-    _require(constraints, "constraints", AbstractRunningConstraint, "what holds at each time", family)
+    _require(constraints, "constraints", AbstractRunningConstraint, "constraints at each time", family)
     times = (scenario.times[0], scenario.times[-1])
     state = scenario.state
     assert isinstance(state, BallState | DiskState)
@@ -107,7 +107,7 @@ def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlF
 
 
 def _require(requirements: dict[str, Any], path: str, running: type, words: str, family: Family) -> None:
-    """Refuses what is no function of one time alone."""
+    """Refuses anything that is not a function of a single time."""
     for name, requirement in requirements.items():
         if not isinstance(requirement, running):
             kinds = ", ".join(kind for kind, item in family.items() if issubclass(item.type, running))
@@ -118,10 +118,10 @@ def _easy(problem: Rolling, weights: Any) -> Rolling:
     """The problem with other weights of some objectives."""
     path = f"{TABLE}.first_weights"
     if not isinstance(weights, dict) or not weights:
-        raise key_error(path, "a table of weights by the kinds of objectives", shown(weights))
+        raise key_error(path, "a table of weights by kind of objective", shown(weights))
     unknown = [name for name in weights if name not in problem.objectives]
     if unknown:
-        raise key_error(path, f"of objectives that there are ({', '.join(problem.objectives)})", unknown[0])
+        raise key_error(path, f"of objectives of this problem ({', '.join(problem.objectives)})", unknown[0])
     given = read_table(weights, path, dict.fromkeys(weights, Key(Numbers())))
     values = [to_array(given[name]) for name in weights]
     return eqx.tree_at(lambda p: [p.objectives[name].weight for name in weights], problem, values)

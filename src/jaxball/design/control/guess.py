@@ -1,4 +1,4 @@
-"""A path to start from, on which a ball or disk rolls where it is wanted."""
+"""An initial guess on which a ball or disk rolls along the desired path."""
 
 import dataclasses
 import functools
@@ -23,34 +23,34 @@ from ..objectives import FollowTrajectory
 from .path import Path
 from .rolling import Rolling
 
-# At so many times an interval of the mesh.
+# The number of times per interval of the mesh.
 TIMES = 10
-# Corrections of the angles at each of them, and how much they are damped where the rails cannot follow.
+# The number of corrections of the angles at each time, and their damping where the rails cannot follow.
 CORRECTIONS, DAMPING = 3, 1e-4
 
 
 def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
-    """The path on which the geometric centre is where it is wanted, and the masses where gravity turns the ball so.
+    """A guess with the geometric centre on the desired path, and the masses where gravity turns the ball accordingly.
 
-    The ball rolls without spin: ω = e3 × ż / r. At first the centre of mass is where it is at the start, in space axes.
-    Then the balance of the momentum about the contact point, γ × Λp = d(ΛΠ)/dt + ż × ΛP − Mr γ × e3, with γ = g e3 on a
-    level plane, says how far it must be beside the vertical through the centre; it stays at its distance from there. θ
-    follows by the smallest changes, and the controls are those that come nearest to such a motion. The path so fulfils
-    the equations of motion but for spin, and what the masses do by moving to where they lean.
+    The ball rolls without spin: ω = e3 × ż / r. The centre of mass begins in its initial position, in space axes. Then
+    the balance of the momentum about the contact point, γ × Λp = d(ΛΠ)/dt + ż × ΛP − Mr γ × e3, with γ = g e3 on a
+    level plane, determines how far it must be from the vertical through the centre, while its distance from the centre
+    is kept. θ follows by the smallest changes, and the controls are those that come closest to such a motion. The path
+    then fulfils the equations of motion except for spin and for the effect of the masses' own motion.
 
     **Arguments:**
 
-    - ``problem``: what is to be solved.
+    - ``problem``: the problem to solve.
     - ``mesh``: times, the start first and the end last, shape (N + 1,).
     - ``stages``: how many nodes of Gauss an interval has.
 
     **Raises:** :class:`~jaxball.design.DesignError` where no objective is a
-    :class:`~jaxball.design.FollowTrajectory`, and where gravity cannot accelerate the ball as it is wanted.
+    :class:`~jaxball.design.FollowTrajectory`, and where gravity cannot accelerate the ball as desired.
     """
     times = np.linspace(mesh[0], mesh[-1], TIMES * (len(mesh) - 1) + 1)
     state = _rolled(problem, _wanted(problem, times))
     hanging = np.tile(_hanging(problem), (len(times), 1))
-    # Only once: each time differentiates twice, and at rest the wanted acceleration has a kink.
+    # Only once: each repetition differentiates twice, and at rest the desired acceleration has a kink.
     p = _leaning(problem, hanging, _missing_moment(problem, times, _moved(problem, times, state, hanging)))
     state = _moved(problem, times, state, p)
     x = CubicSpline(times, _packed(problem, times, state))
@@ -63,7 +63,7 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
 def driving(
     problem: Rolling, times: Float[np.ndarray, " k"], states: Float[np.ndarray, "k n"], rates: Float[np.ndarray, "k n"]
 ) -> Float[np.ndarray, "k m"]:
-    """The controls with which ẋ comes nearest to ``rates``."""
+    """The controls with which ẋ comes closest to ``rates``."""
     free, columns = (np.asarray(part) for part in _affine(problem, *map(jnp.asarray, (times, states))))
     return np.einsum("kmn,kn->km", np.linalg.pinv(columns), rates - free)
 
@@ -86,13 +86,13 @@ def _wanted(problem: Rolling, times: Float[np.ndarray, " t"]) -> CubicSpline:
         if isinstance(objective, FollowTrajectory):
             return CubicSpline(times, objective.targets(jnp.asarray(times)))
     raise DesignError(
-        "Argument `problem` must have an objective that says where the ball is wanted in time, a FollowTrajectory, "
-        f"but its objectives are {sorted(problem.objectives)}; start from rest."
+        "Argument `problem` must have an objective that prescribes the path in time, a FollowTrajectory, but its "
+        f"objectives are {sorted(problem.objectives)}; start from rest."
     )
 
 
 def _rolled(problem: Rolling, wanted: CubicSpline) -> BallState | DiskState:
-    """The states with the wanted path, the masses as at the start; from one time to the next it rolls straight."""
+    """The states along the desired path, the masses as at the start; between times the ball rolls straight."""
     times, start, r = wanted.x, problem.state, problem.system.radius
     z, rate = wanted(times), wanted(times, 1)
     still = [np.tile(np.asarray(angles), (len(times), 1)) for angles in (start.theta, start.thetadot)]
@@ -108,7 +108,7 @@ def _rolled(problem: Rolling, wanted: CubicSpline) -> BallState | DiskState:
 def _turned(
     q: Float[Array, "4"], steps: Float[Array, "t_minus_one 4"], omega: Float[Array, "t 3"]
 ) -> tuple[Float[Array, "t 4"], Float[Array, "t 3"]]:
-    """Versors after one turn in space after the other, and Ω = Λ⁻¹ω."""
+    """Versors after successive rotations in space, and Ω = Λ⁻¹ω."""
 
     def turn(q, step):
         q = versor.product(step, q)
@@ -124,7 +124,7 @@ def _across(v: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 3"]:
 
 
 def _leaning(problem: Rolling, hanging, moment) -> Float[np.ndarray, "t 3"]:
-    """Λp of the length that it has, moved sideways so that gravity has the ``moment`` as well."""
+    """Λp with its length unchanged, moved sideways so that gravity has the given ``moment``."""
     weight = np.asarray(_weight(problem))
     up = weight / np.linalg.norm(weight)
     moved = hanging + np.cross(moment, weight) / np.sum(weight**2)
@@ -134,21 +134,22 @@ def _leaning(problem: Rolling, hanging, moment) -> Float[np.ndarray, "t 3"]:
     if np.any(side >= size):
         unit = float(problem.system.total_mass * problem.system.radius)
         raise DesignError(
-            "Argument `problem` must want a motion to which gravity can accelerate the ball, but the centre of mass "
-            f"would have to be {np.max(side) / unit:.3g} r beside the geometric centre, and it is {size[0] / unit:.3g} "
-            "r away from it; give the motion more time, or start with the centre of mass farther below."
+            "Argument `problem` must have a desired motion to which gravity can accelerate the ball, but the centre "
+            f"of mass would have to be {np.max(side) / unit:.3g} r beside the geometric centre, and it is "
+            f"{size[0] / unit:.3g} r away from it; give the motion more time, or start with the centre of mass farther "
+            "below."
         )
     return beside + np.copysign(np.sqrt(size**2 - side**2), height)[:, None] * up
 
 
 def _missing_moment(problem: Rolling, times, state: BallState | DiskState) -> Float[np.ndarray, "t 3"]:
-    """By how much d(ΛΠ)/dt is larger than what the forces and the contact point's motion make of it."""
+    """The excess of d(ΛΠ)/dt over the effect of the forces and of the contact point's motion."""
     Pi, rate = (np.asarray(part) for part in _momenta(problem, jnp.asarray(times), state))
     return CubicSpline(times, Pi)(times, 1) - rate
 
 
 def _moved(problem: Rolling, times, state, p: Float[np.ndarray, "t 3"]) -> BallState | DiskState:
-    """The states with masses that give Λp."""
+    """The states with masses positioned to give Λp."""
     theta = _angles(problem, jnp.asarray(times), state, jnp.asarray(p))
     return dataclasses.replace(state, theta=theta, thetadot=CubicSpline(times, theta)(times, 1))
 

@@ -1,4 +1,4 @@
-"""From the solution of an easy problem to that of a hard one, by its weights and the barrier of its inequalities."""
+"""Continuation from the solution of an easy problem to that of a hard one, in weights and in the barrier."""
 
 import math
 from collections.abc import Callable
@@ -17,12 +17,11 @@ from .refine import finer_mesh, mesh_errors, near, solved
 from .rolling import Rolling, between
 from .solution import Solution, violations
 
-# Steps in the share of the way, from 0 to 1.
+# Steps in the homotopy parameter, from 0 to 1.
 FIRST_STEP, LONGEST_STEP = 0.05, 0.2
-# A branch that turns may go back past its start and still come to its end, but seldom from far away.
+# A branch that turns may go back past its start and still reach its end, but seldom from far away.
 WITHIN = (-0.5, 1.5)
-# The barrier with which a solution is begun on a finer mesh, and by what it is multiplied: at first, and where it can
-# fall no further.
+# The initial barrier on a finer mesh, and its factors: at first, and where it can fall no further.
 AGAIN, STEP, SHORTEST_STEP = 1e-4, 0.1, 0.95
 MOST_ROUNDS = 12
 
@@ -30,7 +29,7 @@ Guess = Callable[[Rolling, Float[np.ndarray, " N_plus_one"], int], Path]
 
 
 def at_rest(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stages: int = 3) -> Path:
-    """The path on which nothing moves, with the controls that leave the body as nearly at rest there as they can.
+    """The path on which nothing moves, with the controls that keep the body as close to rest as possible.
 
     **Arguments:**
 
@@ -57,10 +56,10 @@ def started(
     guess: Guess = at_rest,
     barrier: float = BARRIER,
 ) -> Solution:
-    """The solution of a problem to which Newton's method comes from a ``guess``.
+    """The solution to which Newton's method converges from a ``guess``.
 
-    From rest it comes to motions that are small. To others it may come from :func:`rolling_along` the wanted path. What
-    the ``barrier`` keeps away from constraints :func:`sharpened` lets come to them.
+    From rest it converges to small motions; for others, start from :func:`rolling_along` the desired path. The
+    ``barrier`` keeps the solution away from constraints, until :func:`sharpened` lets it approach them.
 
     **Arguments:**
 
@@ -69,7 +68,7 @@ def started(
     - ``stages``: how many nodes of Gauss an interval has.
     - ``tolerance``: the largest error of an interval of the mesh.
 
-    **Raises:** :class:`~jaxball.design.DesignError` where it does not come to one.
+    **Raises:** :class:`~jaxball.design.DesignError` where it does not converge.
     """
     collocation = Collocation((problem, problem), mesh, stages, between, barrier)
     return solved(collocation, guess(problem, mesh, stages), 0.0, tolerance)
@@ -83,16 +82,16 @@ def continued(
 ) -> tuple[Branch, Solution]:
     """The solution of ``problem`` at the end of the branch that begins with ``solution``, on a fine enough mesh.
 
-    With constraints it is :func:`sharpened` that makes the mesh finer, after the barrier has fallen.
+    With constraints, :func:`sharpened` refines the mesh, after the barrier has fallen.
 
-    The parameter of the branch is the share of the way from one problem to the other, as :func:`between` has it.
+    The parameter of the branch goes from 0 at one problem to 1 at the other, as in :func:`between`.
 
     **Arguments:**
 
     - ``tolerance``: the largest error of an interval of the mesh.
-    - ``visit``: is given each solution on the way.
+    - ``visit``: called with each solution on the way.
 
-    **Raises:** :class:`~jaxball.design.DesignError` where the branch does not get to its end, or where Newton's method
+    **Raises:** :class:`~jaxball.design.DesignError` where the branch does not reach its end, or where Newton's method
     finds no solution on a finer mesh.
     """
     before = solution.collocation
@@ -114,9 +113,8 @@ def continued(
     last = Solution(collocation, branch.y[-1], float(branch.parameter[-1]), np.zeros(0))
     if branch.ended != "end":
         raise DesignError(
-            f"The branch must lead to the problem, but it ends after {last.parameter:.3g} of the way "
-            f"({branch.ended}, with {len(branch.folds)} turning points); go there in smaller steps, on a finer mesh, "
-            "or by another way."
+            f"The branch must lead to the problem, but it ends after {last.parameter:.3g} of the way ({branch.ended}, "
+            f"with {len(branch.folds)} turning points); use smaller steps, a finer mesh, or another path."
         )
     errors = mesh_errors(collocation, last.y, 1.0)
     if np.max(errors) <= tolerance or collocation.inequalities:
@@ -131,12 +129,13 @@ def sharpened(
     violation: float = VIOLATION,
     visit: Callable[[Solution], None] = lambda solution: None,
 ) -> Solution:
-    """The solution with a small barrier, on meshes finer until its inequalities hold between the nodes as well.
+    """The solution with a small barrier, on meshes refined until its inequalities hold between the nodes as well.
 
-    Where Newton's method finds none on a finer mesh, it is the last one found, whose errors and violations tell.
+    Where Newton's method finds none on a finer mesh, it is the last one found, as its errors and violations show.
 
-    The barrier falls in steps, each solved by Newton's method from the solution before. In a convex problem the cost is
-    then above the least by at most µ for each inequality (Boyd & Vandenberghe, Convex Optimization, section 11.2.2).
+    The barrier falls in steps, each solved by Newton's method from the solution before. In a convex problem the cost
+    then exceeds the minimum by at most µ for each inequality (Boyd & Vandenberghe, Convex Optimization, section
+    11.2.2).
 
     **Arguments:**
 
@@ -145,7 +144,7 @@ def sharpened(
     - ``tolerance``: of :func:`mesh_errors`; ``violation``: of :func:`violations`.
     - ``visit``: called with the solution on each mesh.
 
-    **Raises:** :class:`~jaxball.design.DesignError` where the barrier cannot fall.
+    **Raises:** :class:`~jaxball.design.DesignError` where the barrier cannot be lowered.
     """
     collocation, y, parameter, sharp = solution.collocation, solution.y, solution.parameter, solution
     if not collocation.inequalities:
@@ -185,7 +184,7 @@ def _lowered(
             if step > SHORTEST_STEP:
                 raise DesignError(
                     f"The barrier must fall to {barrier:g}, but below {collocation.barrier:.2g} Newton's method finds "
-                    "no solution; look whether the inequalities leave one, or begin with more intervals or a smaller "
+                    "no solution; check whether the inequalities leave one, or start with more intervals or a smaller "
                     "barrier."
                 ) from None
             continue

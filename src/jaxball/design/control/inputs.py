@@ -1,4 +1,4 @@
-"""What drives a robot in an optimal control problem: accelerations of masses and joints, and forces of motors."""
+"""The inputs of a robot in an optimal control problem: accelerations of masses and joints, and forces of motors."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, cast
@@ -36,7 +36,7 @@ class Given(AbstractLaw):
 
 
 class MotorPlace(NamedTuple):
-    """Which motor: the indices of its mechanism, of its joint there, and of the term in a sum of forces."""
+    """The position of a motor: the indices of its mechanism, of its joint there, and of the term in a sum of forces."""
 
     mechanism: int
     joint: int
@@ -57,10 +57,10 @@ class MotorPlace(NamedTuple):
 
 
 class Inputs(NamedTuple):
-    """What is controlled: θ̈ of whatever has a schedule, and Q of every motor.
+    """The controls: θ̈ of everything that has a schedule, and Q of every motor.
 
-    - ``system``: the same robot, in which u has the place of schedules and signals.
-    - ``theta``, ``thetadot``: of its state at the start.
+    - ``system``: the same robot, with u in place of schedules and signals.
+    - ``theta``, ``thetadot``: those of its state at the start.
     - ``motors``: where the motors are; their entries of u follow those of the schedules.
     """
 
@@ -71,10 +71,10 @@ class Inputs(NamedTuple):
 
 
 class MotorLimits(AbstractRunningConstraint):
-    """The force that every motor gives, within the limit that it has; shape (t, motors).
+    """The force of every motor, within its limit; shape (t, motors).
 
     The search keeps away from the limits by as much as its constraints may be violated between the nodes, because
-    motors give no more, and the motion would be another one.
+    motors cannot exceed them, and the motion would differ.
     """
 
     most: Float[Array, " motors"]
@@ -97,10 +97,10 @@ class MotorLimits(AbstractRunningConstraint):
 
 
 def inputs(system: System, start: Numbers, state: State | None) -> Inputs:
-    """What can be controlled in a system, whose free joints are in ``state`` at the start.
+    """The inputs of a system whose free joints are in ``state`` at the start.
 
-    **Raises:** :class:`DesignError` where nothing can, and for a joint with two motors; ``ValueError`` for a system
-    with a feedback law.
+    **Raises:** :class:`DesignError` where nothing can be controlled, and for a joint with two motors; ``ValueError``
+    for a system with a feedback law.
     """
     motors = tuple(_motors(system))
     driven, angles = with_integrated_angles(system, start, state)
@@ -150,7 +150,7 @@ def with_schedules(
     schedules: Sequence[AbstractSchedule],
     signals: Sequence[AbstractSignal],
 ) -> System:
-    """The robot as it was given, with other schedules of θ and signals of its motors, in the order of u."""
+    """The original robot with other schedules of θ and signals of its motors, in the order of u."""
     following = iter(schedules)
     masses = [
         PointMass(item.mass, OnRail(item.motion.rail, next(following))) if isinstance(item.motion, OnRail) else item
@@ -168,7 +168,7 @@ def with_schedules(
 
 
 def with_free_joints(system: System, state: BallState | DiskState) -> BallState | DiskState:
-    """The state of a robot whose schedules are given again: θ and θ̇ of its free joints only.
+    """The state of a robot with its schedules restored: θ and θ̇ of its free joints only.
 
     ``system`` is that of :class:`Inputs`, and ``state`` its state.
     """
@@ -184,7 +184,7 @@ def _motors(system: System) -> Iterator[MotorPlace]:
             if len(places) > 1:
                 raise DesignError(
                     "Argument `system` must have one Motor on a joint to be controlled, but "
-                    f"mechanisms[{i}].joints[{a}] has {len(places)}; give their sum to one."
+                    f"mechanisms[{i}].joints[{a}] has {len(places)}; combine them into one."
                 )
             yield from places
 

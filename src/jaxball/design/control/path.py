@@ -23,17 +23,17 @@ class Path(NamedTuple):
 
     @property
     def state_coefficients(self) -> Float[np.ndarray, "N s_plus_one n"]:
-        """Of the powers of (t − t_k) / h_k, the constant first."""
+        """The coefficients of the powers of (t − t_k) / h_k, the constant first."""
         at = np.concatenate([[0.0], gauss(self.nodes.shape[1]).c])
         return _coefficients(at, np.concatenate([self.knots[:-1, None], self.nodes], axis=1))
 
     @property
     def control_coefficients(self) -> Float[np.ndarray, "N s m"]:
-        """Of the powers of (t − t_k) / h_k, the constant first."""
+        """The coefficients of the powers of (t − t_k) / h_k, the constant first."""
         return _coefficients(gauss(self.nodes.shape[1]).c, self.controls)
 
     def within(self, count: int) -> Float[np.ndarray, "N count"]:
-        """Times evenly in each interval, both its ends among them."""
+        """Times spaced evenly in each interval, including both ends."""
         return self.mesh[:-1, None] + np.diff(self.mesh)[:, None] * np.linspace(0.0, 1.0, count)
 
     def states(self, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k n"]:

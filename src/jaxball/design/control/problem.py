@@ -1,4 +1,4 @@
-"""What an optimal control problem is."""
+"""The contract of optimal control problems."""
 
 import abc
 
@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-# By how much an inequality may be violated between the nodes.
+# The violation of an inequality that is allowed between the nodes.
 VIOLATION = 1e-4
 
 
@@ -16,9 +16,9 @@ class AbstractControlProblem(eqx.Module):
     min 1/T ∫ cost(t, x, u) dt  with  ẋ = rate(t, x, u),  x(start) = x_a,  conditions(x(end)) = 0,
     inequalities(t, x, u) ≥ 0,  T = end − start.
 
-    The conditions are in fact conditions(x(end)) = ``softness`` · multipliers, which is 0 in the problem that is to be
-    solved. With more, they are not kept but cost |conditions|² / (2 softness), so that a problem is regular also where
-    some of them say nothing to first order; from there, the softness is brought to 0 by continuation.
+    The conditions are in fact conditions(x(end)) = ``softness`` · multipliers, with softness 0 in the problem to be
+    solved. A positive softness replaces them by the cost |conditions|² / (2 softness), so that a problem is regular
+    even where some of them are redundant to first order; from there, continuation brings the softness to 0.
     """
 
     start: eqx.AbstractVar[Float[Array, ""]]
@@ -41,12 +41,12 @@ class AbstractControlProblem(eqx.Module):
 
     @abc.abstractmethod
     def cost(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Float[Array, ""]:
-        """What is small in a good motion, at one time."""
+        """The running cost at one time."""
 
     @abc.abstractmethod
     def conditions(self, x: Float[Array, " n"]) -> Float[Array, " k"]:
-        """What must vanish at the end."""
+        """The conditions that must vanish at the end."""
 
     def inequalities(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Float[Array, " i"]:
-        """What must not be negative at any time, with second derivatives everywhere; nothing if not overridden."""
+        """Functions that must not be negative at any time, with second derivatives everywhere; by default none."""
         return jnp.zeros_like(t, shape=(0,))

@@ -1,4 +1,4 @@
-"""How far a path is from the differential equation, and meshes on which it is nearer.
+"""The errors of a path in the differential equation, and finer meshes that reduce them.
 
 Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming, section 4.7.
 """
@@ -18,15 +18,15 @@ from .solution import Solution, margins, path_of
 
 MOST_PIECES = 4
 MOST_ROUNDS = 8
-# What keeps the equations for the multipliers regular where a constraint says nothing that the others do not.
+# Keeps the equations for the multipliers regular where constraints are redundant.
 SMALL = 1e-12
 
 
 def unknowns_on(collocation: Collocation, path: Path, parameter: float) -> Float[np.ndarray, " size"]:
-    """Unknowns with the states and controls of a path, on whatever mesh, and the multipliers that go best with them.
+    """Unknowns with the states and controls of a path, on any mesh, and the multipliers that fit them best.
 
     The multipliers are those with which the gradient of the Lagrangian with respect to states and controls is least;
-    those of inequalities are what the path leaves of them, whether it keeps them or not.
+    the unknowns of inequalities follow from their values on the path, whether it fulfils them or not.
     """
     times = np.ravel(collocation.times)
     shapes = collocation.shapes
@@ -50,12 +50,12 @@ def unknowns_on(collocation: Collocation, path: Path, parameter: float) -> Float
 
 
 def solved(collocation: Collocation, path: Path, parameter: float = 0.0, tolerance: float = 1e-6) -> Solution:
-    """The solution near a path, on meshes that are made finer until no interval's error is above ``tolerance``.
+    """The solution near a path, on meshes refined until no interval's error exceeds ``tolerance``.
 
     **Arguments:**
 
     - ``collocation``: the equations on the first mesh.
-    - ``path``: where Newton's method begins.
+    - ``path``: where Newton's method starts.
     - ``parameter``: λ.
 
     **Raises:** :class:`~jaxball.design.DesignError` where Newton's method finds no solution.
@@ -72,11 +72,12 @@ def solved(collocation: Collocation, path: Path, parameter: float = 0.0, toleran
 
 
 def near(collocation: Collocation, path: Path, parameter: float) -> tuple[Collocation, Float[np.ndarray, " size"]]:
-    """The solution to which Newton's method comes from a path; the equations have a smaller barrier if need be.
+    """The solution to which Newton's method converges from a path, with a smaller barrier if necessary.
 
-    A path that keeps its constraints nearly everywhere, and touches them, is far from what a large barrier asks for.
+    A path that fulfils its constraints nearly everywhere, and touches them, is far from the solution for a large
+    barrier.
 
-    **Raises:** :class:`~jaxball.design.DesignError` where it comes to none.
+    **Raises:** :class:`~jaxball.design.DesignError` where it does not converge.
     """
     while True:
         try:
@@ -106,13 +107,13 @@ def mesh_errors(collocation: Collocation, y: Float[np.ndarray, " size"], paramet
 def finer_mesh(
     mesh: Float[np.ndarray, " N_plus_one"], errors: Float[np.ndarray, " N"], tolerance: float, order: int
 ) -> Float[np.ndarray, " M_plus_one"]:
-    """The mesh with each interval whose error is too large cut in equal pieces, so many as the order asks for.
+    """The mesh with each interval whose error is too large cut in equal pieces, as many as the order requires.
 
     **Arguments:**
 
     - ``mesh``: times, the start first and the end last, shape (N + 1,).
     - ``errors``: of each interval, shape (N,).
-    - ``tolerance``: the largest error that is not too large.
+    - ``tolerance``: the largest error allowed.
     - ``order``: of the method.
     """
     pieces = [

@@ -19,7 +19,7 @@ from .solution import PLACES, Solution, means
 from .solve import Controlled
 
 DRAWN = 601
-BRANCH = ("first weight", "last weight")  # of the paths that are drawn; "before" is the scenario that was given
+BRANCH = ("first weight", "last weight")  # of the paths that are drawn; "before" is the given scenario
 
 
 def write_report(controlled: Controlled, title: str, saves: int, folder: Path, source: Source | None = None) -> Path:
@@ -50,7 +50,7 @@ def write_design(solution: Solution, title: str, saves: int, folder: Path) -> Sc
 def _verdict(controlled: Controlled) -> str:
     seen, errors = controlled.seen, controlled.solution.errors
     return (
-        f"{'The robot can be driven so' if controlled.good else 'This is not what was asked for'}: the least curvature "
+        f"{'The motion is a solution' if controlled.good else 'The motion is not a solution'}: the least curvature "
         f"of the cost is {controlled.curvature:.3g}, positive at a minimum; no interval of {errors.size} has an error "
         f"above {np.max(errors):.1e}. Simulated again by a solver of another kind, the path is {seen.apart:.1e} r away "
         f"at most; at the end the speed is {seen.speed:.1e}, the place is missed by {seen.missed:.1e} r, and the "
@@ -60,7 +60,7 @@ def _verdict(controlled: Controlled) -> str:
 
 
 def _holding(controlled: Controlled) -> str:
-    """What the motors must do for the robot to stay, if it has motors."""
+    """What the motors must do to hold the robot at the end, if it has motors."""
     values = [f"{value:.4g}" for value in holding(controlled.solution)]
     if not values:
         return ""

@@ -31,15 +31,14 @@ from .problem import AbstractControlProblem
 class Rolling(AbstractControlProblem):
     """A ball or a disk that rolls from its initial state to rest, in equilibrium.
 
-    Controlled are θ̈ of the masses on rails and of joints with schedules, and then the force or torque Q of every joint
-    that has a :class:`~jaxball.Motor`, whatever their schedules and signals are in the system that is given. Springs
-    and dampers stay, as do joints without a motor, which move freely.
+    The controls are θ̈ of the masses on rails and of joints with schedules, and then the force or torque Q of every
+    joint that has a :class:`~jaxball.Motor`; the schedules and signals in the given system are not used. Springs and
+    dampers stay, and joints without a motor move freely.
 
-    The running cost is the sum of the ``objectives``, and the state the body's,
-    packed into a vector. The conditions at the end are θ̇ = 0, Ω = 0, that the centre of mass is on
-    the vertical through the contact point (on a level plane, straight above or below the geometric centre), that
-    nothing moves the joints that have no motor, and what ``place`` and ``depth`` ask for, if they are given. The
-    inequalities are the ``constraints``, and the limits of motors.
+    The running cost is the sum of the ``objectives``, and the state is the body's, packed into a vector. The conditions
+    at the end are θ̇ = 0, Ω = 0, that the centre of mass is on the vertical through the contact point (on a level
+    plane, straight above or below the geometric centre), that no force acts on joints without a motor, and, if given,
+    ``place`` and ``depth``. The inequalities are the ``constraints`` and the limits of motors.
     """
 
     robot: System
@@ -70,19 +69,20 @@ class Rolling(AbstractControlProblem):
         **Arguments:**
 
         - ``system``: a ball or a disk with masses on rails, joints with schedules, or motors.
-        - ``times``: of the start and of the end.
-        - ``state``: at the start; at rest at the origin if not given. θ and θ̇ of what has schedules are those of the
-          schedules, so that the state has only those of free joints.
-        - ``place``: of the geometric centre at the end, (z1, z2) of a ball or z of a disk; free if not given.
-        - ``depth``: by how much the centre of mass is below the geometric centre at the end, along the vertical, in
-          radii; free if not given, and where it comes to be negative it is above, and the equilibrium unstable.
+        - ``times``: the start and the end.
+        - ``state``: at the start; at rest at the origin if not given. It has θ and θ̇ of free joints only; the others
+          follow from the schedules.
+        - ``place``: the position of the geometric centre at the end, (z1, z2) for a ball or z for a disk; free if not
+          given.
+        - ``depth``: how far the centre of mass is below the geometric centre at the end, along the vertical, in radii;
+          free if not given. A negative depth is above, an unstable equilibrium.
         - ``softness``: of the conditions at the end, see :class:`AbstractControlProblem`. Where some of them follow
-          from others, as those of a ball with rotors do, which stop when it stops, 1e-7 makes the problem regular.
-        - ``constraints``: what holds at all times.
+          from others, as for a ball with rotors, which stop when it stops, 1e-7 makes the problem regular.
+        - ``constraints``: those that must hold at all times.
 
-        **Raises:** :class:`DesignError` for a system in which nothing can be controlled, for one on a turntable, where
-        nothing can rest, for a disk that cannot meet an objective or a constraint, and for a place of another size, and
-        ``ValueError`` for a system with a feedback law, and without a state of free joints.
+        **Raises:** :class:`DesignError` for a system without controls, for one on a turntable, where nothing can rest,
+        for an objective or a constraint that a disk cannot meet, and for a ``place`` of the wrong size, and
+        ``ValueError`` for a system with a feedback law, and for one with free joints but no state.
         """
         start, end = (to_array(t) for t in to_array(times))
         if system.ground is not None and system.ground.turntable is not None:
@@ -155,20 +155,20 @@ class Rolling(AbstractControlProblem):
         return jnp.concatenate(parts)
 
     def left_at_end(self, x: Float[Array, " n"]) -> Imbalance:
-        """What the motors must hold, and what else keeps the body from resting, in the place that it has at the end."""
+        """What the motors must hold, and what else keeps the body from resting, in its final configuration."""
         packing = self.packing
         off = with_inputs(packing.system, self.motors, jnp.zeros(self.controls, x.dtype))
         return imbalance(off, self.end, packing.unpack(self.end, x))
 
     @property
     def motor_slots(self) -> Int[np.ndarray, " motors"]:
-        """The places in θ of the joints that motors drive."""
+        """The indices in θ of the joints that motors drive."""
         first, joints = len(self.system.driven), self.system.joints
         return np.asarray([first + joints.index((place.mechanism, place.joint)) for place in self.motors], dtype=int)
 
     @property
     def _without_motor(self) -> Int[np.ndarray, " joints"]:
-        """The places in θ of the free joints that no motor drives."""
+        """The indices in θ of the free joints that no motor drives."""
         driven = {*self.system.accelerated, *self.motor_slots.tolist()}
         return np.asarray([k for k in range(len(self.system.coordinates)) if k not in driven], dtype=int)
 
@@ -179,7 +179,7 @@ class Rolling(AbstractControlProblem):
         return with_schedules(self.robot, self.motors, schedules, signals)
 
     def of_robot(self, state: BallState | DiskState) -> BallState | DiskState:
-        """The state that the robot has, in which schedules are not part of it."""
+        """The state of the robot, without what has schedules."""
         return with_free_joints(self.system, state)
 
     def _run(self, t: Float[Array, ""], x: Float[Array, " n"], u: Float[Array, " m"]) -> Run:
@@ -196,7 +196,7 @@ class Rolling(AbstractControlProblem):
 def rolling(problem: AbstractControlProblem) -> Rolling:
     """The problem itself.
 
-    **Raises:** :class:`DesignError` where it is that of another system.
+    **Raises:** :class:`DesignError` where it belongs to another kind of problem.
     """
     if not isinstance(problem, Rolling):
         raise DesignError(
@@ -206,7 +206,7 @@ def rolling(problem: AbstractControlProblem) -> Rolling:
 
 
 def between(ends: tuple[Rolling, Rolling], share: Float[Array, ""]) -> Rolling:
-    """A problem on the way from one to another: all numbers go straight, and positive weights at a constant ratio.
+    """A problem between two others: all numbers are interpolated linearly, and positive weights geometrically.
 
     From the first at ``share`` 0 to the second at 1. Both must be of the same structure.
 
@@ -228,7 +228,7 @@ def between(ends: tuple[Rolling, Rolling], share: Float[Array, ""]) -> Rolling:
 
 
 def _in_time(objective: AbstractRunningObjective, start, end) -> AbstractRunningObjective:
-    """An objective that is told when the run starts and ends, where that matters."""
+    """An objective that knows when the run starts and ends, where that matters."""
     if not isinstance(objective, FollowTrajectory):
         return objective
     times = [start if objective.start is None else objective.start, end if objective.end is None else objective.end]

@@ -23,7 +23,7 @@ from .solution import PLACES, Solution
 
 
 def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
-    """θ(t) of what is accelerated, masses first and then joints.
+    """θ(t) of the accelerated coordinates, masses first and then joints.
 
     θ̈ is the polynomial u on each interval, so that at the knots θ and θ̇ are the solution's.
 
@@ -42,7 +42,7 @@ def schedules_of(solution: Solution) -> list[PiecewiseAcceleration]:
 
 
 def signals_of(solution: Solution) -> list[PiecewiseSignal]:
-    """Q(t) of each motor: the polynomial u on each interval, and then, for as long again, what :func:`holding` says.
+    """Q(t) of each motor: the polynomial u on each interval, then, for as long again, the values of :func:`holding`.
 
     **Arguments:**
 
@@ -58,7 +58,7 @@ def signals_of(solution: Solution) -> list[PiecewiseSignal]:
 
 
 def holding(solution: Solution) -> Float[np.ndarray, " motors"]:
-    """The force or torque of each motor with which the robot stays at rest in the place to which it has come.
+    """The force or torque of each motor that holds the robot at rest in its final configuration.
 
     **Arguments:**
 
@@ -82,7 +82,7 @@ def _polynomials(solution: Solution) -> Float[np.ndarray, "m N s"]:
 
 
 def system_of(solution: Solution) -> System:
-    """The robot that moves as a solution asks for.
+    """The robot with the motion of a solution.
 
     **Arguments:**
 
@@ -92,13 +92,13 @@ def system_of(solution: Solution) -> System:
 
 
 def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenario:
-    """The scenario in which the robot moves as the solution asks for, which ``jaxball simulate`` runs.
+    """The scenario with the motion of a solution, for ``jaxball simulate``.
 
     **Arguments:**
 
     - ``solution``: a :class:`Solution` of a :class:`Rolling`.
     - ``title``: of the scenario.
-    - ``saves``: how many times are saved.
+    - ``saves``: the number of save times.
     """
     problem = rolling(solution.problem)
     times = np.linspace(float(problem.start), float(problem.end), saves)
@@ -106,15 +106,15 @@ def scenario_of(solution: Solution, title: str = "", saves: int = 201) -> Scenar
 
 
 class Resimulated(NamedTuple):
-    """A simulation of a solution's schedules beside the solution; lengths in radii.
+    """A simulation of a solution's schedules compared with the solution; lengths in radii.
 
     - ``apart``: the largest distance between the simulated path and the solution's.
     - ``speed``: the largest of |Ω| and |θ̇| at the end.
     - ``away``, ``below``: at the end, how far the centre of mass is beside the vertical through the contact point, and
       below the geometric centre.
-    - ``missed``: the distance of the geometric centre from its place at the end; 0 where it is free.
+    - ``missed``: the distance of the geometric centre from ``place`` at the end; 0 where that is free.
     - ``margin``: the least normal force, over M g; ``friction``: the largest |f| / N. Both at the saved times.
-    - ``violations``: by how much each constraint is violated at most; negative where it holds everywhere.
+    - ``violations``: the largest violation of each constraint; negative where it holds everywhere.
     """
 
     apart: float
@@ -130,7 +130,7 @@ class Resimulated(NamedTuple):
 def resimulated(solution: Solution, solver: str = "gauss16", tolerance: float = 1e-11) -> Resimulated:
     """The solution's schedules simulated by a solver of another kind.
 
-    Constraints are evaluated ten times an interval of the mesh.
+    Constraints are evaluated ten times per interval of the mesh.
 
     **Arguments:**
 
@@ -175,7 +175,7 @@ def _violations(run: Run, constraints: dict[str, AbstractRunningConstraint]) -> 
 
 
 def places(solution: Solution, times: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k *d"]:
-    """Where a solution has the geometric centre: (z1, z2) of a ball, z of a disk.
+    """The position of the geometric centre in a solution: (z1, z2) for a ball, z for a disk.
 
     **Arguments:**
 

@@ -1,4 +1,4 @@
-"""A solution of an optimal control problem, and what it says: violations, means of the objectives, and curvature."""
+"""A solution of an optimal control problem, and its violations, means of the objectives, and curvature."""
 
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from .path import Path
 from .problem import AbstractControlProblem
 from .rolling import rolling
 
-# In each interval, inequalities are evaluated at so many places, both its ends among them.
+# The number of points, including both ends, at which inequalities are evaluated in each interval.
 PLACES = 11
 
 
@@ -49,14 +49,14 @@ def path_of(collocation: Collocation, y: Float[np.ndarray, " size"]) -> Path:
 def margins(
     collocation: Collocation, path: Path, times: Float[np.ndarray, " k"], parameter: float
 ) -> Float[np.ndarray, "k i"]:
-    """What must not be negative, at given times of a path."""
+    """The inequalities, at given times of a path."""
     if not collocation.inequalities:
         return np.zeros((len(times), 0))
     return collocation.along(path, "inequalities", times, parameter)
 
 
 def violations(collocation: Collocation, path: Path, parameter: float) -> Float[np.ndarray, " N"]:
-    """For each interval, by how much an inequality is violated at most, between the nodes too; 0 where all hold.
+    """The largest violation of an inequality in each interval, between the nodes too; 0 where all hold.
 
     **Arguments:**
 
@@ -81,13 +81,13 @@ def means(solution: Solution) -> dict[str, float]:
 
 
 def least_curvature(solution: Solution) -> float:
-    """The least eigenvalue of the Lagrangian's second derivative along controls that keep all conditions.
+    """The smallest eigenvalue of the Lagrangian's second derivative along controls that keep all conditions.
 
-    Inequalities count with the curvature of their barrier. Where the barrier is small, it is that of changes along the
-    boundaries that are touched, because changes across them cost much.
+    Inequalities count with the curvature of their barrier. Where the barrier is small, only changes along active
+    constraints matter, because changes across them are costly.
 
-    Controls have the norm (1/T ∫ |u|² dt)^½, so that it does not depend on the mesh: where the cost is w |u|² and
-    nothing else, it is 2 w. A solution with a positive one is a strict local minimum.
+    Controls have the norm (1/T ∫ |u|² dt)^½, so that it does not depend on the mesh: where the cost is w |u|² only, it
+    is 2 w. A solution with a positive curvature is a strict local minimum.
 
     **Arguments:**
 
@@ -100,7 +100,7 @@ def least_curvature(solution: Solution) -> float:
     controls = np.ravel(places.controls)
     equations = np.concatenate([np.ravel(part) for part in (places.at_start, places.at_nodes, places.at_knots)])
     A = matrix[equations]
-    # Changes of the states that go with each control.
+    # Changes of the states for each control.
     change = -solver(A[:, states].tocsc())(A[:, controls].toarray())
     basis = scipy.linalg.null_space(matrix[places.at_end][:, states] @ change)
     along = np.zeros((count, basis.shape[1]))

@@ -1,4 +1,4 @@
-"""What ``jaxball design`` does with a problem of optimal control."""
+"""How ``jaxball design`` solves a problem of optimal control."""
 
 import time
 from collections.abc import Callable
@@ -15,12 +15,12 @@ from .rolling import Rolling, rolling
 from .schedules import Resimulated, resimulated
 from .solution import Solution, least_curvature, means, violations
 
-# What a simulation may be off by, in units of the mesh's tolerance.
+# The allowed error of a simulation, in units of the mesh's tolerance.
 NEAR = 10.0
 
 
 class Point(NamedTuple):
-    """A point of the branch: its share of the way, and weights and means of the objectives."""
+    """A point of the branch: its parameter from 0 to 1, and weights and means of the objectives."""
 
     share: float
     weights: dict[str, float]
@@ -28,9 +28,9 @@ class Point(NamedTuple):
 
 
 class Controlled(NamedTuple):
-    """A solution and what speaks for it.
+    """A solution and the evidence for it.
 
-    - ``first``: the solution from which continuation came; ``solution`` itself without continuation.
+    - ``first``: the solution from which continuation started; ``solution`` itself without continuation.
     - ``curvature``: :func:`least_curvature`.
     - ``seen``: the schedules simulated by a solver of another kind.
     - ``tolerance``: of the mesh; ``violation``: of constraints.
@@ -48,14 +48,14 @@ class Controlled(NamedTuple):
 
     @property
     def good(self) -> bool:
-        """Whether it is a strict minimum, its schedules lead along its path to rest, and the constraints hold."""
+        """Whether it is a strict minimum, its simulation follows its path to rest, and the constraints hold."""
         seen = self.seen
         near = max(seen.apart, seen.speed, seen.away, seen.missed) <= NEAR * self.tolerance
         return self.curvature > 0 and near and not self.broken
 
     @property
     def broken(self) -> dict[str, float]:
-        """The constraints that do not hold, and by how much they are violated."""
+        """The violated constraints, and their violations."""
         return {name: by for name, by in self.seen.violations.items() if not by <= self.violation}
 
 
@@ -66,11 +66,11 @@ def controlled(
 ) -> Controlled:
     """The solution of a problem: from its guess by Newton's method, and by continuation if it has an easier problem.
 
-    Last, the barrier of constraints is brought to nearly nothing.
+    Finally, the barrier of constraints is brought close to zero.
 
-    ``say`` is told of each point of the branch, and ``keep`` is given it.
+    ``say`` is called with a line for each point of the branch, and ``keep`` with the point.
 
-    **Raises:** :class:`~jaxball.design.DesignError` where there is no way to a solution.
+    **Raises:** :class:`~jaxball.design.DesignError` where no solution is found.
     """
     began = time.perf_counter()
     branch: list[Point] = []
@@ -112,7 +112,7 @@ def controlled(
 
 
 def _begun(file: ControlFile, problem: Rolling, mesh: np.ndarray) -> Solution:
-    """The solution to which Newton's method comes from the guess, or else from the motion without constraints."""
+    """The solution by Newton's method from the guess, or otherwise from the motion without constraints."""
 
     def start(problem: Rolling, guess: Guess) -> Solution:
         return started(problem, mesh, tolerance=file.tolerance, guess=guess, barrier=file.barrier)
@@ -127,9 +127,9 @@ def _begun(file: ControlFile, problem: Rolling, mesh: np.ndarray) -> Solution:
         return start(problem, lambda *arguments: free)
     except DesignError as error:
         raise DesignError(
-            f"The constraints must leave a motion near that without them, but Newton's method finds none with barriers "
-            f"from {file.barrier:g} to {SHARP:g}; look whether they contradict each other or the end of the motion, "
-            "or begin with more intervals."
+            "The constraints must leave a motion near that without them, but Newton's method finds none with barriers "
+            f"from {file.barrier:g} to {SHARP:g}; check whether they contradict each other or the end of the motion, "
+            "or start with more intervals."
         ) from error
 
 

@@ -1,4 +1,4 @@
-"""What each node of a collocation method, and the end, contribute to its equations, with their derivatives."""
+"""The contributions of each node of a collocation method, and of the end, to its equations, with derivatives."""
 
 import functools
 from collections.abc import Callable
@@ -18,7 +18,7 @@ Vary = Callable[[Any, Float[Array, ""]], AbstractControlProblem]
 class Term(NamedTuple):
     """Some terms of the equations F, with their derivatives by their own unknowns and by λ.
 
-    - ``cost``: the share of a node in the mean of the running cost; 0 at the end.
+    - ``cost``: the contribution of a node to the mean of the running cost; 0 at the end.
     """
 
     cost: np.ndarray

@@ -1,4 +1,4 @@
-"""Objectives: what a design makes small."""
+"""Objectives that a design minimises."""
 
 from .actuation import (
     AccelerationEffort as AccelerationEffort,

@@ -1,4 +1,4 @@
-"""What the actuation costs, and where it takes the masses."""
+"""The cost of the actuation, and the distance of the masses."""
 
 import jax.numpy as jnp
 
@@ -11,7 +11,7 @@ class AccelerationEffort(AbstractRunningObjective):
 
     **Arguments:**
 
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     def integrand(self, run: Run):
@@ -23,7 +23,7 @@ class PowerEffort(AbstractRunningObjective):
 
     **Arguments:**
 
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     def integrand(self, run: Run):
@@ -37,7 +37,7 @@ class ForceEffort(AbstractRunningObjective):
 
     **Arguments:**
 
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     def integrand(self, run: Run):
@@ -49,7 +49,7 @@ class JointEffort(AbstractRunningObjective):
 
     **Arguments:**
 
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     def integrand(self, run: Run):
@@ -61,7 +61,7 @@ class MassesNearCentre(AbstractRunningObjective):
 
     **Arguments:**
 
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     def integrand(self, run: Run):

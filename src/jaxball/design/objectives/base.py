@@ -1,4 +1,4 @@
-"""What an objective is."""
+"""The contract of objectives."""
 
 import abc
 
@@ -12,9 +12,9 @@ from ..run import Run
 
 
 class AbstractObjective(Requirement):
-    """A number that a design makes small, dimensionless: lengths in radii r, forces in weights M g, times in √(r/g).
+    """A dimensionless number that a design minimises: lengths in radii r, forces in weights M g, times in √(r/g).
 
-    ``weight`` multiplies it in the sum of objectives; it can change without compiling anew.
+    ``weight`` multiplies it in the sum of objectives; it can change without compiling again.
     """
 
     weight: Float[Array, ""] = eqx.field(converter=numbers("weight"), default=1.0, kw_only=True)
@@ -24,7 +24,7 @@ class AbstractObjective(Requirement):
         """Its value, without the weight."""
 
     def in_units(self, value: float, length: float, time: float) -> str:
-        """A value of it in words, as the length, the angle or the time that it stands for; empty if it is none of them.
+        """A value as text, as the length, the angle or the time that it stands for; empty if it is none of them.
 
         ``length`` and ``time`` are r and √(r/g) in units of the scenario.
         """

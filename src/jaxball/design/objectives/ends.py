@@ -1,4 +1,4 @@
-"""Where and how a run ends."""
+"""Objectives about the end of a run."""
 
 import math
 
@@ -21,8 +21,8 @@ class ReachPlace(AbstractObjective):
 
     **Arguments:**
 
-    - ``place``: length, (z1, z2) of a ball, z of a disk.
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``place``: length, (z1, z2) for a ball, z for a disk.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     place: Float[Array, "2"] = eqx.field(converter=place("place"))
@@ -37,7 +37,7 @@ class ReachPlace(AbstractObjective):
         return beside(self.place[None])
 
     def farthest(self, run: Run) -> Float[Array, ""]:
-        """The distance from the place at the end, in radii."""
+        """The distance from ``place`` at the end, in radii."""
         return norm(run.z[-1] - self.place) / run.length
 
 
@@ -46,7 +46,7 @@ class ReachPose(AbstractObjective):
 
     **Arguments:**
 
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     versor: Float[Array, "4"] = eqx.field(converter=numbers("versor", (4,)))
@@ -67,7 +67,7 @@ class StopAtRest(AbstractObjective):
 
     **Arguments:**
 
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     def __call__(self, run: Run):
@@ -75,14 +75,14 @@ class StopAtRest(AbstractObjective):
 
 
 class Balanced(AbstractObjective):
-    """The squared distance of the centre of mass from where it could rest at the end, on the same height, over r².
+    """The squared distance of the centre of mass at the end from where it could rest at the same height, over r².
 
-    On a level plane that is its horizontal distance from the geometric centre, on a slope its distance along the plane
+    On a level plane this is its horizontal distance from the geometric centre, on a slope its distance along the plane
     from the vertical through the contact point.
 
     **Arguments:**
 
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     def __call__(self, run: Run):
@@ -99,7 +99,7 @@ class GoFar(AbstractObjective):
 
     **Arguments:**
 
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     def __call__(self, run: Run):
@@ -110,11 +110,11 @@ class GoFar(AbstractObjective):
 
 
 class Duration(AbstractObjective):
-    """How long the run takes, in units of √(r/g), where its end is a variable.
+    """The duration of the run, in units of √(r/g), if its end is a variable.
 
     **Arguments:**
 
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     def __call__(self, run: Run):

@@ -1,4 +1,4 @@
-"""Objectives that are functions of one's own."""
+"""Objectives given by a user's function."""
 
 from collections.abc import Callable
 
@@ -11,14 +11,14 @@ from .base import AbstractObjective, AbstractRunningObjective
 
 
 class FunctionObjective(AbstractObjective):
-    """function(run, parameters), a number of the whole run.
+    """function(run, parameters), one number for the whole run.
 
     **Arguments:**
 
     - ``function``: of (run, parameters), to one number; ``run`` has ``times``, ``state``, ``observables``, ``system``,
       and the units ``length`` and ``weight``.
-    - ``parameters``: arrays, in any PyTree, that it is given.
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``parameters``: arrays, in any PyTree, passed to it.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     function: Callable[[Run, PyTree], Float[Array, ""]] = eqx.field(static=True)
@@ -34,14 +34,14 @@ class FunctionObjective(AbstractObjective):
 
 
 class FunctionRunningObjective(AbstractRunningObjective):
-    """The mean over the run of function(run, parameters), which knows each time by itself.
+    """The mean over the run of function(run, parameters), where each value depends only on its own time.
 
     **Arguments:**
 
     - ``function``: of (run, parameters), to an array, shape (t,), of the times of the run. In optimal control it is
-      given one time after the other, and t is 1.
-    - ``parameters``: arrays, in any PyTree, that it is given.
-    - ``weight``: by what it is multiplied in the sum of objectives.
+      called for one time after the other, and t is 1.
+    - ``parameters``: arrays, in any PyTree, passed to it.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     function: Callable[[Run, PyTree], Float[Array, " t"]] = eqx.field(static=True)

@@ -1,4 +1,4 @@
-"""Paths in the plane to be followed, and obstacles to stay away from."""
+"""Objectives about paths to follow in the plane, and obstacles to avoid."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -16,7 +16,7 @@ from ..plane import Requirement, beside, places
 from ..run import Run
 from .base import AbstractObjective, AbstractRunningObjective
 
-# The least speed with which a stretch of the path counts, in mean speeds along the curve: a ball at rest has no path.
+# The least speed at which a piece of the path counts, in mean speeds along the curve: a ball at rest has no path.
 SLOWEST = 1e-3
 DRAWN = 400  # points of a curve
 
@@ -29,13 +29,13 @@ def _or_none(name: str) -> Callable[[Numbers | None], Float[Array, ""] | None]:
 class FollowTrajectory(AbstractRunningObjective):
     """The mean of |z(t) − c(s(t))|² / r²: the curve followed in time.
 
-    s goes from 0 at ``start`` to 1 at ``end``, the times of the run if not given, at a constant rate, or from rest to
-    rest by 10 u³ − 15 u⁴ + 6 u⁵ where ``rest_to_rest``.
+    s goes from 0 at ``start`` to 1 at ``end``, by default the start and end of the run, at a constant rate, or with
+    ``rest_to_rest`` by 10 u³ − 15 u⁴ + 6 u⁵.
 
     **Arguments:**
 
     - ``curve``: an :class:`AbstractCurve`.
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     curve: AbstractCurve
@@ -44,7 +44,7 @@ class FollowTrajectory(AbstractRunningObjective):
     end: Float[Array, ""] | None = eqx.field(converter=_or_none("end"), default=None)
 
     def targets(self, times: Float[Array, " t"]) -> Float[Array, "t 2"]:
-        """Where the geometric centre is to be."""
+        """The desired positions of the geometric centre."""
         start = times[0] if self.start is None else self.start
         end = times[-1] if self.end is None else self.end
         u = jnp.clip((times - start) / (end - start), 0.0, 1.0)
@@ -52,7 +52,7 @@ class FollowTrajectory(AbstractRunningObjective):
         return eqx.filter_vmap(self.curve)(s)
 
     def integrand(self, run: Run):
-        # Not the square of errors(), whose second derivative is not known where it is 0.
+        # Not the square of errors(), whose second derivative is undefined at 0.
         return jnp.sum((run.z - self.targets(run.times)) ** 2, axis=-1) / run.length**2
 
     def errors(self, run: Run) -> Float[Array, " t"]:
@@ -60,7 +60,7 @@ class FollowTrajectory(AbstractRunningObjective):
         return norm(run.z - self.targets(run.times)) / run.length
 
     def farthest(self, run: Run) -> Float[Array, ""]:
-        """The largest distance from where the geometric centre is to be, in radii."""
+        """The largest distance of the geometric centre from its desired position, in radii."""
         return jnp.max(self.errors(run))
 
     def in_units(self, value, length, time):
@@ -74,13 +74,14 @@ class FollowCurve(AbstractObjective):
     """The curve followed at any speed: mean squared distances, over r², of the path from the curve and back.
 
     The first mean is over the length of the path, so that it does not matter how long the ball stays anywhere; the
-    second, over the curve, sees what of it the path leaves out. Distances are from the chords between samples.
+    second, over the curve, accounts for parts of it that the path misses. Distances are from the chords between
+    samples.
 
     **Arguments:**
 
     - ``curve``: an :class:`AbstractCurve`.
-    - ``samples``: at how many points of the curve.
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``samples``: the number of points of the curve.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     curve: AbstractCurve
@@ -108,15 +109,15 @@ class FollowCurve(AbstractObjective):
 
 
 class LargestDistance(FollowCurve):
-    """The largest distance between path and curve, in radii: the curve followed nowhere worse than elsewhere.
+    """The largest distance between path and curve, in radii, which evens out the error along the curve.
 
-    It has a kink wherever another place becomes the farthest.
+    It has a kink wherever another point becomes the farthest.
 
     **Arguments:**
 
     - ``curve``: an :class:`AbstractCurve`.
-    - ``samples``: at how many points of the curve.
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``samples``: the number of points of the curve.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     def __call__(self, run: Run):
@@ -127,22 +128,22 @@ class LargestDistance(FollowCurve):
 
 
 def wanted_path(requirements: Iterable[Requirement]) -> Float[np.ndarray, "k 2"] | None:
-    """Points of the curve that is to be followed, the last one if there are several, and None if there is none."""
+    """Points of the curve to follow, the last one if there are several, and None if there is none."""
     followed = [item for item in requirements if isinstance(item, FollowTrajectory | FollowCurve)]
     return np.asarray(followed[-1].curve.points(DRAWN)) if followed else None
 
 
 class AvoidObstacles(AbstractRunningObjective):
-    """The mean of Σ softplus(depth / softness)² over discs of the plane that the geometric centre is to stay out of.
+    """The mean of Σ softplus(depth / softness)² over discs in the plane that the geometric centre should avoid.
 
-    Smooth: it is felt outside a disc within some ``softness``, which is in radii of the shell. To keep clear of an
-    upright post, add the ball's radius to the post's.
+    It is smooth: it extends outside a disc by a few times ``softness``, which is in radii of the shell. For an upright
+    post, add the ball's radius to the post's.
 
     **Arguments:**
 
     - ``centres``: of the discs, length, shape (k, 2).
     - ``radii``: length, shape (k,).
-    - ``weight``: by what it is multiplied in the sum of objectives.
+    - ``weight``: its factor in the sum of objectives.
     """
 
     centres: Float[Array, "k 2"] = eqx.field(converter=places("centres"))
@@ -158,7 +159,7 @@ class AvoidObstacles(AbstractRunningObjective):
 
 
 def depths(run: Run, centres: Float[Array, "k 2"], radii: Float[Array, " k"]) -> Float[Array, "t k"]:
-    """By how much the geometric centre is inside discs of the plane, over r; negative outside."""
+    """How deep the geometric centre is inside discs in the plane, over r; negative outside."""
     return (radii[None] - norm(run.z[:, None] - centres[None])) / run.length
 
 
@@ -173,6 +174,6 @@ def nearest(points: Float[Array, "p 2"], line: Float[Array, "q 2"]) -> Float[Arr
 
 
 def _floor(run: Run, curve: Float[Array, "q 2"]) -> Float[Array, " steps"]:
-    """The square of the least length that a step of the path counts."""
+    """The square of the least length at which a step of the path counts."""
     whole = jnp.sum(jnp.sqrt(jnp.sum(jnp.diff(curve, axis=0) ** 2, axis=-1)))
     return (SLOWEST * whole * jnp.diff(run.times) / (run.times[-1] - run.times[0])) ** 2

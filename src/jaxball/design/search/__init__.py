@@ -1,6 +1,6 @@
-"""How a design is searched for: a nonlinear program, and what brings its unknowns y to a minimum.
+"""The search for a design: a nonlinear program, and the methods that minimise it over its unknowns y.
 
-``program`` says what is solved, and ``shooting`` makes one of a problem. ``lagrangian`` has its derivatives, and
+``program`` defines what is solved, and ``shooting`` makes one from a problem. ``lagrangian`` has its derivatives, and
 ``check`` compares them with others. ``adam``, ``bfgs`` and ``newton`` take steps, by the ``settings``; ``optimise``
-decides which, ``progress`` keeps what they have come to, and ``design`` goes from the check to a verified design.
+chooses between them, ``progress`` saves their state, and ``design`` leads from the check to a verified design.
 """

@@ -1,7 +1,7 @@
 """BFGS from many starts side by side, with steps that fulfil the weak Wolfe conditions.
 
 The bisection of Lewis & Overton (Nonsmooth optimization via quasi-Newton methods, Math. Program. 141 (2013) 135,
-algorithm 2.6) needs no smoothness, which the least of many distances does not have. All starts are evaluated together,
+algorithm 2.6) does not need smoothness, which the least of many distances lacks. All starts are evaluated together,
 by one compiled program, which is called again and again: a solve inside a compiled loop of a minimiser takes much
 longer to compile.
 """
@@ -37,10 +37,10 @@ class Point(NamedTuple):
 
 
 def minimise(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int, stationary: float) -> Point:
-    """A point of each start from which BFGS went no further, within so many evaluations.
+    """The point that BFGS reached from each start within so many evaluations.
 
     It ends where no entry of the gradient is larger than ``stationary``. A trial at which the function is not finite
-    counts as too far.
+    counts as too long a step.
     """
     starts, n = y.shape
     at = Point(y, *function(y)[:2])
@@ -59,7 +59,7 @@ def minimise(function: Function, y: Float[np.ndarray, "starts n"], evaluations: 
         finite = np.isfinite(there.value) & np.all(np.isfinite(there.gradient), axis=1)
         enough = finite & (there.value <= at.value + DECREASE * length * slope)
         flat = enough & (np.sum(there.gradient * direction, axis=1) >= CURVATURE * slope)
-        # Where bisection has come to rounding, a step that goes down is taken as it is.
+        # Where bisection has reached rounding, any step that decreases the function is taken.
         stuck = (high - low < 1e-10 * np.maximum(high, 1e-10)) | (length > 1e6)
         taken = ~settled & (flat | (enough & stuck))
         inverse, fresh = _updated(inverse, fresh, at, there, taken)
@@ -67,7 +67,7 @@ def minimise(function: Function, y: Float[np.ndarray, "starts n"], evaluations: 
         low = np.where(enough & ~flat, length, low)
         length = np.where(np.isfinite(high), (low + high) / 2, 2 * length)
         at = there.where(taken, at)
-        # A line along which nothing goes down is left for the steepest descent.
+        # A direction without descent is replaced by steepest descent.
         reset = ~taken & stuck & ~fresh
         inverse[reset], fresh[reset] = np.eye(n), True
         begin = taken | reset

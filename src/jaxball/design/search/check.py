@@ -1,4 +1,4 @@
-"""Whether a gradient is right: beside directional differences over a range of steps, and forward mode."""
+"""Checks of a gradient against directional differences over a range of steps, and against forward mode."""
 
 from typing import NamedTuple
 
@@ -19,10 +19,10 @@ MODES_AGREE, DIFFERENCES_AGREE = 1e-5, 1e-3
 
 
 class GradientCheck(NamedTuple):
-    """The derivative along one direction by every means, relative to the length of the gradient.
+    """The derivative along one direction by several methods, relative to the length of the gradient.
 
     - ``gradient``: by the gradient that the search uses: in reverse mode, or in forward mode for Gauss–Newton.
-    - ``forward``: in forward mode, along that direction alone.
+    - ``forward``: in forward mode, along that direction only.
     - ``steps``, ``differences``: by the five-point formula with each step.
     """
 
@@ -38,13 +38,13 @@ class GradientCheck(NamedTuple):
 
     @property
     def from_differences(self) -> float:
-        """The least |difference − gradient| over the steps: larger ones err by truncation, smaller ones by rounding."""
+        """The least |difference − gradient| over the steps: larger ones have truncation, smaller ones rounding errors."""
         errors = np.abs(np.asarray(self.differences) - self.gradient)
         return float(np.min(errors[np.isfinite(errors)], initial=np.inf))
 
     @property
     def good(self) -> bool:
-        """Whether the gradient can be relied on."""
+        """Whether the gradient can be trusted."""
         return self.between_modes < MODES_AGREE and self.from_differences < DIFFERENCES_AGREE
 
     def __repr__(self) -> str:
@@ -58,7 +58,7 @@ class GradientCheck(NamedTuple):
 def check_gradient(optimiser: Optimiser, y: Float[np.ndarray, " n"], seed: int = 0) -> GradientCheck:
     """The derivative, along a random direction at ``y``, of a sum of all objectives and constraints.
 
-    The sum is the augmented Lagrangian with multipliers so large that every place of every constraint counts.
+    The sum is the augmented Lagrangian with multipliers so large that every point of every constraint counts.
 
     **Arguments:**
 
@@ -94,7 +94,7 @@ def check_gradient(optimiser: Optimiser, y: Float[np.ndarray, " n"], seed: int =
 
 
 def require_good(check: GradientCheck) -> None:
-    """Raises a :class:`DesignError` where a gradient cannot be relied on.
+    """Raises a :class:`DesignError` where a gradient cannot be trusted.
 
     **Arguments:**
 

@@ -1,4 +1,4 @@
-"""A problem solved: the gradient checked, a design searched for, saved, verified, and tightened where need be."""
+"""Solves a problem: checks the gradient, searches for a design, saves, verifies, and tightens constraints if needed."""
 
 import dataclasses
 import time
@@ -21,7 +21,7 @@ from .shooting import Shooting
 
 PROGRESS, SCENARIO = "progress.npz", "design.toml"
 TIGHTENINGS = 3
-# A constraint that is violated between the samples is tightened by so much more than that.
+# A constraint that is violated between the samples is tightened by this much more than its violation.
 MORE = 1.2
 
 
@@ -31,9 +31,9 @@ class Design:
 
     - ``problem``, ``settings``: what was solved, and how.
     - ``numbers``: the values of the variables.
-    - ``check``: that of the gradient at the start; None where the search was resumed.
-    - ``progress``: how it was found. ``merit`` and ``feasible`` say what it is.
-    - ``before``, ``verified``, ``perturbed``: the given design; this one by other means; and as it may be built.
+    - ``check``: that of the gradient at the start; None if the search was resumed.
+    - ``progress``: how it was found. ``merit`` and ``feasible`` describe it.
+    - ``before``, ``verified``, ``perturbed``: the given design; this one by other means; and with perturbations.
     """
 
     problem: Problem
@@ -67,7 +67,7 @@ class Design:
 
     @property
     def feasible(self) -> bool:
-        """Whether all constraints hold to the tolerance between the samples too, by the other solver."""
+        """Whether all constraints hold to the tolerance, also between the samples, by the other solver."""
         return self.verified.violation <= self.settings.tolerance
 
     @property
@@ -88,12 +88,12 @@ def design(
 
     **Arguments:**
 
-    - ``problem``: what is wanted.
-    - ``settings``: how it is searched; the defaults if not given.
+    - ``problem``: the problem to solve.
+    - ``settings``: those of the search; the defaults if not given.
     - ``folder``: where the progress and the best design so far are saved, each time they change; a search that was
       stopped is resumed from there. Nothing is saved if not given.
     - ``identity``: what the search depends on, so that it is not resumed for another problem.
-    - ``say``: takes a line of progress.
+    - ``say``: called with each line of progress.
 
     **Raises:** :class:`DesignError` where the gradient is wrong, no start can be simulated, or ``folder`` has the
     progress of another problem.

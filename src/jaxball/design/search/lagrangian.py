@@ -17,12 +17,12 @@ from jaxtyping import Array, Float, Int
 from ..problem import Evaluation
 from .program import AbstractProgram
 
-# An equality is to hold so many times more exactly, because what is left of it at a joint grows along the run.
+# Equalities must hold this many times more tightly, because a residual at a joint grows along the run.
 STRICTER = 1e3
 
 
 class Multipliers(NamedTuple):
-    """λ for each place, ≥ 0 for an inequality, the penalty ρ, and by how much each is to be overfulfilled."""
+    """λ for each point, ≥ 0 for an inequality, the penalty ρ, and the margin of each."""
 
     value: Float[Array | np.ndarray, "*batch places"]
     penalty: Float[Array | np.ndarray, "*batch"]
@@ -32,10 +32,10 @@ class Multipliers(NamedTuple):
 class Lagrangians(NamedTuple):
     """The augmented Lagrangian at each of many points, with its derivatives.
 
-    - ``at``: the terms and constraints of which it is made.
+    - ``at``: the terms and constraints from which it is made.
     - ``multipliers``: λ of the next round.
-    - ``violations``: by how much each place is violated, margins included.
-    - ``hessian``: that of Gauss and Newton, where it was asked for.
+    - ``violations``: the violation at each point, margins included.
+    - ``hessian``: that of Gauss and Newton, if requested.
     """
 
     value: Float[Array | np.ndarray, "*points"]
@@ -52,13 +52,13 @@ class Lagrangians(NamedTuple):
 
     @property
     def worst(self) -> Int[np.ndarray, " points"]:
-        """The place where it is; −1 where there are no constraints."""
+        """The index of the largest violation; −1 where there are no constraints."""
         points, places = self.violations.shape
         return np.argmax(self.violations, axis=1) if places else np.full(points, -1)
 
 
 def augmented_lagrangian(program: AbstractProgram, at: Evaluation, multipliers: Multipliers) -> Float[Array, ""]:
-    """f + Σ w (p² − λ²) / 2ρ, where p is the next λ and w the share of a place in its constraint."""
+    """f + Σ w (p² − λ²) / 2ρ, where p is the next λ and w the weight of a point in its constraint."""
     objective = jnp.sum(jnp.asarray(program.weights, dtype=at.terms.dtype) * at.terms)
     following = next_multipliers(program, at, multipliers)
     shares = jnp.asarray(program.places.shares, dtype=at.terms.dtype)
@@ -88,10 +88,10 @@ def by_reverse_mode(program: AbstractProgram) -> Callable[..., Lagrangians]:
 
 @functools.lru_cache(maxsize=8)
 def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
-    """The same by forward mode, with the Gauss–Newton Hessian: the run is taken to be linear in a design's numbers.
+    """The same by forward mode, with the Gauss–Newton Hessian: the run is assumed to be linear in a design's numbers.
 
-    What terms and constraints make of a run is taken as it is, with all second derivatives, and so are bounds. Of a sum
-    of squares of what the run is linear in, that is JᵀJ; no term needs to be written as one.
+    Terms and constraints as functions of a run enter with all second derivatives, and so do bounds. For a sum of
+    squares this is JᵀJ, but no term needs to be written as one.
     """
 
     def one(y: Float[Array, " n"], multipliers: Multipliers) -> Lagrangians:
@@ -122,7 +122,7 @@ def by_gauss_newton(program: AbstractProgram) -> Callable[..., Lagrangians]:
 
 
 def _lagrangians(program: AbstractProgram, value, gradient, at: Evaluation, multipliers: Multipliers) -> Lagrangians:
-    """Of one point; an inequality is violated by c, and an equality by a thousand times |c|."""
+    """For one point; an inequality is violated by c, and an equality by a thousand times |c|."""
     c = at.violations + multipliers.margin
     violations = jnp.where(jnp.asarray(program.equal), STRICTER * jnp.abs(c), c)
     return Lagrangians(value, gradient, at, next_multipliers(program, at, multipliers), violations)

@@ -1,7 +1,7 @@
 """Newton's method from many starts side by side, damped after Levenberg and Marquardt.
 
-Of a Hessian that is not positive definite the absolute values of the eigenvalues are taken, so that every step goes
-down (Nocedal & Wright, Numerical Optimization, section 3.4).
+For a Hessian that is not positive definite, the absolute values of the eigenvalues are used, so that every step is a
+descent (Nocedal & Wright, Numerical Optimization, section 3.4).
 """
 
 import numpy as np
@@ -11,15 +11,16 @@ from .bfgs import Function, Point
 
 DAMPING, LESS, MORE = 1e-3, 0.2, 4.0
 ENOUGH, GOOD = 1e-4, 0.5
-# A step that promises less than this share of the function is the last: the rest is in the errors of solves.
+# A step with a predicted decrease below this fraction of the function is the last: the rest is within the errors of
+# solves.
 LAST = 1e-10
 
 
 def minimise(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int, stationary: float) -> Point:
-    """A point of each start from which Newton's method went no further, within so many evaluations.
+    """The point that Newton's method reached from each start within so many evaluations.
 
-    ``function`` gives its values, gradients, and Hessians or what stands for them. It ends where no entry of the
-    gradient is larger than ``stationary``. A trial at which the function is not finite counts as too far.
+    ``function`` returns values, gradients, and Hessians or approximations. It ends where no entry of the
+    gradient is larger than ``stationary``. A trial at which the function is not finite counts as too long a step.
     """
     at, H = _evaluated(function, y)
     damping, done = np.full(len(y), DAMPING), np.zeros(len(y), dtype=bool)
@@ -44,7 +45,7 @@ def _evaluated(function: Function, y: np.ndarray) -> tuple[Point, np.ndarray]:
 
 
 def _step(at: Point, H: np.ndarray, damping: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The step, with each eigenvalue raised by this share of the largest, and by how much it promises to go down."""
+    """The step, with each eigenvalue raised by this fraction of the largest, and its predicted decrease."""
     known = np.isfinite(at.value) & np.all(np.isfinite(H), axis=(1, 2))
     values, vectors = np.linalg.eigh(np.where(known[:, None, None], H, np.eye(H.shape[1])))
     size = np.abs(values)

@@ -18,7 +18,7 @@ from .settings import Settings
 
 Report = Callable[[Progress], None]
 DERIVATIVES = {"bfgs": by_reverse_mode, "gauss-newton": by_gauss_newton}
-# How much nearer to a stationary point Newton's method comes in each round, for a step or two more.
+# How much closer to a stationary point Newton's method gets in each round, for a step or two more.
 CLOSER = 1e-3
 REPORT_EVERY = 10
 ENOUGH = 0.25
@@ -26,12 +26,12 @@ GROWTH = 4.0
 
 
 class Optimiser:
-    """Solves a program step by step; each step takes a :class:`Progress` further.
+    """Solves a program step by step; each step advances a :class:`Progress`.
 
     **Arguments:**
 
     - ``program``: what is minimised, and under which constraints.
-    - ``settings``: how it is searched.
+    - ``settings``: those of the search.
     """
 
     def __init__(self, program: AbstractProgram, settings: Settings):
@@ -47,7 +47,7 @@ class Optimiser:
         leader = self._offer(progress, y, self.evaluate(y, self.penalised(len(y))))
         if not np.isfinite(leader.objective):
             raise DesignError(
-                f"None of the {len(y)} starts can be simulated to its end; start from a design that can, or with a "
+                f"None of the {len(y)} starts can be simulated to its end; start from a design that can be, or use a "
                 "smaller spread."
             )
         progress.history.append((0.0, 0.0, *leader))
@@ -65,7 +65,7 @@ class Optimiser:
         return self._descend(progress) if progress.phase == "adam" else self._polish(progress)
 
     def tighten(self, progress: Progress, excess: Float[np.ndarray, " places"]) -> Progress:
-        """The polish begun anew with each place to be overfulfilled by ``excess`` more."""
+        """The polish restarted with the margin of each point increased by ``excess``."""
         value, penalty, margin, _ = progress.arrays
         progress.phase, progress.step = "polish", 0
         progress.y[0], progress.merit = progress.best, Merit()
@@ -79,7 +79,7 @@ class Optimiser:
 
     @property
     def lanes(self) -> int:
-        """How many designs are computed side by side."""
+        """The number of designs computed side by side."""
         return min(self.settings.starts, self.settings.polished)
 
     def penalised(self, count: int) -> Multipliers:
@@ -97,7 +97,7 @@ class Optimiser:
             good = np.all(np.isfinite(at.gradient), axis=1, keepdims=True) & np.isfinite(at.value)[:, None]
             moments = moments.after(np.where(good, at.gradient, 0.0))
             onwards = y + moments.step(self.settings.learning_rate)
-            # A design that cannot be simulated goes half way back.
+            # A design that cannot be simulated moves half way back.
             y, before = np.where(good, onwards, (y + before) / 2), np.where(good, y, before)
             progress.step += 1
         progress.y, progress.arrays = y, list(moments)
@@ -108,7 +108,7 @@ class Optimiser:
         return progress
 
     def _choose(self, progress: Progress) -> None:
-        """The most promising are polished: of where the starts have come to, and of the best, past which one may be."""
+        """The most promising are polished: among the starts' current points and the best, which one may have passed."""
         y = np.unique([*progress.y, progress.best], axis=0)
         promising = np.argsort(self.evaluate(y, self.penalised(len(y))).value, kind="stable")[: self.lanes]
         progress.y, progress.phase, progress.step = y[promising], "polish", 0
@@ -144,7 +144,7 @@ class Optimiser:
         return bfgs.minimise(function, y, settings.evaluations, settings.stationary)
 
     def _solved(self, at: Lagrangians, progress: Progress) -> bool:
-        """Whether the best design is stationary, and no start promises a better one."""
+        """Whether the best design is stationary, and no other start may lead to a better one."""
         merits, settings = self._merits(at), self.settings
         done = [m.violation <= settings.tolerance and m.gradient <= 10 * settings.stationary for m in merits]
         hopeless = [not np.isfinite(m.objective) or m.objective > 1.05 * progress.merit.objective for m in merits]

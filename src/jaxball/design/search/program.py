@@ -1,4 +1,4 @@
-"""What is solved: a nonlinear program, whatever its unknowns stand for."""
+"""A nonlinear program, whatever its unknowns stand for."""
 
 import abc
 from typing import Any
@@ -14,7 +14,7 @@ from .settings import Settings
 class AbstractProgram(abc.ABC):
     """Minimise Σ weight · term over the unknowns y, unbounded and of order one, where all constraints hold.
 
-    The compiled functions of a program are shared with those that equal it.
+    Equal programs share compiled functions.
     """
 
     @property
@@ -39,7 +39,7 @@ class AbstractProgram(abc.ABC):
 
     @abc.abstractmethod
     def starts(self, settings: Settings) -> Float[np.ndarray, "starts unknowns"]:
-        """Where to start from; the first is the given design."""
+        """The starting points; the first is the given design."""
 
     @abc.abstractmethod
     def numbers(self, y: Float[Array, " unknowns"]) -> Float[Array, " numbers"]:
@@ -47,12 +47,12 @@ class AbstractProgram(abc.ABC):
 
     @abc.abstractmethod
     def simulate(self, numbers: Float[Array, " numbers"], adjoint: diffrax.AbstractAdjoint | None = None) -> Any:
-        """What terms and constraints are functions of; ``adjoint`` is for derivatives in another mode than reverse."""
+        """The simulation that terms and constraints depend on; ``adjoint`` is for modes other than reverse."""
 
     @abc.abstractmethod
     def assess(self, runs: Any) -> Evaluation:
-        """All terms and constraints of what was simulated."""
+        """All terms and constraints of a simulation."""
 
     def evaluate(self, y: Float[Array, " unknowns"], adjoint: diffrax.AbstractAdjoint | None = None) -> Evaluation:
-        """All terms and constraints; JAX can trace it, differentiate it and vectorise it."""
+        """All terms and constraints; traceable, differentiable and vectorisable by JAX."""
         return self.assess(self.simulate(self.numbers(y), adjoint))

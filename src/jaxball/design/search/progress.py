@@ -1,4 +1,4 @@
-"""The progress of an optimisation, kept on disk so that it can be stopped at any time and resumed."""
+"""The progress of an optimisation, saved on disk so that it can be stopped at any time and resumed."""
 
 import dataclasses
 from pathlib import Path
@@ -15,7 +15,7 @@ class Merit(NamedTuple):
     """The merit of a design: its objective, largest violation, and gradient of the Lagrangian.
 
     - ``objective``, ``violation``, ``gradient``: these three numbers.
-    - ``place``: where the violation is largest; −1 where there are no constraints.
+    - ``place``: the index of the largest violation; −1 where there are no constraints.
     """
 
     objective: float = np.inf
@@ -36,11 +36,11 @@ class Progress:
     """The state of an optimisation between two of its steps.
 
     - ``phase``: ``adam``, ``polish`` or ``done``; ``step`` counts within it.
-    - ``y``: the unknowns of the designs that are improved side by side.
-    - ``arrays``: what else the phase needs: moments of Adam, or multipliers.
+    - ``y``: the unknowns of the designs that are optimised side by side.
+    - ``arrays``: the other arrays of the phase: moments of Adam, or multipliers.
     - ``best``, ``merit``: the best design so far.
     - ``history``: for each report, the phase (0 or 1), the step, and the merit of the best of ``y`` then.
-    - ``elapsed``: how long it took, in seconds, interrupted runs of the search included.
+    - ``elapsed``: the time taken, in seconds, including interrupted runs of the search.
     """
 
     phase: str
@@ -53,7 +53,7 @@ class Progress:
     elapsed: float = 0.0
 
     def offer(self, y: Float[np.ndarray, "starts n"], merits: list[Merit], tolerance: float) -> Merit:
-        """Takes over a design that is better than the best so far; the best of those offered."""
+        """Keeps the best of the offered designs if it is better than the best so far."""
         leader = Merit()
         for unknowns, merit in zip(y, merits, strict=True):
             if merit.better_than(leader, tolerance):
@@ -84,7 +84,7 @@ def save_progress(progress: Progress, path: Path, identity: str) -> None:
 def load_progress(path: Path, identity: str) -> Progress:
     """The progress that was written.
 
-    **Raises:** :class:`DesignError` where it is that of another problem, or no such file.
+    **Raises:** :class:`DesignError` where it belongs to another problem, or is not such a file.
     """
     try:
         with np.load(path, allow_pickle=False) as file:

@@ -1,4 +1,4 @@
-"""How hard to look for a design."""
+"""Settings of the search for a design."""
 
 import dataclasses
 
@@ -9,21 +9,23 @@ METHODS = ("bfgs", "gauss-newton")
 
 @dataclasses.dataclass(frozen=True)
 class Settings:
-    """How a problem is solved.
+    """The settings with which a problem is solved.
 
-    - ``starts``: how many starts, the given design and others about it, are improved side by side at first.
-    - ``spread``: how far the others are from it, in scales; between two bounds they are anywhere.
+    - ``starts``: how many starts, the given design and others around it, are optimised side by side at first.
+    - ``spread``: the standard deviation of the others about it, in scales; between two bounds they are uniformly
+      distributed.
     - ``steps``, ``learning_rate``: the steps of Adam that each start takes, in scales.
     - ``polished``: how many starts, the most promising after Adam, are polished.
-    - ``rounds``, ``evaluations``: of the polish within an augmented Lagrangian, at most so many updates of the
-      multipliers, and evaluations between two.
-    - ``penalty``: the first penalty; it grows fourfold where a round does not bring the violation down to a quarter.
-    - ``tolerance``: the largest violation of a design that counts as feasible, in radii, weights and the like; joints
-      of pieces are held a thousand times better.
-    - ``stationary``: the largest entry of the gradient of the Lagrangian with which a polish ends.
+    - ``rounds``, ``evaluations``: the largest numbers of multiplier updates in the polish within an augmented
+      Lagrangian, and of evaluations between two of them.
+    - ``penalty``: the first penalty; it is quadrupled where a round does not reduce the violation to a quarter.
+    - ``tolerance``: the largest violation of a feasible design, in radii, weights and the like; a thousandth of it for
+      joints of pieces.
+    - ``stationary``: the largest entry of the gradient of the Lagrangian at which a polish ends.
     - ``seed``: of the random starts.
     - ``method``: of the polish, ``bfgs`` or ``gauss-newton``.
-    - ``intervals``: in how many pieces a run is simulated, whose joints are unknowns of the search (multiple shooting).
+    - ``intervals``: the number of pieces in which a run is simulated, whose joints are unknowns of the search (multiple
+      shooting).
 
     **Raises:** :class:`DesignError` for a method that is none of these.
     """

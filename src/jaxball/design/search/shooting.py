@@ -1,8 +1,8 @@
-"""Multiple shooting: a run cut in pieces that are simulated side by side, and that are to join in the end.
+"""Multiple shooting: a run cut in pieces that are simulated side by side and joined by equality constraints.
 
-The states at which the pieces start are unknowns beside the design, and equality constraints say that each piece ends
+The states at which the pieces start are additional unknowns, and equality constraints require that each piece ends
 where the next one starts (Bock & Plitt, A multiple shooting algorithm for direct solution of optimal control problems,
-IFAC Proc. 17 (1984) 1603). An error at the start of a run grows over a piece only, and not over the whole run. Single
+IFAC Proc. 17 (1984) 1603). An error at the start of a run then grows only over a piece, not over the whole run. Single
 shooting is the case of one piece, without such unknowns.
 """
 
@@ -59,7 +59,7 @@ class Components:
 
 
 def starting_points(space: DesignSpace, settings: Settings) -> Float[np.ndarray, "starts n"]:
-    """The given design first, and others: normally distributed about it, and uniformly between two bounds."""
+    """The given design first, then others: normally distributed about it, or uniformly between two bounds."""
     random, bounds = np.random.default_rng(settings.seed), space.bounds
     shape = (settings.starts - 1, space.size)
     both = np.isfinite(bounds.lower) & np.isfinite(bounds.upper)
@@ -72,16 +72,16 @@ def starting_points(space: DesignSpace, settings: Settings) -> Float[np.ndarray,
 
 @dataclasses.dataclass(frozen=True)
 class Shooting(AbstractProgram):
-    """A problem whose runs are simulated in ``intervals`` pieces of equally many samples.
+    """A problem whose runs are simulated in ``intervals`` pieces with equal numbers of samples.
 
     The unknowns y are those of the design space and, ball by ball, the components of the state at each joint, where a
     piece after the first starts. Continuity is the last constraint.
 
     **Arguments:**
 
-    - ``problem``: what is to be solved.
+    - ``problem``: the problem to solve.
 
-    **Raises:** :class:`DesignError` where the steps between save times cannot be shared out so.
+    **Raises:** :class:`DesignError` where the steps between save times cannot be divided equally.
     """
 
     problem: Problem
@@ -91,7 +91,7 @@ class Shooting(AbstractProgram):
         if self.intervals < 1 or self._steps % self.intervals:
             raise DesignError(
                 f"Key `search.intervals` must divide the number of steps between save times, {self._steps}, but it is "
-                f"{self.intervals}; choose another, or another number of save times."
+                f"{self.intervals}; choose another number, or another number of save times."
             )
 
     @property
@@ -119,7 +119,7 @@ class Shooting(AbstractProgram):
 
     @functools.cached_property
     def components(self) -> Components:
-        """Those of the states."""
+        """The unknowns of the states."""
         system, state = self.problem.space.scenario.system, self.problem.space.scenario.state
         assert isinstance(system, Ball | Disk)
         assert isinstance(state, BallState | DiskState)
@@ -129,9 +129,9 @@ class Shooting(AbstractProgram):
         return self.joined(starting_points(self.problem.space, settings))
 
     def joined(self, y: Float[np.ndarray, "starts n"]) -> Float[np.ndarray, "starts unknowns"]:
-        """The unknowns with which the pieces of designs join: those of the designs, and the states of their runs.
+        """The unknowns at which the pieces of designs join: those of the designs, and the states of their runs.
 
-        Where a run failed before a joint, it is the last state that it came to.
+        Where a run failed before a joint, it is the last state that it reached.
         """
         if not self.joints:
             return y
@@ -171,7 +171,7 @@ class Shooting(AbstractProgram):
     def in_pieces(
         self, candidate: Candidate, states: Float[Array, "joints components"], solve: Solve
     ) -> tuple[Run, Float[Array, "joints components"]]:
-        """The run in pieces that start from ``states``, and by how much each misses the start of the next."""
+        """The run in pieces from ``states``, and the gap between the end of each and the start of the next."""
 
         def piece(times: Float[Array, " t"], state: BallState | DiskState) -> tuple[Any, Int[Array, ""]]:
             run = run_of(candidate._replace(times=times, state=state), solve)

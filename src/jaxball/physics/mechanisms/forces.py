@@ -17,7 +17,7 @@ from ..state import State
 
 
 class AbstractJointForce(Printed):
-    """The generalised force Q on a free joint, between the link that carries it and the one that it carries.
+    """The generalised force Q on a free joint, between the two links that it connects.
 
     It is a torque about a hinge and a force along a slider. Forces add up: ``Motor(...) + Damper(0.1)``.
     """
@@ -32,11 +32,11 @@ class AbstractJointForce(Printed):
         return JointForces((*_terms(self), *_terms(other)))
 
     def conditions(self, name: str) -> Iterator[Condition]:
-        """Every condition that its numbers must meet; ``name`` is that of the force in sentences."""
+        """Every condition that its numbers must meet; ``name`` is what sentences call the force."""
         yield from ()
 
     def impulse(self, t: Float[Array, ""]) -> Float[Array, ""] | None:
-        """∫ Q up to t of the part of Q that is known in closed form; None where there is none."""
+        """∫ Q up to t, for the part of Q whose integral is known in closed form; None if there is none."""
         return None
 
     def without_impulse(
@@ -46,7 +46,7 @@ class AbstractJointForce(Printed):
         return self(t, theta, thetadot, state)
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        """The times at which the part that :meth:`impulse` integrates jumps or bends."""
+        """The times at which the part that :meth:`impulse` integrates jumps or has a kink."""
         return jnp.zeros((0,), dtype=default_dtype())
 
     def kinks(self) -> Float[Array, " kinks"]:
@@ -107,12 +107,12 @@ def _terms(force: AbstractJointForce) -> tuple[AbstractJointForce, ...]:
 
 
 class Spring(AbstractJointForce):
-    """Q = −stiffness (θ − rest). Its energy is not part of the body's: a spring does work as a motor does.
+    """Q = −stiffness (θ − rest). Its energy is not part of the body's energy: a spring does work, as a motor does.
 
     **Arguments:**
 
     - ``stiffness``: torque per rad, or force per length.
-    - ``rest``: the θ at which it pulls nowhere.
+    - ``rest``: the θ at which its force is zero.
 
     **Example:**
 
@@ -135,7 +135,7 @@ class Damper(AbstractJointForce):
     **Arguments:**
 
     - ``coefficient``: torque or force per rate; 0 or positive unless ``negative``.
-    - ``negative``: whether it may be negative, and so put energy in.
+    - ``negative``: whether it may be negative, and so supply energy.
 
     **Example:**
 
@@ -160,12 +160,12 @@ class Damper(AbstractJointForce):
 
 
 class Motor(AbstractJointForce):
-    """Q(t) = signal(t), as far as the ``limit`` goes.
+    """Q(t) = signal(t), limited to ±``limit``.
 
     **Arguments:**
 
-    - ``signal``: the torque of a hinge or the force along a slider: a number, a :class:`~jaxball.PiecewiseSignal`, or
-      a schedule, whose value it is.
+    - ``signal``: the torque of a hinge or the force along a slider: a number, a :class:`~jaxball.PiecewiseSignal`, or a
+      schedule of it.
     - ``limit``: the largest |Q|; none if not given.
 
     **Example:**
@@ -223,14 +223,14 @@ class Motor(AbstractJointForce):
 
 
 class SpeedLimitedMotor(AbstractJointForce):
-    """A motor with a torque–speed line: Q = stall (command(t) − θ̇ / free_speed), as an electric motor at a voltage.
+    """A motor with a linear torque–speed curve: Q = stall (command(t) − θ̇ / free_speed), as of an electric motor.
 
     **Arguments:**
 
-    - ``command``: the voltage over the full one, from −1 to 1: a number, a :class:`~jaxball.PiecewiseSignal` or a
+    - ``command``: the voltage relative to the maximum, from −1 to 1: a number, a :class:`~jaxball.PiecewiseSignal` or a
       schedule.
-    - ``stall``: the torque of a hinge, or the force along a slider, that it has at full command and no speed.
-    - ``free_speed``: θ̇ at full command and no torque.
+    - ``stall``: the torque of a hinge, or the force along a slider, at full command and zero speed.
+    - ``free_speed``: θ̇ at full command and zero torque.
 
     **Example:**
 
@@ -264,9 +264,9 @@ class SpeedLimitedMotor(AbstractJointForce):
 
 
 class PDServo(AbstractJointForce):
-    """Q = −stiffness (θ − target(t)) − damping (θ̇ − target rate), as far as the ``limit`` goes.
+    """Q = −stiffness (θ − target(t)) − damping (θ̇ − target rate), limited to ±``limit``.
 
-    A :class:`~jaxball.Servo` gives accelerations, whatever force these take; this one gives forces.
+    A :class:`~jaxball.Servo` prescribes accelerations, whatever force they take; this one gives forces.
 
     **Arguments:**
 
@@ -310,17 +310,17 @@ class PDServo(AbstractJointForce):
 
 
 class EndStops(AbstractJointForce):
-    """Stiff springs, with dampers, at both ends of a joint's way; no force between them.
+    """Stiff springs, with dampers, at both ends of a joint's range; no force between them.
 
-    Beyond an end by x > 0, the force back is stiffness x (1 + damping ẋ), and never outward: it grows from 0, as that
-    of Hunt and Crossley's contact (*J. Appl. Mech.* 42, 1975, 440) with an exponent of 1.
+    Beyond an end by x > 0, the force back is stiffness x (1 + damping ẋ), and never outward: it grows from 0, as in the
+    contact law of Hunt and Crossley (*J. Appl. Mech.* 42, 1975, 440) with an exponent of 1.
 
     **Arguments:**
 
     - ``lower``, ``upper``: θ at the ends.
-    - ``stiffness``: torque per rad, or force per length. A mass m that meets a stop at speed v goes beyond it by about
+    - ``stiffness``: torque per rad, or force per length. A mass m that hits a stop at speed v overshoots it by about
       v √(m / stiffness).
-    - ``damping``: time over an angle or a length.
+    - ``damping``: time per angle or length.
 
     **Example:**
 
@@ -352,14 +352,14 @@ class EndStops(AbstractJointForce):
 class FunctionJointForce(AbstractJointForce):
     """Q = function(t, theta, thetadot, state, parameters), for any function that JAX can trace.
 
-    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew. It may know the body's
-    Ω, Γ and place from ``state``, but no acceleration and no reaction.
+    ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. It may depend
+    on the body's Ω, Γ and position through ``state``, but not on accelerations or on the reaction of the plane.
 
     **Arguments:**
 
     - ``function``: of (t, theta, thetadot, state, parameters), with θ and θ̇ of the joint, to Q, shape ().
-    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+    - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
+    - ``kink_times``: times, shape (kinks,), at which it jumps or has a kink.
 
     **Example:**
 

@@ -1,4 +1,4 @@
-"""Joints: how one link of a mechanism moves on another, and what drives it."""
+"""Joints: how one link of a mechanism moves relative to another, and what drives it."""
 
 import abc
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ from .forces import AbstractJointForce
 
 
 class Accelerated(Printed):
-    """The drive of a joint whose θ̈ the body's feedback law gives, as it does of :class:`~jaxball.Driven` masses.
+    """The drive of a joint whose θ̈ is given by the body's feedback law, as for :class:`~jaxball.Driven` masses.
 
     **Example:**
 
@@ -40,7 +40,7 @@ def require_drive(name: str, drive: Drive) -> None:
 
 
 class Placement(NamedTuple):
-    """Where a link is in the body: its points x are at ``turn`` x + ``shift``, where x is the place at θ = 0."""
+    """The placement of a link in the body: its points are at ``turn`` x + ``shift``, with x their position at θ = 0."""
 
     turn: Float[Array, "3 3"]
     shift: Float[Array, "3"]
@@ -71,11 +71,11 @@ class Moved(NamedTuple):
 
 
 class AbstractJoint(Printed):
-    """A joint of one degree of freedom, θ. Axes and points are given where every θ is 0, in body axes.
+    """A joint of one degree of freedom, θ. Its axis and point are given in body axes, for every θ equal to 0.
 
-    ``drive`` says how it moves: by a schedule of θ; by a force on the joint, with its own inertia and that of all that
-    it carries; by a feedback law that gives θ̈ (:class:`~jaxball.Accelerated`); or freely, for None. ``on`` is the index
-    of the joint that carries it, −1 for the body itself; if not given, the joint before it in the list.
+    ``drive`` says how it moves: by a schedule of θ; by a force on the joint, with the inertia of all that it carries;
+    by a feedback law that gives θ̈ (:class:`~jaxball.Accelerated`); or freely, for None. ``on`` is the index of the
+    joint that carries it, −1 for the body itself; by default the joint before it in the list.
     """
 
     if TYPE_CHECKING:  # to a type checker, fields declared here would come before `axis` among the arguments
@@ -93,7 +93,7 @@ class AbstractJoint(Printed):
         """What the joint does at ``theta``, on a link that is placed at ``carrier``."""
 
     def conditions(self, name: str) -> Iterator[Condition]:
-        """Every condition that its numbers must meet; ``name`` is that of the joint in sentences."""
+        """Every condition that its numbers must meet; ``name`` is what sentences call the joint."""
         yield from ()
 
     def prepare(self) -> "AbstractJoint":
@@ -106,11 +106,11 @@ class Hinge(AbstractJoint):
 
     **Arguments:**
 
-    - ``axis``: its direction, of any length but 0, shape (3,).
+    - ``axis``: its direction, of any nonzero length, shape (3,).
     - ``point``: a point on the axis, from the geometric centre, length, shape (3,); the geometric centre if not given.
     - ``drive``: what drives it: a schedule of θ in rad, a force such as :class:`~jaxball.Motor`, whose Q is a torque,
       :class:`~jaxball.Accelerated`, or None.
-    - ``on``: the index of the joint that carries it, −1 for the body; the joint before it if not given.
+    - ``on``: the index of the joint that carries it, −1 for the body; by default the joint before it.
 
     **Example:**
 
@@ -142,10 +142,10 @@ class Slider(AbstractJoint):
 
     **Arguments:**
 
-    - ``axis``: its direction, of any length but 0, shape (3,).
+    - ``axis``: its direction, of any nonzero length, shape (3,).
     - ``drive``: what drives it: a schedule of θ, a force such as :class:`~jaxball.Spring`,
       :class:`~jaxball.Accelerated`, or None.
-    - ``on``: the index of the joint that carries it, −1 for the body; the joint before it if not given.
+    - ``on``: the index of the joint that carries it, −1 for the body; by default the joint before it.
 
     **Example:**
 
@@ -174,10 +174,10 @@ class Carriage(AbstractJoint):
 
     **Arguments:**
 
-    - ``rail``: such as a :class:`~jaxball.Circle`, drawn where every θ is 0.
+    - ``rail``: such as a :class:`~jaxball.Circle`, placed for the configuration where every θ is 0.
     - ``drive``: what drives it: a schedule of θ, a force such as :class:`~jaxball.Motor`, whose power is Q θ̇,
       :class:`~jaxball.Accelerated`, or None.
-    - ``on``: the index of the joint that carries it, −1 for the body; the joint before it if not given.
+    - ``on``: the index of the joint that carries it, −1 for the body; by default the joint before it.
 
     **Example:**
 

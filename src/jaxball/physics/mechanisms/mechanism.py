@@ -1,4 +1,4 @@
-"""Mechanisms: point masses that joints carry, which move by schedules, laws and forces."""
+"""Mechanisms: point masses carried by joints, which move by schedules, laws and forces."""
 
 import abc
 from collections.abc import Callable, Iterator, Sequence
@@ -25,9 +25,9 @@ EachJoint = tuple[Float[Array, "_"], Float[Array, "_"], Float[Array, "_"]]  # θ
 
 
 class Places(NamedTuple):
-    """Where a mechanism's masses are, χ_i, and how each joint moves them, χ_a = ∂χ/∂θ_a.
+    """The positions χ_i of a mechanism's masses, and how each joint moves them, χ_a = ∂χ/∂θ_a.
 
-    ``details`` are what the kind of mechanism wants to know again for the rates of these.
+    ``details`` are what the kind of mechanism keeps to compute the rates of these.
     """
 
     chi: Float[Array, "n 3"]
@@ -41,8 +41,8 @@ class CarriedMass(Printed):
     **Arguments:**
 
     - ``mass``: in units of mass.
-    - ``place``: where it is when every θ is 0, from the geometric centre, body axes, length, shape (3,).
-    - ``joint``: the index of the joint that carries it; the last one if not given.
+    - ``place``: its position when every θ is 0, from the geometric centre, body axes, length, shape (3,).
+    - ``joint``: the index of the joint that carries it; by default the last one.
 
     **Example:**
 
@@ -59,9 +59,9 @@ class CarriedMass(Printed):
 class AbstractMechanism(Printed):
     """Point masses placed by joints: χ_i(θ), with θ of every joint.
 
-    A kind of mechanism implements ``drives``, ``places`` and ``slopes``. A joint's drive decides whose its θ is: a
-    schedule's, which prescribes it; or the state's, where a law accelerates it (``Accelerated``) or it is free under a
-    force.
+    A kind of mechanism implements ``drives``, ``places`` and ``slopes``. A joint's drive decides whether a schedule
+    prescribes its θ, or θ belongs to the state, because a law accelerates the joint (``Accelerated``) or it moves
+    freely under a force.
     """
 
     mass: eqx.AbstractVar[Float[Array, "*group n"]]
@@ -77,10 +77,10 @@ class AbstractMechanism(Printed):
 
     @abc.abstractmethod
     def slopes(self, at: Places, thetadot: Float[Array, " k"]) -> Float[Array, "k n 3"]:
-        """The rates of the derivatives, Σ_b χ_ab θ̇_b, at places that :meth:`places` gave."""
+        """The rates of the derivatives, Σ_b χ_ab θ̇_b, at the ``Places`` that :meth:`places` returned."""
 
     def arms(self, theta: Float[Array, " k"]) -> Float[Array, "n points 3"]:
-        """For each mass, the points of the line that is drawn from the hinges that carry it to where it is."""
+        """For each mass, the points of the line that is drawn from the hinges that carry it to the mass."""
         return self.places(theta).chi[:, None]
 
     @property
@@ -136,20 +136,20 @@ class AbstractMechanism(Printed):
         return jnp.stack([jnp.zeros_like(t) if one is None else one for one in known])
 
     def conditions(self, name: str) -> Iterator[Condition]:
-        """Every condition that its numbers must meet, with the name that it has in sentences; traceable."""
+        """Every condition that its numbers must meet, with the name that sentences use; traceable."""
         yield Condition(positive(self.mass), f"{name}.mass", self.mass, "positive numbers")
         for a, drive in enumerate(self.drives):
             if isinstance(drive, AbstractJointForce):
                 yield from drive.conditions(f"{name}.joints[{a}].drive")
 
     def motion_kinks(self) -> Float[Array, " kinks"]:
-        """The times at which θ̈ of a schedule, or a force whose impulse is known, jumps or bends."""
+        """The times at which θ̈ of a schedule, or a force whose impulse is known, jumps or has a kink."""
         times = [drive.kinks() for drive in self.drives if isinstance(drive, AbstractSchedule)]
         times += [drive.motion_kinks() for drive in self.drives if isinstance(drive, AbstractJointForce)]
         return concatenated(times)
 
     def driving_kinks(self) -> Float[Array, " kinks"]:
-        """The times at which any other force jumps or bends."""
+        """The times at which any other force jumps or has a kink."""
         return concatenated([drive.kinks() for drive in self.drives if isinstance(drive, AbstractJointForce)])
 
     @abc.abstractmethod
@@ -170,15 +170,15 @@ class Mechanism(AbstractMechanism):
 
     **Arguments:**
 
-    - ``joints``: each a :class:`~jaxball.Hinge`, a :class:`~jaxball.Slider` or a :class:`~jaxball.Carriage`, on the one
-      before it, unless its ``on`` says otherwise.
-    - ``masses``: each a :class:`~jaxball.CarriedMass`, in any number; a rigid body is six of them.
+    - ``joints``: each a :class:`~jaxball.Hinge`, a :class:`~jaxball.Slider` or a :class:`~jaxball.Carriage`, on the
+      joint before it, unless its ``on`` says otherwise.
+    - ``masses``: each a :class:`~jaxball.CarriedMass`, any number of them; a rigid body is six of them.
 
     Every joint must move some mass: where H_aa = Σ m |∂χ/∂θ_a|² is 0, its θ̈ is not determined. It is 0 for a mass on
-    the hinge's axis, and for two hinges one after the other where the second has brought its masses onto the axis of
-    the first: there, another order of axes helps.
+    the hinge's axis, and for two successive hinges in a configuration where the second has brought its masses onto the
+    axis of the first; another order of axes then helps.
 
-    **Raises:** ``ValueError`` when joints form a circle, or a mass is on a joint that does not exist.
+    **Raises:** ``ValueError`` when joints carry each other in a circle, or a mass is on a joint that does not exist.
 
     **Example:**
 
@@ -306,15 +306,15 @@ class Mechanism(AbstractMechanism):
 class FunctionMechanism(AbstractMechanism):
     """Masses at χ_i = function(θ, parameters), for any function that JAX can trace.
 
-    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+    ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again.
 
     **Arguments:**
 
     - ``function``: of (theta, parameters), with θ of every joint, shape (k,), to χ, from the geometric centre, body
       axes, length, shape (n, 3).
     - ``mass``: of each mass, shape (n,).
-    - ``drives``: what drives each θ, as of a :class:`~jaxball.Hinge`; k of them.
-    - ``parameters``: arrays, in any PyTree, that the function is given; they can be swept and differentiated.
+    - ``drives``: what drives each θ, as for a :class:`~jaxball.Hinge`; k of them.
+    - ``parameters``: arrays, in any PyTree, passed to the function; they can be swept and differentiated.
 
     **Example:**
 

@@ -18,7 +18,7 @@ from .mechanism import CarriedMass, Mechanism
 
 CENTRE = (0.0, 0.0, 0.0)
 DOWN = (0.0, 0.0, -1.0)
-ROLLING = (0.0, 1.0, 0.0)  # the body axis about which a body turns that rolls along e1 from its default state
+ROLLING = (0.0, 1.0, 0.0)  # the axis of rotation of a body that rolls along e1 from its default state
 ROLLING_FIRST = (ROLLING, (1.0, 0.0, 0.0))
 FEWEST_ON_RING = 3
 
@@ -32,16 +32,16 @@ def planar_pendulum(
     pivot: Numbers = CENTRE,
     drive: Drive = None,
 ) -> Mechanism:
-    """A mass on a rod without mass, which turns about a hinge.
+    """A mass on a massless rod, which turns about a hinge.
 
     **Arguments:**
 
     - ``mass``: in units of mass.
     - ``length``: from the pivot to the mass.
-    - ``axis``: of the hinge, body axes, of any length but 0, shape (3,).
-    - ``direction``: from the pivot to the mass where θ is 0, body axes, of any length but 0, shape (3,).
+    - ``axis``: of the hinge, body axes, of any nonzero length, shape (3,).
+    - ``direction``: from the pivot to the mass where θ is 0, body axes, of any nonzero length, shape (3,).
     - ``pivot``: from the geometric centre, body axes, length, shape (3,).
-    - ``drive``: of the hinge, as of a :class:`~jaxball.Hinge`.
+    - ``drive``: of the hinge, as for a :class:`~jaxball.Hinge`.
 
     **Example:**
 
@@ -62,22 +62,22 @@ def spherical_pendulum(
     pivot: Numbers = CENTRE,
     drives: Sequence[Drive] = (None, None),
 ) -> Mechanism:
-    """A mass on a rod without mass, which two hinges at one pivot let turn every way: a pendulum in a yoke.
+    """A mass on a massless rod, which two hinges at one pivot let swing in every direction: a pendulum in a yoke.
 
-    A pendulum that hangs turns against the body as far as the body rolls. So its first hinge should have the axis
-    about which the body rolls: that one may turn without end, while at θ = ±π/2 of the second the mass is on the axis
-    of the first, whose θ̈ is then not determined.
+    A hanging pendulum turns relative to the body by as much as the body rolls. So the axis of its first hinge should be
+    the one about which the body rolls: the first hinge may turn without limit, while at θ = ±π/2 of the second the mass
+    is on the axis of the first, whose θ̈ is then not determined.
 
     **Arguments:**
 
     - ``mass``: in units of mass.
     - ``length``: from the pivot to the mass.
-    - ``axes``: of both hinges where both θ are 0, body axes, each of any length but 0, shape (2, 3).
-    - ``direction``: from the pivot to the mass where both θ are 0, body axes, of any length but 0, shape (3,).
+    - ``axes``: of both hinges where both θ are 0, body axes, each of any nonzero length, shape (2, 3).
+    - ``direction``: from the pivot to the mass where both θ are 0, body axes, of any nonzero length, shape (3,).
     - ``pivot``: from the geometric centre, body axes, length, shape (3,).
-    - ``drives``: of both hinges, as of a :class:`~jaxball.Hinge`.
+    - ``drives``: of both hinges, as for a :class:`~jaxball.Hinge`.
 
-    **Raises:** ``ValueError`` where ``drives`` are not two.
+    **Raises:** ``ValueError`` unless there are two ``drives``.
 
     **Example:**
 
@@ -99,18 +99,18 @@ def double_pendulum(
     pivot: Numbers = CENTRE,
     drives: Sequence[Drive] = (None, None),
 ) -> Mechanism:
-    """Two masses on two rods without mass, the second hinged to the first mass, both about one direction.
+    """Two masses on two massless rods, the second hinged to the first mass, with parallel hinges.
 
     **Arguments:**
 
     - ``masses``: the inner and the outer one, in units of mass, shape (2,).
     - ``lengths``: of the inner and of the outer rod, shape (2,).
-    - ``axis``: of both hinges, body axes, of any length but 0, shape (3,). The second θ is relative to the first rod.
-    - ``direction``: of both rods where both θ are 0, body axes, of any length but 0, shape (3,).
+    - ``axis``: of both hinges, body axes, of any nonzero length, shape (3,). The second θ is relative to the first rod.
+    - ``direction``: of both rods where both θ are 0, body axes, of any nonzero length, shape (3,).
     - ``pivot``: of the first hinge, from the geometric centre, body axes, length, shape (3,).
-    - ``drives``: of both hinges, as of a :class:`~jaxball.Hinge`.
+    - ``drives``: of both hinges, as for a :class:`~jaxball.Hinge`.
 
-    **Raises:** ``ValueError`` where ``drives`` are not two.
+    **Raises:** ``ValueError`` unless there are two ``drives``.
 
     **Example:**
 
@@ -140,16 +140,16 @@ def ring_rotor(
 ) -> Mechanism:
     """A ring that spins about its own axis: a rotor, a reaction wheel.
 
-    Any ``count`` of equal masses evenly around a circle moves as the ring does, whose moments of inertia about its
-    centre are mass radius² about the axis and half of that across it.
+    Any ``count`` of equal masses spaced evenly around a circle moves as the ring does, whose moments of inertia about
+    its centre are mass radius² about the axis and half of that about a diameter.
 
     **Arguments:**
 
     - ``mass``: of the whole ring, in units of mass.
     - ``radius``: of the ring, length.
-    - ``axis``: of the hinge and the ring, body axes, of any length but 0, shape (3,).
+    - ``axis``: of the hinge and the ring, body axes, of any nonzero length, shape (3,).
     - ``centre``: of the ring, from the geometric centre, body axes, length, shape (3,).
-    - ``drive``: of the hinge, as of a :class:`~jaxball.Hinge`.
+    - ``drive``: of the hinge, as for a :class:`~jaxball.Hinge`.
     - ``count``: of the masses, 3 or more.
 
     **Raises:** ``ValueError`` for a ``count`` below 3.
@@ -179,20 +179,21 @@ def gyroscopic_pendulum(
     drives: Sequence[Drive] = (None, None, None),
     count: int = FEWEST_ON_RING,
 ) -> Mechanism:
-    """A spherical pendulum whose mass is a ring that spins about the rod: a top that hangs in a yoke.
+    """A spherical pendulum whose mass is a ring that spins about the rod: a top hanging in a yoke.
 
     **Arguments:**
 
     - ``mass``: of the whole ring, in units of mass.
     - ``length``: from the pivot to the ring's centre.
     - ``radius``: of the ring, length.
-    - ``axes``: of both hinges at the pivot where every θ is 0, as of :func:`~jaxball.spherical_pendulum`, shape (2, 3).
-    - ``direction``: from the pivot to the ring where every θ is 0, body axes, of any length but 0, shape (3,).
+    - ``axes``: of both hinges at the pivot where every θ is 0, as for :func:`~jaxball.spherical_pendulum`, shape (2,
+      3).
+    - ``direction``: from the pivot to the ring where every θ is 0, body axes, of any nonzero length, shape (3,).
     - ``pivot``: from the geometric centre, body axes, length, shape (3,).
-    - ``drives``: of both hinges and of the ring, as of a :class:`~jaxball.Hinge`.
+    - ``drives``: of both hinges and of the ring, as for a :class:`~jaxball.Hinge`.
     - ``count``: of the masses on the ring, 3 or more.
 
-    **Raises:** ``ValueError`` where ``drives`` are not three, and for a ``count`` below 3.
+    **Raises:** ``ValueError`` unless there are three ``drives``, and for a ``count`` below 3.
 
     **Source:** Kilin, Pivovarova and Ivanova, *Spherical robot of combined type: dynamics and control*, Regular and
     Chaotic Dynamics 20 (2015), 716.
@@ -212,16 +213,16 @@ def gyroscopic_pendulum(
 
 
 def mass_in_tube(mass: Numbers, axis: Numbers, *, centre: Numbers = CENTRE, drive: Drive = None) -> Mechanism:
-    """A mass that slides along a straight tube: a magnet that coils move, or a weight on a spoke.
+    """A mass that slides along a straight tube: a magnet moved by coils, or a weight on a spoke.
 
-    Nothing ends the tube: :class:`~jaxball.EndStops` do, or a :class:`~jaxball.Spring` holds the mass.
+    The tube has no ends of its own: use :class:`~jaxball.EndStops`, or a :class:`~jaxball.Spring` that holds the mass.
 
     **Arguments:**
 
     - ``mass``: in units of mass.
-    - ``axis``: of the tube, body axes, of any length but 0, shape (3,).
-    - ``centre``: where the mass is at θ = 0, from the geometric centre, body axes, length, shape (3,).
-    - ``drive``: along the tube, as of a :class:`~jaxball.Slider`.
+    - ``axis``: of the tube, body axes, of any nonzero length, shape (3,).
+    - ``centre``: the position of the mass at θ = 0, from the geometric centre, body axes, length, shape (3,).
+    - ``drive``: along the tube, as for a :class:`~jaxball.Slider`.
 
     **Source:** weights on spokes: Mojabi, *Introducing August: a novel strategy for an omnidirectional spherical
     rolling robot*, ICRA 2002.
@@ -249,19 +250,19 @@ def turning_rail(
     **Arguments:**
 
     - ``mass``: in units of mass.
-    - ``rail``: such as a :class:`~jaxball.Circle`, drawn where the first θ is 0.
-    - ``axis``: about which the rail turns, body axes, of any length but 0, shape (3,).
+    - ``rail``: such as a :class:`~jaxball.Circle`, placed for the configuration where the first θ is 0.
+    - ``axis``: about which the rail turns, body axes, of any nonzero length, shape (3,).
     - ``pivot``: a point on this axis, from the geometric centre, body axes, length, shape (3,).
-    - ``drives``: of the rail, as of a :class:`~jaxball.Hinge`, and of the mass, as of a :class:`~jaxball.Carriage`.
+    - ``drives``: of the rail, as for a :class:`~jaxball.Hinge`, and of the mass, as for a :class:`~jaxball.Carriage`.
       Where the mass passes through the axis, the θ̈ of a free rail is not determined.
 
-    **Raises:** ``ValueError`` where ``drives`` are not two.
+    **Raises:** ``ValueError`` unless there are two ``drives``.
 
     **Example:**
 
     >>> from jaxball import Circle, ConstantRate, turning_rail
     >>> robot = turning_rail(0.5, Circle(0.6), drives=(ConstantRate(0.0, rate=1.0), None))
-    >>> robot.free  # the rail turns as it is told, the mass moves as it can
+    >>> robot.free  # the schedule moves the rail, and the mass moves freely
     (1,)
     """
     of_rail, of_mass = _of_each(drives, 2)
@@ -286,11 +287,11 @@ def rigid_body_masses(
     - ``inertia``: its principal moments (d1, d2, d3) about its own centre of mass, mass length², shape (3,).
     - ``centre``: its centre of mass where every θ is 0, from the geometric centre, body axes, length, shape (3,).
     - ``frame``: a :class:`~jaxball.MatrixFrame` or another, whose columns are its principal axes in the body where
-      every θ is 0; the body axes if not given.
-    - ``joint``: the index of the joint that carries it; the last one if not given.
+      every θ is 0; by default the body axes.
+    - ``joint``: the index of the joint that carries it; by default the last one.
 
-    **Raises:** ``ValueError`` for moments that no body has, of which one exceeds the sum of the other two. Where they
-    are traced, the places are not numbers then.
+    **Raises:** ``ValueError`` for impossible moments, one of which exceeds the sum of the other two. Where they are
+    traced, the positions are NaN instead.
 
     **Example:**
 

@@ -11,11 +11,11 @@ from ...numerics.calculus import Furthest, furthest, two_derivatives
 
 
 class AbstractRail(Printed):
-    """A curve ζ(θ) fixed in the ball, drawn from the geometric centre (section 3.3, ``eq_1d_param``).
+    """A curve ζ(θ) fixed in the ball, relative to the geometric centre (section 3.3, ``eq_1d_param``).
 
-    A family implements ``__call__`` and ``period``. A rail whose shape costs something to find (a
-    spline's coefficients, a frame's matrix) overrides ``prepare``, which is called once a solve; one whose bends are
-    known, ``samples``, and one that knows its furthest point, ``furthest``.
+    A family implements ``__call__`` and ``period``. A rail whose shape is costly to compute (a spline's coefficients, a
+    frame's matrix) overrides ``prepare``, which is called once per solve; one whose wiggles are known overrides
+    ``samples``, and one whose furthest point is known, ``furthest``.
     """
 
     @abc.abstractmethod
@@ -29,7 +29,7 @@ class AbstractRail(Printed):
 
     @property
     def samples(self) -> int:
-        """How many evenly spaced θ show every bend of the curve."""
+        """How many evenly spaced θ resolve every bend of the curve."""
         return 512
 
     def prepare(self) -> "AbstractRail":
@@ -41,7 +41,7 @@ class AbstractRail(Printed):
         return two_derivatives(self, theta)
 
     def furthest(self) -> Furthest:
-        """Where a closed rail is furthest from the geometric centre, and how far it is there; ``x`` is θ."""
+        """The θ (as ``x``) at which a closed rail is furthest from the geometric centre, and its distance there."""
         assert self.period is not None
         theta = jnp.linspace(0.0, self.period, self.samples, endpoint=False)
         return furthest(self, theta, jax.vmap(self)(theta))

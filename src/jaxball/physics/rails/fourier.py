@@ -1,4 +1,4 @@
-"""Closed space curves by their Fourier coefficients."""
+"""Closed space curves given by their Fourier coefficients."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Rails given by a function of one's own."""
+"""Rails given by a user's function."""
 
 from collections.abc import Callable
 
@@ -13,14 +13,14 @@ from .base import AbstractRail
 class FunctionRail(AbstractRail):
     """ζ(θ) = function(θ, parameters), for any function that JAX can trace.
 
-    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew.
+    ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again.
     ``parameters`` may be any PyTree of arrays; they can be swept and differentiated.
     ``closed_after`` is the period of a closed rail, or None.
 
     **Arguments:**
 
     - ``function``: of (theta, parameters), to the point ζ, body axes, length, shape (3,).
-    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
+    - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
     - ``closed_after``: the period of a closed rail, or None for an open one.
 
     **Example:**

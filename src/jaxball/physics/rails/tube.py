@@ -13,7 +13,7 @@ class Tube(AbstractRail):
 
     **Arguments:**
 
-    - ``direction``: of any length but 0, body axes, shape (3,).
+    - ``direction``: of any nonzero length, body axes, shape (3,).
     - ``centre``: where θ is 0, body axes, length, shape (3,).
 
     **Example:**

@@ -1,4 +1,4 @@
-"""What a schedule is: the contract of an angle θ(t) prescribed in closed form."""
+"""The contract of a schedule: an angle θ(t) prescribed in closed form."""
 
 import abc
 
@@ -25,7 +25,7 @@ class AbstractSchedule(Printed):
         """The schedule θ(t) + ``by``."""
 
     def kinks(self) -> Float[Array, " kinks"]:
-        """The times at which θ̈ or one of its derivatives jumps; θ̇ must not. An integrator steps to them."""
+        """The times at which θ̈ or one of its derivatives jumps; θ̇ must not. The integrator ends steps at them."""
         return jnp.zeros((0,), dtype=default_dtype())
 
     def prepare(self) -> "AbstractSchedule":
@@ -37,5 +37,5 @@ class AbstractSchedule(Printed):
         return two_derivatives(self, t)
 
     def starting_at(self, theta: Numbers, t: Numbers) -> "AbstractSchedule":
-        """The schedule moved by a constant so that it takes the value ``theta`` at time ``t``."""
+        """The schedule shifted by a constant so that it takes the value ``theta`` at time ``t``."""
         return self.advanced(to_array(theta) - self.prepare()(to_array(t)))

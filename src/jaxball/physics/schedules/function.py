@@ -1,4 +1,4 @@
-"""Schedules given by a function of one's own."""
+"""Schedules given by a user's function."""
 
 from collections.abc import Callable
 
@@ -11,17 +11,17 @@ from .base import AbstractSchedule
 
 
 class FunctionSchedule(AbstractSchedule):
-    """θ(t) = theta + function(t, parameters), for any function that JAX can trace twice.
+    """θ(t) = theta + function(t, parameters), for any function that JAX can differentiate twice.
 
-    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew. Say
-    in ``kink_times`` when its second derivative jumps.
+    ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. Give the times
+    at which its second derivative jumps in ``kink_times``.
 
     **Arguments:**
 
     - ``function``: of (t, parameters), to an angle in rad, or a length in a tube.
-    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
-    - ``theta``: what is added to it, in the same unit.
-    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+    - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
+    - ``theta``: a constant added to it, in the same unit.
+    - ``kink_times``: times, shape (kinks,), at which its second derivative jumps or has a kink.
 
     **Example:**
 

@@ -10,7 +10,7 @@ from .base import AbstractSchedule
 
 
 class ConstantRate(AbstractSchedule):
-    """θ(t) = theta + rate t; with ``rate`` zero, a mass that is held in place.
+    """θ(t) = theta + rate t; with ``rate`` zero, the mass is held in place.
 
     **Arguments:**
 

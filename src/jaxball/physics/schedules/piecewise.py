@@ -25,7 +25,7 @@ class PiecewiseSchedule(AbstractSchedule):
 
 
 class PiecewiseAcceleration(AbstractSchedule):
-    """θ̈(t) as polynomials in pieces, integrated twice exactly.
+    """θ̈(t) as a piecewise polynomial, integrated twice exactly.
 
     On times[j] ≤ t < times[j + 1], θ̈ = Σ_k accelerations[j, k] (t − times[j])ᵏ; before the first
     time and after the last, θ̈ = 0. The paper's pulse is times (0, .1, .2) and accelerations

@@ -13,16 +13,16 @@ from .piecewise import PiecewiseSchedule
 class Waypoints(AbstractSchedule):
     """The smooth schedule that takes ``angles`` at ``times``: a cubic spline with θ̈ continuous.
 
-    Before the first waypoint and after the last the mass keeps the rate that it has there, which is
-    ``end_rates`` (at rest unless told otherwise).
+    Before the first waypoint and after the last, the mass moves at the constant rate ``end_rates`` (by default at
+    rest).
 
     **Arguments:**
 
     - ``times``: increasing, shape (n,).
-    - ``angles``: θ then, rad on a closed rail and length in a tube, shape (n,).
+    - ``angles``: θ at these times, rad on a closed rail and length in a tube, shape (n,).
     - ``end_rates``: θ̇ at the first and the last, shape (2,).
 
-    **Raises:** ``ValueError`` when ``times`` and ``angles`` do not have one length, two or more.
+    **Raises:** ``ValueError`` unless ``times`` and ``angles`` have the same length, two or more.
 
     **Example:**
 
@@ -40,7 +40,7 @@ class Waypoints(AbstractSchedule):
     def __check_init__(self):
         if self.times.shape != self.angles.shape or self.times.ndim < 1 or self.times.shape[-1] < 2:
             raise ValueError(
-                "Arguments `times` and `angles` must have one length, two or more, but their shapes "
+                "Arguments `times` and `angles` must have the same length, two or more, but their shapes "
                 f"are {self.times.shape} and {self.angles.shape}."
             )
 
