@@ -97,7 +97,7 @@ class Entry:
 
 
 def compiled(module: Any, arguments: int, large: bool = True) -> Form:
-    """A StableHLO module of so many arguments, compiled; ``large``: also where its loops are over large arrays.
+    """A StableHLO module of so many arguments, compiled; ``large``: even if its loops are over large arrays.
 
     **Raises:** :class:`UnsupportedError`.
     """
@@ -107,7 +107,7 @@ def compiled(module: Any, arguments: int, large: bool = True) -> Form:
 
 
 def written(module: Any, arguments: int, large: bool = True) -> Entry:
-    """The same as LLVM's IR, before LLVM has it.
+    """The same as LLVM IR, before LLVM compiles it.
 
     **Raises:** :class:`UnsupportedError`.
     """

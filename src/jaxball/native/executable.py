@@ -1,4 +1,4 @@
-"""How a compiled program is called: arrays in, arrays out, memory to work in for each call that runs."""
+"""Calls of a compiled program: arrays in, arrays out, and a workspace for each running call."""
 
 import ctypes
 import threading
@@ -36,9 +36,9 @@ class Form(NamedTuple):
 
 
 class Executable:
-    """A program: called with the arrays of its arguments, it gives those of its results.
+    """A program: called with the arrays of its arguments, it returns those of its results.
 
-    It holds Python's lock only while it looks for signals, so that several threads can run it at once, and Ctrl-C
+    It holds Python's lock only while it checks for signals, so that several threads can run it at once, and Ctrl-C
     raises ``KeyboardInterrupt`` from within.
     """
 
@@ -88,7 +88,7 @@ def _given_back(memory: np.ndarray) -> None:
 
 
 def as_jax(arrays: Sequence[np.ndarray], avals: Sequence[Any]) -> list[Any]:
-    """Arrays of JAX, of the types given, that are not copied where they need not be."""
+    """JAX arrays of the given types, copied only if necessary."""
     device = jax.local_devices(backend="cpu")[0]
     sharding = jax.sharding.SingleDeviceSharding(device)
     return [put(array, aval, sharding, device) for array, aval in zip(arrays, avals, strict=True)]

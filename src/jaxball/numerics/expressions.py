@@ -1,4 +1,4 @@
-"""Expressions of numbers as a graph of operations, in which the same operation on the same operands stands once."""
+"""Expressions of numbers as a graph of operations, in which equal operations on equal operands are one node."""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -99,7 +99,7 @@ def _simplified(name: str, operands: Sequence[Any], dtype: np.dtype) -> Any:
 
 
 def in_order(results: Iterable[Any], stop_at: frozenset[Node] = frozenset()) -> Iterator[Node]:
-    """The nodes that ``results`` need, each after those that it needs itself; ``stop_at`` are not looked into."""
+    """The nodes that ``results`` need, each after those that it needs itself, not beyond ``stop_at``."""
     seen = set(stop_at)
     for root in results:
         stack = [root] if is_node(root) else []
