@@ -349,7 +349,7 @@ def test_labels_and_formats_are_those_that_are_given(command, tmp_path, capsys):
     assert ">M (kg)<" in text
     assert ">turned (rad)<" in text
     assert command(*chosen[:-3], "--label", "mass=M") == 2
-    assert "Result `mass` must be one of those" in capsys.readouterr().err
+    assert "Result `mass` must be one of the study's results" in capsys.readouterr().err
 
 
 def test_names_of_files_have_no_brackets():

@@ -13,11 +13,11 @@ from .program import Value, functions_of
 from .rules import RULES
 from .values import Array, Buffer, Memory, size_of
 
-# Instructions between two looks at signals: some milliseconds.
+# Instructions between two checks for signals: a few milliseconds.
 PATIENCE = 5_000_000
 
-# What a program looks at in between: the instructions left until it next looks for signals, whether it shall stop, and
-# the state of Python's thread, which has given up Python's lock.
+# The control data of a program: the instructions left until it next checks for signals, whether it must stop, and the
+# state of Python's thread, which has released Python's lock.
 SUPPORT = f"""
 declare ptr @PyEval_SaveThread()
 declare void @PyEval_RestoreThread(ptr)

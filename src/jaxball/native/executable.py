@@ -51,9 +51,7 @@ class Executable:
         self._results, self._size, self._workspace = form.results, form.size, form.workspace
 
     def __call__(self, arguments: Sequence[np.ndarray | jax.Array]) -> list[np.ndarray] | None:
-        """The results; None where the program came to a callback. The arguments have the types with which it was
-        compiled, row by row.
-        """
+        """The results; None if the program reached a callback. The arguments have the compiled types, row by row."""
         addresses = self._addresses(*map(_address, arguments))
         block = np.empty(self._size + ALIGNMENT, np.uint8)
         outputs = _address(block)

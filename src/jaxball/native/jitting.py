@@ -15,7 +15,7 @@ from .elements import UnsupportedError
 
 P = ParamSpec("P")
 T = TypeVar("T")
-_OF_NUMPY = (np.ndarray, np.generic, bool, int, float, complex)  # all that is no array of JAX
+_OF_NUMPY = (np.ndarray, np.generic, bool, int, float, complex)  # all types other than JAX arrays
 
 
 def jit(function: Callable[P, T]) -> Callable[P, T]:

@@ -14,7 +14,7 @@ from typing import Any
 # LLVM's context, in which modules are parsed, is shared by the process.
 _lock = threading.Lock()
 
-LONG = 2_000_000  # characters of a program, from which LLVM's scheduler is to look at fewer instructions at a time
+LONG = 2_000_000  # characters of a program above which LLVM's scheduler considers fewer instructions at a time
 
 # Declarations of routines, as linear_algebra.py writes them.
 _ROUTINE = re.compile(r"declare void @scipy\.(lapack|blas)\.(\w+)\(")

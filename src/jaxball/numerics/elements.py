@@ -30,7 +30,7 @@ ELEMENTWISE = frozenset({
     "stop_gradient", "sub", "tan", "tanh", "xor",
 })
 # fmt: on
-# Functions whose derivatives follow from their operations, so that these may stand for them.
+# Functions whose derivatives follow from their operations, which may replace them.
 WRITTEN_OUT: Mapping[Any, Callable[..., Any]] = {sine_cosine_p: written_out}
 REDUCTIONS: Mapping[str, Any] = {
     "reduce_sum": primitives.add_p,

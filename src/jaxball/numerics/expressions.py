@@ -80,7 +80,7 @@ def _folded(primitive: Any, params: Mapping[str, Any], operands: Sequence[Any]) 
 
 
 def _simplified(name: str, operands: Sequence[Any], dtype: np.dtype) -> Any:
-    """The result of an operation that is none, or None. A product with a zero that is known is zero."""
+    """The result of a trivial operation, or None. A product with a known zero is zero."""
     known = [None if is_node(item) else item for item in operands]
     if name in ("add", "add_any", "mul"):
         neutral = 1 if name == "mul" else 0

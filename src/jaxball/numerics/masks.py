@@ -46,7 +46,7 @@ def with_unknown_derivatives(tree: Tree, given: PyTree, here: Bool[Array, ""] | 
     return eqx.combine(jax.tree.map(one, numbers), others)
 
 
-# 0, whose tangents are NaN, and so is each cotangent that comes back, but for one of 0.
+# 0, whose tangents are NaN, as is each returning cotangent except one of 0.
 _zero = primitive("zero_of_unknown_derivative", jnp.zeros_like)
 _nan = primitive("unknown_derivative", lambda x: jnp.full_like(x, jnp.nan))
 declare_linear(_nan, lambda cotangent, _: [jnp.where(cotangent == 0, cotangent, jnp.nan)])

@@ -152,7 +152,7 @@ def _nearer(search: _Search, newest: Sample) -> _Search:
 
 
 def _filled(part: Array, size: int) -> Array:
-    """The padding is examined in vain."""
+    """The padding has no effect."""
     return jnp.concatenate([part, jnp.repeat(part[:1], size - part.size)])
 
 

@@ -116,7 +116,7 @@ def _around(steps: Steps, best: Largest, share: Float[Array, ""], width: int) ->
     length = share * (last - first)
     own = _Windows(best.step, jnp.maximum(best.time - half, start), jnp.minimum(best.time + half, end))
     beyond = _Windows(other, jnp.where(late, first, last - length), jnp.where(late, first + length, last))
-    # The padding is examined in vain.
+    # The padding has no effect.
     filled = width - 2 * best.time.size
     return jax.tree.map(lambda a, b: jnp.concatenate([a, b, jnp.repeat(a[:1], filled)]), own, beyond)
 
