@@ -239,8 +239,8 @@ def test_arguments_are_kept_under_their_names(function, named):
 
 def test_an_argument_that_is_kept_under_another_name_is_said_to_be_missing():
     sentence = (
-        rf"JAX {jax.__version__} writes the operation `rev` down without `axes`, which jaxball reads there; install a "
-        r"version of JAX that jaxball was tried with: `pip install jaxball` does\."
+        rf"JAX {jax.__version__} records the operation `rev` without `axes`, which jaxball needs; install a version "
+        r"of JAX that jaxball is tested with, as `pip install jaxball` does\."
     )
     with pytest.raises(RuntimeError, match=sentence):
         compat.argument(the_equation(lambda x: lax.rev(x, (0,)), T), "axes")

@@ -28,7 +28,7 @@ except ImportError:  # in a version that has it elsewhere
         return tuple(settings().items())
 
 
-# Releases of JAX have these in other places, or under types that type checkers see in some of them alone.
+# Releases of JAX have these in other places, or under types that type checkers see only in some of them.
 _core: Any = importlib.import_module("jax.extend.core")
 ClosedJaxpr, Literal, Primitive, primitives = _core.ClosedJaxpr, _core.Literal, _core.Primitive, _core.primitives
 enable_x64: Any = (jax if hasattr(jax, "enable_x64") else importlib.import_module("jax.experimental")).enable_x64
@@ -108,7 +108,7 @@ def put(array: np.ndarray, aval: Any, sharding: Any, device: Any) -> jax.Array |
 
 
 def node_of(structure: Any) -> tuple[type, Any] | None:
-    """The type at the root of a PyTree and what it holds beside its children; None for a leaf."""
+    """The type at the root of a PyTree and its auxiliary data; None for a leaf."""
     return structure.node_data()
 
 
@@ -188,7 +188,7 @@ def called(equation: Any) -> Program | None:
 
 
 def argument(equation: Any, name: str) -> Any:
-    """What the function of ``jax.lax`` that an equation stands for was given under the name of this argument.
+    """The argument with this name of the function of ``jax.lax`` that an equation stands for.
 
     **Raises:** ``RuntimeError`` where this version of JAX stores it differently.
     """

@@ -18,8 +18,8 @@ VECTORS = "-vectorize-memory-check-threshold=100000,-force-target-instruction-co
 # Where there are 512-bit registers, they are used.
 WIDE = "--xla_cpu_prefer_vector_width=512"
 # XLA's older way of compiling fused operations takes a tenth to a third less time. Depending on the processor, its
-# programs ran from a tenth faster to a fifth slower than those of the newer way. jaxlib 0.11 and later have the newer
-# one alone.
+# programs ran from a tenth faster to a fifth slower than those of the newer way. jaxlib 0.11 and later only have the
+# newer one.
 OLDER = "--xla_cpu_use_fusion_emitters=false"
 EXTRA = "--xla_backend_extra_options"
 FLAGS = (f"{EXTRA}={SMALL_LOOPS},{VECTORS}", WIDE)

@@ -154,10 +154,10 @@ def test_the_two_kinds_of_figure_are_written(quick):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("bal",), "PROBLEM must name some of .* but it has 'bal'; the nearest names are ball"),
+        (("bal",), "PROBLEM must contain names .* but it contains 'bal'; the nearest names are ball"),
         (
             ("--solvers", "Raduu"),
-            "Argument `--solvers` must name some of .* but it has 'Raduu'; the nearest names are",
+            "Argument `--solvers` must contain names .* but it contains 'Raduu'; the nearest names are",
         ),
         (("ball", "--solvers", "qqqqqqqq"), "the names are Adams, "),
         (("ball", "--tolerances", "-1"), "must be a positive number, but it is -1"),

@@ -125,7 +125,7 @@ def test_a_slow_solve_is_left_out_and_no_finer_tolerance_is_tried():
     result, _ = measured(known(answer))
     assert result.rows == []
     (sentence,) = result.left_out
-    assert sentence.startswith("Left out: known at tolerance 1e-4 and finer ones, because a solve took 0.")
+    assert sentence.startswith("Left out: known at tolerance 1e-4 and tighter ones, because a solve took 0.")
     assert set(answer.calls) == {1e-4}
 
 
@@ -191,7 +191,7 @@ def test_an_interruption_keeps_the_problems_that_were_finished(out):
     assert done.interrupted
     assert [row["problem"] for row in content(out)["rows"]] == ["growth", "growth"]
     assert (out / "growth.png").exists()
-    assert "Interrupted while second was measured, of which nothing is kept." in lines
+    assert "Interrupted while measuring second, whose results are discarded." in lines
     assert not list(out.glob(".jaxball-*"))
 
 

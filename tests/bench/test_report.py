@@ -155,7 +155,7 @@ def test_problems_by_name():
     ("name", "nearest"), [("Trapezodial", "Trapezoidal"), ("DOPRI", "Dopri"), ("SciPy Rado", "SciPy")]
 )
 def test_unknown_names_come_with_the_nearest_ones(name, nearest):
-    with pytest.raises(SelectionError, match=rf"`solvers` must name some of .* but it has '{name}'; .*{nearest}"):
+    with pytest.raises(SelectionError, match=rf"`solvers` must contain names .* but it contains '{name}'; .*{nearest}"):
         select_contenders([name])
 
 

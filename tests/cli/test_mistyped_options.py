@@ -51,7 +51,7 @@ def test_a_platform_that_is_not_there_is_a_sentence():
 @pytest.mark.parametrize(
     ("name", "value", "must"),
     [
-        ("JAX_PLATFORM_NAME", "abacus", "name what JAX can compute on here"),
+        ("JAX_PLATFORM_NAME", "abacus", "name a device that JAX can use here"),
         ("JAX_ENABLE_X64", "maybe", "have a value that JAX can read"),
         ("JAX_NUM_CPU_DEVICES", "many", "have a value that JAX can read"),
     ],

@@ -116,7 +116,7 @@ def test_one_key_takes_the_place_of_another(folder, capsys):
             "Path `body.mas` cannot be removed, because it is not in the scenario; did you mean `body.mass`?",
         ),
         ("masses[1]=", "is not in the scenario; did you mean `masses[0]`?"),
-        ("body.mass.x=", "Path `body.mass.x` cannot be taken away"),
+        ("body.mass.x=", "Path `body.mass.x` cannot be removed"),
         ("solve.rtol=", "because it is not in the scenario."),
         ("body.mass=two words", "must be a number, a word, or another value of TOML"),
     ],

@@ -115,7 +115,7 @@ def space():
 def test_python_refuses_it_too(wanted, words):
     given = {"objectives": {}, "constraints": {}}
     given["objectives" if isinstance(wanted, design.AbstractObjective) else "constraints"] = {"mine": wanted}
-    with pytest.raises(design.DesignError, match=f"^`mine` must be within reach of a disk, .* it asks for {words}"):
+    with pytest.raises(design.DesignError, match=f"^`mine` must be within reach of a disk, .* it requires {words}"):
         design.Problem(space(), **given)
 
 

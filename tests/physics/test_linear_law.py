@@ -67,7 +67,9 @@ def test_states_without_versors():
     at = {"Omega": (0.1, 0.2, 0.3), "theta": (0.1, 0.2), "thetadot": (0.3, 0.4)}
     expected = LAW(jnp.array(0.4), BallState(**at, z=(1.0, 2.0)))
     np.testing.assert_allclose(LAW(jnp.array(0.4), RotationState(**at, z=(1.0, 2.0))), expected, rtol=1e-15)
-    with pytest.raises(TypeError, match="Argument `z` of the law must be None for a ReducedState, which has no place"):
+    with pytest.raises(
+        TypeError, match="Argument `z` of the law must be None for a ReducedState, which has no position"
+    ):
         LAW(jnp.array(0.4), BallState(**at).reduced())
     assert LinearLaw(Gamma=GAMMA)(jnp.array(0.0), ReducedState(**at, Gamma=(0.0, 0.0, 1.0))).shape == (2,)
 

@@ -55,7 +55,9 @@ def test_figures_of_another_run_stay(disk_trajectory, ball_trajectory, tmp_path)
     assert {path.name.partition("_")[0] for path in first} == {"my-run"}
     kept = {path: path.read_bytes() for path in first}
     assert plot.figures(disk_trajectory, tmp_path, name="my run") == first
-    with pytest.raises(OutputError, match=r"is not a figure of this run, .*; give another folder, or replace=True to"):
+    with pytest.raises(
+        OutputError, match=r"is not a figure of this run, .*; choose another folder, or give replace=True to"
+    ):
         plot.figures(ball_trajectory, tmp_path, name="my run")
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == kept
     plot.figures(ball_trajectory, tmp_path, name="my run", replace=True)

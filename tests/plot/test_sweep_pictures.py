@@ -286,7 +286,7 @@ def altered(**status):
         ),
         (lambda: plot.sweep_slice(disks(DESIGN), "phi", OVER_MASS, by="body.gravity"), r"^Argument `by` must be a num"),
         (lambda: plot.sweep_slice(disks(), "phi", OVER_MASS, at={OVER_MASS: 1.0}), r"^Argument `at` must have no"),
-        (lambda: plot.sweep_map(disks(), "phi", OVER_MASS, OVER_MASS), r"^Argument `up` must be another number than"),
+        (lambda: plot.sweep_map(disks(), "phi", OVER_MASS, OVER_MASS), r"^Argument `up` must be a number other than"),
         (
             lambda: plot.sweep_fan(disks(), OVER_MASS),
             r"saved at all times, .* none: the study needs `save",
@@ -349,7 +349,7 @@ def test_labels_and_formats_are_those_that_are_given(command, tmp_path, capsys):
     assert ">M (kg)<" in text
     assert ">turned (rad)<" in text
     assert command(*chosen[:-3], "--label", "mass=M") == 2
-    assert "Result `mass` must be one of those" in capsys.readouterr().err
+    assert "Result `mass` must be one of the study's results" in capsys.readouterr().err
 
 
 def test_names_of_files_have_no_brackets():
@@ -377,7 +377,7 @@ def test_the_command_draws_standard_results_of_one_number(command, tmp_path, cap
     [
         (["none.zarr"], 'must be the store of a study at "none.zarr", but nothing is there'),
         (["."], "must be the store of a study, but it is something else"),
-        (["s.zarr", "--result", "steps", "psi"], "Result `psi` must be one of those that the study has; did you mean"),
+        (["s.zarr", "--result", "steps", "psi"], "Result `psi` must be one of the study's results; did you mean"),
         (["s.zarr", "--against", "body.masses"], "Path `body.masses` must be one of the numbers"),
         (["begun.zarr"], "must have a row that was computed, but none of its rows is done yet"),
     ],

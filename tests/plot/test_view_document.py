@@ -272,7 +272,7 @@ def test_what_cannot_be_shown_is_refused_in_a_sentence(
 ):
     batch = eqx.tree_at(lambda run: run.status, ball_trajectory, jnp.zeros((2,), dtype=int))
     for trajectory, sentence in (
-        (reduced_trajectory, r"must know where the ball is, .* simulate with a BallState\.$"),
+        (reduced_trajectory, r"must contain the position of the ball, .* simulate with a BallState\.$"),
         (batch, r"must be one trajectory, but it is a batch of shape \(2,\); take one"),
         (hopeless_trajectory, r"must have a finite state to show, but it has none\."),
     ):
@@ -285,7 +285,11 @@ def test_what_cannot_be_shown_is_refused_in_a_sentence(
     for runs, scale, sentence in (
         ({}, None, r"`trajectories` must have from one run to 24, but it has 0\.$"),
         ({str(k): ball_trajectory for k in range(25)}, None, r"`trajectories` must have .* to 24, but it has 25\.$"),
-        ({"a": ball_trajectory, "<b>": slope}, None, r'`trajectories` must have runs on one plane, but that of "<b>"'),
+        (
+            {"a": ball_trajectory, "<b>": slope},
+            None,
+            r'`trajectories` must have runs on the same plane, but the plane of "<b>"',
+        ),
         (ball_trajectory, ColourScale("g", [1.0, 2.0]), r"`scale` must have a value for each of the 1 runs, but it"),
     ):
         with pytest.raises(ValueError, match="^Argument " + sentence):

@@ -59,7 +59,7 @@ def test_what_is_written_reads_the_same(text):
         (TOP, "heavy-top", "heavy-tap", '`kind` cannot be "heavy-tap"; did you mean "heavy-top"'),
         (TOP, '"heavy-top"', '["heavy-top"]', "`kind` must be one of"),
         (TOP, "chi = [0.0, 0.1, 0.7], ", "", "`body.chi` must be a list of 3 finite numbers, but it is missing"),
-        (TOP, "0.7]", "1.7]", "`body.chi` must be a place where a body of this mass and inertia can have"),
+        (TOP, "0.7]", "1.7]", "`body.chi` must be a position where a body of this mass and inertia can have"),
         (TOP, "0.8]", "2.8]", "`body.inertia` must be three moments of which none exceeds"),
         (TOP, "gravity", "gravty", "`body.gravty` is not known; did you mean `gravity`"),
         (TOP, "format = 1", "format = 1\nmasses = []", "`masses` is not known"),

@@ -31,4 +31,4 @@ def sentence():
 def test_the_refusal_names_the_line_that_fixes_it(sentence):
     assert 'jax.config.update("jax_enable_x64", True)' in sentence
     assert "float32" in sentence
-    assert "ask for looser ones" in sentence
+    assert "choose looser ones" in sentence

@@ -174,8 +174,8 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("solver", "sentence"),
         [
-            (diffrax.Dopri5(), "`solver` must know mass matrices"),
-            (diffrax.Kvaerno5(), "`solver` must know mass matrices"),
+            (diffrax.Dopri5(), "`solver` must support mass matrices"),
+            (diffrax.Kvaerno5(), "`solver` must support mass matrices"),
             (Gauss(8), "`solver` must be a RadauIIA or an NDF"),
             (Gauss(3, root_finder=SimplifiedNewton()), "`solver` must be a RadauIIA or an NDF"),
             (

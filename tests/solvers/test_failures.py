@@ -29,7 +29,7 @@ from jaxball.solvers import (
 from jaxball.solvers.multistep import controller_class
 
 NOT_FINITE = "vector field is not a finite number"
-TOO_MANY = "has taken all the steps that it may"
+TOO_MANY = "has taken all its steps"
 NO_CONVERGENCE = "iteration for the stages does not converge"
 UNDETERMINED = "equations do not determine the step"
 INCONSISTENT = "initial values do not satisfy the equations without a derivative"

@@ -298,5 +298,5 @@ def test_a_worker_that_is_killed_is_told(tmp_path):
             future.set_exception(concurrent.futures.BrokenExecutor())
             return future
 
-    with pytest.raises(executors.WorkerError, match="A worker ended before its chunk did"):
+    with pytest.raises(executors.WorkerError, match="A worker ended before its chunk was done"):
         sweep(study(tmp_path), tmp_path / "s.zarr", executor=Broken(), engine=engine.solve_in_lanes)

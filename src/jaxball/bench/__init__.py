@@ -1,6 +1,6 @@
 """Solvers compared at equal achieved error: ``jaxball bench``.
 
-A package that is compared is imported only when it takes part. Nothing here is needed by any other room.
+A compared package is imported only when it takes part. No other package of jaxball needs this one.
 """
 
 from ..interface.names import interface as _interface

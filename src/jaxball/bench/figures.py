@@ -27,7 +27,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "h", "*")
 
 
 class Pen(NamedTuple):
-    """How a family's lines look: jaxball's are bold, diffrax's dashed, all others thin."""
+    """The style of a family's lines: jaxball's are bold, diffrax's dashed, all others thin."""
 
     width: float
     dashes: Any
@@ -36,14 +36,14 @@ class Pen(NamedTuple):
 
 BOLD, DASHED, THIN = Pen(1.9, "-", 4.5), Pen(1.2, (0, (5, 2)), 3.5), Pen(0.8, "-", 3.0)
 PENS = {"jaxball": BOLD, "diffrax": DASHED}
-# Okabe and Ito's colours (2008), which colour-blind readers tell apart, with black and a grey.
+# Okabe and Ito's colours (2008), which colour-blind readers can distinguish, with black and a grey.
 COLOURS = {"diffrax": "#CC79A7", "SciPy": "0.5", "numbalsoda": "#56B4E9", "heyoka": "#E69F00", "CasADi": "black"}
 OWN_COLOURS = {"Gauss": "#D55E00", "RadauIIA": "#0072B2"}
 OTHER_OWN_COLOUR = "#009E73"
 
 
 def draw(problem: Problem, rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Writes the diagram as PNG and PDF into ``folder``, and says where; none where no row holds an error."""
+    """Writes the diagram as PNG and PDF to ``folder``, and returns the paths; none if no row has an error."""
     if not any(row.error is not None for row in rows):
         return []
     figure = diagram(problem, rows)
@@ -55,7 +55,7 @@ def draw(problem: Problem, rows: Sequence[Row], folder: Path) -> list[Path]:
 
 
 def diagram(problem: Problem, rows: Sequence[Row]) -> Figure:
-    """The diagram of one problem: a line for each solver, more exact to the right, named at the margin."""
+    """The diagram of one problem: a line for each solver, more accurate to the right, labelled at the margin."""
     ax = style.plane_axes(None, SIZE)
     for solver in dict.fromkeys(row.solver for row in rows):
         _line(ax, solver, [row for row in rows if row.solver == solver and row.error is not None])
@@ -107,7 +107,7 @@ def _line(ax: Axes, solver: str, rows: Sequence[Row]) -> None:
 
 
 def _name_lines(ax: Axes) -> None:
-    """Each line's name at the right margin, joined with its most exact point."""
+    """Each line's name at the right margin, connected with its most accurate point."""
     ends = {}
     for line in ax.lines:
         points = np.column_stack([line.get_xdata(), line.get_ydata()]).astype(float)

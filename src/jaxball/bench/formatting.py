@@ -1,8 +1,8 @@
-"""How tables and sentences show numbers."""
+"""The formats of numbers in tables and sentences."""
 
 
 def seconds(time: float) -> str:
-    """A time with three digits in a unit that suits it."""
+    """A time with three digits in a suitable unit."""
     for unit, size in (("s", 1.0), ("ms", 1e-3)):
         if time >= size:
             return f"{time / size:.3g} {unit}"

@@ -1,4 +1,4 @@
-"""The description of the machine and of the packages, which every result carries."""
+"""The description of the machine and of the packages, which is part of every result."""
 
 import importlib.metadata
 import os
@@ -13,7 +13,7 @@ VECTOR_UNITS = ("sse4_2", "avx", "avx2", "fma", "avx512f", "avx512dq", "asimd", 
 
 
 def description() -> dict[str, object]:
-    """The machine, the settings of XLA, and the versions of Python and of the packages there are."""
+    """The machine, the settings of XLA, and the versions of Python and of the installed packages."""
     return {"machine": machine(), "XLA_FLAGS": os.environ.get("XLA_FLAGS", ""), "versions": versions(PACKAGES)}
 
 

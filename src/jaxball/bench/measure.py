@@ -20,14 +20,14 @@ Echo = Callable[[str], None]
 
 ROUNDS = 5
 FEWEST, MOST = 3, 50
-COLD = 0.05  # seconds: what a call loses to cold caches is nothing beside this
+COLD = 0.05  # seconds, compared with which the effect of cold caches on a call is negligible
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How to measure.
+    """The settings of a measurement.
 
-    - ``tolerances``: the relative ones.
+    - ``tolerances``: the relative tolerances.
     - ``budget``: seconds of timed calls for each contender and tolerance.
     - ``limit``: seconds that a solve may take; a slower one is left out, and so are its tighter tolerances.
     """
@@ -41,16 +41,16 @@ class Settings:
 class Row:
     """One contender at one tolerance. Times are in seconds.
 
-    - ``failure``: empty, or how the solve failed; then there is neither an error nor a time.
+    - ``failure``: empty, or how the solve failed, in which case there is no error and no time.
     - ``error``: the achieved one, :meth:`Problem.error` of the final state.
-    - ``time``, ``quartiles``, ``repeats``: the median of warm calls, where their middle half lies, how many.
+    - ``time``, ``quartiles``, ``repeats``: the median of warm calls, their quartiles, and their number.
     - ``build_time``: to build or compile what the solve needs, shared parts included.
     - ``state``: the final state.
-    - ``steps`` and those after it: see ``Work`` in ``jaxball.bench.contenders``.
-    - ``problem``, ``solver``, ``family``, ``tolerance``: what was solved, by which method of which package, and how
-      exactly.
+    - ``steps`` and the fields after it: see ``Work`` in ``jaxball.bench.contenders``.
+    - ``problem``, ``solver``, ``family``, ``tolerance``: what was solved, by which method of which package, and at
+      which tolerance.
     - ``rejected``, ``evaluations``, ``jacobians``, ``decompositions``: the work done; None where the package does not
-      tell.
+      report it.
     """
 
     problem: str
@@ -73,7 +73,7 @@ class Row:
 
 @dataclass
 class Measured:
-    """The rows of one problem, and a sentence for everything that was left out of it.
+    """The rows of one problem, and a sentence for everything that was left out.
 
     **Arguments:**
 
@@ -99,8 +99,8 @@ class _Entry:
 def measure(problem: Problem, contenders: Sequence[Contender], settings: Settings, echo: Echo) -> Measured:
     """Solves ``problem`` with every one of ``contenders`` that can, at every tolerance.
 
-    First each is built and solves once; then all take turns, a block of calls at a time, so that a drift of
-    the machine's speed meets them all alike; last come the uncounted solves that give errors and work.
+    First each is built and solves once; then all take turns, a block of calls at a time, so that a drift of the
+    machine's speed affects all equally; last come the untimed solves that yield errors and work.
     """
     measured = Measured()
 
@@ -134,7 +134,7 @@ def _build(
     entries, failures = [], []
     try:
         program = contender.program(problem)
-    except Exception as error:  # whatever a package raises, the others are still to be measured
+    except Exception as error:  # whatever a package raises, the others must still be measured
         leave_out(f"Left out: {contender.name}, because building the problem failed: {cause(error)}.")
         return [], []
     for tolerance in sorted(settings.tolerances, reverse=True):
@@ -145,7 +145,7 @@ def _build(
             continue
         if entry.once > settings.limit:
             leave_out(
-                f"Left out: {contender.name} at tolerance {power(tolerance)} and finer ones, because a solve took "
+                f"Left out: {contender.name} at tolerance {power(tolerance)} and tighter ones, because a solve took "
                 f"{entry.once:.1f} s, more than {settings.limit:g} s."
             )
             break
@@ -200,7 +200,7 @@ def _row(problem: Problem, entry: _Entry) -> Row:
 
 
 def failed(problem: Problem, contender: Contender, tolerance: float, build_time: float, failure: str) -> Row:
-    """A row that says how the solve failed, and holds no number that it did not earn."""
+    """A row that says how the solve failed, without error and times."""
     numbers = dict.fromkeys(("steps", "rejected", "evaluations", "jacobians", "decompositions"))
     return Row(
         problem=problem.name,
@@ -219,13 +219,13 @@ def failed(problem: Problem, contender: Contender, tolerance: float, build_time:
 
 
 def timed(call: Callable[[], Result]) -> tuple[float, Result]:
-    """Seconds that ``call`` took, and its result; ``call`` must wait for what it started."""
+    """The time in seconds that ``call`` took, and its result; ``call`` must wait for what it started."""
     start = time.perf_counter()
     result = call()
     return time.perf_counter() - start, result
 
 
 def cause(error: Exception) -> str:
-    """The kind of ``error`` and the end of what it says, where packages that nest messages put the cause."""
+    """The kind of ``error`` and the end of its message, where packages that nest messages put the cause."""
     lines = str(error).strip().splitlines() or ["no message"]
     return f"{type(error).__name__}: {lines[-1].rstrip('.')}"

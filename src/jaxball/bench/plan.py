@@ -1,4 +1,4 @@
-"""What a run of the benchmark covers: everything, a quick part of it, or the problems and solvers that are named."""
+"""The extent of a run of the benchmark: everything, a quick part, or the named problems and solvers."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -17,11 +17,11 @@ QUICK_SOLVERS = ("Gauss", "RadauIIA 3", "diffrax Dopri8", "SciPy DOP853", "heyok
 
 
 class Plan(NamedTuple):
-    """Which solvers meet which problems, and how they are measured.
+    """The solvers and problems to measure, and the settings.
 
     **Arguments:**
 
-    - ``problems``, ``contenders``, ``settings``: lists of both, and how often and how exactly to measure.
+    - ``problems``, ``contenders``, ``settings``: lists of both, and the settings of the measurement.
     """
 
     problems: list[Problem]
@@ -30,12 +30,12 @@ class Plan(NamedTuple):
 
 
 def plan(problem_names: Sequence[str] = (), solver_names: Sequence[str] = (), *, quick: bool = False) -> Plan:
-    """The problems and solvers of these names; without names all of them, or the quick ones.
+    """The problems and solvers with these names; without names all of them, or the quick ones.
 
     **Arguments:**
 
     - ``problem_names``, ``solver_names``: which; all if empty.
-    - ``quick``: whether the quick ones are meant.
+    - ``quick``: whether to use the quick ones.
 
     **Raises:** :class:`SelectionError` for a name that no problem or solver has.
     """
@@ -47,7 +47,7 @@ def plan(problem_names: Sequence[str] = (), solver_names: Sequence[str] = (), *,
 
 
 def listing() -> str:
-    """A line for each problem and for each solver, with the reason where one cannot take part here."""
+    """A line for each problem and for each solver, with the reason if one cannot take part here."""
     absent = {family: family.missing() for family in FAMILIES}
     width = max(map(len, (*problems.ALL, *ALL)))
     lines = ["Problems", *(f"  {problem.name:{width}}  {problem.title}" for problem in problems.ALL.values())]
@@ -64,11 +64,11 @@ class SelectionError(ValueError):
 
 
 def select_problems(known: Mapping[str, Problem], names: Sequence[str]) -> list[Problem]:
-    """The problems with these names, in the order of ``known``; all where there are no names.
+    """The problems with these names, in the order of ``known``; all if there are no names.
 
     **Arguments:**
 
-    - ``names``: as they are called.
+    - ``names``: of problems.
 
     **Raises:** :class:`SelectionError` for a name that no problem has.
     """
@@ -77,14 +77,14 @@ def select_problems(known: Mapping[str, Problem], names: Sequence[str]) -> list[
 
 
 def select_contenders(names: Sequence[str], known: Mapping[str, Contender] = ALL) -> list[Contender]:
-    """The contenders with these names, in the order of ``known``; all where there are no names.
+    """The contenders with these names, in the order of ``known``; all if there are no names.
 
-    A name may also be whole words of one, or the package: "RadauIIA" are all of its stage numbers, and
+    A name may also consist of whole words of one, or be the package: "RadauIIA" selects all of its stage numbers, and
     "SciPy" all of SciPy.
 
     **Arguments:**
 
-    - ``names``: as they are called, or words of that.
+    - ``names``: of contenders, or words of these.
 
     **Raises:** :class:`SelectionError` for a name that no contender has.
     """
@@ -94,20 +94,20 @@ def select_contenders(names: Sequence[str], known: Mapping[str, Contender] = ALL
 
 
 def _matching(argument: str, name: str, labels: Mapping[str, tuple[str, ...]]) -> list[str]:
-    """The keys whose label is ``name``, or else those that hold its words one after the other."""
+    """The keys whose label is ``name``, or otherwise those that contain its words in sequence."""
     exact = [key for key in labels if key.lower() == name.lower()]
     matches = exact or [key for key, values in labels.items() if any(_has_words(value, name) for value in values)]
     if not matches:
         known = dict.fromkeys(label for values in labels.values() for label in values)
         raise SelectionError(
-            f"Argument `{argument}` must name some of what `jaxball bench --list` shows, but it has {name!r}; "
+            f"Argument `{argument}` must contain names that `jaxball bench --list` shows, but it contains {name!r}; "
             f"{_suggestion(name, known)}."
         )
     return matches
 
 
 def _has_words(label: str, name: str) -> bool:
-    """Whether a label has the words of a name one after the other."""
+    """Whether a label contains the words of a name in sequence."""
     return bool(name.split()) and f" {' '.join(name.lower().split())} " in f" {' '.join(label.lower().split())} "
 
 

@@ -1,4 +1,4 @@
-"""What a problem of the benchmark is: equations written once in scalars, and an end state known beforehand."""
+"""The contract of benchmark problems: equations written once in scalars, and a known final state."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ Scalar = Any  # a float, a JAX scalar, a CasADi SX, a heyoka expression, a SymPy
 
 @runtime_checkable
 class Functions(Protocol):
-    """The functions that equations may call besides + − × ÷: ``math``, ``jax.numpy``, ``casadi``, ``heyoka``, …"""
+    """The functions that equations may call besides + − × ÷: ``math``, ``jax.numpy``, ``casadi``, ``heyoka``…"""
 
     @property
     def sin(self) -> Callable[[Scalar], Scalar]: ...
@@ -42,13 +42,13 @@ class Piece:
 
 @dataclass(frozen=True)
 class Form:
-    """The same problem as jaxball itself states it, in JAX and in another state.
+    """The same problem as jaxball itself formulates it, in JAX and with another state.
 
-    - ``field``: f(t, x, args), right on the whole interval; at a kink it is either one-sided value.
+    - ``field``: f(t, x, args), valid on the whole interval; at a kink it has either one-sided value.
     - ``initial``: x at the problem's start.
     - ``final``: from x at the problem's end to the state of the problem.
-    - ``mass``, ``choose``: of a DAE, the diagonal of M for an algebraic component, and the component to be algebraic in
-      a step that starts at x; the ``args`` of ``field`` are that component.
+    - ``mass``, ``choose``: of a DAE, the diagonal of M for an algebraic component, and the algebraic component in a
+      step that starts at x; the ``args`` of ``field`` are that component.
     """
 
     field: Callable[[Float[Array, ""], Float[Array, " form"], Any], Float[Array, " form"]]
@@ -63,7 +63,7 @@ class Problem:
     """An initial value problem ẋ = f(t, x, p), or a semi-explicit DAE, with its solution at the end.
 
     - ``name``, ``title``: for files and for figures.
-    - ``source``: where equations and end state come from.
+    - ``source``: where equations and final state come from.
     - ``pieces``: the interval, cut where the equations are not smooth or where a DAE changes its algebraic component.
     - ``initial``: x at the start.
     - ``rates``: f, called as ``rates(t, x, p, functions)``, without branches.
@@ -71,10 +71,10 @@ class Problem:
     - ``measured``: the components whose error counts.
     - ``relative``: whether an error is divided by the exact value.
     - ``stiff``: whether explicit methods are left out.
-    - ``atol_over_rtol``: the absolute tolerance that every solver gets, over the relative one.
+    - ``atol_over_rtol``: the ratio of the absolute to the relative tolerance for every solver.
     - ``constraint``: of a DAE, h in h(x) = 0.
-    - ``form``: makes the problem as jaxball itself would state it, where that is another way; it calls JAX, so it is
-      called only when wanted.
+    - ``form``: makes the problem as jaxball itself would formulate it, if that differs; it calls JAX, so it is called
+      only when needed.
     """
 
     name: str
@@ -125,7 +125,7 @@ class Problem:
     def error(self, x: Numbers) -> float:
         """The largest error of the measured components of ``x``, the state at the end; infinite if not finite.
 
-        **Raises:** ``ValueError`` when ``x`` has another length than the state.
+        **Raises:** ``ValueError`` when the length of ``x`` differs from that of the state.
         """
         given, exact = np.asarray(x, dtype=float), np.asarray(self.exact)
         if given.shape != exact.shape:

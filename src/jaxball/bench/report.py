@@ -1,4 +1,4 @@
-"""Tables of the rows: which solver is the cheapest at an achieved error, and whether all agree."""
+"""Tables of the rows: which solver is fastest at an achieved error, and whether all agree."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -16,21 +16,21 @@ COLUMNS = (
     "Steps", "Rejected", "Evaluations", "Jacobians", "Decompositions",
 )  # fmt: skip
 ABOUT = (
-    "Achieved errors against reference solutions, medians of warm calls, build or compile time apart. For each bound "
-    "on the achieved error the cheapest setting of each solver; *ratio* is its time over that of the fastest. "
-    "A dash stands for what a package does not report."
+    "Achieved errors relative to reference solutions, medians of warm calls, without build or compile time. For each "
+    "bound on the achieved error, the fastest setting of each solver; *ratio* is its time over that of the fastest. A "
+    "dash means that a package does not report the number."
 )
 
 
 class Spread(NamedTuple):
-    """The largest difference between two final states, in the norm of the error, and whose they are."""
+    """The largest difference between two final states, in the norm of the error, and their solvers."""
 
     difference: float
     solvers: tuple[str, str]
 
 
 def cheapest(rows: Sequence[Row], goal: float) -> list[Row]:
-    """Of each solver the fastest row with an achieved error of at most ``goal``; the fastest solver first."""
+    """The fastest row of each solver with an achieved error of at most ``goal``; the fastest solver first."""
     good = [(row.time, row) for row in rows if row.error is not None and row.error <= goal and row.time is not None]
     fastest: dict[str, Row] = {}
     for _, row in sorted(good, key=lambda pair: pair[0]):
@@ -39,13 +39,13 @@ def cheapest(rows: Sequence[Row], goal: float) -> list[Row]:
 
 
 def asked(rows: Sequence[Row], goal: float) -> list[Row]:
-    """Of each solver the row with the loosest tolerance that is not above ``goal``."""
+    """The row of each solver with the loosest tolerance that is not above ``goal``."""
     good = [row for row in rows if not row.failure and row.tolerance <= goal]
     return list({row.solver: row for row in sorted(good, key=lambda row: row.tolerance)}.values())
 
 
 def spread(problem: Problem, rows: Sequence[Row]) -> Spread | None:
-    """How far apart the final states of ``rows`` are; None for fewer than two."""
+    """The spread of the final states of ``rows``; None for fewer than two."""
     indices = list(problem.measured)
     scale = np.abs(np.asarray(problem.exact)[indices]) if problem.relative else 1.0
     states = {row.solver: np.asarray(row.state)[indices] / scale for row in rows if row.state is not None}
@@ -54,7 +54,7 @@ def spread(problem: Problem, rows: Sequence[Row]) -> Spread | None:
 
 
 def markdown(problems: Sequence[Problem], results: Mapping[str, Measured]) -> str:
-    """The tables of all problems that have results."""
+    """The tables of all problems with results."""
     done = [problem for problem in problems if problem.name in results]
     parts = ["# Solvers compared", ABOUT, _summary(done, results)]
     for problem in done:
@@ -122,10 +122,8 @@ def _cells(row: Row, fastest: float) -> list[str]:
 
 def _agreement(problem: Problem, rows: Sequence[Row], goal: float) -> str:
     sentences = [
-        _apart(spread(problem, cheapest(rows, goal)), "The final states of these"),
-        _apart(
-            spread(problem, asked(rows, goal)), f"The final states of all solvers that were asked for {power(goal)}"
-        ),
+        _apart(spread(problem, cheapest(rows, goal)), "The final states of these solvers"),
+        _apart(spread(problem, asked(rows, goal)), f"The final states of all solvers at the tolerance {power(goal)}"),
     ]
     return " ".join(filter(None, sentences))
 

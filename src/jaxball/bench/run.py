@@ -21,7 +21,7 @@ ABOUT = "The achieved error and the time of solvers on initial value problems; t
 
 @dataclasses.dataclass(frozen=True)
 class Bench:
-    """What was measured, problem by problem; ``interrupted`` where the user stopped it before the end.
+    """The measurements, problem by problem; ``interrupted`` if the user stopped it before the end.
 
     **Arguments:**
 
@@ -40,15 +40,15 @@ class Bench:
 def bench(
     problems: Sequence[Problem], contenders: Sequence[Contender], settings: Settings, out: Path, echo: Echo = print
 ) -> Bench:
-    """Measures ``contenders`` on ``problems``, and writes what is found into the folder ``out``.
+    """Measures ``contenders`` on ``problems``, and writes the results to the folder ``out``.
 
-    After each problem ``results.json`` and ``table.md`` are written anew and the problem's diagram is drawn, so
-    that an interruption with Ctrl-C, after which this returns, loses one problem at most.
+    After each problem ``results.json`` and ``table.md`` are rewritten and the problem's diagram is drawn, so that an
+    interruption with Ctrl-C, after which this returns, loses at most one problem.
 
     **Arguments:**
 
-    - ``settings``: how often and how exactly to measure.
-    - ``echo``: takes a line of progress.
+    - ``settings``: those of the measurement.
+    - ``echo``: called with each line of progress.
 
     **Raises:** :class:`~jaxball.results.OutputError` when a file cannot be written.
     """
@@ -64,7 +64,7 @@ def bench(
         try:
             results[problem.name] = measure(problem, present, settings, echo)
         except KeyboardInterrupt:
-            echo(f"Interrupted while {problem.name} was measured, of which nothing is kept.")
+            echo(f"Interrupted while measuring {problem.name}, whose results are discarded.")
             interrupted = True
             break
         echo(f"  {_finding(results[problem.name].rows)} ({time.perf_counter() - start:.0f} s)")
@@ -99,7 +99,7 @@ def _finding(rows: Sequence[Row]) -> str:
 def _write(
     out: Path, problems: Sequence[Problem], results: dict[str, Measured], settings: Settings, missing: list[str]
 ) -> None:
-    from . import figures  # only here, because matplotlib takes longer to import than a list of names needs
+    from . import figures  # only here, because matplotlib takes longer to import than to list names
 
     content = {
         "about": ABOUT,

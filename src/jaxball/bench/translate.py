@@ -14,7 +14,7 @@ from ..numerics.elements import evaluated, inputs
 from ..numerics.expressions import Elementwise, Graph, Node, in_order, is_node
 from .problem import Piece, Problem, Rates
 
-# How Python writes the operations that equations and their derivatives are made of.
+# The Python source of the operations in equations and their derivatives.
 OPERATIONS = {
     "add": "{} + {}",
     "add_any": "{} + {}",
@@ -50,7 +50,7 @@ def jax_parameters(problem: Problem) -> Callable[[Float[Array, ""]], Float[Array
 
 
 def python_source(g: Rates, states: int, parameters: int, name: str = "rates") -> str:
-    """A function ``name(t, x, p, rates)`` that fills the array ``rates``, one operation a line, for a compiler.
+    """A function ``name(t, x, p, rates)`` that fills the array ``rates``, one operation per line, for a compiler.
 
     Its globals must have ``sin`` and ``cos``.
     """
@@ -71,7 +71,7 @@ def jacobian_source(g: Rates, states: int, parameters: int, name: str = "jacobia
 
 
 def _source(signature: str, function: Callable[..., Any], target: str, states: int, parameters: int) -> str:
-    """A Python function ``def signature:`` of one assignment a line, of the operations that the results need."""
+    """A Python function ``def signature:`` with one assignment per line, of the operations that the results need."""
     number = jax.ShapeDtypeStruct((), np.float64)
     with enable_x64(True):
         program = jax.make_jaxpr(lambda *given: jnp.stack(function(*given)))(
@@ -107,7 +107,7 @@ def casadi_dae(problem: Problem, piece: Piece) -> dict[str, Any]:
     """The problem on ``piece`` as ``casadi.integrator`` takes it: x, ode and, of a DAE, z, the component that is
     algebraic, and alg, the constraint.
 
-    **Raises:** ``ImportError`` where CasADi is not installed.
+    **Raises:** ``ImportError`` if CasADi is not installed.
     """
     casadi: Any = importlib.import_module("casadi")
 
@@ -131,7 +131,7 @@ def casadi_dae(problem: Problem, piece: Piece) -> dict[str, Any]:
 def heyoka_system(g: Rates, states: int, parameters: int) -> list[tuple[Any, Any]]:
     """g as heyoka's pairs of a variable and its rate; the parameters are ``heyoka.par[i]``.
 
-    **Raises:** ``ImportError`` where heyoka is not installed.
+    **Raises:** ``ImportError`` if heyoka is not installed.
     """
     heyoka: Any = importlib.import_module("heyoka")
 

@@ -66,7 +66,7 @@ def limits_of(
 
 
 def sentences(limits: Limits) -> list[str]:
-    """What ``limits`` leave open, and what to do; empty if every exponent is distinguished from zero and has converged."""
+    """What ``limits`` leave open, and what to do; empty if all exponents are distinguished from zero and converged."""
     lines = []
     untold, moving = np.flatnonzero(~limits.told), np.flatnonzero(limits.drifting)
     if np.any(np.isnan(limits.limits)):

@@ -288,7 +288,7 @@ def _result(method: Method, flow: Flow, end: _Progress, growth: Float[Array, "in
 
 
 def _standard_error(rates: Float[Array, "n k"]) -> Float[Array, " k"]:
-    """Standard errors of the means of ``rates``, from means over parts of the run, as successive rates are correlated."""
+    """Standard errors of the means of ``rates``, by parts of the run, because successive rates are correlated."""
     parts = min(BATCHES, rates.shape[0])
     if parts < 2:
         return jnp.full_like(rates[0], jnp.nan)

@@ -1,8 +1,7 @@
 """Classical systems of mechanics, after the appendix of Putkaradze & Rogers (2018), each with its laws.
 
-:func:`jaxball.simulate` takes them as it takes a ball, and a system of one's own as well: an
-:class:`AbstractClassicalSystem` with an :class:`AbstractClassicalState`. No integrator, no figures and no files are
-imported here.
+:func:`jaxball.simulate` takes them like a ball, and also a user's own system: an :class:`AbstractClassicalSystem` with
+an :class:`AbstractClassicalState`. No integrator, no figures and no files are imported here.
 """
 
 from ..interface.names import interface as _interface

@@ -1,4 +1,4 @@
-"""The vector ξ(t), fixed or moving in the body, to which Suslov's problem holds Ω orthogonal."""
+"""The vector ξ(t), fixed or moving in the body, to which Ω is orthogonal in Suslov's problem."""
 
 import abc
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from ..numerics.harmonics import HarmonicSeries
 
 
 class AbstractAxis(Printed):
-    """ξ(t) in body axes. Its length has no bearing on the motion, but must not be 0."""
+    """ξ(t) in body axes. Its length does not affect the motion, but must not be 0."""
 
     @abc.abstractmethod
     def __call__(self, t: Float[Array, ""]) -> Float[Array, "3"]:
@@ -36,7 +36,7 @@ class HarmonicAxis(AbstractAxis):
     **Arguments:**
 
     - ``constant``: body axes, shape (3,).
-    - ``amplitude``: the same of each sinusoid, shape (terms, 3).
+    - ``amplitude``: of each sinusoid, in the same units, shape (terms, 3).
     - ``frequency``: rad/time, shape (terms,).
     - ``phase``: rad, shape (terms,); zero if not given.
 
@@ -72,14 +72,14 @@ class HarmonicAxis(AbstractAxis):
 class FunctionAxis(AbstractAxis):
     """ξ(t) = function(t, parameters), for any function that JAX can trace.
 
-    ``function`` is kept as it is, so pass the same one each time: a new lambda compiles anew. Say
-    in ``kink_times`` when its derivative jumps.
+    ``function`` is compiled into programs, so pass the same one each time: a new lambda compiles again. Give the times
+    at which its derivative jumps in ``kink_times``.
 
     **Arguments:**
 
     - ``function``: of (t, parameters), to ξ, body axes, shape (3,).
-    - ``parameters``: arrays, in any PyTree, that it is given; they can be swept and differentiated.
-    - ``kink_times``: times, shape (kinks,), at which it jumps or bends.
+    - ``parameters``: arrays, in any PyTree, passed to it; they can be swept and differentiated.
+    - ``kink_times``: times, shape (kinks,), at which its derivative jumps or has a kink.
 
     **Example:**
 

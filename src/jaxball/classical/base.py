@@ -1,4 +1,4 @@
-"""What the classical systems share: each has laws, quantities that are constant along its motions."""
+"""Common to the classical systems: each has laws, quantities that are conserved along its motions."""
 
 import abc
 from typing import Any
@@ -9,7 +9,7 @@ from ..physics.system import AbstractState, AbstractSystem, AnyState
 
 
 class AbstractClassicalState(AbstractState):
-    """What a solve of a classical system advances: arrays, at rest by default."""
+    """The state that a solve of a classical system advances: arrays, at rest by default."""
 
 
 class AbstractClassicalSystem(AbstractSystem[AnyState]):
@@ -20,4 +20,4 @@ class AbstractClassicalSystem(AbstractSystem[AnyState]):
 
     @abc.abstractmethod
     def laws(self, t: Float[Array, ""], state: AnyState) -> Any:
-        """A named tuple of quantities that are constant along every motion, or are where its entries say so."""
+        """A named tuple of quantities that are conserved along every motion, or when its entries say so."""

@@ -20,8 +20,8 @@ class HeavyTopLaws(NamedTuple):
     - ``energy``: E = ½⟨𝕀Ω, Ω⟩ + mg⟨χ, Γ⟩, mass length²/time², 0 at rest with the centre of mass at the height of the
       fixed point.
     - ``vertical_momentum``: ⟨𝕀Ω, Γ⟩, the angular momentum about the vertical through the fixed point.
-    - ``axial_momentum``: ⟨𝕀Ω, χ⟩, Lagrange's integral. It is constant where the top is symmetric about χ,
-      as with d1 = d2 and χ on E3, and not otherwise.
+    - ``axial_momentum``: ⟨𝕀Ω, χ⟩, Lagrange's integral. It is constant only if the top is symmetric about χ, as with d1
+      = d2 and χ on E3.
     - ``vertical_squared``: |Γ|² = 1.
     - ``versor_squared``: |q|² = 1.
     """
@@ -44,7 +44,7 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
     - ``chi``: χ, from the fixed point to the centre of mass, body axes, length, shape (3,).
     - ``gravity``: g, length/time².
 
-    The motion depends on 𝕀 and on the product m g χ alone.
+    The motion depends only on 𝕀 and on the product m g χ.
 
     **Raises:** ``ValueError`` when a shape is wrong. Values are not checked here, so that they may be
     traced; see :func:`jaxball.problems`.
@@ -89,10 +89,10 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
         )
 
     def conditions(self) -> Iterator[Condition]:
-        """Those on each number, and that a body of this mass and inertia can have its centre of mass at χ.
+        """Conditions on each number, and that a body of this mass and inertia can have its centre of mass at χ.
 
         With the second moments s_j = ∫ x_j² dm = ½ (d1 + d2 + d3) − d_j, those about the centre of mass,
-        diag(s) − m χχᵀ, have no negative eigenvalue just where m Σ χ_j² / s_j ≤ 1.
+        diag(s) − m χχᵀ, have no negative eigenvalue if and only if m Σ χ_j² / s_j ≤ 1.
         """
         yield Condition(positive(self.mass), "mass", self.mass, "a positive number")
         yield positive_inertia(self.inertia)
@@ -103,6 +103,6 @@ class HeavyTop(AbstractClassicalSystem[RigidBodyState]):
             self.mass * jnp.sum(self.chi**2 / second) <= 1 + 1e-6,
             "chi",
             self.chi,
-            "a place where a body of this mass and inertia can have its centre of mass, m Σ χ_j² / s_j ≤ 1 with "
-            "s_j = ½ (d1 + d2 + d3) − d_j (a smaller mass under a greater gravity moves alike)",
+            "a position where a body of this mass and inertia can have its centre of mass, m Σ χ_j² / s_j ≤ 1 with "
+            "s_j = ½ (d1 + d2 + d3) − d_j (a smaller mass under larger gravity moves in the same way)",
         )

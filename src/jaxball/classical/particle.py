@@ -21,8 +21,8 @@ class ParticleLaws(NamedTuple):
     """The integrals of the particle by the principle of Lagrange and d'Alembert.
 
     - ``energy``: E = ½m (ẋ² + ẏ² + ż²), mass length²/time².
-    - ``p_y``: mẏ. The constraint is not invariant under translation along y, and yet p_y is constant,
-      while p_x = mẋ and p_z = mż, along whose directions everything is invariant, are not.
+    - ``p_y``: mẏ. The constraint is not invariant under translation along y, yet p_y is constant, while p_x = mẋ and
+      p_z = mż, along whose directions everything is invariant, are not.
     - ``p_xz``: mẋ √(1 + y²), the momentum in the plane of x and z.
     """
 
@@ -49,7 +49,7 @@ class NonholonomicParticle(AbstractClassicalSystem[ParticleState]):
 
     **Arguments:**
 
-    - ``mass``: m, in units of mass, which has no bearing on the motion.
+    - ``mass``: m, in units of mass, which does not affect the motion.
 
     **Raises:** ``ValueError`` when ``mass`` is not a single number.
 
@@ -89,7 +89,7 @@ class NonholonomicParticle(AbstractClassicalSystem[ParticleState]):
         return self.mass * state.xdot * state.ydot / (1 + state.y**2)
 
     def solution(self, t: Float[Array, ""], start: ParticleState, t0: Float[Array, ""]) -> ParticleState:
-        """The state at ``t`` of the motion that has ``start`` at ``t0``, in closed form, ``eq_part_LdA_x``.
+        """The state at ``t`` of the motion with state ``start`` at ``t0``, in closed form, ``eq_part_LdA_x``.
 
         With y = y0 + ẏ τ the constraint leaves ẋ √(1 + y²) = A constant, so that x − x0 = A τ times the
         slope of arsinh between y0 and y, and z − z0 = A τ times that of √(1 + y²). Both slopes are written
@@ -114,8 +114,8 @@ class NonholonomicParticle(AbstractClassicalSystem[ParticleState]):
 class VakonomicParticle(AbstractClassicalSystem[VakonomicState]):
     """The particle with ż = y ẋ whose action is stationary among the curves that keep the constraint.
 
-    Its multiplier λ has a rate, so that a motion depends on one number more than that of a mechanical
-    system, λ at the start.
+    Its multiplier λ has a rate, so a motion depends on one more number than that of a mechanical system: λ at the
+    start.
 
     **Arguments:**
 
@@ -173,8 +173,8 @@ def kinetic_energy(mass: Float[Array, ""], state: ParticleState | VakonomicState
 def _slope_of_arsinh(a: Float[Array, ""], b: Float[Array, ""]) -> Float[Array, ""]:
     """(arsinh b − arsinh a) / (b − a), and its limit 1 / √(1 + a²) where b = a.
 
-    arsinh is odd, so that a may be taken positive; then the difference is log(1 + (b − a) k) with a
-    factor k in which nothing is lost.
+    arsinh is odd, so that a may be taken positive; then the difference is log(1 + (b − a) k) with a factor k without
+    loss of accuracy.
     """
     sign = jnp.where(a < 0, -1.0, 1.0).astype(a.dtype)
     a, b = sign * a, sign * b

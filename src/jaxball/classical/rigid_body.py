@@ -1,4 +1,4 @@
-"""The free rigid body, and what the bodies with a fixed point share."""
+"""The free rigid body, and functions shared by the bodies with a fixed point."""
 
 from collections.abc import Iterator
 from typing import ClassVar, NamedTuple
@@ -18,7 +18,7 @@ class FreeBodyLaws(NamedTuple):
 
     - ``energy``: E = ½⟨𝕀Ω, Ω⟩, mass length²/time².
     - ``spatial_momentum``: Λ𝕀Ω, the angular momentum in space axes, mass length²/time, shape (3,).
-    - ``momentum_squared``: |𝕀Ω|², which knows nothing of Λ.
+    - ``momentum_squared``: |𝕀Ω|², which does not depend on Λ.
     - ``versor_squared``: |q|² = 1.
     """
 

@@ -47,7 +47,7 @@ class ParticleState(AbstractClassicalState):
 
     **Arguments:**
 
-    - ``x``, ``y``, ``z``: the place, length.
+    - ``x``, ``y``, ``z``: the position, length.
     - ``xdot``, ``ydot``: ẋ and ẏ, length/time.
 
     **Example:**
@@ -74,10 +74,10 @@ class VakonomicState(AbstractClassicalState):
 
     **Arguments:**
 
-    - ``x``, ``y``, ``z``: the place, length.
+    - ``x``, ``y``, ``z``: the position, length.
     - ``xdot``, ``ydot``: ẋ and ẏ, length/time.
-    - ``multiplier``: λ, a momentum, mass length/time; if it is not given, λ = −y ẋ, which is the choice of the paper
-      for a particle of unit mass: its constant c̃ = ż + λ is 0.
+    - ``multiplier``: λ, a momentum, mass length/time; by default λ = −y ẋ, the paper's choice for a particle of unit
+      mass, with which its constant c̃ = ż + λ is 0.
     """
 
     x: Float[Array, "*batch"]

@@ -18,7 +18,7 @@ ALLOWED = 1e-6  # how far the sine of the angle between Ω and the constraint's 
 
 
 class SuslovLaws(NamedTuple):
-    """What is constant in Suslov's problem, whether ξ is constant or varies.
+    """The conserved quantities of Suslov's problem, whether ξ is constant or varies.
 
     - ``energy``: E = ½⟨𝕀Ω, Ω⟩, mass length²/time². The reaction torque λξ has the power λ⟨Ω, ξ⟩ = 0 and does no work.
     - ``constraint``: ⟨Ω, ξ⟩ = 0.
@@ -37,11 +37,11 @@ class SuslovProblem(AbstractClassicalSystem[RigidBodyState]):
 
     - ``inertia``: the principal moments (d1, d2, d3) about the fixed point, mass length², shape (3,); the body axes are
       principal.
-    - ``xi``: ξ in body axes, of any length but 0, shape (3,), or a function of time as an
+    - ``xi``: ξ in body axes, of any nonzero length, shape (3,), or a function of time as an
       :class:`~jaxball.classical.AbstractAxis`.
 
-    Textbooks put E3 on ξ and keep the products of inertia I13 and I23; here the axes are principal and
-    ξ is free, which is as general. Where a constant ξ is a principal axis, Ω is constant.
+    Textbooks put E3 on ξ and keep the products of inertia I13 and I23; here the axes are principal and ξ is free, which
+    is equally general. Where a constant ξ is a principal axis, Ω is constant.
 
     **Raises:** ``ValueError`` when a shape is wrong. Values are not checked here, so that they may be
     traced; see :func:`jaxball.problems`.

@@ -38,7 +38,7 @@ class Given(NamedTuple):
 
 
 class Lanes(NamedTuple):
-    """What changes of lanes where a mode is followed by another."""
+    """The variables of lanes that change at a switch of modes."""
 
     row: Int[Array, " lanes"]
     running: Bool[Array, " lanes"]
@@ -104,7 +104,7 @@ class Modes(NamedTuple):
         return course._replace(guards=jnp.ones((3, *t0.shape), t0.dtype))
 
     def latest_end(self, t: Float[Array, " lanes"], x: Float[Array, "size lanes"]) -> Float[Array, " lanes"]:
-        """The time at which a step must end because the direction of a slip is led until then."""
+        """The time at which a step must end because the direction of a slip is prescribed until then."""
 
         def end(t: Array, y: Array) -> Array:
             return _switching(t, t, self.room, self.order).latest_end(t, y, self.packing)
@@ -114,7 +114,7 @@ class Modes(NamedTuple):
     def judged(
         self, course: Course, given: Given, step: Step, fresh: Bool[Array, " lanes"], verdict: Verdict, memory: Any
     ) -> tuple[Verdict, Course]:
-        """What becomes of a step that the controller has judged: the verdict, and the courses.
+        """The fate of a step after the controller's verdict: the new verdict, and the courses.
 
         ``memory`` is what the controller remembered before. Steps are ``fresh`` that begin with another field than the
         last one ended with.
@@ -170,7 +170,7 @@ class Modes(NamedTuple):
     def settled(
         self, lanes: Lanes, given: Given, record: Float[Array, "rows room numbers"]
     ) -> tuple[Lanes, Float[Array, "rows room numbers"]]:
-        """Lanes with what follows the modes that have ended, and the record of this; one lane after the other."""
+        """Lanes in the modes that follow ended ones, and the record of these switches; one lane after the other."""
         index = jnp.arange(lanes.row.shape[0])
 
         def waits(lanes: Lanes) -> Bool[Array, " lanes"]:
@@ -201,7 +201,7 @@ class Modes(NamedTuple):
 
 
 def switches_of(record: Float[Array, "rows room numbers"]) -> Kept:
-    """What is kept of the switches of rows, with the rows as leading axis."""
+    """The kept switches of rows, with the rows as leading axis."""
     size = (record.shape[-1] - FIRST) // 2
     times, causes, grazing = (record[..., k] for k in range(FIRST))
     known = jnp.isfinite(times)
@@ -224,7 +224,7 @@ def _judged(
     longest: Float[Array, " lanes"],
     kept: Bool[Array, " lanes"],
 ) -> Judged:
-    """What becomes of the steps, of which some are not kept anyway."""
+    """The fate of the steps, some of which are rejected anyway."""
     mode, window, slow, least = at_end[:4]
     ended = Ended(mode, window != 0, slow != 0, least, at_end[4:])
     seen = looked(course, start, end, before, ended, longest)
@@ -236,7 +236,7 @@ def _judged(
 
 
 def _switching(rtol: Float[Array, ""], atol: Float[Array, ""], room: int, order: Any) -> Switching:
-    """The modes of a system whose packing takes the place of its parameters."""
+    """The modes of a system whose packing replaces its parameters."""
     return Switching(rtol, atol, _itself, room, float(order))
 
 

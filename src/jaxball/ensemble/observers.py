@@ -35,7 +35,7 @@ class AbstractObserver(abc.ABC):
 
 
 class Saved(NamedTuple):
-    """How many of its times each lane has ``passed``, and the states there; NaN at the others."""
+    """How many of its times each lane has ``passed``, and the states there; NaN at the rest."""
 
     passed: Int[Array, " lanes"]
     states: Float[Array, "times size lanes"]
@@ -105,6 +105,6 @@ class Integrals(AbstractObserver):
 
 
 def _following(count: Int[Array, " lanes"], times: Float[Array, "times lanes"]) -> Float[Array, " lanes"]:
-    """Of the times of each lane the one after ``count`` others; infinite where there is none."""
+    """The time of each lane that follows ``count`` others; infinite if there is none."""
     last, lane = times.shape[0], jnp.arange(times.shape[1])
     return jnp.where(count < last, times[jnp.minimum(count, last - 1), lane], jnp.inf)

@@ -78,7 +78,7 @@ def _reaction(system: Any, t: Float[Array, ""], state: Any) -> Reaction:
 def values(
     quantities: Sequence[Callable[..., Any]], system: Any, t: Float[Array, ""], state: Any
 ) -> Float[Array, " k"]:
-    """Quantities at one time; of a body with a law of contact those of the body, but for what knows of the law."""
+    """Quantities at one time; with a law of contact those of the body, except for quantities that depend on the law."""
     whole, body = (system, state), body_of(system, state)
 
     def value(quantity: Callable[..., Any]) -> Float[Array, ""]:
@@ -89,7 +89,7 @@ def values(
     return jnp.stack([value(quantity) for quantity in quantities])
 
 
-# What is given a body on its plane, with its state, where there is a law of contact, and not the body alone.
+# Quantities that, with a law of contact, take a body on its plane and its state, not just the body.
 ON_PLANE = (normal_force, friction, half_tangent, speed, energy)
 CONTACT: dict[str, AbstractReduction] = {
     "least_normal_force": Minimum(normal_force),

@@ -1,25 +1,26 @@
-"""A compiler of small programs: StableHLO, as JAX lowers a function to it, to machine code, by LLVM.
+"""A compiler for small programs: from StableHLO, to which JAX lowers functions, to machine code, by LLVM.
 
-XLA is built for large arrays: it takes seconds to compile a program of some thousand operations on single numbers,
-and makes many small loops of it. Here such a program is written as LLVM's IR, number by number, in tenths of a second.
+XLA is built for large arrays: it takes seconds to compile a program of a few thousand operations on single numbers, and
+turns it into many small loops. Here such a program is written as LLVM IR, number by number, in tenths of a second.
 
-From the bottom up, each module a step of the way:
+From the bottom up, each module is a step:
 
-- ``elements``: types, numbers that are known and names of those that are not.
-- ``folding``, ``module``, ``scopes``, ``builder``: LLVM's IR as text; what is known is folded, equal instructions are
-  written once, and before a loop where each turn would compute the same.
-- ``values``, ``storage``: arrays in registers, in memory, or as formulas of an index; who owns which memory.
-- ``program``: StableHLO as data, with who reads a value last.
-- ``extent``: whether XLA has a program faster.
-- ``lanes``: loops whose turns are computed side by side, in vectors; ``vectors``: short axes in vectors.
-- ``ranges``: within which bounds integers are.
+- ``elements``: types, known numbers, and names of unknown ones.
+- ``folding``, ``module``, ``scopes``, ``builder``: LLVM IR as text, with constant folding, common subexpressions
+  written once, and loop-invariant code moved before loops.
+- ``values``, ``storage``: arrays in registers, in memory, or as formulas of an index; ownership of memory.
+- ``program``: StableHLO as data, with the last use of each value.
+- ``extent``: whether XLA would run a program faster.
+- ``lanes``: loops whose iterations are computed side by side, in vectors; ``vectors``: short axes in vectors.
+- ``ranges``: bounds of integers.
 - ``rules``, ``operations``: what each operation computes, one file for each family.
-- ``lowering``, ``functions``, ``entry``: functions, operation by operation; those that stay functions; the first one.
-- ``machine``: passes of LLVM, machine code, its place in memory.
+- ``lowering``, ``functions``, ``entry``: functions, operation by operation; functions that are not inlined; the entry
+  function.
+- ``machine``: LLVM passes, machine code, and loading it into memory.
 - ``executable``: arguments, results, threads and Ctrl-C.
-- ``jitting``, ``choice``: functions of users, and which compiler compiles them.
+- ``jitting``, ``choice``: users' functions, and the choice of compiler.
 
-It knows nothing of balls.
+It contains nothing specific to mechanics.
 """
 
 from .choice import asked_for, chosen, compiler

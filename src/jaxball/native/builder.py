@@ -1,8 +1,8 @@
-"""LLVM's IR as text, an instruction at a time: numbers folded, equal instructions written once, loops and branches.
+"""LLVM IR as text, one instruction at a time: constant folding, common subexpressions, loops and branches.
 
-An instruction that only computes is found again by its text, in the scope in which it was written or in one within,
-and stands before the loops in which it would compute the same in every turn (:mod:`scopes`).
-Text is written faster than objects are built, and LLVM's parser reads 20,000 lines in 20 ms.
+A pure instruction is found again by its text, in the scope in which it was written or one within it, and is placed
+before loops in which it is invariant (:mod:`scopes`). Writing text is faster than building objects, and LLVM's parser
+reads 20,000 lines in 20 ms.
 """
 
 import contextlib
@@ -29,7 +29,7 @@ from .folding import COMPARED, FOLDED, read, simpler_float, simpler_integer, suf
 from .module import ALIGNMENT, MOST_LINES, Module
 from .scopes import Scopes, Turn
 
-_ON_THE_STACK = 4096  # bytes of an array; larger ones lie in the work space
+_ON_THE_STACK = 4096  # bytes of an array; larger ones are in the workspace
 
 INDEX, BOOL = np.dtype(np.int64), np.dtype(bool)
 
@@ -44,7 +44,7 @@ class Builder:
         self.label = "entry"
         self._allocated: list[str] = []
         self._lines: list[str] = []
-        self.cost = 0  # instructions that one run executes, loops counted
+        self.cost = 0  # instructions executed by one run, including loops
         # The lanes in which memory changes, where not in all, and in how many blocks within each other that is said.
         self.mask: Lanes | None = None
         self.level = 0
@@ -78,7 +78,7 @@ class Builder:
             raise UnsupportedError(f"A program of more than {MOST_LINES:,} instructions")
 
     def effect(self, instruction: str, wide: int = 0) -> Name:
-        """An instruction that is more than its result: a read of memory, a call. ``wide``: its lanes, of a vector."""
+        """An instruction with an effect besides its result: a memory read, a call. ``wide``: its lanes, of a vector."""
         name = self.fresh(wide)
         self.write(f"{name} = {instruction}")
         return name
@@ -94,7 +94,7 @@ class Builder:
         return element in self._loaded
 
     def pure(self, instruction: str, wide: int = 0) -> Name:
-        """An instruction that only computes, and cannot fail. ``wide``: its lanes, of a vector."""
+        """A pure instruction, which cannot fail. ``wide``: its lanes, of a vector."""
         scopes = self._scopes
         name = scopes.found(instruction)
         if name is not None:
@@ -129,7 +129,7 @@ class Builder:
     # Lanes
 
     def operand(self, dtype: np.dtype, x: Element, wide: int) -> str:
-        """An element as an operand; ``wide``: as a vector, in which all lanes have the same where x is no vector."""
+        """An element as an operand; ``wide``: as a vector, in which all lanes are the same if x is not a vector."""
         if not wide or isinstance(x, Lanes):
             return written(x)
         return f"splat ({llvm_type(dtype)} {written(x)})" if is_known(x) else self.spread(dtype, x, wide)
@@ -212,14 +212,14 @@ class Builder:
     # Numbers
 
     def bound(self, name: Name, bounds: tuple[int, int] | None) -> None:
-        """Notes between which numbers an integer lies, from here on; None: that this is not known any more."""
+        """Records the bounds of an integer, from here on; None: that they are no longer known."""
         if bounds is None:
             self._ranges.pop(name, None)
         else:
             self._ranges[name] = bounds
 
     def range_of(self, x: Element) -> tuple[int, int] | None:
-        """The least and the greatest number that an integer can be, where something is known of it."""
+        """The bounds of an integer, if known."""
         if isinstance(x, str):
             return self._ranges.get(x)
         return (int(x), int(x)) if isinstance(x, np.signedinteger | int) else None
@@ -346,7 +346,7 @@ class Builder:
         return base if offset == 0 else self.pure(f"getelementptr i8, ptr {base}, i64 {offset}")
 
     def allocate(self, size: int) -> Name:
-        """Memory of so many bytes, which is the function's for as long as it runs."""
+        """Memory of so many bytes, which belongs to the function while it runs."""
         name = self._unused()
         if size <= _ON_THE_STACK:
             self._allocated.append(f"{name} = alloca [{size} x i8], align {ALIGNMENT}")
@@ -366,12 +366,12 @@ class Builder:
     # Scopes, branches and loops
 
     def scope(self) -> contextlib.AbstractContextManager[None]:
-        """What is computed in this block of Python is not known after it, because it may not have been executed."""
+        """Values computed in this Python block are unknown after it, because it may not have been executed."""
         return self._scopes.scope()
 
     @contextlib.contextmanager
     def looped(self) -> Iterator[None]:
-        """What is written in this block of Python is a loop, before which stands what is the same in every turn."""
+        """The instructions written in this Python block are a loop, preceded by its invariants."""
         with self._scopes.looped(self.reserve()) as loop:
             yield
         self.fill(loop.place, "\n".join(loop.before))
@@ -381,7 +381,7 @@ class Builder:
         return f"{name}.{self._count}"
 
     def begin(self, label: str) -> None:
-        """What follows is the block of that label."""
+        """Begins the block with that label."""
         self._lines.append(f"{label}:")
         self.label = label
 
@@ -442,7 +442,7 @@ class Builder:
 
     @contextlib.contextmanager
     def where(self, condition: Element) -> Iterator[None]:
-        """What is written in this block of Python is executed where the condition holds; of lanes, memory changes."""
+        """The instructions written in this Python block are executed where the condition holds; in lanes, by masks."""
         if is_known(condition) and condition:
             yield
             return
@@ -461,7 +461,7 @@ class Builder:
 
     @contextlib.contextmanager
     def masked(self, condition: Lanes) -> Iterator[Lanes]:
-        """What is written in this block of Python changes memory from before it in the lanes of the condition alone.
+        """The instructions written in this Python block change older memory only in the lanes of the condition.
 
         Yields the lanes: those of the condition within those of the block around this one.
         """

@@ -1,4 +1,4 @@
-"""Which compiler compiles: this room's, ``native``, or ``xla``."""
+"""The choice of compiler: ``native``, this package's own, or ``xla``."""
 
 import contextlib
 import os
@@ -14,13 +14,13 @@ _asked_for: list[Compiler] = []
 
 @contextlib.contextmanager
 def compiler(name: str) -> Iterator[None]:
-    """Chooses the compiler of the programs that are called in this block; threads share the choice.
+    """Chooses the compiler of the programs called in this block; threads share the choice.
 
     - ``name``: ``"native"``, which compiles small programs for the processor in tenths of a second, by LLVM, or
       ``"xla"``. A program that cannot be compiled natively runs through XLA with a warning that says why.
 
-    Without a choice, here or by the environment variable ``JAXBALL_COMPILER``, programs are compiled natively, and
-    silently by XLA where that cannot be.
+    Without a choice, here or by the environment variable ``JAXBALL_COMPILER``, programs are compiled natively, or
+    silently by XLA if that is not possible.
 
     **Raises:** ``ValueError`` for another name.
 
@@ -40,9 +40,9 @@ def compiler(name: str) -> Iterator[None]:
 
 
 def asked_for() -> Compiler | None:
-    """The compiler that was asked for by name, if one was.
+    """The compiler chosen by name, if any.
 
-    **Raises:** ``ValueError`` where the environment variable names none.
+    **Raises:** ``ValueError`` if the environment variable does not name one.
     """
     if _asked_for:
         return _asked_for[-1]
@@ -51,7 +51,7 @@ def asked_for() -> Compiler | None:
 
 
 def chosen() -> Compiler:
-    """The compiler of the library's own programs: the one that was asked for, or else the default."""
+    """The compiler of the library's own programs: the one chosen, or the default."""
     return asked_for() or DEFAULT
 
 

@@ -34,7 +34,7 @@ class Lanes(str):
 
 
 class UnsupportedError(Exception):
-    """What this compiler does not know, named so that "… is not compiled natively" is a sentence."""
+    """An unsupported feature, named so that "… is not compiled natively" is a sentence."""
 
 
 class Pair:

@@ -13,11 +13,11 @@ from .program import Value, functions_of
 from .rules import RULES
 from .values import Array, Buffer, Memory, size_of
 
-# Instructions between two looks at signals: some milliseconds.
+# Instructions between two checks for signals: a few milliseconds.
 PATIENCE = 5_000_000
 
-# What a program looks at in between: the instructions left until it next looks for signals, whether it shall stop, and
-# the state of Python's thread, which has given up Python's lock.
+# The control data of a program: the instructions left until it next checks for signals, whether it must stop, and the
+# state of Python's thread, which has released Python's lock.
 SUPPORT = f"""
 declare ptr @PyEval_SaveThread()
 declare void @PyEval_RestoreThread(ptr)
@@ -97,7 +97,7 @@ class Entry:
 
 
 def compiled(module: Any, arguments: int, large: bool = True) -> Form:
-    """A StableHLO module of so many arguments, compiled; ``large``: also where its loops are over large arrays.
+    """A StableHLO module of so many arguments, compiled; ``large``: even if its loops are over large arrays.
 
     **Raises:** :class:`UnsupportedError`.
     """
@@ -107,7 +107,7 @@ def compiled(module: Any, arguments: int, large: bool = True) -> Form:
 
 
 def written(module: Any, arguments: int, large: bool = True) -> Entry:
-    """The same as LLVM's IR, before LLVM has it.
+    """The same as LLVM IR, before LLVM compiles it.
 
     **Raises:** :class:`UnsupportedError`.
     """

@@ -1,4 +1,4 @@
-"""How a compiled program is called: arrays in, arrays out, memory to work in for each call that runs."""
+"""Calls of a compiled program: arrays in, arrays out, and a workspace for each running call."""
 
 import ctypes
 import threading
@@ -36,9 +36,9 @@ class Form(NamedTuple):
 
 
 class Executable:
-    """A program: called with the arrays of its arguments, it gives those of its results.
+    """A program: called with the arrays of its arguments, it returns those of its results.
 
-    It holds Python's lock only while it looks for signals, so that several threads can run it at once, and Ctrl-C
+    It holds Python's lock only while it checks for signals, so that several threads can run it at once, and Ctrl-C
     raises ``KeyboardInterrupt`` from within.
     """
 
@@ -51,9 +51,7 @@ class Executable:
         self._results, self._size, self._workspace = form.results, form.size, form.workspace
 
     def __call__(self, arguments: Sequence[np.ndarray | jax.Array]) -> list[np.ndarray] | None:
-        """The results; None where the program came to a callback. The arguments have the types with which it was
-        compiled, row by row.
-        """
+        """The results; None if the program reached a callback. The arguments have the compiled types, row by row."""
         addresses = self._addresses(*map(_address, arguments))
         block = np.empty(self._size + ALIGNMENT, np.uint8)
         outputs = _address(block)
@@ -88,7 +86,7 @@ def _given_back(memory: np.ndarray) -> None:
 
 
 def as_jax(arrays: Sequence[np.ndarray], avals: Sequence[Any]) -> list[Any]:
-    """Arrays of JAX, of the types given, that are not copied where they need not be."""
+    """JAX arrays of the given types, copied only if necessary."""
     device = jax.local_devices(backend="cpu")[0]
     sharding = jax.sharding.SingleDeviceSharding(device)
     return [put(array, aval, sharding, device) for array, aval in zip(arrays, avals, strict=True)]

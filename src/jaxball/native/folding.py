@@ -1,4 +1,4 @@
-"""Operations on numbers that are known, and what equals the result whatever the other number is."""
+"""Constant folding: operations on known numbers, and identities that hold whatever the other number is."""
 
 import operator
 from collections.abc import Callable

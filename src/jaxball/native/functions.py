@@ -1,4 +1,4 @@
-"""Functions that stay functions: written once as functions of LLVM's IR, and called."""
+"""Functions that are not inlined: written once as functions of LLVM IR, and called."""
 
 from collections.abc import Sequence
 
@@ -44,7 +44,7 @@ class Signature:
 
 
 def compile_function(caller: Function, name: str, varying: Sequence[bool]) -> Signature:
-    """A function of the program as a function of LLVM's, written when it is first asked for."""
+    """A function of the program as an LLVM function, written when it is first needed."""
     compiler = caller.compiler
     block = compiler.functions[name]
     signature = Signature(caller, name, block, varying)

@@ -1,4 +1,4 @@
-"""Functions compiled when they are called, as of ``jax.jit``."""
+"""Functions compiled when they are called, like those of ``jax.jit``."""
 
 import functools
 import warnings
@@ -15,18 +15,18 @@ from .elements import UnsupportedError
 
 P = ParamSpec("P")
 T = TypeVar("T")
-_OF_NUMPY = (np.ndarray, np.generic, bool, int, float, complex)  # all that is no array of JAX
+_OF_NUMPY = (np.ndarray, np.generic, bool, int, float, complex)  # all types other than JAX arrays
 
 
 def jit(function: Callable[P, T]) -> Callable[P, T]:
-    """As ``jax.jit``, compiled for the processor in a fraction of the time that XLA takes.
+    """Like ``jax.jit``, but compiled for the processor in a fraction of the time that XLA takes.
 
     It is meant for programs of many operations on few numbers: simulations, their derivatives,
-    ``jaxball.jit(jax.grad(loss))``, loops. Arrays of up to some thousand numbers are well; large products of matrices
-    and long arrays are computed one number after another, and ``jax.jit`` has them faster.
+    ``jaxball.jit(jax.grad(loss))``, loops. Arrays of up to a few thousand numbers are fine; large matrix products and
+    long arrays are computed one number after another, and ``jax.jit`` is faster for them.
 
-    - ``function``: a pure function of PyTrees of arrays. Within another transformation of JAX, on another device than
-      one CPU, and where the program contains what is not compiled natively, it is ``jax.jit(function)``.
+    - ``function``: a pure function of PyTrees of arrays. Within another transformation of JAX, on devices other than a
+      single CPU, and if the program contains operations that are not compiled natively, it is ``jax.jit(function)``.
 
     Several threads can run it at once, and Ctrl-C ends a run.
 
@@ -81,11 +81,11 @@ class _Jitted:
 
 
 class CallbackReachedError(Exception):
-    """A native run came to a callback in a branch, as of an error that is raised: XLA runs it, from the beginning."""
+    """A native run reached a callback in a branch, such as an error to be raised: XLA runs it, from the beginning."""
 
 
 class Refusal(NamedTuple):
-    """Why a program is not compiled natively: what "… is not compiled natively" makes a sentence of."""
+    """Why a program is not compiled natively: the subject of the sentence "… is not compiled natively"."""
 
     reason: str
 
@@ -106,7 +106,7 @@ class Form(NamedTuple):
 
 
 class Program:
-    """A program for arrays of certain types: called with such, it gives arrays of JAX.
+    """A program for arrays of certain types: called with such arrays, it returns JAX arrays.
 
     **Raises:** :class:`CallbackReachedError`.
     """
@@ -133,7 +133,7 @@ class Program:
 
 
 class Lowered:
-    """A function of a list of arrays, traced for such, and compiled by whichever compiler is then asked."""
+    """A function of a list of arrays, traced for these, to be compiled by either compiler."""
 
     def __init__(self, function: Callable[[list[Any]], list[Any]], arrays: Sequence[Any], name: str):
         keys = list(map(_implementation, arrays))
@@ -150,9 +150,9 @@ class Lowered:
         self._lowered = self._traced.lower()
 
     def natively(self, large: bool = True) -> Program | Refusal:
-        """The program; a refusal where it contains what this compiler does not know.
+        """The program; a refusal if it contains something unsupported.
 
-        - ``large``: whether it is also compiled where its loops are over large arrays, which XLA has faster.
+        - ``large``: whether it is compiled even if its loops are over large arrays, which XLA runs faster.
         """
         from . import operations  # noqa: F401 (whose rules are entered)
         from .entry import compiled
@@ -172,7 +172,7 @@ class Lowered:
     def as_text(self) -> str:
         """The program as LLVM's IR.
 
-        **Raises:** :class:`~.elements.UnsupportedError` where it contains what this compiler does not know.
+        **Raises:** :class:`~.elements.UnsupportedError` if it contains something unsupported.
         """
         from . import operations  # noqa: F401 (whose rules are entered)
         from .entry import written
@@ -215,7 +215,7 @@ def _as_keys(arrays: Sequence[Any], implementations: Sequence[Any]) -> list[Any]
 
 
 def warn_if_asked_for(refusal: Refusal, name: str) -> None:
-    """Says why XLA compiles the program of this name, where the native compiler was asked for by its name."""
+    """Warns why XLA compiles the program with this name, if the native compiler was chosen by name."""
     if choice.asked_for() == "native":
         message = f"{refusal.reason} is not compiled natively: XLA compiles the program `{name}`."
         warnings.warn(message, stacklevel=4)
@@ -248,14 +248,14 @@ def _is_numbers(leaf: Any) -> bool:
 
 
 def kind(array: Any) -> Any:
-    """What a program knows of an argument, for a key within a process."""
+    """The properties of an argument that a program depends on, for a key within a process."""
     if isinstance(array, np.ndarray):
         return array.shape, array.dtype
     return array.aval if isinstance(array, jax.Array) else type(array)
 
 
 def settings() -> Any:
-    """The settings of JAX that decide, within a process, which program is run."""
+    """The settings of JAX that determine, within a process, which program is run."""
     config: Any = jax.config
     debugging = config.jax_debug_nans, config.jax_debug_infs, config.jax_disable_jit
     return trace_context(), config.jax_default_device, debugging

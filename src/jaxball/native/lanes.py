@@ -1,7 +1,7 @@
-"""Loops whose turns do not depend on one another, and what differs from turn to turn in them.
+"""Loops with independent iterations, and what differs between iterations.
 
-A ``jax.lax.map`` is such a loop: turn i reads element i of arrays, and writes element i of others. Several turns can be
-computed side by side, one in each lane of vectors; what is the same in all of them stays single numbers.
+A ``jax.lax.map`` is such a loop: turn i reads element i of arrays, and writes element i of others. Several iterations
+can be computed side by side, one in each lane of vectors; values that are the same in all of them stay single numbers.
 """
 
 from collections.abc import Callable, Mapping, Sequence

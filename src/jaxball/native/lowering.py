@@ -1,4 +1,4 @@
-"""Programs compiled: StableHLO's functions, operation by operation, to functions of LLVM's IR."""
+"""Compiles programs: StableHLO's functions, operation by operation, to functions of LLVM IR."""
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
@@ -130,13 +130,13 @@ class Function:
         self.values[value] = array
 
     def unbind(self, value: Value) -> None:
-        """Says that nobody reads a value any more."""
+        """Records that a value is no longer read."""
         array = self.values.pop(value, None)
         if array is not None:
             self.storage.disowned(array)
 
     def varying(self) -> Varying:
-        """Says which of the values that come are different in each lane."""
+        """Records which of the following values differ between lanes."""
         return Varying(self.compiler.functions, lambda value: self.values[value].varying)
 
     def hand_on(self, operation: Operation, value: Value) -> None:
@@ -192,7 +192,7 @@ class Function:
         return combine
 
     def refuse(self) -> None:
-        """Ends the program: it is to be run by another compiler, from the beginning."""
+        """Ends the program, which must be run by another compiler, from the beginning."""
         b = self.builder
         b.write(f"store i8 {REFUSED}, ptr {b.address('%control', 8)}")
         b.write("store i64 -1, ptr %control")
@@ -200,7 +200,7 @@ class Function:
         b.begin(b.new_label("never"))
 
     def looks_for_signals(self, cost: int) -> None:
-        """Ends the function if Python has a signal to handle; looked at after so many instructions."""
+        """Ends the function if Python has a signal to handle; checked after so many instructions."""
         b = self.builder
         left = b.effect(f"sub i64 {b.effect('load i64, ptr %control')}, {max(cost, 1)}")
         b.write(f"store i64 {left}, ptr %control")

@@ -1,4 +1,4 @@
-"""The machine: LLVM's IR as text to machine code in memory, by llvmlite, which is imported when it is first needed."""
+"""From LLVM IR as text to machine code in memory, by llvmlite, which is imported when it is first needed."""
 
 import contextlib
 import ctypes
@@ -11,10 +11,10 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-# LLVM's context, in which modules are read, is one for the process.
+# LLVM's context, in which modules are parsed, is shared by the process.
 _lock = threading.Lock()
 
-LONG = 2_000_000  # characters of a program, from which LLVM's scheduler is to look at fewer instructions at a time
+LONG = 2_000_000  # characters of a program above which LLVM's scheduler considers fewer instructions at a time
 
 # Declarations of routines, as linear_algebra.py writes them.
 _ROUTINE = re.compile(r"declare void @scipy\.(lapack|blas)\.(\w+)\(")
@@ -25,12 +25,12 @@ def is_present() -> bool:
     """Whether llvmlite is installed."""
     try:
         return importlib.util.find_spec("llvmlite") is not None
-    except ValueError:  # where None stands in its place
+    except ValueError:  # if None is in its place
         return False
 
 
 def identity() -> list[str]:
-    """What decides, beside its text, what becomes of a program: the versions of LLVM and llvmlite, the processor."""
+    """What, besides its text, determines the code of a program: the versions of LLVM and llvmlite, the processor."""
     import llvmlite
 
     llvm = _llvm()
@@ -73,11 +73,11 @@ class Code:
             self._engine.finalize_object()
 
     def address(self, name: str) -> int:
-        """Where a function begins."""
+        """The address of a function."""
         return self._engine.get_function_address(name)
 
     def close(self) -> None:
-        """Gives the memory back."""
+        """Frees the memory."""
         with _lock:
             self._engine.close()
 
@@ -137,11 +137,11 @@ def _machine() -> Any:
 
 @contextlib.contextmanager
 def _in_proportion(llvm: Any, text: str) -> Iterator[None]:
-    """LLVM's settings by which long programs take a time in proportion to their length; they are the process's.
+    """Process-wide LLVM settings with which compile time is proportional to the length of a program.
 
-    CodeGenPrepare takes a time that grows with the square of a block's length (60 s, and the rest 4 s, for an event of
-    an Adams method), and made none of our programs faster. So do the scheduler's lists of what may touch the same
-    memory (50 s of 80 s for a chart of Floquet multipliers).
+    CodeGenPrepare takes a time quadratic in a block's length (60 s, against 4 s for the rest, for an event of an Adams
+    method), and made none of the programs faster. So do the scheduler's lists of what may touch the same memory (50 s
+    of 80 s for a chart of Floquet multipliers).
     """
     llvm.set_option("", "-disable-cgp=true")
     llvm.set_option("", f"-dag-maps-huge-region={200 if len(text) > LONG else 1000}")
@@ -153,10 +153,10 @@ def _in_proportion(llvm: Any, text: str) -> Iterator[None]:
 
 
 def _optimise(llvm: Any, module: Any, machine: Any) -> None:
-    """What does as well as LLVM's levels 1 to 3, in less time.
+    """A pass pipeline that does as well as LLVM's levels 1 to 3, in less time.
 
-    Not LLVM's new GVN: in LLVM 22 it took a number of one turn of a loop for that of another
-    (``tests/native/test_reductions.py``, ``test_windows``). Equal instructions were found when they were written.
+    Not LLVM's new GVN: in LLVM 22 it confused numbers of different loop iterations
+    (``tests/native/test_reductions.py``, ``test_windows``). Common subexpressions were already found when writing.
     """
     passes = llvm.create_new_module_pass_manager()
     passes.add_sroa_pass()

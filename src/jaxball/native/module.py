@@ -1,4 +1,4 @@
-"""What the functions of a program share."""
+"""The shared parts of a program's functions."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ ALIGNMENT = 64
 
 
 class Module:
-    """What functions share: declarations, constants, the size of the work space."""
+    """Shared by functions: declarations, constants, the size of the workspace."""
 
     def __init__(self) -> None:
         self.declared: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""A StableHLO module as plain data, with what the compiler asks of it: who reads a value, and who reads it last."""
+"""A StableHLO module as plain data, with what the compiler needs: the uses of each value, and the last use."""
 
 import re
 from collections import Counter
@@ -134,7 +134,7 @@ def functions_of(module: Any, known: Container[str]) -> dict[str, Block]:
     - ``known``: names of operations; where a module has others that consist of simpler ones, it is changed so that
       these stand in their places.
 
-    **Raises:** ``UnsupportedError`` for what is no operation on arrays.
+    **Raises:** ``UnsupportedError`` for anything that is not an operation on arrays.
     """
     if any(name.startswith(_COMPOSED) and name not in known for name in _names(module.operation)):
         _write_out(module)
@@ -194,7 +194,7 @@ def _read(source: Any, outer: dict[Any, Value]) -> Block:
 
 
 def _drop_unread(block: Block) -> None:
-    """Leaves out operations whose results nobody reads, if that is all they are for."""
+    """Leaves out pure operations whose results are not used."""
     read, kept = set(block.results), []
     for operation in reversed(block.operations):
         if any(result in read for result in operation.results) or operation.has_effects():

@@ -1,7 +1,7 @@
-"""Between which numbers the counters of loops lie, so that what guards against others need not be computed.
+"""Bounds of loop counters, with which checks against other values can be omitted.
 
-JAX lets an index count from the end where it is negative, and StableHLO moves slices that would reach over an end; of a
-counter that runs from 0 to below the length of an array, neither happens.
+JAX lets a negative index count from the end, and StableHLO clamps slices that would reach over an end; for a counter
+that runs from 0 to below the length of an array, neither happens.
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,6 @@
-"""The rules of the compiler: for each operation of StableHLO a function that says what it computes.
+"""The rules of the compiler: for each StableHLO operation a function that writes its computation.
 
-A rule is given the function that is being compiled, the operation, and its operands; it gives the result, or a list of
-the results where there are several.
+A rule takes the function being compiled, the operation, and its operands; it returns the result, or a list of results.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ RULES: dict[str, Rule] = {}
 
 
 def rule(*names: str) -> Callable[[Rule], Rule]:
-    """Enters a function as the rule of operations of these names."""
+    """Registers a function as the rule of operations with these names."""
 
     def enter(function: Rule) -> Rule:
         RULES.update(dict.fromkeys(names, function))

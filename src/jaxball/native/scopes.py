@@ -1,7 +1,7 @@
-"""Where instructions that only compute stand: each is written once, and before all loops in which nothing it needs is.
+"""The placement of pure instructions: each is written once, and before all loops on which it does not depend.
 
-A loop within which an instruction would compute the same number in every turn has a place before it, to which such
-instructions go. They are executed also where the loop's body is not, which nobody notices: none of them can fail.
+Loop-invariant instructions go to a place before the loop. They are executed even if the loop's body is not, which is
+harmless, because none of them can fail.
 """
 
 import contextlib
@@ -73,7 +73,7 @@ class Scopes:
 
     @contextlib.contextmanager
     def scope(self) -> Iterator[None]:
-        """What is computed in this block of Python is not known after it, because it may not have been executed."""
+        """Values computed in this Python block are unknown after it, because it may not have been executed."""
         self._added.append([])
         try:
             yield
@@ -83,7 +83,7 @@ class Scopes:
 
     @contextlib.contextmanager
     def looped(self, place: int) -> Iterator[Loop]:
-        """What is written in this block of Python is a loop; ``place`` is where to write what goes before it."""
+        """The instructions written in this Python block are a loop; ``place`` is where to write what goes before it."""
         loop = self.loop = Loop(self.loop, place, len(self._added) - 1)
         try:
             yield loop
@@ -92,7 +92,7 @@ class Scopes:
 
 
 class Turn:
-    """One turn of a loop: its index, the numbers carried into it, and those that it carries on."""
+    """One iteration of a loop: its index, the numbers carried into it, and those carried on."""
 
     def __init__(self, index: Name, carried: list[Name]):
         self.index, self.carried = index, carried

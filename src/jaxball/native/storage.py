@@ -1,4 +1,4 @@
-"""Arrays brought to where an operation needs them: to memory, to registers, to memory that may be overwritten."""
+"""Moves arrays to where an operation needs them: memory, registers, or memory that may be overwritten."""
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
@@ -11,7 +11,7 @@ from .values import Array, Buffer, Formula, Memory, Registers, indices, is_small
 
 
 class Storage:
-    """The buffers of one function, used again when nobody owns what is in them."""
+    """The buffers of one function, reused when their contents have no owner."""
 
     def __init__(self, builder: Builder):
         self.builder = builder

@@ -1,4 +1,4 @@
-"""Where the numbers of an array are: in registers, in memory, or nowhere, because they follow from an index.
+"""Where the numbers of an array are: in registers, in memory, or nowhere, if they are a formula of the index.
 
 - Small arrays are :class:`Registers`: an array of NumPy of elements, so that to slice or to transpose costs nothing.
 - Larger ones lie in :class:`Memory`, row by row.

@@ -1,8 +1,8 @@
-"""Arrays whose first axis has as many elements as a vector has lanes: what is computed of them is computed in vectors.
+"""Arrays whose first axis has as many elements as a vector has lanes, which are computed in vectors.
 
-Such an array remains an array of single numbers, so that all rules know it: its elements are the lanes of vectors, one
-vector for each place along the other axes, and lane k of the vector ``%v7`` has the name ``%v7.k``. An operation finds
-the vectors by these names. Of the lanes, only those are taken out that something reads by itself.
+Such an array remains an array of single numbers, so that all rules work with it: its elements are the lanes of vectors,
+one vector for each place along the other axes, and lane k of the vector ``%v7`` has the name ``%v7.k``. An operation
+finds the vectors by these names. Only lanes that are read individually are extracted.
 """
 
 from collections.abc import Callable, Iterable, Sequence

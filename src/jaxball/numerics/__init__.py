@@ -1,5 +1,4 @@
-"""Mathematics of small arrays: vectors, versors, norms, series, brackets of zeros, where derivatives end; and programs
-as expressions of their elements.
+"""Mathematics of small arrays: vectors, versors, norms, series, brackets of zeros; programs as expressions of elements.
 
-It knows nothing of bodies, solvers or files.
+It contains nothing specific to bodies, solvers or files.
 """

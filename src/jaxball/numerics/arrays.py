@@ -1,4 +1,4 @@
-"""How parameters become array leaves."""
+"""Conversion of parameters to array leaves."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -25,13 +25,13 @@ def default_dtype() -> np.dtype:
 def to_array(x: Numbers, name: str = "x") -> Float[Array, "..."]:
     """``x`` as an array of the default floating type.
 
-    **Raises:** a ``TypeError`` that names the argument where it is not real numbers.
+    **Raises:** a ``TypeError`` that names the argument if it is not made of real numbers.
     """
     require_numbers(name, x)
     dtype = default_dtype()
     try:
         if not any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(x)):
-            x = np.asarray(x, dtype)  # for which, unlike JAX, NumPy compiles no program
+            x = np.asarray(x, dtype)  # NumPy, unlike JAX, compiles no program for this
         return jnp.asarray(x, dtype=dtype)
     except jax.errors.JAXTypeError:
         raise
@@ -40,12 +40,12 @@ def to_array(x: Numbers, name: str = "x") -> Float[Array, "..."]:
 
 
 def namespace_of(x: Any) -> Any:
-    """The functions for ``x``: NumPy's, which compile nothing, for an array of NumPy, else those of JAX."""
+    """The namespace for ``x``: NumPy for a NumPy array, without compiling anything, otherwise ``jax.numpy``."""
     return np if isinstance(x, np.ndarray | np.generic) else jnp
 
 
 def require_numbers(name: str, x: Any) -> None:
-    """Raises a ``TypeError`` for text, complex numbers, and whatever else would become wrong numbers silently."""
+    """Raises a ``TypeError`` for text, complex numbers, and anything else that would silently become wrong numbers."""
     if not _is_real(x):
         raise refusal(name, "numbers", x)
 
@@ -77,7 +77,7 @@ def stacked(parts: Sequence[Float[Array, "..."]], shape: tuple[int, ...] = ()) -
 
 
 def a_number() -> jax.ShapeDtypeStruct:
-    """A number of the default floating type, of which no more is known: to try what a function makes of one."""
+    """An abstract number of the default floating type, for tracing a function."""
     return jax.ShapeDtypeStruct((), default_dtype())
 
 
@@ -95,8 +95,8 @@ def numbers(
 ) -> Callable[[Numbers], Float[Array, "..."]]:
     """The converter of a field ``name`` to an array.
 
-    ``shape`` has a letter for each length that may be any; with ``batch`` there may be more axes before it. It holds
-    for what a constructor is given: transformations of JAX, which add axes, do not call it.
+    ``shape`` has a letter for each arbitrary length; with ``batch`` there may be more axes before it. It applies to the
+    arguments of a constructor: transformations of JAX, which add axes, do not call it.
     """
 
     def convert(x: Numbers) -> Float[Array, "..."]:
@@ -108,7 +108,7 @@ def numbers(
 
 
 def require_shape(name: str, value: Array, shape: tuple[int | str, ...], *, batch: bool = False) -> None:
-    """Raises a ``ValueError`` unless the argument ``name`` has the ``shape`` that it must have; see ``numbers``."""
+    """Raises a ``ValueError`` unless the argument ``name`` has the required ``shape``; see ``numbers``."""
     given = value.shape
     own = given[len(given) - len(shape) :] if batch and len(given) >= len(shape) else given
     if own == shape:

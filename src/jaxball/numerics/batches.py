@@ -1,6 +1,6 @@
 """Batches of a fixed size, so that a program is compiled for one number of rows and called for any.
 
-The last batch is padded by repeating the last row, and what is computed of the padding is cut off.
+The last batch is padded by repeating the last row, and the results of the padding are cut off.
 """
 
 import itertools
@@ -65,7 +65,7 @@ def in_threads(
 
 
 def even_size(rows: int, largest: int, threads: int) -> int:
-    """The size of batches of which every thread gets as many, none larger than ``largest``."""
+    """The batch size with which every thread gets equally many batches, none larger than ``largest``."""
     count = threads * -(-rows // (largest * threads))
     return -(-rows // count)
 
@@ -73,7 +73,7 @@ def even_size(rows: int, largest: int, threads: int) -> int:
 def map_batches(function: Callable[[Any], Any], rows: Any, size: int) -> Any:
     """``function`` of a PyTree of arrays that have the rows as last axis, ``size`` of them at a time; JAX can trace it.
 
-    What lies between stays in a processor's cache.
+    Intermediate results stay in a processor's cache.
     """
     count = jax.tree.leaves(rows)[0].shape[-1]
     parts = -(-count // size)

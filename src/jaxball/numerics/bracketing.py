@@ -1,8 +1,8 @@
-"""The Illinois method for the zero of a function of one variable between two places where its signs differ.
+"""The Illinois method for the zero of a function of one variable between two points where its signs differ.
 
-The secant's zero takes the place of the newer end of the bracket. Where the sign did not change, the other end stays
-and its value is halved, so that both ends come near the zero (Dowell & Jarratt, *BIT* 11 (1971) 168–174). Arguments are
-numbers or arrays, of JAX or, with ``xp=numpy``, of NumPy.
+The zero of the secant replaces the newer end of the bracket. If the sign did not change, the other end stays and its
+value is halved, so that both ends approach the zero (Dowell & Jarratt, *BIT* 11 (1971) 168–174). Arguments are numbers
+or arrays, of JAX or, with ``xp=numpy``, of NumPy.
 """
 
 from typing import Any, NamedTuple
@@ -11,14 +11,14 @@ import jax.numpy as jnp
 
 
 class Sample(NamedTuple):
-    """A place x and the function's value f there."""
+    """A point x and the function's value f there."""
 
     x: Any
     f: Any
 
 
 def between(old: Sample, new: Sample, xp: Any = jnp) -> Any:
-    """The next place: where the secant is zero; halfway where it is not inside, or an end is a zero already."""
+    """The next point: the zero of the secant, or the midpoint if that is not inside or an end is already a zero."""
     slope = new.f - old.f
     x = new.x - new.f * (new.x - old.x) / xp.where(slope == 0, 1.0, slope)
     inside = ((x - old.x) * (x - new.x) <= 0) & (old.f != 0) & (new.f != 0)

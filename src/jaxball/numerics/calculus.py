@@ -1,4 +1,4 @@
-"""Derivatives along a curve, by forward mode, and of what was found without them."""
+"""Derivatives along a curve, by forward mode, and derivatives of results found without them."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -29,7 +29,7 @@ def two_derivatives(
 
 @eqx.filter_custom_jvp
 def with_derivatives(value: Any, function: Callable[..., Any], *arguments: Any) -> Any:
-    """``value``, with the derivatives of ``function(*arguments)``, which has the same value but for rounding.
+    """``value``, with the derivatives of ``function(*arguments)``, which has the same value up to rounding.
 
     Where nothing is differentiated, the function is not evaluated.
     """
@@ -54,8 +54,8 @@ class Furthest(NamedTuple):
 def furthest(curve: Curve, x: Float[Array, " n"], points: Float[Array, "n 3"]) -> Furthest:
     """Where a curve is furthest from the origin: at the best of its ``points`` at evenly spaced ``x``, or near it.
 
-    The distance is that of a point of the curve, so it is never too large. Where the curve is not finite, it is not
-    looked at.
+    The distance is that of a point of the curve, so it is never too large. Points where the curve is not finite are
+    ignored.
     """
     shares = jnp.asarray(np.arange(-NEAR, NEAR + 1) / NEAR, x.dtype)
 
@@ -63,7 +63,7 @@ def furthest(curve: Curve, x: Float[Array, " n"], points: Float[Array, "n 3"]) -
         squares = jnp.sum(points**2, axis=1)
         squares = jnp.where(jnp.all(jnp.isfinite(points), axis=1), squares, -1.0)
         largest = jnp.max(squares)
-        # Without the search for an index, which XLA's CPU compiler breaks off at in some programs.
+        # Without argmax, at which XLA's CPU compiler fails in some programs.
         return jnp.min(jnp.where(squares == largest, x, jnp.inf)), largest
 
     def nearer(_, carry):

@@ -1,7 +1,7 @@
 """Programs on small arrays as expressions of their elements.
 
-A jaxpr is read operation by operation. What moves elements about (stacking, slicing, transposing) costs nothing
-then, and what is known at once (unit matrices, tangents that are zero) is carried out at once.
+A jaxpr is read operation by operation. Moving elements (stacking, slicing, transposing) then costs nothing, and
+operations on known numbers (unit matrices, zero tangents) are carried out immediately.
 """
 
 import functools
@@ -30,7 +30,7 @@ ELEMENTWISE = frozenset({
     "stop_gradient", "sub", "tan", "tanh", "xor",
 })
 # fmt: on
-# Functions whose derivatives follow from their operations, so that these may stand for them.
+# Functions whose derivatives follow from their operations, which may replace them.
 WRITTEN_OUT: Mapping[Any, Callable[..., Any]] = {sine_cosine_p: written_out}
 REDUCTIONS: Mapping[str, Any] = {
     "reduce_sum": primitives.add_p,
@@ -154,7 +154,7 @@ def _unrolled(graph: Graph, equation: Any, operands: list[Elements]) -> list[Ele
 
 
 def _chosen(graph: Graph, equation: Any, which: Elements, *operands: Elements) -> list[Elements]:
-    """One of several programs: lanes may differ in which, so that all of them are computed, and one is selected."""
+    """One of several programs: lanes may choose differently, so all of them are computed, and one is selected."""
     programs = branches(equation)
     if _known(which):
         return evaluated(graph, programs[int(which)], operands)
@@ -260,7 +260,7 @@ MOVES: Mapping[str, Callable[[Any, Sequence[Elements]], Sequence[Elements]]] = {
 
 
 def _as_arrays(graph: Graph, equation: Any, operands: Sequence[Elements]) -> list[Elements]:
-    """Any other operation, on arrays again, with the lanes as batch."""
+    """Any other operation, on arrays, with the lanes as batch."""
     shapes = [x.shape for x in operands]
     dtypes = [variable.aval.dtype for variable in equation.invars]
     ends = np.cumsum([x.size for x in operands]).tolist()

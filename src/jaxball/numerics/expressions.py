@@ -1,4 +1,4 @@
-"""Expressions of numbers as a graph of operations, in which the same operation on the same operands stands once."""
+"""Expressions of numbers as a graph of operations, in which equal operations on equal operands are one node."""
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -80,7 +80,7 @@ def _folded(primitive: Any, params: Mapping[str, Any], operands: Sequence[Any]) 
 
 
 def _simplified(name: str, operands: Sequence[Any], dtype: np.dtype) -> Any:
-    """The result of an operation that is none, or None. A product with a zero that is known is zero."""
+    """The result of a trivial operation, or None. A product with a known zero is zero."""
     known = [None if is_node(item) else item for item in operands]
     if name in ("add", "add_any", "mul"):
         neutral = 1 if name == "mul" else 0
@@ -99,7 +99,7 @@ def _simplified(name: str, operands: Sequence[Any], dtype: np.dtype) -> Any:
 
 
 def in_order(results: Iterable[Any], stop_at: frozenset[Node] = frozenset()) -> Iterator[Node]:
-    """The nodes that ``results`` need, each after those that it needs itself; ``stop_at`` are not looked into."""
+    """The nodes that ``results`` need, each after those that it needs itself, not beyond ``stop_at``."""
     seen = set(stop_at)
     for root in results:
         stack = [root] if is_node(root) else []

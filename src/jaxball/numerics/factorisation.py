@@ -1,6 +1,6 @@
 """The factors of small symmetric positive definite matrices, written as sums and products of elements.
 
-``vectors`` says why no library is called.
+``vectors`` explains why no library is called.
 """
 
 from typing import NamedTuple

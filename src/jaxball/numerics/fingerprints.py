@@ -1,7 +1,7 @@
-"""Values as bytes that are the same in every process: equal bytes mean equal values, and what has none is refused.
+"""Values as bytes that are the same in every process: equal bytes mean equal values; other values are refused.
 
-They tell compiled programs apart. So a function or a class counts only where it is one of a library whose version is
-known elsewhere, and has a name there: what a user's module, a closure or a ``lambda`` does can change without a trace.
+They identify compiled programs. So functions and classes are accepted only if they belong to a library whose version is
+known, and have a name there: a user's module, a closure or a ``lambda`` can change unnoticed.
 """
 
 import enum
@@ -23,11 +23,11 @@ _WITHOUT_EFFECT = ("__annotations__", "__doc__")  # of methods that equinox bind
 
 
 class _Plain:
-    """Of the size that objects have that hold nothing but what ``vars`` shows."""
+    """Has the size of objects that contain nothing but what ``vars`` shows."""
 
 
 def digest(*values: Any) -> str:
-    """A name for the values, as of a file.
+    """A name for the values, usable as a file name.
 
     **Raises:** :class:`NoNameError`.
     """

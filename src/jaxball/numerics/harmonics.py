@@ -14,11 +14,11 @@ class HarmonicSeries(Printed):
     **Arguments:**
 
     - ``constant``: of any shape and unit.
-    - ``amplitude``: in the same unit, one entry a sinusoid, shape (terms, ...).
+    - ``amplitude``: in the same unit, one entry for each sinusoid, shape (terms, ...).
     - ``frequency``: rad/time, shape (terms,).
     - ``phase``: rad, shape (terms,); zero if not given.
     - ``powers``: the coefficients of t, t², …, in the unit of ``constant`` over powers of time, shape (degree, ...);
-      none if not given, at no cost.
+      none, at no cost, if not given.
 
     **Raises:** ``ValueError`` when the shapes do not fit each other.
 

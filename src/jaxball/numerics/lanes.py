@@ -16,12 +16,12 @@ Numbers = list[Any]  # arrays of the shape of the lanes, or scalars that all lan
 
 
 class LaneProgram:
-    """A function of parameters and of what changes, on elements whose axes are those of the lanes.
+    """A function of parameters and of changing arguments, on elements whose axes are those of the lanes.
 
-    ``prepare`` computes what depends on the parameters alone, once; a call then computes the function. Elements are
-    those of one array after the other, each in C order, and those that all lanes share may be scalars.
+    ``prepare`` computes once what depends only on the parameters; a call then computes the function. Elements are those
+    of the arrays in sequence, each in C order, and those that all lanes share may be scalars.
 
-    - ``function(parameters, *changing)``: on PyTrees of small arrays, with arrays of the same shapes for result.
+    - ``function(parameters, *changing)``: on PyTrees of small arrays, with arrays of the same shapes as result.
     """
 
     def __init__(self, function: Callable[..., Any], parameters: Any, *changing: Any):

@@ -1,4 +1,4 @@
-"""Least squares without library calls, which wait for one another where programs run side by side."""
+"""Least squares without library calls, which block one another when programs run side by side."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -7,8 +7,8 @@ from jaxtyping import Array, Float
 def least_squares(matrix: Float[Array, "rows n"], wanted: Float[Array, " rows"]) -> Float[Array, " n"]:
     """The x with the least |matrix x − wanted|, for a matrix of full column rank.
 
-    Modified Gram–Schmidt on the columns of the matrix, which is as stable as Householder's method where what is wanted
-    is treated as one column more (Björck 1967).
+    Modified Gram–Schmidt on the columns of the matrix, which is as stable as Householder's method if the right-hand
+    side is treated as an additional column (Björck 1967).
     """
     rest, n, rows, right = jnp.concatenate([matrix, wanted[:, None]], axis=1), matrix.shape[1], [], []
     for _ in range(n):

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Inexact, Int
 
-# Above this size a library's factorisation is faster than ours; below, the call of it costs more than the work.
+# Above this size a library's factorisation is faster; below, its call costs more than the work.
 LARGEST_SMALL = 32
 
 
@@ -43,7 +43,7 @@ _Parts: TypeAlias = tuple[Array, ...]
 
 
 def _eliminated(matrices: _Parts) -> _Parts:
-    """The inverses by Gauss and Jordan with partial pivoting, in place and without a call of a library.
+    """The inverses by Gauss–Jordan elimination with partial pivoting, in place and without a library call.
 
     Each turn eliminates the first column by the first row, after an exchange of rows, and moves both to the end, so
     that every index is known while compiling.

@@ -1,4 +1,4 @@
-"""Derivatives beside the places of arrays of fixed size that are not used, and of what is not known."""
+"""Derivatives around unused entries of arrays of fixed size, and of unknown values."""
 
 from typing import TypeVar
 
@@ -13,10 +13,10 @@ Tree = TypeVar("Tree", bound=PyTree)
 
 
 def differentiated_where(used: Bool[Array, ""], tree: Tree) -> Tree:
-    """``tree`` as it is, with derivatives where it is ``used`` alone.
+    """``tree`` unchanged, with derivatives only where it is ``used``.
 
-    Where a place is not used, what is computed from it may have infinite derivatives. A mask on the result sends a
-    zero back to them, and 0 · ∞ is not a number; here that ends.
+    Values computed from an unused entry may have infinite derivatives. A mask on the result sends a zero back to them,
+    and 0 · ∞ is NaN; this stops it.
     """
 
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
@@ -25,16 +25,16 @@ def differentiated_where(used: Bool[Array, ""], tree: Tree) -> Tree:
 
 
 def without_derivatives(tree: Tree) -> Tree:
-    """``tree`` as it is, as a constant."""
+    """``tree`` unchanged, as a constant."""
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
     return eqx.combine(jax.lax.stop_gradient(numbers), others)
 
 
 def with_unknown_derivatives(tree: Tree, given: PyTree, here: Bool[Array, ""] | bool = False) -> Tree:
-    """``tree`` as it is, its derivatives with respect to ``given`` NaN ``here`` and wherever it is NaN itself.
+    """``tree`` unchanged, with NaN derivatives with respect to ``given`` ``here`` and wherever it is NaN itself.
 
-    A mask that puts NaN there has the derivative 0, which looks like a number that does not depend on anything. What
-    is left out of a result has no part in it still: in reverse mode a cotangent of 0 stays 0.
+    A mask that puts NaN there has the derivative 0, as if the result depended on nothing. Unused parts of a result
+    still have no effect: in reverse mode a cotangent of 0 stays 0.
     """
     inputs = [jnp.sum(leaf) for leaf in jax.tree.leaves(given) if eqx.is_inexact_array(leaf)]
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
@@ -46,7 +46,7 @@ def with_unknown_derivatives(tree: Tree, given: PyTree, here: Bool[Array, ""] | 
     return eqx.combine(jax.tree.map(one, numbers), others)
 
 
-# 0, whose tangents are NaN, and so is each cotangent that comes back, but for one of 0.
+# 0, whose tangents are NaN, as is each returning cotangent except one of 0.
 _zero = primitive("zero_of_unknown_derivative", jnp.zeros_like)
 _nan = primitive("unknown_derivative", lambda x: jnp.full_like(x, jnp.nan))
 declare_linear(_nan, lambda cotangent, _: [jnp.where(cotangent == 0, cotangent, jnp.nan)])

@@ -1,10 +1,10 @@
-"""A sentence where a solve is differentiated in a mode that its loop does not have.
+"""A clear error when a solve is differentiated in a mode that its loop does not support.
 
-A loop with checkpoints has reverse mode alone, and once; a plain loop has forward mode alone. JAX finds out after the
-solve is traced, and says so in words of its internals. Numbers that go into a loop with checkpoints are marked: their
-tangents cannot be evaluated, only transposed, and what comes back from that cannot be transposed again. Numbers that
-come out of a plain loop are marked: their tangents cannot be transposed. What is found where something happens is
-marked: its tangents cannot be differentiated again.
+A loop with checkpoints only has reverse mode, and only once; a plain loop only has forward mode. JAX finds out after
+the solve is traced, and reports it in terms of its internals. Numbers that go into a loop with checkpoints are marked:
+their tangents cannot be evaluated, only transposed, and the result of that cannot be transposed again. Numbers that
+come out of a plain loop are marked: their tangents cannot be transposed. Times and states of events are marked: their
+tangents cannot be differentiated again.
 """
 
 from typing import Any, NoReturn
@@ -26,8 +26,8 @@ NO_FORWARD = (
 )
 NO_SECOND = (
     "Argument `adjoint` must be diffrax.ForwardMode() for second derivatives, but it is "
-    "diffrax.RecursiveCheckpointAdjoint(), the default, and reverse mode through reverse mode does not go through its "
-    f"loop; {WAY_OUT}"
+    "diffrax.RecursiveCheckpointAdjoint(), the default, whose loop does not support reverse mode over reverse mode; "
+    f"{WAY_OUT}"
 )
 NO_REVERSE = (
     "Argument `adjoint` must be diffrax.RecursiveCheckpointAdjoint(), the default, where a solve is differentiated in "
@@ -35,25 +35,25 @@ NO_REVERSE = (
     "(jax.jvp, jax.jacfwd)."
 )
 NO_SECOND_OF = (
-    "Second derivatives are those of states at fixed times, but they were asked for of {what}, which have first "
-    "derivatives alone; take differences of these."
+    "Second derivatives are only those of states at fixed times, but they were requested for {what}, which have only "
+    "first derivatives; take differences of these."
 )
 
 
 def reverse_only(tree: PyTree) -> PyTree:
-    """``tree`` as it is, with derivatives in reverse mode, once; ``TypeError`` with a sentence for others."""
+    """``tree`` unchanged, with derivatives in reverse mode, once; a clear ``TypeError`` for others."""
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
     return eqx.combine(jax.tree.map(_number.bind, numbers), others)
 
 
 def forward_only(tree: PyTree) -> PyTree:
-    """``tree`` as it is, with derivatives in forward mode; ``TypeError`` with a sentence for reverse mode."""
+    """``tree`` unchanged, with derivatives in forward mode; a clear ``TypeError`` for reverse mode."""
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
     return eqx.combine(jax.tree.map(_result.bind, numbers), others)
 
 
 def once(what: str, tree: PyTree) -> PyTree:
-    """``tree`` as it is, with first derivatives; ``TypeError`` with a sentence for second ones of ``what`` it is."""
+    """``tree`` unchanged, with first derivatives; a clear ``TypeError`` that names ``what`` it is for second ones."""
     numbers, others = eqx.partition(tree, eqx.is_inexact_array)
     return eqx.combine(jax.tree.map(lambda leaf: _found.bind(leaf, what=what), numbers), others)
 

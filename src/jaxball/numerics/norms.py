@@ -27,7 +27,8 @@ def room(x: Float[Array, "*batch n"], most: Float[Array, "*#batch"]) -> Float[Ar
 def length(x: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch"]:
     """|x| over the last axis, of numbers whose squares overflow or vanish as well; infinite where |x| is too large.
 
-    Numbers are scaled by a power of two, which changes no bit of what ``numpy.linalg.norm`` makes of ordinary ones.
+    Numbers are scaled by a power of two, so results for ordinary numbers are the same as from ``numpy.linalg.norm``,
+    bit for bit.
     """
     largest = np.max(np.abs(x), axis=-1)
     exponent = np.where(np.isfinite(largest), np.frexp(largest)[1], 0)

@@ -1,8 +1,8 @@
 """Programs on elements in pieces that XLA's CPU compiler makes one loop each, so that nothing is computed twice.
 
-It puts elementwise operations into loops over the lanes, each with one result, and computes a number that several of
-these loops need in each of them anew: ten times the work, in a program as long as equations of motion. So what several
-need is made the result of a loop of its own, unless computing it again costs less.
+It puts elementwise operations into loops over the lanes, each with one result, and recomputes a number that several of
+these loops need in each of them: ten times the work, in a program as long as equations of motion. So shared values are
+made the results of separate loops, unless recomputing them is cheaper.
 """
 
 from collections.abc import Sequence, Set
@@ -14,7 +14,7 @@ from jaxtyping import Array
 
 from .expressions import Elementwise, Node, in_order, is_node
 
-# What XLA takes for cheap, and computes again where several loops need it; other operations it never does twice.
+# What XLA considers cheap, and recomputes where several loops need it; other operations it never duplicates.
 # fmt: off
 CHEAP = frozenset({
     "abs", "add", "add_any", "and", "ceil", "clamp", "convert_element_type", "copy", "copy_p", "eq", "floor", "ge",
@@ -29,7 +29,7 @@ LOOP = 8
 def separately(x: Array) -> Array:
     """The same array, on a CPU as the result of a loop of its own; only the sign of a zero may change.
 
-    A sum over an axis is computed in one place. XLA has a barrier of its own, and takes it away before it makes loops.
+    A sum over an axis is computed in one place. XLA has a barrier of its own, but removes it before it makes loops.
     """
     if jax.default_backend() != "cpu":
         return x
@@ -39,7 +39,7 @@ def separately(x: Array) -> Array:
 
 
 def pieces(results: Sequence[Any], inputs: Sequence[Node]) -> frozenset[Node]:
-    """The nodes of a program that are to be computed separately: results, and what several of these need."""
+    """The nodes of a program to compute separately: results, and values that several of these need."""
     order = list(in_order(results, frozenset(inputs)))
     chosen = {item for item in results if is_node(item) and isinstance(item.operation, Elementwise)}
     uses: dict[Node, list[Node]] = {node: [] for node in order}
@@ -53,7 +53,7 @@ def pieces(results: Sequence[Any], inputs: Sequence[Node]) -> frozenset[Node]:
         shared = again > 0 and isinstance(node.operation, Elementwise)
         if shared and (_expensive(node) or again * _operations(node, known) >= LOOP):
             known.add(node)
-    # What only one loop needs, however often, is computed once in it.
+    # A value needed by only one loop, however often, is computed once in it.
     loops: dict[Node, set[Node]] = {}
     for node in reversed(order):
         loops[node] = set().union(*({user} if user in known else loops[user] for user in uses[node]))

@@ -1,4 +1,4 @@
-"""Piecewise polynomials and the cubic splines that become them."""
+"""Piecewise polynomials, and cubic splines as such."""
 
 import equinox as eqx
 import jax.numpy as jnp

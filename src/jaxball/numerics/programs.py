@@ -1,12 +1,13 @@
-"""Compiled functions, as of ``jax.jit`` and ``equinox.filter_jit``, and a store in which they may be kept.
+"""Compiled functions, like those of ``jax.jit`` and ``equinox.filter_jit``, and a store for them.
 
-Where the native compiler is chosen (:mod:`jaxball.native`), XLA compiles only what that does not know, and, unless it
-is asked for by its name, programs whose loops are over large arrays, as of many runs side by side. Each is traced once.
+If the native compiler is chosen (:mod:`jaxball.native`), XLA compiles only programs that it does not support and,
+unless it was chosen by name, programs whose loops are over large arrays, as for many runs side by side. Each is traced
+once.
 
-Where there is a store, a program that was compiled in another process is found by a digest of all that decides what it
-computes, without being traced, and is loaded in a fraction of the time. It is the same machine code, so that its
-results are the same to the last bit. That a program is not compiled natively is noted there as well. Within a trace,
-and on other devices than one CPU, the functions are JAX's and equinox's.
+If there is a store, a program that was compiled in another process is found by a digest of everything that determines
+what it computes, without being traced, and is loaded in a fraction of the time. It is the same machine code, so its
+results are the same to the last bit. The store also notes that a program is not compiled natively. Within a trace, and
+on devices other than a single CPU, the functions are JAX's and equinox's.
 """
 
 import contextlib
@@ -34,33 +35,33 @@ _made: "weakref.WeakSet[Program]" = weakref.WeakSet()
 
 
 def forget() -> None:
-    """Drops the programs of all functions, which then are compiled or loaded anew."""
+    """Drops the programs of all functions, which are then compiled or loaded again."""
     for program in list(_made):
         program.forget()
 
 
 def jit(function: Callable[P, T]) -> "Program":
-    """As ``jax.jit``: all leaves of all arguments are arrays.
+    """Like ``jax.jit``: all leaves of all arguments are arrays.
 
-    ``function`` is defined at the top of a module, or a ``functools.partial`` of such a one, by whose arguments
-    programs are told apart.
+    ``function`` is defined at the top level of a module, or is a ``functools.partial`` of such a function, whose
+    arguments distinguish programs.
     """
     return Program(function, jax.jit(function), None)
 
 
 def filter_jit(function: Callable[P, T]) -> Callable[P, T]:
-    """As ``equinox.filter_jit``: the arrays of all arguments are traced, and programs are told apart by all else.
+    """Like ``equinox.filter_jit``: the arrays of all arguments are traced, and everything else distinguishes programs.
 
-    ``function`` as of :func:`jit`.
+    ``function`` as for :func:`jit`.
     """
     return Program(function, eqx.filter_jit(function), eqx.is_array)
 
 
 @contextlib.contextmanager
 def compiled_quickly(wanted: bool = True) -> Iterator[None]:
-    """Programs that XLA compiles first in this block compile in half the time, and then take several times as long.
+    """Programs that XLA first compiles in this block compile in half the time, but run several times as long.
 
-    For what runs once. The results differ by rounding. Threads share the setting.
+    For programs that run once. The results differ by rounding. Threads share the setting.
     """
     before = settings()[QUICKLY]
     jax.config.update(QUICKLY, wanted or before)
@@ -71,7 +72,7 @@ def compiled_quickly(wanted: bool = True) -> Iterator[None]:
 
 
 class _Rest(NamedTuple):
-    """What arguments or a result have beside arrays.
+    """The parts of arguments or of a result that are not arrays.
 
     - ``structure``: a PyTree's.
     - ``static``: the leaves, with None in the places of arrays; empty where all are arrays.
@@ -120,7 +121,7 @@ class Program:
         self._programs.clear()
 
     def natively(self, *args: Any) -> Callable[[], Any] | None:
-        """The call with these arguments, by a program that is compiled natively; None where that cannot be.
+        """The call with these arguments, by a natively compiled program; None if that is not possible.
 
         It may raise ``native.CallbackReachedError``.
         """
@@ -139,9 +140,7 @@ class Program:
         return _Rest(structure, static, dynamic), [leaf for leaf, new in zip(leaves, dynamic, strict=True) if new]
 
     def _program_for(self, rest: _Rest, arrays: list[Any], only_natively: bool = False) -> _Runs | None:
-        """The program for such arguments; None where JAX compiles it as ever, or where it is not compiled natively and
-        is to be.
-        """
+        """The program for such arguments; None if JAX compiles it as usual, or if it is not native but must be."""
         if current.store is not self._store:
             self._programs, self._store = {}, current.store
         kinds = tuple(map(native.kind, arrays))
@@ -154,7 +153,7 @@ class Program:
         return self._programs.setdefault(key, self._found(rest, arrays, only_natively))
 
     def _found(self, rest: _Rest, arrays: list[Any], only_natively: bool) -> _Runs | None:
-        """The program, from the store or compiled: natively, and by XLA where that is asked for or cannot be."""
+        """The program, from the store or compiled: natively, or by XLA if that is chosen or necessary."""
         natively = native.chosen() == "native" and native.usable(arrays)
         store = self._store if native.on_one_cpu() else None
         if store is None and not natively:
@@ -179,7 +178,7 @@ class Program:
         return getattr(self, "__name__", "program")
 
     def _key(self, store: Store | None, rest: _Rest, arrays: list[Any], *of_compiler: Any) -> str | None:
-        """The name of the program in the store; None where it has none."""
+        """The name of the program in the store; None if it has none."""
         if store is None:
             return None
         with contextlib.suppress(NoNameError):
@@ -188,7 +187,7 @@ class Program:
         return None
 
     def _lowered(self, rest: _Rest, arrays: list[Any]) -> tuple[native.Lowered, _Rest]:
-        """The function, traced for such arrays alone, and what its result has beside arrays."""
+        """The function, traced for such arrays, and the parts of its result that are not arrays."""
         results: list[_Rest] = []
 
         def of_arrays(arrays: list[Any]) -> list[Any]:
@@ -204,7 +203,7 @@ class Program:
 def _obtained(
     store: Store | None, key: str | None, takes: int, make: Callable[[], Any], result: Callable[[], _Rest]
 ) -> _Runs | native.Refusal:
-    """A program that takes so many arrays: loaded from the store, or made and written there."""
+    """A program for so many arrays: loaded from the store, or compiled and written there."""
     if store is None or key is None:
         return _as_made(make(), result)
     found = _as_kept(store.early(key)) or _as_kept(executables.loaded(store.read(key)))
@@ -224,7 +223,7 @@ def _as_made(made: Any, result: Callable[[], _Rest]) -> _Runs | native.Refusal:
 
 
 def _content(made: Any, takes: int, result: Callable[[], _Rest]) -> bytes:
-    """What was made, as bytes: none where it cannot be kept, so that no process waits for another that compiles it."""
+    """A program as bytes: empty if it cannot be kept, so that no process waits for another to compile it."""
     if isinstance(made, native.Refusal):
         return executables.content_of_refusal(made)
     rest = result()
@@ -233,7 +232,7 @@ def _content(made: Any, takes: int, result: Callable[[], _Rest]) -> bytes:
 
 
 def _as_kept(loaded: executables.Loaded | native.Refusal | None) -> _Runs | native.Refusal | None:
-    """A program that was loaded; None where there is none."""
+    """A loaded program; None if there is none."""
     if isinstance(loaded, executables.Loaded):
         with contextlib.suppress(Exception):  # whatever a class of another version raises
             return functools.partial(_run, loaded.executable, _Rest(*loaded.result()))
@@ -248,14 +247,14 @@ def _run(compiled: Any, result: _Rest, arrays: list[Any]) -> Any:
 
 
 def _as_converted(array: Any) -> Any:
-    """NumPy's arrays of the types that JAX converts them to: some of its versions give a program 64 bits for 32."""
+    """NumPy arrays with the types that JAX converts them to: some of its versions pass a program 64 bits for 32."""
     if isinstance(array, np.ndarray | np.generic):
         return array.astype(jax.dtypes.canonicalize_dtype(array.dtype), copy=False)
     return array
 
 
 def _describe(arrays: Sequence[Any]) -> list[Any]:
-    """What a program knows of the arrays, and JAX's settings, for a key in a store."""
+    """The properties of the arrays that a program depends on, and JAX's settings, for a key in a store."""
     kinds = []
     for array in arrays:
         weak = getattr(array, "weak_type", type(array) in (bool, int, float, complex))
@@ -267,6 +266,6 @@ def _describe(arrays: Sequence[Any]) -> list[Any]:
 
 
 def _kept_by_jax() -> bool:
-    """Whether JAX keeps XLA's programs itself: what was loaded from there cannot be written once more."""
+    """Whether JAX keeps XLA's programs itself: programs loaded from there cannot be written again."""
     config: Any = jax.config
     return bool(config.jax_enable_compilation_cache and config.jax_compilation_cache_dir)

@@ -37,8 +37,8 @@ def largest_row(rows: Float[Array, "rows size"]) -> Float[Array, ""]:
 def orthonormalised(vectors: Float[Array, "k size"]) -> tuple[Float[Array, "k size"], Float[Array, " k"]]:
     """Orthonormal rows that span the same subspaces, and the length of each row orthogonal to those before it.
 
-    Modified Gram–Schmidt. For a few vectors it takes a tenth of the time of a library's QR factorisation, and what it
-    loses in orthogonality, the condition number times the rounding error, is nothing after a short interval.
+    Modified Gram–Schmidt. For a few vectors it takes a tenth of the time of a library's QR factorisation, and the loss
+    of orthogonality, the condition number times the rounding error, is negligible after a short interval.
     """
     rest, rows, lengths = vectors, [], []
     for _ in range(vectors.shape[0]):
@@ -59,5 +59,5 @@ def without_normal(
 
 
 def generic_vectors(count: int, size: int) -> np.ndarray:
-    """Vectors, always the same, that lie in no subspace which a symmetry of a flow could single out."""
+    """Fixed vectors that do not lie in a subspace which a symmetry of a flow could single out."""
     return np.random.default_rng(0).normal(size=(count, size))

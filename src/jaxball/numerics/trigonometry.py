@@ -26,7 +26,7 @@ COSINE = tuple((-1) ** k / math.factorial(2 * k) for k in range(9))
 def sine_cosine(x: Float[Array, "*shape"]) -> tuple[Float[Array, "*shape"], Float[Array, "*shape"]]:
     """sin x and cos x of an angle in radians, to 2e-16 for |x| up to 10⁶ and beyond that to the rounding of x itself.
 
-    In another type than float64, those of ``jax.numpy``. Derivatives of any order are sines and cosines again.
+    For types other than float64, those of ``jax.numpy``. Derivatives of any order are sines and cosines again.
     """
     sine, cosine = sine_cosine_p.bind(jnp.asarray(x))
     return sine, cosine
@@ -59,6 +59,6 @@ def _jvp(primals, tangents):
     return (sine, cosine), (cosine * dx, -sine * dx)
 
 
-# A primitive, so that a program that takes operations apart knows this one by what it is.
+# A primitive, so that programs that inspect operations recognise it.
 sine_cosine_p = primitive("sine_cosine", written_out, results=2)
 differentiate_by(sine_cosine_p, _jvp)

@@ -20,7 +20,7 @@ def cross(a: Float[Array, "*rows 3"], b: Float[Array, "*rows 3"]) -> Float[Array
 
 
 def _next(a: Float[Array, "*rows 3"]) -> Float[Array, "*rows 3"]:
-    """Components 1, 2 and 0 in the place of 0, 1 and 2."""
+    """Components 1, 2 and 0 in place of 0, 1 and 2."""
     return jax.lax.concatenate([a[..., 1:], a[..., :1]], a.ndim - 1)
 
 

@@ -1,4 +1,4 @@
-"""Versors (unit quaternions, scalar first) and the rotations Λ that they stand for.
+"""Versors (unit quaternions, scalar first) and their rotations Λ.
 
 Λ maps body vectors to space vectors. Source: appendix "Quaternions" of Putkaradze & Rogers (2018).
 """

@@ -1,6 +1,6 @@
-"""Putkaradze & Rogers (2018): their disk and ball, solutions to 30 digits, and their figures reproduced.
+"""Putkaradze & Rogers (2018): their disk and ball, 30-digit solutions, and their figures reproduced.
 
-``reference`` holds the solutions; ``reproduce`` draws the figures and measures the solvers.
+``reference`` contains the solutions; ``reproduce`` draws the figures and measures the solvers.
 """
 
 from ..interface.names import interface as _interface

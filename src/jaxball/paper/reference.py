@@ -1,4 +1,4 @@
-"""The solutions of the paper's two runs to thirty digits, at t = 0, 1, …, 20."""
+"""The 30-digit solutions of the paper's two runs, at t = 0, 1, …, 20."""
 
 import functools
 import importlib.resources

@@ -36,9 +36,9 @@ UNTOLD = 10  # the same: of a slip as slow as that, steps cannot tell the direct
 RISEN = 1e-6  # of √(r/g): the time in which a body that lifts has left the plane
 WINDOW = 0.1  # of √(r/g): the longest time for which the direction of a slip that begins is known beforehand
 BEFORE_KINK = 0.999  # of the time until the next kink: the same
-SLOW_DISK = 0.55  # the same of a disk, whose slip does not turn; more than the error of the place where a mode ends
-LONGEST = 0.25  # power of rounding: of √(r/g), the longest time in which a slip is followed to its end like that
-COARSER = 0.3  # the same over the cube root of the tolerance, because so the error of the response halfway grows
+SLOW_DISK = 0.55  # the same for a disk, whose slip does not turn; more than the error of the time at which a mode ends
+LONGEST = 0.25  # power of rounding: the longest time, in √(r/g), over which a slip is followed to its end in this way
+COARSER = 0.3  # the same over the cube root of the tolerance, because the error of the response halfway grows like this
 END, MIDDLE, IMPACT, MODE = range(4)  # what follows a mode, in this order
 
 
@@ -100,7 +100,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         bodies = (None if given is None else given.body for given in (state, states))
         yield from self.body.breaches(times, *bodies)
 
-    # What a solve advances. A body is looked at with a versor of length 1, because near the end of a slip small errors
+    # What a solve advances. A body is evaluated with a versor of length 1, because near the end of a slip small errors
     # turn it far.
 
     def to_packed(self, t: Float[Array, ""], state: ContactState) -> ContactState:
@@ -122,7 +122,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         g, r = self.body.gravity, self.body.radius
         least = ROUNDING * float(jnp.finfo(g.dtype).eps) * jnp.minimum(g, g / r)
         rests = rolls & jnp.all(speeds == 0) & jnp.all(jnp.abs(gains) <= least)
-        # Rounding must not set a body in motion that friction holds; its derivatives stay as they are.
+        # Rounding must not set in motion a body that friction holds; its derivatives are unchanged.
         moved = jax.tree.map(lambda x: x - jnp.where(rests, jax.lax.stop_gradient(x), 0.0), moved)
         # The rate of the slip velocity, without the rounding of a difference.
         acting = self.interaction(t, state, found)
@@ -159,7 +159,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     def heading(
         self, t: Float[Array, ""], state: ContactState, rtol: Float[Array, ""], atol: Float[Array, ""]
     ) -> Heading:
-        """Where a slip goes as a step begins, of a solve with these tolerances."""
+        """The heading of a slip as a step begins, in a solve with these tolerances."""
         slip = slip_velocity(self.body, t, state.released)
         sigma = state.direction(t, slip)
         speed = jnp.maximum(jnp.sum(slip[:2] * sigma), 0.0)
@@ -171,7 +171,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     def guards(
         self, t: Float[Array, ""], state: ContactState, heading: Heading, found: Response | None = None
     ) -> Float[Array, "3"]:
-        """Three functions that are positive while the mode lasts; ``CAUSES`` says for what each of them stands.
+        """The three guard functions, positive while the mode lasts; ``CAUSES`` gives the meaning of each.
 
         ``heading`` is that of the step, and ``found`` the response, if it is known.
         """
@@ -179,7 +179,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         acting = self.interaction(t, state, found)
         slip, one = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
         spare = friction.margin(acting.R, self.contact.static)
-        # On a smooth plane, a slip that ends is the beginning of another.
+        # On a smooth plane, the end of a slip is the beginning of another.
         forward = jnp.where(self.contact.sliding > 0, jnp.sum(slip[:2] * heading.sigma) - heading.least, one)
         # A body that rises does not land, where rounding takes its height below zero as it lifts.
         above = jnp.maximum(state.height, jnp.where(slip[2] > 0, RISEN * self._unit_of_time() * slip[2], -jnp.inf))
@@ -200,13 +200,13 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         rtol: Float[Array, ""],
         atol: Float[Array, ""],
     ) -> Bool[Array, ""]:
-        """Whether a slip that does not go on along its heading is so slow that it may be at its end."""
+        """Whether a slip that does not continue along its heading is so slow that it may be at its end."""
         slip = slip_velocity(self.body, t, state.released)
         errors = ERRORS * (atol + rtol * self._speed(state.released))
         return root(jnp.sum(slip[:2] ** 2)) <= 2 * heading.least + errors
 
     def _is_still(self, slip: Float[Array, "3"], state: ContactState | ReleasedState) -> Bool[Array, ""]:
-        """Whether the slip velocity is zero but for rounding."""
+        """Whether the slip velocity is zero up to rounding."""
         least = ROUNDING * float(jnp.finfo(slip.dtype).eps) * self._speed(state)
         return root(jnp.sum(slip[:2] ** 2)) <= least
 
@@ -216,15 +216,15 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return root(self.body.radius / jnp.where(g > 0, g, 1.0))
 
     def _speed(self, state: ReleasedState | ContactState) -> Float[Array, ""]:
-        """A speed beside which errors of velocities are seen."""
+        """A reference speed for errors of velocities."""
         return root(jnp.sum(state.V**2)) + self.body.radius * root(jnp.sum(state.body.Omega**2))
 
     # How modes begin.
 
     def start(self, t: Float[Array, ""], state: ReleasedState | PlacedState) -> ContactState:
-        """The state with which a solve starts, whose mode is still to be decided, by ``followed``.
+        """The state with which a solve starts; its mode is decided by ``followed``.
 
-        A state of rolling is one without slip. What does not slip is held to be rolling.
+        A rolling state is one without slip. A body that does not slip counts as rolling.
         """
         rolls = not isinstance(state, ReleasedState)
         given = released(self.body, t, state) if rolls else state
@@ -240,12 +240,12 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         kinks: Float[Array, " kinks"],
         tolerance: Float[Array, ""],
     ) -> "Followed":
-        """What follows where a mode ends, in a solve with this tolerance.
+        """The state that follows the end of a mode, in a solve with this tolerance.
 
-        A slip that ends is followed to its end first. An impact comes next, if the body comes down, then the mode with
-        the velocities after it, and then the direction in which a slip begins. All but this need the response of the
-        body, whose formulas are long, and so are one loop. A negative cause is none, and the mode goes on, with the
-        direction that its velocity has.
+        First, a slip that ends is followed to its end. Next comes an impact, if the body lands, then the mode for the
+        velocities after it, and then the direction in which a slip begins. All but the last need the response of the
+        body, whose formulas are long, and so share one loop. A negative cause means none, and the mode continues, with
+        the direction of its velocity.
         """
         before, starts = state, cause == int(Cause.START)
         lands = (cause == int(Cause.LANDS)) | starts & (state.height <= 0) & (state.V[2] < 0)
@@ -345,7 +345,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         )
         flies |= ~rolls & ~(friction.sliding(found, contact.sliding, sigma).normal > 0)
         mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
-        # What is left of a slip that ends is taken by the friction that would have taken it.
+        # The rest of a slip that ends is dissipated by friction.
         stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
         state = _where(still & ~flies, state.moved(stopped), state)
         V = state.V.at[2].set(jnp.where(flies & (cause != int(Cause.LIFTS)), state.V[2], 0.0))
@@ -355,7 +355,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         return carry._replace(state=after, begins=begins)
 
     def _begun(self, done: "_Following", kinks: Float[Array, " kinks"]) -> ContactState:
-        """With the direction of a slip that begins, for as long as it is known beforehand."""
+        """With the direction of a slip that begins, for as long as it is computed in advance."""
         t, state = done.t, done.state
         begins = done.begins & (self.contact.sliding > 0)
         kink = jnp.min(jnp.where(kinks > t, kinks, jnp.inf), initial=jnp.inf)
@@ -373,7 +373,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
 
 class Followed(NamedTuple):
-    """What follows a mode: the time, the state before and after, whether the mode has ended and the body came down."""
+    """The transition after a mode: the time, the states before and after, whether it has ended and the body landed."""
 
     t: Float[Array, ""]
     before: ContactState
@@ -383,7 +383,7 @@ class Followed(NamedTuple):
 
 
 class _Following(NamedTuple):
-    """On the way from a mode to the next: time, the state at its end and that now, and where to find the response next.
+    """A transition in progress: time, the state at the mode's end, the current one, and where to find the response.
 
     ``still`` says that it does not slip, ``flies`` that it leaves the plane, ``decides`` that the mode has ended, and
     ``begins`` that a slip begins.
@@ -404,5 +404,5 @@ def _where(condition: Bool[Array, ""], first: Any, second: Any) -> Any:
 
 
 def body_of(system: Any, state: Any) -> tuple[Any, Any]:
-    """A system and its state; where they are those of a body on its plane, those of the body."""
+    """A system and its state; for a body on its plane, those of the body."""
     return (system.body, state.body) if isinstance(system, BodyOnPlane) else (system, state)

@@ -153,7 +153,7 @@ class Course(NamedTuple):
 
 
 def course(system: BodyParameters, motion: AbstractPrescribedMotion, t: Float[Array, " n"]) -> Course:
-    """The course of a mass as it is seen at evenly spaced times ``t`` and beside them; ``motion`` is prepared."""
+    """The course of a mass, from evenly spaced times ``t`` and times near them; ``motion`` is prepared."""
 
     def within(x: Float[Array, ""]) -> Float[Array, ""]:
         return jnp.clip(x, t[0], t[-1])

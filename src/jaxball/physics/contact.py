@@ -40,7 +40,7 @@ def reaction_in_body(
 ) -> Float[Array, "3"]:
     """R̃ = Σ m a + Mγ − F̃ by Newton's second law for the whole system, in body axes.
 
-    With a_i = Ω̇ × s_i + Ω × (Ω × χ_i + 2χ̇_i) + χ̈_i, Σ m a depends on the moments alone.
+    With a_i = Ω̇ × s_i + Ω × (Ω × χ_i + 2χ̇_i) + χ̈_i, Σ m a depends only on the moments.
     """
     R = total_inertial_force(at, r, acting.Gamma, Omega, Omegadot) + at.M * acting.weight
     return R if acting.force is None else R - acting.force

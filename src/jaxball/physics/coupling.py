@@ -139,7 +139,7 @@ def joined(coordinates: Float[Array, " coordinates"], links: list[Linkage], valu
 
 
 def moved_masses(system: BodyParameters, t: Float[Array, ""], state: State) -> Iterator[Condition]:
-    """The condition on each free joint that it moves some mass, beside those that carry it; traceable.
+    """The condition on each free joint that it moves some mass in a way that its carriers do not; traceable.
 
     The pivots of H say so: that of a joint is the inertia that is left to it when the joints before it give way.
     ``system`` is prepared.

@@ -24,9 +24,9 @@ STEPS = 12  # of the Illinois method: errors below 1e-15 from brackets of a quar
 class Interaction(NamedTuple):
     """The reaction R of the plane, and the slip acceleration v̇_s that it leaves.
 
-    ``normal`` is the normal force with which dry rolling friction is computed. ``solvability`` is by how much a unit of
-    normal force with its friction raises the body, over what a unit without friction does: where it is not positive,
-    the normal force has no solution (Painlevé's paradox), and these numbers mean nothing.
+    ``normal`` is the normal force with which dry rolling friction is computed. ``solvability`` is the upward
+    acceleration by a unit of normal force with its friction, relative to that without friction: where it is not
+    positive, the normal force has no solution (Painlevé's paradox), and these numbers mean nothing.
     """
 
     R: Float[Array, "3"]
@@ -84,7 +84,7 @@ class Direction(NamedTuple):
 
 
 def first_slip(found: Response, mu: Float[Array, ""]) -> Direction:
-    """The direction in which a body that friction cannot hold begins to slip: the tangential v̇_s = κσ with κ > 0.
+    """The direction in which a body begins to slip when friction cannot hold it: the tangential v̇_s = κσ with κ > 0.
 
     ``mu`` is the sliding coefficient. Where D is isotropic, σ is opposite to the friction that rolling would need; so
     it is at the brink, |f| = μ N. Where the growth κ is not positive, friction holds the body, or nothing does.
@@ -132,7 +132,7 @@ def diverging(
         return other_end(*bracket, sample), sample
 
     angle = jax.lax.stop_gradient(jax.lax.fori_loop(0, STEPS, narrowed, jax.lax.stop_gradient((old, new)))[1].x)
-    # Newton's method moves it by rounding alone, and gives it its derivatives: one step the first, another the second.
+    # Newton's method moves it only by rounding, but provides its derivatives: one step the first, another the second.
     for _ in range(2):
         angle = _newton_step(turning, angle)
     sigma = _at_angle(angle)

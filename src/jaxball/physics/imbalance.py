@@ -33,7 +33,7 @@ class Imbalance(NamedTuple):
 
     @property
     def beside(self) -> Float[Array, "2"]:
-        """How far the centre of mass is beside where it could rest, length; on a level plane, beside the centre."""
+        """The horizontal distance of the centre of mass from where it could rest; on a level plane, from the centre."""
         turned = jnp.stack([self.torque[1], -self.torque[0]])
         return turned / (self.M * self.weight[2])
 

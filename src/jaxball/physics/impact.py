@@ -32,12 +32,12 @@ from .released import ReleasedState, Response, slip_velocity, with_slip
 
 MOST_STEPS = 20_000
 ERROR = 500  # of a step, in units of rounding of the velocity before, to which its length is chosen
-TURNING = 0.5  # of the impulse in which v_s changes by itself: the longest step over which σ turns at all
-LIMITED = 1e-3  # a rebound slower than Newton's by a lesser part, in square roots of rounding, is Newton's
+TURNING = 0.5  # of the impulse in which v_s changes by its own size: the longest step while σ turns
+LIMITED = 1e-3  # a rebound slower than Newton's by a smaller fraction, in square roots of rounding, counts as Newton's
 
 
 class _Care(NamedTuple):
-    """The longest step, over the impulse in which v_s changes by itself; the part of the first slip that is none."""
+    """The longest step, over the impulse in which v_s changes by its own size; the slip that counts as zero."""
 
     share: float
     still: float
@@ -79,7 +79,7 @@ def impact(
     mu: Float[Array, ""],
     restitution: Float[Array, ""],
 ) -> Impact:
-    """The impact of a body that comes down on the plane; nothing where it does not.
+    """The impact of a body that lands on the plane; nothing if it does not.
 
     ``found`` is its response just before, ``mu`` the coefficient of friction and ``restitution`` Newton's e.
     """
@@ -181,7 +181,7 @@ class _Process(NamedTuple):
         return x + jnp.append(h * pull, h * x[2] + 0.5 * h**2 * pull[2])
 
     def longest(self, x: Float[Array, "4"], share: float, error: Float[Array, ""]) -> Float[Array, ""]:
-        """A step with such an error of v_s, which is the smaller the less σ turns; no more than a share of v_s."""
+        """A step with this error of v_s, which is smaller the less σ turns; at most a fraction of v_s."""
         D, sigma = self.D, _direction(x)
         pull = self.pull(sigma)[:2]
         turning = jnp.abs(sigma[0] * pull[1] - sigma[1] * pull[0])
@@ -222,7 +222,7 @@ class _Process(NamedTuple):
         return jnp.zeros_like(x[:3]).at[2].set(self.end(x, 1 / self.S[2, 2]))
 
     def again(self, x: Float[Array, "4"]) -> Float[Array, "3"]:
-        """v_s at the end of an impact whose slip has ended at x and begins anew; NaN if the body never rises."""
+        """v_s at the end of an impact whose slip has ended at x and begins again; NaN if the body never rises."""
 
         def pull(sigma: Float[Array, "2"]) -> tuple[Float[Array, "2"], Float[Array, ""]]:
             return self.pull(sigma)[:2], jnp.ones_like(x[0])

@@ -14,7 +14,7 @@ from .moments import AbstractMoments
 
 
 class RouthIntegrals(NamedTuple):
-    """The two integrals of a Routh sphere beside its energy."""
+    """The two integrals of a Routh sphere besides its energy."""
 
     jellett: Float[Array, ""]
     routh: Float[Array, ""]

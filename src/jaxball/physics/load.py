@@ -1,4 +1,4 @@
-"""What acts on the body from outside: weight, the motion of the ground, the external force, and resistance."""
+"""External loads on the body: weight, the motion of the ground, the external force, and resistance."""
 
 from typing import NamedTuple
 
@@ -16,9 +16,9 @@ from .state import BallState, DiskState, ReducedState, RotationState, State, cen
 class Load(NamedTuple):
     """The load on a body, in body axes.
 
-    ``gamma`` is γ = Λ⁻¹(Ẍ + u̇ − **g**), and None on a level plane at rest, where it is gΓ. ``force`` is F̃ of all forces
-    at the geometric centre, ``torque`` T̃ of all torques, each None where there are none. ``applied`` is what of both is
-    the external force and its torque.
+    ``gamma`` is γ = Λ⁻¹(Ẍ + u̇ − **g**), and None on a level plane at rest, where it is gΓ. ``force`` is F̃ of all
+    forces at the geometric centre, ``torque`` T̃ of all torques, each None where there are none. ``applied`` is the
+    contribution of the external force and its torque to both.
     """
 
     g: Float[Array, ""]
@@ -30,7 +30,7 @@ class Load(NamedTuple):
 
     @property
     def weight(self) -> Float[Array, "3"]:
-        """γ: what a unit of mass at rest in the space axes weighs, upward."""
+        """γ: the upward weight of a unit of mass at rest in the space axes."""
         return self.g * self.Gamma if self.gamma is None else self.gamma
 
     def with_torque(self, torque: Float[Array, "3"] | None) -> "Load":
@@ -58,11 +58,11 @@ def load(
     touching: Bool[Array, ""] | None = None,
     height: Float[Array, ""] | None = None,
 ) -> Load:
-    """The load at a state, but for dry friction, which depends on the normal force.
+    """The load at a state, except dry friction, which depends on the normal force.
 
     ``slip`` is the slip velocity in space axes, where the body does not roll; ``touching`` whether the plane resists
     its turning, which it does if not given; ``height`` how far the body is over the plane, 0 if not given. Reduced
-    states, which do not know Λ, are refused where an external force acts or the ground is not level and at rest.
+    states, which do not contain Λ, are refused where an external force acts or the ground is not level and at rest.
     """
     r, g, Gamma = system.radius, system.gravity, state.Gamma
     gamma = force = torque = applied = velocity = W = None
@@ -101,7 +101,7 @@ def _applied(
     slip: Float[Array, "3"] | None,
     height: Float[Array, ""] | None,
 ) -> Wrench:
-    """The external force and its torque in body axes; on a disk, what of them is in its plane."""
+    """The external force and its torque in body axes; on a disk, their parts in its plane."""
     assert system.force is not None
     velocity = in_three(centre_velocity(state.Lambda, state.Omega, system.radius, system.drift(t, state)))
     velocity = velocity if slip is None else velocity + slip
@@ -124,7 +124,7 @@ def place(state: BallState | RotationState | DiskState) -> Float[Array, "2"]:
 def table_under(
     system: BodyParameters, t: Float[Array, ""], state: State, slip: Float[Array, "3"] | None = None
 ) -> TableMotion | None:
-    """The motion of a turntable under the body's centre; None without one. ``slip`` is as of :func:`load`."""
+    """The motion of a turntable under the body's centre; None without one. ``slip`` is as in :func:`load`."""
     if system.ground is None or system.ground.turntable is None:
         return None
     assert isinstance(state, BallState | RotationState)

@@ -1,14 +1,15 @@
-"""The equations of motion for the locked velocities, which a solve advances in the place of Ω and of free joints' θ̇.
+"""The equations of motion for the locked velocities, which a solve advances instead of Ω and of free joints' θ̇.
 
-Locked velocities (W, ϑ̇) are those that the ball and its free joints would have if all that is prescribed or driven by a
-law were stopped in it at once, for that leaves the momenta as they are: Π about the contact point, and π_a = Σ m χ_a·v
-of each free joint. Without mechanisms, W = B⁻¹Π. Their rates hold no acceleration of a prescribed mass, where Ω̇ and θ̈
-do. So where a prescribed θ̈ jumps, Ω̇ jumps and Ẇ does not, and the derivative of a solve with respect to the time of
-the jump is right for each mass, also when several masses jump at once.
+Locked velocities (W, ϑ̇) are those that the ball and its free joints would have if everything prescribed or driven by a
+law were suddenly stopped in it, which does not change the momenta: Π about the contact point, and π_a = Σ m χ_a·v of
+each free joint. Without mechanisms, W = B⁻¹Π. Their rates do not contain the acceleration of a prescribed mass, unlike
+Ω̇ and θ̈. So where a prescribed θ̈ jumps, Ω̇ jumps but Ẇ does not, and the derivative of a solve with respect to the
+time of the jump is right for each mass, even when several masses jump at once.
 
-What a torque gives whose integral I_a is known in closed form is taken out in the same way: locked velocities belong to
-the momenta Π and π_a − I_a, whose rates do not hold it. Where any other force jumps, they jump with it. A solve steps
-there, and its step carries the derivative; where several of those jump at once, it belongs to all of them together.
+The effect of a torque whose integral I_a is known in closed form is removed in the same way: locked velocities belong
+to the momenta Π and π_a − I_a, whose rates do not contain it. Where any other force jumps, the rates jump with it. A
+solve ends a step there, which carries the derivative; where several of these jump at once, it belongs to all of them
+together.
 """
 
 from typing import TypeVar
@@ -32,7 +33,7 @@ AnyState = TypeVar("AnyState", BallState, RotationState, ReducedState, DiskState
 
 
 def to_locked(system: BodyParameters, t: Float[Array, ""], state: AnyState) -> AnyState:
-    """``state`` with the locked velocities in the place of Ω (for a disk, of φ̇) and of free joints' θ̇."""
+    """``state`` with the locked velocities in place of Ω (for a disk, of φ̇) and of free joints' θ̇."""
     return _moved(system, t, state, 1.0)
 
 
@@ -101,7 +102,7 @@ def _stopped(system: BodyParameters, t: Float[Array, ""], state: State) -> tuple
 def _given_momenta(
     t: Float[Array, ""], at: AbstractMoments, r: Float[Array, ""], Gamma: Float[Array, "3"], free: list[Linkage]
 ) -> tuple[Float[Array, "3"], Joints]:
-    """The parts of Π and π_a that are known: what is not free has them by moving in the ball, or a force gave them.
+    """The known parts of Π and π_a: from prescribed or driven motions in the ball, and from integrated forces.
 
     The free joints are still.
     """

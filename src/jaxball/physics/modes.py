@@ -64,7 +64,7 @@ _CLAUSES = {
 }
 
 
-# By mode, the cause that each of the guards stands for.
+# For each mode, the cause that each guard stands for.
 CAUSES = (
     (Cause.GIVES_WAY, Cause.LIFTS, Cause.START),
     (Cause.STOPS, Cause.LIFTS, Cause.JAMS),
@@ -79,7 +79,7 @@ class ContactState(AbstractState):
       except in flight, so that it is exactly zero where the body rolls.
     - ``rubbed``, ``struck``: the energy dissipated by sliding friction and by impacts.
     - ``mode``: a :class:`Mode`, as a number.
-    - ``begun``: the direction of a slip that has just begun, which cannot be told from its velocity.
+    - ``begun``: the direction of a slip that has just begun, which cannot be computed from its velocity.
     """
 
     body: PlacedState
@@ -110,7 +110,7 @@ class ContactState(AbstractState):
         return eqx.tree_at(lambda x: (x.body, x.V, x.height), self, (to.body, to.V, to.height))
 
     def direction(self, t: Float[Array, ""], slip: Float[Array, "3"]) -> Float[Array, "2"]:
-        """σ of a body that slips with v_s; 0 where there is none."""
+        """σ of a body that slips with v_s; 0 without slip."""
         begins = t <= self.begun.until
         return jnp.where(begins, self.begun.direction(t), slip_direction(slip, jnp.zeros_like(slip[:2])))
 

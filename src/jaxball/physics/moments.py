@@ -1,7 +1,7 @@
-"""The moments of the masses: all that the equations of motion see of them.
+"""The moments of the masses, on which the equations of motion depend.
 
 Sums run over the shell (i = 0) and the point masses. The paper's equations, which sum over the masses
-one by one, depend on these sums alone, so the cost of the ball's equation does not grow with n.
+one by one, depend only on these sums, so the cost of the ball's equation does not grow with n.
 """
 
 from collections.abc import Callable

@@ -144,13 +144,13 @@ class Movement(NamedTuple):
 
     @property
     def weight(self) -> Float[Array, "3"]:
-        """γ + Λ⁻¹v̇_s, which makes of a + γ the force that a unit of mass needs wherever it is carried; body axes."""
+        """γ + Λ⁻¹v̇_s, with which a + γ is the force that a unit of mass needs anywhere in the body; body axes."""
         weight = self.acting.weight
         return weight if self.slip is None else weight + apply(self.state.Lambda.T, self.slip.acceleration)
 
 
 class Slip(NamedTuple):
-    """What a body does beside rolling: v_s and v̇_s in space axes, and its height over the plane."""
+    """The motion of a body besides rolling: v_s and v̇_s in space axes, and its height above the plane."""
 
     velocity: Float[Array, "3"]
     acceleration: Float[Array, "3"]

@@ -1,19 +1,19 @@
 """The body released from the rolling constraint: it may slip on the plane and leave it.
 
 The velocity V of the geometric centre and its height over that of rolling are then part of the state. With the slip
-velocity v_s = V − rω × e3 − u, whose third component is that of V, in the place of V,
+velocity v_s = V − rω × e3 − u, whose third component is that of V, in place of V,
 
 - the accelerations of all masses are those of the rolling body on a plane that has the acceleration v̇_s besides its
   own, so that Ω̇ and θ̈ of free joints follow from the equations of rolling with γ + Λ⁻¹v̇_s for γ;
-- the reaction R of the plane does work on v_s alone, and is what Newton's law for the whole asks of it.
+- the reaction R of the plane does work only on v_s, and follows from Newton's law for the whole.
 
-So everything is the motion that rolls, with its reaction R₀, and what is linear in v̇_s:
+So everything is the sum of the rolling motion, with its reaction R₀, and a part linear in v̇_s:
 
     R = R₀ + D⁻¹ v̇_s        v̇_s = D (R − R₀)
 
 The contact matrix D is A 𝓜⁻¹Aᵀ, where 𝓜 is the inertia in the velocities (Ω, Λ⁻¹V), free joints eliminated, and
 v_s + u is A = Λ[ rΓ̂, 1 ] times these. In the velocities (Ω, Λ⁻¹v_s), that inertia has the one of ``coupling`` as its
-first block, whose Schur complement is Λ⁻¹D⁻¹Λ. Hence no other factors are needed than those of rolling.
+first block, whose Schur complement is Λ⁻¹D⁻¹Λ. Hence no factors other than those of rolling are needed.
 """
 
 from typing import NamedTuple, get_args
@@ -78,13 +78,13 @@ def released(system: AbstractBody, t: Float[Array, ""], state: PlacedState) -> R
 
 
 def slip_velocity(system: AbstractBody, t: Float[Array, ""], state: ReleasedState) -> Float[Array, "3"]:
-    """v_s = V − rω × e3 − u, of the body's lowest point over the plane, space axes.
+    """v_s = V − rω × e3 − u, of the body's lowest point relative to the plane, space axes.
 
     The third component is the rate at which the body leaves the plane.
     """
     body = state.body
     slip = state.V - in_three(centre_velocity(body.Lambda, body.Omega, system.radius, system.drift(t, body)))
-    # A disk does not slip aside. Rounding there would, in derivatives of σ, be divided by the speed of the slip.
+    # A disk does not slip sideways. Rounding there would be divided by the slip speed in derivatives of σ.
     return slip.at[1].set(0.0) if system.planar else slip
 
 
@@ -100,11 +100,11 @@ class Motion(NamedTuple):
 
 
 class Response(NamedTuple):
-    """How a released body moves under each reaction of the plane, which all of this module's formulas are linear in.
+    """The response of a released body to the reaction of the plane, in which all formulas of this module are linear.
 
     ``rolling`` is the motion with v̇_s = 0 and without dry rolling friction, and its reaction R₀. ``yielding`` is what a
     unit of v̇_s along each space axis adds, one row for each, so that its reactions are D⁻¹; D is ``contact``.
-    ``rubbing`` is what the dry torque of a unit of normal force adds while v̇_s = 0, None where there is none.
+    ``rubbing`` is what the dry torque of a unit of normal force adds while v̇_s = 0, None without dry friction.
     ``convected`` is u̇.
     """
 
@@ -144,10 +144,10 @@ class Response(NamedTuple):
 def response(
     system: AbstractBody, t: Float[Array, ""], state: ReleasedState, touching: Bool[Array, ""] | None = None
 ) -> Response:
-    """How the body moves under each reaction of the plane.
+    """The response of the body to each reaction of the plane.
 
     ``touching`` is False in flight, where the plane does not resist the body's turning; True if not given. A disk is
-    held upright by what takes all forces along e2, of which none belongs to the reaction then.
+    held upright by a constraint that takes up all forces along e2, none of which belong to the reaction.
     """
     body, r = state.body, system.radius
     Lambda, slip = body.Lambda, slip_velocity(system, t, state)
@@ -219,7 +219,7 @@ def with_slip(
     before: Float[Array, "3"],
     after: Float[Array, "3"],
 ) -> ReleasedState:
-    """The state with another slip velocity, which an impulse of the plane gives the body; space axes.
+    """The state with another slip velocity, after an impulse of the plane; space axes.
 
     ``before`` is the slip velocity that it has, and ``found`` its response.
     """

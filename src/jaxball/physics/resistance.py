@@ -82,7 +82,7 @@ class Resistance(Printed):
     def dry_torque(
         self, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
     ) -> Float[Array, "3"] | None:
-        """The dry torque over N, body axes; None where there is none."""
+        """The dry torque over N, body axes; None without dry friction."""
         if self.dry is None:
             return None
         rolling = Omega - dot(Omega, Gamma) * Gamma

@@ -1,17 +1,17 @@
-"""The two ends of a slip, where its direction σ = v_s/|v_s| cannot be told from its velocity.
+"""The two ends of a slip, where its direction σ = v_s/|v_s| cannot be computed from its velocity.
 
 With the angle φ of σ and the speed s, a slip obeys ṡ = a·σ and s φ̇ = a·n, where n is σ turned by a right angle and
 the slip acceleration a = v̇_s is a smooth function of φ and of the motion of the rest. Both ends, s = 0, are singular.
 
-**A slip begins** along the direction in which it grows. Of all solutions, that with v_s = 0 at the start is smooth;
-others come to it as a power of the time, or faster. So it is found by collocation, on a short window of time: the
-motion of the rest and v_s at the nodes of Lobatto's quadrature follow from the accelerations there, and σ at each node
-is the direction of v_s. Within the window a solve takes σ from the polynomial through these, and v_s from its
-acceleration as ever, so that the end of the window is no corner.
+**A slip begins** along the direction in which it grows. The solution with v_s = 0 at the start is smooth; others
+approach it as a power of the time, or faster. So it is found by collocation, on a short window of time: the motion of
+the rest and v_s at the nodes of Lobatto's quadrature follow from the accelerations there, and σ at each node is the
+direction of v_s. Within the window a solve takes σ from the polynomial through these, and v_s from its acceleration as
+usual, so that the end of the window is not a kink.
 
 **A slip ends** in a finite time, in which its direction turns ever faster. In the time τ with dt = s dτ nothing is
-singular: φ′ = a·n, (ln s)′ = a·σ, t′ = s. Where the slip is slow, the rest hardly moves until the end, and the slip
-is followed to it with the response of the body halfway.
+singular: φ′ = a·n, (ln s)′ = a·σ, t′ = s. Where the slip is slow, the rest hardly moves until the end, and the slip is
+followed to its end with the response of the body halfway.
 """
 
 from functools import cache
@@ -52,13 +52,13 @@ class Beginning(NamedTuple):
 
     @classmethod
     def none(cls, like: Float[Array, ""]) -> "Beginning":
-        """That of a slip that began long ago."""
+        """The direction of a slip that began long ago."""
         never = jnp.full_like(like, -(float(jnp.finfo(like.dtype).max) ** 0.5))
         return cls.along(never, jnp.zeros((2,), like.dtype))
 
     @classmethod
     def along(cls, until: Float[Array, "*batch"], sigma: Float[Array, "*batch 2"]) -> "Beginning":
-        """That of a slip in one direction."""
+        """The direction of a slip that does not turn."""
         return cls(until, jnp.ones_like(until), sigma, jnp.zeros((*until.shape, DEGREE), sigma.dtype))
 
     def direction(self, t: Float[Array, ""]) -> Float[Array, "2"]:
@@ -70,7 +70,7 @@ class Beginning(NamedTuple):
 
 
 class End(NamedTuple):
-    """How a slow slip goes on: whether it ends, in which time, and what that takes.
+    """The end of a slow slip: whether it ends, in which time, and the work of friction.
 
     ``rubbed`` is the work of friction, and ``normal`` the mean normal force.
     """
@@ -83,9 +83,9 @@ class End(NamedTuple):
 
 @jax.jit
 def end(found: Response, mu: Float[Array, ""], slip: Float[Array, "3"]) -> End:
-    """The end of a slow slip, while which the body's response stays as it is.
+    """The end of a slow slip, during which the body's response is constant.
 
-    It comes if the direction to which the slip turns is one in which it slows down.
+    It ends if the direction to which the slip turns is one in which it slows down.
     """
     speed = root(jnp.sum(slip[:2] ** 2))
 

@@ -1,9 +1,9 @@
 """Figures and animations of trajectories, with matplotlib.
 
-Every plot function draws into ``ax`` and returns it; without one it makes a new figure, which is ``ax.figure``. Those
-with several panels return the figure. A new figure of a trajectory has a caption that says which system it shows, and
-in what units; :func:`caption` replaces it. No figure is registered with pyplot, and matplotlib's settings stay as they
-are.
+Every plot function draws into ``ax`` and returns it; without one it makes a new figure, which is ``ax.figure``.
+Functions with several panels return the figure. A new figure of a trajectory has a caption that says which system it
+shows, and in what units; :func:`caption` replaces it. No figure is registered with pyplot, and matplotlib's settings
+are not changed.
 """
 
 TYPE_CHECKING = False

@@ -30,15 +30,15 @@ def acceleration(
 ) -> Axes:
     """The magnitudes |θ̈_i| over time, ``fig_abs_ui``; masses with the same curve share a line.
 
-    A line that several masses share is black if it is the only one. Where all curves end at zero, the time axis ends
-    soon after the last of them becomes zero.
+    A line that several masses share is black if it is the only one. If all curves end at zero, the time axis ends soon
+    after the last of them becomes zero.
 
     **Arguments:**
 
     - ``source``: a trajectory, or a system.
-    - ``ax``: where to draw; a new figure's if not given.
-    - ``times``: the times, to which kinks are added; those of the run if not given. Driven masses
-      are drawn only from a trajectory, at its saved times.
+    - ``ax``: where to draw; by default a new figure.
+    - ``times``: the times, to which kinks are added; by default those of the run. Driven masses are drawn only from a
+      trajectory, at its saved times.
 
     **Raises:** ``ValueError`` when no mass has an angle to draw, or a system comes without times.
     """
@@ -76,7 +76,7 @@ def accelerations(source: Trajectory | System, times: Numbers | None = None) -> 
         if times is None:
             times = np.linspace(float(source.times[0]), float(source.times[-1]), 2001)
     elif times is None:
-        raise ValueError("Argument `times` must be given with a system, because a system has no run to take it from.")
+        raise ValueError("Argument `times` must be given with a system, because a system has no run to take them from.")
     for i, mass in enumerate(system.point_masses, start=1):
         if isinstance(mass.motion, OnRail):
             curves[i] = _scheduled(mass.motion, to_array(times))
@@ -87,7 +87,7 @@ def _scheduled(motion: OnRail, times: Float[jax.Array, " T"]) -> Curve:
     t = np.asarray(times)
     kinks, end = map(np.asarray, _kinks_and_end(motion.schedule, to_array(t[-1])))
     kinks = kinks[(kinks > t[0]) & (kinks < end)]
-    # With a value just before each kink, a jump is drawn as a jump; one at the end is not seen.
+    # With a value just before each kink, a jump is drawn as a jump; a jump at the end is not drawn.
     t = np.unique(np.concatenate([t[:-1], end[None], kinks, np.nextafter(kinks, t.dtype.type(-np.inf))]))
     return t, np.abs(np.asarray(_second_derivative(motion.schedule, to_array(t))))
 
@@ -100,7 +100,7 @@ def _second_derivative(schedule, times):
 
 @programs.filter_jit
 def _kinks_and_end(schedule, end):
-    """The kinks, and the time at which to look at the end of the run."""
+    """The kinks, and the time at which to evaluate the end of the run."""
     kinks = schedule.kinks().astype(end.dtype)
     return kinks, seen_from_before(kinks, end)
 

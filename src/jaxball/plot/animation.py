@@ -33,9 +33,9 @@ def animate(
 ) -> Path:
     """Animates the rolling body: shell, rails, masses, centre of mass and the trail of the contact point.
 
-    Gravity points down, so that a tilted plane is the top of a wedge. A plane that moves takes floor and trail along,
-    and a turntable turns; the trail is in axes that move with the plane and do not turn. Of a run with a law of
-    contact, it is that of the lowest point, dashed where the body slides and dotted where it flies over its shadow.
+    Gravity points down, so that a tilted plane is the top of a wedge. A moving plane carries floor and trail along, and
+    a turntable turns; the trail is in axes that move with the plane but do not turn. For a run with a law of contact,
+    it is that of the lowest point, dashed where the body slides and dotted where it flies above its shadow.
 
     Each frame shows the nearest saved time, so save at least ``fps / speed`` times per unit of time for a smooth
     animation.
@@ -51,7 +51,7 @@ def animate(
     - ``size``: width and height of a frame in pixels, instead of ``dpi``; the scene is scaled to fit.
     - ``progress``: called with the number of frames done and the number of all, after each frame.
 
-    **Returns:** the path of the file. It is written when all frames are drawn, and not at all if that fails.
+    **Returns:** the path of the file. It is written when all frames have been drawn; nothing is written if that fails.
 
     **Raises:** ``ValueError`` for another suffix, for ``.mp4`` without ffmpeg, for an ``fps`` or a
     ``speed`` that is not positive, for a trajectory without a finite state, and for a reduced one or a batch.
@@ -81,7 +81,7 @@ def animate(
 
 
 def frames(times: Float[np.ndarray, " T"], step: float) -> Int[np.ndarray, " frames"]:
-    """The indices of the saved times nearest to the first one, that one + ``step``, and so on."""
+    """The indices of the saved times nearest to the first one, the first one + ``step``, and so on."""
     count = int(np.floor((times[-1] - times[0]) / step + 1e-9)) + 1
     return np.searchsorted((times[1:] + times[:-1]) / 2, times[0] + step * np.arange(count))
 

@@ -1,4 +1,4 @@
-"""Pictures of a figure in which a few things move: all that stays is drawn once."""
+"""Pictures of a figure in which a few things move: everything else is drawn once."""
 
 import numpy as np
 from jaxtyping import UInt8
@@ -11,7 +11,7 @@ Picture = UInt8[np.ndarray, "height width 3"]
 
 
 class Canvas:
-    """Draws a figure again and again; what is marked as animated in its Axes lies above everything else."""
+    """Draws a figure repeatedly; artists marked as animated in its Axes are drawn above everything else."""
 
     def __init__(self, figure: Figure, dpi: float | int):
         """``dpi``: dots per inch."""
@@ -30,7 +30,7 @@ class Canvas:
         return self._canvas.get_width_height()
 
     def picture(self) -> Picture:
-        """The figure as it is now."""
+        """The current figure."""
         self._canvas.restore_region(self._still)
         renderer = self._canvas.get_renderer()
         for artist in self._moving:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 CHART = (5.2, 4.0)
 LIFTED, FAILED = "0.82", "#BB5566"
 STABLE = ((True, "stable", "o", COMPONENTS[0]), (False, "unstable", "x", COMPONENTS[1]))
-NEUTRAL = 1e-6  # a growth rate, of either sign, that is rounding
+NEUTRAL = 1e-6  # a growth rate of either sign below this is rounding
 
 
 def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: float | None = None) -> Axes:
@@ -32,8 +32,8 @@ def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: f
     **Arguments:**
 
     - ``dataset``: what :func:`jaxball.chaos.chart` returns.
-    - ``largest``: the exponent at the end of the colours; if not given, the largest on the chart. The colours begin
-      at zero, and negative exponents have the colour of zero.
+    - ``largest``: the exponent at the end of the colour scale; by default the largest on the chart. The scale begins at
+      zero, and negative exponents have the colour of zero.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
@@ -62,13 +62,13 @@ def chaos_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: f
 def stability_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, largest: float | None = None) -> Axes:
     """The data set of :func:`jaxball.stability.floquet_chart` in colours, its first parameter on the vertical axis.
 
-    Deviations grow where it is red and decay where it is blue, with a line between; grey is where no periodic motion
+    Deviations grow in red regions and decay in blue ones, with a line between them; grey is where no periodic motion
     was found.
 
     **Arguments:**
 
     - ``dataset``: what :func:`jaxball.stability.floquet_chart` returns.
-    - ``largest``: the rate at the end of the colours, in 1/time; if not given, the largest size on the chart.
+    - ``largest``: the rate at the end of the colour scale, in 1/time; by default the largest magnitude on the chart.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
@@ -85,7 +85,9 @@ def stability_chart(dataset: "xarray.Dataset", ax: Axes | None = None, *, larges
         key = Patch(color=LIFTED, label="no periodic motion found")
         ax.legend(handles=[key], loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False, prop=SMALL)
     if min(growth.shape) > 1 and np.any(growth > NEUTRAL) and np.any(growth < -NEUTRAL):
-        told = np.where(growth > NEUTRAL, growth, np.minimum(growth, -NEUTRAL))  # what neither grows nor decays is flat
+        told = np.where(
+            growth > NEUTRAL, growth, np.minimum(growth, -NEUTRAL)
+        )  # neutral motions count as neither growing nor decaying
         ax.contour(right, up, told, levels=[0.0], colors=INK, linewidths=0.8)
     ends = (bool(size and np.min(growth[found]) < -end), bool(size and np.max(growth[found]) > end))
     extend = {(False, False): "neither", (True, False): "min", (False, True): "max", (True, True): "both"}[ends]
@@ -122,7 +124,7 @@ def poincare_section(
     **Arguments:**
 
     - ``across``, ``up``: the components, one entry for each crossing, shape (n,).
-    - ``names``: their paths in a state, counted from 0, as ``Omega[0]``; the labels have the paper's symbols, which
+    - ``names``: their paths in a state, counted from 0, as in ``Omega[0]``; the labels have the paper's symbols, which
       count from 1.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
@@ -150,7 +152,7 @@ def eigenvalues(motions: Sequence[SteadyMotion], ax: Axes | None = None) -> Axes
 def multipliers(motions: Sequence[PeriodicMotion], ax: Axes | None = None) -> Axes:
     """The Floquet multipliers of periodic motions in the complex plane, with the unit circle, as :func:`eigenvalues`.
 
-    Deviations grow where a multiplier is outside of the circle.
+    Deviations grow if a multiplier is outside the circle.
 
     **Arguments:**
 

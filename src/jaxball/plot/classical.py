@@ -1,4 +1,4 @@
-"""Figures of a classical system: its motion over time, and how well its conserved quantities stay constant."""
+"""Figures of a classical system: its motion over time, and the drift of its conserved quantities."""
 
 import math
 from typing import Any
@@ -19,7 +19,7 @@ from .style import SMALL, WIDE, caption, named, plane_axes, up_to_ticks, zero_li
 from .symbols import SYMBOLS, symbol
 
 PANEL = 1.05  # the height of a panel, in inches
-# A coordinate and its rate have one colour.
+# A coordinate and its rate have the same colour.
 _LOOKS = {
     letter + dot: (COMPONENTS[k], DASHED if dot else SOLID) for dot in ("", "dot") for k, letter in enumerate("xyz")
 }

@@ -1,4 +1,4 @@
-"""Figures of what only a run with a law of contact has: its height over the plane, and the speed of its slip."""
+"""Figures specific to runs with a law of contact: the height above the plane, and the slip speed."""
 
 from collections.abc import Callable
 from typing import Any
@@ -17,7 +17,7 @@ from .style import up_to_ticks
 
 
 def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """The height h of the body over the plane, of a run with a law of contact.
+    """The height h of the body above the plane, for a run with a law of contact.
 
     **Arguments:**
 
@@ -39,7 +39,7 @@ def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """|v_s|, the speed along the plane of the body's lowest point over it, of a run with a law of contact.
+    """|v_s|, the speed of the body's lowest point along the plane, for a run with a law of contact.
 
     **Arguments:**
 
@@ -61,7 +61,7 @@ def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def of_contact(trajectory: Trajectory[Any, Any]) -> list[Callable[..., Axes]]:
-    """Of height and slip speed the figures that show something: none without a law of contact, nor of what is zero."""
+    """The figures of height and slip speed that are not empty, none without a law of contact."""
     history, rows = trajectory.contact, finite_rows(trajectory)
     if history is None:
         return []
@@ -82,7 +82,7 @@ def _one(run: Trajectory, values: Float[np.ndarray, " T"], name: str, size: floa
 
 
 def _of_contact(trajectory: Trajectory) -> Trajectory:
-    """The run, with both sides of its switches."""
+    """The run, with the states on both sides of its switches."""
     require_one(trajectory)
     if trajectory.contact is None:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""The coordinates of masses along their rails and of joints: over time, and what unit they have."""
+"""The coordinates of masses along their rails and of joints: figures over time, and their units."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -24,7 +24,7 @@ ANGLE, LENGTH, UNKNOWN = "rad", "length", ""
 
 
 def mass_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    r"""θ_i of the masses on rails: rad, or along a tube a length.
+    r"""θ_i of the masses on rails, in rad, or along a tube a length.
 
     **Arguments:**
 
@@ -71,7 +71,7 @@ def mass_units(system: System) -> dict[int, str]:
 
 
 def unit_of(place: Any) -> str:
-    """The unit of the coordinate along a rail or of a joint; none where nothing says what it is."""
+    """The unit of the coordinate along a rail or of a joint; none if it is unknown."""
     if isinstance(place, Carriage):
         return unit_of(place.rail)
     if isinstance(place, Tube | Slider):
@@ -80,7 +80,7 @@ def unit_of(place: Any) -> str:
 
 
 def units_of(units: Iterable[str]) -> str:
-    """How the label of an axis ends that has coordinates with these units."""
+    """The end of an axis label for coordinates with these units."""
     known = list(dict.fromkeys(unit for unit in units if unit))
     return f" ({', '.join(known)})" if known else ""
 

@@ -15,7 +15,7 @@ from .style import WIDE, ends, legend_above, linestyle, mass_line, named, number
 
 COLOURS = (*COMPONENTS, INK, *MASSES)
 PATH_COLOURS = ("0.6", TRAIL, *COLOURS)  # grey before and red after, as in the plane
-LABEL_LETTERS = 36  # to a line of the label of the vertical axis
+LABEL_LETTERS = 36  # per line of the label of the vertical axis
 
 
 def designed_path(
@@ -36,7 +36,7 @@ def designed_path(
     - ``before``, ``after``: positions over time, length, shape (t, 2).
     - ``wanted``: points of the target path, shape (k, 2), or None.
     - ``discs``: centre and radius of each.
-    - ``names``: what both paths are called.
+    - ``names``: the labels of both paths.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """
@@ -64,7 +64,7 @@ def place_in_time(
 
     **Arguments:**
 
-    - ``paths``: times and positions of each case, by its name.
+    - ``paths``: times and positions of each case, by name.
     - ``wanted``: times and positions of the target, or None.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
@@ -128,8 +128,8 @@ def convergence(
 ) -> Axes:
     """Objective, violation and gradient norm of the best start at each report, on a logarithmic scale.
 
-    Triangles on the lower edge mark reports at which no constraint was violated; other numbers that are not positive
-    are left out. A line is drawn at ``polish``, the report with which the polish begins.
+    Triangles on the lower edge mark reports without any violated constraint; other numbers that are not positive are
+    left out. A line is drawn at ``polish``, the report at which the polish begins.
 
     **Arguments:**
 
@@ -165,12 +165,12 @@ def branch(
     *,
     of: str = "",
 ) -> Axes:
-    """Positive ``values`` of the solutions of a branch over a positive weight called ``name``, both logarithmic.
+    """Positive ``values`` of the solutions of a branch over a positive weight ``name``, both logarithmic.
 
     **Arguments:**
 
     - ``weights``: the weight of each solution, shape (points,).
-    - ``of``: the label of the vertical axis; if not given, the names of the values.
+    - ``of``: the label of the vertical axis; by default the names of the values.
 
     **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
     """

@@ -1,4 +1,4 @@
-"""The files of figures: each says of which run it is, and none replaces that of another without being told to."""
+"""The files of figures: each records its run, and does not replace a figure of another run unless asked to."""
 
 import contextlib
 import hashlib
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from ..simulation.trajectory import Trajectory
 
 FORMATS = ("png", "pdf", "svg")
-# Where a format says what the picture is. In a file it is plain text.
+# The metadata field of each format for the description. In a file it is plain text.
 METADATA = {"png": "Description", "pdf": "Subject", "svg": "Description"}
 LONGEST = 60  # letters of a name
 
 
 def run_mark(trajectory: "Trajectory[Any, Any]") -> str:
-    """What tells a run from others: a digest of its scenario, or of its states without one, and where it ended."""
+    """The mark of a run: a digest of its scenario, or of its states without one, and where it ended."""
     from ..scenario import ScenarioError, write_scenario
 
     digest = ""
@@ -38,7 +38,7 @@ def run_mark(trajectory: "Trajectory[Any, Any]") -> str:
 
 
 def scenario_mark(text: str) -> str:
-    """How the marks of all runs of a scenario with this text begin."""
+    """The common prefix of the marks of all runs of a scenario with this text."""
     return _mark(text.encode())
 
 
@@ -47,9 +47,7 @@ def _mark(content: bytes) -> str:
 
 
 def plain_name(text: str, otherwise: str) -> str:
-    """A text as the beginning of a file's name: letters, digits, dots, hyphens and underscores; ``otherwise`` if none
-    is left.
-    """
+    """A text as a file name: its letters, digits, dots, hyphens and underscores; ``otherwise`` if none remains."""
     words = re.sub(r"[^\w.-]+", "-", text).strip("-._")
     return words[:LONGEST].rstrip("-._") or otherwise
 
@@ -59,13 +57,13 @@ def check_others(paths: Iterable[Path], mark: str, option: str) -> None:
     for path in paths:
         if path.is_file() and mark.encode() not in path.read_bytes():
             raise OutputError(
-                f'The file "{path}" is not a figure of this run, and would be replaced by one; give another folder, or '
-                f"{option} to replace it."
+                f'The file "{path}" is not a figure of this run, but would be replaced by one; choose another folder, '
+                f"or give {option} to replace it."
             )
 
 
 def figures_in(folder: Path, name: str, formats: Sequence[str]) -> list[Path]:
-    """The figures called ``name`` that are in a folder."""
+    """The figures called ``name`` in a folder."""
     return sorted(path for suffix in formats for path in folder.glob(f"{name}_*.{suffix}"))
 
 

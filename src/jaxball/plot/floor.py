@@ -1,6 +1,6 @@
-"""The ground of an animation: a page on which gravity points down, and a floor that moves and turns as the ground does.
+"""The ground of an animation: a page on which gravity points down, and a floor that moves and turns like the ground.
 
-A tilted plane is the top of a wedge. A plane that moves takes its floor, the body and the trail with it over the page.
+A tilted plane is the top of a wedge. A moving plane carries its floor, the body and the trail over the page.
 """
 
 from collections.abc import Callable
@@ -51,7 +51,7 @@ class Setting(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """What the bodies of a scene do on the page."""
+    """The motion of the bodies of a scene on the page."""
 
     times: Float[np.ndarray, " T"]
     Lambda: Float[np.ndarray, "T 3 3"]  # from body axes to those of the page
@@ -79,7 +79,7 @@ def setting_of(system: System, times: Float[np.ndarray, " T"]) -> Setting:
 
 
 def place(run: Record, setting: Setting) -> Placed:
-    """A run as it is seen on the page."""
+    """A run in the axes of the page."""
     seen, turn = run.observables, setting.page.T
     return Placed(
         run.times,
@@ -100,7 +100,7 @@ def _upright(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
 
 @programs.filter_jit
 def _motion(ground, times):
-    """X and the angle of the turntable at each time; None for what the ground has not."""
+    """X and the angle of the turntable at each time; None for what the ground lacks."""
     ground = ground.prepare()
     moved = None if ground.motion is None else jax.vmap(lambda t: ground.motion.kinematics(t).chi)(times)
     table = ground.turntable
@@ -151,7 +151,7 @@ def floor_under(path: Float[np.ndarray, "T 3"], r: float, setting: Setting) -> F
 def draw_floor(
     ax: Axes3D, floor: Floor, setting: Setting, r: float, viewer: Float[np.ndarray, "3"]
 ) -> Callable[[int], None]:
-    """Draws the floor, and returns what moves it to the k-th saved time.
+    """Draws the floor, and returns a function that moves it to the k-th saved time.
 
     It has lines at every whole multiple of the radius, or the turntable with rings there and with spokes, one darker.
     """
@@ -226,7 +226,7 @@ def ground_under(path: Float[np.ndarray, "T 3"], r: float, setting: Setting) -> 
 
 
 def draw_ground(ax: Axes, path: Float[np.ndarray, "T 3"], r: float, setting: Setting) -> Callable[[int], None]:
-    """Draws the line under a disk, with marks at every whole multiple of the radius; returns what moves it."""
+    """Draws the line under a disk, with marks at multiples of the radius; returns a function that moves it."""
     top, base = ground_under(path, r, setting)
     wedge = Polygon(np.zeros((3, 2)), facecolor=TOP, edgecolor="none", zorder=0, animated=setting.moves)
     if setting.tilted:

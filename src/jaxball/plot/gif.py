@@ -1,4 +1,4 @@
-"""Small animated GIFs of line drawings: a few colours for all frames, and of each frame only what has changed."""
+"""Small animated GIFs of line drawings: a few colours for all frames, and only the changed part of each frame."""
 
 import contextlib
 import struct
@@ -16,7 +16,7 @@ from PIL.GifImagePlugin import getdata
 from .canvas import Picture
 
 GREYS = (1.0, 0.965, 0.9, 0.8, 0.7, 0.6, 0.45, 0.25, 0.0)
-STRENGTHS = (1.0, 0.66, 0.33)  # of a colour over white, for the edges of what is drawn in it
+STRENGTHS = (1.0, 0.66, 0.33)  # of a colour over white, for antialiased edges
 SHORTEST = 8  # pixels; a gap between changes that is shorter is written too, which compresses better
 FOREVER = 0
 
@@ -25,7 +25,7 @@ FOREVER = 0
 def gif(
     path: Path, fps: float | int, size: tuple[int, int], colours: Sequence[ColorType]
 ) -> Iterator[Callable[[Picture], None]]:
-    """A GIF that repeats forever; what this yields adds a frame to it.
+    """A GIF that repeats forever; yields a function that adds a frame to it.
 
     **Arguments:**
 
@@ -80,13 +80,13 @@ class _Writer:
         self._file.writelines(getdata(image, corner, **options))
 
     def _hundredths(self) -> int:
-        """How long the next frame lasts, so that all of them together last as long as they should."""
+        """The duration of the next frame, so that the total duration is right."""
         self._count += 1
         return round(100 * self._count / self._fps) - round(100 * (self._count - 1) / self._fps)
 
 
 def _extent(changed: Bool[np.ndarray, " n"]) -> slice:
-    """From the first change to the last; a single place where there is none, for a frame must have pixels."""
+    """From the first change to the last; a single pixel where there is none, because a frame must have pixels."""
     at = np.flatnonzero(changed)
     return slice(int(at[0]), int(at[-1]) + 1) if at.size else slice(0, 1)
 
@@ -100,7 +100,7 @@ def long_runs(same: Bool[np.ndarray, "height width"], shortest: int) -> Bool[np.
 
 
 def _write_header(file: BinaryIO, size: tuple[int, int], palette: UInt8[np.ndarray, "n 3"]) -> None:
-    """What stands before the frames: the size, a table of colours for all of them, and how often they are repeated."""
+    """The header before the frames: the size, a table of colours for all of them, and how often they are repeated."""
     bits = max(1, len(palette).bit_length())  # for the colours and a transparent one
     file.write(b"GIF89a" + struct.pack("<HHBBB", *size, 0xF0 | bits - 1, 0, 0))
     file.write(palette.tobytes().ljust(3 * 2**bits, b"\0"))

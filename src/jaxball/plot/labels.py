@@ -1,4 +1,4 @@
-"""Labels of points, placed where they hide as little as possible."""
+"""Labels of points, placed so that they hide as little as possible."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,11 +15,11 @@ from mpl_toolkits.mplot3d import Axes3D, proj3d
 from .style import SMALL
 
 DIRECTIONS, DISTANCES = 24, (2.0, 5.0, 9.0, 14.0, 20.0, 28.0, 38.0, 50.0)  # in points, from the edge of the mark
-LEADER = 15.0  # a name farther than this from its mark is joined to it by a line
+LEADER = 15.0  # a name farther than this from its mark is connected to it by a line
 FIRST = np.pi / 4  # upwards to the right, where a reader looks first
 PADDING = 1.5  # points around a name
 SPACING = 1.0  # points between the samples of a curve
-FAINT_LINE = 0.6  # a line that is thinner than this, in points, is a background, which a name may cross
+FAINT_LINE = 0.6  # a line thinner than this, in points, counts as background, which a name may cross
 OUTSIDE, ON_A_NAME, ON_A_MARK, ON_A_CURVE, ON_A_BACKGROUND, FAR, TURNED = 1e4, 300.0, 300.0, 30.0, 0.02, 0.15, 0.05
 
 
@@ -94,7 +94,7 @@ def places(
     """The centres of names beside their anchors, chosen so that they hide as little as possible.
 
     All lengths are in points of the page. Each name has candidates around its anchor; names choose in turn, the most
-    crowded one first, and again until none would move. The result is deterministic.
+    crowded one first, repeatedly until none would move. The result is deterministic.
 
     **Arguments:**
 
@@ -135,7 +135,7 @@ def _candidates(
 
 
 def _distance_costs() -> Float[np.ndarray, " candidates"]:
-    """The costs of being far away, or in another direction than the first."""
+    """The costs of being far away, or in a direction other than the first."""
     turned = np.minimum(np.arange(DIRECTIONS), DIRECTIONS - np.arange(DIRECTIONS))
     return np.add.outer(FAR * np.asarray(DISTANCES), TURNED * turned).ravel()
 

@@ -21,7 +21,7 @@ from .style import zero_line
 
 
 class Look(NamedTuple):
-    """How a mass is shown: its name, and the number whose colour it has."""
+    """The name of a mass, and the number that determines its colour."""
 
     name: str
     number: int
@@ -72,7 +72,7 @@ def _arms(system: System, times, theta) -> list[Array]:
 
 
 def joint_angles(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """θ of every joint of the mechanisms: rad of a hinge, a length of a slider.
+    """θ of every joint of the mechanisms: rad for a hinge, a length for a slider.
 
     **Arguments:**
 

@@ -1,6 +1,6 @@
-"""The modes of a run with a law of contact: bands behind what is drawn over time, and styles of a path.
+"""The modes of a run with a law of contact: bands behind curves over time, and line styles of a path.
 
-Of other runs there are none, and they look as if there were no modes.
+Other runs have no modes, and are drawn without them.
 """
 
 import itertools
@@ -30,7 +30,7 @@ BREAK = np.full((1, 3), np.nan)
 
 
 class Spell(NamedTuple):
-    """A time through which a mode lasts, impacts from flight to flight among it."""
+    """An interval in which a mode lasts; flight includes impacts from flight to flight."""
 
     mode: Mode
     start: float
@@ -38,7 +38,7 @@ class Spell(NamedTuple):
 
 
 class Modes(NamedTuple):
-    """The spells of a run one after the other, and the times of the switches that are kept."""
+    """The spells of a run one after the other, and the times of the kept switches."""
 
     spells: tuple[Spell, ...]
     switches: Float[np.ndarray, " switches"]
@@ -49,12 +49,12 @@ class Modes(NamedTuple):
         return np.array([spell.start for spell in self.spells[1:]])
 
     def at(self, times: Float[np.ndarray, " T"]) -> list[Mode]:
-        """The mode at each time; at a change, that which begins."""
+        """The mode at each time; at a switch, the one that begins."""
         return [self.spells[k].mode for k in np.searchsorted(self.changes, times, side="right")]
 
 
 def modes_of(trajectory: Trajectory[Any, Any]) -> Modes | None:
-    """The modes of a run at the times that are drawn; None of one without a law of contact."""
+    """The modes of a run at the times that are drawn; None without a law of contact."""
     history = trajectory.contact
     if history is None or not (rows := finite_rows(trajectory)).size:
         return None
@@ -64,7 +64,7 @@ def modes_of(trajectory: Trajectory[Any, Any]) -> Modes | None:
     when = np.asarray(switches.times)[:kept]
     first = np.asarray(switches.source)[0] if kept else saved[0]
     begins = [(times[0], first), *zip(when, np.asarray(switches.target)[:kept], strict=True)]
-    if int(switches.count) > kept:  # later modes are known at the saved times alone
+    if int(switches.count) > kept:  # later modes are known only at the saved times
         begins += [(t, mode) for t, mode in zip(times, saved, strict=True) if t > when[-1]]
     return Modes(tuple(_spells(begins, float(times[-1]))), when[when <= times[-1]])
 
@@ -117,9 +117,9 @@ def share_bands(figure: Figure, most: int = 3) -> None:
 def with_breaks(
     modes: Modes | None, times: Float[np.ndarray, " T"], *series: Float[np.ndarray, " T"]
 ) -> tuple[Float[np.ndarray, " T2"], ...]:
-    """Times and values of what jumps between modes, with a gap there, which no line crosses.
+    """Times and values of a quantity that jumps between modes, with gaps, which no line crosses.
 
-    Where a change has two times, of before and after it, the gap is between them.
+    Where a switch has two times, before and after it, the gap is between them.
     """
     if modes is None:
         return times, *series
@@ -140,7 +140,7 @@ class Track(NamedTuple):
     modes: list[Mode]
 
     def pieces(self, mode: Mode) -> tuple[Float[np.ndarray, " P"], Float[np.ndarray, "P 3"]]:
-        """What of the path is in a mode, as one curve with breaks, and the times of its points."""
+        """The part of the path in a mode, as one curve with breaks, and the times of its points."""
         times, points, k = [np.zeros(0)], [np.zeros((0, 3))], 0
         for other, group in itertools.groupby(self.modes):
             end = k + len(list(group))
@@ -152,7 +152,7 @@ class Track(NamedTuple):
 
 
 def track_of(trajectory: Trajectory[Any, Any]) -> Track | None:
-    """The track of a run; None of one without a law of contact."""
+    """The track of a run; None without a law of contact."""
     modes, history = modes_of(trajectory), trajectory.contact
     if modes is None or history is None:
         return None

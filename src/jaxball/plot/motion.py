@@ -1,4 +1,4 @@
-"""Figures of how a body moves: the velocity of its centre, and how it is turned."""
+"""Figures of the motion of a body: the velocity of its centre, and its orientation."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ from .record import drawn_run, finite_rows, record
 def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """The velocity V of the geometric centre, space axes: ż of the disk, V_1 and V_2 of the ball.
 
-    Of a body that leaves the plane, V_3 is drawn too.
+    For a body that leaves the plane, V_3 is drawn too.
 
     **Arguments:**
 
@@ -48,7 +48,7 @@ def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """How the body is turned: φ of the disk, rad; of the ball the vertical Γ = Λ⁻¹e3 in body axes.
+    """The orientation of the body: φ of the disk, rad; for the ball, the vertical Γ = Λ⁻¹e3 in body axes.
 
     **Arguments:**
 
@@ -69,7 +69,7 @@ def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def _velocity(run: Trajectory) -> Float[np.ndarray, "T 3"]:
-    """V = rω × e3, and what the plane adds under the centre."""
+    """V = rω × e3, plus the velocity of the plane under the centre."""
     omega, r = record(run).observables.angular_velocity_space, float(run.system.radius)
     V = r * np.stack([omega[:, 1], -omega[:, 0], 0.0 * omega[:, 0]], axis=1)
     ground = run.system.ground

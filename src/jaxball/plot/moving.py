@@ -1,6 +1,6 @@
 """Lines and faces that move from frame to frame, in space or in the plane of a disk.
 
-They are what matplotlib calls animated: :mod:`.canvas` draws them on a picture of all that stays.
+matplotlib calls them animated: :mod:`.canvas` draws them on a picture of everything that does not move.
 """
 
 import numpy as np

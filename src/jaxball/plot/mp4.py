@@ -1,4 +1,4 @@
-"""MP4 films, which ffmpeg makes."""
+"""MP4 films, made by ffmpeg."""
 
 import contextlib
 import subprocess
@@ -14,7 +14,7 @@ from ..interface.output import OutputError
 from .canvas import Picture
 
 QUALITY = 26  # of libx264, where 0 is exact and 51 the worst
-EVEN = "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"  # the colours of a film have half the resolution of its brightness
+EVEN = "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"  # the chroma of a film has half the resolution of its luma
 PIXELS = "yuv420p"  # which every player can show
 
 
@@ -25,14 +25,14 @@ def has_ffmpeg() -> bool:
 
 @contextlib.contextmanager
 def mp4(path: Path, fps: float | int, size: tuple[int, int]) -> Iterator[Callable[[Picture], object]]:
-    """A film; what this yields adds a frame to it.
+    """A film; yields a function that adds a frame to it.
 
     **Arguments:**
 
     - ``fps``: frames per second.
     - ``size``: width and height of the frames in pixels; a row or a column of white is added to an odd number.
 
-    **Raises:** :class:`~jaxball.results.OutputError` with the words of ffmpeg where it fails.
+    **Raises:** :class:`~jaxball.results.OutputError` with ffmpeg's own message if it fails.
     """
     raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-framerate", str(fps), "-i", "pipe:"]
     coded = ["-c:v", "libx264", "-preset", "slow", "-tune", "animation", "-crf", str(QUALITY), "-pix_fmt", PIXELS]
@@ -44,7 +44,7 @@ def mp4(path: Path, fps: float | int, size: tuple[int, int]) -> Iterator[Callabl
             )
         assert process.stdin is not None
         stdin = process.stdin
-        # Left alone it would finish the file of a command that was interrupted.
+        # Otherwise it would finish the file of a command that was interrupted.
         with on_interrupt(process.kill):
             complete = False
             try:

@@ -1,4 +1,4 @@
-"""Several quantities over time in one panel: their lines, which all are seen, without the rounding of what is zero."""
+"""Several quantities over time in one panel: all lines are visible, and zero is drawn without rounding errors."""
 
 import itertools
 from collections.abc import Sequence
@@ -14,13 +14,13 @@ from .modes import Modes, draw_modes
 from .palette import SOLID, Dashes
 from .style import legend_above, linestyle, named, plane_axes, sharing, up_to_ticks, zero_line
 
-ROUNDING = 1e-12  # of the size that a quantity has in such a system, below which it is drawn as zero
+ROUNDING = 1e-12  # of the typical size of a quantity in the system; below this it is drawn as zero
 NEAR = 1.2  # points on paper between lines that hide each other
-MOSTLY = 0.8  # the share of the time through which they do
+MOSTLY = 0.8  # the fraction of the time in which they do
 
 
 class Series(NamedTuple):
-    """The values over time that one line shows, and its look."""
+    """The values over time that one line shows, and its style."""
 
     values: Float[np.ndarray, " T"]
     label: str
@@ -29,7 +29,7 @@ class Series(NamedTuple):
 
 
 class Sizes(NamedTuple):
-    """How large quantities are in a system: a length, an energy, a force and a time that it has by itself."""
+    """The scales of a system: a characteristic length, energy, force and time."""
 
     length: float
     time: float
@@ -49,7 +49,7 @@ class Sizes(NamedTuple):
 
 
 def sizes_of(system: Any) -> Sizes:
-    """Those of a ball or a disk: its radius, its weight and √(r/g); without gravity, one for the unit of time."""
+    """The scales of a ball or a disk: its radius, its weight and √(r/g); without gravity, the time is 1."""
     radius, gravity = abs(float(system.radius)), abs(float(system.gravity))
     time = (radius / gravity) ** 0.5 if gravity > 0 else 1.0
     return Sizes(radius, time, abs(float(system.total_mass)) * radius / time**2)
@@ -72,8 +72,8 @@ def over_time(
 ) -> Axes:
     """Several series of a system over time; ``name`` labels the vertical axis, ``most`` legend entries are in a row.
 
-    ``modes`` are those of a run with a law of contact, which are drawn behind. What is rounding beside ``size`` or
-    beside the largest value is drawn as zero.
+    ``modes`` are those of a run with a law of contact, which are drawn behind. Values that are rounding compared with
+    ``size`` or with the largest value are drawn as zero.
     """
     ax = plane_axes(ax, system=system)
     values = [one.values[np.isfinite(one.values)] for one in series]
@@ -95,9 +95,9 @@ def over_time(
 
 
 def tell_apart(ax: Axes) -> None:
-    """Gives lines that lie on one another on paper interleaved dashes, so that each of them shows.
+    """Gives lines that coincide on paper interleaved dashes, so that each of them is visible.
 
-    A single dashed line on a solid one shows it already. Lines with other times are left alone.
+    A single dashed line on a solid one needs nothing. Lines with other times are left alone.
     """
     curves = [line for line in ax.lines if len(np.atleast_1d(line.get_xdata())) > 2]
     if len(curves) < 2:

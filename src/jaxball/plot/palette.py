@@ -1,8 +1,8 @@
 """The colours and dashes of figures and views, each stated once.
 
-Lines of one panel differ in lightness and hue, for readers who see all colours, two of three, or none, or else they
-differ in their dashes; a test simulates these readers. The masses' colours are those of Okabe and Ito, those of
-components Tol's high-contrast ones.
+Lines of one panel differ in lightness and hue, for readers with full, dichromatic or no colour vision, or they differ
+in their dashes; a test simulates these readers. The masses' colours are those of Okabe and Ito, those of components
+Tol's high-contrast ones.
 """
 
 from typing import NamedTuple
@@ -50,7 +50,7 @@ ARROWS = {
 
 
 def mass_colour(i: int) -> str:
-    """The colour of mass i = 1 … n, the same one in every figure."""
+    """The colour of mass i = 1 … n, the same in every figure."""
     return MASSES[(i - 1) % len(MASSES)]
 
 
@@ -62,6 +62,6 @@ def mass_look(i: int) -> Line:
 
 
 def on_white(colour: str, share: float = BAND) -> str:
-    """What a share of a colour is on white paper."""
+    """A fraction of a colour on white."""
     parts = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
     return "#" + "".join(f"{round(255 - share * (255 - part)):02X}" for part in parts)

@@ -17,8 +17,8 @@ from .record import record
 from .shapes import outline, parallel, rails_of, view
 from .style import WIDE, cube, ends, legend_above, mass_line, named, plane_axes, sharing, space_axes, up_to_ticks, write
 
-# Three-dimensional Axes clip what is outside of their square, and would take these lines'
-# coordinates in space for coordinates on the page when they are laid out.
+# Three-dimensional Axes clip what is outside their square, and their layout would take these lines' coordinates in
+# space for coordinates on the page.
 LONG = (5.6, 3.6)
 ARROW = 0.35  # inches, of the one that points down a slope
 UNCUT: dict[str, Any] = {"clip_on": False, "in_layout": False}
@@ -27,8 +27,8 @@ UNCUT: dict[str, Any] = {"clip_on": False, "in_layout": False}
 def body_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """Trajectories of the masses and of the system's CM in the body frame translated to the GC.
 
-    The ball's are drawn in space, ``fig_ball_cm_bf_gc``, the disk's over time, ``fig_disk_cm_time_bf_gc``, or, if
-    ``ax`` is a plane one, in the plane of E1 and E3. A ring marks the start of a trajectory, a square its end.
+    A ball's are drawn in space, ``fig_ball_cm_bf_gc``, a disk's over time, ``fig_disk_cm_time_bf_gc``, or, if ``ax`` is
+    planar, in the plane of E1 and E3. A ring marks the start of a trajectory, a square its end.
 
     **Arguments:**
 
@@ -56,12 +56,11 @@ def space_paths(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """The path of the GC, and of the contact point below it.
+    """The path of the GC and of the contact point below it.
 
-    The ball's is drawn in the plane of e1 and e2, ``fig_ball_gc_path``, with a ring at its start and a
-    square at its end; for the disk, z is drawn over time, ``fig_disk_gc``. On a slope an arrow, or for the disk the
-    label, says which way is downhill. Where the ball slides the path is dashed,
-    where it flies it is dotted, and dots are where one mode followed another.
+    A ball's is drawn in the plane of e1 and e2, ``fig_ball_gc_path``, with a ring at its start and a square at its end;
+    for the disk, z is drawn over time, ``fig_disk_gc``. On a slope an arrow, or for the disk the label, points
+    downhill. The path is dashed where the ball slides and dotted where it flies, with dots at switches between modes.
 
     **Arguments:**
 
@@ -100,13 +99,13 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def _downhill_words(system: System) -> str:
-    """Which way is downhill for a disk, which rolls along e1; nothing on a level."""
+    """The downhill direction for a disk, which rolls along e1; empty on a level plane."""
     falls = _downhill(system)
     return "" if falls is None else " (downhill)" if falls[0] > 0 else " (uphill)"
 
 
 def _downhill(system: System) -> Float[np.ndarray, "2"] | None:
-    """The unit vector of steepest descent in the plane, space axes; None on a level."""
+    """The unit vector of steepest descent in the plane, space axes; None on a level plane."""
     if system.ground is None:
         return None
     up = np.asarray(system.ground.up())[:2]  # against gravity
@@ -115,7 +114,7 @@ def _downhill(system: System) -> Float[np.ndarray, "2"] | None:
 
 
 def _draw_downhill(ax: Axes, system: System, points: Float[np.ndarray, "T 2"]) -> None:
-    """An arrow down the slope with its name, in the corner that is farthest from the path."""
+    """An arrow down the slope with its label, in the corner farthest from the path."""
     falls = _downhill(system)
     if falls is None:
         return
@@ -129,7 +128,7 @@ def _draw_downhill(ax: Axes, system: System, points: Float[np.ndarray, "T 2"]) -
 
 
 def _draw_path(ax: Axes, trajectory: Trajectory, z: Float[np.ndarray, "T 3"]) -> None:
-    """The path from above, with its modes, if it has some."""
+    """The path from above, with its modes, if any."""
     track, look = track_of(trajectory), {"color": TRAIL, "linewidth": 1.2}
     if track is None:
         ax.plot(z[:, 0], z[:, 1], **look)

@@ -24,7 +24,7 @@ from .shapes import outline, rails_of, split, view, wireframe
 from .style import SQUARE, cube, legend_above, mass_line, named, plane_axes, sharing, space_axes
 
 HALO = [withStroke(linewidth=2.2, foreground="white")]
-DOT = 8.0  # the diameter of a mass, in points; where several coincide, each is drawn smaller than the one beneath
+DOT = 8.0  # the diameter of a mass, in points; coinciding masses are drawn smaller than the one beneath
 EDGE: dict[str, Any] = {"markeredgecolor": "white", "zorder": 4}
 COINCIDENT = 1e-6  # radii
 
@@ -54,7 +54,7 @@ def configuration(
     **Arguments:**
 
     - ``source``: a trajectory, drawn at its first saved time, or a system.
-    - ``ax``: where to draw, three-dimensional for a ball; a new figure's if not given.
+    - ``ax``: where to draw, three-dimensional for a ball; by default a new figure.
     - ``t``, ``theta``: for a system, the time and the angles of its driven masses.
 
     **Raises:** ``ValueError`` when ``ax`` is of the wrong kind, or the length of ``theta`` is wrong.
@@ -112,7 +112,7 @@ def _draw(ax: Axes, system: System, positions: Positions, columns: list[int]) ->
 
 
 def _shared(places: Sequence[Float[np.ndarray, "..."]], system: System) -> list[tuple[int, int]]:
-    """How many of the ``places`` before each coincide with it, and how many there are with it in all."""
+    """How many of the ``places`` before each coincide with it, and how many coincide in total."""
     least = COINCIDENT * float(system.radius)
     same = [
         [place.shape == other.shape and bool(np.max(np.abs(place - other)) < least) for other in places]

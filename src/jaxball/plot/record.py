@@ -32,7 +32,7 @@ def record(trajectory: Trajectory) -> Record:
 
 
 def drawn_run(trajectory: Trajectory) -> Trajectory:
-    """The run with what held just before each switch of its mode and just after it, which is drawn as a jump.
+    """The run with the states just before and just after each switch of its mode, which are drawn as jumps.
 
     **Raises:** ``ValueError`` for a batch of trajectories.
     """
@@ -41,7 +41,7 @@ def drawn_run(trajectory: Trajectory) -> Trajectory:
 
 
 def record_to_show(trajectory: Trajectory) -> Record:
-    """The record of a trajectory of which at least one state can be shown.
+    """The record of a trajectory with at least one state that can be shown.
 
     **Raises:** ``ValueError`` as :func:`record`, and for a trajectory without a finite state.
     """

@@ -1,4 +1,4 @@
-"""The standard figures of a trajectory: written into a folder, or together on one page."""
+"""The standard figures of a trajectory: written to a folder, or together on one page."""
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence
@@ -61,26 +61,25 @@ def figures(
     """Writes the standard figures of a trajectory into ``folder``, and returns their paths.
 
     Each file is named after the scenario and the function, as in ``six-tubes_energies.png``, and written in each
-    format. Figures in which nothing would be seen are left out: accelerations and angles where no mass
-    has one, and the paths in a body that has no mass but its homogeneous shell. A run with a law of contact also has
-    its height and its slip speed, unless they are zero all the time. For a classical system, the motion and its
-    conserved quantities are drawn.
+    format. Empty figures are left out: accelerations and angles if no mass has one, and the paths in a body without any
+    mass except its homogeneous shell. A run with a law of contact also has its height and its slip speed, unless they
+    are always zero. For a classical system, the motion and its conserved quantities are drawn.
 
-    Each file says of which run it is. Those of the same run are replaced; one of another run is not.
+    Each file records its run. Figures of the same run are replaced; those of another run are not.
 
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
     - ``folder``: where to write; it is created if it does not exist.
     - ``title``: a line that says which system it is, such as that of a scenario.
-    - ``name``: how the names of the files begin; the kind of the system, such as ``ball``, if not given.
+    - ``name``: the prefix of the file names; by default the kind of the system, such as ``ball``.
     - ``formats``: png, pdf or svg.
-    - ``sensors``: those of :mod:`jaxball.sensors`, by their names, whose readings are drawn too.
-    - ``svg_text``: whether SVG keeps text as text, which can be edited and needs the fonts, and not as outlines.
+    - ``sensors``: those of :mod:`jaxball.sensors`, by name, whose readings are drawn too.
+    - ``svg_text``: whether SVG keeps text as text, which can be edited but needs the fonts, instead of outlines.
     - ``replace``: whether to replace files that are not figures of this run.
 
-    **Raises:** ``ValueError`` for a reduced trajectory or a batch; :class:`~jaxball.results.OutputError` where
-    there is a file that is not a figure of this run, and nothing is written then.
+    **Raises:** ``ValueError`` for a reduced trajectory or a batch; :class:`~jaxball.results.OutputError` where there is
+    a file that is not a figure of this run; nothing is written then.
     """
     if isinstance(trajectory.system, AbstractBody):
         record(trajectory)
@@ -100,7 +99,7 @@ def figures(
 
 
 def standard_figures(trajectory: Trajectory[Any, Any]) -> list[Callable[[Trajectory[Any, Any]], Axes | Figure]]:
-    """The functions that draw the standard figures of a run, but for those in which nothing would be seen."""
+    """The functions that draw the standard figures of a run, without empty ones."""
     system = trajectory.system
     if not isinstance(system, AbstractBody):
         return [draw for draw in CLASSICAL if draw is not law_errors or trajectory.laws]
@@ -129,7 +128,8 @@ def write_figure(
 def overview(trajectory: Trajectory, title: str = "") -> Figure:
     """One page: configuration, trajectories, path, angular velocity, energies and friction, under a ``title``.
 
-    A run with a law of contact that slips or flies has a row more, with its height, its slip speed and its forces.
+    A run with a law of contact that slips or flies has an additional row, with its height, its slip speed and its
+    forces.
 
     **Arguments:**
 

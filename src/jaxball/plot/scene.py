@@ -31,7 +31,7 @@ BASELINE = -15.0  # of the clock, in points from the upper edge
 
 
 class Scene(NamedTuple):
-    """A figure, and the function that makes it show the k-th saved time."""
+    """A figure, and a function that makes it show the k-th saved time."""
 
     figure: Figure
     show: Callable[[int], None]
@@ -49,7 +49,7 @@ Arms = list[Float[np.ndarray, "T n points 3"]]  # of each mechanism
 def _ball_scene(trajectory: Trajectory, run: Record, arms: Arms, setting: Setting) -> Scene:
     system, placed = trajectory.system, place(run, setting)
     r = float(system.radius)
-    # A slope is seen from its side, so that it shows, and never from below.
+    # A slope is seen from its side, so that it is visible, and never from below.
     azimuth = AZIMUTH + setting.downhill
     viewer = towards(ELEVATION, azimuth)
     wire, silhouette = wireframe(r), outline(r, viewer)
@@ -81,7 +81,7 @@ def _ball_scene(trajectory: Trajectory, run: Record, arms: Arms, setting: Settin
 
 
 def _draw_shadow(ax: Axes3D, placed: Placed, setting: Setting, r: float) -> Callable[[int], None]:
-    """Draws a shadow below a ball that may leave the plane, so that its height shows."""
+    """Draws a shadow below a ball that may leave the plane, so that its height is visible."""
     shadow, round_ = face(ax, facecolor=SHADOW, zorder=1.5), r * parallel(0.0) @ setting.page.T
 
     def show(k: int) -> None:
@@ -106,7 +106,7 @@ def _stage(content: Float[np.ndarray, "points 3"], azimuth: float) -> tuple[Figu
     (left, bottom), (width, height) = inches.min(axis=0), np.ptp(inches, axis=0)
     scale = min((WIDTH - 2 * MARGIN) / width, (WIDTH - MARGIN - HEADER) / height)
     tall = round(10 * (scale * height + MARGIN + HEADER)) / 10
-    # The Axes stay square and extend beyond the figure, because they clip what is outside of them.
+    # The Axes stay square and extend beyond the figure, because they clip what is outside.
     corner = (WIDTH - scale * width) / 2 - scale * left, MARGIN - scale * bottom
     side = scale * WIDTH
     figure.set_size_inches(WIDTH, tall)
@@ -154,9 +154,9 @@ def _spokes(r: float) -> Float[np.ndarray, "points 3"]:
 
 
 def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed, arms: Arms) -> Callable[[int], None]:
-    """Draws rails, masses, centre of mass and a clock, and returns what moves them to the k-th saved time.
+    """Draws rails, masses, centre of mass and a clock, and returns a function that moves them to the k-th saved time.
 
-    The clock says the mode too, of a run with a law of contact.
+    For a run with a law of contact, the clock shows the mode too.
     """
     system, modes = trajectory.system, modes_of(trajectory)
     words = [""] * len(placed.times) if modes is None else [f"  {mode.name.lower()}" for mode in modes.at(placed.times)]
@@ -199,7 +199,7 @@ def _contents(figure: Figure, ax: Axes, trajectory: Trajectory, placed: Placed, 
 
 
 def _clock(figure: Figure, ax: Axes) -> Text:
-    """Writes "t =" into the upper left corner, and returns the text behind it, which is plain: formulas take long."""
+    """Writes "t =" into the upper left corner, and returns the text after it, plain because formulas are slow."""
     corner = figure.transFigure + ScaledTranslation(0.0, BASELINE / 72, figure.dpi_scale_trans)
     name = figure.text(0.02, 1.0, "$t =$", fontproperties=SMALL, transform=corner)
     behind: dict[str, Any] = {"xycoords": name, "xytext": (2.5, 0.0), "textcoords": "offset points"}

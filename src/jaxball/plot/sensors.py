@@ -1,4 +1,4 @@
-"""What sensors read along a run, over time."""
+"""The readings of sensors along a run, over time."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,12 +18,12 @@ PANEL = 1.5  # the height of a panel, in inches
 
 
 def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Figure:
-    """What sensors read, each in a panel of its own under its name: a vector by its components along its axes.
+    """The readings of sensors, each in a panel under its name: a vector by its components along its axes.
 
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
-    - ``sensors``: one or more of those of :mod:`jaxball.sensors`, by their names.
+    - ``sensors``: one or more of those of :mod:`jaxball.sensors`, by name.
 
     **Raises:** ``ValueError`` for a batch, without sensors, and as :meth:`jaxball.Trajectory.measured`.
     """

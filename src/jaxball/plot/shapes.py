@@ -55,7 +55,7 @@ def rails_of(system: System) -> list[tuple[list[int], Float[np.ndarray, "points 
 def grouped(
     curves: Iterable[tuple[int, Curve]], equal: Callable[[Curve, Curve], bool]
 ) -> list[tuple[list[int], Curve]]:
-    """The different curves, each with the masses i = 1 … n that have it."""
+    """The distinct curves, each with the masses i = 1 … n on it."""
     groups: list[tuple[list[int], Curve]] = []
     for i, curve in curves:
         for members, other in groups:

@@ -15,7 +15,7 @@ def snapshot(trajectory: Trajectory, t: Numbers | None = None) -> Figure:
     **Arguments:**
 
     - ``trajectory``: what :func:`jaxball.simulate` returns.
-    - ``t``: the time, of which the nearest saved one is shown; the last one that the solve reached if not given.
+    - ``t``: the time, for which the nearest saved one is shown; by default the last one that the solve reached.
 
     **Raises:** ``ValueError`` for a trajectory without a finite state, and for a reduced one or a batch.
 

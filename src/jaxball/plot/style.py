@@ -1,4 +1,4 @@
-"""The style of the figures, passed to each artist, because matplotlib's own settings are not touched."""
+"""The style of the figures, passed to each artist, because matplotlib's own settings are not changed."""
 
 import math
 import textwrap
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..physics.system import AbstractSystem
 
 DASH = 7.0  # of lines that lie on one another, in widths of the line
-SHARED = "bevel"  # the joins of their dashes, by which a legend knows them
+SHARED = "bevel"  # the joins of their dashes, by which the legend recognises them
 
 LABEL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=11)
 SMALL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=10)
@@ -34,8 +34,8 @@ SMALL = FontProperties(family="STIXGeneral", math_fontfamily="stix", size=10)
 TINY = FontProperties(family=["STIXGeneral", "DejaVu Sans"], math_fontfamily="stix", size=8)
 CAPTION: dict[str, Any] = {"fontproperties": TINY, "color": "0.35"}
 WIDE, SQUARE = (4.6, 3.1), (4.6, 4.7)
-WIDE_RANGE = 1e3  # of a logarithmic axis on which powers of ten alone are enough ticks
-EDGE = 0.02  # of a plane Axes, by which a curve may pass it
+WIDE_RANGE = 1e3  # range of a logarithmic axis on which powers of ten are enough ticks
+EDGE = 0.02  # of a plane Axes, by which a curve may exceed it
 LETTERS = 20  # of a caption in an inch
 
 
@@ -83,7 +83,7 @@ def linestyle(dashes: Dashes) -> Any:
 
 
 def mass_line(i: int, **changes: Any) -> dict[str, Any]:
-    """The line of mass i = 1 … n: its colour and its dashes; with ``changes``."""
+    """The line style of mass i = 1 … n: its colour and its dashes, with ``changes``."""
     look = mass_look(i)
     return {"color": look.colour, "linestyle": linestyle(look.dashes), "linewidth": 1.2} | changes
 
@@ -140,10 +140,10 @@ def up_to_ticks(ax: Axes, low: float = math.inf, high: float = -math.inf) -> Non
     low, high = min(low, float(drawn[0])), max(high, float(drawn[1]))
     if not np.isfinite([low, high]).all():
         return
-    if high - low <= 1e-9 * max(abs(low), abs(high)):  # a constant is shown against 0, and 0 against ±1
+    if high - low <= 1e-9 * max(abs(low), abs(high)):  # a constant is shown relative to 0, and 0 relative to ±1
         low, high = (min(low, 0.0), max(high, 0.0)) if low or high else (-1.0, 1.0)
     locator = ax.yaxis.get_major_locator()
-    # A curve may pass a tick by less than the width of its line, unless the axis that ends with it has other ticks.
+    # A curve may exceed a tick by less than the width of its line, unless the axis ending there would get other ticks.
     for slack in (0.005 * (high - low), 0.0):
         bottom, top = low + slack, high - slack
         for _ in range(5):  # new limits may have new ticks
@@ -156,7 +156,7 @@ def up_to_ticks(ax: Axes, low: float = math.inf, high: float = -math.inf) -> Non
         if (shown[0], shown[-1]) == (bottom, top):
             break
     ax.set_ylim(*ends_at)
-    for line in ax.lines:  # one on the edge is drawn whole
+    for line in ax.lines:  # a line on the edge is not clipped
         line.set_clip_box(TransformedBbox(Bbox([[-EDGE, -EDGE], [1 + EDGE, 1 + EDGE]]), ax.transAxes))
 
 
@@ -213,7 +213,7 @@ def ends(
 def sharing(k: int, n: int) -> dict[str, Any]:
     """The dashes of the k-th of ``n`` coinciding lines, of which the first is solid and beneath the others.
 
-    A line that coincides with none keeps its own.
+    A line that coincides with no other keeps its own.
     """
     if k == 0:
         return {} if n == 1 else {"linestyle": "-", "dash_joinstyle": SHARED}
@@ -221,12 +221,12 @@ def sharing(k: int, n: int) -> dict[str, Any]:
 
 
 def legend_above(ax: Axes, most: int = 5) -> None:
-    """A legend above the axes, where it hides nothing, with up to ``most`` entries in a row; none without labels."""
+    """A legend above the axes, where it hides nothing, with up to ``most`` entries in a row; nothing without labels."""
     handles, labels = ax.get_legend_handles_labels()
     if labels:
         rows = math.ceil(len(labels) / max(most, math.ceil(len(labels) / 4)))
         columns = math.ceil(len(labels) / rows)
-        # matplotlib fills columns, and a reader reads rows.
+        # matplotlib fills columns, but readers read rows.
         order = [k for column in range(columns) for k in range(column, len(labels), columns)]
         drawn = [handles[k] for k in order]
         legend = ax.legend(

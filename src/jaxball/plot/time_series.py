@@ -18,7 +18,7 @@ from .record import drawn_run, finite_rows, record
 from .style import legend_above, linestyle, plane_axes, up_to_ticks, write
 
 SHORT = 4  # entries in a row of a legend that has long ones
-CONSTANT = 1e-6  # a force whose relative change is less counts as constant
+CONSTANT = 1e-6  # a force with a smaller relative change counts as constant
 
 
 def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -40,9 +40,9 @@ def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Kinetic energy T, potential energy V and their sum E, which is dashed to let a T beneath it be seen.
+    """Kinetic energy T, potential energy V and their sum E, which is dashed so that a T beneath it is visible.
 
-    Of a run with a law of contact, what friction of sliding and impacts have taken so far is drawn too.
+    For a run with a law of contact, the energy dissipated so far by sliding friction and impacts is drawn too.
 
     **Arguments:**
 
@@ -70,7 +70,7 @@ def energies(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def _taken(run: Trajectory, size: float) -> list[Series]:
-    """What friction of sliding and impacts have taken, where they have taken something."""
+    """The energy dissipated by sliding friction and impacts, if any."""
     if run.contact is None:
         return []
     rows, history = finite_rows(run), run.contact
@@ -80,7 +80,7 @@ def _taken(run: Trajectory, size: float) -> list[Series]:
 
 
 def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
-    """Ė, the power of the actuation, the external force and all else that does work.
+    """Ė, the total power of the actuation, the external force and everything else that does work.
 
     **Arguments:**
 
@@ -98,8 +98,8 @@ def power(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """The force of the plane: the normal force N and the magnitude |f| of the friction.
 
-    With dense output, the least N of the whole run is marked. Of a run with a law of contact, the largest friction that
-    holds the body, μ_s N, is drawn instead.
+    With dense output, the least N of the whole run is marked. For a run with a law of contact, the largest static
+    friction, μ_s N, is drawn instead.
 
     **Arguments:**
 
@@ -127,9 +127,9 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 def friction_ratio(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     """|f| / N, with its largest value μ_min marked: with less friction the ball would slip.
 
-    With dense output the largest value of the whole run is marked, otherwise the largest at the saved times.
-    Where N ≤ 0 the ball would leave the plane: nothing is drawn there, and a note replaces the mark. Of a run with
-    a law of contact, its coefficients are drawn instead of a mark, and nothing in flight.
+    With dense output the largest value of the whole run is marked, otherwise the largest at the saved times. Where N ≤
+    0 the ball would leave the plane: nothing is drawn there, and a note replaces the mark. For a run with a law of
+    contact, its coefficients are drawn instead of a mark, and nothing in flight.
 
     **Arguments:**
 
@@ -165,7 +165,7 @@ def _within_the_cone(
     ratio: Float[np.ndarray, " T"],
     ax: Axes | None,
 ) -> Axes:
-    """|f| / N with the coefficients of the law, of which friction is never above the larger."""
+    """|f| / N with the coefficients of the law; friction never exceeds the larger."""
     modes = modes_of(trajectory)
     flies = np.asarray(history.mode)[finite_rows(trajectory)] == Mode.FLIGHT
     times, ratio = with_breaks(modes, times, np.where(flies, np.nan, ratio))
@@ -199,7 +199,7 @@ def _largest_ratio(trajectory: Trajectory, times: np.ndarray, ratio: np.ndarray)
 
 
 def _throughout(times: Float[np.ndarray, " T"], constant: bool) -> tuple[float, str] | None:
-    """Where to mark a quantity that is ``constant``, and the word for it."""
+    """Where to mark a quantity, and the words for the time; for one that is ``constant`` too."""
     return (float(times[0]), "throughout") if constant else None
 
 

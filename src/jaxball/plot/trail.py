@@ -1,6 +1,6 @@
-"""The trail of an animation: the path of the body's lowest point up to the time that is shown.
+"""The trail of an animation: the path of the body's lowest point up to the time shown.
 
-Where the body slides it is dashed, and where it flies dotted; then it is over the plane.
+It is dashed where the body slides, and dotted, above the plane, where it flies.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from .palette import TRAIL
 def draw_trail(
     ax: Axes, trajectory: Trajectory, placed: Placed, setting: Setting, **look: Any
 ) -> Callable[[int], None]:
-    """Draws the trail, and returns what shows it up to the k-th saved time."""
+    """Draws the trail, and returns a function that shows it up to the k-th saved time."""
     track = track_of(trajectory)
     if track is None:
         trail = line(ax, color=TRAIL, **look)

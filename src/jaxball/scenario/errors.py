@@ -76,7 +76,7 @@ def tried(*readers: Callable[[], Any]) -> tuple[list[Any], list[ScenarioError]]:
             results.append(reader())
         except ScenarioError as error:
             results.append(None)
-            # What parts of this part raised beside it comes after it.
+            # Errors that its own parts raised besides come after it.
             errors += [error, *more[before:]]
             del more[before:]
     return results, errors

@@ -69,8 +69,8 @@ class ContactHistory(Printed):
     - ``mode``: the :class:`~jaxball.Mode` at each time, shape (T,); −1 at times that the solve did not reach.
     - ``V``: the velocity of the geometric centre, space axes, length/time, shape (T, 3).
     - ``height``: of the body above the plane, length, shape (T,).
-    - ``slip``: v_s, the velocity of the body's lowest point relative to the plane, space axes, length/time, shape (T,
-      3).
+    - ``slip``: v_s, the velocity of the body's lowest point relative to the plane, space axes, length/time,
+      shape (T, 3).
     - ``sigma``: the direction of the slip, a unit vector, shape (T, 2), also where the slip begins; 0 before the first.
     - ``rubbed``, ``struck``: the energy dissipated so far by sliding friction and by impacts, mass length²/time²,
       shape (T,) each.

@@ -26,8 +26,8 @@ def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     """The run with two more rows at each switch that was kept: the state and the mode just before it, and just after.
 
     Nothing jumps between switches, so a curve through these rows shows each jump where it is. The two rows replace a
-    saved time that coincides with a switch. Rows without a switch have states of NaN and stand at the end: there are
-    always 2 ``room`` more of them than saved times, so that programs for them do not depend on how many switches there
+    saved time that coincides with a switch. Rows without a switch have states of NaN and are at the end: there are
+    always 2 ``room`` more rows than saved times, so that programs for them do not depend on how many switches there
     were. A run without a law of contact is returned as it is.
 
     **Arguments:**
@@ -44,7 +44,7 @@ def with_limits(trajectory: Trajectory[Any, Any]) -> Trajectory[Any, Any]:
     rows = np.concatenate([order, np.full(size - len(order), len(times) + 2 * history.law.room)])
 
     def joined(saved: Any, limits: Any, nothing: float | int) -> Any:
-        """Rows of what is saved and of limits, in their order; ``nothing`` in those that stand for none."""
+        """Rows of saved values and of limits, in order; ``nothing`` in unused ones."""
         saved, limits = np.asarray(saved), np.asarray(limits)
         none = np.full((1, *saved.shape[1:]), nothing, saved.dtype)
         return jnp.asarray(np.concatenate([saved, limits.astype(saved.dtype), none])[rows])
@@ -81,7 +81,7 @@ class _Sides(NamedTuple):
     kept: int
 
     def states_of(self, system: BodyOnPlane, sigma: Any) -> ContactState:
-        """As states of the system on its plane, whose slips have these directions."""
+        """The states of the system on its plane, with these slip directions."""
         return _contact_states(system, self.states, jnp.asarray(self.modes), jnp.asarray(sigma))
 
 
@@ -102,7 +102,7 @@ def _sides(trajectory: Trajectory[Any, Any], history: ContactHistory) -> _Sides:
     plane = BodyOnPlane(trajectory.system, history.law)
     known = jnp.asarray(np.where(np.isfinite(times), times, 0.0))
     slip, sigma = map(np.asarray, _slips(plane, known, sides.states_of(plane, none)))
-    # A switch of a body that touches the plane, or comes down to it, is at height 0, but for rounding.
+    # A switch of a body that touches or lands on the plane is at height 0, up to rounding.
     height = np.asarray(states.height)
     flying = (modes == Mode.FLIGHT) & (both(modes[::2], modes[::2]) == both(modes[1::2], modes[1::2]))
     height = np.where(flying & (np.abs(height) > STILL * float(trajectory.system.radius)), height, 0.0)
@@ -113,9 +113,7 @@ def _sides(trajectory: Trajectory[Any, Any], history: ContactHistory) -> _Sides:
 def _directions(
     trajectory: Trajectory[Any, Any], history: ContactHistory, plane: BodyOnPlane, times: Array, sides: _Sides
 ) -> Float[np.ndarray, "sides 2"]:
-    """σ at each side: that of the velocity, or where there is none yet or no more, that of the slip which begins or
-    has ended there.
-    """
+    """σ on each side: that of the velocity, or without slip, that of the slip which begins or has ended there."""
     sigma, kept = sides.sigma.copy(), sides.kept
     still = _is_still(trajectory, sides)
     begins = np.flatnonzero(still[1 : 2 * kept : 2]) * 2 + 1
@@ -132,7 +130,7 @@ def _directions(
 
 
 def _is_still(trajectory: Trajectory[Any, Any], sides: _Sides) -> Bool[np.ndarray, " sides"]:
-    """Where a body slides of which no direction can be told from its velocity."""
+    """Where a body slides but its direction cannot be computed from its velocity."""
     state: Any = sides.states.body
     of_disk = isinstance(state, DiskState)
     spin = np.abs(np.asarray(state.phidot)) if of_disk else np.linalg.norm(np.asarray(state.Omega), axis=1)
@@ -145,7 +143,7 @@ def _order(times: Float[np.ndarray, " T"], sides: _Sides, room: int) -> Int[np.n
     """The rows of the run in the order of time: saved ones by their index, sides by theirs after all of these."""
     when = sides.times[: 2 * sides.kept]
     rows = np.arange(len(when))
-    # What comes before the start and after the end is no part of the run.
+    # Times before the start and after the end are not part of the run.
     inside = np.where(rows % 2 == 0, when > times[0], when < times[-1]) & (when >= times[0]) & (when <= times[-1])
     replaced = np.isin(times, when[inside]) & (times > times[0]) & (times < times[-1])
     saved = np.flatnonzero(~replaced)
@@ -156,10 +154,10 @@ def _order(times: Float[np.ndarray, " T"], sides: _Sides, room: int) -> Int[np.n
 def _taken(
     times: Float[np.ndarray, " T"], history: ContactHistory, sides: _Sides, order: Int[np.ndarray, " rows"]
 ) -> Float[np.ndarray, "2 rows"]:
-    """What friction of sliding and impacts have taken at each row.
+    """The energy dissipated by sliding friction and by impacts at each row.
 
-    Between two saved times, friction takes its part while the body slides: all of it where it does so once, and where
-    it does so several times, in proportion to the durations and to the speeds of the slips.
+    Between two saved times, friction dissipates energy while the body slides: all of it in a single slip, or for
+    several slips, in proportion to their durations and speeds.
     """
     count = len(times)
     speeds = np.linalg.norm(np.concatenate([np.asarray(history.slip), sides.slip])[order, :2], axis=1)

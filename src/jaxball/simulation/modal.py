@@ -67,7 +67,7 @@ def unpacked_switches(packing: Packing, kept: Kept) -> Unpacked:
 
 
 def unpacked_switch(packing: Packing, kept: Kept) -> Unpacked:
-    """One of them; NaN where there is none."""
+    """One of them; NaN if there is none."""
     known = jnp.isfinite(kept.times)
     t = jnp.where(known, kept.times, 0.0)
     return Unpacked(kept, *(packing.unpack_where(known, t, vector) for vector in (kept.before, kept.after)))
@@ -81,7 +81,7 @@ def of_modes(system: BodyOnPlane, times: Any, solved: Any, switches: Any, start:
 
 
 def slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Array, Array]:
-    """The slip velocities, exactly 0 of a body that rolls, and their directions, 0 where there is none."""
+    """The slip velocities, exactly 0 for a body that rolls, and their directions, 0 without slip."""
     prepared = system.prepare()
 
     def slip(t: Array, state: ContactState) -> tuple[Array, Array]:

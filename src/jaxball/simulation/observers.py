@@ -16,10 +16,10 @@ Quantities = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " 
 
 
 class Observation(NamedTuple):
-    """What is to be found of a run; a program is compiled for it.
+    """The results to find for a run; a program is compiled for them.
 
     - ``quantities``: functions, of which ``evaluate(quantities, system, t, state)`` gives the values.
-    - ``searches``: whose largest values are looked for: the numbers of quantities, and what these are multiplied by.
+    - ``searches``: the quantities, by index, whose largest values are sought, and their factors.
     - ``integrals``: whether quantities are integrated.
     """
 
@@ -32,7 +32,7 @@ class Observation(NamedTuple):
 class Step(NamedTuple):
     """A step: its start, with the vector there, its end, and the vectors within it.
 
-    ``between`` costs nothing; ``exact`` is nearly as good as the step, and more is computed for it.
+    ``between`` costs nothing; ``exact`` is nearly as accurate as the step, at some cost.
     """
 
     start: Float[Array, ""]
@@ -55,14 +55,14 @@ class Best(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """The steps in which quantities are largest, and their integrals until now; None of what nobody asked for."""
+    """The steps in which quantities are largest, and their integrals so far; None for results not requested."""
 
     best: Best | None
     integrals: Float[Array, " k"] | None
 
 
 class Found(NamedTuple):
-    """Of a run: the values at its start, the largest ones and when they occur, the integrals."""
+    """The results of a run: values at the start, the largest values and when they occur, integrals."""
 
     start: Float[Array, " k"]
     extremes: tuple[Float[Array, ""], ...]
@@ -71,7 +71,7 @@ class Found(NamedTuple):
 
 
 class Observers:
-    """Look at each step of one run for an :class:`Observation`, by its ``quantities`` of times and vectors."""
+    """Observe each step of one run for an :class:`Observation`, by its ``quantities`` of times and vectors."""
 
     def __init__(self, observation: Observation, quantities: Quantities):
         self.needs_exact = observation.integrals
@@ -80,7 +80,7 @@ class Observers:
         self._quantities, self._count = quantities, len(observation.quantities)
 
     def begin(self, x: Float[Array, " size"]) -> Seen:
-        """What is seen before the first step, from ``x``."""
+        """The observations before the first step, from ``x``."""
         best, integrals = None, None
         if self._which:
             number = jnp.zeros((2, len(self._which)), x.dtype)
@@ -90,7 +90,7 @@ class Observers:
         return Seen(best, integrals)
 
     def observe(self, seen: Seen, step: Step, kept: Bool[Array, ""]) -> Seen:
-        """What is seen after a step, where that was ``kept``."""
+        """The observations after a step, if that was ``kept``."""
         best, integrals = seen
         if best is not None:
             best = self._better(best, step, kept)
@@ -105,7 +105,7 @@ class Observers:
         x: Float[Array, " size"],
         again: Callable[[Array, Array, Array], Step],
     ) -> Found:
-        """What is found of a run from ``start``, at which it is ``x``. ``again`` computes a step once more.
+        """The results of a run from ``start``, where it is at ``x``. ``again`` recomputes a step.
 
         Of a run without a step, extremes are NaN.
         """

@@ -76,7 +76,7 @@ class Aim(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What is kept of the switches: as many as there is room for, the first ones, in the order of time; or of one."""
+    """The kept switches: the first ones, as many as there is room for, in the order of time; or a single one."""
 
     times: Float[Array, "*room"]
     causes: Int[Array, "*room"]
@@ -92,7 +92,7 @@ class Kept(NamedTuple):
         return cls(times, jnp.zeros(room, int), rows, rows, grazing)
 
     def having(self, place: Int[Array, ""], switch: "Kept") -> "Kept":
-        """What is kept with one more, if there is room for it."""
+        """The kept switches with one more, if there is room."""
         there = place < self.times.shape[0]
         index = jnp.where(there, place, 0)
         rows: Any = self  # within the loop, buffers of equinox
@@ -100,7 +100,7 @@ class Kept(NamedTuple):
 
 
 class Course(NamedTuple):
-    """What a solve carries from mode to mode.
+    """The state that a solve carries from mode to mode.
 
     - ``pending``: the :class:`Cause` with which a mode has just ended, ``WINDOW``, or ``NONE``.
     - ``length``: of the longest step that no end of a mode cut short, with which what follows a slip begins.
@@ -145,7 +145,7 @@ class Ended(NamedTuple):
 
 
 class Judged(NamedTuple):
-    """What becomes of a step that the controller would keep: it stays, or is ``retried`` with an end at ``target``.
+    """The fate of a step that the controller would accept: it is kept, or ``retried`` with an end at ``target``.
 
     ``longest`` is the longest next step.
     """
@@ -224,7 +224,7 @@ class Switching(eqx.Module):
         kept: Bool[Array, ""],
         parameters: Any,
     ) -> Judged:
-        """Looks at a step from ``start`` to ``end``, which led to ``y``."""
+        """Checks a step from ``start`` to ``end``, which led to ``y``."""
 
         def look(course: Course) -> Judged:
             fixed = jax.lax.stop_gradient((start, end))
@@ -252,7 +252,7 @@ class Switching(eqx.Module):
         return self.unpack(parameters)[0]
 
     def heading(self, t: Float[Array, ""], y: Float[Array, " size"], parameters: Any) -> Heading:
-        """Where a slip goes as a step begins."""
+        """The heading of a slip as a step begins."""
         packing = self._packing(parameters)
         return packing.system.heading(t, packing.unpack(t, y), self.rtol, self.atol)
 
@@ -272,7 +272,7 @@ class Switching(eqx.Module):
     def followed(
         self, course: Course, t: Float[Array, ""], y: Float[Array, " size"], run: Float[Array, ""], parameters: Any
     ) -> Followed:
-        """What follows the mode that has ended."""
+        """The state that follows the mode that has ended."""
         packing, cause = self._packing(parameters), course.pending
         system, starts = packing.system, cause == int(Cause.START)
         kinks = jax.lax.stop_gradient(system.driving_kinks())
@@ -310,7 +310,7 @@ class Switching(eqx.Module):
         grazing = (cause > int(Cause.START)) & (jnp.abs(slope) * course.length <= GRAZING * course.aim.size)
         kind = jnp.where(starts, int(Cause.LANDS), cause)
         switch = Kept(t, kind, packing.pack(t, before), after, grazing)
-        # A slip has ended in ever shorter steps, which say nothing about what follows.
+        # A slip has ended in ever shorter steps, whose length is no guide for what follows.
         least = LEAST * float(jnp.finfo(fixed.dtype).eps) * jnp.abs(fixed)
         length = jnp.where((cause == int(Cause.STOPS)) & ends, course.length, least)
         return Followed(Settled(t, after, before_kink(kinks, fixed, fixed + length), course), place, switch)
@@ -324,13 +324,13 @@ def looked(
     ended: Ended,
     share: Float[Array, "*lanes"],
 ) -> Judged:
-    """What becomes of a step, or of one in each lane, by the functions ``before`` its end, at nodes, and by its end."""
+    """The fate of a step, or of one in each lane, from the guards ``before`` its end, at nodes, and at its end."""
     aim, guards = course.aim, jnp.concatenate([before, ended.guards[:, None]], axis=1)
     at_aim = aim.on & (end == aim.target)
     first = _first_end(start, end, guards, jnp.where(at_aim, aim.which, NONE))
-    # Two functions may fall to zero together; then one of them is as good as the other.
+    # Two functions may fall to zero together; then either will do.
     earlier = ~at_aim | (first.target < end - TOGETHER * (end - start))
-    # The quartics may show zeros that are none, and then, in a shorter step, others.
+    # The quartics may have spurious zeros, and then, in a shorter step, others.
     tries = jnp.where(at_aim, aim.tries + 1, 0)
     first = first._replace(on=first.on & earlier & (tries < MOST_TRIES), tries=tries)
     value = _entry(aim.which, guards[:, -1])
@@ -340,7 +340,7 @@ def looked(
     retried = first.on | at_aim & ~met
     next_aim = _where(retried, _where(first.on, first, nearer), Aim.none(end))
     cause = _cause(ended.mode, aim.which)
-    # Where friction gives way because nothing is left that presses, the body lifts.
+    # Where friction gives way because the normal force vanishes, the body lifts off.
     lifts = (cause == int(Cause.GIVES_WAY)) & (guards[1, -1] <= NOTHING * jnp.max(jnp.abs(guards[1]), axis=0))
     cause = jnp.where(lifts, int(Cause.LIFTS), cause)
     real = jnp.where(cause == int(Cause.STOPS), ended.slow, jnp.abs(value) <= REAL * aim.size)
@@ -373,10 +373,11 @@ def _longest(
     forward: Float[Array, "nodes *lanes"],
     share: Float[Array, "*lanes"],
 ) -> Float[Array, "*lanes"]:
-    """The longest next step: infinite, but where a slip slows down.
+    """The longest next step: infinite, except where a slip slows down.
 
-    It is a share of the time until the end of the slip, and leads past the least speed at most half the way to the end,
-    because the stages of a step across the end pull to both sides, which a step of a low order may take for no error.
+    It is a fraction of the time until the end of the slip, and goes beyond the least speed at most half way to the end,
+    because the stages of a step across the end pull in both directions, which a low-order method may not notice as an
+    error.
     """
     before, after = forward[0] + ended.least, forward[-1] + ended.least
     slows = (ended.mode == int(Mode.SLIDING)) & (after > 0) & (before > after)
@@ -394,8 +395,8 @@ def _first_end(
 ) -> Aim:
     """The first place in a step where a function is not positive, ``but`` for one; before the start all were.
 
-    Functions are seen at a few nodes, and the quartics through these values in 35 places. All is written in whole
-    arrays without a search for an index, because XLA's CPU compiler makes slow loops of these.
+    Functions are evaluated at a few nodes, and the quartics through these values at 35 points. Everything is written
+    with whole arrays without argmax, which XLA's CPU compiler turns into slow loops.
     """
     at, ones = sampling(), (1,) * start.ndim
     last = at.fractions.size - 1
@@ -415,7 +416,7 @@ def _first_end(
 
     low, high = fraction(place - 2), fraction(place + 1)
     root, slope = _root(samples, fraction(place - 1), fraction(place))
-    # A step has some length, also where a function has fallen below zero by rounding as it began.
+    # A step has some length, even if a function was below zero by rounding at its start.
     length = end - start
     least = start + LEAST * float(jnp.finfo(end.dtype).eps) * jnp.maximum(jnp.abs(start), jnp.abs(end))
     return Aim(
@@ -454,7 +455,7 @@ def _entry(which: Int[Array, "*#lanes"], rows: Float[Array, "3 *lanes"]) -> Floa
 
 
 def _cause(mode: Float[Array, "*lanes"], which: Int[Array, "*lanes"]) -> Int[Array, "*lanes"]:
-    """The cause for which a function of a mode stands."""
+    """The cause that a guard of a mode stands for."""
     cause = jnp.full_like(which, int(Cause.START))
     for of_mode, causes in enumerate(CAUSES):
         for k, one in enumerate(causes):

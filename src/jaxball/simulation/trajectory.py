@@ -412,9 +412,9 @@ def _at_each(function: Callable[..., Any], system: Any, times: Array, state: Any
 
 
 def times_looked_at(system: AbstractSystem, times: Float[Array, " T"], reached: Float[Array, ""]) -> Float[Array, " T"]:
-    """The times at which to evaluate what depends on time: those of a run, but for a kink at its end.
+    """The times at which to evaluate time-dependent quantities: those of a run, except for a kink at its end.
 
-    What jumps there is looked at just before, because what comes after is no part of the run.
+    Jumps there are evaluated just before, because what comes after is not part of the run.
     """
     return jnp.where(times == reached, seen_from_before(system.kinks(), reached), times)
 

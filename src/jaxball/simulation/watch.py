@@ -27,7 +27,7 @@ from .events import DOWN, UP, AbstractEvent, Detachment, Slip
 from .occurrences import Occurrences
 from .trajectory import Trajectory
 
-# Programs are made for so many steps and multiples of it, so that there are few of them.
+# Programs are compiled for multiples of this number of steps, so that there are few of them.
 STEPS_AT_A_TIME = 64
 
 
@@ -67,11 +67,11 @@ def stop(events: Mapping[str, AbstractEvent], unpack: Callable[[Array], tuple[Pa
             level = levels(t, x, parameters)
             return functools.reduce(jnp.minimum, [level(name) for name in limits])
 
-        # diffrax looks at the start before its loop.
+        # diffrax evaluates the start before its loop.
         return jnp.ones_like(t) if t is t0 else jax.lax.cond(t > t0, least, lambda x: jnp.ones_like(t), x)
 
     def condition(name: str) -> Callable:
-        # The start is not a crossing, whatever rounding makes of a zero; what is not a number has no sign.
+        # The start is not a crossing, even if rounding changes the sign of a zero; NaN has no sign.
         return lambda t, x, parameters, *, t0, **_: jnp.where(t == t0, jnp.nan, levels(t, x, parameters)(name))
 
     terminal = {name: event for name, event in events.items() if event.terminal}
@@ -90,7 +90,7 @@ def locate(trajectory: Trajectory[Any, Any], events: Mapping[str, AbstractEvent]
 
 
 def room_for(trajectory: Trajectory[Any, Any]) -> int:
-    """How many steps to look at: those that were taken and a few more, or all there is room for where traced."""
+    """How many steps to examine: those that were taken and a few more, or all that there is room for when traced."""
     assert trajectory.interpolant is not None
     largest = cast(Any, trajectory.interpolant.solution.interpolation).ts.shape[-1] - 1
     if is_traced(trajectory.steps):

@@ -1,6 +1,6 @@
 """Solvers for diffrax: collocation of Radau and Gauss, mass matrices, trapezoidal rule, TR-BDF2, Adams methods, NDFs.
 
-They are for any problem of diffrax, and know nothing of mechanics.
+They are for any problem of diffrax, and contain nothing specific to mechanics.
 """
 
 from ..interface.names import interface as _interface

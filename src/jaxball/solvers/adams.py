@@ -20,17 +20,17 @@ from .stages import FROM_CONTROLLER
 HIGHEST = 12
 # Two steps are equal if their lengths differ by less than this, relative to them.
 EQUAL = 0.01
-# A step that is shorter than this, relative to the one before, leaves no point behind.
+# A step shorter than this, relative to the one before, adds no point.
 TINY = 0.01
-# Another correction may change a state by so many tolerances. Of smooth fields it changes less, because a correction is
-# some 10 to 25 errors, and each next one smaller by far.
+# Another correction may change a state by this many tolerances. For smooth fields it changes less, because a correction
+# is some 10 to 25 errors, and each next one is much smaller.
 SETTLED = 30.0
 
 
 class PredictorCorrector(eqx.Module):
-    """The one correction of a prediction, in the place where implicit solvers of diffrax have their root finder.
+    """The single correction of a prediction, in place of the root finder of diffrax's implicit solvers.
 
-    diffrax puts the tolerances of the step-size controller here, and the order is chosen by them.
+    diffrax puts the tolerances of the step-size controller here, by which the order is chosen.
     """
 
     rtol: Any = FROM_CONTROLLER
@@ -39,12 +39,12 @@ class PredictorCorrector(eqx.Module):
 
 
 class AdamsState(NamedTuple):
-    """What the steps so far leave to the next.
+    """The state passed from the steps so far to the next.
 
     - ``differences``: the modified divided differences of the slopes at the last points, from order 0.
     - ``past``: the times from each of these points to the start of the next step.
     - ``order``: of the next step; 0 where nothing is known yet.
-    - ``equal``: how many of the last steps had one length.
+    - ``equal``: how many of the last steps had the same length.
     - ``rising``: whether the run is still starting.
     """
 
@@ -59,12 +59,12 @@ class Adams(AbstractMultistep):
     """The Adams–Bashforth–Moulton methods of orders 1 to 12, with variable order and step.
 
     The integral of the polynomial through the slopes at the last k points predicts the state at the end of the step.
-    The slope there makes a polynomial of one order more, whose integral is the state (local extrapolation), and at this
-    the slope is evaluated again: two evaluations a step, whatever the order. For smooth problems at tight tolerances
-    whose field costs more than some additions of states.
+    The slope there gives a polynomial of one order more, whose integral is the new state (local extrapolation), where
+    the slope is evaluated again: two evaluations per step, whatever the order. For smooth problems at tight tolerances
+    whose field costs more than a few additions of states.
 
-    The order is chosen together with the step, so that the step-size controller must be :class:`AdamsController`;
-    ``jaxball.simulate`` takes that by itself. The first step, and the first one after a jump, has order 1.
+    The order is chosen together with the step, so the step-size controller must be :class:`AdamsController`, which
+    ``jaxball.simulate`` chooses automatically. The first step, and the first one after a jump, has order 1.
 
     **Arguments:**
 
@@ -103,7 +103,7 @@ class Adams(AbstractMultistep):
         return 1
 
     def order(self, terms) -> int:
-        """That of the result at the largest number of points, which local extrapolation makes one more than it."""
+        """The order of the result at the largest number of points, which local extrapolation raises by one."""
         return self.max_order + 1
 
     def init(self, terms, t0: Any, t1: Any, y0, args) -> AdamsState:
@@ -142,7 +142,7 @@ class Adams(AbstractMultistep):
         g, evenness = (a.astype(sizes.dtype) for a in (points.integrals(), points.evenness()))
         rows = jnp.arange(sizes.size)
         size = jnp.sum(jnp.where(rows == state.order, jnp.abs(g - jnp.roll(g, 1)) * sizes, 0.0))
-        # Where a field jumps near the end of a step that is short beside those before, formulas of two orders agree.
+        # Where a field jumps near the end of a step much shorter than those before, formulas of two orders agree.
         again = self.sizes(problem, attempt.x1, attempt.again[None])[0]
         size = jnp.maximum(size, again / SETTLED)
         return size, jnp.asarray(error_constants(rows.size), sizes.dtype) * evenness * sizes
@@ -155,7 +155,7 @@ class Attempt(NamedTuple):
     - ``terms``: the terms of its polynomial, as multiples of which x grows.
     - ``corrections``: h times the modified divided differences of each order with the slope at the predicted state.
     - ``differences``: the modified divided differences with the last slope.
-    - ``again``: by how much another correction would change x₁; 0 in a first step, which is none.
+    - ``again``: by how much another correction would change x₁; 0 in a first step.
     """
 
     x1: Float[Array, " n"]
@@ -166,7 +166,7 @@ class Attempt(NamedTuple):
 
 
 def _begun(state: AdamsState, first: Bool[Array, ""], h: Float[Array, ""]) -> AdamsState:
-    """The state, or where it is the first step, one that knows nothing; its points are as good as any."""
+    """The state, or on the first step an empty one; its points are arbitrary."""
     rows = state.past.size
     fresh = AdamsState(
         differences=jnp.zeros_like(state.differences),
@@ -187,7 +187,7 @@ def _attempted(
 ) -> Attempt:
     """A step: predicted, evaluated, corrected and evaluated again.
 
-    In a first step the slope at its start takes the place of the last evaluation, and the one before is the last.
+    In a first step the slope at its start replaces the last evaluation, and the one before is the last.
     """
     x0, k = problem.x0, state.order
     h, g, factors = (a.astype(x0.dtype) for a in (problem.control, points.integrals(), points.factors()))
@@ -219,13 +219,14 @@ def _after(
     first: Bool[Array, ""],
     sizes: Float[Array, " rows"],
 ) -> tuple[AdamsState, Plan]:
-    """What an attempt leaves to the next step if it is accepted, and what follows it in any case."""
+    """The state after an attempt if it is accepted, and the plan for the next in any case."""
     h, spacing = points.h, state.past[1] - state.past[0]
     equal = jnp.where(jnp.abs(h - spacing) <= EQUAL * h, state.equal + 1, 1)
-    # A start ends with the first step that was not twice as long as the one before, because that failed or was cut.
+    # The starting phase ends with the first step that was not twice as long as the one before, because that failed or
+    # was cut.
     following = plan(sizes, state.order, equal, state.rising & (first | (h > 1.9 * spacing)))
     moved = AdamsState(attempt.differences, points.advanced(), following.order, equal, following.rising)
-    # Two points so near to each other would have differences of rounding errors alone: the end is none of the points.
+    # Differences of two points so close to each other would be rounding errors only, so the end is not added.
     stayed = state._replace(past=state.past + h)
     tiny = ~first & (h < TINY * spacing) & (state.past[0] == 0)
     return jax.tree.map(lambda a, b: jnp.where(tiny, a, b), stayed, moved), following

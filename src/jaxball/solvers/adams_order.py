@@ -1,4 +1,4 @@
-"""Which order and which length the next step of an Adams method has: the rules of the code STEP.
+"""The order and length of the next step of an Adams method: the rules of the code STEP.
 
 Shampine & Gordon, *Computer Solution of Ordinary Differential Equations* (1975), chapter 7.
 """
@@ -8,14 +8,15 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-# Of the tolerance, what a step aims at. With STEP's own 0.5 a run takes 7 % fewer evaluations and has an error three to
-# four times as large: as much work for an error, but a tolerance that says less about it, and more steps that fail.
+# The target error of a step, relative to the tolerance. With STEP's own 0.5 a run takes 7 % fewer evaluations and has
+# an error three to four times as large: the same work for a given error, but less control by the tolerance, and more
+# rejected steps.
 TARGET = 0.1
 SHORTEST = 1e-4
 
 
 class Plan(NamedTuple):
-    """What follows a step.
+    """The plan after a step.
 
     - ``order``: that of the next step.
     - ``rising``: whether the run is still starting, its order and its step growing from step to step.
@@ -34,8 +35,8 @@ def plan(errors: Float[Array, " rows"], order: Int[Array, ""], equal: Int[Array,
 
     **Arguments:**
 
-    - ``errors``: of the formula of each order j = 0, 1, …, in units of the tolerance, had all steps had the length of
-      this one; those beyond the points there are mean nothing.
+    - ``errors``: of the formula of each order j = 0, 1, …, in units of the tolerance, if all steps had the length of
+      this one; those beyond the available points mean nothing.
     - ``order``: that of the step, k.
     - ``equal``: how many steps, this one included, had the same length. The error of order k + 1 is trusted after
       k + 1 of them.
@@ -61,6 +62,6 @@ def plan(errors: Float[Array, " rows"], order: Int[Array, ""], equal: Int[Array,
 
 
 def _ratio(error: Float[Array, ""], order: Int[Array, ""]) -> Float[Array, ""]:
-    """The length of a step that meets the target over that of one with ``error``."""
+    """The ratio of the length of a step that meets the target to that of one with ``error``."""
     safe = jnp.where((error > 0) & jnp.isfinite(error), error, 1.0)
     return (TARGET / safe) ** (1.0 / (order + 1).astype(error.dtype))

@@ -1,11 +1,11 @@
-"""Backward differences of states at equal distances, and the formulas of differentiation that are made of them.
+"""Backward differences of states at equal distances, and the differentiation formulas made of them.
 
 ∇⁰x_n = x_n and ∇ʲ⁺¹x_n = ∇ʲx_n − ∇ʲx_{n−1}. The polynomial of degree k through x_n, x_{n−1}, …, x_{n−k} is
 
     P(t_n + s H) = Σⱼ ∇ʲx_n s (s + 1) ⋯ (s + j − 1)/j!,    j = 0 … k,
 
 with H the distance of the points. The formulas of Klopfenstein and Shampine set its derivative at the end of a step,
-corrected by a multiple of what the prediction lacks, equal to the slope there:
+corrected by a multiple of the prediction error, equal to the slope there:
 
     Σⱼ ∇ʲx_{n+1}/j − κ γ_k (x_{n+1} − P(t_{n+1})) = h f(t_{n+1}, x_{n+1}),    j = 1 … k,
 
@@ -27,7 +27,7 @@ from .differences import products
 
 HIGHEST = 5
 Kappa = Literal["ndf", "bdf"]
-# Beside the order 0. That of order 5 is zero: the region of stability would become too small.
+# From order 0. That of order 5 is zero, because the stability region would become too small.
 KAPPAS: dict[str, np.ndarray] = {
     "ndf": np.array([0.0, -0.1850, -1 / 9, -0.0823, -0.0415, 0.0]),
     "bdf": np.zeros(HIGHEST + 1),
@@ -46,7 +46,7 @@ def error_constants(kappa: Kappa) -> np.ndarray:
 
 
 def up_to(order: Int[Array, ""], rows: int) -> Array:
-    """Which of so many differences, as a column, are of the polynomial of that degree."""
+    """Which of so many differences, as a column, belong to the polynomial of that degree."""
     return (jnp.arange(rows) <= order)[:, None]
 
 
@@ -80,7 +80,7 @@ def stretched(differences: Float[Array, "rows n"], by: Float[Array, ""]) -> Floa
 def advanced(
     differences: Float[Array, "rows n"], change: Float[Array, " n"], order: Int[Array, ""]
 ) -> Float[Array, "rows n"]:
-    """The differences at the end of a step, which ends by ``change`` beside where they predict it.
+    """The differences at the end of a step, where the state differs by ``change`` from their prediction.
 
     They are zero above the order of the step. ``change`` is the difference of the order after that.
     """

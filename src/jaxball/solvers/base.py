@@ -1,4 +1,4 @@
-"""What all solvers of this package have in common."""
+"""Common to all solvers of this package."""
 
 from typing import ClassVar
 
@@ -17,7 +17,7 @@ class AbstractStageSolver(diffrax.AbstractImplicitSolver, diffrax.AbstractAdapti
 
     @property
     def root_find_max_steps(self) -> int:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Iterations after which a step is given up."""
+        """The most iterations before a step is given up."""
         return self.root_finder.max_steps
 
     def func(self, terms, t0, y0, args):

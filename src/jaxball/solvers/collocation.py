@@ -21,7 +21,7 @@ from .tableau import Tableau
 
 
 class CollocationState(NamedTuple):
-    """What one step leaves to the next: its polynomial, the slope at its end, and what its iteration leaves.
+    """The state passed from one step to the next: its polynomial, the slope at its end, and its iteration's state.
 
     ``fault`` says what is wrong with a problem M ẋ = g.
     """
@@ -63,7 +63,7 @@ class AbstractCollocation(AbstractStageSolver):
             problem.refuse_mass(self)
         if mass is not None:
             x0, fault = start_of_step(problem, mass, t0, self.root_finder, fault, made_jump)
-        # Rounding must not lead past the end, where a kink may be.
+        # Rounding must not lead past the end, which may be a kink.
         times = jnp.minimum(t0 + (t1 - t0) * jnp.asarray(tableau.c, jnp.result_type(t0)), t1)
         f0 = None
         if tableau.c[-1] == 1:
@@ -84,10 +84,10 @@ class AbstractCollocation(AbstractStageSolver):
 
 
 def _predicted(tableau: Tableau, state: CollocationState, control: Float[Array, ""]) -> Float[Array, "s n"]:
-    """The slopes at the nodes, if the polynomial of the last step went on.
+    """The slopes at the nodes, by extrapolating the polynomial of the last step.
 
-    Beyond its step P̃ₖ grows, the faster the higher k, so that the last coefficients may say nothing: terms
-    are taken as long as they become smaller.
+    Beyond its step P̃ₖ grows, the faster the higher k, so the last coefficients may be meaningless: terms are used as
+    long as they decrease.
     """
     coefficients, s = state.coefficients, len(tableau.c)
     dtype, ratio = coefficients.dtype, control / state.control

@@ -16,13 +16,13 @@ from .newton import value_and_jacobian
 from .outcome import INCONSISTENT, NO_FAULT, NOT_INDEX_ONE, UNKNOWN
 from .stages import AbstractStageIteration
 
-# Where rounding, magnified by the condition number, is above this, the algebraic variables count as undetermined.
+# If rounding, magnified by the condition number, exceeds this, the algebraic variables count as undetermined.
 WORST_CONDITION = 1e-3
 MAX_STEPS = 20
 
 
 class InitialValues(eqx.Module):
-    """What :func:`consistent_initial_values` found.
+    """The result of :func:`consistent_initial_values`.
 
     **Arguments:**
 
@@ -63,14 +63,14 @@ def consistent_initial_values(
 ) -> InitialValues:
     """Changes the algebraic variables of ``y0`` until the equations without a derivative hold.
 
-    M y₀ stays what it is, so that a diagonal M means that the other variables do.
+    M y₀ does not change, so with a diagonal M the other variables do not change.
 
     **Arguments:**
 
     - ``term``, ``t0``, ``y0``, ``args``: as for ``diffrax.diffeqsolve``.
-    - ``throw``: whether to raise where none are found.
+    - ``throw``: whether to raise if none are found.
 
-    **Raises:** ``ValueError`` if asked to.
+    **Raises:** ``ValueError`` with ``throw``.
 
     **Example:**
 
@@ -109,7 +109,7 @@ class Solved(NamedTuple):
 def solve_algebraic(g: Callable, mass: Mass, x0: Float[Array, " n"], needed: Bool[Array, ""] | bool = True) -> Solved:
     """Solves the equations without a derivative for the algebraic variables, where it is ``needed``.
 
-    One loop holds all of it: a Jacobian more in a program costs more to compile than the rest.
+    It is all in one loop: another Jacobian in a program costs more to compile than the rest.
     """
     eps = jnp.finfo(x0.dtype).eps
 
@@ -129,9 +129,9 @@ def solve_algebraic(g: Callable, mass: Mass, x0: Float[Array, " n"], needed: Boo
 def _correction(g: Callable, mass: Mass, x: Float[Array, " n"]) -> tuple[Float[Array, " n"], Bool[Array, ""]]:
     """One step of Newton's iteration for the equations without a derivative, and whether it is determined.
 
-    M + R (∂g/∂x) V, with the projections R on these equations and V on the algebraic variables, takes
-    apart into M between the differential parts and the Jacobian between the algebraic ones, which is
-    regular if and only if the index is 1.
+    M + R (∂g/∂x) V, with the projections R on these equations and V on the algebraic variables, separates into M
+    between the differential parts and the Jacobian between the algebraic ones, which is regular if and only if the
+    index is 1.
     """
     value, J = value_and_jacobian(g, x)
     matrix = mass.matrix + product(product(mass.residuals, J), mass.variables)
@@ -139,7 +139,7 @@ def _correction(g: Callable, mass: Mass, x: Float[Array, " n"]) -> tuple[Float[A
     scale = jnp.where(scale == 0, 1.0, scale)
     inverse = inverses((matrix / scale)[None])[0]
     condition = jnp.max(jnp.sum(jnp.abs(inverse), axis=1)) * jnp.max(jnp.sum(jnp.abs(matrix / scale), axis=1))
-    # What is not a number determines nothing, and is another fault.
+    # NaN determines nothing, and is another fault.
     index_one = (condition * jnp.finfo(x.dtype).eps < WORST_CONDITION) | ~jnp.all(jnp.isfinite(J))
     change = -product(inverse, product(mass.residuals, value[:, None]) / scale)[:, 0]
     return jnp.where(index_one, change, 0.0), index_one
@@ -161,7 +161,7 @@ def start_of_step(
     first = fault == UNKNOWN
     solved = solve_algebraic(lambda x: problem.field(t0, x), mass, problem.x0, first | made_jump)
     scaled = solved.lacking / (measure.atol + measure.rtol * jnp.abs(problem.x0))
-    # Where g is not a number, the step itself says so.
+    # If g is not a number, the step itself reports it.
     at_start = jnp.where(measure.norm(problem.unravel(scaled)) > 1, INCONSISTENT, NO_FAULT)
     at_start = jnp.where(solved.index_one, at_start, NOT_INDEX_ONE)
     change = jnp.where(solved.converged, solved.x - problem.x0, 0.0)

@@ -20,7 +20,7 @@ from .tableau import Tableau
 
 
 class StepBefore(NamedTuple):
-    """What the step before leaves: its length, f at its start and end, and whether there was one."""
+    """The state after the last step: its length, f at its start and end, and whether there was one."""
 
     length: Float[Array, ""]
     f_start: Float[Array, " n"]
@@ -63,7 +63,7 @@ class AbstractDiagonallyImplicit(AbstractStageSolver):
         problem.refuse_mass(self)
         x0, unravel, h = problem.x0, problem.unravel, problem.control.astype(problem.x0.dtype)
         before = solver_state._replace(known=solver_state.known & ~jnp.asarray(made_jump))
-        # The last stage of the step before satisfies its equation. Evaluated anew in a stiff problem, f would multiply
+        # The last stage of the step before satisfies its equation. Re-evaluated in a stiff problem, f would multiply
         # the error of that stage by the large eigenvalues (Hosea & Shampine 1996, section 4).
         k0 = jax.lax.cond(before.known, lambda: h * before.f_end, lambda: problem.slope(t0, x0))
         times = jnp.stack([*(t0 + float(c) * (t1 - t0) for c in self.tableau.c[:-1]), t1])
@@ -82,7 +82,7 @@ class AbstractDiagonallyImplicit(AbstractStageSolver):
 def diagonally_implicit(c: list[float], A: list[list[float]]) -> Tableau:
     """The tableau of the implicit stages; their ``A`` is lower triangular with one number on the diagonal.
 
-    A⁻¹ then has one eigenvalue and no basis of eigenvectors. Stages serve in the place of modes: on a
+    A⁻¹ then has one eigenvalue and no basis of eigenvectors. Stages serve in place of modes: on a
     linear problem, the iteration is exact after as many passes as there are stages.
     """
     matrix = np.asarray(A)

@@ -6,7 +6,7 @@ Slopes f_n, f_{n−1}, … at the points t_n, t_{n−1}, … have the difference
 
 with δʲ the divided difference of order j, so that Φ_0 is f_n, and for equal steps Φ_j is the backward difference ∇ʲf_n.
 At t_{n+1} they are Φ_0 = f_{n+1} and Φ_{j+1}(n+1) = Φ_j(n+1) − β_j Φ_j(n): this is how they are advanced, and how a
-polynomial is extrapolated, of which Σ β_j Φ_j(n) is the value there.
+polynomial is extrapolated, whose value there is Σ β_j Φ_j(n).
 
 Krogh, *Changing stepsize in the integration of differential equations using modified divided differences*, Lecture
 Notes in Mathematics 362 (1974) 22–71; Hairer, Nørsett & Wanner, *Solving Ordinary Differential Equations I* (1993),
@@ -36,7 +36,7 @@ class Points(NamedTuple):
     def evenness(self) -> Float[Array, " rows"]:
         """j! hʲ over the product of t − t_{n−i} over i < j: 1 if all steps had the length h.
 
-        It takes a difference to what it would be then, as far as one can know.
+        It estimates what a difference would be with equal steps.
         """
         return products(jnp.arange(1, self.past.size, dtype=self.h.dtype) * self.h / (self.h + self.past[:-1]))
 
@@ -58,7 +58,7 @@ class Points(NamedTuple):
 
 
 def sums(rows: Float[Array, "rows n"]) -> Float[Array, "rows n"]:
-    """The sums of all rows before each. As sums of many: steps of a loop, or a library's, would cost more."""
+    """The sums of all rows before each. As plain sums: a loop or a library call would cost more."""
     return jnp.sum(jnp.where(_before(len(rows), len(rows))[:, :, None], rows[None], 0.0), axis=1)
 
 
@@ -74,7 +74,7 @@ def _before(rows: int, count: int) -> np.ndarray:
 
 
 def error_constants(rows: int) -> np.ndarray:
-    """|γ*_j|: of the integral over a step, what the formula with j points lacks for equal steps, in units of h ∇ʲf.
+    """|γ*_j|: the error of the integral over a step by the formula with j points for equal steps, in units of h ∇ʲf.
 
     They are the coefficients of the Adams–Moulton formulas: Hairer, Nørsett & Wanner I, eqs. (III.1.11) and (III.1.12).
     """

@@ -12,7 +12,7 @@ from .stages import StageEquations, Stages, combine
 
 
 class AbstractErrorEstimate(eqx.Module):
-    """How the error of a step is estimated."""
+    """An estimate of the error of a step."""
 
     @abc.abstractmethod
     def order(self, stages: int) -> int:
@@ -44,10 +44,10 @@ class EmbeddedError(AbstractErrorEstimate):
 
 
 class TailError(AbstractErrorEstimate):
-    """For smooth problems, where the solution is wanted between the steps as well.
+    """For smooth problems, where the solution is needed between the steps as well.
 
-    The last Legendre coefficients of the slopes say what the next ones would be, and those are what the
-    collocation polynomial lacks, so its error is controlled over the whole step.
+    The last Legendre coefficients of the slopes predict the next ones, which the collocation polynomial lacks, so its
+    error is controlled over the whole step.
     """
 
     def order(self, stages: int) -> int:
@@ -58,12 +58,12 @@ class TailError(AbstractErrorEstimate):
 
 
 class StepError(AbstractErrorEstimate):
-    """For smooth problems, where the solution is wanted at the ends of steps alone.
+    """For smooth problems, where the solution is needed only at the ends of steps.
 
-    There a collocation method has about twice the order it has between (superconvergence): its error is a
-    product of what the polynomial lacks with what the problem's sensitivity lacks, two tails of the same
-    decay, and is estimated as the tail squared over the leading coefficient. Steps become about twice as
-    long as with :class:`TailError`; the dense output then only has about half the digits asked for.
+    There a collocation method has about twice the order that it has between (superconvergence): its error is the
+    product of two truncated tails of the same decay, that of the polynomial and that of the problem's sensitivity, and
+    is estimated as the tail squared over the leading coefficient. Steps become about twice as long as with
+    :class:`TailError`; the dense output then has only about half the requested digits.
     """
 
     def order(self, stages: int) -> int:
@@ -83,7 +83,7 @@ def _tail(coefficients: Float[Array, "s n"]) -> Float[Array, " n"]:
 def smoothed(equations: StageEquations, stages: Stages, error: Float[Array, " n"]) -> Float[Array, " n"]:
     """``error`` with its stiff components damped, γ (γM − h∂g/∂x)⁻¹ times it, where the iteration has the matrix.
 
-    The result is not to be differentiated: it serves to choose steps.
+    The result must not be differentiated: it is only for choosing steps.
     """
     if stages.smooth is not None:
         error = float(equations.tableau.eigenvalues[0].real) * jnp.sum(stages.smooth * error[None], axis=1)

@@ -17,13 +17,13 @@ LONGEST_SERIES = 100
 class FixedPoint(AbstractStageIteration):
     """For problems that are not stiff: K ← h f(tᵢ, x₀ + A K), all stages at once.
 
-    It converges where h‖∂f/∂x‖ ‖A‖ < 1, and the faster the more stages there are, because A integrates.
+    It converges if h‖∂f/∂x‖ ‖A‖ < 1, the faster the more stages there are, because A integrates.
 
     **Arguments:**
 
-    - ``kappa``: the iteration ends when the error that remains is this fraction of the tolerance.
-    - ``max_steps``: iterations after which the step is given up, to be tried again half as long.
-    - ``rtol``, ``atol``, ``norm``: those of the step-size controller unless given.
+    - ``kappa``: the iteration ends when the remaining error is this fraction of the tolerance.
+    - ``max_steps``: the most iterations before the step is retried with half the length.
+    - ``rtol``, ``atol``, ``norm``: by default those of the step-size controller.
 
     **Raises:** ``TypeError`` for a problem with a mass matrix.
     """

@@ -52,7 +52,7 @@ class FlatProblem(NamedTuple):
         )
 
     def refuse_mass(self, solver: diffrax.AbstractSolver) -> None:
-        """Raises ``TypeError`` if there is a mass matrix, which ``solver`` does not know."""
+        """Raises ``TypeError`` if there is a mass matrix, which ``solver`` does not support."""
         if self.mass is not None:
             raise TypeError(
                 "Argument `solver` must be a RadauIIA or an NDF for a term with a mass matrix, M ẋ = g(t, x), "
@@ -85,7 +85,7 @@ def flat_problem(
     if mass_problem is None:
         field, mass = terms.vf, None
     else:
-        # diffrax runs time backwards by a change of its sign.
+        # diffrax runs time backwards by changing its sign.
         direction = getattr(terms, "direction", 1)
         g, mass = mass_problem.at_step(t0 * direction, y0, args)
         field = functools.partial(_reflected, g, direction)
@@ -93,7 +93,7 @@ def flat_problem(
     def flat(t, x):
         return ravel_pytree(field(t, unravel(x), args))[0].astype(x.dtype)
 
-    # Traced once here, and not once more by all that use it.
+    # Traced once here, rather than by each user.
     flat = eqx.filter_closure_convert(flat, t0, x0)
     return FlatProblem(flat, Slope(flat, control), x0, unravel, control, mass)
 

@@ -17,26 +17,25 @@ MOST_STAGES_NEWTON = 12
 class Gauss(AbstractCollocation):
     """Gauss collocation with s stages: order 2s, the highest that s stages can have.
 
-    A-stable and symmetric. It keeps every quadratic invariant, the norm |q| of a versor among them, as
-    closely as the iteration is solved, and nearly keeps energy; it does not damp stiff components (R(∞) = ±1).
-    With fixed-point iteration and 6 to 12 stages, the method for smooth, non-stiff problems at tight
+    A-stable and symmetric. It preserves every quadratic invariant, including the norm |q| of a versor, as accurately as
+    the iteration is solved, and nearly preserves energy; it does not damp stiff components (R(∞) = ±1). With
+    fixed-point iteration and 6 to 12 stages, it is the method of choice for smooth, non-stiff problems at tight
     tolerances, down to rounding.
 
-    The vector field must be smooth within each step: give its kinks to :class:`StepToKinks`. A jump after the
-    last node of a step is in no stage and in no estimate, and the result is wrong without a word.
+    The vector field must be smooth within each step: give its kinks to :class:`StepToKinks`. A jump after the last node
+    of a step is seen by no stage and no estimate, and the result is silently wrong.
 
     **Arguments:**
 
     - ``stages``: from 2 to 20; 8 suits tolerances from 1e-6 to 1e-13.
-    - ``root_finder``: :class:`FixedPoint`, or :class:`SimplifiedNewton` (up to 12 stages) where the problem
-      is stiff.
-    - ``error``: :class:`TailError`, :class:`StepError` where the solution is wanted at the ends of steps
-      alone, or :class:`EmbeddedError` (odd numbers of stages).
+    - ``root_finder``: :class:`FixedPoint`, or :class:`SimplifiedNewton` (up to 12 stages) if the problem is stiff.
+    - ``error``: :class:`TailError`, :class:`StepError` if the solution is needed only at the ends of steps, or
+      :class:`EmbeddedError` (odd numbers of stages).
 
     Source: Hairer, Lubich & Wanner, *Geometric Numerical Integration* (2006), sections II.1.3, IV.2.1 and
     VIII.6; Antoñana, Makazaga & Murua, *Numer. Algorithms* 76 (2017) 861–880, on its fixed-point iteration.
 
-    **Raises:** ``ValueError`` for a number of stages that does not go with the other arguments.
+    **Raises:** ``ValueError`` for a number of stages that does not fit the other arguments.
 
     **Example:**
 

@@ -72,7 +72,7 @@ class AdamsPolynomial(diffrax.AbstractLocalInterpolation):
 class BackwardPolynomial(diffrax.AbstractLocalInterpolation):
     """u(t0 + θh) = y₁ + Σⱼ (θ − 1) θ ⋯ (θ + j − 2)/j! termⱼ, the polynomial with the backward differences ``terms``.
 
-    It is taken from y₀ = y₁ − term₁ on, for the sake of rounding.
+    It is evaluated from y₀ = y₁ − term₁, to reduce rounding.
     """
 
     t0: Float[Array, ""]  # pyright: ignore[reportIncompatibleVariableOverride]

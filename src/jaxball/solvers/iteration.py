@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-# A rate that was seen on the last step is trusted down to here on this one.
+# The rate of the last step is trusted on this one down to here.
 LEAST_GUESS = 1e-2
 
 
 class Iterate(NamedTuple):
-    """Where an iteration stands."""
+    """The state of an iteration."""
 
     x: PyTree[Array]
     change: Float[Array, ""]  # the norm of the last change, in units of the tolerance
@@ -31,12 +31,12 @@ def iterate(
     floor: Float[Array, ""],
     max_steps: int,
 ) -> Iterate:
-    """Repeats ``update``, which gives the next iterate and the norm of its change.
+    """Repeats ``update``, which returns the next iterate and the norm of its change.
 
-    Hairer & Wanner (1996), section IV.8: with the rate Θ = |Δₖ|/|Δₖ₋₁| the error that remains is about
-    Θ/(1 − Θ) |Δₖ|; the iteration ends when that is below ``limit`` or the change is below ``floor``, the
-    level of rounding, and it is given up when the rate does not let it get there in ``max_steps``. Before
-    there are two changes, ``rate`` stands for the rate. A change that is not a number is hopeless at once.
+    Hairer & Wanner (1996), section IV.8: with the rate Θ = |Δₖ|/|Δₖ₋₁| the remaining error is about Θ/(1 − Θ) |Δₖ|; the
+    iteration ends when that is below ``limit`` or the change is below ``floor``, the level of rounding, and it is given
+    up when the rate is too slow to get there in ``max_steps``. Before there are two changes, ``rate`` is used as the
+    rate. A change of NaN ends it at once.
     """
 
     guessed = jnp.maximum(rate**0.8, LEAST_GUESS)

@@ -15,17 +15,16 @@ CLOSE = 100  # roundings within which a kink and the end of a run are the same t
 class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
     """Ends a step just before each kink and begins the next just after it, so that no step crosses one.
 
-    What ``diffrax.ClipStepSizeController(controller, jump_ts=kinks)`` does, for the few kinks of a
-    driven ball: they are neither sorted nor searched, which took longer than a quarter of a solve, and the step
-    after a kink is as long as the one that the kink cut short would have been.
+    Like ``diffrax.ClipStepSizeController(controller, jump_ts=kinks)``, for the few kinks of a driven ball: they are
+    neither sorted nor searched, which took more than a quarter of a solve, and the step after a kink is as long as the
+    step that the kink cut short would have been.
 
     **Arguments:**
 
-    - ``controller``: the step-size controller that chooses the steps between.
+    - ``controller``: the step-size controller that chooses the steps in between.
     - ``kinks``: times, in any order, inside the run or outside.
 
-    Derivatives with respect to the times of kinks are right if each jump of the vector field belongs to
-    one kink.
+    Derivatives with respect to the times of kinks are right if each jump of the vector field belongs to a single kink.
     """
 
     controller: diffrax.AbstractAdaptiveStepSizeController
@@ -67,8 +66,8 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
         keep, next_t0, next_t1, made_jump, state, result = self.controller.adapt_step_size(
             t0, t1, y0, y1_candidate, args, y_error, error_order, state
         )
-        # What moves is where a step begins, and kinks. A length that moved with the first step after a kink would do so
-        # more and more, as the steps grow.
+        # Only the start of a step and kinks carry derivatives. A step length with a derivative would amplify it after a
+        # kink, as the steps grow.
         length, wanted = jax.lax.stop_gradient((next_t1 - next_t0, wanted))
         # A step that was cut short says nothing about longer ones.
         length = jnp.where(keep & (t1 - t0 < 0.99 * wanted), jnp.maximum(length, wanted), length)
@@ -94,9 +93,9 @@ def before_kink(kinks: Float[Array, " kinks"], t0: Float[Array, ""], t1: Float[A
 
 
 def seen_from_before(kinks: Float[Array, " kinks"], end: Float[Array, ""]) -> Float[Array, ""]:
-    """The time at which to look at the end of a run: just before a kink that is there, else ``end`` itself.
+    """The time at which to evaluate the end of a run: just before a kink there, otherwise ``end`` itself.
 
-    What jumps there has the value of the later side at the kink, which is no part of the run.
+    A quantity that jumps there has, at the kink, the value of the later side, which is not part of the run.
     """
     kinks, near = kinks.astype(end.dtype), CLOSE * jnp.finfo(end.dtype).eps * jnp.abs(end)
     here = (kinks <= end) & (end - kinks <= near)
@@ -115,7 +114,7 @@ def _after(t: Float[Array, "..."]) -> Float[Array, "..."]:
 
 
 def _neighbour(t: Float[Array, "..."], direction: float) -> Float[Array, "..."]:
-    """The neighbours of 0 are so small that XLA takes them for 0; those that it does not are taken instead."""
+    """XLA treats the neighbours of 0 as 0, so the smallest numbers that it distinguishes from 0 are used instead."""
     fixed = jax.lax.stop_gradient(t)
     distance = jnp.abs(jnp.nextafter(fixed, jnp.full_like(fixed, direction * jnp.inf)) - fixed)
     return t + direction * jnp.maximum(distance, jnp.finfo(fixed.dtype).tiny)

@@ -1,4 +1,4 @@
-"""Mass matrices, constant over a step and possibly singular, and the problems M ẋ = g(t, x) that have one."""
+"""Mass matrices, constant over a step and possibly singular, and the problems M ẋ = g(t, x) with one."""
 
 import abc
 from collections.abc import Callable
@@ -21,7 +21,7 @@ VectorField = Callable[[Any, Any, Any], Any]
 class Mass(eqx.Module):
     """A mass matrix over the flattened state, and where it is singular.
 
-    ``residuals`` projects on the equations that hold no derivative, the null space of Mᵀ, and
+    ``residuals`` projects on the equations without a derivative, the null space of Mᵀ, and
     ``variables`` on the algebraic variables, the null space of M.
     """
 
@@ -44,9 +44,9 @@ class Mass(eqx.Module):
 
 
 class AbstractMassTerm(diffrax.AbstractTerm):
-    """M ẋ = g(t, x), for the solvers of this package that know a mass matrix: ``RadauIIA`` and ``NDF``.
+    """M ẋ = g(t, x), for the solvers of this package that support a mass matrix: ``RadauIIA`` and ``NDF``.
 
-    Another solver would integrate ẋ = g without a word, so ``prod``, which it calls, refuses.
+    Another solver would silently integrate ẋ = g, so ``prod``, which it calls, refuses.
     """
 
     @abc.abstractmethod
@@ -62,8 +62,8 @@ class AbstractMassTerm(diffrax.AbstractTerm):
 
     def prod(self, vf, control):
         raise TypeError(
-            "Argument `solver` must know mass matrices where the term is a MassMatrixTerm, M ẋ = g(t, x), but it "
-            "does not; use jaxball.solvers.RadauIIA or NDF, or, where M is regular, an ODETerm for ẋ = M⁻¹ g."
+            "Argument `solver` must support mass matrices if the term is a MassMatrixTerm, M ẋ = g(t, x), but it does "
+            "not; use jaxball.solvers.RadauIIA or NDF, or, where M is regular, an ODETerm for ẋ = M⁻¹ g."
         )
 
 
@@ -79,10 +79,10 @@ class MassMatrixTerm(AbstractMassTerm):
 
     Index 1 means that g, restricted to the equations without a derivative, determines the algebraic
     variables: Hairer & Wanner (1996), section VI.1. Initial values must satisfy these equations;
-    :func:`~jaxball.solvers.consistent_initial_values` finds such ones.
+    :func:`~jaxball.solvers.consistent_initial_values` finds such values.
 
-    **Raises:** ``ValueError`` where a full matrix is not known when the term is made, as under a
-    transformation of JAX: its rank fixes the problem.
+    **Raises:** ``ValueError`` if a full matrix is not known when the term is made, as under a transformation of JAX:
+    its rank determines the problem.
     """
 
     vector_field: VectorField
@@ -100,11 +100,10 @@ class MassMatrixTerm(AbstractMassTerm):
 
 
 class SwitchingMassMatrixTerm(AbstractMassTerm):
-    """M ẋ = g(t, x), written in a way that is chosen anew at the start of each step.
+    """M ẋ = g(t, x), in a form that is chosen at the start of each step.
 
-    For problems that can be written as an index-1 problem in several ways, none of which stays index 1
-    for ever. A versor's |q|² = 1, for one, determines q₀ only where q₀ ≠ 0; but it always determines the
-    largest component.
+    For problems that can be written as an index-1 problem in several ways, none of which always keeps index 1. A
+    versor's |q|² = 1, for example, determines q₀ only where q₀ ≠ 0; but it always determines the largest component.
 
     **Arguments:**
 
@@ -130,9 +129,9 @@ def mass_term(term: diffrax.AbstractTerm) -> AbstractMassTerm | None:
 
 
 def unwrapped(term: diffrax.AbstractTerm) -> diffrax.AbstractTerm:
-    """The term inside of wrappers.
+    """The term inside wrappers.
 
-    diffrax wraps terms to give them a direction of time; other wrappers say that they are ``transparent``.
+    diffrax wraps terms to give them a direction of time; other wrappers declare that they are ``transparent``.
     """
     while hasattr(term, "direction") or getattr(term, "transparent", False):
         term = term.term  # pyright: ignore[reportAttributeAccessIssue]
@@ -163,7 +162,7 @@ def _null_spaces(mass: Any) -> tuple[np.ndarray, np.ndarray]:
     if is_traced(mass):
         raise ValueError(
             "Argument `mass` must be known when the term is made if it is a full matrix, but it is traced by JAX; "
-            "make it of NumPy arrays outside of the transformation, or give a diagonal."
+            "make it of NumPy arrays outside the transformation, or give a diagonal."
         )
     left, sizes, right = np.linalg.svd(np.asarray(mass))
     null = sizes <= len(sizes) * np.finfo(sizes.dtype).eps * max(sizes)

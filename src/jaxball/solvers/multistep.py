@@ -1,4 +1,4 @@
-"""What the multistep methods of this package have in common."""
+"""Common to the multistep methods of this package."""
 
 from typing import Any, ClassVar
 
@@ -15,9 +15,9 @@ from .multistep_controller import AbstractMultistepController, PairedNorm
 class AbstractMultistep(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptiveSolver):
     """A multistep method for diffrax that chooses its order together with its step.
 
-    In diffrax a controller knows of a step only its error, and a solver of the steps to come only their ends. So the
-    solver, to which diffrax gives the tolerances as to the root finder of an implicit one, plans the next step, and
-    hands its plan to the controller, a ``controller_cls``, in the place of a bare error.
+    In diffrax a controller only gets the error of a step, and a solver only gets the ends of the steps to come. So the
+    solver, which diffrax gives the tolerances like the root finder of an implicit one, plans the next step, and passes
+    its plan to the controller, a ``controller_cls``, instead of a bare error.
     """
 
     term_structure: ClassVar = diffrax.AbstractTerm
@@ -36,7 +36,8 @@ class AbstractMultistep(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptive
             name = type(self).__name__
             raise TypeError(
                 f"Argument `stepsize_controller` must be a jaxball.solvers.{needed.__name__}, or a controller around "
-                f"one, where the solver is {name}, which chooses its order together with the step, but it is another."
+                f"one, where the solver is {name}, which chooses its order together with the step, but it is a "
+                "different one."
             )
 
     def sizes(
@@ -44,7 +45,7 @@ class AbstractMultistep(diffrax.AbstractImplicitSolver, diffrax.AbstractAdaptive
     ) -> Float[Array, " rows"]:
         """The norms of errors of a step to x₁, in units of the tolerance.
 
-        They serve to choose steps, and are not to be differentiated.
+        They are only for choosing steps, and must not be differentiated.
         """
         x0, x1, errors = jax.lax.stop_gradient((problem.x0, x1, errors))
         rtol, atol, norm = self.root_finder.rtol, self.root_finder.atol, self.root_finder.norm
@@ -63,5 +64,5 @@ def checked_order(max_order: int, highest: int) -> int:
 
 
 def controller_class(solver: diffrax.AbstractSolver | None) -> type:
-    """The class of the controllers that choose steps for ``solver`` by the tolerances alone."""
+    """The class of the controllers that choose steps for ``solver`` by the tolerances only."""
     return solver.controller_cls if isinstance(solver, AbstractMultistep) else diffrax.PIDController

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, PyTree
 
 
 class PlannedError(eqx.Module):
-    """What a multistep method tells its controller of a step.
+    """What a multistep method passes to its controller about a step.
 
     - ``size``: the norm of its error in units of the tolerance.
     - ``growth``, ``shrink``: the length of the next step over that of this one if it is accepted, and if not.
@@ -26,7 +26,7 @@ class PlannedError(eqx.Module):
 
 
 class PairedNorm(eqx.Module):
-    """A norm that tells the solver, to which diffrax gives it, of which class the step-size controller is."""
+    """A norm that tells the solver, through diffrax, the class of the step-size controller."""
 
     norm: Callable[[PyTree], Float[Array, ""]]
     controller: type = eqx.field(static=True)
@@ -36,10 +36,10 @@ class PairedNorm(eqx.Module):
 
 
 class AbstractMultistepController(diffrax.AbstractAdaptiveStepSizeController):
-    """Takes the steps that a multistep method plans with its order.
+    """Takes the steps that a multistep method plans together with its order.
 
-    A step is kept where its error, in the norm, is at most 1 in units of atol + rtol |x|. A step that another
-    controller around this one has cut short says nothing about longer ones.
+    A step is accepted if its error, in the norm, is at most 1 in units of atol + rtol |x|. A step that an outer
+    controller has cut short says nothing about longer ones.
 
     - ``solver``: the name of the method that it pairs with.
     """
@@ -77,8 +77,8 @@ class AbstractMultistepController(diffrax.AbstractAdaptiveStepSizeController):
         if not (isinstance(y_error, PlannedError) and y_error.controller is type(self)):
             raise TypeError(
                 f"Argument `solver` must be a jaxball.solvers.{self.solver} where the step-size controller is "
-                f"{type(self).__name__}, which takes the steps that this method plans, but it is another; use "
-                "diffrax.PIDController for it, or the controller that its name is in."
+                f"{type(self).__name__}, which takes the steps that this method plans, but it is a different one; use "
+                "diffrax.PIDController for it, or the controller with its name."
             )
         wanted, failed = controller_state
         keep = y_error.size <= 1
@@ -100,14 +100,14 @@ class AbstractMultistepController(diffrax.AbstractAdaptiveStepSizeController):
 class AdamsController(AbstractMultistepController):
     """The step-size controller of :class:`Adams`, which takes the steps that the method plans with its order.
 
-    A step is kept where its error, in the norm, is at most 1 in units of atol + rtol |x|. The next one is twice as
-    long, as long, or shorter, because the method trusts its estimates for higher orders only after several steps of
-    one length. A step that another controller around this one has cut short says nothing about longer ones.
+    A step is accepted if its error, in the norm, is at most 1 in units of atol + rtol |x|. The next one is twice as
+    long, equally long, or shorter, because the method trusts its estimates for higher orders only after several steps
+    of the same length. A step that an outer controller has cut short says nothing about longer ones.
 
     **Arguments:**
 
     - ``rtol``, ``atol``: the relative and the absolute tolerance.
-    - ``norm``: of a state; the root of the mean square if not given.
+    - ``norm``: of a state; by default the root mean square.
     - ``dtmin``: a step shorter than this ends the solve with ``RESULTS.dt_min_reached``.
     - ``dtmax``: the longest step.
 
@@ -139,14 +139,14 @@ class AdamsController(AbstractMultistepController):
 class NDFController(AbstractMultistepController):
     """The step-size controller of :class:`NDF`, which takes the steps that the method plans with its order.
 
-    A step is kept where its error, in the norm, is at most 1 in units of atol + rtol |x|. The length is changed at most
-    once in as many steps as the method has points, because its differences are those of equal steps. A step that
-    another controller around this one has cut short says nothing about longer ones.
+    A step is accepted if its error, in the norm, is at most 1 in units of atol + rtol |x|. The length is changed at
+    most once in as many steps as the method has points, because its differences are those of equal steps. A step that
+    an outer controller has cut short says nothing about longer ones.
 
     **Arguments:**
 
     - ``rtol``, ``atol``: the relative and the absolute tolerance.
-    - ``norm``: of a state; the root of the mean square if not given.
+    - ``norm``: of a state; by default the root mean square.
     - ``dtmin``: a step shorter than this ends the solve with ``RESULTS.dt_min_reached``.
     - ``dtmax``: the longest step.
 

@@ -36,29 +36,29 @@ from .stages import FROM_CONTROLLER, AbstractStageIteration, Memory, Stages
 
 # M (x − P) − (h/α) g(t, x) = −M ψ is the equation of a step of Euler's implicit method, of length h/α.
 EULER = diagonally_implicit([1.0], [[1.0]])
-# A prediction by several points is so near that the iteration may be slower than for other methods, and end earlier.
-# With these numbers a third fewer matrices are made than with the usual ones, and a seventh fewer evaluations, in no
-# more steps of no larger error. A kappa of 0.05 costs some problems more steps.
+# A prediction from several points is so accurate that the iteration may be slower than in other methods, and end
+# earlier. Compared with the usual numbers, these need a third fewer matrices and a seventh fewer evaluations, with no
+# more steps and no larger error. A kappa of 0.05 costs some problems more steps.
 ITERATION = SimplifiedNewton(kappa=0.03, reuse=0.6, slowest=0.3)
 # Two steps are equal if their lengths differ by less than this, relative to them.
 EQUAL = 0.01
-# Lengths of equal steps differ by rounding, and their differences by so little that its square is nothing.
+# Lengths of equal steps differ by rounding, and the square of the effect on their differences is negligible.
 ROUNDING = 1e-8
-# A step that is shorter than this, relative to the distance of the points, leaves none behind.
+# A step shorter than this, relative to the distance of the points, adds none.
 TINY = 0.2
 
 
 class NDFState(NamedTuple):
-    """What the steps so far leave to the next.
+    """The state passed from the steps so far to the next.
 
     - ``differences``: the backward differences of the last states, from order 0 to the highest; above that of the next
       step they are zero.
     - ``beyond``: those of the two orders after that of the next step, by which errors are estimated.
-    - ``length``: the distance of their points, which is that of the last step.
+    - ``length``: the distance of their points, which is the length of the last step.
     - ``order``: of the next step; 0 where nothing is known yet.
-    - ``equal``: how many of the last steps had one length and order.
-    - ``stayed``: whether the last step was so short that it left no point.
-    - ``memory``: what the iteration leaves.
+    - ``equal``: how many of the last steps had the same length and order.
+    - ``stayed``: whether the last step was so short that it added no point.
+    - ``memory``: the state of the iteration.
     - ``fault``: what is wrong with a problem M ẋ = g.
     """
 
@@ -76,21 +76,21 @@ class NDF(AbstractMultistep):
     """The numerical differentiation formulas of Klopfenstein and Shampine, of orders 1 to 5, as in MATLAB's ode15s.
 
     The derivative, at the end of the step, of the polynomial through the last k + 1 states equals the slope there. For
-    stiff problems at moderate accuracy, and M ẋ = g(t, x) of index 1: a step solves one system of n real equations, by
-    matrices that often serve for several steps. Orders 1 and 2 are A-stable, 3 to 5 A(α)-stable: where eigenvalues of
-    the Jacobian lie near the imaginary axis, :class:`RadauIIA` is better.
+    stiff problems at moderate accuracy, and M ẋ = g(t, x) of index 1: a step solves one system of n real equations,
+    with matrices that are often reused for several steps. Orders 1 and 2 are A-stable, 3 to 5 A(α)-stable: if
+    eigenvalues of the Jacobian lie near the imaginary axis, :class:`RadauIIA` is better.
 
-    The order is chosen together with the step, so that the step-size controller must be :class:`NDFController`;
-    ``jaxball.simulate`` takes that by itself. The first step, and the first one after a jump, has order 1.
+    The order is chosen together with the step, so the step-size controller must be :class:`NDFController`, which
+    ``jaxball.simulate`` chooses automatically. The first step, and the first one after a jump, has order 1.
 
     **Arguments:**
 
     - ``max_order``: the largest order, from 1 to 5.
     - ``kappa``: "ndf" for the coefficients of Shampine & Reichelt (1997), whose steps may be up to a quarter longer, or
-      "bdf" for the backward differentiation formulas, which are stable in wider angles at orders 3 and 4.
-    - ``root_finder``: :class:`SimplifiedNewton`, which unless given keeps its matrices longer than in other methods and
-      ends at 0.03 of the tolerance, or :class:`FixedPoint` where the problem is not stiff. Its tolerances are those of
-      the controller.
+      "bdf" for the backward differentiation formulas, which are stable in wider sectors at orders 3 and 4.
+    - ``root_finder``: :class:`SimplifiedNewton`, which by default keeps its matrices longer than in other methods and
+      ends at 0.03 of the tolerance, or :class:`FixedPoint` if the problem is not stiff. Its tolerances are those of the
+      controller.
 
     Source: Shampine & Reichelt, *The MATLAB ODE Suite*, SIAM J. Sci. Comput. 18 (1997) 1–22; Hairer, Nørsett & Wanner,
     *Solving Ordinary Differential Equations I* (1993), section III.5.
@@ -125,7 +125,7 @@ class NDF(AbstractMultistep):
         if any(getattr(root_finder, name) is not FROM_CONTROLLER for name in ("rtol", "atol", "norm")):
             raise ValueError(
                 "Argument `root_finder` must have no tolerances and no norm of its own, because the order is chosen by "
-                "those of the step-size controller, but it has some."
+                "those of the step-size controller, but it has."
             )
         self.max_order, self.kappa = checked_order(max_order, HIGHEST), kappa
         self.root_finder = root_finder  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -175,7 +175,7 @@ class NDF(AbstractMultistep):
     def _solved(
         self, problem: FlatProblem, t1: Float[Array, ""], before: Float[Array, "rows n"], state: NDFState
     ) -> Stages:
-        """The change of the state beside where ``before`` predicts it for the end of the step, as the one stage."""
+        """The correction to the state that ``before`` predicts for the end of the step, as the only stage."""
         alpha = _at(leading(self.kappa), state.order, problem.x0.dtype)
         psi = jnp.sum(jnp.asarray(GAMMA[: len(before)], before.dtype)[:, None] * before, axis=0) / alpha
         mass_psi = (psi if problem.mass is None else problem.mass.times(psi[None])[0])[None]
@@ -198,7 +198,7 @@ class NDF(AbstractMultistep):
         ended: tuple[Float[Array, "rows n"], Float[Array, "3 n"]],
         sizes: Float[Array, "3"],
     ) -> tuple[NDFState, Plan]:
-        """What an attempt leaves to the next step if it is accepted, and what follows it in any case.
+        """The state after an attempt if it is accepted, and the plan for the next in any case.
 
         ``ended`` are the differences at its end, and the last three of them.
         """
@@ -207,7 +207,7 @@ class NDF(AbstractMultistep):
         equal = jnp.where(jnp.abs(ratio - 1) <= EQUAL, state.equal + 1, 1)
         following = plan(jnp.where(stages.converged, sizes, jnp.inf), state.order, equal, self.max_order)
         # After a step much shorter than those before, rounding errors of its differences would grow with the next
-        # steps. The points stay on the polynomial that they had; the next step begins where this one ended.
+        # steps. So the points stay on their old polynomial; the next step begins where this one ended.
         stays = ~state.stayed & (ratio < TINY)
         after, last = jax.lax.cond(stays, lambda: _kept(state, ratio), lambda: (after, last))
         changes = following.order != state.order
@@ -228,7 +228,7 @@ class NDF(AbstractMultistep):
 
 
 def _begun(problem: FlatProblem, t0: Float[Array, ""], state: NDFState, first: Bool[Array, ""]) -> NDFState:
-    """The state with x₀ as its last point, which a projection may have moved; in a first step, with its slope alone."""
+    """The state with x₀ as its last point, which a projection may have moved; in a first step, only with its slope."""
 
     def slope():
         K = problem.slope(t0, problem.x0)
@@ -282,7 +282,7 @@ def _kept(state: NDFState, ratio: Float[Array, ""]) -> tuple[Float[Array, "rows 
 def _of_order(
     order: Int[Array, ""], before: Int[Array, ""], after: Float[Array, "rows n"], last: Float[Array, "3 n"]
 ) -> tuple[Float[Array, "rows n"], Float[Array, "2 n"]]:
-    """What serves a step of another order than the one ``before``, which is one more or one less."""
+    """The state for a step whose order is one more or one less than that of ``before``."""
     rises, rows = order > before, jnp.arange(len(after))[:, None]
     differences = jnp.where(rows == before + 1, last[1][None], after)
     beyond = jnp.where(rises, jnp.stack([last[2], jnp.zeros_like(last[2])]), last[:2])
@@ -290,7 +290,7 @@ def _of_order(
 
 
 def _at(rows, index: Int[Array, ""], dtype: Any) -> Array:
-    """The row of a number, zero where there is none."""
+    """The row with an index, zero if there is none."""
     rows = jnp.asarray(rows, dtype)
     here = (jnp.arange(len(rows)) == index).reshape(-1, *(1,) * (rows.ndim - 1))
     return jnp.sum(jnp.where(here, rows, 0.0), axis=0)

@@ -1,4 +1,4 @@
-"""Simplified Newton iteration for the stages: one Jacobian a step, and small systems in place of a large one."""
+"""Simplified Newton iteration for the stages: one Jacobian per step, and small systems in place of a large one."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -18,22 +18,20 @@ from .tableau import Tableau
 class SimplifiedNewton(AbstractStageIteration):
     """For stiff problems, and for any with a mass matrix.
 
-    With the Jacobian h∂g/∂x of the start of the step in the place of those of the stages, their s·n
-    equations fall apart into the modes of A⁻¹: (λM − h∂g/∂x) ΔW = …, a complex system of n equations
-    for each pair of conjugate eigenvalues λ and one for the real eigenvalue (Hairer & Wanner 1996,
-    section IV.8, eq. (8.5)).
+    With the Jacobian h∂g/∂x at the start of the step in place of those of the stages, their s·n equations decouple into
+    the modes of A⁻¹: (λM − h∂g/∂x) ΔW = …, a complex system of n equations for each pair of conjugate eigenvalues λ and
+    one for the real eigenvalue (Hairer & Wanner 1996, section IV.8, eq. (8.5)).
 
     **Arguments:**
 
-    - ``kappa``: the iteration ends when the error that remains is this fraction of the tolerance.
-    - ``max_steps``: iterations after which the step is given up, to be tried again half as long.
-    - ``rtol``, ``atol``, ``norm``: those of the step-size controller unless given.
-    - ``reuse``: the matrices of the last step serve again while its length over theirs is between this and its
-      inverse, and the iteration converges well with them; 1 makes them anew at every step. Unless given, it is 0.8
-      with the tolerances of a step-size controller, which shortens a step whose iteration fails, and 1 with
-      tolerances of one's own, as steps of constant length need them: there a failure would be the end.
-    - ``slowest``: matrices with which an error became smaller by less than this factor in an iteration are not used
-      again.
+    - ``kappa``: the iteration ends when the remaining error is this fraction of the tolerance.
+    - ``max_steps``: the most iterations before the step is retried with half the length.
+    - ``rtol``, ``atol``, ``norm``: by default those of the step-size controller.
+    - ``reuse``: the matrices of the last step are reused while the step length relative to theirs is between this and
+      its inverse, and the iteration converges well with them; 1 recomputes them at every step. By default it is 0.8
+      with the tolerances of a step-size controller, which shortens a step whose iteration fails, and 1 with explicit
+      tolerances, as needed for steps of constant length, where a failure would end the solve.
+    - ``slowest``: matrices with which an iteration reduced the error by less than this factor are not reused.
     """
 
     kappa: float
@@ -91,7 +89,7 @@ class SimplifiedNewton(AbstractStageIteration):
         return Stages(end.x, K, end.converged, made.singular, memory, smooth, made.f0)
 
     def _matrices(self, equations: StageEquations, memory: Memory) -> "_Matrices":
-        """The matrices of the step before, where these are good enough, or new ones."""
+        """The matrices of the step before, if these are good enough, or new ones."""
         tableau, x0 = equations.tableau, equations.x0
         control, remembered, made_for = equations.control.astype(x0.dtype), memory.inverses, memory.control
         imaginary, eigenvalues = memory.imaginary, tableau.modes.eigenvalues
@@ -121,7 +119,7 @@ class SimplifiedNewton(AbstractStageIteration):
         return jax.lax.cond(near & (memory.rate < self.slowest), keep, renew)
 
     def tangents(self, equations, stages, changes):
-        """One linear system of s·n equations with the Jacobian of each stage its own, solved exactly."""
+        """One linear system of s·n equations with a separate Jacobian for each stage, solved exactly."""
         tableau, (s, n) = equations.tableau, stages.Z.shape
         _, residual = eqx.filter_jvp(lambda e: e.residual(stages.Z), (equations,), (changes,))
         J = jax.vmap(lambda t, x: value_and_jacobian(lambda x: equations.slope(t, x), x)[1])(
@@ -135,9 +133,7 @@ class SimplifiedNewton(AbstractStageIteration):
 
 
 class _Matrices(NamedTuple):
-    """(λM − h∂g/∂x)⁻¹ of the modes by its parts, the step length h for which it was made, h g(t₀, x₀), and whether one
-    is singular.
-    """
+    """The parts of (λM − h∂g/∂x)⁻¹ for the modes, its step length h, h g(t₀, x₀), and whether one is singular."""
 
     inverses: Float[Array, "k n n"]
     imaginary: Float[Array, "k n n"] | None

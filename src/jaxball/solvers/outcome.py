@@ -1,4 +1,4 @@
-"""What a step tells diffrax when something went wrong, and what that means."""
+"""What a step reports to diffrax when something went wrong, and what that means."""
 
 from typing import Any
 
@@ -11,14 +11,14 @@ from .stages import Stages
 # Typed loosely: to a type checker, the items of an enumeration of equinox are not of its type.
 RESULTS: Any = diffrax.RESULTS
 
-# What is wrong with a problem M ẋ = g.
+# The faults of a problem M ẋ = g.
 NO_FAULT, INCONSISTENT, NOT_INDEX_ONE, UNKNOWN = 0, 1, 2, 3
 
 SENTENCES: list[tuple[Any, str]] = [
     (RESULTS.successful, ""),
     (
         RESULTS.nonfinite,
-        "The vector field is not a finite number, however short the step. Look at where the solve ended, with "
+        "The vector field is not a finite number, however short the step. Check where the solve ended, with "
         "SaveAt(t1=True) and throw=False.",
     ),
     (
@@ -40,7 +40,7 @@ SENTENCES: list[tuple[Any, str]] = [
     ),
     (
         RESULTS.max_steps_reached,
-        "The solve has taken all the steps that it may. Give it more max_steps, or a looser tolerance; if most were "
+        "The solve has taken all its steps. Give it more max_steps, or a looser tolerance; if most were "
         "rejected, the problem may be too stiff for the solver, or its vector field may jump.",
     ),
     (
@@ -66,7 +66,7 @@ def explain(result: diffrax.RESULTS) -> str:
 
 
 def at_limit(t0: Float[Array, ""], t1: Float[Array, ""]) -> Bool[Array, ""]:
-    """Whether a step is so short that time hardly moves."""
+    """Whether a step is so short that time hardly advances."""
     info = jnp.finfo(t0.dtype)
     shortest = jnp.maximum(16 * info.eps * jnp.maximum(jnp.abs(t0), jnp.abs(t1)), jnp.sqrt(info.tiny))
     return jnp.abs(t1 - t0) <= shortest
@@ -81,9 +81,9 @@ def outcome(
 ) -> tuple[Float[Array, " n"], diffrax.RESULTS]:
     """The error estimate and the result of a step.
 
-    A step whose stages were given up has an infinite error, so that a step-size controller tries a
-    shorter one. When it is so short that time hardly moves, or where the step is kept all the same, as with
-    a constant step size, the solve ends with a result that says why. A fault of the problem ends it at once.
+    A step whose stages were given up has an infinite error, so that a step-size controller tries a shorter one. When it
+    is so short that time hardly advances, or if the step would be accepted anyway, as with a constant step size, the
+    solve ends with a result that says why. A fault of the problem ends it at once.
     """
     at_end = at_limit(t0, t1) | (fault != NO_FAULT)
     y_error = jnp.where(stages.converged, error, jnp.inf)

@@ -13,15 +13,14 @@ from .wrapping import AbstractWrappingSolver
 class Projected(AbstractWrappingSolver):
     """``solver`` with each step followed by a projection, such as that of a versor to |q| = 1.
 
-    The order is kept if ``project`` moves a state by no more than a multiple of its distance to the
-    constraint, as the nearest point on it does: a step is off by its local error, and the projection
-    moves it by as much again at most (Hairer, Lubich & Wanner 2006, section IV.4). Dense output is
-    projected too.
+    The order is preserved if ``project`` moves a state by no more than a multiple of its distance to the constraint, as
+    the nearest point on it does: a step is off by its local error, and the projection moves it by at most as much again
+    (Hairer, Lubich & Wanner 2006, section IV.4). Dense output is projected too.
 
     **Arguments:**
 
     - ``solver``: any diffrax solver.
-    - ``project``: takes a state to the state on the constraint.
+    - ``project``: maps a state to a state on the constraint.
 
     **Example:**
 
@@ -53,7 +52,7 @@ class Projected(AbstractWrappingSolver):
 
 
 class _ProjectedInterpolation(eqx.Module):
-    """Makes the interpolation of a step, as a class of interpolations does."""
+    """Makes the interpolation of a step, like an interpolation class."""
 
     inner: Callable[..., diffrax.AbstractLocalInterpolation] = eqx.field(static=True)
     project: Callable[[PyTree[Array]], PyTree[Array]]

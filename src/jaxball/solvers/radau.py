@@ -14,15 +14,15 @@ STAGES = (3, 5, 7)
 class RadauIIA(AbstractCollocation):
     """Radau IIA with 3, 5 or 7 stages: orders 5, 9 and 13.
 
-    Collocation at the Radau points, the last of which is the end of the step. A- and L-stable, stiffly
-    accurate, and of full order in the algebraic variables of M ẋ = g(t, x) with index 1. The method of the
-    codes radau5 and radau, of which the paper uses the first.
+    Collocation at the Radau points, the last of which is the end of the step. A- and L-stable, stiffly accurate, and of
+    full order in the algebraic variables of M ẋ = g(t, x) with index 1. The method of the codes radau5 and radau; the
+    paper uses the former.
 
     **Arguments:**
 
     - ``stages``: 3 for accuracies to about 1e-6, 5 to about 1e-9, 7 beyond; at loose tolerances on rough
       solutions, fewer stages.
-    - ``root_finder``: :class:`SimplifiedNewton`, or :class:`FixedPoint` where the problem is not stiff.
+    - ``root_finder``: :class:`SimplifiedNewton`, or :class:`FixedPoint` if the problem is not stiff.
     - ``error``: :class:`EmbeddedError`, or :class:`TailError` and :class:`StepError` for smooth problems.
 
     Source: Hairer & Wanner, *Solving Ordinary Differential Equations II* (1996), sections IV.5 and IV.8;

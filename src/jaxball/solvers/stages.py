@@ -14,15 +14,15 @@ from jaxtyping import Array, Bool, Float, PyTree
 from .mass import Mass
 from .tableau import Tableau
 
-# What stands for "as the step-size controller has it": diffrax puts it there itself in its own solvers.
+# The placeholder for the settings of the step-size controller, as diffrax uses it in its own solvers.
 FROM_CONTROLLER = diffrax.ImplicitEuler().root_finder.rtol  # pyright: ignore[reportAttributeAccessIssue]
 
 
 class StageEquations(eqx.Module):
     """M Zᵢ = Σⱼ aᵢⱼ Kⱼ + known with Kⱼ = h g(tⱼ, x₀ + Zⱼ), for the increments Zᵢ = Xᵢ − x₀ of the s stages.
 
-    ``slope(t, x)`` is h g(t, x) and ``control`` is h. ``known`` is what stages that were solved before
-    contribute; none for collocation methods. ``f0`` is h g(t₀, x₀), where the step before told it.
+    ``slope(t, x)`` is h g(t, x) and ``control`` is h. ``known`` is the contribution of stages solved before; none for
+    collocation methods. ``f0`` is h g(t₀, x₀), if the step before provided it.
     """
 
     tableau: Tableau = eqx.field(static=True)
@@ -45,11 +45,11 @@ class StageEquations(eqx.Module):
         return self.with_known(combine(self.tableau.A, K))
 
     def with_known(self, AK: Float[Array, "s n"]) -> Float[Array, "s n"]:
-        """``AK`` with what is known added."""
+        """``AK`` plus ``known``."""
         return AK if self.known is None else AK + self.known
 
     def without_known(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
-        """``Z`` with what is known taken off."""
+        """``Z`` minus ``known``."""
         return Z if self.known is None else Z - self.known
 
     def mass_times(self, Z: Float[Array, "s n"]) -> Float[Array, "s n"]:
@@ -66,9 +66,9 @@ class StageEquations(eqx.Module):
 
 
 class Memory(eqx.Module):
-    """What the iteration of one step leaves to that of the next.
+    """The state that the iteration of one step passes to the next.
 
-    ``rate``: by which factor the last change was smaller than the one before; 1 if nothing is known.
+    ``rate``: the ratio of the last change to the one before; 1 if nothing is known.
     ``inverses``: of the matrices λM − h∂g/∂x for the k modes, made for the step length ``control``, where there are
     any; ``imaginary``: the imaginary parts, where they have some.
     """
@@ -101,10 +101,9 @@ class Stages(eqx.Module):
 
 
 class AbstractStageIteration(eqx.Module):
-    """How the equations of the stages are solved. It stands where diffrax expects a root finder.
+    """The method for solving the equations of the stages. It takes the place of diffrax's root finder.
 
-    ``rtol``, ``atol`` and ``norm`` are the measure of what is small; diffrax puts those of its step-size
-    controller here.
+    ``rtol``, ``atol`` and ``norm`` define what is small; diffrax puts those of its step-size controller here.
     """
 
     max_steps: eqx.AbstractVar[int]
@@ -124,7 +123,7 @@ class AbstractStageIteration(eqx.Module):
     def tangents(
         self, equations: StageEquations, stages: Stages, changes: StageEquations
     ) -> tuple[Float[Array, "s n"], Float[Array, "s n"]]:
-        """By how much Z and K change, to first order, if the equations do."""
+        """The changes of Z and K, to first order, when the equations change."""
 
     def solve(self, equations: StageEquations, guess: Float[Array, "s n"], memory: Memory) -> Stages:
         """:meth:`iterate`, whose derivatives come from the implicit function theorem."""
@@ -136,7 +135,7 @@ class AbstractStageIteration(eqx.Module):
         return self.norm(jax.vmap(lambda row: equations.unravel(row / tolerance))(change))
 
     def rounding(self, equations: StageEquations) -> Float[Array, ""]:
-        """The norm of changes that rounding can make of, in units of the tolerance."""
+        """The norm of changes by rounding, in units of the tolerance."""
         x0 = equations.x0
         return self.size(equations, 4 * jnp.finfo(x0.dtype).eps * x0[None])
 
@@ -156,5 +155,5 @@ def _solve_jvp(primals, tangents):
 
 
 def combine(matrix: np.ndarray, X: Float[Array, "s n"]) -> Float[Array, "m n"]:
-    """``matrix @ X``, as a sum: within a loop on a CPU, the call of a library costs more than a product this small."""
+    """``matrix @ X``, as a sum: within a loop on a CPU, a library call costs more than a product this small."""
     return jnp.sum(jnp.asarray(matrix, dtype=X.dtype)[:, :, None] * X[None], axis=1)

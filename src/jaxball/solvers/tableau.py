@@ -1,8 +1,8 @@
-"""Collocation on the nodes of Gauss and of Radau: nodes, weights, and the matrices that methods are made of.
+"""Collocation on the nodes of Gauss and of Radau: nodes, weights, and matrices.
 
-Everything is computed from Legendre polynomials, whose integrals are Legendre polynomials again:
-∫₀ˣ P̃ₖ = (P̃ₖ₊₁(x) − P̃ₖ₋₁(x)) / (2 (2k + 1)) for the shifted polynomials P̃ₖ(x) = Pₖ(2x − 1). So no
-coefficient is typed in, and all are good to a few units of the last digit for dozens of stages.
+Everything is computed from Legendre polynomials, whose integrals are Legendre polynomials again: ∫₀ˣ P̃ₖ = (P̃ₖ₊₁(x) −
+P̃ₖ₋₁(x)) / (2 (2k + 1)) for the shifted polynomials P̃ₖ(x) = Pₖ(2x − 1). So no coefficient is typed in, and all are
+accurate to a few units in the last digit for dozens of stages.
 """
 
 import functools
@@ -18,10 +18,10 @@ _REAL = 1e-9  # imaginary parts up to this are rounding
 class Tableau:
     """A collocation method with s stages: Hairer & Wanner (1996), section IV.5.
 
-    ``c`` nodes, ``b`` weights and ``A`` the matrix of Butcher. ``expansion`` takes values at the nodes to
-    the coefficients of their polynomial in P̃ₖ. ``eigenvalues`` are those of A⁻¹ with non-negative
-    imaginary part, the real one first if there is one; ``to_modes`` and ``from_modes`` take stages to
-    the corresponding modes, and the modes to the stages: x = Re(from_modes @ (to_modes @ x)).
+    ``c`` nodes, ``b`` weights and ``A`` the matrix of Butcher. ``expansion`` takes values at the nodes to the
+    coefficients of their polynomial in P̃ₖ. ``eigenvalues`` are those of A⁻¹ with non-negative imaginary part, the real
+    one first if there is one; ``to_modes`` and ``from_modes`` map stages to the corresponding modes, and modes to
+    stages: x = Re(from_modes @ (to_modes @ x)).
     """
 
     c: np.ndarray

@@ -19,7 +19,7 @@ class TRBDF2(AbstractDiagonallyImplicit):
     """TR-BDF2, as in MATLAB's ode23tb: the trapezoidal rule to t₀ + (2 − √2) h, then the BDF formula of order 2.
 
     Order 2, L-stable, stiffly accurate. For stiff problems at low accuracy, with f that is expensive or
-    not smooth. Both stages share one matrix, and an embedded formula of order 3 gives the error (Bank et
+    not smooth. Both stages share one matrix, and an embedded formula of order 3 estimates the error (Bank et
     al. 1985; Hosea & Shampine 1996).
 
     **Arguments:**

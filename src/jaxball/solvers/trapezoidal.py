@@ -12,12 +12,12 @@ from .tableau import Tableau
 class Trapezoidal(AbstractDiagonallyImplicit):
     """The trapezoidal rule, y₁ = y₀ + h/2 (f₀ + f₁), as in MATLAB's ode23t.
 
-    Order 2, A-stable and not L-stable: it damps nothing that the problem does not damp, and stiff
-    components that the steps do not resolve alternate for a long time. For low accuracy.
+    Order 2, A-stable and not L-stable: it adds no damping, and stiff components that the steps do not resolve oscillate
+    for a long time. For low accuracy.
 
-    The error h³y‴/12 is taken from the second divided difference of f over this step and the one before
-    (Shampine, Reichelt & Kierzenka 1999). On a first step and after a jump there is none before, and the
-    distance to Euler's rule stands for it, which is too large and makes the step short.
+    The error h³y‴/12 is taken from the second divided difference of f over this step and the one before (Shampine,
+    Reichelt & Kierzenka 1999). On a first step and after a jump there is none, and the difference to Euler's rule is
+    used instead, which is too large and makes the step short.
 
     **Arguments:**
 

@@ -1,4 +1,4 @@
-"""What solvers that wrap another have in common."""
+"""Common to solvers that wrap another."""
 
 from typing import Any
 
@@ -7,7 +7,7 @@ import equinox as eqx
 
 
 class AbstractWrappingSolver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWrappedSolver):
-    """A solver that does what ``solver`` does, but for what its subclass changes."""
+    """A solver that behaves like ``solver``, except for what its subclass changes."""
 
     solver: eqx.AbstractVar[diffrax.AbstractSolver]  # pyright: ignore[reportIncompatibleVariableOverride]
 
@@ -33,7 +33,7 @@ class AbstractWrappingSolver(diffrax.AbstractAdaptiveSolver, diffrax.AbstractWra
 
     @property
     def scan_kind(self) -> Any:
-        """The kind of loop of an explicit solver, where ``diffrax.ForwardMode`` puts one that has a jvp."""
+        """The kind of loop of an explicit solver, which ``diffrax.ForwardMode`` replaces by one that has a jvp."""
         return self.solver.scan_kind  # pyright: ignore[reportAttributeAccessIssue]
 
     def order(self, terms):

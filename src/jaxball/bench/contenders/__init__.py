@@ -1,4 +1,4 @@
-"""The solvers of the benchmark, one file for each package they come from."""
+"""The solvers of the benchmark, one file for each package."""
 
 from .base import (
     MAX_STEPS as MAX_STEPS,

@@ -1,4 +1,4 @@
-"""What a contender of the benchmark is: a way to solve a problem, found by name and imported when it runs."""
+"""The contract of the benchmark's contenders: ways to solve a problem, found by name and imported when they run."""
 
 import abc
 import importlib
@@ -18,10 +18,10 @@ MAX_STEPS = 200_000
 
 @dataclass(frozen=True)
 class Work:
-    """What a solve counted; None for what a package does not report.
+    """The counts of a solve; None for what a package does not report.
 
     - ``steps``, ``rejected``: accepted steps, and attempts whose error was too large.
-    - ``evaluations``: of the right-hand side, those for Jacobians by differences among them; where a package
+    - ``evaluations``: of the right-hand side, including those for finite-difference Jacobians; where a package
       differentiates exactly, a Jacobian is counted as the package does.
     - ``jacobians``, ``decompositions``: of the iteration of an implicit method.
     """
@@ -42,7 +42,7 @@ NO_WORK = Work(0, 0, 0, 0, 0)
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a solve ended: the state at the end, and a sentence that is empty where the solver reports success."""
+    """How a solve ended: the state at the end, and a sentence that is empty if the solver reports success."""
 
     state: Float[np.ndarray, " n"]
     failure: str
@@ -50,23 +50,23 @@ class Outcome:
 
 
 class Run(abc.ABC):
-    """One problem in one contender at one tolerance."""
+    """One problem with one contender at one tolerance."""
 
     @abc.abstractmethod
     def solve(self) -> Any:
-        """The solve from the initial state to the final one, and nothing else: this is timed."""
+        """The solve from the initial state to the final one only: this is timed."""
 
     @abc.abstractmethod
     def outcome(self) -> Outcome:
-        """How a solve like that ends, and what it takes; not timed."""
+        """The outcome and the work of the same solve; not timed."""
 
 
 @dataclass(frozen=True)
 class Program:
     """One problem, built or compiled for one contender.
 
-    - ``build_time``: what that took in seconds, or would have taken had another contender not done a part of it.
-    - ``run``: from a relative tolerance to the solve with it; what must be built anew for it is built there.
+    - ``build_time``: how long that took, in seconds, or would have taken if another contender had not done part of it.
+    - ``run``: from a relative tolerance to the solve with it; builds whatever depends on the tolerance.
     """
 
     build_time: float
@@ -78,7 +78,7 @@ class Family:
     """The contenders of one package.
 
     - ``module``: the file beside this one that holds ``program(method, problem) -> Program``.
-    - ``packages``: what must be installed beside jaxball.
+    - ``packages``: what must be installed besides jaxball.
     - ``extra``: the extra of jaxball that installs them.
     """
 
@@ -88,7 +88,7 @@ class Family:
     extra: str = "bench"
 
     def missing(self) -> str | None:
-        """Why the family cannot take part here, in a few words; None where it can."""
+        """Why the family cannot take part here, in a few words; None if it can."""
         absent = [package for package in self.packages if importlib.util.find_spec(package) is None]
         return f"{' and '.join(absent)} {'is' if len(absent) == 1 else 'are'} not installed" if absent else None
 
@@ -102,8 +102,8 @@ class Family:
 class Contender:
     """A solver under the name that figures and tables show.
 
-    - ``method``: what the family's module calls it.
-    - ``explicit``: left out of stiff problems, where stability and not accuracy would set its steps.
+    - ``method``: its name in the family's module.
+    - ``explicit``: left out of stiff problems, where stability rather than accuracy would determine its steps.
     - ``odes``, ``daes``: which problems it can solve.
     """
 
@@ -115,7 +115,7 @@ class Contender:
     daes: bool = False
 
     def refusal(self, problem: Problem) -> str | None:
-        """Why the contender does not take part in ``problem``, in a few words; None where it does."""
+        """Why the contender does not take part in ``problem``, in a few words; None if it does."""
         dae = problem.constraint is not None
         if dae and not self.daes:
             return "unable to solve DAEs"

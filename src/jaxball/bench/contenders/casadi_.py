@@ -1,4 +1,4 @@
-"""CasADi with CVODES and IDAS of SUNDIALS, its functions compiled by the C compiler where there is one."""
+"""CasADi with CVODES and IDAS of SUNDIALS, its functions compiled by the C compiler if there is one."""
 
 import functools
 import importlib
@@ -12,7 +12,7 @@ from ..problem import Piece, Problem
 from ..translate import casadi_dae
 from .base import MAX_STEPS, NO_WORK, Outcome, Program, Run, Work
 
-# Without types, because it need not be installed where types are checked.
+# Untyped, because it need not be installed where types are checked.
 casadi: Any = importlib.import_module("casadi")
 
 METHODS: dict[str, tuple[str, dict[str, Any]]] = {
@@ -30,7 +30,7 @@ def program(method: str, problem: Problem) -> Program:
 
 
 class _Leg:
-    """One piece in an integrator of its own; CasADi fixes interval and tolerances when it builds one."""
+    """One piece with its own integrator; CasADi fixes interval and tolerances when it builds one."""
 
     def __init__(self, method: str, problem: Problem, piece: Piece, tolerance: float):
         solver, options = METHODS[method]
@@ -68,7 +68,8 @@ class _Leg:
 
 def _idas_options(problem: Problem, piece: Piece) -> dict[str, Any]:
     """Without the initial rates, IDAS fails to find consistent ones for Robertson's reaction; with the algebraic
-    component in its error test, it takes steps without end there."""
+    component in its error test, it never finishes there.
+    """
     k = piece.algebraic
     options: dict[str, Any] = {} if k is None else {"suppress_algebraic": True}
     if piece is problem.pieces[0]:

@@ -1,4 +1,4 @@
-"""Who takes part. Nothing here imports a contender's package."""
+"""The contenders. Nothing here imports a contender's package."""
 
 from .base import Contender, Family
 
@@ -19,7 +19,7 @@ def _theirs(family: Family, method: str, *, explicit: bool = False, daes: bool =
     return Contender(f"{family.name} {method}", family, method, explicit=explicit, daes=daes)
 
 
-# A fixed-point iteration bounds the step as an explicit method's stability does.
+# A fixed-point iteration limits the step like an explicit method's stability.
 ALL: dict[str, Contender] = {
     contender.name: contender
     for contender in (

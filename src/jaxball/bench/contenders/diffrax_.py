@@ -38,7 +38,7 @@ COUNTABLE = 10_000  # steps; each evaluation calls Python, and more would take m
 
 
 class Ended(NamedTuple):
-    """What a compiled solve returns."""
+    """The results of a compiled solve."""
 
     x: Float[Array, " state"]
     result: diffrax.RESULTS
@@ -65,7 +65,7 @@ def program(method: str, problem: Problem) -> Program:
 
 
 class _Statement(NamedTuple):
-    """A problem as diffrax is given it: a field, the term made of it, where it starts, and the way back."""
+    """A problem for diffrax: a field, its term, the initial state, and the conversion of the final state."""
 
     field: Field
     term: Callable[[Field], diffrax.AbstractTerm]
@@ -152,7 +152,7 @@ class _Run(Run):
         return np.asarray(self._solve(*self._arguments).x)
 
     def outcome(self) -> Outcome:
-        """Evaluations are counted by a program of their own, whose other numbers are not used."""
+        """Evaluations are counted by a separate program, whose other results are not used."""
         ended = self._solve(*self._arguments)
         succeeded = bool(ended.result == diffrax.RESULTS.successful)
         failure = "" if succeeded else _sentence(ended.result)
@@ -168,7 +168,7 @@ class _Run(Run):
 
 
 def _sentence(result: diffrax.RESULTS) -> str:
-    """The first sentence of diffrax's message, to stand behind a "because"."""
+    """The first sentence of diffrax's message, to follow a "because"."""
     first, _, _ = " ".join(diffrax.RESULTS[result].split()).partition(". ")
     return first[:1].lower() + first[1:].rstrip(".")
 

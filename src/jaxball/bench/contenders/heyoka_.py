@@ -1,4 +1,4 @@
-"""heyoka: Taylor series of an order that suits the tolerance, compiled by LLVM."""
+"""heyoka: Taylor series of an order chosen by the tolerance, compiled by LLVM."""
 
 import functools
 import importlib
@@ -10,7 +10,7 @@ from ..problem import Problem
 from ..translate import heyoka_system
 from .base import MAX_STEPS, Outcome, Program, Run, Work
 
-# Without types, because it need not be installed where types are checked.
+# Untyped, because it need not be installed where types are checked.
 heyoka: Any = importlib.import_module("heyoka")
 
 ENDED_AT_THE_TIME = heyoka.taylor_outcome.time_limit
@@ -18,7 +18,7 @@ ENDED_AT_THE_TIME = heyoka.taylor_outcome.time_limit
 
 def program(method: str, problem: Problem) -> Program:
     """The problem in ``Taylor``, the only method of heyoka."""
-    heyoka.llvm_state.set_diskcache_enabled(False)  # so that the build time is one of building
+    heyoka.llvm_state.set_diskcache_enabled(False)  # so that the build time is real
     return Program(0.0, functools.partial(_Run, problem))
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from ..problem import Piece, Problem
 from ..translate import jacobian_source, python_source
 
-# Without types, because it need not be installed where types are checked.
+# Untyped, because it need not be installed where types are checked.
 numba: Any = importlib.import_module("numba")
 
 VECTOR, MATRIX, NUMBER = numba.float64[::1], numba.float64[:, ::1], numba.float64
@@ -21,7 +21,7 @@ VECTOR, MATRIX, NUMBER = numba.float64[::1], numba.float64[:, ::1], numba.float6
 
 @dataclass(frozen=True)
 class Compiled:
-    """A compiled function (t, x, p, out) that fills ``out``, and the seconds that compiling it took."""
+    """A compiled function (t, x, p, out) that fills ``out``, and its compile time in seconds."""
 
     fill: Callable[[float, np.ndarray, np.ndarray, np.ndarray], None]
     seconds: float
@@ -42,7 +42,7 @@ def compiled_jacobian(problem: Problem) -> Compiled:
 
 
 def parameters(piece: Piece) -> np.ndarray:
-    """The parameters of ``piece``; Numba wants an array even where there are none."""
+    """The parameters of ``piece``; Numba needs an array even if there are none."""
     return np.array(piece.parameters, dtype=float)
 
 

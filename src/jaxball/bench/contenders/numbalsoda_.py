@@ -13,7 +13,7 @@ from ..problem import Problem
 from .base import MAX_STEPS, Outcome, Program, Run, Work
 from .numba_ import Compiled, compiled_rates
 
-# Without types, because it need not be installed where types are checked.
+# Untyped, because it need not be installed where types are checked.
 numba: Any = importlib.import_module("numba")
 numbalsoda: Any = importlib.import_module("numbalsoda")
 
@@ -38,7 +38,7 @@ class _Run(Run):
         tolerance: float,
     ):
         ends = np.array([[piece.start, piece.end] for piece in problem.pieces])
-        # What the C function gets beside t and x: its own count, and the parameters.
+        # The other arguments of the C function, besides t and x: its counter, and the parameters.
         data = np.array([(0.0, *piece.parameters) for piece in problem.pieces])
         tolerances = (tolerance, tolerance * problem.atol_over_rtol)
         x = np.array(problem.initial, dtype=float)

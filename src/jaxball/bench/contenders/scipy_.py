@@ -30,7 +30,7 @@ def program(method: str, problem: Problem) -> Program:
 
 @dataclass(frozen=True)
 class _Run(Run):
-    """Steps its solver itself, because ``solve_ivp`` would also keep every state, and counts no steps."""
+    """Steps the solver directly, because ``solve_ivp`` would also keep every state, and does not count steps."""
 
     method: str
     problem: Problem

@@ -93,12 +93,12 @@ def rotation_matrix(q: Sequence[Scalar]) -> tuple[Triple, Triple, Triple]:
 
 
 def form() -> Form:
-    """jaxball's own form, whose θ(t) is exact."""
+    """jaxball's own form, with exact θ(t)."""
     return own_form(paper.ball(), BallState(), whole)
 
 
 def whole(end: BallState) -> Float[np.ndarray, "15"]:
-    """The problem's state of jaxball's state at the end."""
+    """The problem's state from jaxball's state at the end."""
     return np.array([*BALL.exact[:Q], *end.q, *end.Omega, *end.z])
 
 

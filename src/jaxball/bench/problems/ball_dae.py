@@ -1,8 +1,8 @@
 """The paper's ball as a differential-algebraic equation, ``rolling_ball_dae_g``: |q|² = 1 for the rate of a component.
 
 ∂(|q|² − 1)/∂q_k = 2 q_k, so the index is 1 only while q_k is not zero. The paper takes q_0 throughout, and in its own
-run q_0 passes zero at t = 9.2067. ``BALL_DAE`` changes to q_1 in time and back, so that its algebraic component
-stays above 0.48; ``BALL_DAE_PAPER`` does as the paper does.
+run q_0 passes zero at t = 9.2067. ``BALL_DAE`` changes to q_1 in time and back, so that its algebraic component stays
+above 0.48; ``BALL_DAE_PAPER`` follows the paper.
 """
 
 import dataclasses

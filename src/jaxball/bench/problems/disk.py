@@ -41,7 +41,7 @@ def rates(t: Scalar, x: Sequence[Scalar], p: Sequence[Scalar], functions: Functi
 
 
 def form() -> Form:
-    """jaxball's own form, whose θ(t) is exact."""
+    """jaxball's own form, with exact θ(t)."""
     return own_form(paper.disk(), DiskState(), lambda end: np.array([*DISK.exact[: 2 * N], end.phi, end.phidot]))
 
 

@@ -19,10 +19,9 @@ AnyState = TypeVar("AnyState", BallState, DiskState)
 
 
 def own_form(system: System, start: AnyState, whole: Callable[[AnyState], Float[np.ndarray, " state"]]) -> Form:
-    """The equations that :func:`jaxball.simulate` solves: the masses by their moments, θ(t) in closed form, and the
-    locked angular velocity for Ω.
+    """The equations that :func:`jaxball.simulate` solves, with θ(t) in closed form and the locked angular velocity.
 
-    ``whole`` makes a state of the problem from jaxball's state at the end.
+    ``whole`` converts jaxball's state at the end to a state of the problem.
     """
     packing = Packing.of(system.prepare(), start)
 

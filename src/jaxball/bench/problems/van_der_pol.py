@@ -1,8 +1,8 @@
-"""Van der Pol's relaxation oscillation, in its own time and in the time in which a period is of order one.
+"""Van der Pol's relaxation oscillation, in its original time and in a time in which the period is of order one.
 
-Hairer & Wanner, *Solving Ordinary Differential Equations II*, section IV.10, VDPOL. The two are one motion:
+Hairer & Wanner, *Solving Ordinary Differential Equations II*, section IV.10, VDPOL. Both describe the same motion:
 z̈ = μ (1 − z²) ż − z with μ = 1000 becomes ε y₂' = (1 − y₁²) y₂ − y₁ with ε = 1/μ² = 1e-6 in the time t/μ. The rate
-1/ε is often called μ = 1e6. To a solver they differ in how large t and the second component are.
+1/ε is often called μ = 1e6. For a solver they differ in the magnitudes of t and of the second component.
 """
 
 from collections.abc import Sequence

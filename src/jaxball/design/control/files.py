@@ -111,7 +111,7 @@ def _require(requirements: dict[str, Any], path: str, running: type, words: str,
     for name, requirement in requirements.items():
         if not isinstance(requirement, running):
             kinds = ", ".join(kind for kind, item in family.items() if issubclass(item.type, running))
-            raise key_error(path, f"{words} ({kinds}) beside `{TABLE}`", name)
+            raise key_error(path, f"{words} ({kinds}) together with `{TABLE}`", name)
 
 
 def _easy(problem: Rolling, weights: Any) -> Rolling:

@@ -50,12 +50,12 @@ def write_design(solution: Solution, title: str, saves: int, folder: Path) -> Sc
 def _verdict(controlled: Controlled) -> str:
     seen, errors = controlled.seen, controlled.solution.errors
     return (
-        f"{'The motion is a solution' if controlled.good else 'The motion is not a solution'}: the least curvature "
-        f"of the cost is {controlled.curvature:.3g}, positive at a minimum; no interval of {errors.size} has an error "
-        f"above {np.max(errors):.1e}. Simulated again by a solver of another kind, the path is {seen.apart:.1e} r away "
-        f"at most; at the end the speed is {seen.speed:.1e}, the place is missed by {seen.missed:.1e} r, and the "
-        f"centre of mass is {seen.away:.1e} r beside the vertical through the contact point and {seen.below:.4g} r "
-        f"below the geometric centre. {_holding(controlled)}`{SCENARIO}` is the scenario."
+        f"{'The motion is a solution' if controlled.good else 'The motion is not a solution'}: the least curvature of "
+        f"the cost is {controlled.curvature:.3g}, positive at a minimum; the largest error of the {errors.size} "
+        f"intervals is {np.max(errors):.1e}. Simulated again by a solver of another kind, the path differs by at most "
+        f"{seen.apart:.1e} r; at the end the speed is {seen.speed:.1e}, the place is missed by {seen.missed:.1e} r, "
+        f"and the centre of mass is {seen.away:.1e} r off the vertical through the contact point and {seen.below:.4g} "
+        f"r below the geometric centre. {_holding(controlled)}`{SCENARIO}` is the scenario."
     )
 
 

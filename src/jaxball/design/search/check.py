@@ -38,7 +38,7 @@ class GradientCheck(NamedTuple):
 
     @property
     def from_differences(self) -> float:
-        """The least |difference − gradient| over the steps: larger ones have truncation, smaller ones rounding errors."""
+        """The least |difference − gradient| over the steps, between truncation and rounding errors."""
         errors = np.abs(np.asarray(self.differences) - self.gradient)
         return float(np.min(errors[np.isfinite(errors)], initial=np.inf))
 

@@ -1,4 +1,4 @@
-"""The rules, one file for each family of operations. Importing this enters them all."""
+"""The rules, one file for each family of operations. Importing this registers them all."""
 
 from . import control, custom, elementwise, indexing, products, reductions, shapes, sorting
 

@@ -1,4 +1,4 @@
-"""What operations on single complex numbers compute: pairs of floating-point numbers."""
+"""Operations on single complex numbers, as pairs of floating-point numbers."""
 
 from collections.abc import Callable
 

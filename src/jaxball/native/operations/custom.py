@@ -1,4 +1,4 @@
-"""What JAX asks of what is not StableHLO: routines of libraries, and functions of Python."""
+"""Custom calls outside StableHLO: library routines, and Python functions."""
 
 import numpy as np
 

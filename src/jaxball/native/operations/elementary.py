@@ -1,8 +1,8 @@
-"""Elementary functions in double precision, written for a number or for a vector of numbers by the same instructions.
+"""Elementary functions in double precision, written with the same instructions for a number or a vector of numbers.
 
-C's library computes one number after another. These have no tables, and only for sines of huge arguments a branch, so
-that they are as well computed for all lanes of a vector. Each is one function of LLVM's, written when it is first
-called. What a comment calls exact relies on fused multiply-adds, and on no operation being contracted.
+The C library computes one number after another. These functions have no tables, and a branch only for sines of huge
+arguments, so that they work equally for all lanes of a vector. Each is an LLVM function, written when it is first
+called. Where a comment says exact, this relies on fused multiply-adds, and on no operation being contracted.
 
 Sources: W. J. Cody and W. Waite, Software Manual for the Elementary Functions, 1980, for reductions in several parts;
 FDLIBM (Sun Microsystems, 1993) for the coefficients of sin, cos, log and atan; T. J. Dekker, Numer. Math. 18, 1971,

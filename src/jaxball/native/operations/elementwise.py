@@ -1,4 +1,4 @@
-"""Operations that compute each element of their result of the same elements of their operands."""
+"""Operations that compute each element of their result from the same elements of their operands."""
 
 from collections.abc import Callable, Sequence
 

@@ -1,4 +1,4 @@
-"""Operations whose indices are numbers of the program: slices that move, gather and scatter."""
+"""Operations whose indices are numbers of the program: dynamic slices, gather and scatter."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any

@@ -1,4 +1,4 @@
-"""What operations on single numbers compute: floating-point numbers, integers and booleans.
+"""Operations on single numbers: floating-point numbers, integers and booleans.
 
 Each function takes the builder, the type of its operands, and the operands. NaN, infinities and signed zeros mean what
 StableHLO says, which is what XLA computes.
@@ -15,7 +15,7 @@ from . import elementary
 
 
 def intrinsic(name: str) -> Callable[..., Element]:
-    """A function that LLVM knows."""
+    """A function that LLVM supports."""
 
     def compute(builder: Builder, dtype: np.dtype, *operands: Element) -> Element:
         if dtype.kind != "f":

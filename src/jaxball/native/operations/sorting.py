@@ -1,4 +1,4 @@
-"""Sorting: by merging (von Neumann, 1945), which keeps the order of what is equal."""
+"""Sorting: by merging (von Neumann, 1945), which is stable."""
 
 import numpy as np
 

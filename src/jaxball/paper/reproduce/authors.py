@@ -1,4 +1,4 @@
-"""The solvers that the authors name, the counterpart of each here, and what they say of the time each took."""
+"""The solvers that the authors name, the counterpart of each here, and the times that they report."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -9,10 +9,10 @@ from ... import solvers
 
 
 class Counterpart(NamedTuple):
-    """A solver that is the method of one of the authors' solvers, or the nearest to it.
+    """A solver with the same method as one of the authors' solvers, or the closest one.
 
     - ``name``: how it is made.
-    - ``why_nearest``: why no other is nearer, where it is not the same method.
+    - ``why_nearest``: why no other is closer, if it is not the same method.
     """
 
     name: str
@@ -29,7 +29,7 @@ ODE = {
     "ode23tb": Counterpart("TRBDF2()", solvers.TRBDF2()),
     "radau5": Counterpart("RadauIIA()", solvers.RadauIIA()),
 }
-# Section 5 alone, `rolling_ball_dae_g`.
+# Section 5 only, `rolling_ball_dae_g`.
 DAE = {
     "ode15s": ODE["ode15s"],
     "ode23t": Counterpart(
@@ -40,7 +40,7 @@ DAE = {
     "radau5": ODE["radau5"],
 }
 
-# In seconds, to t = 20. All six are there for the ball, and ode45, ode113 and ode23tb solve the ODE alone.
+# In seconds, to t = 20. All six exist for the ball, and ode45, ode113 and ode23tb solve only the ODE.
 TIMES: Mapping[str, Mapping[str, float]] = {
     "disk": {"ode45": 0.23, "ode113": 0.06, "ode15s": 0.30, "ode23t": 5.01, "ode23tb": 7.18, "radau5": 0.27},
     "ball": {"ode45": 0.25, "ode113": 0.10, "ode15s": 0.25, "ode23t": 2.19, "ode23tb": 3.72, "radau5": 0.41},

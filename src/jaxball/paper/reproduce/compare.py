@@ -1,4 +1,4 @@
-"""Every solver that the authors name beside its counterpart here: what sections 4 and 5 say of solvers, measured."""
+"""Measures the counterparts here of all solvers that the authors name in sections 4 and 5."""
 
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,27 +17,26 @@ LEGEND = (
     "Counterpart: the same method in jaxball or diffrax, with the paper's tolerance, "
     f"{paper.DISK_TOLERANCE:.0e} for the disk and {paper.BALL_TOLERANCE:.0e} for the ball.",
     *(f"{NEAREST} The nearest: {nearest.why_nearest}" for nearest in authors.DAE.values() if nearest.why_nearest),
-    "DAE: |q|² = 1 takes the place of one component's equation, the first's in the paper, the largest's here.",
+    "DAE: |q|² = 1 replaces the equation of one component, the first in the paper, the largest here.",
     "Accepted, rejected: steps. Evaluations: of the right-hand side, counted; one for a Jacobian. Error: largest "
-    "component at t = 0, 1, ..., 20 against a reference of 30 digits. Time: median of warm calls. Compile: how much "
-    "longer the first call took; little where the program was kept from an earlier run.",
-    "All these are the counterpart's. The authors published no steps, evaluations or errors, only that all solvers "
+    "component at t = 0, 1, ..., 20 relative to a 30-digit reference. Time: median of warm calls. Compile: how much "
+    "longer the first call took; little if the program was kept from an earlier run.",
+    "All these refer to the counterpart. The authors published no steps, evaluations or errors, only that all solvers "
     "agreed and that ode113 was the fastest. Steps here end at t = 0, 1, ..., 20 and at the kinks of the actuation, "
-    "and the motion of the masses is not integrated with the rest, so the authors' solvers took other steps.",
-    f"Authors' time: from {authors.SOURCE_OF_TIMES}. "
-    "So it cannot be compared with ours as if both were of one machine.",
+    "and the motion of the masses is not integrated with the rest, so the authors' solvers took different steps.",
+    f"Authors' time: from {authors.SOURCE_OF_TIMES}. So it cannot be compared directly with the times here.",
 )
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One of the authors' solvers, and what its counterpart here took.
+    """One of the authors' solvers, and the cost of its counterpart here.
 
-    - ``paper_solver``: as the paper calls it.
+    - ``paper_solver``: its name in the paper.
     - ``form``: "ODE", or "DAE" for the differential-algebraic form.
-    - ``authors_time``: what it took the authors, in seconds, on a machine that is not named; None where they do not
-      say. They give no steps, evaluations or errors.
-    - ``why_nearest``: why no other is nearer, where the counterpart is not the same method; else empty.
+    - ``authors_time``: the authors' time, in seconds, on an unnamed machine; None where they give none. They give no
+      steps, evaluations or errors.
+    - ``why_nearest``: why no other is closer, if the counterpart is not the same method; otherwise empty.
     - ``measurement``: of the counterpart.
     """
 
@@ -49,7 +48,7 @@ class Comparison:
 
     @property
     def counterpart(self) -> str:
-        """The counterpart's name, marked where it is not the same method."""
+        """The counterpart's name, marked if it is not the same method."""
         return self.measurement.solver + (f" {NEAREST}" if self.why_nearest else "")
 
 
@@ -82,8 +81,8 @@ def compare_solvers(
 ) -> list[Comparison]:
     """Measures, for every solver that sections 4 and 5 of the paper name, the same method here.
 
-    Writes ``solvers.md`` and ``solvers.json`` into the folder ``out``, which is created if necessary. The ball is
-    solved in both of the paper's forms. It takes three or four minutes on two cores, most of them compiling.
+    Writes ``solvers.md`` and ``solvers.json`` to the folder ``out``, which is created if necessary. The ball is solved
+    in both of the paper's forms. It takes three or four minutes on two cores, mostly compiling.
 
     **Arguments:**
 
@@ -91,8 +90,8 @@ def compare_solvers(
     - ``systems``: the disk, the ball, or both.
     - ``echo``: called with each part of the report; with a row as soon as it is measured.
 
-    **Raises:** ``ValueError`` for a name that is none of those, :class:`~jaxball.PrecisionError` without
-    float64, and :class:`~jaxball.SolveError` when a solve fails.
+    **Raises:** ``ValueError`` for other names, :class:`~jaxball.PrecisionError` without float64, and
+    :class:`~jaxball.SolveError` when a solve fails.
     """
     check_names("solvers", solvers, authors.ODE)
     check_names("systems", systems, EXPERIMENTS)
@@ -100,7 +99,7 @@ def compare_solvers(
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
 
-    echo(f"Measuring {counted(len(cases), 'row')}, at ten to twenty seconds a row, most of it compiling.\n")
+    echo(f"Measuring {counted(len(cases), 'row')}, ten to twenty seconds each, mostly compiling.\n")
     comparisons = TABLE.printed((_compared(*case) for case in cases), echo)
     conclusion = _conclusion(comparisons)
     TABLE.write(out, comparisons, conclusion, source_of_authors_time=authors.SOURCE_OF_TIMES)
@@ -112,7 +111,7 @@ def compare_solvers(
 
 
 def _cases(solvers: Sequence[str], systems: Sequence[str]) -> Iterator[tuple[Experiment, str, Counterpart]]:
-    """What is measured: each system in each of its forms, by each of the solvers that the authors used for it."""
+    """The cases: each system in each of its forms, with each of the solvers that the authors used for it."""
     for system in systems:
         for experiment, counterparts in _forms(system):
             yield from ((experiment, name, counterparts[name]) for name in solvers if name in counterparts)
@@ -135,7 +134,7 @@ def _compared(experiment: Experiment, name: str, counterpart: Counterpart) -> Co
 
 
 def _conclusion(comparisons: Sequence[Comparison]) -> str:
-    """The largest errors, and where several were measured, which solvers needed the fewest evaluations."""
+    """The largest errors, and if several solvers were measured, which needed the fewest evaluations."""
     of_systems: dict[str, list[Comparison]] = {}
     for comparison in comparisons:
         of_systems.setdefault(comparison.measurement.system, []).append(comparison)

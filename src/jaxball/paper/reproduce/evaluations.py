@@ -1,4 +1,4 @@
-"""Counts how often a solver evaluates the right-hand side, by observing it and not by a formula."""
+"""Counts how often a solver evaluates the right-hand side, by observation rather than by a formula."""
 
 from collections.abc import Callable
 from typing import Any, ClassVar
@@ -31,7 +31,7 @@ class Counter:
 def counting(field: Field, tick: Callable[[], None]) -> Field:
     """``field``, which calls ``tick`` on the host each time it is evaluated.
 
-    Under ``vmap``, as over the stages of a step, it does so for each of them, because it passes t and x on. A Jacobian
+    Under ``vmap``, as over the stages of a step, it counts each of them, because it passes t and x through. A Jacobian
     is one evaluation: one pass through the field with all its tangents.
     """
 
@@ -93,5 +93,5 @@ class CountingSolver(AbstractWrappingSolver):
         with_mass = mass_term(term)
         if with_mass is None:
             return CountingTerm(term, self.tick)
-        # In its place, because solvers ask it for g, and what is around it for the direction of time.
+        # In its place, because solvers get g from it, and the direction of time from its wrappers.
         return eqx.tree_at(unwrapped, term, CountingMassTerm(with_mass, self.tick))

@@ -37,9 +37,9 @@ class Experiment:
 
     - ``name``, ``system``, ``tolerance``, ``reference``: its name, the body, the tolerance of its solves, and the exact
       states.
-    - ``symbols``: the parts of the state that are compared with the reference; angles that are prescribed in closed
-      form are not among them.
-    - ``dae``: whether it is solved in the differential-algebraic form, as of :func:`~jaxball.simulate`.
+    - ``symbols``: the parts of the state that are compared with the reference; without angles that are prescribed in
+      closed form.
+    - ``dae``: whether it is solved in the differential-algebraic form, as in :func:`~jaxball.simulate`.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Experiment:
     dae: bool = False
 
     def solve(self, solver: diffrax.AbstractAdaptiveSolver) -> Trajectory:
-        """The trajectory at the reference's times, each of which the solver steps to.
+        """The trajectory at the reference's times, at each of which a step ends.
 
         **Raises:** :class:`~jaxball.SolveError` when the solve fails.
         """
@@ -147,7 +147,9 @@ def _timed(experiment: Experiment, solver: diffrax.AbstractAdaptiveSolver) -> tu
 
 
 def check_names(argument: str, names: Sequence[str], known: Collection[str]) -> None:
-    """Raises ``ValueError`` where ``names`` are none, or one of them is not ``known``."""
+    """Raises ``ValueError`` if ``names`` is empty, or one of them is not ``known``."""
     unknown = [name for name in names if name not in known]
     if unknown or not names:
-        raise ValueError(f"Argument `{argument}` must hold one or more of {', '.join(known)}, but it is {list(names)}.")
+        raise ValueError(
+            f"Argument `{argument}` must contain one or more of {', '.join(known)}, but it is {list(names)}."
+        )

@@ -1,4 +1,4 @@
-"""The figures of sections 4 and 5, each in a file named by the paper's label of the figure."""
+"""The figures of sections 4 and 5, each in a file named after the paper's label of the figure."""
 
 from pathlib import Path
 

@@ -21,8 +21,8 @@ TABLE: Table[Measurement] = Table(
     ),
     legend=(
         "Accepted, rejected: steps. Evaluations: of the right-hand side, counted; one for a Jacobian.\n"
-        "Error: largest component at t = 0, 1, ..., 20, which are stepped to, and at t = 20 alone,\n"
-        "against a reference of 30 digits. Run: median of warm calls. Compile: how much longer the first call took.",
+        "Error: largest component at t = 0, 1, ..., 20, where steps end, and only at t = 20,\n"
+        "relative to a 30-digit reference. Run: median of warm calls. Compile: how much longer the first call took.",
     ),
 )
 
@@ -37,8 +37,8 @@ def reproduce(
 ) -> list[Measurement]:
     """Reproduces sections 4 and 5: a table of solvers against the reference, and every figure.
 
-    Writes ``table.md``, ``table.json`` and the figures, named by the paper's labels, into the folder ``out``,
-    which is created if necessary. It takes about a minute on two cores, most of it compiling.
+    Writes ``table.md``, ``table.json`` and the figures, named after the paper's labels, to the folder ``out``, which is
+    created if necessary. It takes about a minute on two cores, mostly compiling.
 
     **Arguments:**
 
@@ -47,8 +47,8 @@ def reproduce(
     - ``figures``: whether to draw.
     - ``echo``: called with each part of the report.
 
-    **Raises:** ``ValueError`` for a name that is none of those, :class:`~jaxball.PrecisionError` without
-    float64, and :class:`~jaxball.SolveError` when a solve fails.
+    **Raises:** ``ValueError`` for other names, :class:`~jaxball.PrecisionError` without float64, and
+    :class:`~jaxball.SolveError` when a solve fails.
     """
     check_names("solvers", solvers, SOLVERS)
     check_names("systems", systems, EXPERIMENTS)

@@ -29,7 +29,7 @@ class Column(NamedTuple, Generic[Row]):
         return text.ljust(self.width) if self.left else text.rjust(self.width)
 
     def of(self, part: Callable[[Whole], Row]) -> "Column[Whole]":
-        """The same column for rows of which this one shows a part."""
+        """The same column for rows that contain such a row."""
         return Column(self.heading, lambda whole: self.cell(part(whole)), self.width, self.left)
 
 
@@ -50,7 +50,7 @@ class Table(NamedTuple, Generic[Row]):
         return f"{self.name}.md", f"{self.name}.json"
 
     def printed(self, rows: Iterable[Row], echo: Callable[[str], None]) -> list[Row]:
-        """All ``rows``, each of which is printed as soon as it is there."""
+        """All ``rows``, each printed as soon as it is available."""
         titles = "  ".join(column.aligned(column.heading) for column in self.columns)
         echo(titles + "\n" + "  ".join("-" * column.width for column in self.columns))
         taken = []
@@ -98,7 +98,7 @@ STEPS: tuple[Column[Measurement], ...] = (
 
 
 def agreement(measurements: Sequence[Measurement], solvers: str = "") -> str:
-    """A sentence with the largest error of all ``solvers``, system by system; their names where it is not said."""
+    """A sentence with the largest error of all ``solvers``, system by system; by default their names."""
     systems = dict.fromkeys(m.system for m in measurements)
     parts = [f"{max(m.error for m in measurements if m.system == system):.1e} for the {system}" for system in systems]
     solvers = solvers or ", ".join(dict.fromkeys(m.solver for m in measurements))

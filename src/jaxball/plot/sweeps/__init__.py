@@ -1,1 +1,1 @@
-"""Figures of studies, from the data set that ``xarray.open_zarr`` makes of a store."""
+"""Figures of studies, from the data set that ``xarray.open_zarr`` returns for a store."""

@@ -39,7 +39,7 @@ def study_axes(data: "xarray.Dataset", ax: Axes | None, size: tuple[float, float
 
 
 def heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), most: int = 3) -> None:
-    """Writes above the axes what is fixed and left out, and below it the legend of ``keys``, ``most`` in a row."""
+    """Writes above the axes what is fixed and left out, and below that the legend of ``keys``, ``most`` in a row."""
     title = "\n".join(textwrap.wrap("; ".join(sentences), _LETTERS))
     if not keys:
         ax.set_title(title, fontproperties=SMALL)
@@ -60,7 +60,7 @@ def heading(ax: Axes, sentences: Sequence[str], keys: Sequence[Any] = (), most: 
 
 
 def scale(axis: Axis, logarithmic: bool, values: np.ndarray) -> None:
-    """Gives ``axis`` a logarithmic scale where its positive ``values`` are spaced so."""
+    """Gives ``axis`` a logarithmic scale if its positive ``values`` are spaced logarithmically."""
     values = values[np.isfinite(values)]
     if not logarithmic or not values.size or values.min() <= 0:
         return

@@ -1,4 +1,4 @@
-"""How rows that failed are drawn: each status has its own colour, mark and hatching."""
+"""The style of failed rows: each status has its own colour, mark and hatching."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -99,6 +99,6 @@ def make_room(ax: Axes, names: Mapping[int, str]) -> None:
 
 
 def patch(code: int, name: str) -> Patch:
-    """The legend key of a failure that is shown by cells."""
+    """The legend key of a failure shown by cells."""
     look = LOOKS[code]
     return Patch(facecolor=look.colour, edgecolor="white", hatch=look.hatch, linewidth=0.0, label=name)

@@ -46,7 +46,7 @@ def sweep_fan(
     - ``by``: the path of the number that gives the colours.
     - ``result``: such as ``"Omega[1]"``.
 
-    **Raises:** as :func:`sweep_slice`, and :class:`PictureError` where states were not saved at all times.
+    **Raises:** as :func:`sweep_slice`, and :class:`PictureError` where states were saved only at the end.
     """
     rows = rows_of(data)
     rows, notes = at_fixed(rows, {rows.axis_of(by)}, at, labels)
@@ -60,7 +60,7 @@ def sweep_fan(
     colours = shown.to_rgba(numbers)
     for code in names:
         colours[rows.status == code] = to_rgba(LOOKS[code].colour)
-    order = np.argsort(rows.failed, kind="stable")  # those that failed above the others
+    order = np.argsort(rows.failed, kind="stable")  # failed ones above the others
     ax.add_collection(LineCollection(list(curves[order]), colors=colours[order], linewidths=0.9))
     ends = np.stack([_end(curve) for curve in curves])
     keys = marks(ax, ends[:, 0], ends[:, 1], rows.status, names)
@@ -86,7 +86,7 @@ def _curves(rows: Rows, results: list[str]) -> Float[np.ndarray, "rows saves 2"]
 
 
 def _standard(data: "xarray.Dataset") -> str:
-    """The first result that was saved at all times, or the first of all, where the study has none."""
+    """The first result that was saved at all times, or the first of all if there is none."""
     names = result_names(data)
     return next((name for name in names if "save" in data[parsed(data, name)[0]].dims), names[0])
 

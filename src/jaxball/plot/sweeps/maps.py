@@ -48,7 +48,7 @@ def sweep_map(
     **Raises:** as :func:`sweep_slice`.
     """
     if right == up:
-        raise PictureError(f"Argument `up` must be another number than `right`, but both are `{up}`.")
+        raise PictureError(f"Argument `up` must be a number other than `right`, but both are `{up}`.")
     rows = rows_of(data)
     rows, notes = at_fixed(rows, {rows.axis_of(right), rows.axis_of(up)}, at, labels)
     crossed = rows.axis_of(right) != rows.axis_of(up) and not (rows.is_scattered(right) or rows.is_scattered(up))

@@ -54,8 +54,8 @@ def sweep_matrix(
     **Arguments:**
 
     - ``data``: from ``xarray.open_zarr`` of a store.
-    - ``results``: as in :func:`sweep_slice`; a few important ones if not given.
-    - ``numbers``: paths; those of all numbers that vary if not given.
+    - ``results``: as in :func:`sweep_slice`; by default a few important ones.
+    - ``numbers``: paths; by default those of all numbers that vary.
     - ``labels``: as in :func:`sweep_slice`.
 
     **Raises:** as :func:`sweep_slice`, and :class:`PictureError` for more than eight numbers and results together.

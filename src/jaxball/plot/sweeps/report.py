@@ -33,27 +33,27 @@ def sweep_figures(
     svg_text: bool = False,
     replace: bool = False,
 ) -> list[Path]:
-    """Writes figures of a study into ``folder``, and returns their paths.
+    """Writes figures of a study to ``folder``, and returns their paths.
 
     They are slices along each number of crossed axes, maps over two numbers, trajectories where states were saved at
     all times, and all numbers and results against one another. A file is named after the figure, the result and the
-    paths, without brackets, as in ``slice_z0_body.mass.png``. Figures of the same study are replaced, also when it has
+    paths, without brackets, as in ``slice_z0_body.mass.png``. Figures of the same study are replaced, even if it has
     more rows by now; those of another are not.
 
     **Arguments:**
 
     - ``data``: from ``xarray.open_zarr`` of a store.
-    - ``results``: their names; if not given, those that the study's key ``find`` lists, or else the friction needed and
+    - ``results``: their names; by default those that the study's key ``find`` lists, or else the friction needed and
       the final position where they exist, and the steps.
-    - ``against``: the paths of the numbers; if not given, the first four that vary, with
+    - ``against``: the paths of the numbers; by default the first four that vary, with
       maps only over the first two.
     - ``formats``: png, pdf or svg.
-    - ``labels``: what paths and results are called on axes; the paper's symbols, with units, if not given.
-    - ``svg_text``: whether SVG keeps text as text, and not as outlines.
+    - ``labels``: labels of paths and results on axes; by default the paper's symbols, with units.
+    - ``svg_text``: whether SVG keeps text as text instead of outlines.
     - ``replace``: whether to replace files that are not figures of this study.
 
     **Raises:** :class:`PictureError` when nothing can be drawn, and for an unknown result or path, listing the known
-    ones; nothing is written then. ``OutputError`` when a file cannot be written, and where there is one that is not a
+    ones; nothing is written then. ``OutputError`` when a file cannot be written, and when an existing one is not a
     figure of this study.
     """
     rows = rows_of(data)
@@ -83,7 +83,7 @@ def sweep_figures(
 
 
 def _identity(data: "xarray.Dataset") -> str:
-    """What tells a study from others: its scenario, and what it changes."""
+    """The mark of a study: its scenario, and what it changes."""
     return repr([data.attrs.get("scenario", ""), *(listed(data, name) for name in ("shape", "paths"))])
 
 
@@ -114,7 +114,7 @@ def _drawings(
 
 
 def _few_curves(rows: Rows, number: str, numbers: Sequence[str]) -> str | None:
-    """The path of another axis that has few enough points for a curve each, if there is one."""
+    """The path of another axis with few enough points for a curve each, if there is one."""
     for path in numbers:
         axis = rows.axis_of(path)
         if axis != rows.axis_of(number) and len(np.unique(rows.indices[:, axis])) <= MOST_CURVES:

@@ -64,7 +64,7 @@ def histories_of(rows: Rows, result: str) -> Float[np.ndarray, "rows saves"]:
     if "save" not in array.dims:
         saved = [item for item in result_names(rows.data) if "save" in rows.data[parsed(rows.data, item)[0]].dims]
         known = ", ".join(saved) or 'none: the study needs `save = "times"`'
-        raise PictureError(f"Result `{result}` must be one that was saved at all times, of which there are {known}.")
+        raise PictureError(f"Result `{result}` must be one that was saved at all times, which are {known}.")
     return array.isel(row=rows.places).values[(slice(None), slice(None), *index)]
 
 
@@ -76,12 +76,12 @@ def parsed(data: "xarray.Dataset", result: str) -> tuple[str, tuple[int, ...]]:
     known = result_names(data)
     if result not in known:
         hint = did_you_mean(result, known, f"it has {', '.join(known)}", "`")
-        raise PictureError(f"Result `{result}` must be one of those that the study has{hint}")
+        raise PictureError(f"Result `{result}` must be one of the study's results{hint}")
     return result.partition("[")[0], tuple(int(k) for k in re.findall(r"\[(\d+)\]", result))
 
 
 def label_of(data: "xarray.Dataset", result: str, labels: Labels = None, *, at_the_end: bool = True) -> str:
-    """The label of a result in a figure, as ``labels`` say, or else with its units."""
+    """The label of a result in a figure, from ``labels``, or with its units."""
     if labels and result in labels:
         return labels[result]
     name, index = parsed(data, result)

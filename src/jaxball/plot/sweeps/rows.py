@@ -1,4 +1,4 @@
-"""The computed rows of a study, where they lie along its axes, and which of them a figure shows."""
+"""The computed rows of a study, their positions along its axes, and which of them a figure shows."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ class Rows:
     - ``data``: the data set of all rows.
     - ``places``: the indices of these rows in it.
     - ``indices``: the index of each row along each axis.
-    - ``status``: how each ended.
+    - ``status``: the status of each.
     """
 
     data: Any
@@ -112,7 +112,7 @@ def rows_of(data: "xarray.Dataset") -> Rows:
         counts = ", ".join(f"{np.sum(status == code):,} {Status(code).name}" for code in np.unique(status).tolist())
         raise PictureError(
             f"Argument `data` must have a row that succeeded, but all {len(status):,} that are done failed: {counts}; "
-            "`jaxball sweep status` says what is wrong with the first of them."
+            "see `jaxball sweep status` for what is wrong with the first of them."
         )
     indices = np.stack(np.unravel_index(row[computed], tuple(listed(data, "shape"))), axis=1)
     return Rows(data, computed, indices, status)
@@ -123,7 +123,7 @@ def at_fixed(
 ) -> tuple[Rows, list[str]]:
     """The rows at one point of each axis that is not in ``free``, and sentences that say at which.
 
-    The point is the one whose number is nearest to that in ``at``; without one it is, among the points at which a row
+    The point is the one whose number is nearest to that in ``at``; by default it is, among the points at which a row
     succeeded, the middle one of an axis, or the first of a scattered axis.
 
     **Raises:** :class:`PictureError` when ``at`` has a number that the study does not change, or one of a free axis.
@@ -158,7 +158,7 @@ def at_fixed(
 def sample(rows: Rows, most: int) -> tuple[Int[np.ndarray, " some"], list[str]]:
     """The indices of up to ``most`` rows, chosen by a generator with a fixed seed, and a sentence that says so.
 
-    There is no sentence where all rows are chosen. Some of the rows that failed are always chosen.
+    There is no sentence if all rows are chosen. Some of the failed rows are always chosen.
     """
     if len(rows) <= most:
         return np.arange(len(rows)), []

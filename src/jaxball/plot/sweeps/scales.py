@@ -1,4 +1,4 @@
-"""The number that colours chosen rows of a study."""
+"""The number by which chosen rows of a study are coloured."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -20,12 +20,12 @@ def sweep_scale(data: "xarray.Dataset", rows: Sequence[int], by: str | None = No
 
     - ``data``: the store of a study, as :func:`jaxball.sweep.open_dataset` opens it.
     - ``rows``: the numbers of the rows, from 0.
-    - ``by``: the path of a number that the study changes, or a result such as ``"z[0]"``, at the end; the first number
-      that is not the same in all of the rows, if not given.
+    - ``by``: the path of a number that the study changes, or a result such as ``"z[0]"``, at the end; by default the
+      first number that differs between the rows.
 
-    **Returns:** None where no number is given and none differs.
+    **Returns:** None if no number is given and none differs.
 
-    **Raises:** :class:`PictureError` where the study has no number of that name.
+    **Raises:** :class:`PictureError` if the study has no number of that name.
     """
     places = np.asarray(rows, dtype=int)
     chosen = Rows(data, places, np.zeros((places.size, 0), dtype=int), data["status"].values[places].astype(int))

@@ -46,9 +46,9 @@ def sweep_slice(
     - ``result``: such as ``"z[0]"``, ``"friction_needed"`` or ``"steps"``; components of a state are final values.
     - ``against``: the path of the number on the horizontal axis.
     - ``by``: the path of a number of another axis, with a curve for each of at most six of its points.
-    - ``at``: the numbers at which the other axes are fixed, by path; the nearest computed ones are taken. An axis
-      without one is fixed at the middle one of its points at which a row succeeded, a scattered one at the first.
-    - ``labels``: what paths and results are called in figures; the paper's symbols, with units, if not given.
+    - ``at``: the numbers at which the other axes are fixed, by path; the nearest computed ones are used. By default an
+      axis is fixed at the middle one of its points at which a row succeeded, a scattered one at the first.
+    - ``labels``: labels of paths and results; by default the paper's symbols, with units.
 
     **Raises:** :class:`PictureError` when nothing can be drawn, and for an unknown result or path, listing the known
     ones; ``ValueError`` when ``ax`` is three-dimensional.
@@ -109,7 +109,7 @@ def _curves(rows: Rows, by: str | None, labels: Labels) -> Iterator[tuple[str, n
 
 
 def _markers(rows: Rows, against: str) -> dict[str, Any]:
-    """Dots where a curve has few points, or where no line joins them."""
+    """Dots if a curve has few points, or if no line joins them."""
     few = len(np.unique(rows.number(against))) <= MOST_DOTTED
     dotted = few or rows.is_scattered(against)
     return {"marker": "o" if dotted else "", "markersize": 3.5 if few else 1.5, "rasterized": not few}

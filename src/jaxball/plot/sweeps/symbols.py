@@ -1,4 +1,4 @@
-"""What axes of studies are called: the paper's symbols and units of numbers of a scenario, instead of their paths."""
+"""The labels of numbers of a scenario in figures of studies: the paper's symbols and units instead of their paths."""
 
 import re
 from collections.abc import Mapping
@@ -37,7 +37,7 @@ Labels = Mapping[str, str] | None
 
 
 def number_label(path: str, labels: Labels = None, *, with_unit: bool = True) -> str:
-    """What the number at a path is called: as ``labels`` say, by its symbol and unit, or by its path."""
+    """The label of the number at a path: from ``labels``, its symbol and unit, or its path."""
     if labels and path in labels:
         return labels[path]
     indices = iter(re.findall(r"\[(\d+)\]", path))

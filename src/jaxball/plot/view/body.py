@@ -1,4 +1,4 @@
-"""One body of a view: what it is made of, and its numbers at the saved times that its solve reached."""
+"""One body of a view: its parts, and its numbers at the saved times that its solve reached."""
 
 from typing import Any, NamedTuple
 
@@ -26,11 +26,11 @@ from ..shapes import rails_of
 from .packing import Numbers, sampled
 from .scene import SUBSCRIPTS, continuous, made
 
-ON_RAILS = 1e-3  # radii, by which a rail may be off between its points
+ON_RAILS = 1e-3  # radii, the allowed error of a rail between its points
 
 
 class Shown(NamedTuple):
-    """A run, and what figures draw of it."""
+    """A run, and the parts of it that are drawn."""
 
     trajectory: Trajectory
     run: Record
@@ -49,12 +49,13 @@ class Shown(NamedTuple):
 def shown(trajectory: Trajectory[Any, Any]) -> Shown:
     """A run to be shown.
 
-    **Raises:** ``ValueError`` where that cannot be.
+    **Raises:** ``ValueError`` if it cannot be shown.
     """
     require_one(trajectory)
     if isinstance(trajectory.state, ReducedState):
         raise ValueError(
-            "Argument `trajectory` must know where the ball is, but it is of a ReducedState; simulate with a BallState."
+            "Argument `trajectory` must contain the position of the ball, but it is of a ReducedState; simulate with a "
+            "BallState."
         )
     known_rows(trajectory)
     trajectory = drawn_run(trajectory)
@@ -63,7 +64,7 @@ def shown(trajectory: Trajectory[Any, Any]) -> Shown:
 
 
 def body_document(one: Shown) -> dict[str, Any]:
-    """What the body is made of."""
+    """The parts of the body."""
     system = one.system
     kind = "disk" if isinstance(system, Disk) else "ball"
     parts = made(kind, one.trajectory, one.radius, len(one.run.times)) | {
@@ -80,7 +81,7 @@ def body_document(one: Shown) -> dict[str, Any]:
 
 
 def body_numbers(one: Shown, plane: float) -> dict[str, Numbers]:
-    """The numbers of the body above a plane that is ``plane`` below the origin, which may not be its own radius."""
+    """The numbers of the body above a plane at ``plane`` below the origin, which may differ from its own radius."""
     system, run, setting, r = one.system, one.run, one.setting, one.radius
     placed, seen = place(run, setting), run.observables
     numbers = {
@@ -130,7 +131,7 @@ def _momentum_of(one: Shown) -> Float[np.ndarray, "T 3"]:
 
 @programs.filter_jit
 def _momentum(system, times, states, slips):
-    """Π about the body's lowest point at each time, in body axes; velocities are over the plane."""
+    """Π about the body's lowest point at each time, in body axes; velocities are relative to the plane."""
     prepared = system.prepare()
 
     def at_time(t, state, slip):

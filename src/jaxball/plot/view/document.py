@@ -63,18 +63,18 @@ FORMAT, VERSION = "jaxball view", 4
 BEFORE, UNKNOWN = "#8a8a8a", "#8a8a8a"
 PALETTE = {"trail": TRAIL, "modes": {mode.name.lower(): colour for mode, colour in MODES.items()}} | ARROWS
 STOPS = 9
-# So that no text of a run ends the element that it stands in, or a line of a program that reads it.
+# So that no text of a run can end the element that contains it, or a line of a program that reads it.
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
 Runs = Trajectory[Any, Any] | Mapping[str, Trajectory[Any, Any]]
 
 
 class ColourScale(NamedTuple):
-    """A number by which the bodies of a view are coloured.
+    """A number that determines the colours of the bodies in a view.
 
     **Arguments:**
 
-    - ``name``: what the number is, such as ``"body.mass"``.
-    - ``values``: that of each body, in their order; NaN, where it is not known, is grey.
+    - ``name``: the name of the number, such as ``"body.mass"``.
+    - ``values``: its value for each body, in their order; NaN, for unknown, is grey.
     - ``logarithmic``: whether colours are spaced by its logarithm.
 
     **Example:**
@@ -99,7 +99,7 @@ def view_document(
     scale: ColourScale | None = None,
     room: float = np.inf,
 ) -> dict[str, Any]:
-    """The dictionary of a run, or of several by their names, in at most ``room`` characters of JSON if that can be.
+    """The dictionary of a run, or of several by name, in at most ``room`` characters of JSON if possible.
 
     **Raises:** ``ValueError`` as :func:`~jaxball.plot.write_view`.
     """
@@ -145,7 +145,8 @@ def _scene(
 ) -> Scene:
     """The scene of runs of one kind.
 
-    **Raises:** ``ValueError`` for runs of several kinds, of one without a picture, and for what is of no use to theirs.
+    **Raises:** ``ValueError`` for runs of several kinds, of a kind that cannot be shown, and for arguments that do not
+    apply.
     """
     kinds = {name: kind_of(trajectory) for name, trajectory in named.items()}
     first, kind = next(iter(kinds.items()))

@@ -1,4 +1,4 @@
-"""Graphs over time: of a body or two their components, of more bodies one curve for each."""
+"""Graphs over time: the components for one or two bodies, one curve each for more."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -13,14 +13,14 @@ WIDTH = 1.6  # of lines, pixels
 
 
 def graph(title: str, series: list[dict[str, Any]], size: float = 0.0, *, gaps: bool = False) -> dict[str, Any]:
-    """A graph of series, beside whose ``size`` rounding is 0; with ``gaps`` where one mode follows another."""
+    """A graph of series, where rounding compared with ``size`` is 0; with ``gaps`` at switches between modes."""
     return {"title": title, "series": series, "size": size, "gaps": gaps}
 
 
 def series(
     name: str, colour: str | None, array: str, columns: list[int], norm: bool = False, dashes: Dashes = SOLID
 ) -> dict[str, Any]:
-    """The sum of ``columns`` of an array, or their norm; in the colour of the body, where there is no other."""
+    """The sum of ``columns`` of an array, or their norm; in the colour of the body unless another is given."""
     return {
         "name": name.translate(SUBSCRIPTS),
         "colour": colour,
@@ -32,7 +32,7 @@ def series(
 
 
 def each(names: Iterable[str], looks: Iterable[Line | str], array: str) -> list[dict[str, Any]]:
-    """A series of each column, with its colour or its line."""
+    """A series for each column, with its colour or its line."""
     lines = [Line(look) if isinstance(look, str) else look for look in looks]
     pairs = enumerate(zip(names, lines, strict=False))
     return [series(name, line.colour, array, [k], dashes=line.dashes) for k, (name, line) in pairs]
@@ -49,14 +49,14 @@ def rate_of_turning(size: float) -> dict[str, Any]:
 
 
 def angular_velocity(count: int, size: float = 0.0) -> dict[str, Any]:
-    """Ω of one body or two, |Ω| of more."""
+    """Ω of one or two bodies, |Ω| of more."""
     if count > PAIR:
         return graph("Angular speed", [series("|Ω|", None, "angular_velocity", [0, 1, 2], norm=True)], size)
     return graph("Angular velocity", each(("Ω1", "Ω2", "Ω3"), COMPONENTS, "angular_velocity"), size)
 
 
 def energies(count: int, size: float = 0.0) -> dict[str, Any]:
-    """T, V and their sum of one body or two, the sum of more."""
+    """T, V and their sum of one or two bodies, the sum of more."""
     if count > PAIR:
         return graph("Energy", [series("E", None, "energies", [0, 1])], size)
     parts = (("T", BLUE, [0], SOLID), ("V", RED, [1], SOLID), ("E", INK, [0, 1], DASHED))
@@ -65,12 +65,12 @@ def energies(count: int, size: float = 0.0) -> dict[str, Any]:
 
 
 def taken() -> list[dict[str, Any]]:
-    """What friction of sliding and impacts have taken, beside the energies."""
+    """The energy dissipated by sliding friction and impacts, beside the energies."""
     return each(TAKEN, TAKEN.values(), "taken")
 
 
 def laws(names: list[str]) -> list[dict[str, Any]]:
-    """How far each law is from where it began, if there are any; those of one system."""
+    """The change of each law since the start, if there are any; for one system."""
     if not names:
         return []
     lines = each(names, of_masses(range(1, len(names) + 1)), "laws")

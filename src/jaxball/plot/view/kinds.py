@@ -11,7 +11,7 @@ SHOWN = "a ball, a disk, a rigid body with a RigidBodyState or a particle with a
 
 
 def kind_of(trajectory: Trajectory[Any, Any]) -> str | None:
-    """What a run is shown as; None where it has no picture."""
+    """The kind as which a run is shown; None if it cannot be shown."""
     if isinstance(trajectory.system, AbstractBody):
         return ROLLING
     if isinstance(trajectory.state, RigidBodyState):

@@ -1,4 +1,4 @@
-"""Numbers as texts of JSON: arrays in base64, equal ones once, and of long runs as many saved times as have room."""
+"""Numbers as JSON text: arrays in base64, equal ones once, and as many saved times as there is room for."""
 
 import base64
 from collections.abc import Mapping, Sequence
@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-CLOSE = 1e-6  # how far from where it is a point may be shown, in radii
+CLOSE = 1e-6  # the allowed error of a point's position, in radii
 AROUND = 80  # characters in JSON that name an array, its type and its shape
 
 
@@ -56,9 +56,9 @@ def chosen_rows(
 ) -> list[Int[np.ndarray, " rows"]]:
     """The saved times of each body that fit into ``room`` characters of JSON: all, or evenly spaced ones.
 
-    Both ends are among them, and the share that is kept is the same of all bodies.
+    Both ends are included, and the same fraction is kept for all bodies.
     """
-    sizes = {True: 0, False: 0}  # of what is over time, and of what is not
+    sizes = {True: 0, False: 0}  # of arrays over time, and of others
     pool = Pool()
     for body in bodies:
         for numbers in body.values():
@@ -85,7 +85,7 @@ def sampled(points: Float[np.ndarray, "points 3"], close: float) -> Float[np.nda
 
 
 def _farthest(points: Float[np.ndarray, "points 3"], k: int) -> float:
-    """How far the points are at most from the chords between every k-th of them."""
+    """The largest distance of the points from the chords between every k-th of them."""
     starts, ends = points[:-1:k, None], points[k::k, None]
     inner = points[:-1].reshape(-1, k, points.shape[1])
     chords = ends - starts

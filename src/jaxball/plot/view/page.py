@@ -1,4 +1,4 @@
-"""The page of runs: the template, the program and their dictionary in one file that asks for nothing else."""
+"""The page of runs: the template, the program and their dictionary in one self-contained file."""
 
 import base64
 import functools
@@ -20,7 +20,7 @@ from .document import ColourScale, Runs, in_element, view_document
 from .scene import Discs
 
 HERE = Path(__file__).parent
-LARGEST, LARGEST_OF_SEVERAL = 1_000_000, 2_000_000  # bytes of a page, unless all saved times are asked for
+LARGEST, LARGEST_OF_SEVERAL = 1_000_000, 2_000_000  # bytes of a page, unless all saved times are requested
 HEIGHT = 760  # of the page within a notebook, pixels
 
 
@@ -31,7 +31,7 @@ class View:
 
     **Arguments:**
 
-    - ``document``: the dictionary that the page shows; the module ``jaxball.plot.view.document`` says what is in it.
+    - ``document``: the dictionary that the page shows; the module ``jaxball.plot.view.document`` describes it.
     """
 
     def __init__(self, document: Mapping[str, Any]) -> None:
@@ -63,8 +63,8 @@ class View:
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Writes the page to ``path``, a file that ends in ``.html``, and returns the path.
 
-        **Raises:** :class:`~jaxball.results.OutputError` when it cannot be written, and when there is a file that is
-        no such page, which stays as it is.
+        **Raises:** :class:`~jaxball.results.OutputError` when it cannot be written, and when an existing file is not
+        such a page; that file is not changed.
         """
         path = Path(path)
         check_view(path)
@@ -98,30 +98,30 @@ def write_view(
 ) -> Path:
     """Writes runs as one HTML file: the bodies in three dimensions, and graphs over time.
 
-    The file needs no network and nothing beside it. Each frame shows the nearest saved time, so save often enough for a
-    smooth motion, such as every 0.02 for a ball that turns about once in a unit of time. Several runs are on one clock,
-    and bodies that roll on one plane; rigid bodies are side by side.
+    The file needs no network and no other files. Each frame shows the nearest saved time, so save often enough for a
+    smooth motion, such as every 0.02 for a ball that turns about once in a unit of time. Several runs share one clock,
+    and rolling bodies share one plane; rigid bodies are side by side.
 
     **Arguments:**
 
-    - ``trajectories``: what :func:`jaxball.simulate` returns, or :func:`jaxball.load_run`; or up to 24 of them by their
-      names, as in ``{"before": before, "after": after}``. Only their finite states are shown.
-    - ``path``: a file that ends in ``.html``; it is replaced if it is such a page already.
+    - ``trajectories``: what :func:`jaxball.simulate` returns, or :func:`jaxball.load_run`; or up to 24 of them by name,
+      as in ``{"before": before, "after": after}``. Only their finite states are shown.
+    - ``path``: a file that ends in ``.html``; it is replaced if it is already such a page.
     - ``title``: a line that says which system it is, such as that of a scenario.
-    - ``friction``: a coefficient μ, whose cone is drawn at the contact point, and whose line beside |f| / N. Without
-      it, the cone of a run with a law of contact is that of μ_s.
-    - ``wanted``: points of a path that is drawn dashed on the plane, length, shape (k, 2), or None.
-    - ``discs``: centre and radius of each disc of the plane that is to be avoided, length.
+    - ``friction``: a coefficient μ, drawn as a cone at the contact point and as a line beside |f| / N. By default, the
+      cone of a run with a law of contact is that of μ_s.
+    - ``wanted``: points of a path to draw dashed on the plane, length, shape (k, 2), or None.
+    - ``discs``: centre and radius of each disc in the plane to avoid, length.
     - ``scale``: a :class:`ColourScale`, by which several bodies are coloured.
-    - ``all_times``: whether to show all saved times. Without it, a page of one run that would be larger than 1 MB shows
-      evenly spaced ones of them, and so does a page of several that would be larger than 2 MB.
+    - ``all_times``: whether to show all saved times. Otherwise, a page of one run that would be larger than 1 MB, or of
+      several that would be larger than 2 MB, shows evenly spaced ones.
 
     **Returns:** the path of the file.
 
     **Raises:** ``ValueError`` for a system that is neither a ball, a disk, a rigid body nor a particle, runs of more
     than one of these kinds, a reduced trajectory, a batch, one without a finite state, bodies that do not roll on the
     same plane, no run or more than 24, a ``scale`` with another number of values, a ``friction`` that is not positive,
-    and ``friction``, ``wanted`` or ``discs`` for what is on no plane; :class:`~jaxball.results.OutputError` as
+    and ``friction``, ``wanted`` or ``discs`` for systems without a plane; :class:`~jaxball.results.OutputError` as
     :meth:`View.save`.
     """
     check_view(Path(path))
@@ -130,7 +130,7 @@ def write_view(
 
 
 def page(document: Mapping[str, Any]) -> str:
-    """The text of the page that shows ``document``. Only the program of jaxball is run, by its hash."""
+    """The text of the page that shows ``document``. Only jaxball's own program may run, identified by its hash."""
     program = _read("view.bundle.js")
     pieces = {
         "mark": MARK,

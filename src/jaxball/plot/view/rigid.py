@@ -1,4 +1,4 @@
-"""The scene of rigid bodies about a point at rest: an ellipsoid that has the body's principal axes, and its vectors."""
+"""The scene of rigid bodies about a point at rest: an ellipsoid with the body's principal axes, and its vectors."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -35,12 +35,12 @@ class Ellipsoid(NamedTuple):
 
     @property
     def radius(self) -> float:
-        """That of a ball about the fixed point around it, at most."""
+        """The radius of a ball about the fixed point that contains it."""
         return float(np.linalg.norm(self.centre) + np.max(self.semi_axes))
 
 
 class Turning(NamedTuple):
-    """A run of a rigid body, and what is drawn of it."""
+    """A run of a rigid body, and the parts of it that are drawn."""
 
     trajectory: Trajectory[Any, Any]
     rows: np.ndarray  # of the saved times at which the state is known
@@ -85,11 +85,11 @@ def _turning(trajectory: Trajectory[Any, Any]) -> Turning:
 
 
 def ellipsoid_of(system: Any, inertia: Float[np.ndarray, "3"] | None) -> Ellipsoid:
-    """The ellipsoid that is drawn of a body, whose semi-axes are as the spread of its mass along them.
+    """The ellipsoid drawn for a body, whose semi-axes are proportional to the spread of its mass along them.
 
     The second moments s_j = ∫ x_j² dm are ½ (d1 + d2 + d3) − d_j about the fixed point. Those of a heavy top about its
-    centre of mass are diag(s) − m χχᵀ, and its semi-axes are the standard deviations of its mass, at its own scale. Of
-    other bodies, whose mass is not known, the largest semi-axis is 1. Moments that no body has give a thin one.
+    centre of mass are diag(s) − m χχᵀ, and its semi-axes are the standard deviations of its mass, at its own scale. For
+    other bodies, whose mass is unknown, the largest semi-axis is 1. Impossible moments give a thin one.
     """
     if inertia is None:
         return Ellipsoid(np.ones(3), np.zeros(3), np.eye(3))
@@ -108,7 +108,7 @@ def ellipsoid_of(system: Any, inertia: Float[np.ndarray, "3"] | None) -> Ellipso
 
 
 def _document(one: Turning) -> dict[str, Any]:
-    """What the body is made of: ``tip`` is the end of the axis whose path is drawn."""
+    """The parts of the body: ``tip`` is the end of the axis whose path is drawn."""
     shape, top = one.shape, one.top
     arm = np.zeros(3) if top is None else np.asarray(top.chi)
     length = np.linalg.norm(arm)
@@ -181,7 +181,7 @@ def _momentum(count: int) -> dict[str, Any]:
 
 
 def _vertical(count: int) -> dict[str, Any]:
-    """Γ in body axes of one body or two; Γ3 of more."""
+    """Γ in body axes of one or two bodies; Γ3 of more."""
     if count > PAIR:
         return graph("Vertical", [series("Γ3", None, "vertical", [2])])
     return graph("Vertical, body axes", each(("Γ1", "Γ2", "Γ3"), COMPONENTS, "vertical"))

@@ -25,7 +25,7 @@ ELEVATION, AZIMUTH = {False: 20.0, True: 8.0}, {False: -60.0, True: -90.0}  # de
 def rolling_scene(
     named: Mapping[str, Trajectory[Any, Any]], wanted: Float[np.ndarray, "k 2"] | None, discs: Discs = ()
 ) -> Scene:
-    """The scene of balls or disks, with a path that is wanted and discs to avoid.
+    """The scene of balls or disks, with a desired path and discs to avoid.
 
     **Raises:** ``ValueError`` for bodies that do not roll on the same plane, and as :func:`~.body.shown`.
     """
@@ -55,13 +55,13 @@ def _check_grounds(bodies: Sequence[Shown], names: Sequence[str]) -> None:
     other = other_ground([one.system for one in bodies])
     if other is not None:
         raise ValueError(
-            f'Argument `trajectories` must have runs on one plane, but that of "{names[other]}" is not that of '
-            f'"{names[0]}"; show them one by one.'
+            f'Argument `trajectories` must have runs on the same plane, but the plane of "{names[other]}" differs from '
+            f'that of "{names[0]}"; show them one by one.'
         )
 
 
 def other_ground(systems: Sequence[System]) -> int | None:
-    """The place of the first body whose ground is not that of the first of all, None where all have the same."""
+    """The index of the first body whose ground differs from that of the first of all; None if all have the same."""
     others = (k for k, system in enumerate(systems) if not eqx.tree_equal(system.ground, systems[0].ground))
     return next(others, None)
 
@@ -89,7 +89,7 @@ def _floor(bodies: Sequence[Shown], setting: Setting, drawn: Sequence[Float[np.n
 
 
 def _graphs(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
-    """The graphs of bodies, of which each is drawn that has the numbers."""
+    """The graphs of bodies; each is drawn if its numbers exist."""
     count, sizes = len(bodies), sizes_of(bodies[0].system)
     several, planar = count > PAIR, isinstance(bodies[0].system, Disk)
     ratio = series("|f| / N", None if several else RED, "friction", [0, 1], norm=True) | {"over": "normal_force"}
@@ -141,20 +141,20 @@ def _of_joints(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
 
 
 def _law(bodies: Sequence[Shown]) -> Contact | None:
-    """The law of contact that all bodies have, None where they have not the same one."""
+    """The law of contact of all bodies; None if they differ."""
     histories = [one.trajectory.contact for one in bodies]
     laws = [None if history is None else history.law for history in histories]
     return laws[0] if all(eqx.tree_equal(law, laws[0]) for law in laws) else None
 
 
 def _cone(bodies: Sequence[Shown]) -> dict[str, float]:
-    """The coefficient of the friction that can hold the bodies, if a law says it."""
+    """The coefficient of static friction, if a law gives it."""
     law = _law(bodies)
     return {} if law is None or not law.static > 0 else {"cone": float(law.static)}
 
 
 def _levels(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
-    """The coefficients of friction, if a law says them."""
+    """The coefficients of friction, if a law gives them."""
     law = _law(bodies)
     if law is None:
         return []
@@ -164,7 +164,7 @@ def _levels(bodies: Sequence[Shown]) -> list[dict[str, Any]]:
 
 
 def _of_contact(bodies: Sequence[Shown], sizes: Sizes) -> list[dict[str, Any]]:
-    """The graphs of the height and of the slip speed, where these are not always zero."""
+    """The graphs of the height and of the slip speed, unless they are always zero."""
     colour = None if len(bodies) > PAIR else BLUE
     figures = {figure for one in bodies for figure in of_contact(one.trajectory)}
     graphs = {

@@ -1,4 +1,4 @@
-"""What a view shows at one place: bodies of one kind, where they are seen from, and the graphs beside them."""
+"""The scene of a view: bodies of one kind, the camera, and the graphs beside them."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ class Scene(NamedTuple):
 
 
 def free_stand(azimuth: float) -> dict[str, Any]:
-    """The stand of bodies that are on no plane, seen from a direction in degrees."""
+    """The stand of bodies without a plane, seen from a direction in degrees."""
     return {
         "axes": np.eye(3).tolist(),
         "floor": None,
@@ -34,13 +34,13 @@ def free_stand(azimuth: float) -> dict[str, Any]:
 
 
 def made(kind: str, trajectory: Trajectory[Any, Any], radius: float, saved: int) -> dict[str, Any]:
-    """What every body has, with nothing in it: one that rolls has more."""
+    """The entries that every body has, empty; a rolling body has more."""
     parts: dict[str, Any] = {"body": kind, "radius": radius, "ok": trajectory.ok, "message": trajectory.message}
     return parts | {"saved": saved, "masses": [], "rails": [], "arms": []}
 
 
 def continuous(quaternions: Float[np.ndarray, "T 4"]) -> Float[np.ndarray, "T 4"]:
-    """The same turns, with the signs that make each near the one before."""
+    """The same quaternions, with signs that make each close to the one before."""
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0
     return quaternions * np.where(np.cumsum(np.concatenate([[0], flips])) % 2, -1.0, 1.0)[:, None]
 

@@ -1,1 +1,1 @@
-"""What happens within a solve's steps: samples of its dense output, zero crossings and maxima."""
+"""Evaluation within a solve's steps: samples of its dense output, zero crossings and maxima."""

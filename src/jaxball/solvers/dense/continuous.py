@@ -1,10 +1,10 @@
-"""Explicit Runge–Kutta methods made continuous: the states within a step, nearly as exact as those at its ends.
+"""Continuous extensions of explicit Runge–Kutta methods: states within a step nearly as accurate as at its ends.
 
-What methods of diffrax interpolate by is less exact than their steps: that of ``Dopri8``, of order 8, is of order 5. A
-polynomial with the values and slopes at the ends of a step, and with slopes at places between that another polynomial
-leads to, is of one order more than that one (Enright, Jackson, Nørsett & Thomsen, Interpolants for Runge–Kutta
-formulas, ACM Transactions on Mathematical Software 12 (1986) 193–218). So the field is evaluated a few times more, but
-only in steps within which a state is asked for.
+The interpolants of diffrax's methods are less accurate than their steps: that of ``Dopri8``, of order 8, is of order 5.
+A polynomial with the values and slopes at the ends of a step, and with slopes at points between that are computed from
+another polynomial, has one order more than that one (Enright, Jackson, Nørsett & Thomsen, Interpolants for Runge–Kutta
+formulas, ACM Transactions on Mathematical Software 12 (1986) 193–218). So the field is evaluated a few more times, but
+only in steps within which a state is needed.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ from ..projection import Projected
 from ..stages import combine
 from ..tableau import integrals
 
-# The orders of the interpolations of diffrax; of other methods, the cubic with the values and slopes at the ends.
+# The orders of diffrax's interpolants; for other methods, of the cubic with the values and slopes at the ends.
 ORDERS: dict[Any, int] = {
     diffrax.Dopri8.interpolation_cls: 5,
     diffrax.Dopri5.interpolation_cls: 4,
@@ -35,9 +35,9 @@ HIGHEST = 7
 
 
 class ContinuousMethod(NamedTuple):
-    """What an explicit method with s stages needs for the states within its steps.
+    """The coefficients that an explicit method with s stages needs for the states within its steps.
 
-    - ``nodes``: where the field is evaluated once more, in units of the step.
+    - ``nodes``: where the field is evaluated again, in units of the step.
     - ``rows``: these take slopes, those of the stages and then those at nodes before, to the increments at the nodes.
     - ``expansion``: what takes all slopes to the coefficients in P̃ₖ of the slope of the polynomial.
     """
@@ -68,20 +68,20 @@ class ContinuousMethod(NamedTuple):
         return combine(self.expansion, K)
 
     def straight(self, k: Float[Array, "s n"]) -> Float[Array, "degree n"]:
-        """The straight line from one end of a step to the other, for a step within which no state is asked for."""
+        """The straight line from one end of a step to the other, for a step within which no state is needed."""
         line = combine(self.expansion[:1, : k.shape[0]], k)
         return jnp.concatenate([line, jnp.zeros((self.expansion.shape[0] - 1, *line.shape[1:]), line.dtype)])
 
 
 class DenseOutput(NamedTuple):
-    """How a solver's states within steps are found: by a continuous method, or else by its own interpolation."""
+    """The dense output of a solver: by a continuous method, or else by its own interpolation."""
 
     method: ContinuousMethod | None
     interpolation: Callable[..., diffrax.AbstractLocalInterpolation]
 
     @classmethod
     def of(cls, solver: Any) -> "DenseOutput":
-        """That of a solver."""
+        """The dense output of a solver."""
         if isinstance(solver, Projected):
             inner = cls.of(solver.solver)
             return inner._replace(interpolation=solver.projecting(inner.interpolation))
@@ -91,7 +91,7 @@ class DenseOutput(NamedTuple):
     def info(
         self, info: Any, terms: Any, t0: Float[Array, ""], t1: Float[Array, ""], args: Any, asked: Bool[Array, ""]
     ) -> Any:
-        """What the interpolation of a step is made of, from the solver's ``info``, exact within it where ``asked``."""
+        """The data of the interpolation of a step, from the solver's ``info``, accurate within it where ``asked``."""
         if self.method is None:
             return info
         method, y0, k = self.method, info["y0"], info["k"]
@@ -103,7 +103,7 @@ class DenseOutput(NamedTuple):
         return {"y0": y0, "coefficients": jax.lax.cond(unvmap_any(asked), curve, lambda: method.straight(k))}
 
     def room(self, infos: Any, steps: int) -> Any:
-        """Room for what the interpolations of so many steps are made of, from that for the solver's ``infos``."""
+        """Room for the data of the interpolations of so many steps, from that for the solver's ``infos``."""
         if self.method is None:
             return infos
         y0, degree = infos["y0"], len(self.method.expansion)
@@ -112,14 +112,14 @@ class DenseOutput(NamedTuple):
 
 def has_one_tableau(solver: diffrax.AbstractSolver) -> bool:
     """Whether this is an explicit method whose last stage is the slope at the end."""
-    tableau = getattr(solver, "tableau", None)  # which a wrapped method may lack
+    tableau = getattr(solver, "tableau", None)  # a wrapped method may lack it
     if not isinstance(solver, diffrax.AbstractERK) or not isinstance(tableau, diffrax.ButcherTableau):
         return False
     return tableau.fsal and tableau.ssal
 
 
 def continuous(solver: Any) -> ContinuousMethod | None:
-    """What makes a method continuous; None where its own interpolation is as good, or it is not an explicit one."""
+    """The continuous extension of a method; None if its own interpolation is as good, or if it is not explicit."""
     if not has_one_tableau(solver):
         return None
     order = min(solver.order(diffrax.ODETerm(lambda t, y, args: y)), HIGHEST)
@@ -134,7 +134,7 @@ def continuous(solver: Any) -> ContinuousMethod | None:
 
 
 def _made(tableau: diffrax.ButcherTableau, own: int, order: int) -> ContinuousMethod:
-    """A method, in rounds that gain an order each; the first rows are for no better interpolation than the cubic."""
+    """The extension, in rounds that each gain an order, starting from the cubic."""
     stages, counts = tableau.num_stages, [_count(q) for q in range(own, order)]
     slopes = np.eye(stages + sum(counts))
     step = tableau.b_sol @ slopes[:stages]
@@ -150,7 +150,7 @@ def _made(tableau: diffrax.ButcherTableau, own: int, order: int) -> ContinuousMe
 
 
 def _count(order: int) -> int:
-    """At how many places between slopes must be known for a polynomial of one order more."""
+    """The number of intermediate slopes needed for a polynomial of one order more."""
     return order - 2
 
 
@@ -163,7 +163,7 @@ def _through(places: np.ndarray, slopes: np.ndarray, step: np.ndarray) -> np.nda
 
 
 def _nodes(count: int) -> np.ndarray:
-    """All inner nodes of Gauss–Lobatto but one: to leading order the polynomial has the right slope at that one too."""
+    """All inner Gauss–Lobatto nodes except one: to leading order the polynomial has the right slope at that one too."""
     inner = np.real(legendre.Legendre.basis(count + 2).deriv().roots())
     return np.delete(0.5 + 0.5 * np.sort(inner), count // 2)
 

@@ -1,4 +1,4 @@
-"""The times within the steps of a solve at which a function of the state crosses zero, all of them."""
+"""All times within the steps of a solve at which a function of the state crosses zero."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -16,12 +16,12 @@ from .sampling import sampling
 from .steps import Field, Steps, Values
 
 ITERATIONS = 20
-# How many steps are looked at side by side.
+# How many steps are examined side by side.
 WIDTH = 8
 
 
 class Kind(NamedTuple):
-    """Which crossings of a function are wanted: those upwards (1), downwards (−1) or both (0), and how many to keep.
+    """Which crossings of a function to find: upwards (1), downwards (−1) or both (0), and how many to keep.
 
     With ``from_start``, a solve that starts beyond zero has crossed it at its start.
     """
@@ -36,7 +36,7 @@ class Crossings(eqx.Module):
 
     - ``count``: how often. ``times`` and ``vectors`` hold the first of them, as many as there is room for; NaN where
       there are fewer.
-    - ``least``, ``largest``: the extreme values of the function where it was looked at, without derivatives.
+    - ``least``, ``largest``: the extreme values of the function where it was evaluated, without derivatives.
     """
 
     count: Int[Array, ""]
@@ -47,7 +47,7 @@ class Crossings(eqx.Module):
 
 
 class _Candidates(NamedTuple):
-    """Where crossings seem to be: which function, in which step, before which place of it, and whether at all."""
+    """Candidate crossings: which function, in which step, before which fraction of it, and whether there is one."""
 
     which: Int[Array, " n"]
     step: Int[Array, " n"]
@@ -58,12 +58,12 @@ class _Candidates(NamedTuple):
 def crossings(steps: Steps, values: Values, field: Field, kinds: Sequence[Kind]) -> list[Crossings]:
     """Finds where each of k functions ``values(t, x)`` becomes positive, or stops being so.
 
-    Each step is looked at in five places, and the quartic through these values in 35. Wherever its sign changes,
-    the function itself is solved for its zero on the dense output. So two crossings within a step are both found if
-    they are further apart than a thirtieth of it or so. A jump across zero, at a kink, counts as a crossing at the
-    time of the jump.
+    The functions are evaluated at five points of each step, and the quartic through these values at 35. Wherever its
+    sign changes, the function itself is solved for its zero on the dense output. So two crossings within a step are
+    both found if they are further apart than about a thirtieth of it. A jump across zero, at a kink, counts as a
+    crossing at the time of the jump.
 
-    The start is not a crossing, also where a function starts from zero, unless its kind says so. Times and vectors
+    The start is not a crossing, even if a function starts from zero, unless its kind says so. Times and vectors
     are differentiable, by the implicit function theorem, with ẋ by ``field``.
     """
     values = eqx.filter_closure_convert(values, *steps.like)
@@ -100,9 +100,9 @@ class _Search(NamedTuple):
 
 
 def _search(steps: Steps, values: Values, kinds: Sequence[Kind]) -> _Search:
-    """Looks at all steps and then for the zeros of the functions, without derivatives.
+    """Examines all steps and then finds the zeros of the functions, without derivatives.
 
-    All evaluations are made in one loop, because each copy of a long formula takes XLA as long to compile.
+    All evaluations are in one loop, because XLA takes as long again to compile each copy of a long formula.
     """
     at, k, n, room = sampling(), len(kinds), steps.start.size, sum(kind.room for kind in kinds)
     width = max(WIDTH, -(-room // at.nodes.size))
@@ -116,7 +116,7 @@ def _search(steps: Steps, values: Values, kinds: Sequence[Kind]) -> _Search:
         step = jnp.where(looking, place // at.nodes.size, _filled(search.candidates.step, points))
         times = jnp.where(looking, every[place], _filled(next_times, points))
         x = steps.states(step, times[:, None])[:, 0]
-        # In a branch, because XLA computes what is outside anew for each of its uses.
+        # In a branch, because XLA would recompute it for each of its uses.
         found = jax.lax.cond(r >= 0, jax.vmap(values), lambda t, x: jnp.zeros((points, k), t.dtype), times, x)
         search = _nearer(search, Sample(next_times, found[jnp.arange(room), search.candidates.which]))
         kept = jnp.where(looking, place, n * at.nodes.size)
@@ -152,19 +152,19 @@ def _nearer(search: _Search, newest: Sample) -> _Search:
 
 
 def _filled(part: Array, size: int) -> Array:
-    """What is left over is looked at in vain."""
+    """The padding has no effect."""
     return jnp.concatenate([part, jnp.repeat(part[:1], size - part.size)])
 
 
 def _bracketed(steps: Steps, search: _Search, kinds: Sequence[Kind]) -> _Search:
-    """The places where the quartics through the samples change their signs, and brackets one place further around."""
+    """The fractions where the quartics through the samples change sign, and brackets one fraction wider around."""
     samples, which = search.samples, search.candidates.which
     valid = steps.taken[None, :, None] & jnp.isfinite(samples)
     scales = jnp.max(jnp.where(valid, jnp.abs(samples), 0.0), axis=(1, 2))
     fine = sampling().polynomials(samples)
     changes = _changes(fine, scales, kinds) & steps.taken[None, :, None]
     flat, columns = changes.reshape(len(kinds), -1), changes.shape[2]
-    # The n-th change is the first place up to which there are n of them.
+    # The n-th change is the first index up to which there are n of them.
     counts, order = jnp.cumsum(flat, axis=1), np.concatenate([np.arange(kind.room) for kind in kinds])
     found = jnp.sum(counts[which] <= order[:, None], axis=1)
     there = found < flat.shape[1]
@@ -180,7 +180,7 @@ def _bracketed(steps: Steps, search: _Search, kinds: Sequence[Kind]) -> _Search:
 
 
 def _parts(kinds: Sequence[Kind]) -> list[slice]:
-    """Where the candidates of each function are."""
+    """The indices of the candidates of each function."""
     ends = np.cumsum([kind.room for kind in kinds])
     return [slice(int(end) - kind.room, int(end)) for end, kind in zip(ends, kinds, strict=True)]
 
@@ -190,7 +190,7 @@ def _all_moved(steps: Steps, values: Values, field: Field, candidates: _Candidat
 
 
 def _moved(steps: Steps, values: Values, field: Field, which, i, j, t, real) -> tuple[Array, Array]:
-    """A time and the vector then, moved to the zero by a step of Newton's, which has the derivatives of the zero."""
+    """A time and the vector there, moved to the zero by a Newton step, which has the derivatives of the zero."""
     step, values = differentiated_where(real, (steps.step(i), values))
     x = step.evaluate(t)
     rate = jax.lax.stop_gradient(field(t, x))
@@ -210,9 +210,9 @@ def _first(leaf: Float[Array, "room ..."], real: Bool[Array, " room"]) -> Float[
 def _changes(
     fine: Float[Array, "k steps fractions"], scales: Float[Array, " k"], kinds: Sequence[Kind]
 ) -> Bool[Array, "k steps fractions"]:
-    """Where the sign changes in the right direction from the place before, the end of the last step included."""
+    """Where the sign changes in the right direction from the point before, including the end of the last step."""
     flat = fine.reshape(len(kinds), -1)
-    # A start from zero, to rounding, has the sign that comes after it.
+    # A start from zero, to rounding, has the sign that follows it.
     from_zero = jnp.abs(flat[:, 0]) <= 16 * jnp.finfo(flat.dtype).eps * scales
     start = jnp.where(from_zero, flat[:, 1], flat[:, 0])
     flat = flat.at[:, 0].set(start)

@@ -11,9 +11,9 @@ from ...numerics.masks import differentiated_where, without_derivatives
 from .sampling import FINENESS, NARROWER, sampling
 from .steps import Steps, Values
 
-# How many windows are looked at side by side.
+# How many windows are examined side by side.
 WIDTH = 8
-# What windows around the best places are of their steps, one round after the other; the third ones are places.
+# The sizes of windows around the best points, relative to their steps, in successive rounds; the third ones are points.
 SHARES = (NARROWER, NARROWER**2, 0.0, NARROWER**2)
 PLACES, LINES = 2, 3
 
@@ -23,7 +23,7 @@ class Largest(NamedTuple):
 
     - ``size``: its value, a little less where one step ends and another begins, so that the next one is preferred if it
       grows there.
-    - ``least``: its least value at the places that are looked at, by which a function that is constant is known.
+    - ``least``: its least value at the points evaluated, from which a constant function is recognised.
     - ``curvature``: its second derivative, where it is smooth.
     - ``values``: all functions at time i in row i; ``vectors`` are those of the states then, and ``rates`` theirs.
     """
@@ -54,13 +54,13 @@ class _Windows(NamedTuple):
 def maxima(steps: Steps, values: Values, k: int) -> Largest:
     """When each of k functions is largest, as constants; :func:`moved` has the derivatives of times.
 
-    ``values(t, x)`` are these functions and then ẋ, because what is needed for both is computed once.
+    ``values(t, x)`` are these functions and then ẋ, because shared parts are computed once.
 
-    Each step is looked at in five places. Around the best place of the quartics through them, and in the next step
-    where that begins or the one before ends, windows become narrower. At last the rate along the motion is
-    solved for its zero: the place of a largest value is good to half the digits, that of a zero to all.
+    The functions are evaluated at five points of each step. Around the best point of the quartics through them, and in
+    the adjacent step if that point is at an end, windows become narrower. Finally the rate along the motion is solved
+    for its zero: the location of a maximum is accurate to half the digits, that of a zero to all.
 
-    All evaluations are made in one loop, because each copy of a long formula takes XLA as long to compile.
+    All evaluations are in one loop, because XLA takes as long again to compile each copy of a long formula.
     """
     steps, values = without_derivatives((steps, eqx.filter_closure_convert(values, *steps.like)))
     width, size = max(WIDTH, 2 * k), steps.like[1].size
@@ -107,7 +107,7 @@ def _whole(steps: Steps, r: Int[Array, ""], width: int) -> _Windows:
 
 
 def _around(steps: Steps, best: Largest, share: Float[Array, ""], width: int) -> _Windows:
-    """Windows around the best places, and at the nearer ends of their steps in the next step or the one before."""
+    """Windows around the best points, and, in the adjacent step, at the nearer end of their steps."""
     start, end = steps.start[best.step], steps.end[best.step]
     half = share * (end - start)
     late = best.time - start > end - best.time
@@ -116,7 +116,7 @@ def _around(steps: Steps, best: Largest, share: Float[Array, ""], width: int) ->
     length = share * (last - first)
     own = _Windows(best.step, jnp.maximum(best.time - half, start), jnp.minimum(best.time + half, end))
     beyond = _Windows(other, jnp.where(late, first, last - length), jnp.where(late, first + length, last))
-    # Those that are left over are looked at in vain.
+    # The padding has no effect.
     filled = width - 2 * best.time.size
     return jax.tree.map(lambda a, b: jnp.concatenate([a, b, jnp.repeat(a[:1], filled)]), own, beyond)
 
@@ -141,12 +141,12 @@ def _largest(
     sizes = fine - jnp.where(ends, 1e-9 * jnp.maximum(jnp.abs(fine), 1.0), 0.0)
     sizes = jnp.where(jnp.isnan(sizes), jnp.inf, sizes).reshape(k, -1)
     size, places = jnp.max(sizes, axis=1), jnp.arange(sizes.shape[1])
-    # The first place of the largest, without the search for an index, which XLA's CPU compiler breaks off at in a loop.
+    # The first index of the largest, without argmax, at which XLA's CPU compiler fails in a loop.
     place = jnp.min(jnp.where(sizes == size[:, None], places, places.size - 1), axis=1)
     window, p = place // fractions.size, place % fractions.size
     length = (here.high - here.low)[window]
     slope, bend = at.rates(jnp.where(finite, curves, 0.0)[jnp.arange(k), window], fractions[p])
-    # A step of Newton's to the zero of the slope, but at the ends.
+    # A Newton step to the zero of the slope, except at the ends.
     smooth = (p > 0) & (p < fractions.size - 1) & (bend < 0)
     change = jnp.clip(jnp.where(smooth, -slope / jnp.where(smooth, bend, 1.0), 0.0), -1 / FINENESS, 1 / FINENESS)
     return Largest(
@@ -162,7 +162,7 @@ def _largest(
 
 
 def _stationary(steps: Steps, best: Largest, here: _Windows, samples: Float[Array, "k nodes k"]) -> Float[Array, " k"]:
-    """The best times after a step of Newton's, with the slopes of samples along the lines that touch the motion."""
+    """The best times after a Newton step, with the slopes of samples along tangents of the motion."""
     k = best.time.size
     low, length = here.low[:k], (here.high - here.low)[:k]
     smooth = (best.curvature < 0) & (length > 0)
@@ -178,7 +178,7 @@ def moved(
 ) -> tuple[Float[Array, ""], Float[Array, " size"]]:
     """A time in a step and the vector then, with the derivatives of the kink or the end of the step that it is at.
 
-    Within a step times have none: there a maximum does not change to first order as its place does. At the end of a
+    Within a step times have none: there the maximum does not change to first order with its location. At the end of a
     step, where a function may be largest because it jumps at one of ``kinks`` or because the run ends, times move with
     the kink or the end.
     """

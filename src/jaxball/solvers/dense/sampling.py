@@ -11,12 +11,12 @@ from jaxtyping import Array, Float
 
 NODES = 5
 FINENESS = 32
-# Of a window, what the next one is to either side of the place found in it: some times what a quartic errs by.
+# The half width of the next window, relative to this one: a few times the error of a quartic.
 NARROWER = 1 / 12
 
 
 class Sampling(NamedTuple):
-    """Where in a step a function is looked at: fractions of it, those of Gauss–Lobatto, which hold both ends.
+    """Where in a step a function is evaluated: the Gauss–Lobatto fractions of it, which include both ends.
 
     ``matrix`` takes the values at these nodes to those of the polynomial through them at the ``fractions``, among
     which the nodes are; ``powers`` takes them to its coefficients, the lowest first, with the step as unit of time.
@@ -100,7 +100,7 @@ def place_of_largest(
 
         samples = jax.lax.fori_loop(0, nodes.size, sample, jnp.zeros((nodes.size, first.size), first.dtype))
         fine = jnp.sum(jnp.asarray(at.matrix, first.dtype)[:, :, None] * samples[None], axis=1)
-        # The place of the largest, without the search for an index, which XLA's CPU compiler breaks off at in a loop.
+        # The index of the largest, without argmax, at which XLA's CPU compiler fails in a loop.
         here = jnp.where(fine == jnp.max(fine, axis=0)[None], fractions[:, None], jnp.inf)
         best = low + (high - low) * jnp.min(here, axis=0)
         return jnp.where(jnp.all(jnp.isfinite(samples), axis=0), best, times), half * NARROWER

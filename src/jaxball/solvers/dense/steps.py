@@ -1,4 +1,4 @@
-"""The steps of a solve, as its dense output has them."""
+"""The steps of a solve in its dense output."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,7 +16,7 @@ Field = Callable[[Float[Array, ""], Float[Array, " size"]], Float[Array, " size"
 
 
 class Steps(eqx.Module):
-    """Steps, of which the first ``count`` were taken, and what their dense output is made of.
+    """Steps, of which the first ``count`` were taken, and the data of their dense output.
 
     ``start`` and ``end`` are their times without derivatives; ``end`` lies a little before the end of a step, so
     that a kink there is seen from before. ``times`` and ``until``, where the last one is cut off, have derivatives.
