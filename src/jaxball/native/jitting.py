@@ -198,7 +198,10 @@ def _implementation(array: Any) -> Any:
 
 
 def _is_key(array: Any) -> bool:
-    return isinstance(array, jax.Array) and jnp.issubdtype(array.dtype, jax.dtypes.prng_key)
+    # Types of numbers are NumPy's, and the test of the others takes time that a short program would feel.
+    if not isinstance(array, jax.Array) or isinstance(array.dtype, np.dtype):
+        return False
+    return jnp.issubdtype(array.dtype, jax.dtypes.prng_key)
 
 
 def _numbers(array: Any) -> Any:

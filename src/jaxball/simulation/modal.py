@@ -8,7 +8,6 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from ..interface.arguments import described, require
-from ..numerics import programs
 from ..physics.body import AbstractBody
 from ..physics.body_on_plane import BodyOnPlane
 from ..physics.contact_law import Contact
@@ -19,7 +18,6 @@ from ..physics.state import ReducedState
 from .events import AbstractEvent, Detachment, Slip
 from .history import ContactHistory, Switches
 from .switching import Kept
-from .trajectory import Trajectory
 
 NOWHERE = -1  # the mode at times that a solve did not reach
 
@@ -73,13 +71,6 @@ def unpacked_switch(packing: Packing, kept: Kept) -> Unpacked:
     return Unpacked(kept, *(packing.unpack_where(known, t, vector) for vector in (kept.before, kept.after)))
 
 
-def of_modes(system: BodyOnPlane, times: Any, solved: Any, switches: Any, start: Any) -> Trajectory[Any, Any]:
-    """The trajectory of the body, from the states of the system on its plane."""
-    saved, *others = solved
-    contact = _compiled_history(system, times, saved, *switches)
-    return Trajectory.of(system.body, times, saved.body, *others, {}, start, contact)
-
-
 def slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Array, Array]:
     """The slip velocities, exactly 0 for a body that rolls, and their directions, 0 without slip."""
     prepared = system.prepare()
@@ -118,14 +109,6 @@ def history(
             grazing=grazing & known,
         ),
     )
-
-
-@programs.filter_jit
-def _compiled_history(
-    system: BodyOnPlane, times: Any, saved: ContactState, count: Array, switches: Unpacked
-) -> ContactHistory:
-    """The history of one run."""
-    return history(system.contact, saved, *slips(system, times, saved), count, switches)
 
 
 def _whole(mode: Array) -> Array:

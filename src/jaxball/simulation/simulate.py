@@ -41,7 +41,7 @@ from .arguments import (
 )
 from .events import AbstractEvent
 from .loop import SolveLoop
-from .modal import of_modes, on_plane, unpacked_switches
+from .modal import history, on_plane, slips, unpacked_switches
 from .observers import Observation, Observers
 from .step_size import by_tolerances, kinks_of, to_kinks
 from .switching import MOST, MOST_OF_ADAMS, Switching
@@ -188,10 +188,9 @@ def _run(
     """A trajectory. Dense output has room for few steps at first, because unused room costs time as well."""
 
     def trajectory_by(method: Method) -> Trajectory[Any, Any]:
-        *solved, course, _ = _program(method)(system, times, state, *others)
-        if isinstance(system, BodyOnPlane):
-            return of_modes(system, times, solved, course, state)
-        return Trajectory.of(system, times, *solved, {}, state, None)
+        *solved, contact = _program(method)(system, times, state, *others)
+        body = system.body if isinstance(system, BodyOnPlane) else system
+        return Trajectory.of(body, times, *solved, {}, state, contact)
 
     if method.dense and not is_traced(jnp.zeros(())):
         for room in (room for room in FEW_STEPS if room < method.max_steps):
@@ -205,12 +204,20 @@ def _program(method: Method) -> Callable[..., tuple]:
     try:
         return _compiled(method)
     except TypeError:  # a solver that carries arrays has no hash
-        return functools.partial(_solve_filtered, method)
+        return functools.partial(_solved_filtered, method)
 
 
 @functools.cache
 def _compiled(method: Method) -> Callable[..., tuple]:
-    return programs.jit(functools.partial(solve, method))
+    return programs.jit(functools.partial(_solved, method))
+
+
+def _solved(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple:
+    """The fields of a trajectory except ``system`` and ``times``, which a program could only copy."""
+    saved, *solved, course, _ = solve(method, system, times, *others)
+    if not isinstance(system, BodyOnPlane):
+        return saved, *solved, None
+    return saved.body, *solved, history(system.contact, saved, *slips(system, times, saved), *course)
 
 
 def solve(
@@ -222,7 +229,7 @@ def solve(
     atol: Array,
     events: dict[str, AbstractEvent],
 ) -> tuple:
-    """The fields of a trajectory but ``system`` and ``times``, which a program could only copy."""
+    """The saved states, where and how the solve ended, its steps, the interpolant, the switches, what was observed."""
     if isinstance(method.adjoint, diffrax.RecursiveCheckpointAdjoint):
         system, times, state, rtol, atol, events = reverse_only((system, times, state, rtol, atol, events))
     if isinstance(system, BodyOnPlane):
@@ -330,7 +337,7 @@ def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Ar
     return jax.tree.map(cut, jax.lax.map(lambda at: packing.unpack(*at), (times, states)))
 
 
-_solve_filtered = programs.filter_jit(solve)
+_solved_filtered = programs.filter_jit(_solved)
 
 
 def _controller(
