@@ -128,7 +128,8 @@ CASES = {
     ),
     "a linear law for nothing": (
         BALL + '[actuation]\nform = "linear"\nsignals = [1]\n',
-        'Key `actuation.form` must be "prescribed" where every mass and joint has what moves it, but it is "linear".',
+        'Key `actuation.form` must be "prescribed" where something else moves every mass and joint, but it is '
+        '"linear".',
     ),
     "an empty linear law": (
         with_law('form = "linear"'),

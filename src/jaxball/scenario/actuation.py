@@ -104,7 +104,9 @@ def _driven_masses(
     if form == "linear":
         driven = [index for index, item in enumerate(masses) if isinstance(item.motion, Driven)]
         if not driven and not others:
-            raise key_error(join(path, "form"), '"prescribed" where every mass and joint has what moves it', '"linear"')
+            raise key_error(
+                join(path, "form"), '"prescribed" where something else moves every mass and joint', '"linear"'
+            )
         return driven
     on_rails = [index for index, item in enumerate(masses) if isinstance(item.motion, OnRail)]
     if not on_rails and not others:

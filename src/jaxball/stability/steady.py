@@ -33,9 +33,9 @@ class SteadyMotion(Printed):
     - ``steady``: whether that is zero up to rounding.
     - ``eigenvalues``: of the equations linearised on the tangent of |Γ| = 1, in the co-rotating frame, in 1/time, the
       largest real part first.
-    - ``kind``: "centre" if none has a real part, "sink" or "source" if all real parts are negative or positive,
-      "saddle" if both occur, and "saddle-centre" if imaginary pairs occur as well. Zero eigenvalues, which come from
-      symmetries and integrals, do not count.
+    - ``kind``: "centre" if none has a real part, "sink" or "source" if all nonzero real parts are negative, or all
+      positive, "saddle" if both occur, and "saddle-centre" if imaginary pairs occur as well. Zero eigenvalues, which
+      come from symmetries and integrals, do not count.
     - ``message``: a sentence that says all this.
     """
 

@@ -135,8 +135,8 @@ def _leaning(problem: Rolling, hanging, moment) -> Float[np.ndarray, "t 3"]:
         unit = float(problem.system.total_mass * problem.system.radius)
         raise DesignError(
             "Argument `problem` must have a desired motion to which gravity can accelerate the ball, but the centre "
-            f"of mass would have to be {np.max(side) / unit:.3g} r away from it sideways, but it is only "
-            f"{size[0] / unit:.3g} r away from the geometric centre; give the motion more time, or start with the "
+            f"of mass would have to be {np.max(side) / unit:.3g} r to the side of the geometric centre, and it is only "
+            f"{size[0] / unit:.3g} r away from it; give the motion more time, or start with the "
             "centre of mass farther below."
         )
     return beside + np.copysign(np.sqrt(size**2 - side**2), height)[:, None] * up
