@@ -11,7 +11,7 @@ from .errors import StoreError
 from .study import Study
 
 PACKAGES = ("jaxball", "jax", "jaxlib", "diffrax", "numpy", "scipy")
-LAYOUT = "2"  # counted up when stores are written otherwise
+LAYOUT = "3"  # counted up when stores are written otherwise
 
 
 def identity_of(study: Study) -> dict[str, str]:
