@@ -12,16 +12,13 @@ from ..numerics import programs
 from ..physics.body import AbstractBody
 from ..physics.body_on_plane import BodyOnPlane
 from ..physics.contact_law import Contact
-from ..physics.modes import ContactState, Mode
+from ..physics.modes import ContactState
 from ..physics.packing import Packing
-from ..physics.released import slip_velocity
 from ..physics.state import ReducedState
 from .events import AbstractEvent, Detachment, Slip
-from .history import ContactHistory, Switches
+from .history import NOWHERE, ContactHistory, Switches, slips
 from .switching import Kept
 from .trajectory import Trajectory
-
-NOWHERE = -1  # the mode at times to which a solve did not come
 
 
 def on_plane(system: Any, state: Any, contact: Contact, dae: bool, events: Mapping[str, AbstractEvent]) -> BodyOnPlane:
@@ -78,17 +75,6 @@ def of_modes(system: BodyOnPlane, times: Any, solved: Any, switches: Any, start:
     saved, *others = solved
     contact = _compiled_history(system, times, saved, *switches)
     return Trajectory.of(system.body, times, saved.body, *others, {}, start, contact)
-
-
-def slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Array, Array]:
-    """The slip velocities, exactly 0 of a body that rolls, and their directions, 0 where there is none."""
-    prepared = system.prepare()
-
-    def slip(t: Array, state: ContactState) -> tuple[Array, Array]:
-        velocity = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(prepared.body, t, state.released))
-        return velocity, jnp.where(state.is_in(Mode.SLIDING), state.direction(t, velocity), 0.0)
-
-    return jax.lax.map(lambda at: slip(*at), (times, states))
 
 
 def history(
