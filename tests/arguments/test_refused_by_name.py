@@ -45,7 +45,7 @@ def test_the_class_that_was_typed(make, sentence):
 
 def test_a_mechanism_without_joints():
     with pytest.raises(ValueError, match="`joints` must be a list of one joint or more, but it is empty; a mass"):
-        Mechanism(joints=[], masses=[CarriedMass(0.5)])
+        Mechanism(joints=[])
 
 
 def run(**settings):

@@ -116,3 +116,16 @@ def test_reading_a_scenario_does_need_them():
     assert output.startswith("ball is valid: a scenario, ")
     assert {"jax", "numpy", "equinox"} <= set(heavy)
     assert not {"diffrax", "matplotlib", "xarray", "pandas"} & set(heavy)
+
+
+def test_a_saved_run_is_drawn_without_solvers(tmp_path):
+    made = [["simulate", "disk", "--end", "0.1", "--quiet", "--out", str(tmp_path / "run.npz")]]
+    drawn = [
+        ["plot", str(tmp_path / "run.npz"), "--quiet", "--out", str(tmp_path / "figures")],
+        ["view", str(tmp_path / "run.npz"), "--quiet", "--out", str(tmp_path / "run.html")],
+    ]
+    for commands, solves in ((made, True), (drawn, False)):
+        asked = json.dumps([commands, ["diffrax"]])
+        done = subprocess.run([sys.executable, "-c", PROGRAM, asked], capture_output=True, text=True, check=True)
+        for code, _, errors, heavy in json.loads(done.stdout):
+            assert (code, errors, bool(heavy)) == (0, "", solves)

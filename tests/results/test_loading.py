@@ -149,6 +149,7 @@ def test_sentences(ball, tmp_path):
 
     changed("newer.npz", format=2, jaxball_version="9.1")
     changed("arrays.npz", format=None)
+    changed("other.npz", format="mine")
     changed("stateless.npz", q=None)
     changed("ended.npz", status="TIRED")
     changed("stepless.npz", steps="many")
@@ -166,6 +167,7 @@ def test_sentences(ball, tmp_path):
         "text.nc": r"must be a run that jaxball saved, but it is not: ",
         "text.npz": r"must be a run that jaxball saved, but it is not: ",
         "arrays.npz": r"it has no `format`\.$",
+        "other.npz": r"its `format` is 'mine'\.$",
         "stateless.npz": r"it has no states of a Ball\.$",
         "ended.npz": r"its `status` is 'TIRED'\.$",
         "stepless.npz": r"its `steps` is 'many'\.$",

@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 import xarray
 
-from jaxball.sweep import StoreError, StudyError, describe, engine, executors, open_dataset, open_grid, sweep
+from jaxball.cli import main
+from jaxball.sweep import (
+    StoreError,
+    StudyError,
+    describe,
+    engine,
+    executors,
+    open_dataset,
+    open_grid,
+    row_scenarios,
+    sweep,
+)
 from jaxball.sweep.outputs import outputs_of
 from jaxball.sweep.store import Store
 from tests.sweep.studies import GRAVITIES, MASSES, files, pretend, study
@@ -187,15 +198,30 @@ def test_rows_whose_files_something_else_changed_are_named_and_computed_again(tm
     assert files(outcome.store) == before
 
 
-@pytest.mark.parametrize("content", [b"\0\0\0\xff", b"\0\0\0\x63"])
-def test_statuses_that_there_are_not_are_not_counted(tmp_path, content):
-    found = study(tmp_path, settings=SMALL)
-    outcome = sweep(found, tmp_path / "s.zarr", engine=pretend)
-    (outcome.store / "status" / "c" / "2").write_bytes(content)
-    with pytest.raises(StoreError, match=r'status/c/2" must be as the sweep wrote it'):
-        describe(outcome.store)
-    assert sweep(found, outcome.store, engine=pretend).finished
-    assert describe(outcome.store).startswith("15 of 15")
+@pytest.mark.parametrize("name", OF_ROWS)
+def test_numbers_that_something_else_changed_are_found_by_their_checksum(tmp_path, name):
+    found = study(tmp_path, settings='chunk = 4\nsave = "times"')
+    store = sweep(found, tmp_path / "s.zarr", engine=pretend).store
+    before = files(store)
+    path = next(path for path in (store / name / "c").rglob("*") if path.is_file())
+    content = path.read_bytes()
+    path.write_bytes(bytes([content[0] ^ 1]) + content[1:])
+    for read in (describe, lambda store: row_scenarios(store, [0])):
+        with pytest.raises(StoreError, match=f'{path}" must be as the sweep wrote it'):
+            read(store)
+    with pytest.raises(ValueError, match="checksum"):  # which any reader of Zarr finds
+        open_dataset(store).load()
+    assert sweep(found, store, engine=pretend).finished
+    assert files(store) == before
+
+
+def test_a_figure_is_not_drawn_of_numbers_that_something_else_changed(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))
+    store = sweep(study(tmp_path, settings=SMALL), tmp_path / "s.zarr", engine=pretend).store
+    path = store / "phi" / "c" / "2"
+    path.write_bytes(b"\1" + path.read_bytes()[1:])
+    assert main(["sweep", "plot", str(store), "--out", str(tmp_path / "figures")]) == 2
+    assert f'"{path}" must be as the sweep wrote it' in capsys.readouterr().err
 
 
 def test_several_files_that_something_else_changed_are_counted(tmp_path):

@@ -16,7 +16,7 @@ from ..interface.status import Status
 from ..native import FEWEST, LANES
 from ..numerics import programs
 from ..physics.body_on_plane import BodyOnPlane
-from ..simulation.modal import slips
+from ..simulation.history import slips
 from ..simulation.observers import Found, Observation
 from ..simulation.simulate import Method, solve
 from .program import Settings

@@ -17,7 +17,8 @@ from ..physics.confinement import until_left
 from ..physics.modes import ContactState
 from ..physics.packing import Packing
 from ..physics.validity import possible_start
-from ..simulation.modal import slips, unpacked_switch
+from ..simulation.history import slips
+from ..simulation.modal import unpacked_switch
 from ..simulation.step_size import by_tolerances, kinks_of, to_kinks
 from ..simulation.switching import Kept
 from .control import Limits

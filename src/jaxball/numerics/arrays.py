@@ -50,6 +50,12 @@ def require_numbers(name: str, x: Any) -> None:
         raise refusal(name, "numbers", x)
 
 
+def require_not_nan(name: str, value: Any) -> None:
+    """Raises a ``ValueError`` for an array one of whose entries is NaN; what is traced, or no array, passes."""
+    if isinstance(value, jax.Array | np.ndarray) and not is_traced(value) and np.any(np.isnan(np.asarray(value))):
+        raise ValueError(f"Argument `{name}` must be {'a number' if value.ndim == 0 else 'numbers'}, but it is nan.")
+
+
 def to_numpy(x: Numbers, name: str = "x") -> Float[np.ndarray, "..."]:
     """``x``, which must not be traced, as an array of NumPy in float64.
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 
 from ..interface.arguments import refusal
 from ..interface.printing import Printed
-from ..numerics.arrays import Numbers, default_dtype, numbers, to_array
+from ..numerics.arrays import Numbers, default_dtype, numbers, require_not_nan, to_array
 from .schedules import AbstractSchedule, PiecewiseAcceleration
 
 
@@ -133,11 +133,13 @@ class IntegratedSignal(AbstractIntegrableSignal):
 def as_signal(name: str, given: Any) -> AbstractSignal | AbstractSchedule:
     """A signal, a schedule, or a number as a constant signal.
 
-    **Raises:** ``TypeError`` for anything else.
+    **Raises:** ``TypeError`` for anything else, ``ValueError`` for NaN.
     """
     if isinstance(given, AbstractSignal | AbstractSchedule):
         return given
     try:
-        return ConstantSignal(numbers(name)(given))
+        number = numbers(name)(given)
     except TypeError:
         raise refusal(name, "a number, a signal such as PiecewiseSignal(...), or a schedule", given) from None
+    require_not_nan(name, number)
+    return ConstantSignal(number)

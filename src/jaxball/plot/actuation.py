@@ -7,11 +7,11 @@ from matplotlib.axes import Axes
 
 from ..numerics import programs
 from ..numerics.arrays import Numbers, to_array
+from ..numerics.kinks import seen_from_before
 from ..physics.body import System
 from ..physics.dynamics import given_angles
 from ..physics.motion import OnRail
 from ..simulation.trajectory import Trajectory, times_looked_at
-from ..solvers.kinks import seen_from_before
 from .modes import draw_modes, modes_of
 from .over_time import tell_apart
 from .palette import INK

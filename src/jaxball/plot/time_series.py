@@ -1,6 +1,7 @@
 """Figures of quantities over time: rates, energies and forces."""
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -8,7 +9,6 @@ from matplotlib.axes import Axes
 
 from ..physics.body import Disk
 from ..physics.modes import Mode
-from ..simulation.extremes import contact_extremes
 from ..simulation.history import ContactHistory
 from ..simulation.trajectory import Trajectory
 from .modes import modes_of, with_breaks
@@ -16,6 +16,9 @@ from .over_time import Series, over_time, sizes_of, without_rounding
 from .palette import COMPONENTS, DASHED, DOTTED, INK, TAKEN
 from .record import drawn_run, finite_rows, record
 from .style import legend_above, linestyle, plane_axes, up_to_ticks, write
+
+if TYPE_CHECKING:
+    from ..simulation.extremes import ContactExtremes
 
 SHORT = 4  # entries in a row of a legend that has long ones
 CONSTANT = 1e-6  # a force with a smaller relative change counts as constant
@@ -116,7 +119,7 @@ def contact_force(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
     ax = over_time(run.system, times, series, "contact force", ax, modes=modes, size=sizes_of(run.system).force)
     up_to_ticks(ax, low=0.0)
     if trajectory.interpolant is not None and trajectory.contact is None:
-        extremes = contact_extremes(trajectory)
+        extremes = _extremes(trajectory)
         time, least = float(extremes.least_normal_force_time), float(extremes.least_normal_force)
         constant = bool(len(times)) and bool(np.max(N) - least <= CONSTANT * abs(least))
         time, when = _throughout(times, constant) or (time, _when(time, times))
@@ -189,10 +192,17 @@ def _mark(ax: Axes, t: float, value: float, label: str, color: str) -> None:
     legend_above(ax)
 
 
+def _extremes(trajectory: Trajectory) -> "ContactExtremes":
+    # Imported here, because it imports all solvers, and a saved run has no dense output.
+    from ..simulation.extremes import contact_extremes
+
+    return contact_extremes(trajectory)
+
+
 def _largest_ratio(trajectory: Trajectory, times: np.ndarray, ratio: np.ndarray) -> tuple[float, float]:
     """The time and the value of the largest |f| / N, of the whole run where it has dense output."""
     if trajectory.interpolant is not None:
-        extremes = contact_extremes(trajectory)
+        extremes = _extremes(trajectory)
         return float(extremes.friction_needed_time), float(extremes.friction_needed)
     k = int(np.argmax(ratio))
     return float(times[k]), float(ratio[k])

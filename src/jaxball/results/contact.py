@@ -11,8 +11,7 @@ from ..numerics.arrays import to_array
 from ..physics.contact_law import Contact
 from ..physics.modes import Cause, Mode
 from ..physics.released import ReleasedState
-from ..simulation.history import ContactHistory, Switches
-from ..simulation.modal import NOWHERE
+from ..simulation.history import NOWHERE, ContactHistory, Switches
 from .variables import Variable
 
 HISTORY = {

@@ -36,15 +36,24 @@ def saved_attributes(path: Path) -> Mapping[str, Any]:
     check_saved(path)
     with refused(path):
         about = ATTRIBUTES[path.suffix](path)
-        if "format" not in about:
-            raise ValueError("it has no `format`")
-        number = int(about["format"])
+    number = attribute_of(path, about, "format", int)
     if number != FORMAT:
         raise RunError(
             f'The run "{path}" was saved by jaxball {about.get("jaxball_version", "?")} in format {number}, '
             f"and this version reads format {FORMAT}; read it with that version, or a later one."
         )
     return about
+
+
+def attribute_of(path: Path, about: Mapping[str, Any], name: str, read: Callable[[Any], Any]) -> Any:
+    """An attribute of a file.
+
+    **Raises:** :class:`RunError` that names it where it is missing or wrong.
+    """
+    try:
+        return read(about[name])
+    except (KeyError, TypeError, ValueError):
+        raise no_run(path, f"its `{name}` is {about[name]!r}" if name in about else f"it has no `{name}`") from None
 
 
 def saved_text(path: Path) -> str:

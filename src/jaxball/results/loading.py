@@ -15,7 +15,7 @@ from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
 from .contact import read_history
-from .files import READ_BACK, UNKNOWN_SOLVER, RunError, no_run, refused, saved_attributes, saved_text
+from .files import READ_BACK, UNKNOWN_SOLVER, RunError, attribute_of, no_run, refused, saved_attributes, saved_text
 
 DRIVEN_FIELDS = ("theta", "thetadot")  # left out of a file where no mass is driven
 
@@ -59,7 +59,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
     with refused(path):
         arrays = ARRAYS[path.suffix](path)
     state = _state(arrays, system, path)
-    attribute = functools.partial(_attribute, path, about)
+    attribute = functools.partial(attribute_of, path, about)
     try:
         run = Trajectory(
             system=system,
@@ -88,17 +88,6 @@ def saved_scenario(path: str | Path) -> Scenario:
     **Raises:** :class:`RunError` as :func:`load_run`.
     """
     return _scenario(Path(path))
-
-
-def _attribute(path: Path, about: Mapping[str, Any], name: str, read: Callable[[Any], Any]) -> Any:
-    """An attribute of a file.
-
-    **Raises:** :class:`RunError`, which names the attribute, where it is missing or wrong.
-    """
-    try:
-        return read(about[name])
-    except (KeyError, TypeError, ValueError):
-        raise no_run(path, f"its `{name}` is {about[name]!r}" if name in about else f"it has no `{name}`") from None
 
 
 def _scenario(path: Path) -> Scenario:

@@ -3,6 +3,7 @@
 import dataclasses
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -12,8 +13,10 @@ from ..physics.body import AbstractBody
 from ..physics.body_on_plane import BodyOnPlane
 from ..physics.contact_law import Contact
 from ..physics.modes import Cause, ContactState, Mode
-from ..physics.released import ReleasedState
+from ..physics.released import ReleasedState, slip_velocity
 from ..physics.slip import Beginning
+
+NOWHERE = -1  # the mode at times to which a solve did not come
 
 MOST_SHOWN = 8  # switches in a summary; `Switches.lines` has all
 
@@ -120,3 +123,14 @@ class ContactHistory(Printed):
         return BodyOnPlane(body, self.law), ContactState(
             states, self.V, self.height, self.rubbed, self.struck, mode, begun
         )
+
+
+def slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Array, Array]:
+    """The slip velocities, exactly 0 for a body that rolls, and their directions, 0 without slip."""
+    prepared = system.prepare()
+
+    def slip(t: Array, state: ContactState) -> tuple[Array, Array]:
+        velocity = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(prepared.body, t, state.released))
+        return velocity, jnp.where(state.is_in(Mode.SLIDING), state.direction(t, velocity), 0.0)
+
+    return jax.lax.map(lambda at: slip(*at), (times, states))

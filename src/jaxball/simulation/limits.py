@@ -15,8 +15,7 @@ from ..physics.modes import ContactState, Mode
 from ..physics.released import ReleasedState
 from ..physics.slip import Beginning
 from ..physics.state import DiskState
-from .history import ContactHistory
-from .modal import slips
+from .history import ContactHistory, slips
 from .trajectory import Trajectory
 
 STILL = 1e-9  # of the speeds of a body: a slower slip is at its beginning or at its end

@@ -11,15 +11,12 @@ from ..interface.arguments import described, require
 from ..physics.body import AbstractBody
 from ..physics.body_on_plane import BodyOnPlane
 from ..physics.contact_law import Contact
-from ..physics.modes import ContactState, Mode
+from ..physics.modes import ContactState
 from ..physics.packing import Packing
-from ..physics.released import slip_velocity
 from ..physics.state import ReducedState
 from .events import AbstractEvent, Detachment, Slip
-from .history import ContactHistory, Switches
+from .history import NOWHERE, ContactHistory, Switches
 from .switching import Kept
-
-NOWHERE = -1  # the mode at times that a solve did not reach
 
 
 def on_plane(system: Any, state: Any, contact: Contact, dae: bool, events: Mapping[str, AbstractEvent]) -> BodyOnPlane:
@@ -69,17 +66,6 @@ def unpacked_switch(packing: Packing, kept: Kept) -> Unpacked:
     known = jnp.isfinite(kept.times)
     t = jnp.where(known, kept.times, 0.0)
     return Unpacked(kept, *(packing.unpack_where(known, t, vector) for vector in (kept.before, kept.after)))
-
-
-def slips(system: BodyOnPlane, times: Array, states: ContactState) -> tuple[Array, Array]:
-    """The slip velocities, exactly 0 for a body that rolls, and their directions, 0 without slip."""
-    prepared = system.prepare()
-
-    def slip(t: Array, state: ContactState) -> tuple[Array, Array]:
-        velocity = jnp.where(state.is_in(Mode.ROLLING), 0.0, slip_velocity(prepared.body, t, state.released))
-        return velocity, jnp.where(state.is_in(Mode.SLIDING), state.direction(t, velocity), 0.0)
-
-    return jax.lax.map(lambda at: slip(*at), (times, states))
 
 
 def history(

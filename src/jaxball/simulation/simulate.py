@@ -40,8 +40,9 @@ from .arguments import (
     require_one_state,
 )
 from .events import AbstractEvent
+from .history import slips
 from .loop import SolveLoop
-from .modal import history, on_plane, slips, unpacked_switches
+from .modal import history, on_plane, unpacked_switches
 from .observers import Observation, Observers
 from .step_size import by_tolerances, kinks_of, to_kinks
 from .switching import MOST, MOST_OF_ADAMS, Switching

@@ -15,11 +15,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.status import Status
 from ..numerics.bracketing import Sample, between, other_end
+from ..numerics.kinks import before_kink
 from ..physics.body_on_plane import Heading
 from ..physics.modes import CAUSES, Cause, Mode
 from ..physics.packing import Packing
 from ..solvers.dense.sampling import sampling
-from ..solvers.kinks import before_kink
 
 NONE = -1  # no cause
 WINDOW = -2  # no cause either: the end of the time for which the direction of a slip was known beforehand

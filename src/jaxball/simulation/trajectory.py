@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, cast
 
-import diffrax
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -19,6 +18,7 @@ from ..interface.status import SolveError, Status
 from ..interface.wording import counted
 from ..numerics import programs
 from ..numerics.arrays import Numbers, is_traced, to_array
+from ..numerics.kinks import seen_from_before
 from ..numerics.masks import differentiated_where, with_unknown_derivatives
 from ..physics.body import AbstractBody, System
 from ..physics.body_on_plane import BodyOnPlane, body_of
@@ -28,14 +28,13 @@ from ..physics.packing import Packing
 from ..physics.state import BallState, DiskState, ReducedState, RotationState, State
 from ..physics.system import AbstractState, AbstractSystem
 from ..physics.validity import find_problems, not_numbers
-from ..solvers.dense.continuous import DenseOutput
-from ..solvers.kinks import seen_from_before
 from .history import ContactHistory
 from .occurrences import Occurrences
 
 if TYPE_CHECKING:
     import pathlib
 
+    import diffrax
     import matplotlib.figure
     import xarray
 
@@ -55,12 +54,15 @@ else:  # from Python 3.13 on, beartype takes a default for all that a value may 
 class Interpolant(eqx.Module, Generic[AnyState]):
     """The states between the saved times, by the solver's dense output."""
 
-    solution: diffrax.Solution
+    solution: "diffrax.Solution"
     packing: Packing[Any, AnyState]
 
     @classmethod
-    def of(cls, solution: diffrax.Solution, solver: Any, packing: Packing[Any, Any]) -> "Interpolant[Any]":
+    def of(cls, solution: "diffrax.Solution", solver: Any, packing: Packing[Any, Any]) -> "Interpolant[Any]":
         """Of a solution by :class:`SolveLoop`, whose steps have the dense output of ``DenseOutput.of(solver)``."""
+        # Imported here, because a run is read from a file and drawn without solvers.
+        from ..solvers.dense.continuous import DenseOutput
+
         steps = dataclasses.replace(
             cast(Any, solution.interpolation), interpolation_cls=DenseOutput.of(solver).interpolation
         )

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Bool, Float
 
-CLOSE = 100  # roundings within which a kink and the end of a run are the same time
+from ..numerics.kinks import after, before, before_kink
 
 
 class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
@@ -80,41 +80,7 @@ class StepToKinks(diffrax.AbstractAdaptiveStepSizeController):
     def _past(self, t: Float[Array, ""]) -> tuple[Float[Array, ""], Bool[Array, ""]]:
         """The first time after the kink where ``t`` is the last one before it, and whether it is."""
         kinks = self.kinks.astype(t.dtype)
-        here = (t == _before(kinks)) | (t == kinks)
-        beyond = jnp.min(jnp.where(here, _after(kinks), jnp.inf))
+        here = (t == before(kinks)) | (t == kinks)
+        beyond = jnp.min(jnp.where(here, after(kinks), jnp.inf))
         jumped = jnp.any(here)
         return jnp.where(jumped, beyond, t), jumped
-
-
-def before_kink(kinks: Float[Array, " kinks"], t0: Float[Array, ""], t1: Float[Array, ""]) -> Float[Array, ""]:
-    """``t1``, or the last time before the next kink after ``t0`` if that is earlier."""
-    ends = _before(kinks)
-    return jnp.minimum(jnp.min(jnp.where(ends > t0, ends, jnp.inf), initial=jnp.inf), t1)
-
-
-def seen_from_before(kinks: Float[Array, " kinks"], end: Float[Array, ""]) -> Float[Array, ""]:
-    """The time at which to evaluate the end of a run: just before a kink there, otherwise ``end`` itself.
-
-    A quantity that jumps there has, at the kink, the value of the later side, which is not part of the run.
-    """
-    kinks, near = kinks.astype(end.dtype), CLOSE * jnp.finfo(end.dtype).eps * jnp.abs(end)
-    here = (kinks <= end) & (end - kinks <= near)
-    earlier = jnp.min(jnp.where(here, _before(kinks), jnp.inf), initial=jnp.inf)
-    return end + jax.lax.stop_gradient(jnp.minimum(earlier, end) - end)
-
-
-def _before(t: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The floating-point number before ``t``, with the derivative of ``t``."""
-    return _neighbour(t, -1.0)
-
-
-def _after(t: Float[Array, "..."]) -> Float[Array, "..."]:
-    """The floating-point number after ``t``, with the derivative of ``t``."""
-    return _neighbour(t, 1.0)
-
-
-def _neighbour(t: Float[Array, "..."], direction: float) -> Float[Array, "..."]:
-    """XLA treats the neighbours of 0 as 0, so the smallest numbers that it distinguishes from 0 are used instead."""
-    fixed = jax.lax.stop_gradient(t)
-    distance = jnp.abs(jnp.nextafter(fixed, jnp.full_like(fixed, direction * jnp.inf)) - fixed)
-    return t + direction * jnp.maximum(distance, jnp.finfo(fixed.dtype).tiny)

@@ -11,7 +11,7 @@ from .errors import StoreError
 from .study import Study
 
 PACKAGES = ("jaxball", "jax", "jaxlib", "diffrax", "numpy", "scipy")
-LAYOUT = "2"  # increased when the layout of stores changes
+LAYOUT = "3"  # increased when the layout of stores changes
 
 
 def identity_of(study: Study) -> dict[str, str]:

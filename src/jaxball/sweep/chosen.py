@@ -14,6 +14,7 @@ from .attributes import read_attributes
 from .dataset import open_dataset
 from .errors import StoreError
 from .study import ends_at_detachment
+from .whole import check_whole
 
 
 def row_events(folder: str | Path) -> dict[str, AbstractEvent]:
@@ -41,6 +42,7 @@ def row_scenarios(folder: str | Path, rows: Sequence[int]) -> list[Scenario]:
     **Raises:** :class:`StoreError` as :func:`open_dataset`, and for a row that does not exist, is not computed yet, or
     has impossible numbers.
     """
+    check_whole(Path(folder))
     data = open_dataset(folder)
     paths, count = np.atleast_1d(data.attrs["paths"]).tolist(), data.sizes["row"]
     beyond = [row for row in rows if not 0 <= row < count]

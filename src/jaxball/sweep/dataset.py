@@ -19,13 +19,14 @@ def open_dataset(folder: str | Path) -> "xarray.Dataset":
     an attribute, ``names``, because not every library reads strings from Zarr.
 
     **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study,
-    and when a file of it has been changed from outside.
+    and when a file of it has been removed or its length changed from outside. A file with other numbers is a
+    ``ValueError`` of Zarr when it is read; :func:`describe` names it.
     """
     # Imported here, because it takes longer than all of jaxball's own modules.
     import xarray
 
     read_attributes(Path(folder))
-    check_whole(Path(folder))
+    check_whole(Path(folder), numbers=False)
     data = xarray.open_zarr(folder, chunks=None)
     named = {name: data[name].attrs[NAMES] for name in data.indexes if NAMES in data[name].attrs}
     return data.assign_coords(named)

@@ -13,7 +13,9 @@ from .chunk import compute
 from .engine import solve_in_lanes
 from .outputs import outputs_of
 from .progress import duration
+from .store import POINTS_TOGETHER
 from .study import Study
+from .whole import BYTES_OF_A_CHECKSUM
 
 TRIED = 512
 
@@ -58,9 +60,10 @@ def estimate(study: Study, engine: Engine = solve_in_lanes, *, measure: bool = F
     require_flags(measure=measure)
     template = study.template()
     outputs = outputs_of(study, template)
-    rows = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks
+    numbers = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks
     points = sum(8 * axis.size * len(axis.paths) for axis in study.axes)
-    unmeasured = Estimate(study.rows, study.chunks, rows + points)
+    files = len(outputs) * study.chunks + sum(-(-axis.size // POINTS_TOGETHER) * len(axis.paths) for axis in study.axes)
+    unmeasured = Estimate(study.rows, study.chunks, numbers + points + BYTES_OF_A_CHECKSUM * files)
     if not measure:
         return unmeasured
     tried = np.unique(np.linspace(0, study.rows - 1, min(TRIED, study.chunk)).astype(int))

@@ -12,7 +12,7 @@ from ..scenario import ScenarioError, read_document
 from ..scenario.paths import with_numbers
 from .attributes import read_attributes
 from .tally import column, tally
-from .whole import STATUS
+from .whole import STATUS, check_whole
 
 
 def describe(folder: str | Path) -> str:
@@ -22,7 +22,9 @@ def describe(folder: str | Path) -> str:
     and when a file of it has been changed from outside.
     """
     folder = Path(folder)
-    attributes, tallied = read_attributes(folder), tally(folder)
+    attributes = read_attributes(folder)
+    check_whole(folder)
+    tallied = tally(folder)
     lines = [attributes["title"]] if attributes["title"] else []
     lines.append(
         f"{tallied.rows:,} of {attributes['rows']:,} rows are done ({100 * tallied.rows / attributes['rows']:.1f} %)"

@@ -1,8 +1,8 @@
 """The store of a study: a Zarr group that xarray opens, each of its chunks written atomically.
 
-The arrays are not compressed, so that a chunk of an array is a file of its numbers, which can be written to a temporary
-file and moved into place. When all files of a chunk of rows are on disk, a mark says so; rows without a mark are
-computed again.
+The arrays are not compressed, so that a chunk of an array is a file of its numbers and their checksum, which can be
+written to a temporary file and moved into place. When all files of a chunk of rows are on disk, a mark says so; rows
+without a mark are computed again.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ from .filesystem import remove_dead_parts, remove_parts, write_whole
 from .layout import AXES, NAMES, dimensions, layout_of
 from .outputs import Output, labels_of
 from .study import Study
-from .whole import MARKS, Damage, changed, damages, done
+from .whole import MARKS, Damage, changed, damages, done, numbers_of, with_checksum
 
 POINTS_TOGETHER = 2**20
 # Otherwise Zarr would write no file where all numbers are 0, and a lost file would be read as zeros.
@@ -54,7 +54,7 @@ class Store:
                 padded = output.empty(self.study.chunk)
                 padded[: len(arrays[name])] = arrays[name]
                 path = self._file(name, chunk)
-                write_whole(path, padded.astype(output.dtype.newbyteorder("<")).tobytes())
+                write_whole(path, with_checksum(padded.astype(output.dtype.newbyteorder("<")).tobytes()))
                 folders |= set(_up_to(path.parent, self.folder))
             for folder in folders:
                 flush_to_disk(folder)
@@ -77,10 +77,10 @@ class Store:
         """
         path, output = self._file(name, chunk), self.outputs[name]
         shape = (self.study.chunk, *output.shape)
-        content = path.read_bytes() if path.exists() else b""
-        if len(content) != int(np.prod(shape)) * output.dtype.itemsize:
+        numbers = numbers_of(path, int(np.prod(shape)) * output.dtype.itemsize)
+        if numbers is None:
             raise changed(path)
-        array = np.frombuffer(content, output.dtype.newbyteorder("<")).reshape(shape)
+        array = np.frombuffer(numbers, output.dtype.newbyteorder("<")).reshape(shape)
         return array[: len(self.study.rows_of(chunk))]
 
     def mend(self) -> list[Damage]:
@@ -180,8 +180,9 @@ def _create(store: Store, attributes: dict[str, Any]) -> None:
 
 
 def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attributes: dict[str, Any]) -> None:
-    # Imported here, because it belongs to the extra `sweep`.
+    # Imported here, because they belong to the extra `sweep`.
     import zarr
+    from zarr.codecs import Crc32cCodec
 
     template = study.template()
     solve = {name: getattr(template, name) for name in ("solver", "rtol", "atol", "max_steps")}
@@ -205,7 +206,7 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
             dtype=output.dtype,
             fill_value=output.fill,
             dimension_names=["row", *output.dimensions],
-            compressors=None,
+            compressors=Crc32cCodec(),
             filters=None,
             attributes={"units": output.units, "long_name": output.meaning},
         )
@@ -216,7 +217,7 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
             name,
             data=np.arange(len(labels)) if texts else labels,
             dimension_names=[name],
-            compressors=None,
+            compressors=Crc32cCodec(),
             config=WRITTEN_EVEN_IF_ZERO,
             attributes={NAMES: labels.tolist()} if texts else {},
         )
@@ -229,6 +230,8 @@ def _write_metadata(folder: Path, study: Study, outputs: dict[str, Output], attr
 
 def _write_points(group: Any, study: Study, names: list[str]) -> None:
     """The values along each axis, which the finished rows may not cover yet."""
+    from zarr.codecs import Crc32cCodec
+
     for name, axis in zip(names, study.axes, strict=True):
         chunks = (min(axis.size, POINTS_TOGETHER),)
         arrays = [
@@ -238,7 +241,7 @@ def _write_points(group: Any, study: Study, names: list[str]) -> None:
                 chunks=chunks,
                 dtype="f8",
                 dimension_names=[name],
-                compressors=None,
+                compressors=Crc32cCodec(),
                 filters=None,
                 config=WRITTEN_EVEN_IF_ZERO,
             )

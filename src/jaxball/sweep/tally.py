@@ -8,7 +8,7 @@ from jaxtyping import Int
 
 from ..interface.status import Status
 from .attributes import read_attributes
-from .whole import STATUS, changed, check_whole, done
+from .whole import STATUS, changed, check_whole, done, numbers_of
 
 
 class Tally(NamedTuple):
@@ -32,10 +32,10 @@ def tally(folder: Path) -> Tally:
     """The outcomes of the rows that are done.
 
     **Raises:** :class:`StoreError` when ``folder`` is not the store of a study, and when a file of it has been changed
-    from outside.
+    from outside; of the numbers, only the statuses are read.
     """
     attributes = read_attributes(folder)
-    check_whole(folder)
+    check_whole(folder, numbers=False)
     rows, size = attributes["rows"], attributes["chunk"]
     counts, first = np.zeros(len(Status), dtype=int), None
     for chunk in done(folder):
@@ -53,6 +53,9 @@ def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> n
     """
     path = folder / name / "c" / str(chunk)
     content = path.read_bytes() if path.is_file() else b""
-    if len(content) != rows * dtype.itemsize:
+    if len(content) == rows * dtype.itemsize:  # a store of an earlier version
+        return np.frombuffer(content, dtype)
+    numbers = numbers_of(path, rows * dtype.itemsize)
+    if numbers is None:
         raise changed(path)
-    return np.frombuffer(content, dtype)
+    return np.frombuffer(numbers, dtype)

@@ -1,4 +1,8 @@
-"""Finds files of a store that have been changed from outside, by their sizes."""
+"""Finds files of a store that have been changed from outside.
+
+Each file of an array ends with the CRC-32C of its numbers, which Zarr's codec of that name checks when it reads them.
+Stores of earlier versions have none, and their files are checked by their sizes alone.
+"""
 
 import json
 import math
@@ -8,11 +12,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..interface.status import Status
 from .errors import StoreError
 
 MARKS = ".done"  # the folder with a mark for each chunk whose files have been written
 STATUS = np.dtype(np.int8)
+CHECKSUM = "crc32c"
+BYTES_OF_A_CHECKSUM = 4
 
 
 class Damage(NamedTuple):
@@ -28,30 +33,44 @@ def done(folder: Path) -> list[int]:
     return sorted(int(path.name) for path in marks.iterdir() if path.name.isdigit()) if marks.is_dir() else []
 
 
-def damages(folder: Path) -> Iterator[Damage]:
-    """The files of the store at ``folder`` that have been changed from outside, in chunks that were written."""
+def with_checksum(content: bytes) -> bytes:
+    """The numbers of a chunk as its file holds them."""
+    return content + _checksum(content)
+
+
+def numbers_of(path: Path, size: int) -> bytes | None:
+    """The numbers in a file that ends with their checksum, in so many bytes; None if it has been changed."""
+    content = path.read_bytes() if path.is_file() else b""
+    numbers = content[:-BYTES_OF_A_CHECKSUM]
+    return numbers if len(numbers) == size and content == with_checksum(numbers) else None
+
+
+def damages(folder: Path, *, numbers: bool = True) -> Iterator[Damage]:
+    """The files of the store at ``folder`` that have been changed from outside, in chunks that were written.
+
+    With ``numbers`` all files are read; otherwise only their sizes are checked.
+    """
     chunks = set(done(folder))
     for name, metadata in _nodes(folder).items():
         about = folder / name / "zarr.json"
         if not _says(about, metadata):
             yield Damage(about, None)
     for name, array in _arrays(folder).items():
-        size = _size(array)
-        for place in () if size is None else _places(array):
+        size, has_checksum = _size(array), CHECKSUM in _codecs(array)
+        if size is None:
+            continue
+        whole = _is_whole if numbers and has_checksum else _is_of_its_size
+        size += BYTES_OF_A_CHECKSUM * has_checksum
+        for place in _places(array):
             path = folder.joinpath(name, "c", *map(str, place))
-            if array["dimension_names"][0] != "row":
-                if not path.is_file() or path.stat().st_size != size:
-                    yield Damage(path, None)
-            elif place[0] in chunks:
-                rows = array["shape"][0] - place[0] * _chunk(array)[0]
-                whole = path.is_file() and path.stat().st_size == size
-                if not whole or (name == "status" and not _are_statuses(path, rows)):
-                    yield Damage(path, place[0])
+            chunk = place[0] if array["dimension_names"][0] == "row" else None
+            if (chunk is None or chunk in chunks) and not whole(path, size):
+                yield Damage(path, chunk)
 
 
-def check_whole(folder: Path) -> None:
-    """Raises a :class:`StoreError` where a file of a store has been changed from outside."""
-    for damage in damages(folder):
+def check_whole(folder: Path, *, numbers: bool = True) -> None:
+    """Raises a :class:`StoreError` where a file of a store has been changed from outside, see :func:`damages`."""
+    for damage in damages(folder, numbers=numbers):
         raise changed(damage.path)
 
 
@@ -84,12 +103,16 @@ def _says(path: Path, metadata: Mapping[str, Any]) -> bool:
 
 
 def _size(array: Mapping[str, Any]) -> int | None:
-    """How many bytes each file of an array has; None where that depends on its content."""
-    if [codec["name"] for codec in array["codecs"]] != ["bytes"]:
+    """How many bytes the numbers in each file of an array have; None where that depends on their values."""
+    if not {"bytes"} <= set(_codecs(array)) <= {"bytes", CHECKSUM}:
         return None
     kind = array["data_type"]
     size = np.dtype(kind).itemsize if isinstance(kind, str) else kind["configuration"].get("length_bytes")
     return None if size is None else size * math.prod(_chunk(array))
+
+
+def _codecs(array: Mapping[str, Any]) -> list[str]:
+    return [codec["name"] for codec in array["codecs"]]
 
 
 def _places(array: Mapping[str, Any]) -> list[tuple[int, ...]]:
@@ -101,7 +124,16 @@ def _chunk(array: Mapping[str, Any]) -> list[int]:
     return array["chunk_grid"]["configuration"]["chunk_shape"]
 
 
-def _are_statuses(path: Path, rows: int) -> bool:
-    """Whether the numbers in the file are those of a status in each of so many rows, or fewer if it has fewer."""
-    status = np.frombuffer(path.read_bytes(), STATUS)[:rows]
-    return bool(np.all((status >= 0) & (status < len(Status))))
+def _is_of_its_size(path: Path, size: int) -> bool:
+    return path.is_file() and path.stat().st_size == size
+
+
+def _is_whole(path: Path, size: int) -> bool:
+    return numbers_of(path, size - BYTES_OF_A_CHECKSUM) is not None
+
+
+def _checksum(content: bytes) -> bytes:
+    # Imported here, because it belongs to the extra `sweep`.
+    import google_crc32c
+
+    return google_crc32c.value(content).to_bytes(BYTES_OF_A_CHECKSUM, "little")

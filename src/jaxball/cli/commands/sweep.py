@@ -13,7 +13,7 @@ from ..jax_setup import set_up_jax
 from ..options import BadInputError, count
 from ..output import add_formats, add_replacing
 
-NEEDED = ("zarr", "pandas", "pyarrow", "scipy")
+NEEDED = ("zarr", "google_crc32c", "pandas", "pyarrow", "scipy")
 
 
 def add(commands) -> None:
@@ -82,7 +82,7 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
 def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     if options.store is None or options.out is None:
         parser.error("the following arguments are required after plot: STORE, --out")
-    require_packages(("zarr",))
+    require_packages(("zarr", "google_crc32c"))
     check_folder(options.out, "--out")
     set_up_jax()
     from ..work.sweep import plot

@@ -43,7 +43,7 @@ def _run(options: argparse.Namespace) -> int:
     if kind == SWEEP:
         if options.rows is None:
             raise BadInputError(f'Argument `--rows` must say which rows of "{options.saved}" to show, as in 3,17,40.')
-        require_packages(("zarr",))
+        require_packages(("zarr", "google_crc32c"))
     else:
         for name in ("rows", "colour"):
             if getattr(options, name) is not None:

@@ -1,6 +1,7 @@
 """Generalised forces Q on joints: motors, springs, dampers, servos, end stops, and their sums."""
 
 import abc
+import dataclasses
 from collections.abc import Callable, Iterator
 
 import equinox as eqx
@@ -9,7 +10,16 @@ from jaxtyping import Array, Float, PyTree
 
 from ...interface.arguments import require, require_callable, require_flags, require_value, traceable
 from ...interface.printing import Printed
-from ...numerics.arrays import AnyArray, Numbers, concatenated, default_dtype, namespace_of, numbers, to_array
+from ...numerics.arrays import (
+    AnyArray,
+    Numbers,
+    concatenated,
+    default_dtype,
+    namespace_of,
+    numbers,
+    require_not_nan,
+    to_array,
+)
 from ..conditions import Condition
 from ..schedules import AbstractSchedule
 from ..signals import AbstractIntegrableSignal, AbstractSignal, PiecewiseSignal, as_signal
@@ -21,6 +31,11 @@ class AbstractJointForce(Printed):
 
     It is a torque about a hinge and a force along a slider. Forces add up: ``Motor(...) + Damper(0.1)``.
     """
+
+    def __check_init__(self):
+        for field in dataclasses.fields(self):
+            if field.name != "parameters":  # those of a function are its own affair
+                require_not_nan(field.name, getattr(self, field.name))
 
     @abc.abstractmethod
     def __call__(

@@ -198,7 +198,7 @@ class Mechanism(AbstractMechanism):
     place: Float[Array, "*group n 3"]
     carrier: tuple[int, ...] = eqx.field(static=True)
 
-    def __init__(self, joints: Sequence[AbstractJoint], masses: Sequence[CarriedMass]):
+    def __init__(self, joints: Sequence[AbstractJoint], masses: Sequence[CarriedMass] = ()):
         require_each("joints", joints, AbstractJoint, "a joint, such as Hinge(...)")
         require_each("masses", masses, CarriedMass, "a CarriedMass")
         if not joints:
