@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from jaxball import Disk, Scenario, System, Trajectory, plot
 from jaxball.classical import HeavyTop, RigidBodyState
 from jaxball.plot.palette import FAINT, INK, SHELL, TRAIL
-from jaxball.plot.shapes import outline, split, view, wireframe
+from jaxball.plot.shapes import split, view, wireframe
 from jaxball.plot.style import described
 from jaxball.plot.view.rigid import REACH, THROUGH_CENTRE, ellipsoid_of
 

@@ -105,6 +105,13 @@ def test_joints_that_move_alike_all_show():
     assert all(on == DASH and off == 3 * DASH for _, (on, off) in patterns[1:])
 
 
+def test_masses_that_move_alike_all_show(disk_trajectory):
+    """The paper's disk has two pairs, whose own dashes have gaps too narrow to see the other line through."""
+    first, second, third, fourth = plot.mass_angles(disk_trajectory).lines[:4]
+    assert [line.is_dashed() for line in (first, second, third, fourth)] == [False, False, True, True]
+    assert {line._unscaled_dash_pattern[1] for line in (third, fourth)} == {(DASH, DASH)}
+
+
 @pytest.mark.parametrize("value", [0.1204, 0.2, 0.35, 1.0, 17.3])
 def test_a_constant_lies_between_two_numbers(value):
     ax = plane_axes(None)

@@ -16,7 +16,7 @@ from jaxball.cli import main
 from jaxball.plot.sweeps import fans, maps, slices
 from jaxball.plot.sweeps.results import standard_results
 from jaxball.plot.sweeps.rows import rows_of, sample
-from jaxball.plot.sweeps.symbols import number_label, plain
+from jaxball.plot.sweeps.symbols import in_plain_text, number_label, plain
 from jaxball.sweep.layout import layout_of
 from tests.plot.geometry import overlaps
 from tests.plot.lines import drawn
@@ -363,6 +363,23 @@ def test_names_of_files_have_no_brackets():
 def test_symbols_count_from_one_and_have_units():
     labels = [number_label(path) for path in ("masses[1].mass", "ground.angle", "contact.sliding", "own.number")]
     assert labels == ["$m_{2}$ (mass)", "$a$ (rad)", r"$\mu$", "own.number"]
+
+
+def test_the_scale_of_a_view_has_symbols_and_units_in_plain_text():
+    data = disks()
+    assert [plot.sweep_scale(data, [0, 1, 2], by).name for by in (None, "body.gravity", "phi")] == [
+        "g (length/time²)",
+        "g (length/time²)",
+        "φ at the end (rad)",
+    ]
+    told = {
+        r"$\dot{\theta}_{12}(t_0)$ (rad/time)": "θ\N{COMBINING DOT ABOVE}₁₂(t₀) (rad/time)",
+        r"$\mu_s$": "μₛ",
+        r"$\mu_{\min}$": "μ_min",
+        r"$p_{xz}$": "p_xz",
+        "own.number": "own.number",
+    }
+    assert {label: in_plain_text(label) for label in told} == told
 
 
 def test_the_command_draws_standard_results_of_one_number(command, tmp_path, capsys):

@@ -34,6 +34,17 @@ NUMBERS = {
     "time.end": ("t_1", "time"),
 }
 Labels = Mapping[str, str] | None
+GREEK = {
+    "Gamma": "Γ",
+    "Lambda": "Λ",
+    "Omega": "Ω",
+    "chi": "χ",
+    "lambda": "λ",
+    "mu": "μ",
+    "phi": "φ",
+    "theta": "θ",
+}
+SUBSCRIPTS = str.maketrans("0123456789sx", "₀₁₂₃₄₅₆₇₈₉ₛₓ")
 
 
 def number_label(path: str, labels: Labels = None, *, with_unit: bool = True) -> str:
@@ -51,3 +62,16 @@ def number_label(path: str, labels: Labels = None, *, with_unit: bool = True) ->
 def plain(path: str) -> str:
     """A path as part of a file's name, without brackets: ``masses0.mass``, ``z0``."""
     return re.sub(r"[^\w.-]+", "_", re.sub(r"\[(\d+)\]", r"\1", path.replace("][", "]-["))).strip("_")
+
+
+def in_plain_text(label: str) -> str:
+    """A label in the characters of plain text, for a page without TeX: ``Ω₃(t₀) (rad/time)``."""
+    text = re.sub(r"\\dot\{(\\?\w+)\}", "\\1\N{COMBINING DOT ABOVE}", label.replace("$", ""))
+    text = re.sub(r"\\([A-Za-z]+)", lambda found: GREEK.get(found[1], found[1]), text)
+    return re.sub(r"_\{([^}]*)\}|_(\w)", lambda found: _lowered(found[1] or found[2]), text)
+
+
+def _lowered(subscript: str) -> str:
+    """As a subscript, if there is a sign for each of its characters."""
+    lowered = subscript.translate(SUBSCRIPTS)
+    return f"_{subscript}" if re.search("[A-Za-z]", lowered) else lowered
