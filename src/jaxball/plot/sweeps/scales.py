@@ -24,7 +24,8 @@ def sweep_scale(data: "xarray.Dataset", rows: Sequence[int], by: str | None = No
     - ``by``: the path of a number that the study changes, or a result such as ``"z[0]"``, at the end; the first number
       that is not the same in all of the rows, if not given.
 
-    **Returns:** the number under its symbol and unit, as ``Ω₃(t₀) (rad/time)``; None where no number is given and none differs.
+    **Returns:** the number by its symbol and unit, as in ``Ω₃(t₀) (rad/time)``; None where no number is given and none
+    differs.
 
     **Raises:** :class:`PictureError` where the study has no number of that name.
     """

@@ -21,7 +21,7 @@ export function layersOf({ bodies, friction, cone, palette }, stage) {
       ["Centre of mass", parts("centreOfMass"), true],
       ["Contact point", arrows("contact"), true],
       ["Trace", stage.traces, true, trail, "line"],
-      ["Path that is wanted", [stage.ground.wanted].filter(Boolean), true],
+      ["Target path", [stage.ground.wanted].filter(Boolean), true],
       ["Obstacles", [stage.ground.obstacles].filter(Boolean), true],
       ["Rails", hasRails ? parts("rails") : [], true],
       ["Axes of space, e", [stage.spaceAxes], false],
