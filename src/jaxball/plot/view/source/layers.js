@@ -29,7 +29,7 @@ export function layersOf({ bodies, friction, cone, palette }, stage) {
     ],
     rigid: () => [
       ["Angular velocity ω", arrows("spin"), true, palette.spin, "arrow"],
-      ["Angular momentum 𝕀Ω", arrows("momentum"), true, palette.momentum, "arrow"],
+      ["Angular momentum L", arrows("momentum"), true, palette.momentum, "arrow"],
       ["Vector ξ, to which ω is orthogonal", arrows("xi"), true, palette.xi, "arrow"],
       ["Centre of mass", parts("centreOfMass"), true],
       ["Fixed point", parts("fixedPoint"), true],
