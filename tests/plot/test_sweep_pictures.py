@@ -1,6 +1,7 @@
 """Pictures of studies draw each row where it is, and those that failed too."""
 
 import os
+import re
 
 import matplotlib.image
 import numpy as np
@@ -16,7 +17,8 @@ from jaxball.cli import main
 from jaxball.plot.sweeps import fans, maps, slices
 from jaxball.plot.sweeps.results import standard_results
 from jaxball.plot.sweeps.rows import rows_of, sample
-from jaxball.plot.sweeps.symbols import in_plain_text, number_label, plain
+from jaxball.plot.sweeps.symbols import NUMBERS, in_plain_text, number_label, plain
+from jaxball.scenario.initial import INITIAL
 from jaxball.sweep.layout import layout_of
 from tests.plot.geometry import overlaps
 from tests.plot.lines import drawn
@@ -363,6 +365,8 @@ def test_names_of_files_have_no_brackets():
 def test_symbols_count_from_one_and_have_units():
     labels = [number_label(path) for path in ("masses[1].mass", "ground.angle", "contact.sliding", "own.number")]
     assert labels == ["$m_{2}$ (mass)", "$a$ (rad)", r"$\mu$", "own.number"]
+    keys = {key for table in INITIAL.values() for key in table}
+    assert {re.split(r"[.[]", path)[1] for path in NUMBERS if path.startswith("initial.")} <= keys
 
 
 def test_the_scale_of_a_view_has_symbols_and_units_in_plain_text():
@@ -374,6 +378,7 @@ def test_the_scale_of_a_view_has_symbols_and_units_in_plain_text():
     ]
     told = {
         r"$\dot{\theta}_{12}(t_0)$ (rad/time)": "θ\N{COMBINING DOT ABOVE}₁₂(t₀) (rad/time)",
+        r"$\ddot{\theta}_{1}$ (rad/time²)": "θ\N{COMBINING DIAERESIS}₁ (rad/time²)",
         r"$\mu_s$": "μₛ",
         r"$\mu_{\min}$": "μ_min",
         r"$p_{xz}$": "p_xz",

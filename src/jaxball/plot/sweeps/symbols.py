@@ -15,7 +15,10 @@ NUMBERS = {
     "body.chi[#]": (r"\chi_{#}", "length"),
     "masses[#].mass": ("m_{#}", "mass"),
     "masses[#].rail.radius": ("r_{#}", "length"),
+    "masses[#].rail.semi_axes[#]": ("a_{#,#}", "length"),
+    "masses[#].schedule.theta": (r"\theta_{#}(t_0)", "rad"),
     "masses[#].schedule.rate": (r"\dot{\theta}_{#}", "rad/time"),
+    "masses[#].schedule.height": (r"\ddot{\theta}_{#}", "rad/time²"),
     "mechanisms[#].masses[#].mass": ("M_{#,#}", "mass"),
     "ground.angle": ("a", "rad"),
     "ground.heading": ("b", "rad"),
@@ -29,7 +32,7 @@ NUMBERS = {
     "initial.z[#]": ("z_{#}(t_0)", "length"),
     "initial.theta[#]": (r"\theta_{#}(t_0)", ""),
     "initial.thetadot[#]": (r"\dot{\theta}_{#}(t_0)", ""),
-    "initial.V[#]": ("V_{#}(t_0)", "length/time"),
+    "initial.velocity[#]": ("V_{#}(t_0)", "length/time"),
     "initial.height": ("h(t_0)", "length"),
     "time.end": ("t_1", "time"),
 }
@@ -66,7 +69,8 @@ def plain(path: str) -> str:
 
 def in_plain_text(label: str) -> str:
     """A label in the characters of plain text, for a page without TeX: ``Ω₃(t₀) (rad/time)``."""
-    text = re.sub(r"\\dot\{(\\?\w+)\}", "\\1\N{COMBINING DOT ABOVE}", label.replace("$", ""))
+    text = re.sub(r"\\ddot\{(\\?\w+)\}", "\\1\N{COMBINING DIAERESIS}", label.replace("$", ""))
+    text = re.sub(r"\\dot\{(\\?\w+)\}", "\\1\N{COMBINING DOT ABOVE}", text)
     text = re.sub(r"\\([A-Za-z]+)", lambda found: GREEK.get(found[1], found[1]), text)
     return re.sub(r"_\{([^}]*)\}|_(\w)", lambda found: _lowered(found[1] or found[2]), text)
 
