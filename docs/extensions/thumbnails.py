@@ -19,7 +19,7 @@ from jaxball.plot.view.rigid import REACH, THROUGH_CENTRE, ellipsoid_of
 FAR = 3.0  # radii from the start to where a body is shown, which is the smaller the longer its path is
 SHARE = 0.3  # of the run of a rigid body, after which its path covers it
 SMALLER = 0.4  # than a snapshot, with lines as wide
-SIZE, DPI = 2.6, 150
+SIZE, DPI = 2.6, 300
 # What a panel shows, by the label of its vertical axis.
 SEEN = {
     r"$\mathbf{E}_2$": "the configuration in the body",
