@@ -87,8 +87,8 @@ EXAMPLES = {
         "Disk tracking",
         "disk",
         {
-            "disk-tracking-path.png": "The place of the disk over time, there and back: with a small weight it lags "
-            "behind its target, with a large one it coincides with it"
+            "disk-tracking-path.png": "The place of the disk over time, there and back: with a small weight it "
+            "stays below its target, with a large one it coincides with it"
         },
         long=True,
     ),

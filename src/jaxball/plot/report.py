@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..physics.body import AbstractBody, Disk, System
+from ..physics.body import AbstractBody, Disk
 from ..physics.system import AbstractSystem
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
@@ -113,7 +113,7 @@ def standard_figures(trajectory: Trajectory[Any, Any]) -> list[Callable[[Traject
     return [draw for draw in (*STANDARD, *of_contact(trajectory), *joints) if not empty.get(draw, False)]
 
 
-def _is_central(system: System) -> bool:
+def _is_central(system: AbstractBody) -> bool:
     """Whether nothing is in the shell, and its centre of mass is the geometric centre."""
     return not (system.n_masses or system.mechanisms or np.any(np.asarray(system.offset)))
 
