@@ -15,7 +15,7 @@ from matplotlib.patches import PathPatch, StepPatch
 from jaxball import plot
 from jaxball.cli import main
 from jaxball.plot.sweeps import fans, maps, slices
-from jaxball.plot.sweeps.results import standard_results
+from jaxball.plot.sweeps.results import label_of, standard_results
 from jaxball.plot.sweeps.rows import rows_of, sample
 from jaxball.plot.sweeps.symbols import NUMBERS, in_plain_text, number_label, plain
 from jaxball.scenario.initial import INITIAL
@@ -385,6 +385,11 @@ def test_the_scale_of_a_view_has_symbols_and_units_in_plain_text():
         "own.number": "own.number",
     }
     assert {label: in_plain_text(label) for label in told} == told
+
+
+def test_what_a_study_finds_by_itself_has_a_unit():
+    data = xarray.Dataset({name: ("row", np.zeros(2)) for name in ("distance", "largest_angular_speed", "own")})
+    assert [label_of(data, name) for name in data] == ["distance (length)", "largest angular speed (rad/time)", "own"]
 
 
 def test_the_command_draws_standard_results_of_one_number(command, tmp_path, capsys):
