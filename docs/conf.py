@@ -16,6 +16,7 @@ extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
     "extensions.commands",
+    "extensions.figures",
     "extensions.fonts",
     "extensions.gallery",
     "extensions.interface",

@@ -8,9 +8,9 @@ in ``docs/made`` with a hash of the package and of the file, and made again when
 import ast
 import hashlib
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -20,22 +20,13 @@ from sphinx.util import logging
 import jaxball
 from jaxball.scenario import builtin_scenarios, builtin_text, builtin_title
 
+from .examples import EXAMPLES, Example
 from .links import DOCS, ROOT, page_name, write_pages
 from .scenes import draw_scenario, run_example
 
 GALLERY = DOCS / "gallery"
 SHOWN = DOCS / "made" / "site" / "gallery" / "shown"
 FEW = ("ball", "heavy-top", "example-first-ball")  # of a short gallery
-# What takes minutes is not run; a figure that it once wrote stands in the documents, if there is one.
-LONG = {
-    "10_wobble.py": ("roboball-wobble.png",),
-    "ball_past_a_post.py": ("ball-past-a-post-path.png",),
-    "compare_robust_rails.py": (),
-    "disk_tracking.py": ("disk-tracking-path.png",),
-    "six_tubes.py": ("figure-eight-tubes.png", "figure-eight-path.png"),
-    "problem_pendulum_on_a_slope.toml": ("climb-torques.png",),
-    "problem_rail_shape.toml": ("designed-rails.png", "designed-path.png"),
-}
 logger = logging.getLogger(__name__)
 
 
@@ -44,19 +35,25 @@ class Entry:
     """A page of the gallery.
 
     - ``name``: of the page.
+    - ``short``: its name for readers, in a few words.
     - ``title``, ``text``: what heads it and what it says before it shows anything.
     - ``file``, ``language``: what there is to copy.
     - ``make``, ``source``: the function that writes what is shown, and what it does that from; None if nothing is made.
-    - ``kept``: figures of the documents that show it.
+    - ``robot``: the entry whose thumbnail stands for this one; its own if empty.
+    - ``pictures``: what is seen in pictures, by their names.
+    - ``kept``: those of them that are figures of the documents.
     """
 
     name: str
+    short: str
     title: str
     text: str
     file: str
     language: str
     make: Callable[..., None] | None = None
     source: str | Path = ""
+    robot: str = ""
+    pictures: Mapping[str, str] = field(default_factory=dict)
     kept: Sequence[str] = ()
 
     @property
@@ -66,17 +63,29 @@ class Entry:
     def page(self) -> str:
         parts = [f"# {self.title}", self.text]
         parts += [self._view(one.name) for one in sorted(self.folder.glob("*.html"))]
-        made = [f"/{one.relative_to(DOCS)}" for one in sorted(self.folder.glob("*.png")) if one.stem != "thumbnail"]
-        parts += [f"![{self.title}]({picture})" for picture in [*made, *(f"../figures/{one}" for one in self.kept)]]
+        made = [one for one in sorted(self.folder.glob("*.png")) if one.stem != "thumbnail"]
+        parts += [self.picture(one) for one in [*made, *(DOCS / "figures" / name for name in self.kept)]]
         printed = self.folder / "printed.txt"
         if printed.exists():
             parts.append(f"It prints\n\n```text\n{printed.read_text().rstrip()}\n```")
         parts.append(f"## The file\n\n````{self.language}\n{self.file.rstrip()}\n````")
         return "\n\n".join(parts) + "\n"
 
+    def picture(self, path: Path) -> str:
+        """A picture with what is seen in it, which stands in a text beside it where it was made from a scenario."""
+        told = path.with_suffix(".txt")
+        words = told.read_text() if told.exists() else self.pictures[path.name]
+        return f"![{words}](/{path.relative_to(DOCS)})"
+
+    def thumbnail(self) -> str:
+        """The picture that stands for the entry; none where nothing was made."""
+        own = self.folder / "thumbnail.png"
+        found = own if own.exists() else next(iter(sorted(self.folder.glob("*.png"))), None)
+        return "" if found is None else self.picture(found)
+
     def _view(self, name: str) -> str:
         path = f"shown/{self.name}/{name}"
-        frame = f'<iframe class="view" src="{path}" title="{self.title}" loading="lazy"></iframe>'
+        frame = f'<iframe class="view" src="{path}" title="{self.short}: an interactive view" loading="lazy"></iframe>'
         return f'```{{raw}} html\n{frame}\n<p><a href="{path}">The view in a page of its own</a></p>\n```'
 
 
@@ -87,7 +96,8 @@ def scenarios() -> list[Entry]:
         command = (
             f"```console\njaxball simulate {name} --view {name}.html\njaxball scenarios {name} > my-{name}.toml\n```"
         )
-        return Entry(name, title, f"{head}\n\n{command}", text, "toml", draw_scenario, text)
+        short = name.replace("-", " ").capitalize()
+        return Entry(name, short, title, f"{head}\n\n{command}", text, "toml", draw_scenario, text)
 
     return [entry(name) for name in builtin_scenarios()]
 
@@ -110,10 +120,19 @@ def entry_of(path: Path) -> Entry:
         make, command = None, f"jaxball design {path.name} --out result/"
     title, _, rest = said.partition(". " if path.suffix == ".toml" else "\n")
     text_after = f"{rest.strip()}\n\n```console\n{command}\n```"
-    if path.name in LONG:
-        make = None
+    told = EXAMPLES.get(path.name) or Example(path.stem.replace("_", " ").capitalize())
     return Entry(
-        page_name(path.stem), title.rstrip("."), text_after, text, language, make, source, LONG.get(path.name, ())
+        page_name(path.stem),
+        told.name,
+        title.rstrip("."),
+        text_after,
+        text,
+        language,
+        None if told.long else make,
+        source,
+        told.robot,
+        told.pictures,
+        tuple(told.pictures) if told.long else (),
     )
 
 
@@ -121,9 +140,8 @@ def stamp(entry: Entry) -> str:
     """A hash of all that what is shown depends on."""
     digest = hashlib.sha256(entry.file.encode())
     package = Path(jaxball.__file__).parent
-    for path in sorted(
-        [*package.rglob("*.py"), package / "plot" / "view" / "view.bundle.js", DOCS / "extensions" / "scenes.py"]
-    ):
+    makers = [DOCS / "extensions" / name for name in ("scenes.py", "thumbnails.py")]
+    for path in sorted([*package.rglob("*.py"), package / "plot" / "view" / "view.bundle.js", *makers]):
         digest.update(path.read_bytes())
     return digest.hexdigest()
 
@@ -164,21 +182,20 @@ def index(of_scenarios: list[Entry], of_examples: list[Entry]) -> str:
         "The views play in the page: drag to rotate, and press the space bar to pause.\n"
     )
     parts = [lead]
+    by_name = {entry.name: entry for entry in of_scenarios + of_examples}
     for title, entries in (("Scenarios", of_scenarios), ("Examples", of_examples)):
-        cards = "\n".join(card(entry) for entry in entries)
-        listed = "\n".join(entry.name for entry in entries)
+        cards = "\n".join(card(entry, by_name[entry.robot or entry.name]) for entry in entries)
+        listed = "\n".join(f"{entry.short} <{entry.name}>" for entry in entries)
         parts.append(
             f"## {title}\n\n::::{{container}} cards\n{cards}\n::::\n\n```{{toctree}}\n:hidden:\n\n{listed}\n```\n"
         )
     return "\n".join(parts)
 
 
-def card(entry: Entry) -> str:
-    """A picture that leads to the page, over its title."""
-    made = sorted(entry.folder.glob("*.png"), key=lambda one: one.stem != "thumbnail")
-    pictures = [*made, *(DOCS / "figures" / one for one in entry.kept)]
-    picture = f"![](/{pictures[0].relative_to(DOCS)})\n" if pictures else ""
-    return f":::{{container}} card\n{picture}\n[{entry.title}]({entry.name}.md)\n:::\n"
+def card(entry: Entry, robot: Entry) -> str:
+    """A picture of its robot and its short name, which leads to the page, over its title."""
+    picture = robot.thumbnail()
+    return f":::{{container}} card\n{picture}\n\n[{entry.short}]({entry.name}.md)\n\n{entry.title}\n:::\n"
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -9,7 +9,7 @@ FRAMES = 400  # of a view, at least: a scenario saves as often as its figures ne
 
 
 def draw_scenario(text: str, folder: Path) -> None:
-    """Its overview and its view."""
+    """Its overview, its thumbnail and its view."""
     import jax
 
     import jaxball.cpu
@@ -20,17 +20,17 @@ def draw_scenario(text: str, folder: Path) -> None:
 
     import numpy as np
 
-    from jaxball import System, plot, read_scenario
+    from jaxball import read_scenario
+
+    from .thumbnails import write_overview, write_thumbnail
 
     scenario = read_scenario(text)
     if len(scenario.times) < FRAMES:
         finer = np.linspace(scenario.times[0], scenario.times[-1], FRAMES + 1)
         scenario = dataclasses.replace(scenario, times=finer)
     run = scenario.simulate(throw=True)
-    run.plot().savefig(folder / "overview.png", dpi=110)
-    if isinstance(scenario.system, System):
-        thumbnail = plot.snapshot(run, np.quantile(scenario.times, 0.7))
-        thumbnail.savefig(folder / "thumbnail.png", dpi=60, bbox_inches="tight")
+    write_overview(run, scenario.title, folder)
+    write_thumbnail(scenario, run, folder)
     run.view(folder / "view.html", title=scenario.title)
 
 

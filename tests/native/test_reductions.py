@@ -8,7 +8,7 @@ from jax import lax
 
 from .comparison import agree, special
 
-SHAPES = [(3, 4), (1, 1), (2, 0), (0, 3), (20, 30), (3, 200), (200, 3)]
+SHAPES = [(3, 4), (1, 1), (2, 0), (0, 3), (20, 30), (3, 200), (200, 3), (5, 81), (8, 100)]
 
 
 def numbers(*shape):

@@ -46,6 +46,30 @@ def test_reductions_keep_or_take_the_first_axis():
     agree(f, X, ulps=100)
 
 
+@pytest.mark.parametrize("shape", [(5, 81), (8, 100), (6, 9, 10)])
+def test_rows_that_leave_the_vectors(shape):
+    """An array is in registers for its first axis alone: a row of it, or its transpose, may be too long for that."""
+
+    def f(x):
+        x = jnp.sin(x)  # which is in registers
+        positive = x > 0
+        rows = (x[0], x[-1:], x[1:3], jnp.sum(x, 0), jnp.argmax(x, 0), jnp.all(positive, 0), jnp.cumsum(x, 0)[-1])
+        moved = (jnp.swapaxes(x, 0, 1), x.reshape(-1), jnp.flip(x, 0), jnp.roll(x, 2, 1), jnp.concatenate([x, 2 * x]))
+        chosen = jnp.take(x, jnp.argmax(x[:, 0].ravel()[0]), axis=0)
+        products = jnp.einsum("i...,i...->...", x, x), x.reshape(shape[0], -1) @ jnp.ones(x[0].size)
+        return (
+            rows,
+            moved,
+            chosen,
+            products,
+            jnp.where(positive, x, x[0]),
+            jnp.sort(x, axis=0),
+            jnp.broadcast_to(x[0], x.shape),
+        )
+
+    agree(f, rng.normal(size=shape), ulps=600)
+
+
 def test_lanes_move_to_other_places():
     def f(x):
         turned = jnp.roll(x, 1, axis=1) * x + 2.0 * jnp.flip(x, axis=1) ** 2

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from jaxball import Ball, Circle, ConstantRate, OnRail, PointMass, ReleasedState, Tube, plot
+from jaxball import Ball, BallState, Circle, ConstantRate, OnRail, PointMass, ReleasedState, Tube, plot, simulate
 from jaxball.classical import AbstractClassicalSystem
 from jaxball.plot.actuation import accelerations
 from jaxball.plot.report import CLASSICAL, STANDARD
@@ -65,6 +65,28 @@ def test_names_of_crowded_masses_are_apart(motions):
     assert not [pair for pair in overlaps(figure) if pair[0] in names and (pair[1] in names or "page" in pair[1])]
 
 
+@pytest.mark.parametrize("radius", [0.1085, 1.0, 12.75])
+def test_numbers_at_the_corner_of_a_cube_are_apart(radius):
+    ball = Ball(mass=1.0, inertia=(0.4 * radius**2,) * 3, radius=radius, offset=(0.0, 0.0, -0.1 * radius))
+    run = simulate(ball, np.linspace(0.0, 1.0, 11), BallState(Omega=(0.5, 0.0, 0.0)))
+    figure = plot.overview(run)
+    assert overlaps(figure) == []
+    assert [label.get_text() for label in figure.axes[0].get_zticklabels()] == [
+        f"\N{MINUS SIGN}{radius:g}",
+        "0",
+        f"{radius:g}",
+    ]
+
+
+def test_the_page_of_an_empty_body_has_no_panel_without_a_motion():
+    """A homogeneous shell has its centre of mass in the middle at all times."""
+    run = simulate(Ball(mass=1.0, inertia=(0.4,) * 3), np.linspace(0.0, 1.0, 11), BallState(Omega=(0.5, 0.0, 0.0)))
+    figure = plot.overview(run)
+    labels = ["$z_2$", "$V_i$", r"$\Omega_i$", "energy"]
+    assert [ax.get_ylabel() for ax in figure.axes[:4]] == labels
+    assert overlaps(figure) == []
+
+
 def test_masses_in_one_place_all_show():
     masses = [PointMass(0.1, motion) for motion in crossing(0.0)]
     ax = plot.configuration(Ball(mass=1.0, inertia=(0.6, 0.6, 0.6), masses=masses))
@@ -81,6 +103,13 @@ def test_joints_that_move_alike_all_show():
     patterns = [line._unscaled_dash_pattern for line in drawn]
     assert [pattern[0] / DASH for pattern in patterns] == [0, 1, 2, 3]
     assert all(on == DASH and off == 3 * DASH for _, (on, off) in patterns[1:])
+
+
+def test_masses_that_move_alike_all_show(disk_trajectory):
+    """The paper's disk has two pairs, whose own dashes have gaps too narrow to see the other line through."""
+    first, second, third, fourth = plot.mass_angles(disk_trajectory).lines[:4]
+    assert [line.is_dashed() for line in (first, second, third, fourth)] == [False, False, True, True]
+    assert {line._unscaled_dash_pattern[1] for line in (third, fourth)} == {(DASH, DASH)}
 
 
 @pytest.mark.parametrize("value", [0.1204, 0.2, 0.35, 1.0, 17.3])

@@ -166,7 +166,7 @@ def test_modes_after_the_last_switch_that_is_kept_are_those_of_the_saved_times(t
 
 def test_the_page_has_a_row_for_the_contact_and_names_its_bands_once(thrown_trajectory, ball_trajectory, tmp_path):
     page = plot.overview(thrown_trajectory)
-    assert len(page.axes) == 9
+    assert len(page.axes) == 8
     (legend,) = page.legends
     assert [text.get_text() for text in legend.get_texts()] == ["sliding", "flight"]
     assert overlaps(page) == []

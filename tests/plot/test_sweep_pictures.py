@@ -1,6 +1,7 @@
 """Pictures of studies draw each row where it is, and those that failed too."""
 
 import os
+import re
 
 import matplotlib.image
 import numpy as np
@@ -14,9 +15,10 @@ from matplotlib.patches import PathPatch, StepPatch
 from jaxball import plot
 from jaxball.cli import main
 from jaxball.plot.sweeps import fans, maps, slices
-from jaxball.plot.sweeps.results import standard_results
+from jaxball.plot.sweeps.results import label_of, standard_results
 from jaxball.plot.sweeps.rows import rows_of, sample
-from jaxball.plot.sweeps.symbols import number_label, plain
+from jaxball.plot.sweeps.symbols import NUMBERS, in_plain_text, number_label, plain
+from jaxball.scenario.initial import INITIAL
 from jaxball.sweep.layout import layout_of
 from tests.plot.geometry import overlaps
 from tests.plot.lines import drawn
@@ -363,6 +365,31 @@ def test_names_of_files_have_no_brackets():
 def test_symbols_count_from_one_and_have_units():
     labels = [number_label(path) for path in ("masses[1].mass", "ground.angle", "contact.sliding", "own.number")]
     assert labels == ["$m_{2}$ (mass)", "$a$ (rad)", r"$\mu$", "own.number"]
+    keys = {key for table in INITIAL.values() for key in table}
+    assert {re.split(r"[.[]", path)[1] for path in NUMBERS if path.startswith("initial.")} <= keys
+
+
+def test_the_scale_of_a_view_has_symbols_and_units_in_plain_text():
+    data = disks()
+    assert [plot.sweep_scale(data, [0, 1, 2], by).name for by in (None, "body.gravity", "phi")] == [
+        "g (length/time²)",
+        "g (length/time²)",
+        "φ at the end (rad)",
+    ]
+    told = {
+        r"$\dot{\theta}_{12}(t_0)$ (rad/time)": "θ\N{COMBINING DOT ABOVE}₁₂(t₀) (rad/time)",
+        r"$\ddot{\theta}_{1}$ (rad/time²)": "θ\N{COMBINING DIAERESIS}₁ (rad/time²)",
+        r"$\mu_s$": "μₛ",
+        r"$\mu_{\min}$": "μ_min",
+        r"$p_{xz}$": "p_xz",
+        "own.number": "own.number",
+    }
+    assert {label: in_plain_text(label) for label in told} == told
+
+
+def test_what_a_study_finds_by_itself_has_a_unit():
+    data = xarray.Dataset({name: ("row", np.zeros(2)) for name in ("distance", "largest_angular_speed", "own")})
+    assert [label_of(data, name) for name in data] == ["distance (length)", "largest angular speed (rad/time)", "own"]
 
 
 def test_the_command_draws_standard_results_of_one_number(command, tmp_path, capsys):

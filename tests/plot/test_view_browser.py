@@ -392,7 +392,7 @@ def test_the_body_of_the_pressed_button_is_followed(several):
 def test_the_momentum_the_wanted_path_and_obstacles_are_switched(several):
     go_to(several, 2.0)
     momentum = "Angular momentum Π about the contact point"
-    for text, count in ((momentum, 30), ("Path that is wanted", 20), ("Obstacles", 500)):
+    for text, count in ((momentum, 30), ("Target path", 20), ("Obstacles", 500)):
         before = picture(several)
         choose(several, text)
         assert np.sum(np.any(picture(several) != before, axis=-1)) > count

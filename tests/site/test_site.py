@@ -39,6 +39,13 @@ def test_pages_load_nothing_from_elsewhere_and_what_they_load_is_there():
                 assert (page.parent / unquote(address.path)).exists(), f"{page.name} lacks {address.path}"
 
 
+def test_pictures_say_what_is_seen_in_them():
+    for page in pages():
+        for tag, attributes in elements(page.read_text())[0]:
+            if tag == "img" and "_static" not in attributes["src"]:  # where the icons of the theme are
+                assert len((attributes.get("alt") or "").split()) > 3, f"{page.name}: {attributes.get('src')}"
+
+
 def test_style_sheets_load_nothing_from_elsewhere():
     for sheet in SITE.rglob("*.css"):
         text = sheet.read_text()

@@ -46,7 +46,7 @@ def designed_path(
     ax.plot(*before.T, color="0.7", linewidth=1.0, label=names[0])
     ax.plot(*after.T, color=TRAIL, linewidth=1.4, label=names[1])
     if wanted is not None:
-        ax.plot(*wanted.T, color=INK, linewidth=0.8, linestyle=linestyle(DASHED), label="wanted")
+        ax.plot(*wanted.T, color=INK, linewidth=0.8, linestyle=linestyle(DASHED), label="target")
     ends(ax, after, TRAIL, labelled=True, zorder=3)
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
@@ -73,7 +73,7 @@ def place_in_time(
     for (label, path), colour in zip(paths.items(), itertools.cycle(PATH_COLOURS), strict=False):
         ax.plot(*path, color=colour, linewidth=1.4, label=label)
     if wanted is not None:
-        ax.plot(*wanted, color=INK, linewidth=0.8, linestyle=linestyle(DASHED), label="wanted")
+        ax.plot(*wanted, color=INK, linewidth=0.8, linestyle=linestyle(DASHED), label="target")
     return _over_time(ax, "$z$")
 
 

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from ..physics.system import AbstractSystem
 from .modes import Modes, draw_modes
-from .palette import SOLID, Dashes
+from .palette import INK, SOLID, Dashes
 from .style import legend_above, linestyle, named, plane_axes, sharing, up_to_ticks, zero_line
 
 ROUNDING = 1e-12  # of the typical size of a quantity in the system; below this it is drawn as zero
@@ -97,15 +97,17 @@ def over_time(
 def tell_apart(ax: Axes) -> None:
     """Gives lines that coincide on paper interleaved dashes, so that each of them is visible.
 
-    A single dashed line on a solid one needs nothing. Lines with other times are left alone.
+    A single black, dashed line on a solid one is visible already; gaps in the lines of masses are too narrow for that.
+    Lines with other times are left alone.
     """
     curves = [line for line in ax.lines if len(np.atleast_1d(line.get_xdata())) > 2]
     if len(curves) < 2:
         return
     for group in together(_near(ax, curves)):
         dashed = [curves[k].is_dashed() for k in group]
-        if len(group) == 2 and sum(dashed) == 1:
-            curves[group[dashed.index(True)]].set_zorder(2.1)
+        above = curves[group[dashed.index(True)]] if len(group) == 2 and sum(dashed) == 1 else None
+        if above is not None and above.get_color() == INK:
+            above.set_zorder(2.1)
             continue
         for k, j in enumerate(group):
             look = sharing(k, len(group))

@@ -60,7 +60,7 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     A ball's is drawn in the plane of e1 and e2, ``fig_ball_gc_path``, with a ring at its start and a square at its end;
     for the disk, z is drawn over time, ``fig_disk_gc``. On a slope an arrow, or for the disk the label, points
-    downhill. The path is dashed where the ball slides and dotted where it flies, with dots at switches between modes.
+    downhill. The path is dashed where the ball slides and dotted where it flies, with crosses at switches between modes.
 
     **Arguments:**
 
@@ -139,7 +139,7 @@ def _draw_path(ax: Axes, trajectory: Trajectory, z: Float[np.ndarray, "T 3"]) ->
             ax.plot(points[:, 0], points[:, 1], **look, **dashes, label=mode.name.lower())
     at = switch_points(trajectory)
     if len(at):
-        ax.plot(at[:, 0], at[:, 1], ".", ms=4.0, color=INK, linestyle="none", label="switch")
+        ax.plot(at[:, 0], at[:, 1], "x", ms=4.0, mew=0.9, color=INK, linestyle="none", label="switch")
 
 
 def _paths(

@@ -1,6 +1,7 @@
 """The standard figures of a trajectory: written to a folder, or together on one page."""
 
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -106,9 +107,14 @@ def standard_figures(trajectory: Trajectory[Any, Any]) -> list[Callable[[Traject
     joints = OF_JOINTS if system.mechanisms else ()
     empty = {acceleration: not accelerations(trajectory), mass_angles: not mass_units(trajectory.system)}
     if not (system.n_masses or system.mechanisms):
-        central = not np.any(np.asarray(system.offset))
+        central = _is_central(system)
         empty |= {configuration: central, body_paths: True, space_paths: central}
     return [draw for draw in (*STANDARD, *of_contact(trajectory), *joints) if not empty.get(draw, False)]
+
+
+def _is_central(system: AbstractBody) -> bool:
+    """Whether nothing is in the shell, and its centre of mass is the geometric centre."""
+    return not (system.n_masses or system.mechanisms or np.any(np.asarray(system.offset)))
 
 
 def write_figure(
@@ -128,8 +134,8 @@ def write_figure(
 def overview(trajectory: Trajectory, title: str = "") -> Figure:
     """One page: configuration, trajectories, path, angular velocity, energies and friction, under a ``title``.
 
-    A run with a law of contact that slips or flies has an additional row, with its height, its slip speed and its
-    forces.
+    For a body without masses or mechanisms, the velocity takes the place of the configuration and the trajectories. A
+    run with a law of contact that slips or flies has an additional row, with its height, its slip speed and its forces.
 
     **Arguments:**
 
@@ -140,19 +146,19 @@ def overview(trajectory: Trajectory, title: str = "") -> Figure:
     planar = isinstance(trajectory.system, Disk)
     of_modes = of_contact(trajectory)
     more = (*of_modes, contact_force) if of_modes else ()
-    figure = Figure(figsize=(10.5, 9.6 if more else 6.8), layout="constrained")
-    caption(figure, trajectory.system, title)
-    grid = figure.add_gridspec(3 if more else 2, 3, height_ratios=(1.25, 1, 1)[: 3 if more else 2])
     in_space = {} if planar else {"projection": "3d", "computed_zorder": False}
-    panels = (
+    panels: list[tuple[Callable[..., Axes], dict[str, Any]]] = [
         (configuration, in_space),
         (space_paths, in_space),
         (centre_path, {}),
-        (angular_velocity, {}),
-        (energies, {}),
-        (friction_ratio, {}),
-        *((draw, {}) for draw in more),
-    )
+        *((draw, {}) for draw in (angular_velocity, energies, friction_ratio, *more)),
+    ]
+    if _is_central(trajectory.system):
+        panels[:3] = (centre_path, {}), (centre_velocity, {})
+    rows = math.ceil(len(panels) / 3)
+    figure = Figure(figsize=(10.5, 9.6 if rows > 2 else 6.8), layout="constrained")
+    caption(figure, trajectory.system, title)
+    grid = figure.add_gridspec(rows, 3, height_ratios=(1.25, 1, 1)[:rows])
     for k, (draw, kind) in enumerate(panels):
         ax = draw(trajectory, figure.add_subplot(grid[k // 3, k % 3], **kind))
         ax.annotate(

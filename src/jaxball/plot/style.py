@@ -187,6 +187,10 @@ def cube(ax: Axes3D, radius: float, names: str) -> None:
     """Shows |coordinates| ≤ ``radius`` at one scale, with the axes named ``names`` and a subscript."""
     limits, ticks = (-1.04 * radius, 1.04 * radius), (-radius, 0.0, radius)
     ax.set(xlim=limits, ylim=limits, zlim=limits, xticks=ticks, yticks=ticks, zticks=ticks)
+    names_of = [f"{tick:g}".replace("-", "\N{MINUS SIGN}") for tick in ticks]
+    # The ends of two axes meet in the lower corner, where two long numbers would touch.
+    first = names_of[0] if len(names_of[0]) < 4 else ""
+    ax.set(xticklabels=names_of, yticklabels=[first, *names_of[1:]], zticklabels=names_of)
     ax.set_box_aspect((1, 1, 1))
     named(ax, *(rf"$\mathbf{{{names}}}_{j}$" for j in (1, 2, 3)))
 

@@ -24,7 +24,9 @@ def reduce(function: Function, operation: Operation, operands: list[Array]) -> l
     reduced = operation.attribute("dimensions")
     shape, dtypes = operands[0].shape, [array.dtype for array in operands[:count]]
     arrays = operands[:count]
-    written_out = is_small(shape) and all(isinstance(array, Registers) for array in arrays)
+    # What is left can be too large for registers where the whole is not: a first axis of a vector's length is gone.
+    small = is_small(shape) and is_small(operation.results[0].shape)
+    written_out = small and all(isinstance(array, Registers) for array in arrays)
     if not written_out:
         arrays = [storage.anywhere(storage.settled(array) if count > 1 else array) for array in arrays]
     first = [storage.to_registers(array).element(builder, ()) for array in operands[count:]]

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     import xarray
 
 _WORDS = {"friction_needed": r"$\mu_{\min}$", "reached": "time reached", "least_normal_force": "least $N$"}
+# Of what a study can find by itself, in whose store there are none.
+_UNITS = {"distance": "length", "largest_angular_speed": "rad/time", "energy_drift": "energy"}
 _FIRST = ("friction_needed", "z", "phi", "x", "y")
 _NOT_RESULTS = ("row", "status")
 MOST_STANDARD = 3
@@ -91,7 +93,7 @@ def label_of(data: "xarray.Dataset", result: str, labels: Labels = None, *, at_t
         indices = [_index(data, str(dimension), k) for dimension, k in zip(dimensions, index, strict=True)]
         words = f"${SYMBOLS[name]}{'_{' + ','.join(indices) + '}' if indices else ''}$"
         words += " at the end" if at_the_end else ""
-    units = data[name].attrs.get("units", "")
+    units = data[name].attrs.get("units", "") or _UNITS.get(name, "")
     return words if units in ("", "1") else f"{words} ({units})"
 
 

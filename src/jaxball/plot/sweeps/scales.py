@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..view.document import ColourScale
-from .results import result_names, values_of
+from .results import label_of, result_names, values_of
 from .rows import PictureError, Rows, listed
+from .symbols import in_plain_text, number_label
 
 if TYPE_CHECKING:
     import xarray
@@ -23,7 +24,8 @@ def sweep_scale(data: "xarray.Dataset", rows: Sequence[int], by: str | None = No
     - ``by``: the path of a number that the study changes, or a result such as ``"z[0]"``, at the end; by default the
       first number that differs between the rows.
 
-    **Returns:** None if no number is given and none differs.
+    **Returns:** the number by its symbol and unit, as in ``Ω₃(t₀) (rad/time)``; None if no number is given and none
+    differs.
 
     **Raises:** :class:`PictureError` if the study has no number of that name.
     """
@@ -35,11 +37,11 @@ def sweep_scale(data: "xarray.Dataset", rows: Sequence[int], by: str | None = No
     if by is None:
         return None
     if by in paths:
-        return ColourScale(by, chosen.number(by).tolist(), chosen.is_logarithmic(by))
+        return ColourScale(in_plain_text(number_label(by)), chosen.number(by).tolist(), chosen.is_logarithmic(by))
     results = result_names(data)
     if by not in results:
         raise PictureError(
             f"Number `{by}` must be one that the study changes, {', '.join(paths)}, or one of its results, "
             f"{', '.join(results)}."
         )
-    return ColourScale(by, values_of(chosen, by).tolist())
+    return ColourScale(in_plain_text(label_of(data, by)), values_of(chosen, by).tolist())

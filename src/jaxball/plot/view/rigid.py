@@ -176,7 +176,7 @@ def _graphs(bodies: Sequence[Turning], names: list[str]) -> list[dict[str, Any]]
 
 def _momentum(count: int) -> dict[str, Any]:
     if count > PAIR:
-        return graph("Angular momentum", [series("|𝕀Ω|", None, "angular_momentum", [0, 1, 2], norm=True)])
+        return graph("Angular momentum", [series("|L|", None, "angular_momentum", [0, 1, 2], norm=True)])
     return graph("Angular momentum, space axes", each(("L1", "L2", "L3"), (BLUE, RED, YELLOW), "momentum_in_space"))
 
 

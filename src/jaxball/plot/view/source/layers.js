@@ -21,7 +21,7 @@ export function layersOf({ bodies, friction, cone, palette }, stage) {
       ["Centre of mass", parts("centreOfMass"), true],
       ["Contact point", arrows("contact"), true],
       ["Trace", stage.traces, true, trail, "line"],
-      ["Path that is wanted", [stage.ground.wanted].filter(Boolean), true],
+      ["Target path", [stage.ground.wanted].filter(Boolean), true],
       ["Obstacles", [stage.ground.obstacles].filter(Boolean), true],
       ["Rails", hasRails ? parts("rails") : [], true],
       ["Axes of space, e", [stage.spaceAxes], false],
@@ -29,7 +29,7 @@ export function layersOf({ bodies, friction, cone, palette }, stage) {
     ],
     rigid: () => [
       ["Angular velocity ω", arrows("spin"), true, palette.spin, "arrow"],
-      ["Angular momentum 𝕀Ω", arrows("momentum"), true, palette.momentum, "arrow"],
+      ["Angular momentum L", arrows("momentum"), true, palette.momentum, "arrow"],
       ["Vector ξ, to which ω is orthogonal", arrows("xi"), true, palette.xi, "arrow"],
       ["Centre of mass", parts("centreOfMass"), true],
       ["Fixed point", parts("fixedPoint"), true],

@@ -61,7 +61,7 @@ function ellipsoid({ semi_axes: [a, b, c], centre, quaternion }, colour, compone
   return found;
 }
 
-// From the fixed point: ω, 𝕀Ω and the ξ of Suslov's problem.
+// From the fixed point: ω, L = 𝕀Ω and the ξ of Suslov's problem.
 export class Vectors extends Group {
   constructor(body, { palette }, scales) {
     super();
@@ -78,7 +78,7 @@ export class Vectors extends Group {
 
   get named() {
     const { spin, momentum, xi } = this.palette;
-    return [[this.spin, "ω", spin], [this.momentum, "𝕀Ω", momentum], [this.xi, "ξ", xi]].filter(([arrow]) => arrow);
+    return [[this.spin, "ω", spin], [this.momentum, "L", momentum], [this.xi, "ξ", xi]].filter(([arrow]) => arrow);
   }
 
   show(k) {
