@@ -279,7 +279,7 @@ def altered(**status):
 @pytest.mark.parametrize(
     ("draw", "sentence"),
     [
-        (lambda: plot.sweep_slice(disks(), "ph", OVER_MASS), r"^Result `ph` must be one .* has; did you mean `phi`\?$"),
+        (lambda: plot.sweep_slice(disks(), "ph", OVER_MASS), r"^Result `ph` must be .* results; did you mean `phi`\?$"),
         (lambda: plot.sweep_slice(disks(), "q", OVER_MASS), r"^Result `q` must be one .* it has z, phi, .*steps\.$"),
         (lambda: plot.sweep_slice(balls([0]), "z", "initial.speed"), r"^Result `z` must be .* z\[0\], z\[1\], "),
         (
