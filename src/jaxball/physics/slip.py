@@ -35,8 +35,8 @@ SHORTER = 0.4  # a window that is too long, when it is tried again
 RESOLVED = 2e-11  # the last coefficient of the polynomial in a window that is short enough
 SWEEPS = 10  # of collocation, each of which gains two digits, with one window
 WINDOWS = 4  # that are tried
-STEPS = 48  # in the time τ, to the end of a slip
-TURN = 0.5  # by which σ turns and ln s falls in one of them, at most
+STEPS = 16  # in the time τ, to the end of a slip
+TURN = 1.5  # by which σ turns and ln s falls in one of them, at most
 
 
 class Beginning(NamedTuple):

@@ -60,7 +60,7 @@ def centre_path(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
     A ball's is drawn in the plane of e1 and e2, ``fig_ball_gc_path``, with a ring at its start and a square at its end;
     for the disk, z is drawn over time, ``fig_disk_gc``. On a slope an arrow, or for the disk the label, points
-    downhill. The path is dashed where the ball slides and dotted where it flies, with crosses at switches between modes.
+    downhill. The path is dashed where the ball slides and dotted where it flies, with crosses at changes of mode.
 
     **Arguments:**
 
