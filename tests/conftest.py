@@ -39,7 +39,7 @@ SECONDS = np.linspace(0.0, 20.0, 21)
 
 def pytest_configure(config):
     """Compiling takes most of the default run; only long studies gain more from optimised programs than they cost."""
-    unoptimised = config.option.markexpr == "not slow"
+    unoptimised = "not slow" in config.option.markexpr
     jax.config.update("jax_disable_most_optimizations", unoptimised)
     os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = str(int(unoptimised))  # of examples and commands
     programs.compile_quickly()

@@ -74,7 +74,7 @@ def test_a_disk_that_rolls_round_comes_back_after_the_time_of_a_quadrature(folde
     text = capsys.readouterr().out
     assert text.startswith("A disk that is heavier below\nphi = ")
     assert "  The motion is spectrally stable, a centre: its multipliers are all of size 1." in text
-    assert "(turns: phi 1), back to " in text
+    assert "(turns: phi 1), closed to " in text
     assert "written: motion.csv, motion.pdf" in text
     with (folder / "motion.csv").open(newline="") as file:
         (row,) = csv.DictReader(file)

@@ -84,7 +84,7 @@ def test_a_run_is_a_scenario_for_every_command(tmp_path, capsys):
             ["ball", "--laws", "enrgy"],
             '`--laws` must contain names of laws, but it contains "enrgy"; did you mean "energy"?',
         ),
-        (["ball", "--laws", "qqq"], 'it holds "qqq"; the laws here are energy, momentum, chaplygin, jellett-rate, '),
+        (["ball", "--laws", "qqq"], 'it contains "qqq"; the laws here are energy, momentum, chaplygin, jellett-rate, '),
         (["ball", "--json", "report.txt"], "must end in .json"),
     ],
 )

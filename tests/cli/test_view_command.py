@@ -236,7 +236,7 @@ def test_rows_of_a_sweep_are_shown_in_the_colours_of_a_number(store, capsys):
     document = document_in((store / "rows.html").read_text())
     assert document["title"] == "<b>a study"
     assert [(body["name"], body["value"]) for body in document["bodies"]] == [("row 2", 2.0), ("row 0", 0.5)]
-    assert [document["scale"][key] for key in ("name", "low", "high")] == ["body.mass", 0.5, 2.0]
+    assert [document["scale"][key] for key in ("name", "low", "high")] == ["m₀ (mass)", 0.5, 2.0]
     store_ends = open_dataset("study.zarr")["phi"].values[[2, 0]]
     for body, phi in enumerate(store_ends):
         z = arrays_of(document, body)["centre"][-1, 0]  # = −r φ

@@ -61,7 +61,7 @@ def test_the_counterpart_of_ode45_solves_the_disk(comparison):
 
 def test_printed_table_is_aligned(comparison):
     _, lines, _ = comparison
-    assert lines[0].startswith("Measuring 1 row, at ")
+    assert lines[0].startswith("Measuring 1 row, ")
     heading, rule = lines[1].splitlines()
     assert len(heading) == len(rule) == len(lines[2]) <= 120
     assert all(len(line) <= 120 for line in lines[3].splitlines())

@@ -87,11 +87,12 @@ def test_a_dry_run_solves_nothing(folder, capsys):
     axes = '[[axes]]\npath = "body.mass"\nlinear = { from = 1, to = 2, count = 1_000_000 }\n'
     found = estimate(study(folder, axes), never)
     size = 123 * 8192 * (8 + 8 + 1 + 4 + 4 + 8 + 3 * 8) + 8 * 1_000_000  # bytes a row, in whole chunks, and the axis
+    size += 4 * (9 * 123 + 1)  # a checksum for each file
     assert found == (1_000_000, 123, size, None, None)
     assert found.sentence(2) == "1,000,000 rows in 123 chunks, a store of 65.4 MB"
     assert main(["sweep", "study.toml", "--dry-run"]) == 0
     assert capsys.readouterr().out == (
-        "15 rows in 1 chunk, a store of 1.04 kB; --measure solves a few rows to estimate the time\n"
+        "15 rows in 1 chunk, a store of 1.09 kB; --measure solves a few rows to estimate the time\n"
     )
 
 

@@ -158,8 +158,8 @@ def simulate(
         project=project,
         inside=inside,
     )
-    simulated = system if contact is None else on_plane(system, state, contact, dae, events)
-    trajectory = _run(method, simulated, times, state, rtol, atol, events)
+    whole = system if contact is None else on_plane(system, state, contact, dae, events)
+    trajectory = _run(method, whole, times, state, rtol, atol, events)
     if events:
         trajectory = locate(trajectory, events)
     if throw:
@@ -205,15 +205,15 @@ def _program(method: Method) -> Callable[..., tuple]:
     try:
         return _compiled(method)
     except TypeError:  # a solver that carries arrays has no hash
-        return functools.partial(_solved_filtered, method)
+        return functools.partial(_simulated_filtered, method)
 
 
 @functools.cache
 def _compiled(method: Method) -> Callable[..., tuple]:
-    return programs.jit(functools.partial(_solved, method))
+    return programs.jit(functools.partial(simulated, method))
 
 
-def _solved(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple:
+def simulated(method: Method, system: AbstractSystem, times: Array, *others: Any) -> tuple:
     """The fields of a trajectory except ``system`` and ``times``, which a program could only copy."""
     saved, *solved, course, _ = solve(method, system, times, *others)
     if not isinstance(system, BodyOnPlane):
@@ -338,7 +338,7 @@ def _unpacked(packing: Packing[Any, Any], known: Array, times: Array, states: Ar
     return jax.tree.map(cut, jax.lax.map(lambda at: packing.unpack(*at), (times, states)))
 
 
-_solved_filtered = programs.filter_jit(_solved)
+_simulated_filtered = programs.filter_jit(simulated)
 
 
 def _controller(
