@@ -49,6 +49,7 @@ def bound(row):
     return factor * row["tolerance"]
 
 
+@pytest.mark.thorough
 def test_every_solve_reaches_its_end_as_exactly_as_its_tolerance_promises(quick):
     _, _, content = quick
     assert {row["tolerance"] for row in content["rows"]} == {1e-5, 1e-8}

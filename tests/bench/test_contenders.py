@@ -58,6 +58,7 @@ def outcome(name, problem, tolerance=TOLERANCE):
     return run.outcome()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [*PEERS, *ONE_OF_A_KIND])
 def test_kinks_are_met_exactly(name):
     """A solver that smeared a kink over a step would be off by far more than its tolerance."""

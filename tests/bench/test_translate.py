@@ -64,6 +64,7 @@ class TestSameEverywhere:
             rates(t, x, p, found)
             assert_same(found, expected)
 
+    @pytest.mark.thorough
     def test_generated_jacobian_is_that_of_a_complex_step(self, problem, piece, random):
         g, n = problem.right_hand_side(piece), len(problem.initial)
         jacobian = compiled(translate.jacobian_source(g, n, len(piece.parameters)), "jacobian")

@@ -39,6 +39,7 @@ SOLVES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solve", SOLVES.values(), ids=SOLVES)
 def test_a_command_that_finds_its_programs_says_and_writes_the_same(tmp_path, place, solve):
     (tmp_path / "run.toml").write_text(DISK + solve)
@@ -88,6 +89,7 @@ def test_the_command_shows_and_clears(place, capsys):
     assert [path.name for path in place.iterdir()] == ["mine.txt"]
 
 
+@pytest.mark.thorough
 def test_the_command_counts_the_programs_of_each_compiler(tmp_path, place, capsys, monkeypatch):
     (tmp_path / "run.toml").write_text(DISK)
     counts = []

@@ -357,6 +357,7 @@ def disk():
     return Disk(mass=1.0, inertia=0.5, masses=[PointMass(0.5, Fixed((0.5, 0.0, 0.0)))])
 
 
+@pytest.mark.thorough
 def test_a_run_and_its_extremes_are_the_same_to_the_last_bit(in_process, contents, disk):
     """Trajectories hold modules of diffrax and of jaxball, functions and numbers that are no arrays."""
 

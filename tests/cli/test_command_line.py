@@ -38,6 +38,7 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_simulate(folder):
     done = jaxball("simulate", "good.toml", "--out", "run.nc", "--rtol", "1e-8", folder=folder)
     assert (done.returncode, done.stderr) == (0, "")
@@ -79,6 +80,7 @@ def test_bad_input_leaves_the_output_as_it_was(folder):
     assert (folder / "run.csv").read_text() == "precious"
 
 
+@pytest.mark.thorough
 def test_failed_solve_is_kept_and_marked(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     assert main(["simulate", "fails.toml", "--out", "run.npz"]) == 3
@@ -171,6 +173,7 @@ def test_figures_and_film(folder, monkeypatch, capsys):
     assert (folder / "figures" / "disk_energies.png").stat().st_size > 0
 
 
+@pytest.mark.thorough
 def test_law_that_carries_a_mass_out(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     (folder / "out.toml").write_text(ESCAPING + '[actuation]\nform = "integrated"\n')

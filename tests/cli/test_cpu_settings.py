@@ -106,6 +106,7 @@ np.testing.assert_allclose(slope, across, rtol=1e-6)
 """
 
 
+@pytest.mark.thorough
 def test_derivatives_of_ensembles_in_forward_mode():
     """With other settings, XLA was seen to stop the process."""
     environment = {name: value for name, value in os.environ.items() if name != "XLA_FLAGS"}

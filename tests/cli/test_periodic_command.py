@@ -69,6 +69,7 @@ def time_of_a_turn(phi, phidot):
     return quad(lambda phi: np.sqrt(inertia(phi) / (2 * (energy + LOW * np.cos(phi)))), 0, 2 * np.pi)[0]
 
 
+@pytest.mark.thorough
 def test_a_disk_that_rolls_round_comes_back_after_the_time_of_a_quadrature(folder, capsys):
     assert main(["periodic", "disk.toml", "--period", "5.5", "--out", "motion.csv", "--plot", "motion.pdf"]) == 0
     text = capsys.readouterr().out
@@ -112,6 +113,7 @@ def test_a_shaken_disk_grows_as_hills_equation_says(capsys, period):
     assert motion["message"].endswith("changing sign each period.")
 
 
+@pytest.mark.thorough
 def test_a_chart_has_each_cells_own_period(folder, capsys):
     axes = [f"{FREQUENCY}=0.8:1.0:3", f"{AMPLITUDE}=0.1:0.3:2"]
     files = ["--out", "chart.nc", "--plot", "chart.png"]
@@ -130,6 +132,7 @@ def test_a_chart_has_each_cells_own_period(folder, capsys):
     assert (folder / "chart.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.thorough
 def test_a_chart_tells_bodies_that_cannot_be(capsys):
     axes = ["body.mass=-1:1:2", f"{AMPLITUDE}=0.1:0.3:2"]
     assert main(["periodic", "shaken.toml", "--frequency", "0.9", "--chart", *axes, "--json", "-", "--quiet"]) == 0
@@ -139,6 +142,7 @@ def test_a_chart_tells_bodies_that_cannot_be(capsys):
     assert content["status"][0] == [3, 3]
 
 
+@pytest.mark.thorough
 def test_a_robot_that_has_settled_comes_back_once_in_a_turn(capsys):
     """Where the motor's torque, stall (|command| − v / free speed), is the resistance's, rolling v."""
     speed = STALL * abs(COMMAND) / (ROLLING + STALL / FREE_SPEED)

@@ -54,6 +54,7 @@ def test_a_chart_of_a_body_that_spins_about_its_middle_axis(folder, capsys):
     assert (folder / "chart.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.thorough
 def test_a_poincare_map_lies_on_the_section_and_keeps_the_integrals(folder, capsys):
     """Of a free body: energy and momentum are the same at all crossings."""
     changes = ["--set", "initial.Omega=[1, 1, 1]"]

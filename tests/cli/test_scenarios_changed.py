@@ -23,6 +23,7 @@ def folder(monkeypatch, tmp_path):
     return tmp_path
 
 
+@pytest.mark.thorough
 def test_values_are_set_and_standard_input_is_read(folder, monkeypatch, capsys):
     """In one run: the scenario from -, three changes, another end, and JSON alone on standard output."""
     monkeypatch.setattr("sys.stdin", io.StringIO(DISK))
@@ -92,6 +93,7 @@ def test_a_change_without_a_value_takes_away(change, left):
     assert document["items"] == [{"x": 1}, {}]
 
 
+@pytest.mark.thorough
 def test_one_key_takes_the_place_of_another(folder, capsys):
     """`time.saves` and `time.step` exclude each other."""
     assert main(["validate", "disk.toml"]) == 0

@@ -87,6 +87,7 @@ def test_what_is_refused_leaves_every_file_as_it_was(folder, capsys, arguments, 
     assert (folder / "notes.html").read_text() == MARK.upper()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("scenario", "kind"),
     [

@@ -39,6 +39,7 @@ THROWS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("throw", THROWS)
 def test_a_homogeneous_ball_slides_in_a_parabola_and_then_rolls(throw):
     V, omega = (np.array(x) for x in THROWS[throw])
@@ -76,6 +77,7 @@ SOLVERS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", list(SOLVERS.values()), ids=list(SOLVERS))
 def test_every_kind_of_solver_ends_a_slip_when_it_ends(solver):
     """In fewer than 1000 steps: what is set after each of them must not disturb what multistep methods remember."""
@@ -95,6 +97,7 @@ def test_backspin_brings_a_ball_back():
     assert run.contact.V[-1, 0] < 0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("share", [0.999, 1.001])
 def test_a_ball_on_a_slope_rolls_only_if_friction_can_hold_it(share):
     """It rolls iff μ > tan α · k/(1 + k)."""
@@ -111,6 +114,7 @@ def test_a_ball_on_a_slope_rolls_only_if_friction_can_hold_it(share):
     np.testing.assert_allclose(np.linalg.norm(run.state.Omega, axis=1), omega * TIMES, atol=CLOSE)
 
 
+@pytest.mark.thorough
 def test_a_ball_that_friction_holds_on_a_slope_does_not_move_at_all():
     """A centre of mass straight over the contact point, as gravity sees it; whatever rounding makes of the torque."""
     angle, low = 0.3, 0.25
@@ -130,6 +134,7 @@ def test_a_ball_that_friction_holds_on_a_slope_does_not_move_at_all():
     np.testing.assert_allclose(run.observables.friction_ratio, np.tan(angle), rtol=1e-14)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("e", [0.6, 0.9])
 def test_heights_of_bounces(e):
     """eⁿ² h, at times that accumulate, and then the ball rests: bouncing is ended and said to be."""
@@ -154,6 +159,7 @@ def test_heights_of_bounces(e):
     assert float(run.observables.energy[-1]) == pytest.approx(0.0, abs=CLOSE)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("mu", "sticks"), [(0.5, True), (0.05, False)])
 def test_an_impact_sticks_if_friction_can_stop_the_slip(mu, sticks):
     """Sticks if μ (1 + e) |v₃| ≥ |v_s| k/(1 + k)."""
@@ -169,6 +175,7 @@ def test_an_impact_sticks_if_friction_can_stop_the_slip(mu, sticks):
     np.testing.assert_allclose(switches.after.V[0], after, atol=CLOSE)
 
 
+@pytest.mark.thorough
 def test_flight_keeps_the_angular_momentum_and_the_centre_of_mass_falls():
     """About the centre of mass, with masses that move in the ball."""
     ball = jaxball.Ball(
@@ -215,6 +222,7 @@ def spin(ball, t, run, k, centre, velocity):
     return own + sum(m * np.cross(x - centre, v - velocity) for m, x, v in particles(ball, t, run, k))
 
 
+@pytest.mark.thorough
 def test_jelletts_integral_under_any_friction():
     """(ΛI Ω)·r with r from the centre of mass to the contact point, of a body with a rotational symmetry."""
     A, C, low = 0.5, 0.7, 0.2
@@ -234,6 +242,7 @@ def swing(t, amplitude):
     return amplitude * jnp.sin(3.0 * t) * jnp.asarray(E3)
 
 
+@pytest.mark.thorough
 def test_the_plane_is_left_when_the_event_finds():
     """A mass that swings up and down in a ball at rest: N = M g − m a w² sin wt, and no friction at all."""
     m, a, w = 0.8, 0.6, 3.0
@@ -256,6 +265,7 @@ def test_the_plane_is_left_when_the_event_finds():
     assert np.all(np.asarray(run.contact.height) >= 0)
 
 
+@pytest.mark.thorough
 def test_a_slip_that_begins_from_rest_takes_what_the_energy_loses():
     """An unbalanced ball on a slope that friction cannot hold; its slip turns, and is stiff as it begins."""
     ball = jaxball.Ball(

@@ -55,6 +55,7 @@ def require_close(run, fine, tolerance):
     assert np.max(np.abs(end_of(run) - end_of(fine))) <= MOST * tolerance
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("kind", "law"), BODIES)
 def test_errors_are_in_proportion_to_the_tolerance(kind, law):
     case = kind()
@@ -83,6 +84,7 @@ def test_a_body_that_lifts_slowly_does_not_land_again_by_rounding():
         np.testing.assert_array_equal(run.contact.switches.cause, causes)
 
 
+@pytest.mark.thorough
 def test_what_friction_takes_is_what_the_energy_loses():
     """On a plane at rest, without joints that move, at every tolerance."""
     case = slipping_bodies.masses_on_a_slope()
@@ -112,6 +114,7 @@ def end_of_slip(mu, tolerance, height):
     return switches.times[jnp.argmax(switches.cause == jaxball.Cause.STOPS)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("height", [0.0, pytest.param(0.3, marks=SLOW)])
 def test_the_derivative_of_the_time_at_which_a_slip_ends(height):
     """t is in inverse proportion to μ, also after bounces, by which the mean normal force stays the weight."""
@@ -158,6 +161,7 @@ def test_derivatives_of_all_switches_at_the_default_tolerance(given, at):
     np.testing.assert_allclose(found[:count], differences[:count], rtol=0, atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_an_impact_at_the_start_is_a_switch():
     """So that what the switches lost adds up to what impacts took."""
     disk = jaxball.Disk(mass=1.0, inertia=0.5)

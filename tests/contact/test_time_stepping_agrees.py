@@ -67,6 +67,7 @@ def end_by_steps(system, state, duration, steps):
     return np.concatenate([run.z[-1], run.height[-1:], run.V[-1], run.omega[-1]])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_scheme_converges_to_the_run(seed):
     rng = np.random.default_rng(seed)

@@ -131,6 +131,7 @@ class TestAgainstDifferences:
         errors = worst(np.stack(columns, axis=1), differences(dry))
         assert max(errors.values()) < BOUND, errors
 
+    @pytest.mark.thorough
     def test_reverse_mode(self, dry):
         errors = worst(reverse(numbers(dry), dry), np.asarray(WEIGHTS) @ differences(dry))
         assert max(errors.values()) < BOUND, errors

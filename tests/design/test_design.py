@@ -83,6 +83,7 @@ def test_the_command_writes_the_same(folder, tmp_path):
     assert f"By `jaxball design {tmp_path / 'problem.toml'} --out" in ours[1]
 
 
+@pytest.mark.thorough
 def test_the_optimum_on_a_constraint(folder):
     found = jaxball.load_scenario(folder / "design.toml")
     np.testing.assert_allclose(found.state.Omega, [-0.25, 0.75, 0.0], atol=1e-5)
@@ -155,6 +156,7 @@ class Endless(design.AbstractObjective):
         return jnp.sqrt(jnp.sum(run.z[0] ** 2))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("wrong", "words"), [(Crooked(), "must agree"), pytest.param(Endless(), "must be finite", marks=pytest.mark.slow)]
 )
@@ -164,6 +166,7 @@ def test_a_wrong_gradient_is_refused(wrong, words):
         design.design(design.Problem(space, {"wrong": wrong}, {}), design.Settings(starts=1))
 
 
+@pytest.mark.thorough
 def test_the_gradient_is_right_to_the_solver():
     found = problem()
     optimiser = design.Optimiser(design.Shooting(found.problem), found.settings)

@@ -61,6 +61,7 @@ def assert_same(candidate, scenario, bound):
         np.testing.assert_allclose(a, b, rtol=bound, atol=bound)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("document", "paths"),
     [
@@ -151,6 +152,7 @@ def test_variables_that_make_no_sense_are_told(arguments, words):
         Variable(("masses[0].mass",), **arguments)
 
 
+@pytest.mark.thorough
 def test_angles_found_by_balance_cannot_be_varied():
     document = builtin("ball")
     document["initial"]["balance"] = {"masses": [1, 2]}

@@ -38,6 +38,7 @@ def disk():
     return jaxball.Disk(mass=1.0, inertia=0.7, masses=[on(jaxball.Circle(0.9), -np.pi / 2)])
 
 
+@pytest.mark.thorough
 def test_the_centre_of_mass_leans_as_far_as_the_balance_of_momentum_asks():
     """A mass that hangs does not turn: (d2 / r + m0 r + m (r − a)) z̈ = M g c1 about the contact point."""
     END = 10.0
@@ -55,6 +56,7 @@ def given_input(t, state, u):
     return u
 
 
+@pytest.mark.thorough
 def test_what_the_masses_do_by_moving_is_of_fourth_order_in_the_rate_of_the_motion():
     """Of ω̇ = e3 × z̈ / r, by the explicit equations of motion."""
     tubes = [jaxball.Tube(axis, side * np.roll(axis, 1)) for axis in np.eye(3) for side in (0.3, -0.3)]

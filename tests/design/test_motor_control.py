@@ -33,6 +33,7 @@ def driven():
     return control.started(climb(jaxball.Motor(0.0), [LEAN - SLOPE]), MESH)
 
 
+@pytest.mark.thorough
 def test_a_pendulum_holds_a_disk_on_a_slope(driven):
     """The pendulum at the angle and with the torque m g l sin(lean) of its closed form."""
     robot = climber(jaxball.Motor(0.0))
@@ -63,6 +64,7 @@ def test_balanced_on_a_slope_is_on_the_vertical_through_the_contact_point():
     np.testing.assert_allclose([beside(0), beside(1)], [0.0, away**2], atol=1e-16)
 
 
+@pytest.mark.thorough
 def test_a_guess_on_a_slope_begins_and_ends_at_rest():
     """The pendulum's lean and the torque that holds it are those of the closed forms, at both ends."""
     target = design.FollowTrajectory(design.Through([[0.0, 0.0], [PLACE, 0.0]]), rest_to_rest=True)
@@ -77,6 +79,7 @@ def test_a_guess_on_a_slope_begins_and_ends_at_rest():
     np.testing.assert_allclose(path.controls[[0, -1], [0, -1], 0], torque, rtol=1e-3)
 
 
+@pytest.mark.thorough
 def test_motors_take_it_there_and_it_stays(driven):
     """By a simulation that knows of torques and not of controls, for twice as long."""
     scenario = control.scenario_of(driven)
@@ -103,6 +106,7 @@ def test_a_joint_that_is_accelerated_finds_the_same_torque(driven):
     np.testing.assert_allclose(run.observables.joint_efforts[:-1, 0], torque, atol=1e-4)
 
 
+@pytest.mark.thorough
 def test_a_rotor_rolls_a_disk_as_a_double_integrator_does():
     """(D − C + M r²) z̈ = −r Q, with D − C the shell's inertia: Q = −6 (D − C + M r²) z (1 − 2 t/T) / (r T²).
 

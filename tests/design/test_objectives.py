@@ -103,6 +103,7 @@ def values(motion):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", closed_forms())
 def test_objective_in_closed_form(name):
     _, motion, expected = closed_forms()[name]

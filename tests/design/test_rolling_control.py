@@ -46,6 +46,7 @@ def run(easy):
     return control.scenario_of(easy, saves=2001).simulate(rtol=1e-11, atol=1e-11, throw=True)
 
 
+@pytest.mark.thorough
 def test_the_schedules_do_what_the_solution_says(easy, run):
     """By a simulation that knows of schedules and not of controls."""
     assert np.max(easy.errors) <= 1e-6
@@ -74,6 +75,7 @@ def test_the_costs_are_those_of_the_simulation(easy, run):
     np.testing.assert_allclose(found["acceleration-effort"], effort, rtol=1e-4)
 
 
+@pytest.mark.thorough
 def test_newton_comes_to_the_same_optimum_from_rest_and_from_the_wanted_path(easy):
     other = control.started(problem(0.01), np.linspace(0.0, END, 9), guess=control.rolling_along)
     times = np.linspace(0.0, END, 41)
@@ -199,6 +201,7 @@ def interrupted(*arguments, **options):
     raise KeyboardInterrupt
 
 
+@pytest.mark.thorough
 def test_ctrl_c_leaves_the_last_motion(tmp_path, capsys, easy, monkeypatch):
     """That of ``easy``, whose compiled programs it shares; stopped before it is looked at as a minimum."""
     monkeypatch.setenv("XLA_FLAGS", os.environ.get("XLA_FLAGS", ""))

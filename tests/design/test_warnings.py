@@ -59,6 +59,7 @@ def told(gradient, tolerance):
     return warnings(done)
 
 
+@pytest.mark.thorough
 def test_the_least_normal_force_in_closed_form():
     """M g − m A ω² at the top, where the mass is thrown back."""
     assert abs(at_rest()[1].margin - (1 - AMPLITUDE * FREQUENCY**2 / 2)) < 1e-9

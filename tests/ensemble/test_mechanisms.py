@@ -4,6 +4,7 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import jaxball
 from jaxball.ensemble import simulate_ensemble
@@ -21,6 +22,7 @@ def robot(stiffness):
     return disk, jaxball.DiskState(theta=[0.3], thetadot=[0.0])
 
 
+@pytest.mark.thorough
 def test_runs_are_single_runs_with_their_derivatives():
     def ends(stiffness):
         disks, starts = jax.vmap(robot)(stiffness)

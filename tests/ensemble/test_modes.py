@@ -67,6 +67,7 @@ def single(rows, k):
     return simulate(ball(offset), TIMES, thrown(*start), contact=contact(*law))
 
 
+@pytest.mark.thorough
 def test_every_row_is_a_run_of_its_own():
     rows, many = random_ensemble()
     counts = np.asarray(many.trajectory.contact.switches.count)
@@ -127,6 +128,7 @@ def test_a_slip_ends_when_friction_has_made_it_roll():
         np.testing.assert_allclose(run.contact.rubbed[:, -1], V**2 / 7, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_what_rows_share_may_be_given_once():
     rows, many = random_ensemble()
     system, state, law = jax.tree.map(lambda leaf: leaf[:6], built(rows))
@@ -152,6 +154,7 @@ def test_a_row_that_fails_harms_no_other():
         np.testing.assert_array_equal(a[others], b[others])
 
 
+@pytest.mark.thorough
 def test_derivatives_are_those_of_closed_forms():
     """A sphere with V along e1 that slides until it rolls is at 12 V²/(49 μg) + 5/7 V (t − 2V/(7μg))."""
     zero, upright = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])

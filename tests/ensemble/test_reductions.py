@@ -39,6 +39,7 @@ def trajectories():
     return [single(*disks(MASSES), k, times=SPAN, dense=True) for k in range(MASSES.size)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["least_normal_force", "friction_needed", "largest_friction"])
 def test_contact_is_that_of_single_runs(found, trajectories, name):
     wanted = [contact_extremes(trajectory) for trajectory in trajectories]

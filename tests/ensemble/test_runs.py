@@ -137,6 +137,7 @@ def test_a_classical_system():
     assert_same(found, 1, single(system, state, 1), 2e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("compiler", ["xla", "native"])
 def test_runs_end_when_they_end_and_lanes_are_filled_again(compiler):
     """Natively, eight runs wait for the longest of them, which costs little where they are sorted."""
@@ -179,6 +180,7 @@ def test_blocks_and_threads_change_nothing():
     np.testing.assert_allclose(whole.trajectory.state.phi, parts.trajectory.state.phi, rtol=0, atol=1e-14)
 
 
+@pytest.mark.thorough
 def test_derivatives_are_those_of_single_runs():
     masses = np.linspace(0.5, 2.0, 5)
     system, state = disks(masses)

@@ -35,6 +35,7 @@ def ratio(ball):
     return at
 
 
+@pytest.mark.thorough
 def test_slip_is_where_the_friction_is_all_there_is(ball, ratio):
     found = ball.events["slip"]
     first = brentq(lambda t: ratio(t) - 0.15, 5.1, 5.3, xtol=1e-12)
@@ -46,6 +47,7 @@ def test_slip_is_where_the_friction_is_all_there_is(ball, ratio):
     assert ball.status == Status.SUCCESS
 
 
+@pytest.mark.thorough
 def test_extremes_of_the_papers_ball(ball, ratio):
     """The figures of the project's physics notes, and a minimiser of SciPy for the place."""
     found = contact_extremes(ball)
@@ -93,6 +95,7 @@ def normal_force(disk, phi, speed):
     return M * (g + h * (np.cos(phi) * rate2 + np.sin(phi) * slope))
 
 
+@pytest.mark.thorough
 def test_a_fast_wheel_leaves_the_plane():
     """The mass at the top pulls it up. The place is known from energy and Newton's law for the centre of mass."""
     disk, state = wheel(4.0)
@@ -119,6 +122,7 @@ def closed_time_of_detachment(speed):
     return quad(slowness, 0.0, lift, epsabs=0.0, epsrel=1e-13)[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mode", ["reverse", pytest.param("forward", marks=pytest.mark.slow)])
 def test_the_time_of_detachment_is_differentiable(mode):
     """Beside places for eight detachments, of which one is used; 0 · ∞ came back from the others in reverse mode."""
@@ -158,6 +162,7 @@ def closed_friction_needed(speed):
     return max(ratio(turn), -minimize_scalar(lambda phi: -ratio(phi), bounds=bounds, method="bounded").fun)
 
 
+@pytest.mark.thorough
 def test_the_derivative_of_the_friction_needed():
     """Against the closed form; the place of a maximum found by values alone left an error of some 1e-7."""
 

@@ -60,6 +60,7 @@ def zeros():
     return period * np.arange(1, int(END / period) + 1)
 
 
+@pytest.mark.thorough
 def test_the_closed_form_is_that_of_the_body(runs):
     b, m = elliptic()
     sn, cn, dn, _ = ellipj(b * TIMES, m)
@@ -150,6 +151,7 @@ def time_of_first_crossing(adjoint):
     return time
 
 
+@pytest.mark.thorough
 def test_times_are_differentiable():
     """Against the closed form: T = 2K(m)/b depends on the initial Ω1."""
 

@@ -119,6 +119,7 @@ def _plain(path):
     return path.replace("axes.zip", "axes").partition('."')[0]
 
 
+@pytest.mark.thorough
 def test_readers_take_no_other_keys_than_they_tell(known):
     """What they take while they read documents of every kind, but for `kind` and `form`, which choose."""
     for document in corpus.with_everything():

@@ -49,6 +49,7 @@ def test_every_kind_is_among_the_files_that_are_mutated():
     assert {kind for family in registries for kind in family} <= corpus.kinds()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", QUICK)
 def test_a_mutated_file_is_read_or_told(kind):
     documents, names = QUICK[kind]

@@ -18,7 +18,7 @@ def run(*command: str, **options) -> subprocess.CompletedProcess:
     [
         ("ruff", "check", "."),
         ("ruff", "format", "--check", "."),
-        ("basedpyright", "--pythonpath", sys.executable),
+        pytest.param(("basedpyright", "--pythonpath", sys.executable), marks=pytest.mark.thorough),
     ],
     ids=lambda tool: " ".join(tool[:2]),
 )

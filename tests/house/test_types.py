@@ -68,6 +68,7 @@ def told(tmp_path_factory):
     return by_file
 
 
+@pytest.mark.thorough
 def test_a_stranger_sees_the_types(told):
     """With ``py.typed`` missing the types would be unknown, the assertions wrong, and the mistake not seen."""
     sentences = [message for _, message in told["stranger.py"]]

@@ -104,6 +104,7 @@ FUNCTIONS = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__[1:])
 def test_elements_give_what_arrays_give(function):
     rng = np.random.default_rng(0)

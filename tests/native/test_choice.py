@@ -159,6 +159,7 @@ def test_arguments_that_are_no_arrays():
         np.testing.assert_array_equal(f(np.ones(2))["x"], [3, 3])
 
 
+@pytest.mark.thorough
 def test_by_an_environment_variable():
     text = """if True:
         import jax, jaxball, numpy as np

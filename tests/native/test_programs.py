@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from hypothesis import given, settings, strategies as st
 from jax import lax
 
@@ -88,6 +89,7 @@ def follow(program, arrays, i):
     return tuple(arrays)
 
 
+@pytest.mark.thorough
 @settings(max_examples=25)
 @given(steps(2), st.sampled_from([4, 70]), st.integers(0, 3))
 def test_programs_agree(program, length, i):

@@ -46,6 +46,7 @@ def test_reductions_keep_or_take_the_first_axis():
     agree(f, X, ulps=100)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", [(5, 81), (8, 100), (6, 9, 10)])
 def test_rows_that_leave_the_vectors(shape):
     """An array is in registers for its first axis alone: a row of it, or its transpose, may be too long for that."""

@@ -77,6 +77,7 @@ def direct_sums(system, state, masses, Fe):
     )
 
 
+@pytest.mark.thorough
 def test_the_direct_sum_over_masses_gives_the_same_angular_acceleration(balls):
     system, state, masses, Fe, rates = balls
     assert np.max(relative(rates.Omega, direct_sums(system, state, masses, Fe))) < ROUNDING

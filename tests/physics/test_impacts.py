@@ -205,6 +205,7 @@ def struck(ball, t, state, mu, restitution):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(2))
 def test_impulses_change_velocities_by_newton_and_eulers_laws(seed):
     """Accelerations are affine in the force of the plane, and velocities change by an impulse as they do by a force."""

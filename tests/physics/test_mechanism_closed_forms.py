@@ -399,6 +399,7 @@ class TestGyroscopicPendulum:
         drives = (None, None, jaxball.Motor(self.torque))
         return jaxball.gyroscopic_pendulum(self.m, self.l, self.radius, drives=drives, count=6)
 
+    @pytest.mark.thorough
     def test_the_ring_spins_up_by_its_motor_alone(self):
         """Along its axis n, carried by the yoke, C n·(Ω + the yoke's turning) + C θ̇₃ grows by the motor's torque."""
         done = run(self.ball(self.made()), self.start, 4.0)
@@ -419,6 +420,7 @@ class TestGyroscopicPendulum:
             np.testing.assert_allclose(value, getattr(expected.state, name), atol=1e-11, err_msg=name)
 
 
+@pytest.mark.thorough
 def test_a_mass_on_three_free_sliders_is_not_felt_and_falls():
     """In an unbalanced ball on a tilted, shaken ground with a turntable and resistance."""
     m, place = 0.7, np.array([0.1, -0.2, 0.3])
@@ -453,6 +455,7 @@ def chebyshev(t, theta, thetadot, state, p):
     return jnp.sum(p["coefficients"] * jnp.cos(angle * jnp.arange(p["coefficients"].size, dtype=t.dtype)))
 
 
+@pytest.mark.thorough
 def test_efforts_of_a_prescribed_run_move_free_joints_alike():
     """Read off at 65 Chebyshev points, the efforts are known to 1e-11 between them."""
     until, rail = 3.0, jaxball.Circle(0.5, centre=(0.0, 0.0, -0.1))

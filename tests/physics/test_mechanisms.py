@@ -109,6 +109,7 @@ def evaluated(cases):
     return [all_of(ball_of(*case[:3]).prepare(), jnp.array(0.0), state_of(case[2])) for case in cases]
 
 
+@pytest.mark.thorough
 def test_accelerations_and_efforts_are_those_of_two_other_formulations(cases, evaluated):
     for (robot, setting, moment, expected), (found, seen, *_) in zip(cases, evaluated, strict=True):
         for oracle in (expected, lagrange.solve(robot, setting, moment)):

@@ -46,6 +46,7 @@ def test_where_a_run_comes_to_have_no_solution_it_fails():
     assert "dry friction" in run.message
 
 
+@pytest.mark.thorough
 def test_free_joints_have_a_part_in_it():
     """N(μ) = N(0) / (1 − μ / μ₀), from the normal force of two small μ, says where the start is refused."""
     start = jaxball.BallState(Omega=(0.0, 2.0, 0.0), theta=[0.4], thetadot=[0.5])

@@ -85,6 +85,7 @@ def balanced(kind):
     return balances(system, t, state, mu), mu
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["scheduled", "driven"])
 def test_momenta_change_by_all_forces(kind):
     """Newton's and Euler's laws for the whole, of bodies with masses on rails, on the plane and in flight."""
@@ -265,6 +266,7 @@ def disks(disk, t, state, mu):
     return found
 
 
+@pytest.mark.thorough
 def test_the_disk_slides_and_flies_as_the_ball_that_it_is_in():
     system, t, body = random_disks(seed=43)
     rng = np.random.default_rng(44)

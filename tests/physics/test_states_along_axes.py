@@ -153,6 +153,7 @@ def test_what_is_of_one_trajectory_refuses_many():
             getattr(batch, name)()
 
 
+@pytest.mark.thorough
 def test_a_batch_is_evaluated_within_vmap():
     ball, times = Ball(mass=1.0, inertia=(0.5, 0.6, 0.7)), np.array([0.0, 1.0])
     batch = jax.vmap(lambda q: simulate(ball, times, BallState(q=q, Omega=(1.0, 0.2, 0.1)), dense=True))(versors((2,)))

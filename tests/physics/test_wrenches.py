@@ -70,6 +70,7 @@ def test_quadratic_drag_slows_a_rolling_ball_as_one_over_the_time(v0):
     np.testing.assert_allclose(slope, -v0 * abs(v0) * TIMES / inertia / grown**2, rtol=0, atol=1e-10)
 
 
+@pytest.mark.thorough
 def test_a_force_linear_in_the_velocities_is_the_resistance_of_a_medium():
     """On a slope with a turntable, with an offset and a pendulum, as the ball slides, rolls, flies and bounces."""
     arm = jaxball.planar_pendulum(0.3, 0.4, drive=jaxball.Spring(1.0))
@@ -98,6 +99,7 @@ def constant(t, motion, force):
     return force
 
 
+@pytest.mark.thorough
 def test_a_constant_function_is_a_constant_force():
     force = (0.1, 0.0, -0.3)
     for body, start in ((Ball, BallState(Omega=(0.1, 0.5, 0.2))), (Disk, DiskState(phidot=0.5))):
@@ -124,6 +126,7 @@ def all_rates(ball, t, state):
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
 def test_accelerations_are_those_of_newton_and_euler(seed):
     """What the function knows of the motion is the oracle's, and so is what the force that it makes of it does."""
@@ -181,6 +184,7 @@ def test_a_magnet_turns_a_rolling_ball_as_a_pendulum():
     np.testing.assert_allclose(run.state.z[:, 0], R * (2 * half - start), rtol=0, atol=1e-10)
 
 
+@pytest.mark.thorough
 def test_drag_on_a_ball_that_falls():
     """v = vₜ tanh(g t/vₜ) and h = h₀ − vₜ²/g ln cosh(g t/vₜ) with c vₜ² = m g."""
     c, height = 0.4, 9.0
@@ -202,6 +206,7 @@ def lifting(t, motion, p):
     return jnp.stack([-p["side"] * motion.position[0], jnp.zeros(()), p["up"] * (p["height"] - motion.position[2])])
 
 
+@pytest.mark.thorough
 def test_a_ball_in_the_air_on_springs_knows_its_place_and_height():
     p = {"side": 0.8, "up": 1.7, "height": 3.0}
     start = ReleasedState(BallState(z=(0.5, 0.2)), (0.0, 0.3, 0.0), 2.0)
@@ -226,6 +231,7 @@ def test_a_force_that_depends_on_the_velocity_leaves_a_sliding_ball_its_friction
     np.testing.assert_allclose(run.observables.friction[:, 0], -mu * M * G, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_laws_of_mechanics_hold_under_wind_and_magnets():
     """Energy by its power, the momentum about the contact point by the force and the torque, in ``verify``."""
     ball = Ball(

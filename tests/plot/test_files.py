@@ -40,6 +40,7 @@ def test_all_figures_of_the_disk(disk_trajectory, tmp_path):
         assert 0.005 < ink(path) < 0.3, path
 
 
+@pytest.mark.thorough
 def test_a_ball_without_masses_has_no_figure_of_a_dot(bare_trajectory, thrown_trajectory, tmp_path):
     """In the body, the centre of mass of a shell stays where it is; in space it does where it is the centre."""
     for run, without in (
@@ -50,6 +51,7 @@ def test_a_ball_without_masses_has_no_figure_of_a_dot(bare_trajectory, thrown_tr
         assert names & {"acceleration", "mass_angles", *QUANTITIES} == set(QUANTITIES) - without
 
 
+@pytest.mark.thorough
 def test_figures_of_another_run_stay(disk_trajectory, ball_trajectory, tmp_path):
     first = plot.figures(disk_trajectory, tmp_path, name="my run")
     assert {path.name.partition("_")[0] for path in first} == {"my-run"}

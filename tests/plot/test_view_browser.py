@@ -410,6 +410,7 @@ def test_a_run_that_was_thinned_says_so(browser, ball_trajectory, tmp_path):
     assert not browser.find_element(By.ID, "note").is_displayed()
 
 
+@pytest.mark.thorough
 def test_without_webgl_the_graphs_are_shown_and_a_sentence(ball_trajectory, tmp_path):
     path = tmp_path / "run.html"
     ball_trajectory.view(path)

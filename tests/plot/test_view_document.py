@@ -78,6 +78,7 @@ def test_a_slope_is_a_wedge_under_the_path(disk_on_a_slope):
     np.testing.assert_allclose((centre - floor["top"][0]) @ normal, 1.0, atol=1e-6)  # r above the plane
 
 
+@pytest.mark.thorough
 def test_a_pendulum_hangs_on_its_arm_above_a_turntable_that_is_shaken():
     """The pendulum of the scenario: 0.6 long, about E2, from 0.5 at the start; the ground in closed form."""
     shaken = Oscillating(HarmonicSeries((0.0, 0.0, 0.0), [(0.5, 0.0, 0.2)], [2.0]))
@@ -267,6 +268,7 @@ def test_of_several_runs_those_that_failed_are_named(ball_trajectory, failed_tra
     assert (fine["ok"], fine["message"]) == (True, "Every solve reached its end.")
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_shown_is_refused_in_a_sentence(
     ball_trajectory, reduced_trajectory, hopeless_trajectory, tmp_path
 ):

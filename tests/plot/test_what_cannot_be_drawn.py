@@ -33,6 +33,7 @@ def test_rows_that_are_not_finite_are_not_drawn(draw, failed_trajectory, ball_tr
     assert compared
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("draw", [*FIGURES, plot.configuration, plot.acceleration])
 def test_a_trajectory_without_a_finite_state_gives_empty_figures(draw, hopeless_trajectory):
     draw(hopeless_trajectory).figure.draw_without_rendering()

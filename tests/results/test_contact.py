@@ -39,6 +39,7 @@ def assert_same(run, trajectory):
             np.testing.assert_array_equal(mine, theirs)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".nc", ".npz"])
 def test_a_run_comes_back_with_its_modes_and_switches(disk, tmp_path, suffix):
     assert set(np.asarray(disk.contact.mode)) == set(Mode)
@@ -79,6 +80,7 @@ def test_a_table_has_the_modes(disk, tmp_path):
     assert not [name for name in data.dtype.names if name.startswith("switch")]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("suffix", [".nc", ".npz"])
 def test_a_run_without_a_switch_and_one_with_too_many(disk, tmp_path, suffix):
     """A ball that rolls all the time has none, and a law may keep fewer than there were."""
@@ -94,6 +96,7 @@ def test_a_run_without_a_switch_and_one_with_too_many(disk, tmp_path, suffix):
     assert run.contact.switches.lines[-1].endswith("which a larger `room` of the Contact would keep")
 
 
+@pytest.mark.thorough
 def test_a_run_that_failed_has_no_mode_where_it_did_not_come(disk, tmp_path):
     failed = simulate(disk.system, disk.times, disk.start, contact=LAW, rtol=1e-6, atol=1e-6, max_steps=6)
     assert not failed.ok

@@ -26,6 +26,7 @@ def assert_same(one, other):
         np.testing.assert_array_equal(a, b)
 
 
+@pytest.mark.thorough
 def test_its_scenario_starts_as_it_did(run, tmp_path):
     scenario = saved_scenario(run.save(tmp_path / "run.npz"))
     assert_same(scenario.state, run.start)

@@ -122,6 +122,7 @@ def test_a_file_without_a_scenario_needs_the_system(tmp_path):
     assert_same(load_run(path, ball), trajectory)
 
 
+@pytest.mark.thorough
 def test_a_run_is_drawn_as_the_trajectory_was(disk_trajectory, tmp_path):
     run = load_run(disk_trajectory.save(tmp_path / "run.nc"))
     pictures = [plot.figures(one, tmp_path / name) for name, one in (("new", run), ("old", disk_trajectory))]

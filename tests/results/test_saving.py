@@ -118,6 +118,7 @@ place = [0.0, 0.0, -0.5]
 )
 
 
+@pytest.mark.thorough
 def test_joints_have_one_name_in_runs_and_in_stores(tmp_path, recwarn):
     """Along `driven` and along `joint`; in Zarr as an attribute, because not every library reads texts from it."""
     scenario = read_scenario(ROBOT)

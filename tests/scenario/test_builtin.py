@@ -65,6 +65,7 @@ def test_titles_are_those_of_the_documents(name):
     assert builtin_title(name) == tomllib.loads(builtin_text(name))["title"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_runs_and_stays_on_the_plane(runs, name):
     trajectory, seen = runs(name)

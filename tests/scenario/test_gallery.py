@@ -16,6 +16,7 @@ def run(name):
     return trajectory, np.asarray(trajectory.times), trajectory.observables
 
 
+@pytest.mark.thorough
 def test_three_rotors_roll_the_ball_from_rest_to_rest():
     """Ω = −(K + M r² Γ(Γ·K) / (D − C)) / (D − C + M r²), with K_a the impulse of motor a so far.
 
@@ -137,6 +138,7 @@ def test_moball_rests_where_the_sum_of_its_forces_points_down():
     assert np.linalg.norm(trajectory.state.Omega[-1]) < 1e-3
 
 
+@pytest.mark.thorough
 def test_roboball_rolls_at_the_speed_at_which_motor_weight_and_resistance_balance():
     """3 (1 − v/4) = v + 0.02 M g r, and the pendulum stays where its weight has this torque; M g r = 18.
 

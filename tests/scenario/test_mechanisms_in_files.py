@@ -95,6 +95,7 @@ FORCES = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("drive", "force"), FORCES.values(), ids=FORCES.keys())
 def test_forces_on_joints(drive, force):
     joint = Hinge((0.0, 1.0, 0.0), drive=force, on=-1 if force is None else None)
@@ -248,6 +249,7 @@ def test_prescribed_joints():
     assert_reads(text, ball(mechanisms=[pendulum(jaxball.Pulse(0.2))]), BallState())
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("text", [corpus.EVERY_MECHANISM, corpus.EVERY_MOTION, SLOPE])
 def test_round_trip(text):
     scenario = read_scenario(text)

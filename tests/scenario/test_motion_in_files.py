@@ -16,6 +16,7 @@ DOCUMENTATION = Path(__file__).parents[2] / "docs" / "reference" / "scenario-fil
 DOCUMENTED = re.findall(r"^```toml\n(.*?)^```", DOCUMENTATION.read_text(), flags=re.DOTALL | re.MULTILINE)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("text", DOCUMENTED)
 def test_documented_files_run(text):
     scenario = read_scenario(text)

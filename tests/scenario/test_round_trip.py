@@ -229,6 +229,7 @@ def assert_says_the_same(written, document, path=""):
 
 
 # Without shrinking, which takes minutes at some 50 ms an example.
+@pytest.mark.thorough
 @settings(max_examples=30, deadline=None, phases=[Phase.explicit, Phase.reuse, Phase.generate])
 @given(documents())
 def test_random_scenarios(document):
@@ -244,6 +245,7 @@ def test_random_scenarios(document):
     assert_says_the_same(tomllib.loads(text), document)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", builtin_scenarios())
 def test_builtin_scenarios(name):
     scenario = load_scenario(name)

@@ -118,6 +118,7 @@ def test_a_function_may_be_a_schedule():
     np.testing.assert_allclose(thetaddot, expected, atol=ROUNDING)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("index", range(6))
 def test_a_schedule_may_be_moved_by_a_constant(index):
     schedule = schedules(np.random.default_rng(81))[index]

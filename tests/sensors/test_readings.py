@@ -58,6 +58,7 @@ def case(seed):
 SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 5))]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", SEEDS)
 def test_readings_are_differences_of_places_in_inertial_space(seed):
     """On a tilted plane that accelerates and carries a turntable, on every link of a robot, along its run."""
@@ -97,6 +98,7 @@ def modes(rng, robot, setting, moment):
         yield moved, contact, Contact(0.3, static=0.3 if contact else 1e6), start
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", SEEDS)
 def test_readings_are_those_of_newton_and_euler_in_every_mode(seed):
     rng, robot, setting, moment = case(100 + seed)
@@ -124,6 +126,7 @@ def drive(t, state, p):
     return -2.0 * state.theta[:1] + state.Omega[:1]
 
 
+@pytest.mark.thorough
 def test_masses_carry_sensors_too():
     """On rails by schedule and by law, in a mechanism of joints and in one that is a function: by their places."""
     sensors = {
@@ -212,6 +215,7 @@ def test_a_ball_that_rolls_down_a_slope_feels_less_than_g_along_it():
     assert_close(found["gyro"], np.stack([0 * c, turned, 0 * c], axis=1), 1e-11)
 
 
+@pytest.mark.thorough
 def test_in_free_flight_the_centre_of_mass_feels_nothing():
     offset = (0.1, -0.05, 0.2)
     ball = Ball(mass=M, inertia=(0.4, 0.5, 0.6), radius=R, gravity=G, offset=offset, ground=Ground(0.2, 0.4))
@@ -259,6 +263,7 @@ def test_a_failed_run_has_no_readings_where_it_did_not_come():
         np.testing.assert_array_equal(np.isfinite(np.asarray(values).reshape(len(known), -1)).all(axis=1), known)
 
 
+@pytest.mark.thorough
 def test_readings_have_derivatives():
     @jax.jit  # by the compiler of the derivatives, in the same steps
     def felt(place):

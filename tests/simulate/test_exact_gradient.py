@@ -33,6 +33,7 @@ def place(p, adjoint):
     return simulate(moved, (0.0, 20.0), rtol=1e-12, atol=1e-12, max_steps=256, adjoint=adjoint).state.z[-1, 0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mode", ["reverse", pytest.param("forward", marks=pytest.mark.slow)])
 def test_derivatives_of_the_papers_ball(mode):
     ball = paper.ball()

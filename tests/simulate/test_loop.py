@@ -17,6 +17,7 @@ TIMES = np.linspace(0.0, 3.0, 31)
 DISK = jaxball.Disk(mass=1.0, inertia=0.5, offset=(0.1, 0.0, -0.2))
 
 
+@pytest.mark.thorough
 def test_the_steps_are_those_of_diffrax():
     run = jaxball.simulate(BALL, TIMES)
     packing, t = Packing.of(BALL.prepare(), jaxball.BallState()), jnp.asarray(TIMES)

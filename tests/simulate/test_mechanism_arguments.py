@@ -82,6 +82,7 @@ def ball(drive=None, **parts):
     return jaxball.Ball(**SHELL, mechanisms=[Mechanism([hinge(drive=drive)], [BOB])], **parts)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("system", "sentence"),
     [
@@ -106,6 +107,7 @@ def test_what_is_allowed_if_it_is_said():
     assert jaxball.problems(system, SWINGING) == []
 
 
+@pytest.mark.thorough
 def test_joints_whose_inertia_is_singular_are_named():
     on_the_axis = Mechanism([hinge()], [CarriedMass(0.5, (0.0, 0.3, 0.0))])
     (problem,) = jaxball.problems(jaxball.Ball(**SHELL, mechanisms=[on_the_axis]), SWINGING)
@@ -134,6 +136,7 @@ def test_a_reduced_ball_knows_no_ground():
     np.testing.assert_allclose(found.Omega, full.Omega, rtol=0, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_mass_that_a_force_pushes_out_is_told():
     pushed = jaxball.Ball(**SHELL, mechanisms=[jaxball.mass_in_tube(0.5, (1.0, 0.0, 0.0), drive=jaxball.Motor(1.0))])
     run = jaxball.simulate(pushed, np.linspace(0.0, 1.0, 11), jaxball.BallState(theta=[0.9], thetadot=[0.0]))
@@ -173,6 +176,7 @@ def sideways(t, parameters):
     return jnp.stack([jnp.zeros_like(t), jnp.sin(t), jnp.zeros_like(t)])
 
 
+@pytest.mark.thorough
 def test_a_disk_with_mechanisms_rolls_like_the_ball_in_which_it_is_embedded():
     disk = jaxball.Disk(
         mass=1.0,
@@ -205,6 +209,7 @@ def test_a_servo_drives_a_mass_beside_a_free_joint():
     np.testing.assert_allclose(run.state.theta[-1, 0], exact, rtol=0, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_an_event_at_a_joint_ends_a_run():
     hanging = jaxball.Event(first_angle, terminal=True)
     run = jaxball.simulate(ball(), [0.0, 5.0], SWINGING, events={"hangs": hanging})

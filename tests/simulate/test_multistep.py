@@ -43,6 +43,7 @@ class TestOneRun:
     def run(solver):
         return simulate(BALL, TIMES, solver=solver, dense=True, throw=True)
 
+    @pytest.mark.thorough
     def test_agrees_with_a_run_by_dopri8(self, solver):
         other = simulate(BALL, TIMES, rtol=1e-12, atol=1e-12, step_to_times=True, throw=True)
         bound = 5e-9 * ERRORS[solver]
@@ -50,6 +51,7 @@ class TestOneRun:
             lambda a, b: np.testing.assert_allclose(a, b, rtol=0, atol=bound), self.run(solver).state, other.state
         )
 
+    @pytest.mark.thorough
     def test_the_steps_are_those_of_diffrax(self, solver):
         packing, t = Packing.of(BALL.prepare(), BallState()), jnp.asarray(TIMES)
         controller = by_tolerances(jnp.asarray(1e-10), jnp.asarray(1e-10), solver)
@@ -76,6 +78,7 @@ class TestOneRun:
         for i, time in enumerate(t):
             np.testing.assert_allclose(self.run(solver).at(time).q, other.q[i + 1], rtol=0, atol=5e-9 * ERRORS[solver])
 
+    @pytest.mark.thorough
     def test_contact_extremes(self, solver):
         ours, theirs = (jaxball.contact_extremes(run) for run in (self.run(solver), simulate(BALL, TIMES, dense=True)))
         np.testing.assert_allclose(ours.least_normal_force, theirs.least_normal_force, rtol=1e-7 * ERRORS[solver])
@@ -85,6 +88,7 @@ def turned(ball, t, state):
     return state.q[1]
 
 
+@pytest.mark.thorough
 def test_events_happen_when_they_do_in_another_run(solver):
     events = {"turned": Event(turned, terminal=True)}
     times = [simulate(BALL, TIMES, solver=method, events=events).reached for method in (solver, DOPRI8)]
@@ -92,11 +96,13 @@ def test_events_happen_when_they_do_in_another_run(solver):
     np.testing.assert_allclose(times[0], times[1], rtol=0, atol=1e-8 * ERRORS[solver])
 
 
+@pytest.mark.thorough
 def test_projection(solver):
     state = simulate(BALL, TIMES[[0, -1]], solver=solver, project=True, throw=True).state
     np.testing.assert_allclose(np.linalg.norm(state.q, axis=1), 1.0, rtol=0, atol=5e-16)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("differentiate", [jax.grad, jax.jacfwd], ids=["reverse", "forward"])
 def test_derivatives_agree_with_those_of_dopri8(solver, differentiate):
     adjoint = diffrax.ForwardMode() if differentiate is jax.jacfwd else None
@@ -117,6 +123,7 @@ def test_derivatives_agree_with_those_of_dopri8(solver, differentiate):
     np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8 * ERRORS[solver])
 
 
+@pytest.mark.thorough
 def test_batches(solver):
     """Each run takes its own orders and steps."""
 

@@ -75,6 +75,7 @@ def test_what_is_packed_is_advanced_and_unpacked():
     np.testing.assert_allclose(run.events["passed"].state.thetadot[0], np.exp(-0.5), rtol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("differentiate", "adjoint"), [(jax.jacfwd, diffrax.ForwardMode()), (jax.grad, None)])
 def test_derivatives(differentiate, adjoint):
     """d/dc log(1 + ct)/c at c = 1."""

@@ -79,6 +79,7 @@ def assert_as_exact_as_steps(system, times, state, exact, of_state, solver, tole
         assert within < FACTOR * max(at_ends, 0.1 * tolerance)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", [EIGHTH, *FIFTHS], ids=names([EIGHTH, *FIFTHS]))
 def test_the_papers_disk(solver):
     """Beside the 30 digits of its reference; diffrax's interpolation was off by 90 tolerances at 1e-12."""
@@ -95,6 +96,7 @@ def test_the_papers_ball(solver):
     assert_as_exact_as_steps(paper_ball(), SECONDS, None, exact, lambda state: state, solver)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solver", [EIGHTH, *(pytest.param(s, **SLOW) for s in FIFTHS)], ids=names([EIGHTH, *FIFTHS]))
 def test_a_mechanism_on_a_vibrating_plane(solver, tmp_path):
     path = tmp_path / "shaken.toml"
@@ -118,6 +120,7 @@ def second(system, t, state):
     return state.Omega[1]
 
 
+@pytest.mark.thorough
 def test_events_and_dense_output_of_a_body_with_a_closed_form():
     times = np.linspace(0.0, 12.0, 3)
     fine = np.linspace(0.0, 12.0, 101)
@@ -204,6 +207,7 @@ def forward_derivatives(step_to_times):
     return jaxball.jit(lambda mass, t: derivatives(mass, t, diffrax.ForwardMode(), step_to_times))(MASS, BETWEEN)
 
 
+@pytest.mark.thorough
 def test_forward_derivatives_of_states_between_steps():
     """Those of runs that step to that time; with respect to the time it is the rate."""
     (of_mass, of_time), (there, _) = forward_derivatives(False), forward_derivatives(True)
@@ -212,6 +216,7 @@ def test_forward_derivatives_of_states_between_steps():
     np.testing.assert_allclose(of_time, rate, rtol=0, atol=2e-10)
 
 
+@pytest.mark.thorough
 def test_reverse_derivatives_of_states_between_steps():
     adjoint = diffrax.RecursiveCheckpointAdjoint()
     found = jaxball.jit(jax.grad(lambda mass, t: saved_angle(mass, t, adjoint), (0, 1)))(MASS, BETWEEN)

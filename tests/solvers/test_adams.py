@@ -64,6 +64,7 @@ class TestDetest:
             evaluations = sum(self.run(name, tolerance)[1] for name in detest.NAMES)
             assert 0.9 < evaluations / sum(published) < 1.15
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("name", ["B5", "C1", "D1", "D3", "E2"])
     def test_fewer_evaluations_than_dopri8(self, name):
         y0, counter = jnp.asarray(detest.start(name)), Counter()

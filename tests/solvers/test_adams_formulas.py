@@ -199,6 +199,7 @@ def test_one_step_at_each_order(order, pattern):
 RUNS = {order: (10.0, (150, 201, 252)) if order < 9 else (3.0, (30, 42, 54)) for order in range(1, 11)}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("order", RUNS)
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_runs_at_each_order(order, pattern):

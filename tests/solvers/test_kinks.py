@@ -182,6 +182,7 @@ def test_kink_at_time_zero():
         assert steps_at_zero <= steps + 4
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "solver",
     [

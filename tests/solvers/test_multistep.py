@@ -66,6 +66,7 @@ def one_run(method):
 
 
 class TestOneRun:
+    @pytest.mark.thorough
     def test_a_state_may_have_parts(self, method):
         solution = one_run(method)
         t = solution.ts[np.isfinite(solution.ts)]
@@ -87,6 +88,7 @@ class TestOneRun:
         y = solve(method, oscillator, -3.0, START).ys["y"][0]
         np.testing.assert_allclose(y, [np.cos(3.0), -np.sin(3.0)], rtol=0, atol=1e-9 * method.errors)
 
+    @pytest.mark.thorough
     def test_goes_on_where_another_run_ended(self, method):
         """With the states of solver and controller the second run does not start anew."""
         kept = {"solver_state": True, "controller_state": True}
@@ -99,6 +101,7 @@ class TestOneRun:
         np.testing.assert_allclose(second.ys["y"][0], truth, rtol=0, atol=3e-9 * method.errors)
         assert second.stats["num_steps"] < anew.stats["num_steps"] - 10
 
+    @pytest.mark.thorough
     def test_fewer_steps_the_higher_the_order(self, method):
         solvers = (method.solver(method.highest // 2 + 1), method.solver())
         steps = [int(solve(method, oscillator, 20.0, START, solver=s).stats["num_steps"]) for s in solvers]
@@ -128,6 +131,7 @@ class TestJumps:
         )
         assert solution.stats["num_steps"] < 2.5 * told.stats["num_steps"]
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("gap", [1e-3, 1e-6, 1e-9, 1e-12])
     def test_steps_that_are_cut_off_very_short_do_no_harm(self, method, gap):
         """As points, they would have differences of rounding errors: at 1e-12, hundreds of steps were rejected."""
@@ -161,16 +165,19 @@ class TestDerivatives:
         value, along = jax.jit(lambda y: jax.jvp(end, (y,), (y,)))(self.Y0)
         np.testing.assert_allclose(along, value, rtol=0, atol=self.LEFT[method.solver])
 
+    @pytest.mark.thorough
     def test_reverse_mode_is_exact_for_the_steps_taken(self, method):
         end = functools.partial(self.end, method)
         value, along = jax.jit(lambda y: (end(y), jax.jacrev(end)(y) @ y))(self.Y0)
         np.testing.assert_allclose(along, value, rtol=0, atol=self.LEFT[method.solver])
 
+    @pytest.mark.thorough
     def test_derivative_with_respect_to_the_end_is_the_slope(self, method):
         slope = jax.jacrev(functools.partial(self.end, method), argnums=1)(self.Y0, jnp.asarray(3.0))
         end = self.end(method, self.Y0)
         np.testing.assert_allclose(slope, TURNS @ end, rtol=0, atol=1e-8 * method.errors)
 
+    @pytest.mark.thorough
     def test_where_all_errors_are_zero_derivatives_are_finite(self, method):
         """Norms have none there. They are not accurate, because nothing but errors chooses the steps."""
         assert np.all(np.isfinite(jax.grad(lambda y: jnp.sum(self.end(method, y)))(jnp.zeros(2))))
@@ -211,6 +218,7 @@ class TestPairing:
 
 
 class TestInDiffrax:
+    @pytest.mark.thorough
     def test_vmap_takes_the_steps_of_each_run(self, method):
         """Until the last ends; which is later for faster turns."""
 

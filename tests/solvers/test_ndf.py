@@ -70,6 +70,7 @@ def factorisations(monkeypatch):
     return count
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", STIFF)
 def test_fewer_factorisations_than_radau(name, factorisations):
     """Calls are compared, one of Radau IIA being of a real and a complex matrix."""
@@ -85,6 +86,7 @@ def test_fewer_factorisations_than_radau(name, factorisations):
         assert 0 < calls[NDF, rtol] < 0.9 * calls[RadauIIA, rtol]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", STIFF)
 @pytest.mark.parametrize("rtol", TOLERANCES)
 def test_as_many_steps_and_as_accurate_as_the_bdf_of_scipy(name, rtol):

@@ -152,6 +152,7 @@ ANGLES = {
 RADII = np.geomspace(1e-2, 1e3, 700)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kappa", KAPPAS)
 @pytest.mark.parametrize("order", ORDERS)
 def test_angle_of_stability_is_the_published_one(kappa, order):
@@ -203,6 +204,7 @@ OMEGA = 3.0
 COUNTS = {1: (150, 200, 300), 2: (60, 90, 120), 3: (40, 60, 80), 4: (40, 60, 80), 5: (40, 60, 80)}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kappa", KAPPAS)
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize(("term", "exact"), [(ODE, rotating.exact), (DAE, rotating.exact_with_algebraic)])

@@ -107,6 +107,7 @@ def test_collocation(name, solver, dae, bound):
         assert error(name, solver, tolerance, dae=dae) < bound * tolerance
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step_to_times", [False, True], ids=["dense output", "to times"])
 @pytest.mark.parametrize(("name", "tolerance", "bound"), ADAMS)
 def test_adams(name, tolerance, bound, step_to_times):
@@ -114,6 +115,7 @@ def test_adams(name, tolerance, bound, step_to_times):
     assert error(name, "adams", tolerance, step_to_times=step_to_times) < bound * tolerance
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step_to_times", [False, True], ids=["dense output", "to times"])
 @pytest.mark.parametrize(("name", "dae", "tolerance", "bound"), NDFS)
 def test_ndf(name, dae, tolerance, bound, step_to_times):

@@ -61,6 +61,7 @@ class TestBatches:
         )
         return solution.ys[0], solution.stats["num_accepted_steps"], solution.result == diffrax.RESULTS.successful
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize(
         "solver",
         [
@@ -258,6 +259,7 @@ def relaxed(solver, start, algebraic=False):
 
 
 class TestFloat32:
+    @pytest.mark.thorough
     @pytest.mark.parametrize(
         "solver",
         [RadauIIA(3), Gauss(8), Gauss(8, root_finder=SimplifiedNewton()), Trapezoidal(), TRBDF2()],

@@ -104,6 +104,7 @@ def wobbling():
     return case, periodic_motion(*robot(*case), period=3.0)
 
 
+@pytest.mark.thorough
 def test_an_unequal_body_has_the_multipliers_of_newton_and_euler(wobbling):
     """SciPy solves the two laws over a turn, from states at ±h on either side of the motion.
 
@@ -130,6 +131,7 @@ def test_an_unequal_body_has_the_multipliers_of_newton_and_euler(wobbling):
     assert motion.message == f"The motion is unstable, a saddle: deviations grow as exp({motion.growth:.6g} t)."
 
 
+@pytest.mark.thorough
 def test_the_product_of_the_multipliers_is_liouvilles(wobbling):
     """exp ∫ tr f′ along the motion; those along Γ and along the motion are 1."""
     case, motion = wobbling

@@ -27,6 +27,7 @@ def study(folder, settings=""):
     return read_study(f'format = 1\nscenario = "thrown.toml"\n{settings}\n{AXES}', folder)
 
 
+@pytest.mark.thorough
 def test_rows_slide_as_far_as_their_friction_says(tmp_path):
     """A disk with J = m r²/2 loses μ g of its speed until it has lost a third, and friction takes V²/6 then."""
     sweep(study(tmp_path), tmp_path / "s.zarr")
@@ -44,6 +45,7 @@ def test_rows_slide_as_far_as_their_friction_says(tmp_path):
     assert [float(scenario.contact.static), float(scenario.state.V[0])] == [0.1, 1.0]
 
 
+@pytest.mark.thorough
 def test_what_is_found_of_rows_knows_how_they_slide(tmp_path):
     """N is that of the weight, and the energy with what friction took stays; the disk goes as far as its slip says."""
     finds = 'find = ["distance", "energy_drift", "least_normal_force", "largest_friction"]'

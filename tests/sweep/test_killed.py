@@ -25,6 +25,7 @@ sys.exit(main())"""
 MANY = '[[axes]]\npath = "body.mass"\nlinear = { from = 1.0, to = 2.0, count = 600 }\n'
 
 
+@pytest.mark.thorough
 def test_a_run_that_is_killed_at_random_moments_leaves_the_same_files(tmp_path):
     folders = [tmp_path / name for name in ("killed", "whole")]
     for folder in folders:

@@ -144,6 +144,7 @@ def compare_numbers(found, wanted, tame):
         assert a.tobytes() == np.asarray(b, dtype=float).tobytes()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", DOCUMENTS)
 def test_rows_are_their_documents(name):
     paths, rng = changeable(name), np.random.default_rng(len(name))
@@ -161,6 +162,7 @@ def test_many_rows_are_their_documents(name):
         compare(name, tuple(paths[k] for k in few), drawn(base[few], 50, rng))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "path", "values", "wanted"),
     [

@@ -179,6 +179,7 @@ CHANGES = {
 OF_ROWS = ("row", "body.mass", "body.gravity", "status", "steps", "rejected", "reached", "phi", "phidot", "z", "time")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", OF_ROWS)
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 def test_rows_whose_files_something_else_changed_are_named_and_computed_again(tmp_path, name, change):

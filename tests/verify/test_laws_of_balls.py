@@ -33,6 +33,7 @@ def routh_sphere():
     return verify(sphere(), quick=True)
 
 
+@pytest.mark.thorough
 def test_all_laws_that_apply_hold_for_a_routh_sphere():
     report = routh_sphere()
     assert report.ok
