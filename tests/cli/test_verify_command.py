@@ -32,6 +32,14 @@ def test_some_laws_of_a_scenario(tmp_path, capsys):
     assert {row["law"]: row["verdict"] for row in content["rows"]} == {"p_y": "holds", "error": "holds"}
 
 
+def test_residuals_are_drawn_of_one_run(tmp_path, capsys):
+    assert main(["verify", "nonholonomic-particle", "--laws", "energy", "p_y", "--plot", "laws.svg"]) == 0
+    assert "  written: laws.svg" in capsys.readouterr().out
+    assert "<svg" in (tmp_path / "laws.svg").read_text()
+    assert main(["verify", "nonholonomic-particle", "loose.toml", "--plot", "laws.png"]) == 2
+    assert "draws the residuals of one run" in capsys.readouterr().err
+
+
 def test_a_run_that_is_not_to_be_trusted(capsys):
     assert main(["verify", "loose.toml", "nonholonomic-particle", "--laws", "error"]) == 1
     text = capsys.readouterr().out

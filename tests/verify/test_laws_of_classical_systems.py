@@ -7,17 +7,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball import classical
+from jaxball import classical, simulate
 from jaxball.verify import verify
 from jaxball.verify.samples import GAUSS, drift
 
 TIMES = np.linspace(0.0, 1.0, 11)
+START = classical.ParticleState(x=1.0, y=1.0, z=0.0, xdot=1.0, ydot=1.0)
 
 
 @functools.cache
 def particle():
-    start = classical.ParticleState(x=1.0, y=1.0, z=0.0, xdot=1.0, ydot=1.0)
-    return verify(classical.NonholonomicParticle(), TIMES, start, quick=True)
+    return verify(classical.NonholonomicParticle(), TIMES, START, quick=True)
 
 
 def test_a_particle_keeps_its_laws_and_its_closed_form():
@@ -63,11 +63,24 @@ def test_a_law_of_rolling_asked_for_is_a_row_with_the_reason():
     assert report["p_y"].applies
 
 
-@pytest.mark.parametrize(("wrong", "expected"), [(0.0, 0.0), (1e-3, 3e-3)])
-def test_the_drift_is_the_change_without_the_integral_of_the_rate(wrong, expected):
+@pytest.mark.parametrize("wrong", [0.0, 1e-3])
+def test_the_drift_is_the_change_without_the_integral_of_the_rate(wrong):
     """sin t over three steps of a unit each, with the rate cos t + ``wrong``."""
     ends = np.arange(4.0)
     nodes = ends[:-1, None] + (1 + GAUSS[0][None]) / 2
     A, rate = np.sin(ends), np.cos(nodes) + wrong
-    residual = drift(A[:-1, None], A[1:, None], rate[:, :, None], np.diff(ends))
-    np.testing.assert_allclose(residual, expected, atol=1e-14)
+    residuals = drift(A[:-1, None], A[1:, None], rate[:, :, None], np.diff(ends))
+    np.testing.assert_allclose(residuals, wrong * ends[1:], atol=1e-14)
+
+
+def test_residuals_over_time_are_changes_of_what_is_conserved():
+    """At the end of the run, where a step ends; as multiples of what the tolerances explain."""
+    system, settings = classical.NonholonomicParticle(), {"rtol": 1e-5, "atol": 1e-5}
+    report = verify(system, TIMES, START, laws=["energy", "error"], **settings)
+    energy = np.asarray(simulate(system, TIMES, START, **settings).laws.energy)
+    assert report.times[-1] == pytest.approx(TIMES[-1])
+    assert set(report.residuals) == {"energy"}
+    found = report.residuals["energy"] * report["energy"].expected
+    assert 0 < found.max() == pytest.approx(report["energy"].residual)
+    np.testing.assert_allclose(found[-1], abs(energy[-1] - energy[0]), rtol=1e-6)
+    assert "residuals" not in report.as_dict()["rows"][0]

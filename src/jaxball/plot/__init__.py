@@ -35,6 +35,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
     from .paths import body_paths as body_paths, centre_path as centre_path, space_paths as space_paths
     from .rails import configuration as configuration
     from .report import figures as figures, overview as overview
+    from .residuals import law_residuals as law_residuals
     from .sensors import measurements as measurements
     from .snapshots import snapshot as snapshot
     from .style import caption as caption
@@ -70,6 +71,7 @@ else:
         "paths": "body_paths centre_path space_paths",
         "rails": "configuration",
         "report": "figures overview",
+        "residuals": "law_residuals",
         "sensors": "measurements",
         "snapshots": "snapshot",
         "style": "caption",

@@ -41,7 +41,8 @@ def balance(name: str, case: Case) -> Row:
     if reason in MEANINGLESS:
         return Row(name, reason=reason)
     drift = case.samples.drifts[name]
-    return Row(name, drift.residual, SAFETY * case.steps * drift.sensitivity, reason=reason)
+    expected = SAFETY * case.steps * drift.sensitivity
+    return Row(name, drift.residual, expected, reason=reason, residuals=drift.residuals)
 
 
 def contact(case: Case) -> Row:

@@ -4,6 +4,9 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+from jaxtyping import Float
+
 from ..interface.printing import json_types
 from .trust import ERROR_ALLOWED, Trust
 
@@ -18,6 +21,7 @@ class Row:
     - ``expected``: the largest residual that the tolerances explain, or, with ``at_least``, the smallest valid value.
     - ``reason``: why the law does not apply; empty where it does.
     - ``note``: a remark.
+    - ``residuals``: of a balance or an integral, the residual at each of the report's ``times``.
     """
 
     law: str
@@ -26,6 +30,7 @@ class Row:
     reason: str = ""
     note: str = ""
     at_least: bool = False
+    residuals: Float[np.ndarray, " steps"] | None = dataclasses.field(default=None, repr=False, compare=False)
 
     @property
     def applies(self) -> bool:
@@ -57,12 +62,14 @@ class Report:
     - ``rows``: one for each law.
     - ``trust``: how far ahead the result can be trusted; None where this was not requested or could not be determined.
     - ``failure``: why the solve failed, so that nothing could be checked; empty where it did not.
+    - ``times``: the ends of the run's steps, at which the rows of balances have residuals; None without such rows.
     """
 
     title: str
     rows: tuple[Row, ...]
     trust: Trust | None = None
     failure: str = ""
+    times: Float[np.ndarray, " steps"] | None = dataclasses.field(default=None, repr=False, compare=False)
 
     def __getitem__(self, law: str) -> Row:
         """The row of a law by its name."""
@@ -70,6 +77,15 @@ class Report:
             if row.law == law:
                 return row
         raise KeyError(law)
+
+    @property
+    def residuals(self) -> dict[str, Float[np.ndarray, " steps"]]:
+        """The residuals at ``times`` of the laws that apply, as multiples of those that the tolerances explain."""
+        return {
+            row.law: row.residuals / row.expected
+            for row in self.rows
+            if row.applies and row.residuals is not None and row.expected
+        }
 
     @property
     def ok(self) -> bool:
@@ -101,12 +117,15 @@ class Report:
     def as_dict(self) -> dict[str, Any]:
         """The report in the types of JSON. Numbers that are not finite are None."""
         rows = [
-            {**dataclasses.asdict(row), "applies": row.applies, "ok": row.ok, "verdict": row.verdict}
-            for row in self.rows
+            {**_single_numbers(row), "applies": row.applies, "ok": row.ok, "verdict": row.verdict} for row in self.rows
         ]
         trust = None if self.trust is None else dataclasses.asdict(self.trust)
         report = {"title": self.title, "ok": self.ok, "doubts": self.doubts}
         return json_types({**report, "rows": rows, "trust": trust, "failure": self.failure})
+
+
+def _single_numbers(row: Row) -> dict[str, Any]:
+    return {name: value for name, value in dataclasses.asdict(row).items() if name != "residuals"}
 
 
 def table(rows: Sequence[Row]) -> list[str]:

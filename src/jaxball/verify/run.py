@@ -62,7 +62,8 @@ def verify(
     if laws is None:
         rows = tuple(row for row in rows if row.applies or row.law not in UNSAID)
     needs_trust = laws is None or any(name in CHECKS for name in chosen)
-    return Report(case.scenario.title, rows, trust(case) if needs_trust else None)
+    times = case.samples.times if any(row.residuals is not None for row in rows) else None
+    return Report(case.scenario.title, rows, trust(case) if needs_trust else None, times=times)
 
 
 def _rows(case: Case, chosen: Sequence[str], known: Mapping[str, Callable[[Case], Row]]) -> tuple[Row, ...]:

@@ -28,19 +28,28 @@ DISPLACEMENT = 1e-6
 class Drift:
     """The departure of a quantity from its balance in a run.
 
-    - ``residual``: the largest |A(t) − A(t0) − ∫ R dt| at the ends of the steps, where dA/dt = R is the law.
+    - ``residuals``: |A(t) − A(t0) − ∫ R dt| at the end of each step, where dA/dt = R is the law; of a vector, the
+      largest component.
     - ``sensitivity``: the largest change of A, along the run, for a change of every component of the state by its
       tolerance, Σ |∂A/∂x_j| (atol + rtol |x_j|).
     """
 
-    residual: float
+    residuals: Float[np.ndarray, " steps"]
     sensitivity: float
+
+    @property
+    def residual(self) -> float:
+        """The largest residual."""
+        return float(np.max(self.residuals))
 
 
 @dataclasses.dataclass(frozen=True)
 class Samples:
-    """The balances along a run: the drift by the name of the law, and the moments and axis at the nodes."""
+    """The balances along a run: the ends of its steps, the drift by the name of the law, and the moments and axis at
+    the nodes.
+    """
 
+    times: Float[np.ndarray, " steps"]
     drifts: dict[str, Drift]
     moments: Moments | None
     axis: Float[np.ndarray, "steps nodes 3"] | None
@@ -73,15 +82,15 @@ def sample(trajectory: Trajectory[Any, Any], rtol: float, atol: float) -> Sample
         slope = np.abs(A_displaced - A[:, :1]) / change[:count, :, None]
         allowed = (atol + rtol * np.abs(starts[:count]))[:, :, None]
         drifts[name] = Drift(
-            residual=drift(A[:, 0], A[:, -1], along(rate)[:, 1:-1], lengths),
+            residuals=drift(A[:, 0], A[:, -1], along(rate)[:, 1:-1], lengths),
             sensitivity=float(np.max(np.sum(slope * allowed, axis=1))),
         )
     if evaluated.moments is None:
-        return Samples(drifts, None, None)
+        return Samples(times[:count, -1], drifts, None, None)
     at_nodes = jax.tree.map(
         lambda leaf: np.asarray(leaf)[:number].reshape(*times.shape, *leaf.shape[1:])[:count], evaluated
     )
-    return Samples(drifts, at_nodes.moments, at_nodes.axis)
+    return Samples(times[:count, -1], drifts, at_nodes.moments, at_nodes.axis)
 
 
 def drift(
@@ -89,10 +98,10 @@ def drift(
     end: Float[np.ndarray, "steps k"],
     rate: Float[np.ndarray, "steps nodes k"],
     lengths: Float[np.ndarray, " steps"],
-) -> float:
-    """The largest |A(t) − A(t0) − ∫ R dt| at the ends of steps, from A at their ends and R at Gauss's nodes."""
+) -> Float[np.ndarray, " steps"]:
+    """The largest component of |A(t) − A(t0) − ∫ R dt| at each step's end, from A there and R at Gauss's nodes."""
     integrals = np.cumsum(lengths[:, None] * np.einsum("snk,n->sk", rate, WEIGHTS), axis=0)
-    return float(np.max(np.abs(end - start[:1] - integrals)))
+    return np.max(np.abs(end - start[:1] - integrals), axis=1)
 
 
 @programs.filter_jit

@@ -1,12 +1,15 @@
 """``jaxball verify``: the laws of mechanics, checked on runs of scenarios."""
 
 import argparse
+from pathlib import Path
 
+from ...interface.output import check_destination
 from ...scenario.library import builtin_scenarios
 from ...verify.laws import LAWS
 from ..input import named_document
 from ..jax_setup import set_up_jax
-from ..output import add_json, check_json
+from ..options import BadInputError
+from ..output import FIGURE_SUFFIXES, add_json, check_json
 
 
 def add(commands) -> None:
@@ -25,12 +28,21 @@ def add(commands) -> None:
     )
     parser.add_argument("--laws", nargs="+", metavar="LAW", help="only these (default: all)")
     parser.add_argument("--quick", action="store_true", help="skip checks that need another solver to be compiled")
+    parser.add_argument(
+        "--plot", type=Path, metavar="FILE", help="draw the residuals of a run over time: .png, .pdf or .svg"
+    )
     add_json(parser, "the reports")
     parser.set_defaults(run=_run)
 
 
 def _run(options: argparse.Namespace) -> int:
     check_json(options)
+    if options.plot is not None:
+        check_destination(options.plot, FIGURE_SUFFIXES, "--plot")
+        if len(options.scenarios) != 1:
+            raise BadInputError(
+                "Argument `--plot` draws the residuals of one run; give one scenario or saved run with it."
+            )
     # All are read before the first run, so that a misspelt name is not discovered after minutes.
     documents = {name: named_document(name) for name in options.scenarios or builtin_scenarios()}
     set_up_jax()

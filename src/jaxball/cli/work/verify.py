@@ -5,11 +5,12 @@ from collections.abc import Mapping
 from typing import Any
 
 from ...results import load_run
+from ...scenario import Scenario
 from ...verify import Report, verify
 from ..input import is_run, scenario_of
 from ..jax_setup import compiled_for
 from ..options import FAILED_SOLVE, BadInputError
-from ..output import STDOUT, say, working
+from ..output import STDOUT, say, working, written_line
 from .files import write_json
 
 LAW_BROKEN = 1
@@ -27,7 +28,7 @@ def run(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]) ->
                 reports[name] = verify(known, laws=options.laws, quick=options.quick)
         except ValueError as error:
             raise BadInputError(str(error)) from None
-        say(options, f"{name}: {reports[name]}")
+        say(options, f"{name}: {reports[name]}", _drawn(options, scenario, reports[name]))
         if options.json != STDOUT:
             write_json(options, _content(reports))
     if options.json == STDOUT:
@@ -35,6 +36,20 @@ def run(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]) ->
     if any(report.failure for report in reports.values()):
         return FAILED_SOLVE
     return 0 if all(report.ok for report in reports.values()) else LAW_BROKEN
+
+
+def _drawn(options: argparse.Namespace, scenario: Scenario, report: Report) -> str:
+    """Draws the residuals where --plot asks for them, and returns the line that names the file."""
+    if options.plot is None or report.times is None:
+        return ""
+    # Imported here, because importing matplotlib takes longer than many commands.
+    from ...plot import law_residuals
+    from ...plot.report import write_figure
+
+    with working(options, "drawing"):
+        drawn = law_residuals(report.times, report.residuals)
+        write_figure(drawn, options.plot, scenario.system, scenario.title)
+    return written_line([options.plot])
 
 
 def _content(reports: Mapping[str, Report]) -> dict[str, Any]:
