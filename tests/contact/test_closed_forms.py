@@ -89,6 +89,7 @@ def test_every_kind_of_solver_ends_a_slip_when_it_ends(solver):
     assert float(run.contact.switches.times[0]) == pytest.approx(speed * K / (mu * G * (1 + K)), abs=1e-7)
 
 
+@pytest.mark.thorough
 def test_backspin_brings_a_ball_back():
     run = slide((1.0, 0.0, 0.0), (0.0, -4.0, 0.0), 0.25)
     x = np.asarray(run.state.z)[:, 0]

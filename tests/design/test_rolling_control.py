@@ -62,6 +62,7 @@ def test_the_schedules_do_what_the_solution_says(easy, run):
     assert np.sum(np.array([0.9, 0.6]) * np.sin(angles)) < 0
 
 
+@pytest.mark.thorough
 def test_the_costs_are_those_of_the_simulation(easy, run):
     times = np.asarray(run.times)
     u = 1 - 2 * times / END

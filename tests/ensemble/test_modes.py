@@ -98,6 +98,7 @@ def test_every_row_is_a_run_of_its_own():
         np.testing.assert_allclose(ours.lost, theirs.lost, rtol=0, atol=5e-7)
 
 
+@pytest.mark.thorough
 def test_bounces_end_in_a_finite_time():
     """A ball that falls from h bounces until √(2h/g) (1 + e)/(1 − e), and is at rest then."""
     h, e = np.array([0.1, 0.2, 0.05, 0.3]), np.array([0.5, 0.3, 0.7, 0.0])

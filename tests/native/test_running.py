@@ -102,6 +102,7 @@ def test_a_handler_of_signals_may_run_a_program():
     assert np.sum(result) == 200_000_000
 
 
+@pytest.mark.thorough
 def test_memory_does_not_grow():
     """Programs that are made and dropped leave nothing behind but what JAX keeps of a trace."""
 

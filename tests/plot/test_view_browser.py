@@ -216,6 +216,7 @@ def test_keys_step_and_play(page):
     assert "playing" not in page.find_element(By.ID, "play").get_attribute("class")
 
 
+@pytest.mark.thorough
 def test_layers_and_theme_change_what_is_seen(page):
     go_to(page, 7.0)
     before = picture(page)
@@ -348,6 +349,7 @@ def pose(page, body):
     return page.execute_script("return jaxball.pose(arguments[0])", body)
 
 
+@pytest.mark.thorough
 def test_each_body_has_the_pose_of_its_run_at_its_own_time(several, ball_trajectory, others):
     """The last time of a body stays when the clock goes on; the smaller balls are on the plane of the first."""
     assert several.execute_script("return jaxball.bodies()") == ["row 3", HOSTILE, "row 4"]

@@ -56,6 +56,7 @@ def pose(page, body=0):
     return page.execute_script("return jaxball.pose(arguments[0])", body)
 
 
+@pytest.mark.thorough
 def test_a_top_has_the_pose_of_its_state(browser, top_run, tmp_path):
     plot.write_view({"a": top_run, "b": top_run}, tmp_path / "tops.html")
     browser.get((tmp_path / "tops.html").as_uri())

@@ -74,6 +74,7 @@ def test_a_shaken_ball_rocks_up_as_mathieus_equation_says():
     assert np.max(np.abs(angle)) < 0.1
 
 
+@pytest.mark.thorough
 def test_an_axisymmetric_pendulum_goes_round_steadily():
     """w is that of the document, and the radius of the centre's circle is m l sin a / (m + mc).
 
@@ -90,6 +91,7 @@ def test_an_axisymmetric_pendulum_goes_round_steadily():
     np.testing.assert_allclose(z[:, 0] + 1j * z[:, 1], m * l * np.sin(a) / (m + mc) * (1 - turn), atol=1e-7)
 
 
+@pytest.mark.thorough
 def test_an_axisymmetric_pendulum_drives_a_ball_up_a_slope():
     """z = −½ A t², with the rod at the angle b uphill from the normal, by Newton and Euler.
 
@@ -109,6 +111,7 @@ def test_an_axisymmetric_pendulum_drives_a_ball_up_a_slope():
     assert trajectory.state.z[-1, 0] < -3.9
 
 
+@pytest.mark.thorough
 def test_the_spin_of_a_gyroscopic_pendulum_is_the_impulse_of_its_motor():
     """C (n·ω) = ∫Q, with the rod n and ω = Ω + θ̇₁ E₂ + θ̇₂ w₂ + θ̇₃ n of the ring, all in body axes."""
     trajectory, times, seen = run("gyroscopic-pendulum")

@@ -67,6 +67,7 @@ def tangent(Gamma, *more):
     return np.linalg.svd(np.stack([normal, *more]))[2][1 + len(more) :]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("speed", "rolling", "spinning"), [(1.5, 0.3, 0.3), (3.0, 0.3, 0.3), (2.0, 0.1, 0.0)], ids=str)
 def test_a_symmetric_body_has_the_exponents_of_its_steady_motion(speed, rolling, spinning):
     """In axes that turn with the pendulum, steady rolling is an equilibrium of Newton's and Euler's laws.

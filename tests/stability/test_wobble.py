@@ -68,6 +68,7 @@ def test_runs_grow_where_the_chart_says_and_as_fast(chart):
     np.testing.assert_allclose(seen, expected, rtol=0.02)
 
 
+@pytest.mark.thorough
 def test_a_wobbling_hinge_goes_up_and_down_once_in_a_turn(chart):
     """The multiplier is real and positive, as of a deviation that comes back with the body's turn."""
     assert chart["closed"].all()

@@ -45,6 +45,7 @@ def test_all_laws_that_apply_hold_for_a_routh_sphere():
     assert "the centre of mass is up to 0.114" in report["chaplygin"].reason
 
 
+@pytest.mark.thorough
 def test_the_table_names_each_law_with_its_numbers_and_verdict():
     lines = str(routh_sphere()).splitlines()
     assert lines[0] == "a sphere"
