@@ -36,6 +36,9 @@ def test_residuals_are_drawn_of_one_run(tmp_path, capsys):
     assert main(["verify", "nonholonomic-particle", "--laws", "energy", "p_y", "--plot", "laws.svg"]) == 0
     assert "  written: laws.svg" in capsys.readouterr().out
     assert "<svg" in (tmp_path / "laws.svg").read_text()
+    assert main(["verify", "nonholonomic-particle", "--laws", "error", "--plot", "none.svg"]) == 0
+    assert "  not written: none.svg, because none of the laws is a balance" in capsys.readouterr().out
+    assert not (tmp_path / "none.svg").exists()
     assert main(["verify", "nonholonomic-particle", "loose.toml", "--plot", "laws.png"]) == 2
     assert "draws the residuals of one run" in capsys.readouterr().err
 

@@ -158,8 +158,8 @@ def simulate(
         project=project,
         inside=inside,
     )
-    whole = system if contact is None else on_plane(system, state, contact, dae, events)
-    trajectory = _run(method, whole, times, state, rtol, atol, events)
+    moving = system if contact is None else on_plane(system, state, contact, dae, events)
+    trajectory = _run(method, moving, times, state, rtol, atol, events)
     if events:
         trajectory = locate(trajectory, events)
     if throw:

@@ -40,6 +40,8 @@ def tally(folder: Path) -> Tally:
     counts, first = np.zeros(len(Status), dtype=int), None
     for chunk in done(folder):
         status = column(folder, "status", chunk, size, STATUS)[: rows - chunk * size]
+        if not np.all((status >= 0) & (status < len(Status))):  # as a store of an earlier version may have them
+            raise changed(folder / "status" / "c" / str(chunk))
         counts += np.bincount(status, minlength=len(Status))
         if first is None and np.any(status):
             first = chunk * size + int(np.argmax(status != Status.SUCCESS))

@@ -40,8 +40,10 @@ def run(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]) ->
 
 def _drawn(options: argparse.Namespace, scenario: Scenario, report: Report) -> str:
     """Draws the residuals where --plot asks for them, and returns the line that names the file."""
-    if options.plot is None or report.times is None:
+    if options.plot is None or report.failure:
         return ""
+    if report.times is None or not report.residuals:
+        return f"  not written: {options.plot}, because none of the laws is a balance that applies"
     # Imported here, because importing matplotlib takes longer than many commands.
     from ...plot import law_residuals
     from ...plot.report import write_figure
