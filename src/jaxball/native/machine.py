@@ -42,16 +42,15 @@ def object_code(text: str) -> bytes:
     """The machine code of a module of LLVM's IR, which :class:`Code` loads, in this process or in another one."""
     llvm = _llvm()
     with _lock:
-        machine = _machine()
+        machine, passes, builder = _pipeline()
         module = llvm.parse_assembly(text)
         module.triple, module.data_layout = machine.triple, str(machine.target_data)
-        _optimise(llvm, module, machine)
         try:
+            passes.run(module, builder)
             with _in_proportion(llvm, text):
                 return machine.emit_object(module)
         finally:
             module.close()
-            machine.close()
 
 
 def routines_in(text: str) -> tuple[tuple[str, str], ...]:
@@ -152,21 +151,20 @@ def _in_proportion(llvm: Any, text: str) -> Iterator[None]:
         llvm.set_option("", "-dag-maps-huge-region=1000")
 
 
-def _optimise(llvm: Any, module: Any, machine: Any) -> None:
-    """A pass pipeline that does as well as LLVM's levels 1 to 3, in less time.
+@functools.cache
+def _pipeline() -> tuple[Any, Any, Any]:
+    """A machine, and passes that do as well as LLVM's levels 1 to 3, in less time, with the builder that they run by.
 
     Not LLVM's new GVN: in LLVM 22 it confused numbers of different loop iterations
     (``tests/native/test_reductions.py``, ``test_windows``). Common subexpressions were already found when writing.
+
+    One for all programs, because llvmlite gives back only a part of the memory of passes and builders.
     """
+    llvm, machine = _llvm(), _machine()
     passes = llvm.create_new_module_pass_manager()
     passes.add_sroa_pass()
     passes.add_simplify_cfg_pass()
     passes.add_instruction_combine_pass()
     passes.add_simplify_cfg_pass()
     passes.add_dead_code_elimination_pass()
-    builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
-    try:
-        passes.run(module, builder)
-    finally:
-        builder.close()
-        passes.close()
+    return machine, passes, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
