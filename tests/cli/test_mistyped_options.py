@@ -22,7 +22,11 @@ def environment(monkeypatch):
     [
         ("simulate ball --st mass=2", "simulate [-h]", "there is no --st here; did you mean --set?"),
         ("simulate ball --rtoll=1e-3", "simulate [-h]", "there is no --rtoll here; did you mean --rtol?"),
-        ("verify ball --kernel x", "verify [-h]", "there is no --kernel here; jaxball verify --help shows what there is."),
+        (
+            "verify ball --kernel x",
+            "verify [-h]",
+            "there is no --kernel here; jaxball verify --help shows what there is.",
+        ),
         ("sweep plot x --oot y", "sweep STUDY", "there is no --oot here; did you mean --out?"),
         ("reproduce all", "reproduce [-h]", "there is no all here; jaxball reproduce --help shows what there is."),
     ],

@@ -20,7 +20,6 @@ from ..physics.state import BallState, DiskState, State
 from .errors import UntraceableError
 from .mechanisms import ReadMechanism, joints_in_state
 from .table import Key, join, read_one_of, read_table, write_table
-from .traced import namespace, outside_of_traces, require
 from .values import (
     ANGLE,
     LENGTH,
@@ -34,6 +33,9 @@ from .values import (
     Rule,
     ScenarioError,
     key_error,
+    namespace,
+    outside_of_traces,
+    require,
 )
 
 _BALANCE_KEYS = {"masses": Key(Indices()), "above": Key(Flag(), None)}

@@ -15,8 +15,7 @@ from ..numerics.batches import in_batches
 from ..physics.body import AbstractBody
 from ..scenario import Scenario, ScenarioError
 from ..scenario.errors import UntraceableError
-from ..scenario.files import read_contents
-from ..scenario.structure import Parts, Structure
+from ..scenario.files import Parts, Structure, read_contents
 from .batch import Batch
 from .errors import StudyError
 from .study import Study

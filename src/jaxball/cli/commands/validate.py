@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ...scenario.errors import ScenarioError, all_problems
-from ...scenario.library import builtin_scenarios, builtin_text
-from ...scenario.sources import document_of, text_of
+from ...scenario.sources import builtin_scenarios, builtin_text, document_of, text_of
 from ..input import input_text, source_name
 from ..jax_setup import set_up_jax
 from ..options import BAD_INPUT

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from ...interface.output import check_destination
-from ...scenario.library import builtin_scenarios
+from ...scenario.sources import builtin_scenarios
 from ...verify.laws import LAWS
 from ..input import named_document
 from ..jax_setup import set_up_jax

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...chaos import LyapunovSpectrum, lyapunov_spectrum
 from ...scenario import Scenario
-from ...scenario.contact import rolling_state
+from ...scenario.body import rolling_state
 from ...scenario.solvers import SOLVERS
 from ..input import scenario_of
 from ..options import FAILED_SOLVE, BadInputError

@@ -7,8 +7,8 @@ import numpy as np
 from ...physics.contact_law import Contact
 from ...physics.modes import Cause, Mode
 from ...scenario import ScenarioError
+from ...scenario.body import CONTACT
 from ...scenario.classical import CLASSICAL
-from ...scenario.contact import CONTACT
 from ...scenario.paths import with_values
 from ...simulation.events import AbstractEvent
 from ...simulation.history import ContactHistory, Switches

@@ -14,9 +14,9 @@ from ...interface.wording import counted
 from ...numerics.programs import compiled_quickly
 from ...physics.system import AbstractState
 from ...scenario import Scenario, ScenarioError, read_document
-from ...scenario.contact import rolling_state
+from ...scenario.body import rolling_state
+from ...scenario.checks import message_in_keys
 from ...scenario.paths import entries, value_at
-from ...scenario.shell import message_in_keys
 from ...simulation.trajectory import Trajectory
 from ...stability import PeriodicMotion, periodic_motion
 from ...stability.periodic import DEFAULT_TOLERANCE

@@ -10,7 +10,7 @@ import numpy as np
 from ...chaos import poincare_map
 from ...interface.status import Status
 from ...physics.phase_space import phase_point
-from ...scenario.contact import rolling_state
+from ...scenario.body import rolling_state
 from ...scenario.paths import entries
 from ...scenario.solvers import SOLVERS
 from ..commands.chaos import DIRECTIONS

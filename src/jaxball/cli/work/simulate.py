@@ -12,7 +12,7 @@ from ...physics.body import AbstractBody
 from ...results import save
 from ...results.provenance import attributes
 from ...scenario import Scenario, ScenarioError
-from ...scenario.shell import message_in_keys
+from ...scenario.checks import message_in_keys
 from ...scenario.solve import check_dae
 from ...simulation.events import AbstractEvent, Detachment, Slip
 from ...simulation.extremes import contact_extremes

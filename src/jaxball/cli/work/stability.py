@@ -8,7 +8,7 @@ from ...interface.wording import all_of
 from ...numerics.programs import compiled_quickly
 from ...physics.body import AbstractBody, Ball
 from ...scenario import Scenario, ScenarioError
-from ...scenario.contact import rolling_state
+from ...scenario.body import rolling_state
 from ...stability import SteadyMotion, permanent_rotations, stability, steady_rolling
 from ..input import scenario_of
 from ..output import say, working
