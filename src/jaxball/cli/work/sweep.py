@@ -9,7 +9,7 @@ from ...interface.interruption import STOPPED, exit_code, interrupt_message
 from ...interface.output import OutputError
 from ...interface.wording import counted
 from ...scenario.sources import naming
-from ...sweep.whole import check_whole
+from ...sweep.files import check_intact
 from ..options import FAILED_SOLVE, BadInputError
 from ..output import working
 from .files import suffixes
@@ -36,7 +36,7 @@ def status(options: argparse.Namespace) -> int:
 def plot(options: argparse.Namespace) -> int:
     """Draws the figures of a store."""
     data = sweep.open_dataset(options.store)
-    check_whole(options.store)
+    check_intact(options.store)
     from ... import plot as figures  # here, because importing matplotlib takes longer than reading a study
 
     try:
