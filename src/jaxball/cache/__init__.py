@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from . import current
-from .beginnings import NATIVE, XLA
+from .current import NATIVE, XLA
 from .folder import LIMIT, Folder
 from .store import FolderStore
 

@@ -12,8 +12,7 @@ from jaxtyping import Array
 from ..physics.modes import Mode
 from ..physics.released import ReleasedState
 from ..physics.state import BallState, DiskState
-from ..results.contact import HISTORY
-from ..results.variables import CLASSICAL_STATE, STATE, Variable, labels, undescribed
+from ..results.variables import CLASSICAL_STATE, HISTORY, STATE, Variable, labels, undescribed
 from ..scenario import Scenario
 from ..simulation.extremes import ContactExtremes
 from ..simulation.trajectory import Trajectory

@@ -184,7 +184,7 @@ def _content(scenario: "Scenario", trajectory: "Trajectory[Any, Any]") -> dict[s
     import numpy as np
 
     from ...physics.body import AbstractBody
-    from ...results.provenance import attributes
+    from ...results.saving import attributes
 
     about = {name: value for name, value in attributes(trajectory, scenario).items() if name != "format"}
     end = {name: np.asarray(leaf)[-1] for name, leaf in vars(trajectory.state).items()}
