@@ -117,12 +117,12 @@ class Folder:
 
     def count(self, beginning: bytes) -> int:
         """How many contents begin with these bytes."""
-        start, found = len(MAGIC) + CHECKSUM.digest_size, 0
+        start, count = len(MAGIC) + CHECKSUM.digest_size, 0
         for entry in self.entries():
             with contextlib.suppress(OSError), open(entry.path, "rb") as file:
                 file.seek(start)
-                found += file.read(len(beginning)) == beginning
-        return found
+                count += file.read(len(beginning)) == beginning
+        return count
 
     def clear(self) -> list[Entry]:
         """Removes all programs and partially written files. Returns what was removed.
@@ -158,8 +158,8 @@ class Folder:
 
     def _files(self, name: re.Pattern[str]) -> list[Entry]:
         files = []
-        with contextlib.suppress(OSError), os.scandir(self.path) as found:
-            for file in found:
+        with contextlib.suppress(OSError), os.scandir(self.path) as files_here:
+            for file in files_here:
                 with contextlib.suppress(OSError):  # another process removed it
                     status = file.stat(follow_symlinks=False)
                     if name.fullmatch(file.name) and stat.S_ISREG(status.st_mode):

@@ -79,9 +79,9 @@ class _Parser(argparse.ArgumentParser):
     def parse_known_args(self, args=None, namespace=None):  # pyright: ignore[reportIncompatibleMethodOverride]
         options, left_over = super().parse_known_args(args, namespace)
         if left_over:
-            given, known = left_over[0].partition("=")[0], list(self._option_string_actions)
-            hint = did_you_mean(given, known, f"{self.prog} --help shows what there is", quote="")
-            self.error(f"there is no {given} here{hint}")
+            typed, known = left_over[0].partition("=")[0], list(self._option_string_actions)
+            hint = did_you_mean(typed, known, f"{self.prog} --help shows what there is", quote="")
+            self.error(f"there is no {typed} here{hint}")
         return options, left_over
 
     def _check_value(self, action: argparse.Action, value: object) -> None:

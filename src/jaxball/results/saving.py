@@ -138,7 +138,7 @@ def to_dataset(
     # Imported here, because it takes longer than all of jaxball's own modules.
     import xarray
 
-    scenario, sensors = _settled(trajectory, scenario, sensors)
+    scenario, sensors = _with_sensors(trajectory, scenario, sensors)
     variables, sizes = {}, {}
     for leading, saved in (("time", _over_time(trajectory, sensors)), ("switch", _of_switches(trajectory))):
         for name, (variable, array) in saved.items():
@@ -192,7 +192,7 @@ def save(
     path = Path(path)
     check_destination(path, SUFFIXES)
     with replacing(path) as temporary:
-        WRITERS[path.suffix](trajectory, temporary, *_settled(trajectory, scenario, sensors))
+        WRITERS[path.suffix](trajectory, temporary, *_with_sensors(trajectory, scenario, sensors))
     return path
 
 
@@ -200,7 +200,7 @@ Sensors = Mapping[str, AbstractSensor]
 Values = dict[str, tuple[Variable, np.ndarray]]
 
 
-def _settled(
+def _with_sensors(
     trajectory: Trajectory[Any, Any], scenario: Scenario | None, sensors: Sensors | None
 ) -> tuple[Scenario | None, Sensors]:
     """The given sensors, or those of the scenario, and the scenario with them."""

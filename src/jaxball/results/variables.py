@@ -14,6 +14,7 @@ from ..physics.contact_law import Contact
 from ..physics.modes import Cause, Mode
 from ..physics.released import ReleasedState
 from ..physics.state import DiskState, ReducedState
+from ..scenario.body import COEFFICIENTS
 from ..sensors import AbstractSensor
 from ..simulation.history import NOWHERE, ContactHistory, Switches
 from ..simulation.trajectory import Trajectory
@@ -203,7 +204,6 @@ SWITCHES = {
 }
 SIDES = ("before", "after")
 RELEASED = {name: HISTORY[name] for name in ("V", "height")}
-COEFFICIENTS = ("sliding", "static", "restitution", "slowest")
 
 Variables = dict[str, tuple[Variable, np.ndarray]]
 

@@ -63,14 +63,14 @@ def check_factors(values: Any, path: str, names: Sequence[str], joints: Sequence
                 f'Key `{joint.path}.schedule` must be left out where `{path}.form` is "linear", which follows no '
                 "schedule; give `initial.theta`, and the motion as `signals`."
             )
-    given = [name for name in LINEAR if name in values]
-    if not given:
+    present = [name for name in LINEAR if name in values]
+    if not present:
         raise ScenarioError(f"Key `{path}` must have one or more of the keys {', '.join(LINEAR)}, but it has none.")
     free = [joint for joint in joints if not joint.accelerated]
     coordinates = len(names) + len(free)
     columns = {"theta": coordinates, "thetadot": coordinates, "Omega": 3, "Gamma": 3, "z": 1 if kind == "disk" else 2}
     each = f"each of {all_of(names)}"
-    for name in given:
+    for name in present:
         rows = values[name]
         if name == "signals":
             if len(rows) != len(names):

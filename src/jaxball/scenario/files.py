@@ -230,12 +230,12 @@ class _Parts(NamedTuple):
         return bool(self.table and self.shell and self.times) and all(part is not None for part in rest)
 
 
-def _contents(parts: Any, touches: bool) -> Contents:
-    """The contents of a file whose parts fit together; ``touches`` says whether there is a law of contact."""
+def _contents(parts: Any, has_contact_law: bool) -> Contents:
+    """The contents of a file whose parts fit together; ``has_contact_law`` says whether there is a law of contact."""
     kind, table, shell, surroundings, contact, times, solve, masses, mechanisms, initial, sensors = parts
     start, surroundings = times.start, surroundings or {}
-    resting = {**shell, "ground": surroundings.get("ground")}
-    masses = balanced(masses, mechanisms, resting, initial, "initial", kind, start)
+    shell_and_ground = {**shell, "ground": surroundings.get("ground")}
+    masses = balanced(masses, mechanisms, shell_and_ground, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]
     actuated = apply_actuation(actuation, "actuation", masses, mechanisms, kind)
     driven = sum(isinstance(item.motion, Driven) for item in actuated.masses)
@@ -249,25 +249,25 @@ def _contents(parts: Any, touches: bool) -> Contents:
     )
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     span = namespace(times.start, times.end).stack([times.start, times.end])
-    *_, begun = each_of(
+    *_, first_state = each_of(
         lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
         lambda: check_confined(system, span, state),
         lambda: check_start(system, start, state),
         lambda: sensors is None or check_sensors(sensors, "sensors", system),
-        lambda: released_from(initial, "initial", state, contact) if contact or not touches else state,
+        lambda: released_from(initial, "initial", state, contact) if contact or not has_contact_law else state,
     )
-    return Contents(table["title"], system, begun, contact, times, solve, sensors)
+    return Contents(table["title"], system, first_state, contact, times, solve, sensors)
 
 
 def _read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
     """The arguments of a body for external loads, as far as the document has them."""
-    readers = {
+    tables = {
         "force": lambda values, path: read_force(values, path, kind),
         "ground": lambda values, path: read_ground(values, path, kind),
         "resistance": read_resistance,
     }
-    given = {name: functools.partial(read, document[name], name) for name, read in readers.items() if name in document}
-    return dict(zip(given, each_of(*given.values()), strict=True))
+    present = {name: functools.partial(read, document[name], name) for name, read in tables.items() if name in document}
+    return dict(zip(present, each_of(*present.values()), strict=True))
 
 
 def _read_classical(document: dict[str, Any]) -> Contents:

@@ -216,9 +216,9 @@ class Numbers:
             raise key_error(path, self.words, shown(value))
         holds = namespace(array).isfinite(array).all() & self.rule.holds(array.reshape(-1))
         require(holds, path, self.words, lambda: shown(value))
-        seen = _SEEN.get()
-        if seen is not None:
-            seen[key_of(path)] = self
+        kinds_read = _KINDS_READ.get()
+        if kinds_read is not None:
+            kinds_read[key_of(path)] = self
         return array if self.shape else number(array)
 
     def write(self, value: Any, path: str) -> Any:
@@ -245,18 +245,18 @@ class Radians(Numbers):
             raise key_error(path, self.words, in_radians) from None
 
 
-_SEEN: ContextVar[dict[str, Numbers] | None] = ContextVar("_SEEN", default=None)
+_KINDS_READ: ContextVar[dict[str, Numbers] | None] = ContextVar("_KINDS_READ", default=None)
 
 
 @contextlib.contextmanager
 def kinds_of_numbers() -> Iterator[dict[str, Numbers]]:
     """The kind of every number, and of every list of numbers, that is read within, by the path of its key."""
-    seen: dict[str, Numbers] = {}
-    token = _SEEN.set(seen)
+    kinds_read: dict[str, Numbers] = {}
+    token = _KINDS_READ.set(kinds_read)
     try:
-        yield seen
+        yield kinds_read
     finally:
-        _SEEN.reset(token)
+        _KINDS_READ.reset(token)
 
 
 @dataclass(frozen=True)

@@ -113,12 +113,12 @@ def _solve(make: Make, search: Search, cells: Float[Array, "cells 2"]) -> Shot:
 
 def _equations(make: Make, cells: Float[np.ndarray, "cells 2"], t: float) -> tuple[bool, tuple[bool, ...]]:
     """Whether the equations depend on time, and which components are angles, judged by the first cell and the last."""
-    seen = []
+    kinds = []
     for cell in cells[[0, -1]]:
         system, state, period = make(*to_array(cell))
-        seen.append(equations_of(system, phase_point(system, state), t, float(period)))
-    angles = np.all([angles for _, angles in seen], axis=0)
-    return any(forced for forced, _ in seen), tuple(angles.tolist())
+        kinds.append(equations_of(system, phase_point(system, state), t, float(period)))
+    angles = np.all([angles for _, angles in kinds], axis=0)
+    return any(forced for forced, _ in kinds), tuple(angles.tolist())
 
 
 def _largest(shot: Shot, system: AbstractSystem, forced: bool) -> tuple[float, complex]:

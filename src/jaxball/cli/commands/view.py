@@ -79,8 +79,8 @@ def _rows(text: str) -> tuple[int, ...]:
         raise argparse.ArgumentTypeError(f"it must be row numbers separated by commas, but it is {text}")
     rows = tuple(int(part) for part in parts)
     if len(set(rows)) < len(rows) or len(rows) > MOST_BODIES:
-        given = counted(len(rows), "row") + " with one twice" * (len(set(rows)) < len(rows))
-        raise argparse.ArgumentTypeError(f"it must be up to {MOST_BODIES} different rows, but it is {given}")
+        number = counted(len(rows), "row") + " with one twice" * (len(set(rows)) < len(rows))
+        raise argparse.ArgumentTypeError(f"it must be up to {MOST_BODIES} different rows, but it is {number}")
     return rows
 
 
