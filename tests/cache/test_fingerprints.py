@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from jaxball import Ball, Circle, Disk, Fixed, FunctionSchedule, OnRail, PointMass, Pulse, SphericalFrame, Status
-from jaxball.cache.names import NoNameError
+from jaxball.cache.executables import NoNameError
 from jaxball.numerics import vectors, versor
 from jaxball.numerics.fingerprints import digest
 

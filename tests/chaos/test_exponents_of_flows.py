@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxball.chaos import lyapunov_spectrum_of
-from jaxball.chaos.convergence import limits_of, sentences
+from jaxball.chaos.result import limits_of, sentences
 from jaxball.numerics.vectors import cross
 
 SIGMA, RHO, BETA = 10.0, 28.0, 8 / 3

@@ -19,7 +19,7 @@ from jaxball.plot.sweeps.results import label_of, standard_results
 from jaxball.plot.sweeps.rows import rows_of, sample
 from jaxball.plot.sweeps.symbols import NUMBERS, in_plain_text, number_label, plain
 from jaxball.scenario.initial import INITIAL
-from jaxball.sweep.layout import layout_of
+from jaxball.sweep.outputs import layout_of
 from tests.plot.geometry import overlaps
 from tests.plot.lines import drawn
 from tests.plot.studies import DESIGN, GRID, HEAVY, MASSES, balls, disks, g, heavy_ones_fail, m, store

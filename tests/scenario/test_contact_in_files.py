@@ -10,7 +10,7 @@ import pytest
 import jaxball
 from jaxball import BallState, Contact, DiskState, ReleasedState
 from jaxball.scenario import Scenario, ScenarioError, read_scenario, write_scenario
-from jaxball.scenario.structure import Structure
+from jaxball.scenario.files import Structure
 
 from .documents import BALL, DISK
 from .test_round_trip import same_objects

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jaxball.scenario import ScenarioError, builtin_text, load_scenario, read_scenario, write_scenario
-from jaxball.scenario.rails import RAILS
+from jaxball.scenario.motions import RAILS
 
 from .documents import BALL, DISK, TURNING, edited, with_motion, with_rail, with_schedule
 

@@ -7,8 +7,8 @@ import pytest
 import jaxball
 from jaxball import CarriedMass, Hinge, Mechanism
 from jaxball.scenario import Scenario, ScenarioError, builtin_text, read_scenario, write_scenario
+from jaxball.scenario.checks import key_of
 from jaxball.scenario.errors import all_problems
-from jaxball.scenario.shell import key_of
 
 from .documents import BALL
 from .test_mechanisms_in_files import PENDULUM, TURNING, with_drive, with_parts

@@ -97,6 +97,8 @@ def test_the_picture_has_the_rates_and_a_line_between(chart):
 
 
 def test_wrong_parameters():
-    for parameters in ({"rolling": [0.1]}, {"rolling": [0.1], "speed": [[1.0]]}, {"rolling": [0.1], "speed": []}):
-        with pytest.raises(ValueError, match="`parameters` must be two names, each with a row of values"):
-            floquet_chart(rolling_along, parameters)
+    with pytest.raises(ValueError, match="`parameters` must name two parameters, but it names 1"):
+        floquet_chart(rolling_along, {"rolling": [0.1]})
+    for speeds in ([[1.0]], []):
+        with pytest.raises(ValueError, match="must give each parameter a row of values, but `speed` has the shape"):
+            floquet_chart(rolling_along, {"rolling": [0.1], "speed": speeds})

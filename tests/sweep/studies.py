@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jaxball.sweep import Batch, Study, Wanted, read_study
+from jaxball.sweep import Batch, Request, Study, read_study
 from tests.scenario.documents import DISK
 
 MASSES = """
@@ -30,7 +30,7 @@ def study_text(folder: Path, axes: str = MASSES + GRAVITIES, settings: str = "",
     return f'format = 1\nscenario = "disk.toml"\n{settings}\n{axes}'
 
 
-def pretend(batch: Batch, wanted: Wanted) -> dict[str, np.ndarray]:
+def pretend(batch: Batch, request: Request) -> dict[str, np.ndarray]:
     """An engine: each disk is at φ = m g at all times, after as many steps as there are save times."""
     n, times = batch.times.shape
     phi = batch.system.mass * batch.system.gravity

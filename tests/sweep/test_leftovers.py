@@ -11,7 +11,7 @@ import pytest
 from jaxball.cli import main
 from jaxball.interface.output import part_prefix
 from jaxball.sweep import StoreError, sweep
-from jaxball.sweep.filesystem import SECONDS_OF_A_PART
+from jaxball.sweep.files import SECONDS_OF_A_PART
 from tests.sweep.studies import files, pretend, study, study_text
 
 KILLED_WHILE_IT_MAKES_A_STORE = """

@@ -7,13 +7,12 @@ import pytest
 import xarray
 
 from jaxball.sweep import describe, sweep
-from jaxball.sweep.chunk import Done
-from jaxball.sweep.progress import Progress, duration
-from jaxball.sweep.tally import Tally
+from jaxball.sweep.executors import ChunkResult
+from jaxball.sweep.progress import Progress, StatusCounts, duration
 from tests.plot.studies import heavy_ones_fail
 from tests.sweep.studies import study
 
-NOTHING = Tally(np.zeros(9, dtype=int), None)
+NOTHING = StatusCounts(np.zeros(9, dtype=int), None)
 
 
 class Clock:
@@ -41,7 +40,7 @@ class Run:
 
     def ends(self, at, worker="a", rows=100, failed=0):
         self.clock.now = at
-        self.progress.add(Done(rows, failed, worker))
+        self.progress.add(ChunkResult(rows, failed, worker))
         return self.progress.line()
 
 

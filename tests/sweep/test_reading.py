@@ -12,9 +12,8 @@ import tomli_w
 
 from jaxball.scenario import ScenarioError, builtin_text
 from jaxball.scenario.errors import UntraceableError
-from jaxball.scenario.files import read_contents
+from jaxball.scenario.files import Parts, Structure, read_contents
 from jaxball.scenario.paths import numbers_of, value_at, with_numbers
-from jaxball.scenario.structure import Parts, Structure
 from jaxball.sweep import Study, StudyError, read_study, rows
 from jaxball.sweep.axes import Listed, Zipped
 from jaxball.sweep.rows import read_rows
@@ -119,8 +118,8 @@ def study_with(name, paths, values):
 def compare(name, paths, values):
     """Which rows are possible, once they and their numbers are found to be those of their own documents."""
     with np.errstate(all="ignore"):
-        together = rows._read_together(study_with(name, paths, values), values)
-        parts, possible = together.parts, together.possible
+        stacked = rows._read_stacked(study_with(name, paths, values), values)
+        parts, possible = stacked.parts, stacked.possible
         for k, row in enumerate(values):
             own = contents(name, paths, row)
             if possible[k] != (own is not None):
@@ -262,7 +261,7 @@ def test_balance_is_read_row_by_row_where_it_may_change(tmp_path, monkeypatch):
     text = with_rail('{ kind = "circle", radius = 0.9 }') + "[initial]\nbalance = { masses = [0] }\n"
     found = study(tmp_path, '[[axes]]\npath = "body.mass"\nvalues = [1.0, 2.0, -1.0]\n', scenario=text)
     with pytest.raises(UntraceableError, match=r"`initial\.balance` must not depend on a number that changes"):
-        rows._read_together(found, found.values(np.arange(3)))
+        rows._read_stacked(found, found.values(np.arange(3)))
     possible, batch = read_rows(found, found.template(), np.arange(3), found.values(np.arange(3)))
     assert list(possible) == [0, 1]
     assert list(batch.system.mass) == [1.0, 2.0]

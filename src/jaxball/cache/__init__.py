@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from . import current
-from .beginnings import NATIVE, XLA
+from .current import NATIVE, XLA
 from .folder import LIMIT, Folder
 from .store import FolderStore
 
@@ -135,8 +135,8 @@ def _silence() -> None:
         os.environ[LOG_LEVEL] = SILENT
 
 
-def _folder(given: str | os.PathLike[str] | None) -> Folder:
-    place = given or os.environ.get(PLACE)
+def _folder(chosen: str | os.PathLike[str] | None) -> Folder:
+    place = chosen or os.environ.get(PLACE)
     if place:
         return Folder(Path(place).expanduser().absolute(), LIMIT)
     import platformdirs

@@ -1,8 +1,12 @@
-"""The current store of compiled programs, if any."""
+"""The current store of compiled programs, if any, and the kinds of its contents."""
 
 import contextlib
 from collections.abc import Iterator
 from typing import Any, Protocol, runtime_checkable
+
+NATIVE, XLA = b"native\n", b"xla\n"  # a program of one compiler or the other
+REFUSAL = b"refused\n"  # the note that a program is not compiled natively
+LIST = b"list\n"  # the keys of a command's programs
 
 
 @runtime_checkable

@@ -14,10 +14,23 @@ LIMIT = 512 * 10**6
 KEPT_OF_LIMIT = 0.9  # so that not every new program evicts an old one
 SECONDS_OF_A_WRITE = 3600
 SECONDS_OF_A_COMPILATION = 900.0
+SECONDS_BETWEEN_POLLS = 0.02
 MAGIC = b"jaxball program 2\n"
 CHECKSUM = hashlib.blake2b(digest_size=32)
 _ENTRY = re.compile(r"[0-9a-f]{40}\.program")
 _UNFINISHED = re.compile(r"\.part-.*\.program|[0-9a-f]{40}\.lock")
+
+
+if os.name == "nt":
+    import msvcrt
+
+    def _hold(descriptor: int) -> None:
+        msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # pyright: ignore[reportAttributeAccessIssue]
+else:
+    import fcntl
+
+    def _hold(descriptor: int) -> None:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 class Entry(NamedTuple):
@@ -92,12 +105,10 @@ class Folder:
     @contextlib.contextmanager
     def alone(self, key: str) -> Iterator[None]:
         """A block for this key that no other process enters, as long as none takes longer than a compilation."""
-        from .lock import held  # here, as above
-
         if not self._made():
             yield
             return
-        with held(self.path / f"{key}.lock", SECONDS_OF_A_COMPILATION):
+        with _held(self.path / f"{key}.lock", SECONDS_OF_A_COMPILATION):
             yield
 
     def entries(self) -> list[Entry]:
@@ -106,12 +117,12 @@ class Folder:
 
     def count(self, beginning: bytes) -> int:
         """How many contents begin with these bytes."""
-        start, found = len(MAGIC) + CHECKSUM.digest_size, 0
+        start, count = len(MAGIC) + CHECKSUM.digest_size, 0
         for entry in self.entries():
             with contextlib.suppress(OSError), open(entry.path, "rb") as file:
                 file.seek(start)
-                found += file.read(len(beginning)) == beginning
-        return found
+                count += file.read(len(beginning)) == beginning
+        return count
 
     def clear(self) -> list[Entry]:
         """Removes all programs and partially written files. Returns what was removed.
@@ -147,8 +158,8 @@ class Folder:
 
     def _files(self, name: re.Pattern[str]) -> list[Entry]:
         files = []
-        with contextlib.suppress(OSError), os.scandir(self.path) as found:
-            for file in found:
+        with contextlib.suppress(OSError), os.scandir(self.path) as files_here:
+            for file in files_here:
                 with contextlib.suppress(OSError):  # another process removed it
                     status = file.stat(follow_symlinks=False)
                     if name.fullmatch(file.name) and stat.S_ISREG(status.st_mode):
@@ -193,3 +204,32 @@ def _obstacle(path: Path) -> str | None:
     except OSError as error:
         return os.strerror(error.errno) if error.errno else str(error)
     return None
+
+
+@contextlib.contextmanager
+def _held(path: Path, patience: float) -> Iterator[None]:
+    """Waits until no other process holds the lock file, ``patience`` seconds at most, and holds it in this block.
+
+    The operating system releases it when a process ends in any way. Where files cannot be created or locked, it does
+    not wait.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o600)
+    except OSError:
+        yield
+        return
+    deadline = time.monotonic() + patience
+    try:
+        while time.monotonic() < deadline:
+            try:
+                _hold(descriptor)
+                break
+            except (BlockingIOError, PermissionError):
+                time.sleep(SECONDS_BETWEEN_POLLS)
+            except OSError:
+                break
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # for instance if another process has it open on Windows
+            path.unlink()
+        os.close(descriptor)

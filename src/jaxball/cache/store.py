@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from .beginnings import LIST
+from .current import LIST
 from .folder import Folder
 
 

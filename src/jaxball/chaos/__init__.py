@@ -5,9 +5,8 @@ No figures and no files: :mod:`jaxball.plot` draws the results.
 
 from ..interface.names import interface as _interface
 from .chart import chart as chart
-from .convergence import Limits as Limits
 from .poincare import PoincareMap as PoincareMap, poincare_map as poincare_map
-from .result import LyapunovSpectrum as LyapunovSpectrum
+from .result import Limits as Limits, LyapunovSpectrum as LyapunovSpectrum
 from .robots import chaplygin_top as chaplygin_top, rolling_robot as rolling_robot
 from .spectrum import lyapunov_spectrum_of as lyapunov_spectrum_of
 from .system import lyapunov_spectrum as lyapunov_spectrum

@@ -7,14 +7,12 @@ import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from ..cpu import cores
-from ..interface.arguments import require, require_callable, traceable
-from ..interface.status import Status
+from ..grid import grid_of
+from ..interface.arguments import require_callable, traceable
 from ..numerics import programs
-from ..numerics.arrays import Numbers, to_array, to_numpy
-from ..numerics.batches import in_threads, unpadded
+from ..numerics.arrays import Numbers, to_array
 from ..physics.phase_space import normal_of, phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import checked_solver, checked_tolerances
@@ -68,19 +66,22 @@ def chart(
     **Raises:** ``ValueError`` unless there are two parameters, each with a row of numbers, and for invalid times, and
     :class:`~jaxball.PrecisionError` when float32 cannot reach the tolerances.
     """
-    names, values = _checked(parameters)
+    grid = grid_of(parameters)
     edges, skipped = interval_edges(times, transient, interval)
     require_callable("make", make, "first", "second")
     rtol, atol = map(to_array, checked_tolerances(rtol, atol))
     method = Method(checked_solver(solver), 1, skipped, max_steps, rtol, atol, None)
-    cells = np.stack([grid.ravel() for grid in np.meshgrid(*values, indexing="ij")], axis=1)
-
-    def solve(batch: Int[np.ndarray, " size"]) -> Float[Array, "size 4"]:
-        return _solve(make, method, to_array(cells[batch]), to_array(edges))
-
-    results = in_threads(solve, len(cells), min(chunk, len(cells)), workers or cores(), progress=progress)
-    rows = unpadded(results, len(cells)).reshape(len(values[0]), len(values[1]), 4)
-    return _dataset(names, values, rows, edges, skipped)
+    rows = grid.map(lambda cells: _solve(make, method, cells, to_array(edges)), chunk, workers, progress)
+    exponent, error, force, status = np.moveaxis(rows, -1, 0)
+    variables = {
+        "exponent": (np.where(force > 0, exponent, np.nan), "largest Lyapunov exponent", "1/time"),
+        "exponent_regardless": (exponent, "largest Lyapunov exponent, whatever the normal force", "1/time"),
+        "standard_error": (error, "standard error of the exponent", "1/time"),
+        "least_normal_force": (force, "least normal force", "mass length/time^2"),
+        "status": (status.astype(int), "how the solve ended", ""),
+    }
+    span = {"start": float(edges[0]), "averaged_from": float(edges[skipped]), "end": float(edges[-1])}
+    return grid.dataset(variables, span)
 
 
 @programs.filter_jit
@@ -94,48 +95,3 @@ def _solve(make: Make, method: Method, cells, edges) -> Float[Array, "cells 4"]:
         return jnp.stack([spectrum.exponents[0], spectrum.standard_error[0], force, spectrum.status.astype(cell.dtype)])
 
     return jax.vmap(one)(cells)
-
-
-def _checked(parameters: Mapping[str, Numbers]) -> tuple[tuple[str, ...], list[np.ndarray]]:
-    require("parameters", parameters, Mapping, "a dictionary of two parameters, each with its values")
-    if len(parameters) != 2:
-        raise ValueError(
-            f"Argument `parameters` must name two parameters, but it names {len(parameters)}: {list(parameters)}."
-        )
-    values = [to_numpy(value, f"parameters[{name!r}]") for name, value in parameters.items()]
-    for name, value in zip(parameters, values, strict=True):
-        if value.ndim != 1 or value.size == 0:
-            raise ValueError(
-                f"Argument `parameters` must give each parameter a row of values, but `{name}` has the shape "
-                f"{value.shape}."
-            )
-    return tuple(parameters), values
-
-
-def _dataset(names, values, rows, edges, skipped) -> "xarray.Dataset":
-    # Imported here, because it takes longer than all of jaxball's own modules.
-    import xarray
-
-    exponent, error, force, status = np.moveaxis(rows, -1, 0)
-    status = status.astype(int)
-    variables = {
-        "exponent": (np.where(force > 0, exponent, np.nan), "largest Lyapunov exponent", "1/time"),
-        "exponent_regardless": (exponent, "largest Lyapunov exponent, whatever the normal force", "1/time"),
-        "standard_error": (error, "standard error of the exponent", "1/time"),
-        "least_normal_force": (force, "least normal force", "mass length/time^2"),
-        "status": (status, "how the solve ended", ""),
-    }
-    attributes = {
-        "start": float(edges[0]),
-        "averaged_from": float(edges[skipped]),
-        "end": float(edges[-1]),
-        "statuses": ", ".join(f"{item.value} {item.name}" for item in Status),
-    }
-    return xarray.Dataset(
-        {
-            name: (names, array, {"long_name": meaning, "units": units})
-            for name, (array, meaning, units) in variables.items()
-        },
-        dict(zip(names, values, strict=True)),
-        attributes,
-    )

@@ -1,11 +1,101 @@
-"""A Lyapunov spectrum, and how it converged."""
+"""A Lyapunov spectrum, how it converged, and what a run of finite length reveals about it."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from ..interface.printing import Printed, is_single, shown
 from ..interface.status import SolveError, Status
-from .convergence import Limits, limits_of, sentences
+
+PARTS = 16  # parts of the run, to whose means the limit is fitted
+FEWEST_PARTS = 6
+ALIGNING = 1 / 8  # of the run, during which the deviations align with their directions, and their rates mean nothing
+ERRORS = 2.5  # a limit closer to zero than this many standard errors may be zero
+FOLDS = (
+    3.0  # this many e-folds or fewer may occur along regular motions too: t² gives 2.1 where it begins late in a run
+)
+
+
+class Limits(NamedTuple):
+    """The limits of the growth rates, each fitted as λ + a/t with t from the start of the run, shape (k,).
+
+    Along a regular motion deviations grow as a power tᵃ of time, whose rate is a/t, and λ is zero.
+
+    - ``limits``, ``errors``: λ and its standard error, NaN where the run has too few intervals to fit it.
+    - ``told``: whether the exponent is distinguished from zero: λ has the sign of the mean rate and is more than 2.5
+      standard errors from zero, and deviations changed by more than three e-folds.
+    - ``drifting``: whether, in addition, the mean differs from λ by more than its own standard error, and by more than
+      a tenth, while a differs from zero by more than 2.5 of its own.
+    """
+
+    limits: Float[np.ndarray, " k"]
+    errors: Float[np.ndarray, " k"]
+    told: Bool[np.ndarray, " k"]
+    drifting: Bool[np.ndarray, " k"]
+
+
+def limits_of(
+    start: float,
+    times: Float[np.ndarray, " n"],
+    rates: Float[np.ndarray, "n k"],
+    standard_error: Float[np.ndarray, " k"],
+) -> Limits:
+    """The limits of ``rates`` over equal intervals that end at ``times``, of a run that began at ``start``."""
+    count, k = rates.shape
+    nothing = np.full(k, np.nan)
+    step = (times[-1] - times[0]) / max(count - 1, 1)
+    middle = times - start - step / 2
+    late = middle >= ALIGNING * (times[-1] - start)
+    parts = min(PARTS, int(np.sum(late)))
+    if parts < FEWEST_PARTS or not np.all(np.isfinite(rates)):
+        return Limits(nothing, nothing, np.full(k, False), np.full(k, False))
+    length = int(np.sum(late)) // parts
+    used = slice(count - parts * length, None)
+    means = rates[used].reshape(parts, length, k).mean(axis=1)
+    inverse = (1 / middle[used]).reshape(parts, length).mean(axis=1)
+    basis = np.stack([np.ones(parts), inverse], axis=1)
+    fitted, *_ = np.linalg.lstsq(basis, means)
+    variance = np.sum((means - basis @ fitted) ** 2, axis=0) / (parts - 2)
+    errors = np.sqrt(np.diag(np.linalg.inv(basis.T @ basis))[:, None] * variance)
+    mean, length_of_run = rates.mean(axis=0), count * step
+    told = (np.abs(fitted[0]) > ERRORS * errors[0]) & (np.minimum(mean * fitted[0], mean**2) > 0)
+    told &= np.minimum(np.abs(fitted[0]), np.abs(mean)) * length_of_run > FOLDS
+    change = np.abs(mean - fitted[0])
+    drifting = told & (change > standard_error) & (change > 0.1 * np.abs(mean))
+    drifting &= np.abs(fitted[1]) > ERRORS * errors[1]
+    return Limits(fitted[0], errors[0], told, drifting)
+
+
+def sentences(limits: Limits) -> list[str]:
+    """What ``limits`` leave open, and what to do; empty if all exponents are distinguished from zero and converged."""
+    lines = []
+    untold, moving = np.flatnonzero(~limits.told), np.flatnonzero(limits.drifting)
+    if np.any(np.isnan(limits.limits)):
+        return [
+            "The run has too few intervals to distinguish any exponent from zero; choose a later end, or shorter "
+            "intervals."
+        ]
+    if untold.size:
+        lines.append(
+            f"The run cannot distinguish {_names(untold)} from zero: growth as a power of time, as along a regular "
+            "motion, explains the data equally well; a run ten times as long narrows it down."
+        )
+    if moving.size:
+        values = ", ".join(f"{limits.limits[i]:.3g}" for i in moving)
+        lines.append(
+            f"The means of {_names(moving)} still drift, as 1/t towards {values}; choose a transient, or a later end."
+        )
+    return lines
+
+
+def _names(indices: Sequence[int] | np.ndarray) -> str:
+    """λ1 and λ2, or λ1 to λ3, or λ1, λ2 and λ4."""
+    names = [f"λ{i + 1}" for i in indices]
+    if len(names) > 2 and indices[-1] - indices[0] == len(names) - 1:
+        return f"{names[0]} to {names[-1]}"
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
 class LyapunovSpectrum(Printed):

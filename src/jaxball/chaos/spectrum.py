@@ -1,6 +1,7 @@
-"""Lyapunov exponents of any flow, by its tangent dynamics."""
+"""Lyapunov exponents of any flow, by its tangent dynamics, with the least value of a function along the solve."""
 
 import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple, cast
 
 import diffrax
@@ -25,8 +26,31 @@ from ..numerics.tangent import (
 from ..simulation.arguments import DEFAULT_TOLERANCE, checked_solver, checked_steps, checked_tolerances
 from ..simulation.simulate import status_of
 from ..simulation.step_size import by_tolerances, to_kinks
-from .monitor import Monitor, Monitored
+from ..solvers import AbstractWrappingSolver
 from .result import LyapunovSpectrum
+
+Monitor = Callable[[Float[Array, ""], Float[Array, " size"], Any], Float[Array, ""]]
+
+
+class Monitored(AbstractWrappingSolver):
+    """``solver``, with the least value of ``of(t, x, args)`` at the ends of its steps, not at the start, in its state.
+
+    It takes the same few operations in every step, which suits many solves side by side. It misses at most (step)² / 8
+    times the second derivative between two ends.
+    """
+
+    solver: diffrax.AbstractSolver  # pyright: ignore[reportIncompatibleVariableOverride]
+    of: Monitor
+
+    def init(self, terms, t0, t1, y0, args):
+        return self.solver.init(terms, t0, t1, y0, args), jnp.full((), jnp.inf, y0.dtype)
+
+    def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
+        inner, least = solver_state
+        y1, y_error, dense, inner, result = self.solver.step(terms, t0, t1, y0, args, inner, made_jump)
+        least = jnp.minimum(least, self.of(jnp.asarray(t1), y1[0], args))
+        return y1, y_error, dense, (inner, least), result
+
 
 BATCHES = 16  # means of the growth rates from which the standard error is estimated
 FIRST_STEP = 1 / 64  # of an interval; the step-size control corrects it within two or three steps

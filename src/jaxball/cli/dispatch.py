@@ -10,8 +10,7 @@ from .. import __version__
 from ..interface.errors import UserError
 from ..interface.interruption import INTERRUPTED, STOPPED
 from ..interface.wording import did_you_mean
-from .options import BAD_INPUT, BROKEN_PIPE, add_no_cache
-from .sentences import sentence
+from .options import BAD_INPUT, BROKEN_PIPE, add_no_cache, sentence
 
 # Only the command that runs is imported.
 COMMANDS = {
@@ -80,9 +79,9 @@ class _Parser(argparse.ArgumentParser):
     def parse_known_args(self, args=None, namespace=None):  # pyright: ignore[reportIncompatibleMethodOverride]
         options, left_over = super().parse_known_args(args, namespace)
         if left_over:
-            given, known = left_over[0].partition("=")[0], list(self._option_string_actions)
-            hint = did_you_mean(given, known, f"{self.prog} --help shows what there is", quote="")
-            self.error(f"there is no {given} here{hint}")
+            typed, known = left_over[0].partition("=")[0], list(self._option_string_actions)
+            hint = did_you_mean(typed, known, f"{self.prog} --help shows what there is", quote="")
+            self.error(f"there is no {typed} here{hint}")
         return options, left_over
 
     def _check_value(self, action: argparse.Action, value: object) -> None:

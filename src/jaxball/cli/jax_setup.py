@@ -34,15 +34,17 @@ def _refused_by_jax(error: ValueError) -> BadInputError:
     of_jax = [name for name in sorted(os.environ) if name.startswith("JAX_")]
     named = [name for name in of_jax if name in reason or name.lower() in reason] or of_jax
     which = f"Variable `{named[0]}`" if len(named) == 1 else f"Variables {', '.join(f'`{name}`' for name in named)}"
-    given = ", ".join(f'"{os.environ[name]}"' for name in named)
-    return BadInputError(f"{which} must have a value that JAX can read, but it is {given}: {reason}; leave it out.")
+    values = ", ".join(f'"{os.environ[name]}"' for name in named)
+    return BadInputError(f"{which} must have a value that JAX can read, but it is {values}: {reason}; leave it out.")
 
 
 def _require_platform() -> None:
     """Raises a :class:`BadInputError` where JAX is told to use a device that does not exist."""
-    given = {name: os.environ.get(name, "") for name in ("JAX_PLATFORMS", "JAX_PLATFORM_NAME", "JAX_DEFAULT_DEVICE")}
-    wanted = {name: value for name, value in given.items() if value not in ("", "cpu")}
-    if not wanted:
+    variables = {
+        name: os.environ.get(name, "") for name in ("JAX_PLATFORMS", "JAX_PLATFORM_NAME", "JAX_DEFAULT_DEVICE")
+    }
+    devices = {name: value for name, value in variables.items() if value not in ("", "cpu")}
+    if not devices:
         return
     import jax
     import jax.numpy as jnp
@@ -52,8 +54,8 @@ def _require_platform() -> None:
         jnp.zeros(())
     except (RuntimeError, AssertionError, ValueError) as error:
         reason = str(error).splitlines()[0].rstrip(".") if str(error) else "JAX finds none"
-        names = " and ".join(f"`{name}`" for name in wanted)
-        values = " and ".join(f'"{value}"' for value in wanted.values())
+        names = " and ".join(f"`{name}`" for name in devices)
+        values = " and ".join(f'"{value}"' for value in devices.values())
         raise BadInputError(
             f"Variable {names} must name a device that JAX can use here, but it is {values}: {reason}; leave it out, "
             "or set it to cpu."

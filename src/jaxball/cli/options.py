@@ -1,13 +1,36 @@
-"""Shared by the commands: exit codes, and the types of numbers that their options take."""
+"""The options that commands share: their types and checks, what is written and where, and what is printed."""
 
 import argparse
 import math
+import re
+import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
 
+from ..interface.activity import Line, activity
 from ..interface.errors import UserError
+from ..interface.output import OutputError, check_destination, check_folder
 
 BAD_INPUT = 2
 FAILED_SOLVE = 3
 BROKEN_PIPE = 141  # as a shell reports it for other programs
+STDOUT = Path("-")
+FORMATS = ("png", "pdf", "svg")
+FIGURE_SUFFIXES = tuple(f".{name}" for name in FORMATS)
+MOST_VALUES = 10_000  # of one number of a chart
+CHART_AXIS = "PATH=FROM:TO:COUNT"
+ChartAxis = tuple[str, float, float, int]  # the path of a number, its first and its last value, and how many
+# What the command line calls arguments of Python functions that are not options of the same name.
+POSITIONAL = {
+    "source": "FILE",
+    "name": "NAME",
+    "problems": "PROBLEM",
+    "data": "STORE",
+    "ball": "The scenario's ball",
+    "inclination": "INCLINATION",
+    "precession": "PRECESSION",
+}
 
 
 class BadInputError(UserError):
@@ -46,6 +69,126 @@ def add_no_cache(parser: argparse.ArgumentParser) -> None:
         default=True,
         help="neither use nor keep compiled programs; see jaxball cache",
     )
+
+
+def add_output(parser: argparse.ArgumentParser) -> None:
+    """Adds --quiet and --json."""
+    add_quiet(parser)
+    add_json(parser, "the summary")
+
+
+def add_quiet(parser: argparse.ArgumentParser) -> None:
+    """Adds --quiet."""
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
+
+
+def add_json(parser: argparse.ArgumentParser, what: str) -> None:
+    """Adds --json."""
+    parser.add_argument(
+        "--json", type=Path, metavar="FILE", help=f"write {what} as JSON: .json, or - for standard output"
+    )
+
+
+def check_json(options: argparse.Namespace) -> None:
+    """Raises an :class:`~jaxball.results.OutputError` where the file of --json cannot be written."""
+    if options.json is not None and options.json != STDOUT:
+        check_destination(options.json, (".json",), "--json")
+
+
+def check_outputs(options: argparse.Namespace, suffixes: Sequence[str]) -> None:
+    """Raises an :class:`~jaxball.results.OutputError` where the file of --json, --plot or --out cannot be written."""
+    check_json(options)
+    if options.plot is not None:
+        check_destination(options.plot, FIGURE_SUFFIXES, "--plot")
+    if options.out is not None:
+        check_destination(options.out, suffixes, "--out")
+
+
+def add_formats(parser: argparse.ArgumentParser, option: str) -> None:
+    """Adds the option that names the formats of figures."""
+    parser.add_argument(
+        option, nargs="+", choices=FORMATS, metavar="FORMAT", help="formats of figures: png, pdf or svg (default: png)"
+    )
+
+
+def add_replacing(parser: argparse.ArgumentParser) -> None:
+    """Adds --svg-text and --force."""
+    parser.add_argument(
+        "--svg-text",
+        action="store_true",
+        help="keep text in SVG files as text, which can be edited but needs the fonts, instead of outlines",
+    )
+    parser.add_argument("--force", action="store_true", help="replace figures of another run as well")
+
+
+def check_figures_folder(options: argparse.Namespace, folder: str, formats: str) -> None:
+    """Raises an :class:`~jaxball.results.OutputError` where figures cannot be written into the folder of an option."""
+    path, option = getattr(options, folder), formats.replace("_", "-")
+    if path is None:
+        if getattr(options, formats) is not None:
+            raise OutputError(f"Argument `--{option}` is for figures; give --{folder} FOLDER with it.")
+        return
+    if path.suffix in FIGURE_SUFFIXES and not path.exists():
+        raise OutputError(
+            f'Argument `--{folder}` must be a folder, because there are several figures, but it is "{path}"; '
+            f"give --{folder} {path.with_suffix('')} --{option} {path.suffix[1:]}."
+        )
+    check_folder(path, f"--{folder}")
+
+
+def written_line(written: Sequence[str | Path]) -> str:
+    """The line that names the files that were written; empty where there are none."""
+    return f"  written: {', '.join(map(str, written))}" if written else ""
+
+
+def working(options: argparse.Namespace, text: str) -> AbstractContextManager[Line]:
+    """:func:`~jaxball.interface.activity.activity`, unless --quiet."""
+    return activity(text, quiet=getattr(options, "quiet", False))
+
+
+def say(options: argparse.Namespace, *lines: object) -> None:
+    """Prints the nonempty lines: none with --quiet, and to standard error where JSON goes to standard output."""
+    if not getattr(options, "quiet", False):
+        text = "\n".join(filter(None, map(str, lines)))
+        print(text, file=sys.stderr if options.json == STDOUT else sys.stdout, flush=True)
+
+
+def sentence(error: Exception) -> str:
+    """The message of an error, with arguments named as on the command line."""
+    if isinstance(error, OSError) and error.strerror:
+        place = "The output" if error.filename is None else f'"{error.filename}"'
+        return f"{place} cannot be {'written' if error.filename is None else 'used'}: {error.strerror}."
+
+    def on_command_line(match: re.Match[str]) -> str:
+        return POSITIONAL.get(match[1]) or f"Argument `--{match[1].replace('_', '-')}`"
+
+    return re.sub(r"Argument `(\w+)`", on_command_line, str(error))
+
+
+def chart_axes(options: argparse.Namespace) -> tuple[ChartAxis, ChartAxis]:
+    """The two axes of --chart.
+
+    **Raises:** :class:`BadInputError` for a malformed axis, and for the same number twice.
+    """
+    first, second = map(_chart_axis, options.chart)
+    if first[0] == second[0]:
+        raise BadInputError(f"Argument `--chart` must name two numbers, but it names `{first[0]}` twice.")
+    return first, second
+
+
+def _chart_axis(text: str) -> ChartAxis:
+    path, _, values = text.partition("=")
+    parts = values.split(":")
+    try:
+        low, high, count = float(parts[0]), float(parts[1]), int(parts[2])
+    except (ValueError, IndexError):
+        low, high, count = math.nan, math.nan, 0
+    if len(parts) != 3 or not math.isfinite(low + high) or low == high or not 2 <= count <= MOST_VALUES:
+        raise BadInputError(
+            f"Argument `--chart` must be {CHART_AXIS}, with two different numbers and a count from 2 to "
+            f"{MOST_VALUES:,}, such as 'initial.Omega[0]=0:3:30', but it is \"{text}\"."
+        )
+    return path.strip(), low, high, count
 
 
 def _parsed(text: str) -> float:

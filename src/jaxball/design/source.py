@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from ..results import OutputError, replacing
-from ..results.provenance import PACKAGES
+from ..results.saving import PACKAGES
 from ..scenario.sources import scenario_document
 from .errors import DesignError
 

@@ -13,10 +13,10 @@ from ..physics.body import Ball, Disk, System
 from ..physics.frames import principal_angles
 from ..physics.state import BallState, DiskState
 from ..scenario import Scenario, read_document
-from ..scenario.contact import rolling_state
+from ..scenario.body import rolling_state
 from ..scenario.errors import UntraceableError
+from ..scenario.files import Structure
 from ..scenario.paths import key_of, value_at, with_numbers
-from ..scenario.structure import Structure
 from ..scenario.values import Numbers, kinds_of_numbers
 from .bounds import Bounds
 from .errors import DesignError

@@ -16,7 +16,7 @@ import jax
 import numpy as np
 from jax.tree_util import PyTreeDef
 
-from ..cache.names import NoNameError, name_of
+from ..cache.executables import NoNameError, name_of
 from ..compat import is_traced, node_of
 
 _WITHOUT_EFFECT = ("__annotations__", "__doc__")  # of methods that equinox binds

@@ -23,7 +23,7 @@ import numpy as np
 from .. import native
 from ..cache import current, executables
 from ..cache.current import Store
-from ..cache.names import NoNameError
+from ..cache.executables import NoNameError
 from ..compat import is_traced, settings
 from .fingerprints import digest
 

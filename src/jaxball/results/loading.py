@@ -14,8 +14,8 @@ from ..numerics.arrays import to_array
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario, ScenarioError, read_scenario
 from ..simulation.trajectory import Trajectory
-from .contact import read_history
 from .files import READ_BACK, UNKNOWN_SOLVER, RunError, attribute_of, no_run, refused, saved_attributes, saved_text
+from .variables import read_history
 
 DRIVEN_FIELDS = ("theta", "thetadot")  # left out of a file where no mass is driven
 

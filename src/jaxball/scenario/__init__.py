@@ -13,21 +13,20 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         read_scenario as read_scenario,
         write_scenario as write_scenario,
     )
-    from .library import (
+    from .scenario import Scenario as Scenario
+    from .sources import (
         builtin_scenarios as builtin_scenarios,
         builtin_text as builtin_text,
         builtin_title as builtin_title,
+        scenario_text as scenario_text,
     )
-    from .scenario import Scenario as Scenario
-    from .sources import scenario_text as scenario_text
 else:
     from ..interface.names import lazy_interface
 
     _NAMES = {
         "errors": "ScenarioError",
         "files": "load_scenario read_document read_scenario write_scenario",
-        "library": "builtin_scenarios builtin_text builtin_title",
         "scenario": "Scenario",
-        "sources": "scenario_text",
+        "sources": "builtin_scenarios builtin_text builtin_title scenario_text",
     }
     __all__, __dir__, __getattr__ = lazy_interface(__name__, _NAMES)

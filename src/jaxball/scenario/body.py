@@ -1,16 +1,150 @@
-"""The body of a scenario file: the shell, gravity and external loads."""
+"""The body of a scenario file: its shell, what acts on it, the law of contact, and its sensors."""
 
+import re
+from collections.abc import Mapping
 from typing import Any
 
-from ..physics.body import Ball, Disk, System
+import equinox as eqx
+
+from ..numerics.arrays import to_array
+from ..physics.body import AbstractBody, Ball, Disk, System
+from ..physics.contact_law import SLOWEST, Contact
 from ..physics.force import AbstractWrench, FunctionWrench, require_wrench
+from ..physics.ground import Ground, Turntable
+from ..physics.released import ReleasedState
+from ..physics.resistance import SMOOTHING, Resistance
+from ..physics.system import AbstractState
+from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Tachometer
 from .functions import FUNCTION, trying
-from .ground import GROUND
-from .harmonics import FORCE
-from .resistance import RESISTANCE
-from .table import Family, Key, Module, join, read_one_of, read_table, write_member, write_table
-from .traced import namespace, require, require_conditions
-from .values import LENGTH, POSITIVE, TIME, Numbers
+from .mechanisms import MOTIONS, read_motion, write_motion
+from .motions import FRAME, HARMONIC_FORCE, SCHEDULE
+from .table import (
+    Family,
+    Key,
+    Module,
+    join,
+    read_family,
+    read_one_of,
+    read_table,
+    write_family,
+    write_member,
+    write_table,
+)
+from .values import (
+    ANGLE,
+    FULL_TURN,
+    LENGTH,
+    POSITIVE,
+    QUARTER_TURN,
+    RATE,
+    TIME,
+    Flag,
+    Integer,
+    Nested,
+    Numbers,
+    Radians,
+    ScenarioError,
+    Text,
+    key_error,
+    namespace,
+    require,
+    require_conditions,
+    shown,
+)
+
+_NONE = Key(Numbers(), 0.0)
+RESISTANCE = Module(
+    Resistance,
+    {
+        "rolling": _NONE,
+        "spinning": _NONE,
+        "drag": _NONE,
+        "rotational_drag": _NONE,
+        "dry": Key(Numbers(), None),
+        "smoothing": Key(Numbers(dimension=RATE), SMOOTHING),
+        "negative": Key(Flag(), False),
+    },
+)
+
+
+def read_resistance(values: Any, path: str) -> Resistance:
+    """The coefficients of resistance."""
+    resistance = RESISTANCE.read(values, path)
+    require_conditions(resistance)
+    return resistance
+
+
+ROOM = 64
+COEFFICIENTS = ("sliding", "static", "restitution", "slowest")
+
+
+def _law(sliding: Any, static: Any = None, *, room: int, **others: Any) -> Contact:
+    """The law, without the checks of its constructor, because a reader reports these in the words of the file."""
+    values = {"sliding": sliding, "static": sliding if static is None else static, **others}
+    arrays = [to_array(values[name], name) for name in COEFFICIENTS]
+    return eqx.tree_at(lambda law: [getattr(law, name) for name in COEFFICIENTS], Contact(0.0, room=room), arrays)
+
+
+CONTACT = Module(
+    Contact,
+    {
+        "sliding": Key(Numbers()),
+        "static": Key(Numbers(), None),
+        "restitution": Key(Numbers(), 0.0),
+        "slowest": Key(Numbers(), SLOWEST),
+        "room": Key(Integer(1, 10**6), ROOM),
+    },
+    build=_law,
+)
+
+
+def read_contact(values: Any, path: str) -> Contact:
+    """The law of contact."""
+    contact = CONTACT.read(values, path)
+    require_conditions(contact)
+    return contact
+
+
+def rolling_state(
+    state: AbstractState | ReleasedState, contact: Contact | None, what: str, error: type[ScenarioError] = ScenarioError
+) -> AbstractState:
+    """The state of a scenario, for ``what`` (with its verb), which is for bodies that always roll.
+
+    **Raises:** ``error`` where the scenario has a law of contact.
+    """
+    if contact is not None:
+        raise error(
+            f"Key `contact` must be left out here, because {what} for bodies that always roll; `jaxball simulate` and "
+            "studies accept it."
+        )
+    assert not isinstance(state, ReleasedState)  # which exists only with a law
+    return state
+
+
+def _read_motion(values: Any, path: str) -> Any:
+    return read_motion(*read_one_of(values, path, MOTIONS))
+
+
+_TURNTABLE = Module(Turntable, {"turning": SCHEDULE, "centre": Key(Numbers((2,), dimension=LENGTH), (0.0, 0.0))})
+GROUND = Module(
+    Ground,
+    {
+        "angle": Key(Radians((), QUARTER_TURN, ANGLE), 0.0),
+        "heading": Key(Radians((), FULL_TURN, ANGLE), 0.0),
+        "motion": Key(Nested(_read_motion, write_motion, tables=MOTIONS), None),
+        "turntable": Key(_TURNTABLE.nested, None),
+    },
+)
+
+
+def read_ground(values: Any, path: str, kind: str) -> Ground:
+    """The ground; under a disk it has no turntable."""
+    ground = GROUND.read(values, path)
+    if kind == "disk" and ground.turntable is not None:
+        raise ScenarioError(f"Key `{path}.turntable` must be left out for a disk, which rolls on a line; use a ball.")
+    require_conditions(ground)
+    return ground
+
 
 SHELL = {
     "mass": Key(Numbers(rule=POSITIVE)),
@@ -23,7 +157,7 @@ DISK = {**SHELL, "inertia": Key(Numbers(rule=POSITIVE))}
 FLAT = "in the plane of a disk, E1 and E3, with second entry 0"
 BODIES = {"ball": (Ball, BALL), "disk": (Disk, DISK)}
 FORCES: Family = {
-    "": FORCE,
+    "": HARMONIC_FORCE,
     "function": Module(FunctionWrench, {**FUNCTION, "kink_times": Key(Numbers((None,), dimension=TIME), ())}),
 }
 
@@ -40,10 +174,10 @@ def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
 def read_force(values: Any, path: str, kind: str) -> AbstractWrench:
     """The external force: a user's function, or a series, which on a disk must lie in the disk's plane."""
     choices = {name: force.keys for name, force in FORCES.items() if name}
-    if read_one_of(values, path, choices, FORCE.keys)[0]:
+    if read_one_of(values, path, choices, HARMONIC_FORCE.keys)[0]:
         with trying(join(path, "function")):
             return FORCES["function"].read(values, path)
-    force = FORCE.read(values, path)
+    force = HARMONIC_FORCE.read(values, path)
     for name in ("constant", "amplitude", "powers"):
         array = getattr(force.series, name)
         if array is None:
@@ -79,3 +213,41 @@ def write_body(system: System) -> dict[str, Any]:
 def kind_of(system: System) -> str:
     """The name of the kind of body in a file, ``ball`` or ``disk``."""
     return "ball" if isinstance(system, Ball) else "disk"
+
+
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
+_ON = Key(Text("the name of a part of the body, such as masses[0] or mechanisms[0].joints[0]"))
+_MOUNT = {"on": Key(_ON.kind, None), "frame": FRAME}
+SENSORS: Family = {
+    "accelerometer": Module(Accelerometer, {"at": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)), **_MOUNT}),
+    "gyroscope": Module(Gyroscope, _MOUNT),
+    "encoder": Module(Encoder, {"on": _ON}),
+    "tachometer": Module(Tachometer, {"on": _ON}),
+}
+
+
+def read_sensors(values: Any, path: str) -> dict[str, AbstractSensor]:
+    """The sensors by their names, which files and figures use."""
+    if not isinstance(values, dict):
+        raise key_error(path, f"a table of tables, each under the heading [{path}.name]", shown(values))
+    for name in values:
+        if not _NAME.fullmatch(name):
+            raise ScenarioError(
+                f"Key `{path}` must have names of letters, digits and underscores that begin with a letter, but it has "
+                f"{shown(name)}."
+            )
+    return {name: read_family(table, join(path, name), SENSORS) for name, table in values.items()}
+
+
+def check_sensors(sensors: Mapping[str, AbstractSensor], path: str, system: AbstractBody) -> None:
+    """Raises where the body lacks the part that a sensor is on."""
+    for name, sensor in sensors.items():
+        try:
+            sensor.require_on(system, join(path, name))
+        except ValueError as error:
+            raise ScenarioError(str(error).replace("Argument ", "Key ", 1)) from None
+
+
+def write_sensors(sensors: Mapping[str, AbstractSensor], path: str) -> dict[str, Any]:
+    """The tables of the sensors by name."""
+    return {name: write_family(sensor, join(path, name), SENSORS) for name, sensor in sensors.items()}

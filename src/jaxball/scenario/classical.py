@@ -19,11 +19,10 @@ from ..classical import (
 from ..numerics.arrays import to_array
 from ..physics.conditions import Condition
 from ..physics.system import AbstractState, AbstractSystem
-from .harmonics import SERIES, WAVES_IN_SPACE, check_lengths, series_of
 from .initial import read_orientation
+from .motions import SERIES, WAVES_IN_SPACE, check_lengths, series_of
 from .table import Key, Module, join, read_one_of, read_table, write_member, write_table
-from .traced import require_condition
-from .values import NOT_ALL_ZERO, POSITIVE, Nested, Numbers
+from .values import NOT_ALL_ZERO, POSITIVE, Nested, Numbers, require_condition
 
 INERTIA = {"inertia": Key(Numbers((3,), POSITIVE))}
 PARTICLE_MASS = {"mass": Key(Numbers(rule=POSITIVE), 1.0)}

@@ -1,37 +1,61 @@
-"""Scenario files: text to scenario and back."""
+"""Scenario files: text to scenario and back, and documents as functions of their numbers."""
 
 import functools
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 import tomli_w
+from jaxtyping import Array, Bool, Float
 
 from ..physics.body import Ball, Disk
 from ..physics.contact_law import Contact
 from ..physics.motion import Driven
-from ..physics.system import AbstractSystem
+from ..physics.released import ReleasedState
+from ..physics.system import AbstractState, AbstractSystem
 from ..sensors import AbstractSensor
 from .actuation import FORMS, apply_actuation, is_linear, targets_of, write_actuation
-from .body import BALL, DISK, FORCES, check_force, kind_of, read_force, read_shell, write_body
+from .body import (
+    BALL,
+    CONTACT,
+    DISK,
+    FORCES,
+    GROUND,
+    RESISTANCE,
+    SENSORS,
+    check_force,
+    check_sensors,
+    kind_of,
+    read_contact,
+    read_force,
+    read_ground,
+    read_resistance,
+    read_sensors,
+    read_shell,
+    write_body,
+    write_sensors,
+)
+from .checks import check_confined, check_start
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, read_classical, write_classical
-from .contact import CONTACT, read_contact
 from .errors import each_of, raise_first, tried
-from .ground import GROUND, read_ground
 from .initial import INITIAL, balanced, initial_state, read_initial, released_from, write_initial
-from .masses import CHOICES as MASSES, read_masses, write_masses
-from .mechanisms import MECHANISM, joints_in_state, read_mechanisms, write_mechanisms
-from .resistance import RESISTANCE, read_resistance
+from .mechanisms import (
+    CHOICES as MASSES,
+    MECHANISM,
+    joints_in_state,
+    read_masses,
+    read_mechanisms,
+    write_masses,
+    write_mechanisms,
+)
+from .paths import with_numbers
 from .scenario import Scenario
-from .sensors import SENSORS, check_sensors, read_sensors, write_sensors
-from .shell import check_confined, check_start
-from .solve import SOLVE, check_dae
+from .solve import SOLVE, TIMES, SaveTimes, check_dae, read_times, write_times
 from .sources import document_of, naming, scenario_text
 from .table import Key, keys_of, read_table, write_table
-from .times import TIMES, SaveTimes, read_times, write_times
-from .traced import namespace
-from .values import Choice, Integer, ScenarioError, Text, unread
+from .values import Choice, Conditions, Integer, ScenarioError, Text, namespace, traced_conditions, unread
 
 FORMAT = 1
 BODIES = ("ball", "disk")
@@ -206,12 +230,12 @@ class _Parts(NamedTuple):
         return bool(self.table and self.shell and self.times) and all(part is not None for part in rest)
 
 
-def _contents(parts: Any, touches: bool) -> Contents:
-    """The contents of a file whose parts fit together; ``touches`` says whether there is a law of contact."""
+def _contents(parts: Any, has_contact_law: bool) -> Contents:
+    """The contents of a file whose parts fit together; ``has_contact_law`` says whether there is a law of contact."""
     kind, table, shell, surroundings, contact, times, solve, masses, mechanisms, initial, sensors = parts
     start, surroundings = times.start, surroundings or {}
-    resting = {**shell, "ground": surroundings.get("ground")}
-    masses = balanced(masses, mechanisms, resting, initial, "initial", kind, start)
+    shell_and_ground = {**shell, "ground": surroundings.get("ground")}
+    masses = balanced(masses, mechanisms, shell_and_ground, initial, "initial", kind, start)
     actuation = {"form": "prescribed"} if table["actuation"] is None else table["actuation"]
     actuated = apply_actuation(actuation, "actuation", masses, mechanisms, kind)
     driven = sum(isinstance(item.motion, Driven) for item in actuated.masses)
@@ -225,25 +249,25 @@ def _contents(parts: Any, touches: bool) -> Contents:
     )
     state = initial_state(initial, "initial", kind, system.coordinates, actuated.targets, start)
     span = namespace(times.start, times.end).stack([times.start, times.end])
-    *_, begun = each_of(
+    *_, first_state = each_of(
         lambda: solve and check_dae(system, contact, solve["solver"], solve["dae"]),
         lambda: check_confined(system, span, state),
         lambda: check_start(system, start, state),
         lambda: sensors is None or check_sensors(sensors, "sensors", system),
-        lambda: released_from(initial, "initial", state, contact) if contact or not touches else state,
+        lambda: released_from(initial, "initial", state, contact) if contact or not has_contact_law else state,
     )
-    return Contents(table["title"], system, begun, contact, times, solve, sensors)
+    return Contents(table["title"], system, first_state, contact, times, solve, sensors)
 
 
 def _read_surroundings(document: dict[str, Any], kind: str) -> dict[str, Any]:
     """The arguments of a body for external loads, as far as the document has them."""
-    readers = {
+    tables = {
         "force": lambda values, path: read_force(values, path, kind),
         "ground": lambda values, path: read_ground(values, path, kind),
         "resistance": read_resistance,
     }
-    given = {name: functools.partial(read, document[name], name) for name, read in readers.items() if name in document}
-    return dict(zip(given, each_of(*given.values()), strict=True))
+    present = {name: functools.partial(read, document[name], name) for name, read in tables.items() if name in document}
+    return dict(zip(present, each_of(*present.values()), strict=True))
 
 
 def _read_classical(document: dict[str, Any]) -> Contents:
@@ -303,3 +327,56 @@ def _tables(system: AbstractSystem, state: Any) -> dict[str, Any]:
         "actuation": write_actuation(system),
         "initial": write_initial(system, state),
     }
+
+
+class Parts(NamedTuple):
+    """The parts of a scenario that depend on the numbers of its document."""
+
+    system: AbstractSystem
+    state: AbstractState | ReleasedState
+    contact: Contact | None
+    times: SaveTimes
+    rtol: Any
+    atol: Any
+
+    @classmethod
+    def of(cls, contents: Contents) -> "Parts":
+        """Those of a file."""
+        solve = contents.solve
+        return cls(contents.system, contents.state, contents.contact, contents.times, solve["rtol"], solve["atol"])
+
+
+class Structure:
+    """A document as a traceable function of the numbers at ``paths``.
+
+    - ``document``: as in the file, including numbers at these paths.
+    - ``scenario``, ``parts``: its contents as it is.
+    - ``paths``: of numbers that do not determine how much is computed: see :func:`~.paths.check_number`.
+
+    **Raises:** :class:`~jaxball.ScenarioError` as :func:`~jaxball.scenario.read_document`; where ``values`` are used,
+    :class:`~.errors.UntraceableError` where something depends on them that cannot be traced.
+    """
+
+    def __init__(self, document: Mapping[str, Any], paths: tuple[str, ...]):
+        self.document, self.paths = dict(document), paths
+        contents = read_contents(self.document)
+        self.scenario, self.parts = contents.scenario(), Parts.of(contents)
+        self._build = jax.jit(lambda values: self.traced(values)[0])
+
+    def build(self, values: Float[Array, " paths"]) -> Parts:
+        """The contents of the document with ``values`` at ``paths``, possible or not."""
+        return self._build(values)
+
+    def conditions(self, values: Float[Array, " paths"]) -> dict[str, Bool[Array, ""]]:
+        """Whether each rule that involves ``values`` holds, by the path of the rule's key."""
+        results: dict[str, Bool[Array, ""]] = {}
+        for path, holds in self.traced(values)[1].holds:
+            results[path] = results[path] & holds() if path in results else holds()
+        return results
+
+    def traced(self, values: Float[Array, " paths"]) -> tuple[Parts, Conditions]:
+        """What ``values``, which must be traced, make, and the conditions on them. What they do not change is known."""
+        numbers = dict(zip(self.paths, values, strict=True))
+        with traced_conditions() as conditions:
+            contents = read_contents(with_numbers(self.document, numbers))
+        return Parts.of(contents), conditions

@@ -20,7 +20,6 @@ from ..physics.state import BallState, DiskState, State
 from .errors import UntraceableError
 from .mechanisms import ReadMechanism, joints_in_state
 from .table import Key, join, read_one_of, read_table, write_table
-from .traced import namespace, outside_of_traces, require
 from .values import (
     ANGLE,
     LENGTH,
@@ -34,6 +33,9 @@ from .values import (
     Rule,
     ScenarioError,
     key_error,
+    namespace,
+    outside_of_traces,
+    require,
 )
 
 _BALANCE_KEYS = {"masses": Key(Indices()), "above": Key(Flag(), None)}
@@ -128,14 +130,14 @@ def initial_state(
     """The state; θ and θ̇ of its ``coordinates`` are those of their schedules, or 0, unless they are given."""
     fields = {name: value for name, value in fields.items() if name not in ("balance", *_RELEASED)}
     for name in ("theta", "thetadot"):
-        given = fields[name]
-        if given is None:
+        values = fields[name]
+        if values is None:
             fields[name] = _starting(name, targets, start)
-        elif len(given) != len(coordinates):
+        elif len(values) != len(coordinates):
             joints = any(path.startswith("mechanisms") for path in coordinates)
             each = f"those of {all_of(coordinates)}" if joints else "one for each mass that a law drives"
             must = f"a list of {counted(len(coordinates), 'number')}, {each}"
-            raise key_error(join(path, name), must, f"one of {len(given)}")
+            raise key_error(join(path, name), must, f"one of {len(values)}")
     return (DiskState if kind == "disk" else BallState)(**fields)
 
 
@@ -143,16 +145,16 @@ def released_from(
     fields: dict[str, Any], path: str, state: BallState | DiskState, contact: Contact | None
 ) -> BallState | DiskState | ReleasedState:
     """The state itself where it rolls; else released with the velocity and the height that are given, or 0."""
-    given = {name: fields[name] for name in _RELEASED if fields[name] is not None}
-    if not given:
+    released = {name: fields[name] for name in _RELEASED if fields[name] is not None}
+    if not released:
         return state
     if contact is None:
-        does = "slides without a law of friction" if "height" not in given else "lands without a law of impact"
+        does = "slides without a law of friction" if "height" not in released else "lands without a law of impact"
         raise ScenarioError(
-            f"Key `{join(path, next(iter(given)))}` needs a table [contact], because otherwise the body {does}; "
+            f"Key `{join(path, next(iter(released)))}` needs a table [contact], because otherwise the body {does}; "
             "give one, such as `contact = { sliding = 0.3 }`."
         )
-    return ReleasedState(state, V=given.get("velocity", (0.0, 0.0, 0.0)), height=given.get("height", 0.0))
+    return ReleasedState(state, V=released.get("velocity", (0.0, 0.0, 0.0)), height=released.get("height", 0.0))
 
 
 def _starting(name: str, targets: Sequence[AbstractSchedule | None], start: Any) -> Any:
@@ -181,7 +183,7 @@ def starting_angles(
 def balanced(
     masses: list[PointMass],
     mechanisms: Sequence[ReadMechanism],
-    resting: dict[str, Any],
+    shell_and_ground: dict[str, Any],
     fields: dict[str, Any],
     path: str,
     kind: str,
@@ -189,21 +191,21 @@ def balanced(
 ) -> list[PointMass]:
     """The masses, their schedules shifted so that the body starts in balance.
 
-    ``resting`` has the numbers of the shell, and the ground.
+    ``shell_and_ground`` has the numbers of the shell, and the ground.
     """
-    wanted = fields["balance"]
-    if wanted is None:
+    request = fields["balance"]
+    if request is None:
         return masses
     # Imported here, because few files need it, and its imports take long.
     from ..simulation.equilibrium import balance, with_angles
 
     path = join(path, "balance")
     on_rails = [index for index, item in enumerate(masses) if isinstance(item.motion, OnRail)]
-    if not set(wanted["masses"]) <= set(on_rails):
-        raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(wanted["masses"])))
+    if not set(request["masses"]) <= set(on_rails):
+        raise key_error(join(path, "masses"), f"masses on rails, which are {on_rails}", str(list(request["masses"])))
     if fields["theta"] is not None:
         raise ScenarioError(f"Key `{path}` must not be combined with `theta`, because it finds the angles.")
-    ground = resting["ground"]
+    ground = shell_and_ground["ground"]
     if ground is not None and ground.moving:
         part = "motion" if ground.turntable is None else "turntable"
         raise ScenarioError(
@@ -214,12 +216,12 @@ def balanced(
             must = f"masses with schedules, but `masses[{index}]` has none; give `initial.theta` instead"
             raise ScenarioError(f"Key `{path}` must name {must}.")
     still = [item.without_law() for item in mechanisms]
-    system = (Disk if kind == "disk" else Ball)(**resting, masses=masses, mechanisms=still)
+    system = (Disk if kind == "disk" else Ball)(**shell_and_ground, masses=masses, mechanisms=still)
     targets = [joint.target for joint in joints_in_state(mechanisms)]
     state = initial_state({**fields, "thetadot": None}, path, kind, system.coordinates, targets, start)
     try:
         answer = outside_of_traces(
-            lambda: balance(system, wanted["masses"], above=wanted["above"], state=state, t=start)
+            lambda: balance(system, request["masses"], above=request["above"], state=state, t=start)
         )
     except jax.errors.JAXTypeError:
         raise UntraceableError(
@@ -227,7 +229,7 @@ def balanced(
         ) from None
     if not answer.found:
         raise ScenarioError(f"Key `{path}` has no solution: {answer.message}")
-    return list(with_angles(system, wanted["masses"], answer.theta, start).point_masses)
+    return list(with_angles(system, request["masses"], answer.theta, start).point_masses)
 
 
 def write_initial(system: System, state: State | ReleasedState) -> dict[str, Any]:

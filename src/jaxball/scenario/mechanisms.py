@@ -1,18 +1,242 @@
-"""The mechanisms of a scenario file: joints and the masses that they carry."""
+"""The point masses and the mechanisms of a scenario file: joints, their forces, and the masses that they carry."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
 
-from ..physics.body import System
-from ..physics.mechanisms import Accelerated, CarriedMass, Mechanism
+from ..physics.body import PointMass, System
+from ..physics.mechanisms import (
+    AbstractJoint,
+    AbstractJointForce,
+    Accelerated,
+    Carriage,
+    CarriedMass,
+    Damper,
+    Drive,
+    EndStops,
+    Hinge,
+    JointForces,
+    Mechanism,
+    Motor,
+    PDServo,
+    Slider,
+    SpeedLimitedMotor,
+    Spring,
+)
+from ..physics.motion import AbstractMotion, Driven, Fixed, OnRail, Oscillating
 from ..physics.schedules import AbstractSchedule
-from .joints import JOINTS, ReadJoint, read_joint, write_joint
-from .table import Key, Module, join, keys_of, read_list, read_table, write_member, write_table
-from .values import LENGTH, POSITIVE, Integer, Nested, Numbers, ScenarioError
+from .motions import OSCILLATING, RAILS, SCHEDULE, SIGNAL
+from .table import (
+    Family,
+    Key,
+    Module,
+    join,
+    keys_of,
+    member_of,
+    read_family,
+    read_list,
+    read_one_of,
+    read_table,
+    write_family,
+    write_member,
+    write_table,
+)
+from .values import (
+    ANGLE,
+    LENGTH,
+    NOT_ALL_ZERO,
+    POSITIVE,
+    RATE,
+    TIME,
+    Flag,
+    Integer,
+    Nested,
+    Numbers,
+    ScenarioError,
+    key_error,
+    require_conditions,
+    shown,
+)
+
+MASS = Key(Numbers(rule=POSITIVE))
+RAIL = Key(member_of(RAILS))
+POSITION = Key(Numbers((3,), dimension=LENGTH))
+FREE = Key(OSCILLATING.nested)
+
+MOTIONS = {
+    "rail": {"rail": RAIL, "schedule": SCHEDULE},
+    "position": {"position": POSITION},
+    "free": {"free": FREE},
+}
+_MASSES = {name: {"mass": MASS, **keys} for name, keys in MOTIONS.items()}
+# With a linear law, masses on rails without a schedule are driven.
+CHOICES = {**_MASSES, "rail": {**_MASSES["rail"], "schedule": Key(SCHEDULE.kind, None)}}
+
+
+def read_masses(values: Any, path: str, scheduled: bool) -> list[PointMass]:
+    """The masses, those on rails with the motion that their schedules prescribe.
+
+    Unless they must be ``scheduled``, those without a schedule are driven.
+    """
+    choices = _MASSES if scheduled else CHOICES
+    return read_list(values, path, lambda item, path: _read_mass(*read_one_of(item, path, choices)), empty=True)
+
+
+def _read_mass(kind: str, table: dict[str, Any]) -> PointMass:
+    driven = kind == "rail" and table["schedule"] is None
+    return PointMass(table["mass"], Driven(table["rail"]) if driven else read_motion(kind, table))
+
+
+def read_motion(kind: str, table: dict[str, Any]) -> AbstractMotion:
+    """A prescribed motion, from the key that determines its kind and the values of its keys."""
+    if kind == "rail":
+        return OnRail(table["rail"], table["schedule"])
+    return Fixed(table["position"]) if kind == "position" else table["free"]
+
+
+def write_masses(system: System, targets: Mapping[str, AbstractSchedule | None], path: str) -> list[dict[str, Any]]:
+    """The tables of the masses; ``targets`` has the schedules that a law follows, by the path of the mass."""
+    return [
+        {
+            "mass": MASS.kind.write(item.mass, path),
+            **write_motion(item.motion, f"{path}[{index}]", targets.get(f"{path}[{index}]")),
+        }
+        for index, item in enumerate(system.point_masses)
+    ]
+
+
+def write_motion(motion: AbstractMotion, path: str, target: AbstractSchedule | None = None) -> dict[str, Any]:
+    """The keys of a motion; a driven mass has the ``target`` of its law as its schedule, if there is one."""
+    if isinstance(motion, Fixed):
+        return {"position": POSITION.kind.write(motion.position, path)}
+    if isinstance(motion, Oscillating):
+        return {"free": FREE.kind.write(motion, join(path, "free"))}
+    if isinstance(motion, OnRail | Driven):
+        schedule = motion.schedule if isinstance(motion, OnRail) else target
+        rail = {"rail": RAIL.kind.write(motion.rail, join(path, "rail"))}
+        if schedule is None:
+            return rail
+        return {**rail, "schedule": SCHEDULE.kind.write(schedule, join(path, "schedule"))}
+    raise ScenarioError(
+        f"Key `{path}` must be on a rail, at a position or oscillating to be written to a file, but its "
+        f"motion is a {type(motion).__name__}; keep a scenario that has Python functions as a Python script."
+    )
+
+
+_NUMBER, _ZERO, _LIMIT = Key(Numbers()), Key(Numbers(), 0.0), Key(Numbers(), None)
+_END = Key(Numbers(dimension=ANGLE))
+
+JOINT_FORCES: Family = {
+    "motor": Module(Motor, {"signal": Key(SIGNAL), "limit": _LIMIT}),
+    "spring": Module(Spring, {"stiffness": _NUMBER, "rest": Key(Numbers(dimension=ANGLE), 0.0)}),
+    "damper": Module(Damper, {"coefficient": _NUMBER, "negative": Key(Flag(), False)}),
+    "speed-limited-motor": Module(
+        SpeedLimitedMotor, {"command": Key(SIGNAL), "stall": _NUMBER, "free_speed": Key(Numbers(dimension=RATE))}
+    ),
+    "pd-servo": Module(PDServo, {"target": SCHEDULE, "stiffness": _NUMBER, "damping": _ZERO, "limit": _LIMIT}),
+    "end-stops": Module(
+        EndStops,
+        {"lower": _END, "upper": _END, "stiffness": _NUMBER, "damping": Key(Numbers(dimension=TIME), 0.0)},
+    ),
+}
+_FORCE_WORDS = "a table, or a list of tables whose forces add up"
+
+
+def read_forces(values: Any, path: str) -> AbstractJointForce:
+    """A force on a joint, or the sum of those in a list."""
+    if isinstance(values, list):
+        return JointForces(tuple(read_list(values, path, _read_force, empty=True)))
+    if not isinstance(values, dict):
+        raise key_error(path, _FORCE_WORDS, shown(values))
+    return _read_force(values, path)
+
+
+def _read_force(values: Any, path: str) -> AbstractJointForce:
+    force = read_family(values, path, JOINT_FORCES)
+    require_conditions(force, "", path)
+    return force
+
+
+def write_forces(force: AbstractJointForce, path: str) -> Any:
+    """The table of a force on a joint, or the list of those of a sum."""
+    if isinstance(force, JointForces):
+        return [write_family(term, f"{path}[{index}]", JOINT_FORCES) for index, term in enumerate(force.terms)]
+    return write_family(force, path, JOINT_FORCES)
+
+
+_FORCE = Key(Nested(read_forces, write_forces, _FORCE_WORDS, keys_of(JOINT_FORCES)), None)
+
 
 MOST_JOINTS = 10_000
+
+_ON = {"on": Key(Integer(-1, MOST_JOINTS), None)}
+_AXIS = Key(Numbers((3,), NOT_ALL_ZERO))
+_GEOMETRY: Family = {
+    "hinge": Module(Hinge, {"axis": _AXIS, "point": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)), **_ON}),
+    "slider": Module(Slider, {"axis": _AXIS, **_ON}),
+    "carriage": Module(Carriage, {"rail": Key(member_of(RAILS)), **_ON}),
+}
+_DRIVES = {
+    "schedule": Key(SCHEDULE.kind, None),
+    "force": _FORCE,
+    "accelerated": Key(Flag(), False),
+}
+
+
+class ReadJoint(NamedTuple):
+    """A joint, and the schedule that a law accelerating it follows, if there is one."""
+
+    joint: AbstractJoint
+    target: AbstractSchedule | None
+
+
+def _maker(module: Module) -> Callable[..., ReadJoint]:
+    def make(accelerated: bool, schedule=None, force=None, **geometry: Any) -> ReadJoint:
+        drive = Accelerated() if accelerated else schedule if force is None else force
+        return ReadJoint(module.type(**geometry, drive=drive), schedule if accelerated else None)
+
+    return make
+
+
+def _check_drive(table: dict[str, Any], path: str) -> None:
+    if table["force"] is None:
+        return
+    for name in ("schedule", "accelerated"):
+        if table[name]:
+            raise ScenarioError(
+                f"Key `{join(path, name)}` must not be combined with `force`, because a joint moves either by a "
+                "prescribed motion or under forces; leave one of them out."
+            )
+
+
+JOINTS: Family = {
+    kind: Module(module.type, {**module.keys, **_DRIVES}, build=_maker(module), check=_check_drive)
+    for kind, module in _GEOMETRY.items()
+}
+
+
+def read_joint(values: Any, path: str) -> ReadJoint:
+    """A joint of any kind."""
+    return read_family(values, path, JOINTS)
+
+
+def write_joint(joint: AbstractJoint, target: AbstractSchedule | None, path: str) -> dict[str, Any]:
+    """The table of a joint, with the ``target`` that a law gives it."""
+    kind, table = write_member(joint, path, _GEOMETRY)
+    return {"kind": kind, **table, **_write_drive(joint.drive, target, path)}
+
+
+def _write_drive(drive: Drive, target: AbstractSchedule | None, path: str) -> dict[str, Any]:
+    if isinstance(drive, AbstractJointForce):
+        return {"force": _FORCE.kind.write(drive, join(path, "force"))}
+    schedule = target if isinstance(drive, Accelerated) else drive
+    accelerated = {"accelerated": True} if isinstance(drive, Accelerated) else {}
+    if schedule is None:
+        return accelerated
+    return accelerated | {"schedule": SCHEDULE.kind.write(schedule, join(path, "schedule"))}
+
+
 _CARRIED = Module(
     CarriedMass,
     {

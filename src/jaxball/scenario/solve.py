@@ -1,4 +1,8 @@
-"""The solver of a scenario file."""
+"""The times and the solver of a scenario file."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ..classical import NonholonomicParticle, VakonomicParticle
 from ..physics.body import Disk
@@ -6,8 +10,98 @@ from ..physics.contact_law import Contact
 from ..physics.system import AbstractSystem
 from ..simulation.defaults import DEFAULT_TOLERANCE
 from .solvers import KNOW_MASS_MATRICES, SOLVERS
-from .table import Key
-from .values import POSITIVE, Choice, Flag, Integer, Numbers, ScenarioError
+from .table import Key, read_one_of
+from .values import (
+    INCREASING,
+    POSITIVE,
+    TIME,
+    Choice,
+    Flag,
+    Integer,
+    Numbers,
+    ScenarioError,
+    key_error,
+    namespace,
+    number,
+    require,
+)
+
+MOST_SAVES = 10_000_000
+APART = 4 * float(np.finfo(float).eps)  # times further apart than this share of the later differ when rounded
+_SPAN = {"start": Key(Numbers(dimension=TIME)), "end": Key(Numbers(dimension=TIME))}
+TIMES = {
+    "saves": {**_SPAN, "saves": Key(Integer(2, MOST_SAVES))},
+    "step": {**_SPAN, "step": Key(Numbers(rule=POSITIVE))},
+    "at": {"at": Key(Numbers((None,), INCREASING))},
+}
+
+
+class SaveTimes(NamedTuple):
+    """The save times of a run: ``count`` of them from ``start`` to ``end``, equally spaced or else ``listed``.
+
+    Each is a number, or an array, that may be traced, and may have a leading axis of runs.
+    """
+
+    start: Any
+    end: Any
+    count: Any
+    listed: Any = None
+
+    def array(self, count: int) -> Any:
+        """The ``count`` times."""
+        if self.listed is not None:
+            return self.listed
+        xp = namespace(self.start, self.end)
+        return xp.linspace(self.start, self.end, count, axis=-1)
+
+
+def read_times(values: Any, path: str) -> SaveTimes:
+    """The save times, given by their number, by the step between them, or one by one."""
+    choice, table = read_one_of(values, path, TIMES)
+    if choice == "at":
+        at = table["at"]
+        if at.size < 2:
+            raise key_error(f"{path}.at", "a list of two times or more", str(at.tolist()))
+        start, end = number(at[0]), number(at[-1])
+        _check_span(start, end, f"{path}.at")
+        return SaveTimes(start, end, at.size, at)
+    start, end = table["start"], table["end"]
+    require(end > start, f"{path}.end", f"later than `start` = {start!r}", lambda: repr(end))
+    _check_span(start, end, f"{path}.end")
+    if choice == "saves":
+        saves, xp = table["saves"], namespace(start, end)
+        apart = end - start > (saves - 1) * APART * xp.maximum(abs(start), abs(end))
+        require(apart, f"{path}.saves", "few enough for the times to differ", lambda: repr(saves))
+        return SaveTimes(start, end, saves)
+    return SaveTimes(start, end, _intervals(start, end, table["step"], f"{path}.step") + 1)
+
+
+def _intervals(start: Any, end: Any, step: Any, path: str) -> Any:
+    """How many steps there are from ``start`` to ``end``."""
+    xp = namespace(start, end, step)
+    intervals = (end - start) / step
+    whole = xp.rint(intervals)
+    require(
+        (intervals <= MOST_SAVES) & (whole >= 1) & (abs(intervals - whole) <= 1e-9 * intervals),
+        path,
+        f"the span from {start!r} to {end!r} divided by a whole number of at most {MOST_SAVES}",
+        lambda: repr(step),
+    )
+    return whole if xp is not np else int(whole)
+
+
+def _check_span(start: Any, end: Any, path: str) -> None:
+    finite = namespace(start, end).isfinite(end - start)
+    require(finite, path, "times whose differences are finite numbers", lambda: f"from {start!r} to {end!r}")
+
+
+def write_times(times: np.ndarray) -> dict[str, Any]:
+    """The table [time]: the number of equally spaced times, or else every time."""
+    even = np.linspace(times[0], times[-1], times.size)
+    if np.array_equal(times, even):
+        return {"start": float(times[0]), "end": float(times[-1]), "saves": int(times.size)}
+    return {"at": times.tolist()}
+
 
 SOLVE = {
     "solver": Key(Choice(tuple(SOLVERS)), "dopri8"),

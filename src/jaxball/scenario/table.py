@@ -50,8 +50,8 @@ class Module:
         table = read_table(values, path, self.keys)
         if self.check is not None:
             self.check(table, path)
-        given = {name: value for name, value in table.items() if value is not None}
-        return (self.build or self.type)(**given)
+        arguments = {name: value for name, value in table.items() if value is not None}
+        return (self.build or self.type)(**arguments)
 
     def write(self, item: Any, path: str) -> dict[str, Any]:
         """The table that describes an object."""

@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING, Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from ..cpu import cores
-from ..interface.arguments import require, require_callable, traceable
-from ..interface.status import Status
+from ..grid import grid_of
+from ..interface.arguments import require_callable, traceable
 from ..numerics import programs
-from ..numerics.arrays import Numbers, to_array, to_numpy
-from ..numerics.batches import in_threads, unpadded
+from ..numerics.arrays import Numbers, to_array
 from ..physics.phase_space import phase_point
 from ..physics.system import AbstractState, AbstractSystem
 from ..simulation.arguments import checked_steps, checked_tolerances
@@ -78,22 +76,29 @@ def floquet_chart(
     >>> (chart["growth"] > 1e-6).values.tolist()
     [[False, True], [False, True]]
     """
-    names, values = _checked(parameters)
+    grid = grid_of(parameters)
     require_callable("make", make, "first", "second")
     rtol, atol = map(to_array, checked_tolerances(rtol, atol))
-    cells = np.stack([grid.ravel() for grid in np.meshgrid(*values, indexing="ij")], axis=1)
-    start = to_array(t)
+    cells, start = grid.cells, to_array(t)
     forced, angles = _equations(make, cells, float(start))
     search = Search(forced, angles, checked_steps(iterations), checked_steps(max_steps), start, rtol, atol)
-
-    def solve(batch: Int[np.ndarray, " size"]) -> Shot:
-        return _solve(make, search, to_array(cells[batch]))
-
-    results = in_threads(solve, len(cells), min(chunk, len(cells)), workers or cores(), progress=progress)
-    shots = unpadded(results, len(cells))
+    shots = grid.map(lambda some: _solve(make, search, some), chunk, workers, progress)
     system = make(*to_array(cells[0]))[0]
-    largest = [_largest(jax.tree.map(lambda leaf, k=k: leaf[k], shots), system, forced) for k in range(len(cells))]
-    return _dataset(names, values, shots, np.array(largest))
+    each = [_largest(jax.tree.map(lambda leaf, k=k: leaf[k], shots), system, forced) for k in range(len(cells))]
+    largest = np.array(each)
+    growth, multiplier = np.real(largest[:, 0]), largest[:, 1]
+    return grid.dataset(
+        {
+            "growth": (growth, "largest growth rate of deviations", "1/time"),
+            "multiplier": (np.abs(multiplier), "size of the largest multiplier", ""),
+            "angle": (np.abs(np.angle(multiplier)), "argument of the largest multiplier", "rad"),
+            "period": (shots.period, "period", "time"),
+            "residual": (np.max(np.abs(shots.returned.gain), axis=1), "distance from the start after a period", ""),
+            "least_normal_force": (shots.returned.least_normal_force, "least normal force", "mass length/time^2"),
+            "closed": (shots.closed, "whether a periodic motion was found", ""),
+            "status": (shots.returned.status, "how the last solve ended", ""),
+        }
+    )
 
 
 @programs.filter_jit
@@ -108,12 +113,12 @@ def _solve(make: Make, search: Search, cells: Float[Array, "cells 2"]) -> Shot:
 
 def _equations(make: Make, cells: Float[np.ndarray, "cells 2"], t: float) -> tuple[bool, tuple[bool, ...]]:
     """Whether the equations depend on time, and which components are angles, judged by the first cell and the last."""
-    seen = []
+    kinds = []
     for cell in cells[[0, -1]]:
         system, state, period = make(*to_array(cell))
-        seen.append(equations_of(system, phase_point(system, state), t, float(period)))
-    angles = np.all([angles for _, angles in seen], axis=0)
-    return any(forced for forced, _ in seen), tuple(angles.tolist())
+        kinds.append(equations_of(system, phase_point(system, state), t, float(period)))
+    angles = np.all([angles for _, angles in kinds], axis=0)
+    return any(forced for forced, _ in kinds), tuple(angles.tolist())
 
 
 def _largest(shot: Shot, system: AbstractSystem, forced: bool) -> tuple[float, complex]:
@@ -122,40 +127,3 @@ def _largest(shot: Shot, system: AbstractSystem, forced: bool) -> tuple[float, c
         return np.nan, complex(np.nan)
     multipliers, exponents = multipliers_of(shot, system, forced)
     return float(exponents[0].real), complex(multipliers[0])
-
-
-def _checked(parameters: Mapping[str, Numbers]) -> tuple[tuple[str, ...], list[np.ndarray]]:
-    require("parameters", parameters, Mapping, "a dictionary of two parameters, each with its values")
-    values = [to_numpy(value, f"parameters[{name!r}]") for name, value in parameters.items()]
-    if [value.ndim for value in values] != [1, 1] or not all(value.size for value in values):
-        shapes = {name: value.shape for name, value in zip(parameters, values, strict=True)}
-        raise ValueError(
-            f"Argument `parameters` must be two names, each with a row of values, but their shapes are {shapes}."
-        )
-    return tuple(parameters), values
-
-
-def _dataset(names, values, shots: Shot, largest: np.ndarray) -> "xarray.Dataset":
-    # Imported here, because it takes longer than all of jaxball's own modules.
-    import xarray
-
-    growth, multiplier = np.real(largest[:, 0]), largest[:, 1]
-    variables = {
-        "growth": (growth, "largest growth rate of deviations", "1/time"),
-        "multiplier": (np.abs(multiplier), "size of the largest multiplier", ""),
-        "angle": (np.abs(np.angle(multiplier)), "argument of the largest multiplier", "rad"),
-        "period": (shots.period, "period", "time"),
-        "residual": (np.max(np.abs(shots.returned.gain), axis=1), "distance from the start after a period", ""),
-        "least_normal_force": (shots.returned.least_normal_force, "least normal force", "mass length/time^2"),
-        "closed": (shots.closed, "whether a periodic motion was found", ""),
-        "status": (shots.returned.status, "how the last solve ended", ""),
-    }
-    shape = tuple(map(len, values))
-    return xarray.Dataset(
-        {
-            name: (names, np.reshape(array, shape), {"long_name": meaning, "units": units})
-            for name, (array, meaning, units) in variables.items()
-        },
-        dict(zip(names, values, strict=True)),
-        {"statuses": ", ".join(f"{item.value} {item.name}" for item in Status)},
-    )

@@ -170,19 +170,19 @@ def equations_of(
 
 def _counts(turns: Numbers, state: AbstractState, angles: tuple[bool, ...]) -> Float[np.ndarray, " size"]:
     """``turns`` of all components of a state."""
-    given, candidates = to_numpy(turns, "turns"), countable(state)
-    if given.shape != (np.sum(candidates),) or np.any(given != np.round(given)):
+    chosen, candidates = to_numpy(turns, "turns"), countable(state)
+    if chosen.shape != (np.sum(candidates),) or np.any(chosen != np.round(chosen)):
         raise ValueError(
             f"Argument `turns` must be {np.sum(candidates)} whole numbers, one for each angle of the state, but it is "
-            f"{given.tolist()}."
+            f"{chosen.tolist()}."
         )
     counts = np.zeros(candidates.size)
-    counts[candidates] = given
+    counts[candidates] = chosen
     wrong = np.flatnonzero(counts[candidates] * ~np.array(angles)[candidates])
     if wrong.size:
         raise ValueError(
             "Argument `turns` must be 0 for a coordinate whose whole turns change the equations, as with a spring, "
-            f"but turns[{wrong[0]}] is {given[wrong[0]]:g}."
+            f"but turns[{wrong[0]}] is {chosen[wrong[0]]:g}."
         )
     return counts
 

@@ -162,8 +162,8 @@ def _newton(
     column = jnp.concatenate([jnp.zeros_like(returned.after) if forced else returned.after, nothing])
     damping = jnp.maximum(returned.residual, DAMPING) * jnp.eye(size + 1, dtype=held.dtype)
     matrix = jnp.concatenate([jnp.concatenate([square, column[:, None]], axis=1), damping])
-    wanted = jnp.concatenate([-returned.gain, nothing, jnp.zeros((size + 1,), held.dtype)])
-    change = least_squares(matrix, wanted)
+    right_side = jnp.concatenate([-returned.gain, nothing, jnp.zeros((size + 1,), held.dtype)])
+    change = least_squares(matrix, right_side)
     return change[:-1], change[-1]
 
 

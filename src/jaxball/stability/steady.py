@@ -1,19 +1,23 @@
-"""Steady motions and their stability by the eigenvalues of the linearised equations."""
+"""Steady motions of a ball and their linear stability: permanent rotations, and rolling in circles."""
 
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import optimistix
 from jax.flatten_util import ravel_pytree
-from jaxtyping import Array, Complex
+from jaxtyping import Array, Complex, Float
 
+from ..interface.arguments import require
 from ..interface.printing import Printed, shown
 from ..interface.wording import all_of
 from ..numerics import programs
-from ..numerics.arrays import Numbers, to_array
+from ..numerics.arrays import Numbers, to_array, to_numpy
 from ..numerics.vectors import cross
 from ..physics.body import Ball, System
+from ..physics.moments import moments
 from ..physics.phase_space import normal_of, phase_point
 from ..physics.state import ReducedState, State
 from ..physics.system import vector_field
@@ -164,3 +168,132 @@ def _message(steady: bool, residual: float, kind: str, eigenvalues: np.ndarray) 
         return f"The motion is spectrally stable, a {kind}: its eigenvalues are {decay}."
     growth = eigenvalues[0].real
     return f"The motion is unstable, a {kind}: deviations grow as exp({growth:.6g} t)."
+
+
+ROUND = 1e-9
+
+
+def steady_rolling(ball: Ball, inclination: float, precession: float, *, t: Numbers = 0.0) -> SteadyMotion:
+    """The Routh sphere's steady motion: its axis E3 precesses about the vertical at a constant inclination.
+
+    With Γ = (sin ϑ, 0, cos ϑ) and Ω = P Γ + σ E3, the balance of angular momentum about the centre of mass, where the
+    contact force follows from the centre of mass's own circle, gives the spin σ relative to the plane through E3 and
+    the vertical:
+
+        P [ C + M r (r + ℓ cos ϑ) ] σ = M ℓ [ g + P² (r + ℓ cos ϑ) ] + P² (A − C) cos ϑ
+
+    with A and C the moments about the centre of mass, across E3 and along it, and ℓ the height of the centre of mass on
+    E3. In the body, Ω and Γ turn about E3 at −σ. The geometric centre moves on a circle of radius r |σ sin ϑ / P|.
+
+    **Arguments:**
+
+    - ``ball``: a body of revolution about E3.
+    - ``inclination``: ϑ, from E3 to the vertical, in rad.
+    - ``precession``: P, the rate of precession of E3 about the vertical, in rad per time; not zero.
+    - ``t``: the time at which schedules are read; the masses must be at rest in the ball.
+
+    **Raises:** ``ValueError`` when the ball is not a body of revolution about E3, when masses are driven by a feedback
+    law, and for zero precession.
+
+    **Example:**
+
+    >>> from jaxball import Ball
+    >>> from jaxball.stability import steady_rolling
+    >>> sphere = Ball(mass=1.0, inertia=(0.4, 0.4, 0.5), offset=(0.0, 0.0, -0.2))
+    >>> steady_rolling(sphere, inclination=0.5, precession=1.0).message
+    'The motion is spectrally stable, a centre: its eigenvalues are all on the imaginary axis.'
+    """
+    require("ball", ball, Ball, "a Ball")
+    require_prescribed(ball)
+    if precession == 0:
+        raise ValueError(
+            "Argument `precession` must not be zero, because the ball would then rest or roll in a straight line."
+        )
+    nothing = jnp.zeros((0,))
+    at = moments(ball.prepare(), to_array(t), (nothing, nothing, nothing))
+    p, J, M = np.asarray(at.p), np.asarray(at.J), float(at.M)
+    across = np.abs(np.concatenate([p[:2], J[np.triu_indices(3, 1)], [J[0, 0] - J[1, 1]]]))
+    if np.max(across) > ROUND * max(float(np.max(np.abs(J))), M * float(ball.radius)):
+        raise ValueError(
+            "Argument `ball` must be a body of revolution about E3, with equal moments across it and the centre of "
+            f"mass on it, but its moments are {J.tolist()} and its centre of mass is at {(p / M).tolist()}."
+        )
+    r, g, height = float(ball.radius), float(ball.gravity), p[2] / M
+    A, C = J[0, 0] - M * height**2, J[2, 2]
+    s, c = np.sin(inclination), np.cos(inclination)
+    arm = r + height * c
+    numerator = M * height * (g + precession**2 * arm) + precession**2 * (A - C) * c
+    spin = float(numerator / (precession * (C + M * r * arm)))
+    Gamma = np.array([s, 0.0, c])
+    Omega = precession * Gamma + np.array([0.0, 0.0, spin])
+    return stability(ball, ReducedState(Omega, Gamma), turning=-spin, t=t)
+
+
+STARTS = 128
+SAME = 1e-6
+
+
+def permanent_rotations(
+    ball: Ball, rate: float = 0.0, *, guess: Numbers | None = None, t: Numbers = 0.0
+) -> tuple[SteadyMotion, ...]:
+    """The directions Γ about which ``ball`` can rotate forever at ``rate`` with its contact point at rest.
+
+    For these, Ω = ω Γ, so that Γ̇ = 0, and Ω̇ = 0 is solved for Γ by Newton's method from many points of the sphere at
+    once. With ``rate`` zero these are the equilibria, where the centre of mass is above or below the geometric centre.
+    Where the directions are not isolated, as on a cone about the axis of a body of revolution, many of them are found.
+
+    **Arguments:**
+
+    - ``rate``: ω, in rad per time.
+    - ``guess``: directions from which to search instead, shape (n, 3).
+    - ``t``: the time at which schedules are read; the masses must be at rest in the ball.
+
+    **Returns:** the motions found, each once, the most stable first.
+
+    **Raises:** ``ValueError`` where a force acts, masses are driven by a feedback law, or ``guess`` has another shape.
+
+    **Example:**
+
+    >>> from jaxball import Ball
+    >>> from jaxball.stability import permanent_rotations
+    >>> ball = Ball(mass=1.0, inertia=(0.4, 0.5, 0.6), offset=(0.0, 0.0, -0.2))
+    >>> [(motion.kind, round(float(motion.state.Gamma[2]), 6)) for motion in permanent_rotations(ball)]
+    [('centre', 1.0), ('saddle', -1.0)]
+    """
+    require("ball", ball, Ball, "a Ball")
+    require_prescribed(ball)
+    starts = _sphere(STARTS) if guess is None else np.atleast_2d(to_numpy(guess, "guess"))
+    if starts.shape[1:] != (3,):
+        raise ValueError(f"Argument `guess` must be directions of shape (n, 3), but its shape is {starts.shape}.")
+    ends = np.asarray(_search(ball, to_array(rate), to_array(t), to_array(starts)))
+    distinct: list[np.ndarray] = []
+    for Gamma in ends[np.all(np.isfinite(ends), axis=1)]:
+        if all(np.max(np.abs(Gamma - other)) > SAME for other in distinct):
+            distinct.append(Gamma)
+    motions = [stability(ball, ReducedState(rate * Gamma, Gamma), t=t) for Gamma in distinct]
+    return tuple(sorted((motion for motion in motions if motion.steady), key=lambda motion: motion.growth))
+
+
+@programs.filter_jit
+def _search(ball: Ball, rate, t, starts) -> Float[Array, "n 3"]:
+    prepared = ball.prepare()
+
+    def residual(Gamma, _: Any):
+        rates = vector_field(prepared, t, ReducedState(rate * Gamma, Gamma))
+        # Γ·BΩ̇ = 0 for every Γ, so that the sum is zero only where both terms are.
+        return rates.Omega + Gamma * (jnp.sum(Gamma**2) - 1)
+
+    def one(start):
+        newton = optimistix.Newton(rtol=1e-13, atol=1e-13)
+        Gamma = optimistix.root_find(residual, newton, start, max_steps=60, throw=False).value
+        return Gamma / jnp.sqrt(jnp.sum(Gamma**2))
+
+    return jax.vmap(one)(starts / jnp.sqrt(jnp.sum(starts**2, axis=1))[:, None])
+
+
+def _sphere(count: int) -> np.ndarray:
+    """Points that cover the sphere evenly, on a golden spiral."""
+    height = 1 - (2 * np.arange(count) + 1) / count
+    azimuth = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    radius = np.sqrt(1 - height**2)
+    return np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), height], axis=1)

@@ -1,7 +1,10 @@
 """The axes of a study: which numbers change together, and their values at each of its points."""
 
 import dataclasses
+import functools
+import hashlib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -10,10 +13,155 @@ from jaxtyping import Float, Int
 
 from ..scenario.table import Key, Keys, read_one_of, read_table
 from ..scenario.values import Choice, Integer, Numbers, Text, key_error, shown, unread
-from .designs import DESIGNS
-from .distributions import DISTRIBUTIONS, Distribution, read_distribution
 from .errors import StudyError
-from .points import points, read_points
+
+Design = Callable[[Int[np.ndarray, " points"], int, int, int], Float[np.ndarray, "points numbers"]]
+
+
+def random(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
+    """Independent uniform numbers, computed for each point from its index alone by a counter-based generator."""
+    blocks = -(-dimension // 4)  # of four numbers for a step of the counter
+    different, places = np.unique(indices, return_inverse=True)
+    runs = np.split(different, np.flatnonzero(np.diff(different) > 1) + 1)
+    bits = [np.random.Philox(key=seed, counter=int(run[0]) * blocks).random_raw(4 * blocks * len(run)) for run in runs]
+    words = np.concatenate(bits).reshape(-1, 4 * blocks)[places, :dimension]
+    return (words >> np.uint64(11)).astype(float) * 2.0**-53
+
+
+def latin_hypercube(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
+    """A Latin hypercube of ``count`` points: in each dimension, one point in each of ``count`` equal intervals."""
+    return _latin_hypercube(count, dimension, seed)[indices]
+
+
+def sobol(indices: Int[np.ndarray, " points"], count: int, dimension: int, seed: int) -> np.ndarray:
+    """The first ``count`` points, a power of two, of Sobol's sequence, scrambled."""
+    return _sobol(count, dimension, seed)[indices]
+
+
+DESIGNS: Mapping[str, Design] = {"random": random, "latin-hypercube": latin_hypercube, "sobol": sobol}
+
+
+# Each of these points depends on all the others; a process usually needs only one design.
+@functools.lru_cache(maxsize=4)
+def _latin_hypercube(count: int, dimension: int, seed: int) -> np.ndarray:
+    from scipy.stats import qmc
+
+    return qmc.LatinHypercube(dimension, rng=seed).random(count)
+
+
+@functools.lru_cache(maxsize=4)
+def _sobol(count: int, dimension: int, seed: int) -> np.ndarray:
+    from scipy.stats import qmc
+
+    return qmc.Sobol(dimension, scramble=True, rng=seed).random(count)
+
+
+# The smallest and the largest number of 53 random bits, moved off 0 and 1, where the normal quantile is infinite.
+_EDGE = 2.0**-54
+
+_PAIR = Key(Numbers((2,)))
+
+
+def _normal(u: np.ndarray) -> np.ndarray:
+    # Imported here, because it belongs to the extra `sweep`.
+    from scipy.special import ndtri
+
+    return ndtri(np.clip(u, _EDGE, 1 - _EDGE))
+
+
+_INVERSES: Mapping[str, Callable[[np.ndarray, float, float], np.ndarray]] = {
+    "uniform": lambda u, low, high: low + (high - low) * u,
+    "log-uniform": lambda u, low, high: low * (high / low) ** u,
+    "normal": lambda u, mean, deviation: mean + deviation * _normal(u),
+    "lognormal": lambda u, median, deviation: median * np.exp(deviation * _normal(u)),
+}
+DISTRIBUTIONS = {name: {name: _PAIR} for name in _INVERSES}
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """A distribution of a number.
+
+    - ``uniform``: between two numbers;
+    - ``log-uniform``: between two positive numbers, its logarithm uniform;
+    - ``normal``: mean and standard deviation;
+    - ``lognormal``: median, and the standard deviation of the logarithm.
+    """
+
+    kind: str
+    first: float
+    second: float
+
+    def inverse(self, u: np.ndarray) -> np.ndarray:
+        """The quantiles of the distribution at ``u``, 0 ≤ u < 1."""
+        return _INVERSES[self.kind](u, self.first, self.second)
+
+
+def read_distribution(values: Any, path: str) -> Distribution:
+    """The distribution that a table such as ``{ normal = [0.0, 0.1] }`` describes.
+
+    **Raises:** :class:`~jaxball.scenario.ScenarioError` for an unknown distribution, and for invalid parameters.
+    """
+    kind, table = read_one_of(values, path, DISTRIBUTIONS)
+    first, second = map(float, table[kind])
+    path, got = f"{path}.{kind}", shown(values[kind])
+    if kind in ("uniform", "log-uniform") and not first < second:
+        raise key_error(path, "two numbers, the smaller one first", got)
+    if kind == "log-uniform" and not first > 0:
+        raise key_error(path, "two positive numbers", got)
+    if kind in ("normal", "lognormal") and not second > 0:
+        raise key_error(path, "a number and a positive standard deviation", got)
+    if kind == "lognormal" and not first > 0:
+        raise key_error(path, "a positive median and a positive standard deviation", got)
+    return Distribution(kind, first, second)
+
+
+def read_points(path: Path) -> tuple[tuple[str, ...], str, int]:
+    """The names of a file's columns, the SHA-256 of its bytes, and how many rows it has.
+
+    **Raises:** :class:`StudyError` when it cannot be read, or holds something other than numbers.
+    """
+    try:
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise StudyError(
+            f'Key `points` must be a file that can be read, but "{path}" cannot: {error.strerror}.'
+        ) from None
+    names, table = _table(path, digest)
+    return names, digest, len(table)
+
+
+def points(path: Path, digest: str, indices: np.ndarray) -> np.ndarray:
+    """The rows ``indices`` of a file, which must be as it was when the study was read."""
+    return _table(path, digest)[1][indices]
+
+
+@functools.lru_cache(maxsize=4)
+def _table(path: Path, digest: str) -> tuple[tuple[str, ...], np.ndarray]:
+    # Imported here, because it belongs to the extra `sweep`.
+    import pyarrow.csv
+    import pyarrow.parquet
+
+    content = path.read_bytes()
+    if hashlib.sha256(content).hexdigest() != digest:
+        raise StudyError(
+            f'Key `points` must be a file that does not change while a study runs, but "{path}" has changed.'
+        )
+    if path.suffix not in (".csv", ".parquet"):
+        raise StudyError(f'Key `points` must be a .csv or .parquet file, but it is "{path}".')
+    try:
+        read = pyarrow.csv.read_csv if path.suffix == ".csv" else pyarrow.parquet.read_table
+        table = read(pyarrow.BufferReader(content))
+    except (ValueError, OSError) as error:
+        raise StudyError(f'Key `points` must be a table, but "{path}" is not: {error}.') from None
+    for field in table.schema if table.num_rows else ():
+        if not (pyarrow.types.is_integer(field.type) or pyarrow.types.is_floating(field.type)):
+            raise StudyError(
+                f'Column `{field.name}` of "{path}" must contain only numbers, but it contains {field.type}.'
+            )
+    columns = [np.asarray(column.to_numpy(), dtype=float) for column in table.columns]
+    return tuple(table.column_names), np.stack(columns, axis=1)
+
 
 MOST_POINTS = 10**9
 _COUNT = Key(Integer(1, MOST_POINTS))

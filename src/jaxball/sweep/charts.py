@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 from ..chaos import chart
 from ..interface.status import Status
 from ..scenario import Scenario, read_document
-from ..scenario.contact import rolling_state
+from ..scenario.body import rolling_state
 from ..scenario.paths import check_number, value_at
 from ..scenario.solvers import SOLVERS
 from ..stability import floquet_chart

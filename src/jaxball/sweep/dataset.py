@@ -1,12 +1,21 @@
-"""A store as a labelled data set."""
+"""A store as a labelled data set, and some of its rows as scenarios."""
 
+import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .attributes import read_attributes
+import numpy as np
+
+from ..interface.wording import counted
+from ..scenario import Scenario, ScenarioError, read_document
+from ..scenario.paths import with_numbers
+from ..simulation.events import AbstractEvent, Detachment
 from .errors import StoreError
-from .layout import AXES, NAMES
-from .whole import check_whole
+from .files import check_intact
+from .outputs import AXES, NAMES
+from .store import read_attributes
+from .study import ends_at_detachment
 
 if TYPE_CHECKING:
     import xarray
@@ -26,7 +35,7 @@ def open_dataset(folder: str | Path) -> "xarray.Dataset":
     import xarray
 
     read_attributes(Path(folder))
-    check_whole(Path(folder), numbers=False)
+    check_intact(Path(folder), numbers=False)
     data = xarray.open_zarr(folder, chunks=None)
     named = {name: data[name].attrs[NAMES] for name in data.indexes if NAMES in data[name].attrs}
     return data.assign_coords(named)
@@ -56,3 +65,50 @@ def open_grid(folder: str | Path) -> "xarray.Dataset":
             "without them; use open_dataset for its rows."
         )
     return crossed(data, xarray.open_zarr(folder, group=AXES, chunks=None, consolidated=False))
+
+
+def row_events(folder: str | Path) -> dict[str, AbstractEvent]:
+    """The events that may have ended the runs of a store, by name, to be used with :func:`row_scenarios`.
+
+    **Arguments:**
+
+    - ``folder``: the store.
+
+    **Raises:** :class:`StoreError` as :func:`open_dataset`.
+    """
+    return {"detachment": Detachment()} if ends_at_detachment(read_attributes(Path(folder))["settings"]) else {}
+
+
+def row_scenarios(folder: str | Path, rows: Sequence[int]) -> list[Scenario]:
+    """The scenarios of some rows of a store; simulated with :func:`row_events`, they repeat the runs of these rows.
+
+    They have all save times, even where the study kept only the end.
+
+    **Arguments:**
+
+    - ``folder``: the store.
+    - ``rows``: the numbers of the rows, from 0.
+
+    **Raises:** :class:`StoreError` as :func:`open_dataset`, and for a row that does not exist, is not computed yet, or
+    has impossible numbers.
+    """
+    check_intact(Path(folder))
+    data = open_dataset(folder)
+    paths, count = np.atleast_1d(data.attrs["paths"]).tolist(), data.sizes["row"]
+    beyond = [row for row in rows if not 0 <= row < count]
+    if beyond:
+        raise StoreError(
+            f'Rows must be among the {counted(count, "row")} of "{folder}", from 0 to {count - 1}, but {beyond[0]} is '
+            "not."
+        )
+    document, chosen = tomllib.loads(data.attrs["scenario"]), data[["row", *paths]].isel(row=list(rows)).load()
+    scenarios = []
+    for k, row in enumerate(rows):
+        if chosen["row"].values[k] < 0:
+            raise StoreError(f'Rows must be computed, but row {row} of "{folder}" is not done yet.')
+        values = {path: float(chosen[path].values[k]) for path in paths}
+        try:
+            scenarios.append(read_document(with_numbers(document, values)))
+        except ScenarioError as error:
+            raise StoreError(f"Row {row}: {error}") from None
+    return scenarios

@@ -4,6 +4,7 @@ import concurrent.futures
 import contextlib
 import multiprocessing
 import os
+import socket
 import threading
 import time
 import traceback
@@ -11,19 +12,90 @@ from collections.abc import Iterable, Iterator
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 
 from .. import cache, compat
 from ..interface import interruption
-from .chunk import Done, Task, solve_chunk, solve_chunk_elsewhere
+from ..interface.status import Status
+from ..scenario import Scenario
 from .errors import WorkerError
+from .outputs import Output, outputs_of, state_variables
+from .rows import Engine, Request, read_rows
+from .store import Store
+from .study import Study
 
-SECONDS_BETWEEN_LOOKS = 0.02
+
+class Task(NamedTuple):
+    """Everything that a worker needs to know."""
+
+    study: Study
+    store: Path
+    chunk: int
+    engine: Engine
+    threads: int = 1
 
 
-class Here(concurrent.futures.Executor):
+class ChunkResult(NamedTuple):
+    """How many rows a chunk had, how many of them failed, and the name of the worker: its machine, process, thread."""
+
+    rows: int
+    failed: int
+    worker: str
+
+
+def solve_chunk(task: Task) -> ChunkResult:
+    """Computes a chunk and writes it to the store."""
+    study, template = task.study, task.study.template()
+    outputs = outputs_of(study, template)
+    rows = study.rows_of(task.chunk)
+    arrays = compute(study, template, outputs, rows, task.engine, task.threads)
+    Store(task.store, study, outputs).write(task.chunk, arrays)
+    worker = f"{socket.gethostname()}-{os.getpid()}-{threading.get_ident()}"
+    return ChunkResult(len(rows), int(np.sum(arrays["status"] != Status.SUCCESS)), worker)
+
+
+def solve_chunk_elsewhere(task: Task) -> ChunkResult:
+    """The same in a worker's process, which has JAX settings of its own."""
+    jax.config.update("jax_enable_x64", True)
+    return solve_chunk(task)
+
+
+def compute(
+    study: Study,
+    template: Scenario,
+    outputs: dict[str, Output],
+    rows: np.ndarray,
+    engine: Engine,
+    threads: int = 1,
+) -> dict[str, np.ndarray]:
+    """The variables of ``rows``. An impossible row has the status IMPOSSIBLE, and does not affect the others."""
+    arrays = {name: output.empty(len(rows)) for name, output in outputs.items()}
+    values = study.values(rows)
+    arrays["row"][:] = rows
+    for column, path in enumerate(study.paths):
+        arrays[path][:] = values[:, column]
+    arrays["status"][:] = Status.IMPOSSIBLE
+    arrays["steps"][:] = arrays["rejected"][:] = 0
+    possible, batch = read_rows(study, template, rows, values)
+    if batch is None:
+        return arrays
+    if "time" in arrays:
+        arrays["time"][possible] = batch.times
+    solved = engine(batch, Request(study.contact, study.detachment, study.finds, study.chunk, threads))
+    for name in outputs.keys() & solved.keys():
+        array = solved[name]
+        at_each_time = name in state_variables(template) and study.save == "end"
+        arrays[name][possible] = array[:, -1] if at_each_time else array
+    return arrays
+
+
+SECONDS_BETWEEN_POLLS = 0.02
+
+
+class InThisProcess(concurrent.futures.Executor):
     """Computes at once, in this process."""
 
     def submit(self, fn, /, *args, **kwargs):
@@ -135,12 +207,12 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def executor_of(workers: int) -> Here | Processes:
+def executor_of(workers: int) -> InThisProcess | Processes:
     """An executor with so many processes; this process itself for one worker."""
-    return Here() if workers == 1 else Processes(workers)
+    return InThisProcess() if workers == 1 else Processes(workers)
 
 
-def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.Event) -> Iterator[Done]:
+def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.Event) -> Iterator[ChunkResult]:
     """The result of each task, in order of completion; at most ``ahead`` are submitted to the executor at a time.
 
     Once ``stop`` is set, no task begins, and those that have begun are completed. The executor's futures need only
@@ -148,9 +220,9 @@ def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.
 
     **Raises:** whatever a task raised, and :class:`WorkerError` when a worker was killed.
     """
-    function = solve_chunk if isinstance(executor, Here) else solve_chunk_elsewhere
+    function = solve_chunk if isinstance(executor, InThisProcess) else solve_chunk_elsewhere
     waiting, tasks = [], iter(tasks)
-    ahead = 1 if isinstance(executor, Here) else ahead
+    ahead = 1 if isinstance(executor, InThisProcess) else ahead
     try:
         while True:
             while len(waiting) < ahead and not stop.is_set():
@@ -167,7 +239,7 @@ def solve_all(executor: Any, tasks: Iterable[Task], ahead: int, stop: threading.
             for future in ended:
                 yield future.result()
             if not ended:
-                time.sleep(SECONDS_BETWEEN_LOOKS)
+                time.sleep(SECONDS_BETWEEN_POLLS)
     except concurrent.futures.BrokenExecutor:
         raise WorkerError(
             "A worker ended before its chunk was done: it was killed, perhaps because memory ran out. The store is "

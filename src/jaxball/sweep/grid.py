@@ -8,7 +8,7 @@ import xarray
 from xarray.backends import BackendArray
 from xarray.core import indexing
 
-from .layout import dimensions
+from .outputs import dimensions
 
 
 def crossed(data: xarray.Dataset, points: xarray.Dataset) -> xarray.Dataset:

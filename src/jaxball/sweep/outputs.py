@@ -1,6 +1,8 @@
-"""The results that a study keeps for each row: names, dimensions, units."""
+"""The results that a study keeps for each row, and how its rows lie along its axes."""
 
 import dataclasses
+from collections import Counter
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -10,14 +12,51 @@ from jaxtyping import Array
 from ..physics.modes import Mode
 from ..physics.released import ReleasedState
 from ..physics.state import BallState, DiskState
-from ..results.contact import HISTORY
-from ..results.variables import CLASSICAL_STATE, STATE, Variable, labels, undescribed
+from ..results.variables import CLASSICAL_STATE, HISTORY, STATE, Variable, labels, undescribed
 from ..scenario import Scenario
 from ..simulation.extremes import ContactExtremes
 from ..simulation.trajectory import Trajectory
+from .axes import Axis, Designed, FromFile, Ranged, Zipped
 from .errors import StudyError
-from .layout import AXES
 from .study import Study
+
+AXES = "axes"  # the group of a store that holds the points of each axis
+NAMES = "names"  # the attribute that has the labels along a dimension, if they are not numbers
+_LOGARITHMIC = ("log-uniform", "lognormal")
+
+
+def layout_of(study: Study) -> dict[str, list[Any]]:
+    """For each path, its axis and whether its values are spaced logarithmically; for each axis, whether its points are
+    scattered; the names of what the study finds. Lists of numbers and strings, which every file format can hold.
+    """
+    finds = {"finds": [find.name for find in study.finds]} if study.finds else {}
+    return finds | {
+        "path_axis": [k for k, axis in enumerate(study.axes) for _ in axis.paths],
+        "path_logarithmic": [int(item) for axis in study.axes for item in _logarithmic(axis)],
+        "axis_scattered": [int(_scattered(axis)) for axis in study.axes],
+    }
+
+
+def dimensions(paths: Sequence[str], path_axis: Sequence[int]) -> list[str]:
+    """The name of each axis as a dimension: the path of its one number, or else its index in the study, ``axes[0]``."""
+    numbers = Counter(path_axis)
+    alone = {axis: path for path, axis in zip(paths, path_axis, strict=True) if numbers[axis] == 1}
+    return [alone.get(axis, f"{AXES}[{axis}]") for axis in sorted(numbers)]
+
+
+def _logarithmic(axis: Axis) -> list[bool]:
+    if isinstance(axis, Zipped):
+        return [item for member in axis.members for item in _logarithmic(member)]
+    if isinstance(axis, Designed):
+        return [item.kind in _LOGARITHMIC for item in axis.distributions]
+    return [isinstance(axis, Ranged) and axis.logarithmic] * len(axis.paths)
+
+
+def _scattered(axis: Axis) -> bool:
+    if isinstance(axis, Zipped):
+        return any(_scattered(member) for member in axis.members)
+    return isinstance(axis, Designed | FromFile)
+
 
 NOT_COMPUTED = -1  # the status of a row that is not computed yet
 CONTACT = tuple(field.name for field in dataclasses.fields(ContactExtremes) if field.name not in ("weight", "constant"))

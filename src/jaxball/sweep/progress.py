@@ -1,12 +1,108 @@
-"""The progress line of a study."""
+"""The progress of a study: the outcomes of the rows in its store, and the line that a running sweep shows."""
 
 import time
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
+import numpy as np
+from jaxtyping import Int
+
 from ..interface.activity import ERASE
-from .chunk import Done
-from .tally import Tally
+from ..interface.status import Status
+from ..scenario import ScenarioError, read_document
+from ..scenario.paths import with_numbers
+from .executors import ChunkResult
+from .files import STATUS, changed, check_intact, done, numbers_of
+from .store import read_attributes
+
+
+class StatusCounts(NamedTuple):
+    """How many rows of a store have each status, and the first one that failed, if one did."""
+
+    counts: Int[np.ndarray, " statuses"]
+    first: int | None
+
+    @property
+    def rows(self) -> int:
+        """How many rows are done."""
+        return int(self.counts.sum())
+
+    @property
+    def failed(self) -> int:
+        """How many of them have a status other than SUCCESS."""
+        return self.rows - int(self.counts[Status.SUCCESS])
+
+
+def status_counts(folder: Path) -> StatusCounts:
+    """The outcomes of the rows that are done.
+
+    **Raises:** :class:`StoreError` when ``folder`` is not the store of a study, and when a file of it has been changed
+    from outside; of the numbers, only the statuses are read.
+    """
+    attributes = read_attributes(folder)
+    check_intact(folder, numbers=False)
+    rows, size = attributes["rows"], attributes["chunk"]
+    counts, first = np.zeros(len(Status), dtype=int), None
+    for chunk in done(folder):
+        status = column(folder, "status", chunk, size, STATUS)[: rows - chunk * size]
+        if not np.all((status >= 0) & (status < len(Status))):  # as a store of an earlier version may have them
+            raise changed(folder / "status" / "c" / str(chunk))
+        counts += np.bincount(status, minlength=len(Status))
+        if first is None and np.any(status):
+            first = chunk * size + int(np.argmax(status != Status.SUCCESS))
+    return StatusCounts(counts, first)
+
+
+def column(folder: Path, name: str, chunk: int, rows: int, dtype: np.dtype) -> np.ndarray:
+    """A variable with one number per row, in the ``rows`` of a chunk that is done; the last one has padding.
+
+    **Raises:** :class:`StoreError` when its file has been changed from outside.
+    """
+    path = folder / name / "c" / str(chunk)
+    content = path.read_bytes() if path.is_file() else b""
+    if len(content) == rows * dtype.itemsize:  # a store of an earlier version
+        return np.frombuffer(content, dtype)
+    numbers = numbers_of(path, rows * dtype.itemsize)
+    if numbers is None:
+        raise changed(path)
+    return np.frombuffer(numbers, dtype)
+
+
+def describe(folder: str | Path) -> str:
+    """How many rows of a store are done, their statuses, and what is wrong with the first row that failed.
+
+    **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study,
+    and when a file of it has been changed from outside.
+    """
+    folder = Path(folder)
+    attributes = read_attributes(folder)
+    check_intact(folder)
+    counts = status_counts(folder)
+    lines = [attributes["title"]] if attributes["title"] else []
+    lines.append(
+        f"{counts.rows:,} of {attributes['rows']:,} rows are done ({100 * counts.rows / attributes['rows']:.1f} %)"
+    )
+    lines += [f"  {int(counts.counts[status]):,} {status.name}" for status in Status if counts.counts[status]]
+    if counts.first is not None:
+        lines.append(_failure(folder, attributes, counts.first))
+    return "\n".join(lines)
+
+
+def _failure(folder: Path, attributes: Mapping[str, Any], row: int) -> str:
+    size = attributes["chunk"]
+    chunk, place = divmod(row, size)
+    values = {path: float(column(folder, path, chunk, size, np.dtype("<f8"))[place]) for path in attributes["paths"]}
+    shown = ", ".join(f"{path} = {value:.6g}" for path, value in values.items())
+    status = Status(int(column(folder, "status", chunk, size, STATUS)[place]))
+    line = f"  the first failed row is {row}, {status.name}, with {shown}"
+    try:
+        read_document(with_numbers(tomllib.loads(attributes["scenario"]), values))
+    except ScenarioError as error:
+        line += f"\n  {error}"
+    return line
+
 
 SECONDS_BETWEEN_LINES = 30.0
 SECONDS_BETWEEN_CHANGES = 0.2
@@ -33,7 +129,7 @@ class Progress:
         self,
         stream: Stream,
         rows: int,
-        before: Tally,
+        before: StatusCounts,
         mine: int,
         parallel: int = 1,
         clock: Callable[[], float] = time.monotonic,
@@ -43,11 +139,11 @@ class Progress:
         self.done, self.failed, self.now = before.rows, before.failed, 0
         self.workers: dict[str, _Worker] = {}
         self.start = self.shown = self.last = clock()
-        self.terminal, self.told = stream.isatty(), ""
+        self.terminal, self.last_line = stream.isatty(), ""
         if mine:
             self.show()
 
-    def add(self, chunk: Done) -> None:
+    def add(self, chunk: ChunkResult) -> None:
         """Counts the rows of a chunk that was done, and shows it from time to time."""
         self.now += chunk.rows
         self.done += chunk.rows
@@ -62,17 +158,17 @@ class Progress:
 
     def show(self) -> None:
         """Shows the line now."""
-        self.shown, self.told = self.clock(), self.line()
-        self.stream.write(f"{ERASE}{self.told}" if self.terminal else f"{self.told}\n")
+        self.shown, self.last_line = self.clock(), self.line()
+        self.stream.write(f"{ERASE}{self.last_line}" if self.terminal else f"{self.last_line}\n")
         self.stream.flush()
 
-    def close(self, after: Tally | None = None) -> None:
+    def close(self, after: StatusCounts | None = None) -> None:
         """Shows the last line, if needed, with the rows in the store ``after`` the run, also those of other shards."""
-        if not self.told:
+        if not self.last_line:
             return
         if after is not None:
             self.done, self.failed = after.rows, after.failed
-        if self.terminal or self.told != self.line():
+        if self.terminal or self.last_line != self.line():
             self.show()
         if self.terminal:
             self.stream.write("\n")

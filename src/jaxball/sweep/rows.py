@@ -1,4 +1,4 @@
-"""The scenarios of many rows of a study, from reading its document once for all of them."""
+"""The scenarios of many rows of a study, stacked, from reading its document once for all of them."""
 
 import functools
 import tomllib
@@ -15,11 +15,76 @@ from ..numerics.batches import in_batches
 from ..physics.body import AbstractBody
 from ..scenario import Scenario, ScenarioError
 from ..scenario.errors import UntraceableError
-from ..scenario.files import read_contents
-from ..scenario.structure import Parts, Structure
-from .batch import Batch
+from ..scenario.files import Parts, Structure, read_contents
 from .errors import StudyError
-from .study import Study
+from .study import Find, Study
+
+
+class Batch(NamedTuple):
+    """Scenarios that differ only in numbers, stacked along the leading axis of each array. All arrays are NumPy's.
+
+    - ``template``: what all have in common: its ``solver``, ``max_steps``, ``step_to_times``, ``dae`` and ``project``
+      apply to all of them; its numbers are not used.
+    - ``system``, ``state``: as in a scenario, every leaf stacked.
+    - ``times``: the save times, equally many for each scenario; only the first and the last where those between are not
+      used.
+    - ``rtol``, ``atol``: the tolerances.
+    - ``contact``: the law of contact, every leaf stacked, or None.
+    - ``in_axes``: 0 for the arrays of ``(system, state)`` that change from row to row, None for the others, as
+      :func:`jaxball.ensemble.simulate_ensemble` takes it.
+    """
+
+    template: Scenario
+    system: Any
+    times: Float[np.ndarray, "rows times"]
+    state: Any
+    rtol: Float[np.ndarray, " rows"]
+    atol: Float[np.ndarray, " rows"]
+    contact: Any = None
+    in_axes: Any = 0
+
+    @property
+    def rows(self) -> int:
+        """How many scenarios there are."""
+        return len(self.times)
+
+    def take(self, rows: Any) -> "Batch":
+        """Some of the scenarios, by a slice or by indices."""
+        stacked = {name: getattr(self, name) for name in ("system", "times", "state", "rtol", "atol", "contact")}
+        return self._replace(**jax.tree.map(lambda leaf: leaf[rows], stacked))
+
+    def shared_once(self) -> tuple[Any, Any]:
+        """System and state, with the arrays that do not change unstacked."""
+        return jax.tree.map(
+            lambda axis, part: jax.tree.map(lambda leaf: leaf[0], part) if axis is None else part,
+            self.in_axes,
+            (self.system, self.state),
+            is_leaf=lambda axis: axis is None,
+        )
+
+
+class Request(NamedTuple):
+    """What an engine must compute.
+
+    - ``contact``: whether to find the extremes of the contact force.
+    - ``detachment``: whether a run ends where the ball would leave the plane.
+    - ``finds``: other results.
+    - ``most``: the largest number of scenarios in any call of this study.
+    - ``threads``: how many cores it may use.
+    """
+
+    contact: bool
+    detachment: bool
+    finds: tuple[Find, ...]
+    most: int
+    threads: int = 1
+
+
+# From scenarios to arrays with the scenarios as leading axis: `status`, `steps`, `rejected`, `reached`, the entries of
+# the state at each of a scenario's times, and the extremes of the contact force where requested.
+# It must be a module-level function, so that it can be sent to a worker.
+Engine = Callable[[Batch, Request], dict[str, np.ndarray]]
+
 
 BLOCK = 1024
 
@@ -36,28 +101,28 @@ def read_rows(
     where that number matters.
     """
     try:
-        together = _read_together(study, values)
+        stacked = _read_stacked(study, values)
     except UntraceableError:
-        together = _read_one_by_one(study, values)
-    possible = np.flatnonzero(together.possible)
+        stacked = _read_one_by_one(study, values)
+    possible = np.flatnonzero(stacked.possible)
     if not possible.size:
         return possible, None
     driven = isinstance(template.system, AbstractBody) and template.system.coordinates
     ends_only = study.save == "end" and not template.step_to_times and not driven
-    parts = together.parts
+    parts = stacked.parts
     for k in () if ends_only else possible[parts.times.count[possible] != template.times.size]:
         raise StudyError(
             f"Row {rows[k]} must have as many save times as the scenario, {template.times.size}, but it has "
             f"{int(parts.times.count[k])}; give `time.saves` instead of `time.step`."
         )
     # The times between do not affect the steps, and with `ends_only` they are not used.
-    times = _times(together, template, ends_only)
-    batch = Batch(template, parts.system, times, parts.state, parts.rtol, parts.atol, parts.contact, together.in_axes)
+    times = _times(stacked, template, ends_only)
+    batch = Batch(template, parts.system, times, parts.state, parts.rtol, parts.atol, parts.contact, stacked.in_axes)
     return possible, batch if possible.size == len(rows) else batch.take(possible)
 
 
-class _Together(NamedTuple):
-    """Rows read together.
+class _Stacked(NamedTuple):
+    """Rows read at once, stacked.
 
     - ``parts``: the parts that depend on their numbers, stacked.
     - ``in_axes``: which arrays of system and state differ, as of a :class:`Batch`.
@@ -71,7 +136,7 @@ class _Together(NamedTuple):
     possible: Bool[np.ndarray, " rows"]
 
 
-def _read_together(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Together:
+def _read_stacked(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Stacked:
     structure, program = _compiled(tomli_w.dumps(study.document), study.paths)
     changing, possible, certain = in_batches(program, values, min(BLOCK, study.chunk))
     for k in np.flatnonzero(possible & ~certain):
@@ -83,7 +148,7 @@ def _read_together(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _
     ]
     differs = tree.unflatten([k in changing for k in range(len(leaves))])
     in_axes = jax.tree.map(lambda changes: 0 if changes else None, (differs.system, differs.state))
-    return _Together(tree.unflatten(stacked), in_axes, any(jax.tree.leaves(differs.times)), possible)
+    return _Stacked(tree.unflatten(stacked), in_axes, any(jax.tree.leaves(differs.times)), possible)
 
 
 @functools.lru_cache(maxsize=8)
@@ -103,19 +168,19 @@ def _compiled(text: str, paths: tuple[str, ...]) -> tuple[Structure, Callable[[n
     return structure, jax.jit(jax.vmap(read))
 
 
-def _times(together: _Together, template: Scenario, ends_only: bool) -> Float[np.ndarray, "rows times"]:
+def _times(stacked: _Stacked, template: Scenario, ends_only: bool) -> Float[np.ndarray, "rows times"]:
     """The save times of every row, meaningless where it is impossible."""
-    times = together.parts.times
-    if not together.times_differ:
+    times = stacked.parts.times
+    if not stacked.times_differ:
         kept = template.times[[0, -1]] if ends_only else template.times
-        return np.broadcast_to(kept, (together.possible.size, kept.size))
+        return np.broadcast_to(kept, (stacked.possible.size, kept.size))
     if ends_only:
         return np.stack([times.start, times.end], axis=1)
     with np.errstate(all="ignore"):
         return np.ascontiguousarray(times.array(template.times.size))
 
 
-def _read_one_by_one(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Together:
+def _read_one_by_one(study: Study, values: Float[np.ndarray, "rows numbers"]) -> _Stacked:
     each = [_read(study, row) for row in values]
     possible = np.array([parts is not None for parts in each])
     instead = Parts.of(read_contents(study.document))
@@ -123,7 +188,7 @@ def _read_one_by_one(study: Study, values: Float[np.ndarray, "rows numbers"]) ->
         lambda *leaves: np.stack([np.asarray(leaf, dtype=float) for leaf in leaves]),
         *(instead if parts is None else parts for parts in each),
     )
-    return _Together(stacked, 0, True, possible)
+    return _Stacked(stacked, 0, True, possible)
 
 
 def _read(study: Study, values: Float[np.ndarray, " numbers"]) -> Parts | None:

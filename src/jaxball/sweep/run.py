@@ -1,28 +1,29 @@
-"""Runs or resumes a study: workers compute chunks and write each to the store when it is done."""
+"""Runs or resumes a study, whose workers write each chunk to the store when it is done, or estimates its cost."""
 
 import contextlib
 import io
-from collections.abc import Iterator
+import math
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 
 from ..cpu import cores
+from ..interface.arguments import require_flags
 from ..interface.interruption import on_interrupt, stop_requested
 from ..interface.wording import counted
-from .batch import Engine
-from .chunk import Task
 from .engine import solve_in_lanes
 from .errors import StudyError
-from .executors import executor_of, solve_all
+from .executors import Task, compute, executor_of, solve_all
+from .files import BYTES_OF_A_CHECKSUM, Damage
 from .outputs import outputs_of
-from .progress import Progress, Stream
-from .store import Store, open_store
+from .progress import Progress, Stream, duration, status_counts
+from .rows import Engine
+from .store import POINTS_TOGETHER, Store, has_table, open_store, write_table
 from .study import Study
-from .table import has_table, write_table
-from .tally import tally
-from .whole import Damage
 
 TASKS_PER_WORKER = 2
 STOPPING = "Stopping when the chunks being computed are in the store; {again} to stop at once."
@@ -82,9 +83,9 @@ def sweep(
     store = open_store(Path(out).resolve(), study, outputs_of(study, study.template()))
     words = STOPPING if stream is not None else ""
     stream = io.StringIO() if stream is None else stream
-    stream.write(_mended(study, store.mend()))
+    stream.write(_repaired(study, store.repair()))
     parallel = workers if executor is None else _size(executor)
-    before, known = set(store.done()), tally(store.folder)
+    before, known = set(store.done()), status_counts(store.folder)
     mine = [k for k in range(shard[0] - 1, study.chunks, shard[1]) if k not in before]
     progress = Progress(stream, study.rows, known, sum(len(study.rows_of(k)) for k in mine), parallel)
     threads = max(1, cores() // workers) if executor is None else 1
@@ -96,12 +97,12 @@ def sweep(
         except BaseException:
             progress.close()
             raise
-        progress.close(tally(store.folder))
+        progress.close(status_counts(store.folder))
         interrupted = stop.is_set()
     return _ended(store, interrupted)
 
 
-def _mended(study: Study, damages: list[Damage]) -> str:
+def _repaired(study: Study, damages: list[Damage]) -> str:
     """The line that says what is recomputed; empty if nothing is."""
     if not damages:
         return ""
@@ -155,3 +156,69 @@ def _check(workers: int, shard: tuple[int, int]) -> None:
             "A sweep needs float64, which is not enabled; call "
             '`jax.config.update("jax_enable_x64", True)` before the first array is made.'
         )
+
+
+TRIED = 512
+
+
+class Estimate(NamedTuple):
+    """Rows, chunks, the size of the store and, if measured, how long one process takes.
+
+    **Arguments:**
+
+    - ``rows``, ``chunks``, ``size``: how many, and the bytes of the store.
+    - ``compiling``, ``solving``: how long one process takes to compile, and then to solve all rows, seconds.
+    """
+
+    rows: int
+    chunks: int
+    size: int
+    compiling: float | None = None
+    solving: float | None = None
+
+    def sentence(self, workers: int) -> str:
+        """The estimate as text, for so many workers."""
+        words = f"{counted(self.rows, 'row')} in {counted(self.chunks, 'chunk')}, a store of {_bytes(self.size)}"
+        if self.compiling is None or self.solving is None:
+            return words
+        share = duration(self.solving / min(workers, self.chunks))
+        return (
+            f"{words}, about {share} with {counted(workers, 'worker')} after compiling for {duration(self.compiling)}"
+        )
+
+
+def estimate(study: Study, engine: Engine = solve_in_lanes, *, measure: bool = False) -> Estimate:
+    """The size of a study's store, at once.
+
+    **Arguments:**
+
+    - ``study``: the study to be run.
+    - ``engine``: what solves its rows.
+    - ``measure``: whether to solve a few rows, to estimate how long all of them take.
+
+    **Raises:** :class:`StudyError` as :func:`sweep`.
+    """
+    require_flags(measure=measure)
+    template = study.template()
+    outputs = outputs_of(study, template)
+    numbers = sum(item.empty(study.chunk).nbytes for item in outputs.values()) * study.chunks
+    points = sum(8 * axis.size * len(axis.paths) for axis in study.axes)
+    files = len(outputs) * study.chunks + sum(-(-axis.size // POINTS_TOGETHER) * len(axis.paths) for axis in study.axes)
+    unmeasured = Estimate(study.rows, study.chunks, numbers + points + BYTES_OF_A_CHECKSUM * files)
+    if not measure:
+        return unmeasured
+    tried = np.unique(np.linspace(0, study.rows - 1, min(TRIED, study.chunk)).astype(int))
+    first, second = (_seconds(lambda: compute(study, template, outputs, tried, engine)) for _ in range(2))
+    return unmeasured._replace(compiling=max(0.0, first - second), solving=second * study.rows / len(tried))
+
+
+def _seconds(call: Callable[[], Any]) -> float:
+    start = time.perf_counter()
+    call()
+    return time.perf_counter() - start
+
+
+def _bytes(size: int) -> str:
+    units = ("B", "kB", "MB", "GB", "TB")
+    power = min(int(math.log10(max(size, 1))) // 3, len(units) - 1)
+    return f"{size / 1000**power:.3g} {units[power]}"

@@ -1,4 +1,4 @@
-"""The store of a study: a Zarr group that xarray opens, each of its chunks written atomically.
+"""The store of a study: a Zarr group that xarray opens, each of its chunks written atomically, and its flat table.
 
 The arrays are not compressed, so that a chunk of an array is a file of its numbers and their checksum, which can be
 written to a temporary file and moved into place. When all files of a chunk of rows are on disk, a mark says so; rows
@@ -6,8 +6,11 @@ without a mark are computed again.
 """
 
 import contextlib
+import importlib.metadata
+import json
 import os
 import shutil
+import subprocess
 import tempfile
 import warnings
 from collections.abc import Iterator
@@ -17,15 +20,75 @@ from typing import Any
 import numpy as np
 
 from ..interface import interruption
-from ..interface.output import flush_to_disk, part_prefix
+from ..interface.output import atomic_write, flush_to_disk, part_prefix
 from ..interface.status import Status
-from .attributes import differences, identity_of, read_attributes
+from ..scenario.paths import entries
 from .errors import StoreError
-from .filesystem import remove_dead_parts, remove_parts, write_whole
-from .layout import AXES, NAMES, dimensions, layout_of
-from .outputs import Output, labels_of
+from .files import (
+    MARKS,
+    Damage,
+    changed,
+    damages,
+    done,
+    numbers_of,
+    remove_dead_parts,
+    remove_parts,
+    with_checksum,
+    write_atomically,
+)
+from .outputs import AXES, NAMES, Output, dimensions, labels_of, layout_of
 from .study import Study
-from .whole import MARKS, Damage, changed, damages, done, numbers_of, with_checksum
+
+PACKAGES = ("jaxball", "jax", "jaxlib", "diffrax", "numpy", "scipy")
+LAYOUT = "3"  # increased when the layout of stores changes
+
+
+def identity_of(study: Study) -> dict[str, str]:
+    """Everything that the numbers in a store depend on, as attributes."""
+    return {**study.identity(), **versions(), "layout": LAYOUT}
+
+
+def differences(attributes: dict[str, Any], expected: dict[str, str]) -> list[str]:
+    """The names of the attributes that differ from ``expected``."""
+    return [name for name, value in expected.items() if attributes.get(name) != value]
+
+
+def read_attributes(folder: Path) -> dict[str, Any]:
+    """The attributes of a store.
+
+    **Raises:** :class:`StoreError` when there is nothing at ``folder``, or something other than the store of a study.
+    """
+    if not os.path.lexists(folder):
+        raise StoreError(f'There must be the store of a study at "{folder}", but nothing is there.')
+    try:
+        attributes = json.loads((folder / "zarr.json").read_text(encoding="utf-8"))["attributes"]
+    except (OSError, ValueError, KeyError, TypeError):
+        attributes = None
+    if not isinstance(attributes, dict) or not {"scenario", "axes", "settings"} <= attributes.keys():
+        raise StoreError(f'"{folder}" must be the store of a study, but it is something else; it is left as it is.')
+    return attributes
+
+
+def versions() -> dict[str, str]:
+    """The version of each package, and the git commit of a working copy of jaxball, empty where there is none."""
+    known = {f"{name}_version": importlib.metadata.version(name) for name in PACKAGES}
+    return known | {"commit": _commit()}
+
+
+def _commit() -> str:
+    here = Path(__file__)
+    try:
+        # An installed package may lie within an unrelated repository, which does not track it.
+        _git("ls-files", "--error-unmatch", here.name)
+        return _git("rev-parse", "HEAD")
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+
+
+def _git(*arguments: str) -> str:
+    command = ["git", "-C", str(Path(__file__).parent), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
 
 POINTS_TOGETHER = 2**20
 # Otherwise Zarr would write no file where all numbers are 0, and a lost file would be read as zeros.
@@ -54,11 +117,11 @@ class Store:
                 padded = output.empty(self.study.chunk)
                 padded[: len(arrays[name])] = arrays[name]
                 path = self._file(name, chunk)
-                write_whole(path, with_checksum(padded.astype(output.dtype.newbyteorder("<")).tobytes()))
+                write_atomically(path, with_checksum(padded.astype(output.dtype.newbyteorder("<")).tobytes()))
                 folders |= set(_up_to(path.parent, self.folder))
             for folder in folders:
                 flush_to_disk(folder)
-            write_whole(self._mark(chunk), b"")
+            write_atomically(self._mark(chunk), b"")
             flush_to_disk(self._mark(chunk).parent)
         except OSError as error:
             raise StoreError(
@@ -83,15 +146,15 @@ class Store:
         array = np.frombuffer(numbers, output.dtype.newbyteorder("<")).reshape(shape)
         return array[: len(self.study.rows_of(chunk))]
 
-    def mend(self) -> list[Damage]:
+    def repair(self) -> list[Damage]:
         """Removes the marks of chunks with files that have been changed from outside, so that they are computed again.
 
         Files that belong to no row are written again. Returns what was changed.
 
         **Raises:** :class:`StoreError` when that fails.
         """
-        found = list(damages(self.folder))
-        for damage in found:
+        damaged = list(damages(self.folder))
+        for damage in damaged:
             if damage.path.is_dir():
                 raise StoreError(
                     f'The file "{damage.path}" must be as the sweep wrote it, but a folder is in its place; remove '
@@ -99,13 +162,13 @@ class Store:
                 )
             if damage.chunk is not None:
                 self._mark(damage.chunk).unlink(missing_ok=True)
-        lost = [damage.path for damage in found if damage.chunk is None]
+        lost = [damage.path for damage in damaged if damage.chunk is None]
         if lost:
             with _made(self, identity_of(self.study)) as made:
                 for path in lost:
                     path.parent.mkdir(parents=True, exist_ok=True)
                     (made / path.relative_to(self.folder)).replace(path)
-        return found
+        return damaged
 
     def tidy(self) -> None:
         """Removes what killed processes left."""
@@ -127,7 +190,7 @@ def open_store(folder: Path, study: Study, outputs: dict[str, Output]) -> Store:
     """
     if folder.suffix != ".zarr":
         raise StoreError(f'Argument `out` must end in .zarr, but it is "{folder}".')
-    wanted = identity_of(study)
+    expected = identity_of(study)
     store = Store(folder, study, outputs)
     remove_dead_parts(folder.parent)
     if not os.path.lexists(folder):
@@ -136,8 +199,8 @@ def open_store(folder: Path, study: Study, outputs: dict[str, Output]) -> Store:
                 f'The table of the study would be "{store.table}", but that file belongs to another study; choose '
                 "another name for the store, or move the table."
             )
-        _create(store, wanted)
-    differing = differences(read_attributes(folder), wanted)
+        _create(store, expected)
+    differing = differences(read_attributes(folder), expected)
     if differing:
         raise StoreError(
             f'The store "{folder}" belongs to another study, with other {", ".join(differing)}; it is left as it is. '
@@ -257,3 +320,66 @@ def _up_to(path: Path, top: Path) -> Iterator[Path]:
     while path != top:
         yield path
         path = path.parent
+
+
+ROWS_OF_A_GROUP = 2**16
+
+
+def write_table(store: Store) -> None:
+    """Writes the table of a store whose chunks are all done; states are those at the end of each run.
+
+    Its bytes depend only on the store. At most one group of its rows is in memory.
+
+    **Raises:** :class:`StoreError` when it cannot be written; an existing table is then unchanged.
+    """
+    # Imported here, because it belongs to the extra `sweep`.
+    import pyarrow
+    import pyarrow.parquet
+
+    columns = dict(_columns(store.outputs))
+    schema = pyarrow.schema(
+        [
+            pyarrow.field(name, pyarrow.from_numpy_dtype(store.outputs[source].dtype))
+            for name, (source, _) in columns.items()
+        ]
+    )
+    per_group = max(1, ROWS_OF_A_GROUP // store.study.chunk)
+    try:
+        # The file is opened here, because pyarrow accepts no name that is not valid text.
+        with (
+            atomic_write(store.table, flush=True) as beside,
+            beside.open("wb") as file,
+            pyarrow.parquet.ParquetWriter(file, schema) as writer,
+        ):
+            for start in range(0, store.study.chunks, per_group):
+                chunks = range(start, min(start + per_group, store.study.chunks))
+                writer.write_table(pyarrow.table(_group(store, columns, chunks), schema=schema))
+        flush_to_disk(store.table.parent)
+    except OSError as error:
+        raise StoreError(
+            f'The table "{store.table}" cannot be written: {error.strerror or error}. The store is intact; free some '
+            "space, and run the same command again."
+        ) from error
+
+
+def _columns(outputs: dict[str, Output]) -> Iterator[tuple[str, tuple[str, tuple[Any, ...]]]]:
+    """The name of each column, with its variable and the index in it."""
+    for name, output in outputs.items():
+        if name == "time":
+            continue
+        saved = output.dimensions[:1] == ("save",)
+        for entry, index in entries(name, output.shape[saved:]).items():
+            yield entry, (name, (slice(None), *[-1] * saved, *index))
+
+
+def _group(store: Store, columns: dict[str, Any], chunks: range) -> dict[str, np.ndarray]:
+    arrays = {
+        name: np.concatenate([store.read(name, chunk) for chunk in chunks])
+        for name in dict.fromkeys(source for source, _ in columns.values())
+    }
+    return {name: np.ascontiguousarray(arrays[source][place]) for name, (source, place) in columns.items()}
+
+
+def has_table(store: Store) -> bool:
+    """Whether the table exists."""
+    return store.table.exists()

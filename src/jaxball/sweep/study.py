@@ -4,6 +4,7 @@ import dataclasses
 import functools
 import math
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +12,84 @@ import numpy as np
 import tomli_w
 from jaxtyping import Float, Int
 
+from ..ensemble import REDUCTIONS, AbstractReduction, Drift, Integral, Maximum, Minimum
+from ..ensemble.runge_kutta import fits
+from ..interface.wording import did_you_mean
 from ..physics.body import AbstractBody
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.errors import each_of, raise_first, tried
+from ..scenario.functions import imported
 from ..scenario.paths import check_number, with_numbers
+from ..scenario.solvers import SOLVERS
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
-from ..scenario.table import Key, read_list, read_table
-from ..scenario.values import Choice, Flag, Integer, Text, unread
+from ..scenario.table import Key, read_list, read_one_of, read_table
+from ..scenario.values import Choice, Flag, Integer, Text, key_error, shown, unread
 from .axes import AXES, Axis, read_axis
 from .errors import StudyError
-from .reductions import CHOICES as FINDS, Find, read_finds
+
+KINDS: Mapping[str, type[Any]] = {"maximum": Maximum, "minimum": Minimum, "integral": Integral, "drift": Drift}
+FINDS = {kind: {"name": Key(Text()), kind: Key(Text())} for kind in KINDS}
+
+
+@dataclasses.dataclass(frozen=True)
+class Find:
+    """A reduction by name: one of ``jaxball.ensemble.REDUCTIONS``, or that of a module's function."""
+
+    name: str
+    kind: str = ""
+    function: str = ""
+
+    def reduction(self) -> AbstractReduction:
+        """The reduction itself.
+
+        **Raises:** :class:`~jaxball.ScenarioError` when there is no such function.
+        """
+        if not self.kind:
+            return REDUCTIONS[self.name]
+        return KINDS[self.kind](imported("find", self.function))
+
+
+def read_finds(values: Any, template: Scenario) -> tuple[Find, ...]:
+    """The reductions that the key `find` lists.
+
+    **Raises:** :class:`~jaxball.scenario.ScenarioError`, with one sentence, for a result that cannot be found for this
+    scenario.
+    """
+    if not isinstance(values, list):
+        raise key_error("find", "a list of names and tables", shown(values))
+    finds = tuple(_read_find(item, f"find[{k}]", template) for k, item in enumerate(values))
+    names = [find.name for find in finds]
+    if len(set(names)) < len(names):
+        raise key_error("find", "a list of different names", shown(names))
+    if finds and not solved_in_lanes(template):
+        raise StudyError(
+            "Key `find` must be empty for an implicit solver, `dae`, `project` or `step_to_times`, with which runs are "
+            "not computed in lanes, but it is not."
+        )
+    for find in finds:
+        find.reduction()
+    return finds
+
+
+def solved_in_lanes(template: Scenario) -> bool:
+    """Whether the rows of a study are computed in lanes."""
+    plain = template.step_to_times or template.dae or template.project
+    return not plain and fits(SOLVERS[template.solver]())
+
+
+def _read_find(value: Any, path: str, template: Scenario) -> Find:
+    if isinstance(value, str):
+        if value not in REDUCTIONS or not isinstance(template.system, AbstractBody):
+            known = list(REDUCTIONS) if isinstance(template.system, AbstractBody) else []
+            hint = f"the names are {', '.join(known)}" if known else "there are none for this system"
+            raise StudyError(
+                f"Key `{path}` must be a table or a name that is known, but it is {shown(value)}"
+                f"{did_you_mean(value, known, hint)}"
+            )
+        return Find(value)
+    kind, table = read_one_of(value, path, FINDS)
+    return Find(table["name"], kind, table[kind])
+
 
 FORMAT = 1
 LARGEST_CHUNK = 8192
@@ -173,12 +242,12 @@ def read_study(text: str, folder: str | Path = ".") -> Study:
     (4, ('body.mass',))
     """
     document, folder = document_of(text, "study", StudyError), Path(folder)
-    (table, found, axes), errors = tried(
+    (table, read, axes), errors = tried(
         lambda: read_table(document, "", KEYS),
         lambda: _template(document["scenario"], folder) if "scenario" in document else None,
         lambda: _axes(document["axes"], folder) if "axes" in document else None,
     )
-    scenario, template = found or ({}, None)
+    scenario, template = read or ({}, None)
     # Errors in one of these parts must not hide errors in the others.
     (*_, finds), later = tried(
         lambda: table and template and _check_contact(table, template),
@@ -208,10 +277,10 @@ def _read(document: str) -> Scenario:
     return read_document(tomllib.loads(document))
 
 
-def _template(given: Any, folder: Path) -> tuple[dict[str, Any], Scenario]:
+def _template(value: Any, folder: Path) -> tuple[dict[str, Any], Scenario]:
     """The document of the scenario that a study contains or names, and its contents."""
-    document = scenario_document(given, folder, StudyError)
-    with naming_scenario(given, "study", StudyError):
+    document = scenario_document(value, folder, StudyError)
+    with naming_scenario(value, "study", StudyError):
         return document, read_document(document)
 
 

@@ -15,7 +15,7 @@ from ..interface.status import Status
 from ..numerics.tangent import generic_vectors
 from ..physics.system import AbstractState, AbstractSystem
 from ..scenario import Scenario
-from ..scenario.contact import rolling_state
+from ..scenario.body import rolling_state
 from ..scenario.solvers import SOLVERS
 from ..simulation.arguments import FINEST
 from ..simulation.simulate import FEW_STEPS, simulate

@@ -1,16 +1,39 @@
 """``jaxball chaos``: the Lyapunov exponents of a scenario, charts of the largest one, and Poincaré maps."""
 
 import argparse
+import functools
 import math
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from ..chart import METAVAR, axes_of
-from ..input import add_scenario, scenario_document
+from ...interface.status import Status
+from ...scenario.paths import entries
+from ...scenario.solvers import SOLVERS
+from ..input import add_scenario, scenario_document, scenario_of
 from ..jax_setup import set_up_jax
-from ..options import BadInputError, number, positive
-from ..output import add_output, check_outputs
+from ..options import (
+    CHART_AXIS,
+    FAILED_SOLVE,
+    BadInputError,
+    add_output,
+    chart_axes,
+    check_outputs,
+    number,
+    positive,
+    say,
+    working,
+)
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ...chaos import LyapunovSpectrum
+    from ...scenario import Scenario
 
 DIRECTIONS = {"rising": 1, "falling": -1, "both": 0}
+INTERVAL, INTERVAL_OF_A_CHART = 1.0, 10.0
+MOST_CROSSINGS = 100_000
 
 
 def add(commands) -> None:
@@ -30,7 +53,7 @@ def add(commands) -> None:
     kinds.add_argument(
         "--chart",
         nargs=2,
-        metavar=METAVAR,
+        metavar=CHART_AXIS,
         help="compute a chart instead: the largest exponent over two numbers, as in 'initial.Omega[0]=0:3:30' "
         "body.mass=1:2:20",
     )
@@ -62,21 +85,56 @@ def _exponents(options: argparse.Namespace) -> int:
     check_outputs(options, (".csv",))
     document = scenario_document(options)
     set_up_jax()
-    from ..work.chaos import run
+    from ...chaos import lyapunov_spectrum
+    from ...scenario.body import rolling_state
+    from ..files import write_json, write_outputs
 
-    return run(options, document)
+    scenario = scenario_of(document, options.scenario)
+    state = rolling_state(scenario.state, scenario.contact, "Lyapunov exponents are")
+    end = scenario.times[-1] if options.end is None else options.end
+    if end <= scenario.times[0]:
+        raise BadInputError(f"Argument `--end` must be after the start, {scenario.times[0]:g}, but it is {end:g}.")
+    with working(options, "computing Lyapunov exponents"):
+        spectrum = lyapunov_spectrum(
+            scenario.system,
+            (scenario.times[0], end),
+            state,
+            exponents=options.exponents,
+            transient=options.transient,
+            interval=options.interval or INTERVAL,
+            solver=SOLVERS[scenario.solver](),
+            rtol=scenario.rtol,
+            atol=scenario.atol,
+        )
+    write_json(options, _content(scenario, spectrum))
+    if not spectrum.ok:
+        print(f"jaxball: {spectrum.message}", file=sys.stderr)
+        return FAILED_SOLVE
+    written = write_outputs(
+        options, scenario, lambda path: _save_means(spectrum, path), lambda plot: plot.lyapunov_convergence(spectrum)
+    )
+    say(options, scenario.title, spectrum, written)
+    return 0
 
 
 def _chart(options: argparse.Namespace) -> int:
     check_outputs(options, (".nc", ".csv"))
     if options.exponents is not None:
         raise BadInputError("Argument `--exponents` must be left out with --chart, which shows the largest one.")
-    axes = axes_of(options)
+    axes = chart_axes(options)
     document = scenario_document(options)
     set_up_jax()
-    from ..work.chaos_chart import run
+    from ...sweep.charts import scenario_chart
+    from ..files import write_chart
 
-    return run(options, document, axes)
+    compute = functools.partial(
+        scenario_chart,
+        document,
+        end=options.end,
+        transient=options.transient,
+        interval=options.interval or INTERVAL_OF_A_CHART,
+    )
+    return write_chart(options, document, axes, compute, _chart_summary, lambda plot: plot.chaos_chart)
 
 
 def _poincare(options: argparse.Namespace) -> int:
@@ -84,9 +142,51 @@ def _poincare(options: argparse.Namespace) -> int:
     path, value = _section(options.poincare)
     document = scenario_document(options)
     set_up_jax()
-    from ..work.poincare import run
+    from ...chaos import poincare_map
+    from ...physics.phase_space import phase_point
+    from ...scenario.body import rolling_state
+    from ..files import write_json, write_outputs
 
-    return run(options, document, path, value)
+    scenario = scenario_of(document, options.scenario)
+    state = rolling_state(scenario.state, scenario.contact, "a Poincaré map is")
+    state = phase_point(scenario.system, state)
+    known = _components(state)
+    path = _checked(path, known)
+    others = [name for name in known if name != path]
+    across, up = (_checked(name, known) for name in options.axes or (others * 2)[:2])
+    name, index = known[path]
+
+    def section(system, t, x):
+        return getattr(x, name)[index] - value
+
+    with working(options, "computing the Poincaré map"):
+        crossings = poincare_map(
+            scenario.system,
+            section,
+            (scenario.times[0], scenario.times[-1] if options.end is None else options.end),
+            state,
+            direction=DIRECTIONS[options.direction or "rising"],
+            room=MOST_CROSSINGS,
+            solver=SOLVERS[scenario.solver](),
+            rtol=scenario.rtol,
+            atol=scenario.atol,
+        )
+    state = crossings.state
+    columns = {"time": crossings.times} | {name: getattr(state, leaf)[:, *at] for name, (leaf, at) in known.items()}
+    title = {"title": scenario.title} if scenario.title else {}
+    write_json(options, {**title, "ok": crossings.ok, "message": crossings.message, "count": crossings.count})
+    if crossings.status != Status.SUCCESS:
+        print(f"jaxball: {crossings.message}", file=sys.stderr)
+        return FAILED_SOLVE
+    written = write_outputs(
+        options,
+        scenario,
+        lambda path: _save_crossings(columns, path),
+        lambda plot: plot.poincare_section(columns[across], columns[up], (across, up)),
+    )
+    heading = f"{crossings.count} crossings of {path} = {value:g}"
+    say(options, scenario.title, heading, f"  {crossings.message}", written)
+    return 0
 
 
 def _check_options(options: argparse.Namespace) -> None:
@@ -112,3 +212,77 @@ def _section(text: str) -> tuple[str, float]:
             f"Argument `--poincare` must be COMPONENT=VALUE, such as 'Omega[0]=0', but it is \"{text}\"."
         )
     return path.strip(), number
+
+
+def _chart_summary(chart: "xarray.Dataset") -> list[str]:
+    import numpy as np
+
+    from ..files import extremes_of
+
+    finite, status = np.isfinite(chart["exponent"].values), chart["status"].values
+    up, right = chart["exponent"].dims
+    lines = [f"The largest Lyapunov exponent at {finite.size:,} pairs of {up} and {right}"]
+    if finite.any():
+        least, largest, place, pair = extremes_of(chart, "exponent")
+        error = chart["standard_error"].values[place]
+        lines.append(f"  from {least:.6f} to {largest:.6f} ± {error:.6f}, at {pair}")
+    lifted = int(((status == Status.SUCCESS) & ~finite).sum())
+    return [*lines, f"  {lifted:,} leave the plane"] if lifted else lines
+
+
+def _content(scenario: "Scenario", spectrum: "LyapunovSpectrum") -> dict[str, Any]:
+    import numpy as np
+
+    limits = spectrum.limits
+    force = spectrum.least_normal_force
+    return {
+        "title": scenario.title,
+        "ok": spectrum.ok,
+        "message": spectrum.message,
+        "reached": float(spectrum.reached),
+        "exponents": np.asarray(spectrum.exponents),
+        "standard_error": np.asarray(spectrum.standard_error),
+        "told_from_zero": limits.told,
+        "limits": limits.limits,
+        "dimension": spectrum.dimension,
+        "least_normal_force": None if force is None else float(force),
+    }
+
+
+def _save_means(spectrum: "LyapunovSpectrum", path: Path) -> None:
+    """The running means of the exponents, one row for each interval."""
+    import numpy as np
+
+    from ..files import write_csv
+
+    times, means = np.asarray(spectrum.times), np.asarray(spectrum.running)
+    header = ["time", *(f"exponent[{k}]" for k in range(means.shape[1]))]
+    write_csv(path, header, np.column_stack([times, means]).tolist())
+
+
+def _save_crossings(columns: dict[str, Any], path: Path) -> None:
+    import numpy as np
+
+    from ..files import write_csv
+
+    if path.suffix == ".npz":
+        np.savez_compressed(path, **columns)
+    else:
+        write_csv(path, columns, zip(*(values.tolist() for values in columns.values()), strict=True))
+
+
+def _components(state: Any) -> dict[str, tuple[str, tuple[int, ...]]]:
+    """The numbers of a state by their paths, counted from 0."""
+    import numpy as np
+
+    return {
+        entry: (name, index)
+        for name, leaf in vars(state).items()
+        for entry, index in entries(name, np.shape(leaf)).items()
+    }
+
+
+def _checked(name: str, known: dict[str, Any]) -> str:
+    if name not in known:
+        raise BadInputError(f'The component must be one of {", ".join(known)}, but it is "{name}".')
+    return name

@@ -1,12 +1,21 @@
 """``jaxball design``: searches for rails, motions and parameters with which a ball does what a problem file asks."""
 
 import argparse
+import shlex
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+from ...interface.activity import Line
+from ...interface.interruption import interrupt_message
 from ...interface.output import check_folder
 from ...scenario.errors import ScenarioError
 from ...scenario.sources import document_of, naming, text_of
 from ..jax_setup import set_up_jax
+from ..options import working
+
+UNMET = 1
 
 
 def add(commands) -> None:
@@ -27,6 +36,82 @@ def _run(options: argparse.Namespace) -> int:
     with naming(options.problem):
         document = document_of(text, "problem", ScenarioError)
     set_up_jax()
-    from ..work.design import run
+    from ...design.control.files import TABLE, read_control
+    from ...design.files import problem_of
+    from ...design.source import Source
 
-    return run(options, text, document)
+    file = Path(options.problem)
+    with naming(options.problem):
+        problem_file = (read_control if TABLE in document else problem_of)(document, file.parent)
+    source = Source(shlex.join(["jaxball", "design", str(file), "--out", str(options.out)]), file, text)
+    source.check(options.out)
+    return (_control if TABLE in document else _search)(options, problem_file, source)
+
+
+def _progress(options: argparse.Namespace, line: Line) -> Callable[[str], None]:
+    """The function that takes lines of progress."""
+    return lambda text: None if options.quiet else line.print(text, sys.stderr)
+
+
+def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
+    from ...design.control.report import objectives_in_units, write_design, write_report
+    from ...design.control.solution import means
+    from ...design.control.solve import controlled
+    from ...design.report import violation
+    from ...design.search.design import SCENARIO
+
+    saved = False
+
+    def save(solution: Any) -> None:
+        nonlocal saved
+        write_design(solution, problem_file.title, problem_file.saves, options.out)
+        saved = True
+
+    def stopped() -> str:
+        what = f"the last motion found is {options.out / SCENARIO}" if saved else "no motion was found yet"
+        return f"Stopped; {what}."
+
+    with interrupt_message(stopped), working(options, "searching for a motion") as line:
+        done = controlled(problem_file, _progress(options, line), save)
+        report = write_report(done, problem_file.title, problem_file.saves, options.out, source)
+    violations = {name: violation(by, done.violation) for name, by in done.seen.violations.items()}
+    _print_summary(problem_file.title, means(done.solution), objectives_in_units(done), violations)
+    print(f"  written: {report}, {options.out / SCENARIO}")
+    for name, by in done.broken.items():
+        sentence = f"The constraint `{name}` is violated by {by:.2g}, where {done.violation:g} is allowed"
+        print(f"jaxball: {sentence}; start with more intervals.", file=sys.stderr)
+    return 0 if done.good else UNMET
+
+
+def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
+    from ...design.report import objectives_in_units, violation, write_report
+    from ...design.search.design import PROGRESS, SCENARIO, design
+    from ...design.warnings import warnings
+
+    def stopped() -> str:
+        if not all((options.out / name).exists() for name in (PROGRESS, SCENARIO)):
+            return "Stopped; no design was found yet."
+        return f"Stopped; the best design so far is {options.out / SCENARIO}; run the same command to resume."
+
+    problem, settings = problem_file.problem, problem_file.settings
+    with interrupt_message(stopped), working(options, "searching for a design") as line:
+        say = _progress(options, line)
+        done = design(problem, settings, options.out, identity=problem_file.identity, say=say)
+        report = write_report(done, problem_file.title, options.out, source)
+    values = dict(zip(problem.objectives, done.verified.finer.terms.tolist(), strict=True))
+    violations = {name: violation(by, settings.tolerance) for name, (_, by) in done.verified.violations.items()}
+    _print_summary(problem_file.title, values, objectives_in_units(done), violations)
+    print(f"  written: {report}, {options.out / SCENARIO}")
+    for warning in warnings(done):
+        print(f"jaxball: {warning}", file=sys.stderr)
+    return 0 if done.feasible else UNMET
+
+
+def _print_summary(title: str, objectives: dict[str, float], in_units: dict[str, str], violations: dict[str, str]):
+    """Prints the objectives, with the lengths, angles and times that they stand for, and the constraints."""
+    if title:
+        print(title)
+    for name, value in objectives.items():
+        print(f"  {name}: {value:.6g}{f' ({in_units[name]})' if in_units[name] else ''}")
+    for name, sentence in violations.items():
+        print(f"  {name}: {sentence}")

@@ -1,18 +1,45 @@
 """``jaxball periodic``: the periodic motion near a scenario's state, its Floquet multipliers, and charts of them."""
 
 import argparse
+import dataclasses
+import functools
 import math
+import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from ...scenario.paths import check_number
-from ..chart import METAVAR, axes_of
-from ..input import add_scenario, scenario_document
-from ..jax_setup import set_up_jax
-from ..options import BadInputError, count, number, positive
-from ..output import add_output, check_outputs
+from ...interface.status import Status
+from ...interface.wording import counted
+from ...scenario.errors import ScenarioError
+from ...scenario.paths import check_number, entries, value_at
+from ..input import add_scenario, scenario_document, scenario_of
+from ..jax_setup import compiled_for, set_up_jax
+from ..options import (
+    CHART_AXIS,
+    FAILED_SOLVE,
+    BadInputError,
+    ChartAxis,
+    add_output,
+    chart_axes,
+    check_outputs,
+    count,
+    number,
+    positive,
+    say,
+    working,
+)
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ...physics.system import AbstractState
+    from ...scenario import Scenario
+    from ...simulation.trajectory import Trajectory
+    from ...stability import PeriodicMotion
 
 ITERATIONS = 20
+NAMES = ("period", "turns", "residual", "periodic", "stable", "kind", "growth", "least_normal_force", "iterations")
+COMPLEX = ("multipliers", "exponents")
 
 
 def add(commands) -> None:
@@ -57,7 +84,7 @@ def add(commands) -> None:
     parser.add_argument(
         "--chart",
         nargs=2,
-        metavar=METAVAR,
+        metavar=CHART_AXIS,
         help="compute a chart instead: the growth rate of deviations over two numbers, as in "
         "'body.offset[2]=-0.3:-0.1:20' resistance.rolling=0:0.5:20",
     )
@@ -74,14 +101,12 @@ def _run(options: argparse.Namespace) -> int:
         if options.chart is not None and getattr(options, name) is not None:
             raise BadInputError(f"Argument `--{name}` is for one motion; leave it out with --chart.")
     check_outputs(options, (".csv",) if options.chart is None else (".nc", ".csv"))
-    axes = None if options.chart is None else axes_of(options)
+    axes = None if options.chart is None else chart_axes(options)
     document = scenario_document(options)
     period = _period(options, document)
     options.iterations = options.iterations or ITERATIONS
     set_up_jax()
-    from ..work import periodic
-
-    return periodic.run(options, document, period) if axes is None else periodic.chart(options, document, period, axes)
+    return _motion(options, document, period) if axes is None else _chart(options, document, period, axes)
 
 
 def _period(options: argparse.Namespace, document: dict[str, Any]) -> float | str:
@@ -100,3 +125,124 @@ def _frequency(text: str) -> float | str:
     except ValueError:
         return text.strip()
     return positive(text)
+
+
+def _motion(options: argparse.Namespace, document: dict[str, Any], period: float | str) -> int:
+    """Finds the motion of a document, saves it and draws its multipliers."""
+    import jax
+
+    from ...numerics.programs import compiled_quickly
+    from ...scenario.body import rolling_state
+    from ...scenario.checks import message_in_keys
+    from ...stability import periodic_motion
+    from ...stability.periodic import DEFAULT_TOLERANCE
+    from ..files import motion_content, save_motions, write_json, write_outputs
+
+    scenario = scenario_of(document, options.scenario)
+    state = rolling_state(scenario.state, scenario.contact, "periodic motions are")
+    start = float(scenario.times[0])
+    if options.after is not None:
+        before = _run_before(options, scenario)
+        if not before.ok:
+            print(f"jaxball: {message_in_keys(before)}", file=sys.stderr)
+            return FAILED_SOLVE
+        start, state = options.after, jax.tree.map(lambda leaf: leaf[-1], before.state)
+    if isinstance(period, str):
+        period = 2 * math.pi / float(value_at(document, period))
+    try:
+        with working(options, "searching for a periodic motion"), compiled_quickly():
+            motion = periodic_motion(
+                scenario.system,
+                state,
+                period,
+                turns=options.turns,
+                t=start,
+                rtol=min(scenario.rtol, DEFAULT_TOLERANCE),
+                atol=min(scenario.atol, DEFAULT_TOLERANCE),
+                iterations=options.iterations,
+                max_steps=scenario.max_steps,
+            )
+    except (ValueError, TypeError) as error:
+        raise ScenarioError(str(error)) from None
+    motions = [motion_content(motion, (*NAMES, "message"), COMPLEX)]
+    write_json(options, {"title": scenario.title, "motions": motions})
+    if not motion.periodic:
+        print(f"jaxball: {motion.message}", file=sys.stderr)
+        return FAILED_SOLVE
+    written = write_outputs(
+        options,
+        scenario,
+        lambda path: save_motions([motion], path, NAMES, COMPLEX),
+        lambda plot: plot.multipliers([motion]),
+    )
+    say(options, scenario.title, *_summary(motion), written)
+    return 0
+
+
+def _chart(
+    options: argparse.Namespace, document: dict[str, Any], period: float | str, axes: tuple[ChartAxis, ChartAxis]
+) -> int:
+    """Computes the chart of a document, saves it and draws it."""
+    from ...sweep.charts import scenario_floquet_chart
+    from ..files import write_chart
+
+    compute = functools.partial(scenario_floquet_chart, document, period=period, iterations=options.iterations)
+    try:
+        return write_chart(options, document, axes, compute, _chart_summary, lambda plot: plot.stability_chart)
+    except (ValueError, TypeError) as error:
+        raise ScenarioError(str(error)) from None
+
+
+def _chart_summary(chart: "xarray.Dataset") -> list[str]:
+    from ..files import extremes_of
+
+    closed, status = chart["closed"].values, chart["status"].values
+    up, right = chart["growth"].dims
+    lines = [f"The growth rate of deviations from periodic motions at {closed.size:,} pairs of {up} and {right}"]
+    if closed.any():
+        least, largest, _, pair = extremes_of(chart, "growth")
+        lines.append(f"  from {round(least, 6) + 0.0:.6f} to {largest:.6f}, at {pair}")
+        lifted = int((closed & (chart["least_normal_force"].values <= 0)).sum())
+        lines += [f"  {lifted:,} leave the plane"] if lifted else []
+    lost = int(((status == Status.SUCCESS) & ~closed).sum())
+    return [*lines, f"  {lost:,} where no periodic motion was found"] if lost else lines
+
+
+def _run_before(options: argparse.Namespace, scenario: "Scenario") -> "Trajectory[Any, Any]":
+    """The scenario's run to the time of --after."""
+    import numpy as np
+
+    start = float(scenario.times[0])
+    if options.after <= start:
+        raise BadInputError(f"Argument `--after` must be after the start, {start:g}, but it is {options.after:g}.")
+    before = dataclasses.replace(scenario, times=np.array([start, options.after]))
+    with working(options, f"simulating to t = {options.after:g}"), compiled_for(before):
+        return before.simulate()
+
+
+def _summary(motion: "PeriodicMotion") -> list[str]:
+    from ..files import complex_numbers, state_line
+
+    angles = zip(_angles(motion.state), motion.turns, strict=True)
+    turned = ", ".join(f"{name} {turns}" for name, turns in angles if turns)
+    steps = counted(motion.iterations, "step")
+    lines = [
+        state_line(motion),
+        f"  {motion.message}",
+        f"period {motion.period:.10g}{turned and f' (turns: {turned})'}, closed to {motion.residual:.1g} after {steps} "
+        "of Newton's method",
+        f"  multipliers {complex_numbers(motion.multipliers)}",
+        f"  exponents {complex_numbers(motion.exponents)}",
+    ]
+    rolls = math.isfinite(motion.least_normal_force)
+    return [*lines, f"  least normal force {motion.least_normal_force:.6g}"] if rolls else lines
+
+
+def _angles(state: "AbstractState") -> list[str]:
+    """The names of the components that may gain whole turns."""
+    import numpy as np
+
+    from ...stability.shooting import countable
+
+    names = [entry for name, leaf in vars(state).items() for entry in entries(name, np.shape(leaf))]
+    return [name for name, angle in zip(names, countable(state), strict=True) if angle]

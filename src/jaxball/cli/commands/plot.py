@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ...results.files import check_saved
 from ..jax_setup import set_up_jax
-from ..output import add_formats, add_quiet, add_replacing, check_figures_folder
+from ..options import add_formats, add_quiet, add_replacing, check_figures_folder, working
 
 
 def add(commands) -> None:
@@ -32,6 +32,13 @@ def _run(options: argparse.Namespace) -> int:
     check_figures_folder(options, "out", "format")
     check_saved(options.saved)
     set_up_jax()
-    from ..work.plot import run
+    from ...numerics.programs import compiled_quickly
+    from ...results import load_run, saved_scenario
+    from ..files import draw_figures
 
-    return run(options)
+    with working(options, "drawing"), compiled_quickly():
+        run = load_run(options.saved)
+        written = draw_figures(options, run, options.out, options.format, saved_scenario(options.saved), options.saved)
+    if not options.quiet:
+        print(f"{run}\n  written: {written}")
+    return 0

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from ...interface.output import check_folder
 from ..jax_setup import set_up_jax
-from ..output import working
+from ..options import working
 
 
 def add(commands) -> None:

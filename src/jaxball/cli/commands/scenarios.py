@@ -2,7 +2,7 @@
 
 import argparse
 
-from ...scenario.library import builtin_scenarios, builtin_text, builtin_title
+from ...scenario.sources import builtin_scenarios, builtin_text, builtin_title
 
 
 def add(commands) -> None:

@@ -1,17 +1,47 @@
 """``jaxball simulate``: simulates, saves and draws a scenario."""
 
 import argparse
+import dataclasses
+import math
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ...interface.output import check_destination
 from ...interface.views import check_view
+from ...interface.wording import counted
 from ...results.files import SUFFIXES
+from ...scenario.errors import ScenarioError
+from ...scenario.paths import with_values
 from ...scenario.solvers import SOLVERS
-from ..animation import add_animation, check_animation
-from ..input import add_scenario, scenario_document
-from ..jax_setup import set_up_jax
-from ..options import number, positive
-from ..output import add_formats, add_output, add_replacing, check_figures_folder, check_json
+from ..animation import add_animation, check_animation, check_span, write_animation
+from ..input import add_scenario, scenario_document, scenario_of
+from ..jax_setup import compiled_for, set_up_jax
+from ..options import (
+    FAILED_SOLVE,
+    BadInputError,
+    add_formats,
+    add_output,
+    add_replacing,
+    check_figures_folder,
+    check_json,
+    number,
+    positive,
+    say,
+    working,
+    written_line,
+)
+
+if TYPE_CHECKING:
+    from ...scenario import Scenario
+    from ...simulation.events import AbstractEvent
+    from ...simulation.history import ContactHistory
+    from ...simulation.trajectory import Trajectory
+
+# Bytes for each time, measured for balls and disks: of a run, and of its observables for files and figures.
+OF_STATES, OF_OBSERVABLES = 800.0, 1_800.0
+MANY = 1_000_000  # times, for which a user should be warned of the wait
 
 
 def add(commands) -> None:
@@ -57,6 +87,245 @@ def _run(options: argparse.Namespace) -> int:
     check_animation(options)
     document = scenario_document(options, options.end)
     set_up_jax()
-    from ..work.simulate import run
+    return _checked_and_simulated(options, document)
 
-    return run(options, document)
+
+def _checked_and_simulated(options: argparse.Namespace, document: dict[str, Any]) -> int:
+    """Simulates the scenario of a document, saves and draws its run, and prints its summary."""
+    from ...scenario.solve import check_dae
+    from ..files import check_figures
+
+    changes = {name: getattr(options, name) for name in ("solver", "rtol", "atol")}
+    changes = {name: value for name, value in changes.items() if value is not None}
+    document = _with_contact(document, options.contact)
+    scenario = dataclasses.replace(scenario_of(document, options.scenario), **changes)
+    if options.solver is not None:
+        check_dae(scenario.system, scenario.contact, options.solver, scenario.dae, "Argument `--solver`")
+    check_span(options, scenario)
+    check_figures(options, scenario)
+    check_memory(options, scenario.times.size)
+    with compiled_for(scenario):
+        return _simulate(options, scenario)
+
+
+def _simulate(options: argparse.Namespace, scenario: "Scenario") -> int:
+    from ... import plot, results
+    from ...physics.body import AbstractBody
+    from ...plot.record import finite_rows
+    from ...scenario.checks import message_in_keys
+    from ..files import write_json
+
+    rolls = isinstance(scenario.system, AbstractBody) and scenario.contact is None
+    events = _events(options, scenario)
+    with working(options, "compiling and simulating"):
+        trajectory = scenario.simulate(dense=rolls and _shows_contact(options), events=events)
+    written = []
+    if options.out is not None:
+        with working(options, "evaluating and saving"):
+            _evaluate(trajectory)
+            results.save(trajectory, options.out, scenario)
+        written.append(str(options.out))
+    if options.view is not None and finite_rows(trajectory).size:  # also for a run that failed, to see why
+        with working(options, "writing the view"):
+            plot.write_view(trajectory, options.view, scenario.title, friction=options.friction)
+        written.append(str(options.view))
+    if not trajectory.ok:
+        write_json(options, _content(scenario, trajectory))
+        saved = f" What was computed is in {_quoted(written)}, marked as failed." if written else ""
+        print(f"jaxball: {message_in_keys(trajectory)}{saved}", file=sys.stderr)
+        return FAILED_SOLVE
+    written += _draw(options, scenario, trajectory)
+    with working(options, "evaluating"):
+        content = {} if options.json is None else _content(scenario, trajectory)
+        checks = [] if options.quiet else _checks(trajectory)
+    write_json(options, content)
+    say(options, scenario.title, trajectory, *checks, written_line(written))
+    return 0
+
+
+def _quoted(paths: list[str]) -> str:
+    return " and ".join(f'"{path}"' for path in paths)
+
+
+def _shows_contact(options: argparse.Namespace) -> bool:
+    """Whether any requested output shows how close the ball came to slipping or leaving the plane."""
+    return not options.quiet or any(getattr(options, name) is not None for name in ("out", "json", "plot"))
+
+
+def _evaluate(trajectory: "Trajectory[Any, Any]") -> None:
+    """Compiles what a file needs: the observables on one core, and the extremes of contact on the other."""
+    from ...physics.body import AbstractBody
+    from ...simulation.extremes import contact_extremes
+
+    if not isinstance(trajectory.system, AbstractBody) or trajectory.interpolant is None:
+        return
+    with ThreadPoolExecutor(1) as beside:
+        beside.submit(lambda: trajectory.observables)  # an error will be reported by saving, which needs them as well
+        contact_extremes(trajectory)
+
+
+def _draw(options: argparse.Namespace, scenario: "Scenario", trajectory: "Trajectory[Any, Any]") -> list[str]:
+    from ..files import draw_figures
+
+    written = []
+    if options.plot is not None:
+        with working(options, "drawing"):
+            written.append(
+                draw_figures(options, trajectory, options.plot, options.plot_format, scenario, options.scenario)
+            )
+    if options.animate is not None:
+        write_animation(options, scenario)
+        written.append(str(options.animate))
+    return written
+
+
+def _content(scenario: "Scenario", trajectory: "Trajectory[Any, Any]") -> dict[str, Any]:
+    """The summary as JSON: the attributes of a result file, and the state at the end."""
+    import numpy as np
+
+    from ...physics.body import AbstractBody
+    from ...results.saving import attributes
+
+    about = {name: value for name, value in attributes(trajectory, scenario).items() if name != "format"}
+    end = {name: np.asarray(leaf)[-1] for name, leaf in vars(trajectory.state).items()}
+    content = {**about, "ok": trajectory.ok, "time": float(trajectory.times[-1]), "state": end}
+    if not isinstance(scenario.system, AbstractBody):
+        content["law_changes"] = _law_changes(trajectory)
+    if trajectory.contact is not None:
+        content["contact"] = _contact_content(trajectory.contact)
+    return content
+
+
+def _events(options: argparse.Namespace, scenario: "Scenario") -> "dict[str, AbstractEvent]":
+    from ...physics.body import AbstractBody
+    from ...simulation.events import Detachment, Slip
+
+    events: dict[str, AbstractEvent] = {}
+    if options.friction is not None:
+        events["slip"] = Slip(options.friction)
+    if options.detachment:
+        events["detachment"] = Detachment()
+    if events and not isinstance(scenario.system, AbstractBody):
+        raise ScenarioError(
+            "Arguments `--friction` and `--detachment` must be left out for a system that touches no plane, such as "
+            f"the {scenario.system.title} of this scenario."
+        )
+    if scenario.contact is not None and events:
+        raise ScenarioError(
+            "Arguments `--friction` and `--detachment` must be left out where the scenario has a law of contact, with "
+            "which the body slips and flies instead of the run ending."
+        )
+    return events
+
+
+def _checks(trajectory: "Trajectory[Any, Any]") -> list[str]:
+    """The lines about the contact of a body with its plane, or about conserved quantities."""
+    from ...physics.body import AbstractBody
+    from ...simulation.extremes import contact_extremes
+
+    if trajectory.contact is not None:
+        return []  # they are among the trajectory's own lines
+    if isinstance(trajectory.system, AbstractBody):
+        return [f"  {line}" for line in str(contact_extremes(trajectory)).splitlines()]
+    changes = (f"{name} {change:.1e}" for name, change in _law_changes(trajectory).items())
+    return ["  change of conserved quantities: " + ", ".join(changes)]
+
+
+def _law_changes(trajectory: "Trajectory[Any, Any]") -> dict[str, float]:
+    """The largest change of each conserved quantity since the start."""
+    import numpy as np
+
+    laws = {name: np.asarray(values) for name, values in trajectory.laws._asdict().items()}
+    return {name: float(np.max(np.abs(values - values[0]))) for name, values in laws.items()}
+
+
+def _with_contact(document: dict[str, Any], law: str | None) -> dict[str, Any]:
+    """The document with its law replaced by that of ``--contact``, a kinetic coefficient or keys with values.
+
+    **Raises:** :class:`~jaxball.ScenarioError` for a system that touches no plane.
+    """
+    from ...scenario.classical import CLASSICAL
+
+    if law is None:
+        return document
+    if document.get("kind") in CLASSICAL:
+        raise ScenarioError(
+            "Argument `--contact` must be left out for a system that touches no plane, such as a scenario of the kind "
+            f'"{document["kind"]}".'
+        )
+    keys = law.split(",") if "=" in law else [f"sliding={law}"]
+    others = {name: value for name, value in document.items() if name != "contact"}
+    return with_values(others, [f"contact.{key.strip()}" for key in keys])
+
+
+def _contact_content(contact: "ContactHistory") -> dict[str, Any]:
+    """The contact in --json: the law, the mode at each saved time, the switches, and how it ended."""
+    import numpy as np
+
+    from ...scenario.body import CONTACT
+
+    end = {name: np.asarray(getattr(contact, name))[-1] for name in ("V", "height", "slip", "rubbed", "struck")}
+    modes = [_mode_name(mode) for mode in np.asarray(contact.mode)]
+    law = CONTACT.write(contact.law, "contact")
+    return {
+        "law": law,
+        "modes": modes,
+        "end": end,
+        "count": int(contact.switches.count),
+        "switches": _switches(contact),
+    }
+
+
+def _switches(contact: "ContactHistory") -> list[dict[str, Any]]:
+    from ...physics.modes import Cause
+
+    switches = contact.switches
+    kept = min(int(switches.count), switches.times.shape[-1])
+    return [
+        {
+            "time": float(switches.times[k]),
+            "from": _mode_name(switches.source[k]),
+            "to": _mode_name(switches.target[k]),
+            "cause": Cause(int(switches.cause[k])).sentence,
+            "lost": float(switches.lost[k]),
+            "grazing": bool(switches.grazing[k]),
+        }
+        for k in range(kept)
+    ]
+
+
+def _mode_name(mode: Any) -> str | None:
+    """The name of a mode; None at times that the solve did not reach."""
+    from ...physics.modes import Mode
+
+    return Mode(int(mode)).name.lower() if int(mode) >= 0 else None
+
+
+def check_memory(options: argparse.Namespace, times: int) -> None:
+    """Prints what so many times need if they are many.
+
+    **Raises:** :class:`BadInputError` where that is more than is free.
+    """
+    observed = any(getattr(options, name) is not None for name in ("out", "plot", "view"))
+    needed, free = times * (OF_STATES + OF_OBSERVABLES * observed), free_memory()
+    if needed > free:
+        raise BadInputError(
+            f"Key `time` asks for {counted(times, 'time')}, which need about {_gigabytes(needed)} of memory, but "
+            f"{_gigabytes(free)} are free; save fewer times."
+        )
+    if times > MANY and not options.quiet:
+        warning = f"jaxball: {counted(times, 'time')} take minutes and about {_gigabytes(needed)} of memory."
+        print(warning, file=sys.stderr, flush=True)
+
+
+def free_memory() -> float:
+    """The bytes that can be had without swapping; infinite where the system does not say."""
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+    except OSError:
+        return math.inf
+    return next((1024.0 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")), math.inf)
+
+
+def _gigabytes(size: float) -> str:
+    return f"{size / 1e9:.2g} GB"

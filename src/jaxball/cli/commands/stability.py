@@ -1,12 +1,23 @@
 """``jaxball stability``: the steady motions of a ball, and their linear stability."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from ..input import add_scenario, scenario_document
+from ...interface.wording import all_of
+from ...scenario.errors import ScenarioError
+from ..input import add_scenario, scenario_document, scenario_of
 from ..jax_setup import set_up_jax
-from ..options import BadInputError, number
-from ..output import add_output, check_outputs
+from ..options import BadInputError, add_output, check_outputs, number, say, working
+
+if TYPE_CHECKING:
+    from ...scenario import Scenario
+    from ...stability import SteadyMotion
+
+MOST_SHOWN = 20  # motions in a summary; files have all
+NAMES, COMPLEX = ("turning", "residual", "steady", "stable", "kind"), ("eigenvalues",)
+ELSE = "give --initial for a state that is steady, or use jaxball periodic for a motion that repeats itself"
 
 
 def add(commands) -> None:
@@ -40,6 +51,72 @@ def _run(options: argparse.Namespace) -> int:
         raise BadInputError("Argument `--turning` is for the scenario's initial state; give --initial with it.")
     document = scenario_document(options)
     set_up_jax()
-    from ..work.stability import run
+    from ...numerics.programs import compiled_quickly
+    from ..files import motion_content, save_motions, write_json, write_outputs
 
-    return run(options, document)
+    scenario = scenario_of(document, options.scenario)
+    try:
+        with working(options, "searching for steady motions"), compiled_quickly():
+            motions = _motions(options, scenario)
+    except (ValueError, TypeError) as error:
+        raise ScenarioError(str(error)) from None
+    written = write_outputs(
+        options,
+        scenario,
+        lambda path: save_motions(motions, path, NAMES, COMPLEX),
+        lambda plot: plot.eigenvalues(motions),
+    )
+    contents = [motion_content(motion, (*NAMES, "message"), COMPLEX) for motion in motions]
+    write_json(options, {"title": scenario.title, "motions": contents})
+    say(options, scenario.title, *_summary(motions), written)
+    return 0
+
+
+def _motions(options: argparse.Namespace, scenario: "Scenario") -> "Sequence[SteadyMotion]":
+    from ...physics.body import AbstractBody, Ball
+    from ...scenario.body import rolling_state
+    from ...stability import permanent_rotations, stability, steady_rolling
+
+    system = scenario.system
+    t = float(scenario.times[0]) if options.time is None else options.time
+    rolling_state(scenario.state, scenario.contact, "the stability of steady motions is")
+    if not isinstance(system, AbstractBody):
+        raise ValueError(
+            f"Steady motions are searched for only for a ball or a disk, but the scenario is of a {system.title}; use "
+            "jaxball periodic for a motion that repeats itself."
+        )
+    if options.initial:
+        return (stability(system, scenario.state, turning=options.turning or 0.0, t=t),)  # pyright: ignore
+    if not isinstance(system, Ball):
+        raise ValueError(f"Steady motions of a disk are not searched for; {ELSE}.")
+    _require_still(system)
+    if options.rolling is not None:
+        return (steady_rolling(system, *options.rolling, t=t),)
+    return permanent_rotations(system, options.rate or 0.0, t=t)
+
+
+def _require_still(ball: Any) -> None:
+    """Raises a ``ValueError`` where steady motions of the ball are not searched for, and says what to do instead."""
+    if ball.coordinates:
+        raise ValueError(
+            "Steady motions are searched for only where nothing moves freely or by a law, unlike "
+            f"{all_of(ball.coordinates)} here; hold these with a schedule, {ELSE}."
+        )
+    acting = [f"`{name}`" for name in ("force", "ground", "resistance") if getattr(ball, name) is not None]
+    if acting:
+        raise ValueError(
+            "Steady motions are searched for only on a level plane at rest, without force and resistance, but the "
+            f"scenario has {all_of(acting)}; {ELSE}."
+        )
+
+
+def _summary(motions: "Sequence[SteadyMotion]") -> list[str]:
+    from ..files import complex_numbers, state_line
+
+    lines = [] if motions else ["No steady motion was found."]
+    for motion in motions[:MOST_SHOWN]:
+        lines += [state_line(motion), f"  {motion.message}"]
+        lines += [f"  eigenvalues {complex_numbers(motion.eigenvalues)}"]
+    if len(motions) > MOST_SHOWN:
+        lines.append(f"and {len(motions) - MOST_SHOWN} more, because the directions are not isolated; --out saves all")
+    return lines

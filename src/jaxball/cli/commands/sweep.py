@@ -2,16 +2,17 @@
 
 import argparse
 import importlib.util
+import sys
 from pathlib import Path
 
 from ...interface.installation import pip_install
-from ...interface.output import check_folder
-from ...interface.wording import all_of
+from ...interface.interruption import STOPPED, exit_code, interrupt_message
+from ...interface.output import OutputError, check_folder
+from ...interface.wording import all_of, counted
 from ...scenario.errors import ScenarioError
 from ...scenario.sources import document_of, naming, text_of
 from ..jax_setup import set_up_jax
-from ..options import BadInputError, count
-from ..output import add_formats, add_replacing
+from ..options import FAILED_SOLVE, BadInputError, add_formats, add_replacing, count, working
 
 NEEDED = ("zarr", "google_crc32c", "pandas", "pyarrow", "scipy")
 
@@ -55,9 +56,10 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
         if options.store is None:
             parser.error("the following argument is required after status: STORE")
         set_up_jax()
-        from ..work.sweep import status
+        from ... import sweep
 
-        return status(options)
+        print(sweep.describe(options.store))
+        return 0
     if options.study == "plot":
         return _plot(parser, options)
     for name in ("result", "against", "label", "format", "svg_text", "force"):
@@ -74,9 +76,40 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     with naming(options.study):
         document_of(text, "study", ScenarioError)
     set_up_jax()
-    from ..work.sweep import run
+    return _sweep(options, text)
 
-    return run(options, text)
+
+def _sweep(options: argparse.Namespace, text: str) -> int:
+    """Runs the study of a file with this text, or says how much there is to run."""
+    from ... import sweep
+
+    with naming(options.study):
+        study = sweep.read_study(text, Path(options.study).parent)
+    if options.dry_run:
+        with working(options, "compiling, then solving a few rows"):
+            estimate = sweep.estimate(study, measure=options.measure).sentence(options.workers)
+        print(estimate if options.measure else f"{estimate}; --measure solves a few rows to estimate the time")
+        return 0
+    try:
+        with interrupt_message(lambda: _stopped(options.out)):
+            outcome = sweep.sweep(study, options.out, workers=options.workers, shard=options.shard, stream=sys.stderr)
+    except sweep.WorkerError as error:
+        print(f"jaxball: {error}", file=sys.stderr)
+        return FAILED_SOLVE
+    if outcome.interrupted:
+        print(
+            f"jaxball: Stopped with {outcome.done:,} of {outcome.rows:,} rows done; run the same command to resume.",
+            file=sys.stderr,
+        )
+        return exit_code()
+    print(sweep.describe(outcome.store))
+    written = f"{outcome.store}, {outcome.table}" if outcome.finished else f"{outcome.store}; other shards are not done"
+    print(f"  written: {written}")
+    return 0
+
+
+def _stopped(out: Path) -> str:
+    return f'Stopped; the rows in "{out}" are complete; run the same command to resume.' if out.exists() else STOPPED
 
 
 def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
@@ -85,9 +118,32 @@ def _plot(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
     require_packages(("zarr", "google_crc32c"))
     check_folder(options.out, "--out")
     set_up_jax()
-    from ..work.sweep import plot
+    from ... import plot, sweep
+    from ...sweep.files import check_intact
+    from ..files import suffixes
 
-    return plot(options)
+    data = sweep.open_dataset(options.store)
+    check_intact(options.store)
+    try:
+        with working(options, "drawing"):
+            paths = plot.sweep_figures(
+                data,
+                options.out,
+                options.result,
+                options.against,
+                formats=suffixes(options.format),
+                labels=dict(options.label),
+                svg_text=options.svg_text,
+                replace=options.force,
+            )
+    except OutputError as error:
+        raise OutputError(str(error).replace("replace=True", "--force")) from None
+    except plot.PictureError as error:
+        raise BadInputError(str(error)) from None
+    print(f"{counted(len(paths), 'figure')} of {options.store}")
+    for path in paths:
+        print(f"  written: {path}")
+    return 0
 
 
 def require_packages(packages: tuple[str, ...]) -> None:

@@ -2,16 +2,16 @@
 
 import argparse
 import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from ...interface.wording import counted
 from ...scenario.errors import ScenarioError, all_problems
-from ...scenario.library import builtin_scenarios, builtin_text
-from ...scenario.sources import document_of, text_of
+from ...scenario.sources import builtin_scenarios, builtin_text, document_of, text_of
 from ..input import input_text, source_name
 from ..jax_setup import set_up_jax
-from ..options import BAD_INPUT
-from ..sentences import sentence
+from ..options import BAD_INPUT, sentence
 
 WHAT = "scenario, study or problem"
 
@@ -52,9 +52,7 @@ def _described(source: str, options: argparse.Namespace) -> str:
     """
     document = _document(source)
     set_up_jax()
-    from ..work.validate import described
-
-    return described(document, Path(source).parent)
+    return _reader(document)(document, Path(source).parent)
 
 
 def _document(source: str) -> dict[str, Any]:
@@ -63,3 +61,60 @@ def _document(source: str) -> dict[str, Any]:
     text = input_text(source)
     text = text_of(source, WHAT, ScenarioError) if text is None else text
     return document_of(text, WHAT, ScenarioError)
+
+
+def _reader(document: dict[str, Any]) -> Callable[[dict[str, Any], Path], str]:
+    """The function that reads a document, chosen by its keys; by default, a document is taken for a scenario."""
+    if "axes" in document:
+        return _study
+    if "control" in document:
+        return _control
+    return _problem if document.keys() & {"objectives", "variables"} else _scenario
+
+
+def _scenario(document: dict[str, Any], folder: Path) -> str:
+    from ...scenario import read_document
+
+    scenario = read_document(document)
+    times, what = scenario.times, scenario.system.described()
+    content = f"{what}, {len(times)} times from {times[0]:g} to {times[-1]:g} by {scenario.solver}"
+    return _titled("a scenario", content, document)
+
+
+def _study(document: dict[str, Any], folder: Path) -> str:
+    import tomli_w
+
+    from ...sweep import read_study
+
+    study = read_study(tomli_w.dumps(document), folder)
+    shape = " × ".join(f"{size:,}" for size in study.shape)
+    rows = counted(study.rows, "row")
+    return _titled(
+        "a study", f"{rows}{f' ({shape})' if len(study.shape) > 1 else ''} of {', '.join(study.paths)}", document
+    )
+
+
+def _problem(document: dict[str, Any], folder: Path) -> str:
+    from ...design.files import problem_of
+
+    problem = problem_of(document, folder).problem
+    size = problem.space.size
+    variables = counted(size, "variable")
+    content = (variables, _names("objectives", problem.objectives), _names("constraints", problem.constraints))
+    return _titled("a design problem", "; ".join(content), document)
+
+
+def _control(document: dict[str, Any], folder: Path) -> str:
+    from ...design.control.files import read_control
+
+    problem = read_control(document, folder)
+    return _titled("a problem of optimal control", f"{problem.intervals} intervals to start with", document)
+
+
+def _names(what: str, items: Mapping[str, Any]) -> str:
+    return f"{what} {', '.join(items)}" if items else f"no {what}"
+
+
+def _titled(kind: str, content: str, document: dict[str, Any]) -> str:
+    title = document.get("title", "")
+    return f'{kind}, "{title}": {content}.' if title else f"{kind}: {content}."

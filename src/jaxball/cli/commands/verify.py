@@ -1,15 +1,32 @@
 """``jaxball verify``: the laws of mechanics, checked on runs of scenarios."""
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ...interface.output import check_destination
-from ...scenario.library import builtin_scenarios
+from ...scenario.sources import builtin_scenarios
 from ...verify.laws import LAWS
-from ..input import named_document
-from ..jax_setup import set_up_jax
-from ..options import BadInputError
-from ..output import FIGURE_SUFFIXES, add_json, check_json
+from ..input import is_run, named_document, scenario_of
+from ..jax_setup import compiled_for, set_up_jax
+from ..options import (
+    FAILED_SOLVE,
+    FIGURE_SUFFIXES,
+    STDOUT,
+    BadInputError,
+    add_json,
+    check_json,
+    say,
+    working,
+    written_line,
+)
+
+if TYPE_CHECKING:
+    from ...scenario import Scenario
+    from ...verify import Report
+
+LAW_BROKEN = 1
 
 
 def add(commands) -> None:
@@ -46,6 +63,49 @@ def _run(options: argparse.Namespace) -> int:
     # All are read before the first run, so that a misspelt name is not discovered after minutes.
     documents = {name: named_document(name) for name in options.scenarios or builtin_scenarios()}
     set_up_jax()
-    from ..work.verify import run
+    return _verify(options, documents)
 
-    return run(options, documents)
+
+def _verify(options: argparse.Namespace, documents: Mapping[str, dict[str, Any]]) -> int:
+    """Prints a report for each of ``documents``, which have the names of their sources."""
+    from ...results import load_run
+    from ...verify import verify
+    from ..files import write_json
+
+    scenarios = {name: scenario_of(document, name) for name, document in documents.items()}
+    reports = {}
+    for name, scenario in scenarios.items():
+        try:
+            with working(options, f"checking {name}"), compiled_for(scenario):
+                run = load_run(name) if is_run(name) else None
+                known = scenario if run is None or run.scenario is None else run
+                reports[name] = verify(known, laws=options.laws, quick=options.quick)
+        except ValueError as error:
+            raise BadInputError(str(error)) from None
+        say(options, f"{name}: {reports[name]}", _drawn(options, scenario, reports[name]))
+        if options.json != STDOUT:
+            write_json(options, _content(reports))
+    if options.json == STDOUT:
+        write_json(options, _content(reports))
+    if any(report.failure for report in reports.values()):
+        return FAILED_SOLVE
+    return 0 if all(report.ok for report in reports.values()) else LAW_BROKEN
+
+
+def _drawn(options: argparse.Namespace, scenario: "Scenario", report: "Report") -> str:
+    """Draws the residuals where --plot asks for them, and returns the line that names the file."""
+    if options.plot is None or report.failure:
+        return ""
+    if report.times is None or not report.residuals:
+        return f"  not written: {options.plot}, because none of the laws is a balance that applies"
+    from ...plot import law_residuals
+    from ...plot.report import write_figure
+
+    with working(options, "drawing"):
+        drawn = law_residuals(report.times, report.residuals)
+        write_figure(drawn, options.plot, scenario.system, scenario.title)
+    return written_line([options.plot])
+
+
+def _content(reports: Mapping[str, "Report"]) -> dict[str, Any]:
+    return {name: report.as_dict() for name, report in reports.items()}

@@ -1,15 +1,22 @@
 """``jaxball view``: a saved run, a design or rows of a sweep as one HTML file."""
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ...interface.views import MOST_BODIES, check_view
 from ...interface.wording import counted
 from ...results.files import READ_BACK, RunError, check_saved
-from ..jax_setup import set_up_jax
-from ..options import BadInputError, positive
-from ..output import add_quiet
+from ..jax_setup import compiled_for, set_up_jax
+from ..options import BadInputError, add_quiet, positive, working, written_line
 from .sweep import require_packages
+
+if TYPE_CHECKING:
+    from ...plot import ColourScale
+    from ...scenario import Scenario
+    from ...simulation.events import AbstractEvent
+    from ...simulation.trajectory import Trajectory
 
 DESIGN, SWEEP = "design.toml", "zarr.json"  # by which folders are recognised
 
@@ -49,9 +56,7 @@ def _run(options: argparse.Namespace) -> int:
             if getattr(options, name) is not None:
                 raise BadInputError(f'Argument `--{name}` is for the store of a sweep, which "{options.saved}" is not.')
     set_up_jax()
-    from ..work import view
-
-    return {DESIGN: view.of_design, SWEEP: view.of_sweep}.get(kind, view.run)(options)
+    return {DESIGN: _of_design, SWEEP: _of_sweep}.get(kind, _of_run)(options)
 
 
 def _kind(path: Path) -> str:
@@ -74,6 +79,117 @@ def _rows(text: str) -> tuple[int, ...]:
         raise argparse.ArgumentTypeError(f"it must be row numbers separated by commas, but it is {text}")
     rows = tuple(int(part) for part in parts)
     if len(set(rows)) < len(rows) or len(rows) > MOST_BODIES:
-        given = counted(len(rows), "row") + " with one twice" * (len(set(rows)) < len(rows))
-        raise argparse.ArgumentTypeError(f"it must be up to {MOST_BODIES} different rows, but it is {given}")
+        number = counted(len(rows), "row") + " with one twice" * (len(set(rows)) < len(rows))
+        raise argparse.ArgumentTypeError(f"it must be up to {MOST_BODIES} different rows, but it is {number}")
     return rows
+
+
+def _of_run(options: argparse.Namespace) -> int:
+    """Writes the view of a saved run, and prints a summary of the run."""
+    from ... import plot
+    from ...numerics.programs import compiled_quickly
+    from ...results import load_run, saved_scenario
+
+    with working(options, "writing the view"), compiled_quickly():
+        run = load_run(options.saved)
+        _check(options, run, f'The run "{options.saved}"')
+        title = saved_scenario(options.saved).title
+        plot.write_view(run, options.out, title, friction=options.friction, all_times=options.all_times)
+    return _say(options, run)
+
+
+def _of_design(options: argparse.Namespace) -> int:
+    """Writes the view of a design, before and after."""
+    from ...design import load_result
+
+    result = load_result(options.saved)
+    runs = _simulated(options, {"before": result.before, "after": result.after})
+    with working(options, "writing the view"):
+        _write(options, runs, result.title, wanted=result.wanted, discs=result.discs)
+    return _say(options, *(f"{name}: {run}" for name, run in runs.items()))
+
+
+def _of_sweep(options: argparse.Namespace) -> int:
+    """Writes the view of some rows of a sweep."""
+    from ... import plot, sweep
+    from ...plot.sweeps.axes import title_of
+
+    scenarios = sweep.row_scenarios(options.saved, options.rows)
+    data = sweep.open_dataset(options.saved)
+    try:
+        scale = plot.sweep_scale(data, options.rows, options.colour)
+    except plot.PictureError as error:
+        raise BadInputError(f"Argument `--colour`: {error}") from None
+    named = {f"row {row}": scenario for row, scenario in zip(options.rows, scenarios, strict=True)}
+    runs = _simulated(options, named, sweep.row_events(options.saved))
+    title = ", ".join([title_of(data), *(named if len(named) == 1 else ())])
+    with working(options, "writing the view"):
+        _write(options, runs, title, scale=scale)
+    return _say(options, title, *(f"  {name}: {run.message}" for name, run in runs.items()))
+
+
+def _check(options: argparse.Namespace, trajectory: "Trajectory[Any, Any]", what: str) -> None:
+    from ...physics.body import AbstractBody
+    from ...plot.record import finite_rows
+
+    if not finite_rows(trajectory).size:
+        raise RunError(f"{what} has no finite state to show. {trajectory.message}")
+    if options.friction is not None and not isinstance(trajectory.system, AbstractBody):
+        raise BadInputError(
+            "Argument `--friction` must be left out for a system that touches no plane, such as a "
+            f"{trajectory.system.title}, but it is {options.friction:g}."
+        )
+
+
+def _simulated(
+    options: argparse.Namespace,
+    scenarios: Mapping[str, "Scenario"],
+    events: "Mapping[str, AbstractEvent] | None" = None,
+) -> "dict[str, Trajectory[Any, Any]]":
+    """The runs of scenarios by their names."""
+    runs = {}
+    for name, scenario in scenarios.items():
+        with working(options, f"simulating {name}"), compiled_for(scenario):
+            runs[name] = scenario.simulate(events=events)
+        _check(options, runs[name], f'The run "{name}"')
+    return runs
+
+
+def _write(
+    options: argparse.Namespace,
+    runs: "Mapping[str, Trajectory[Any, Any]]",
+    title: str,
+    *,
+    wanted: Any = None,
+    discs: Any = (),
+    scale: "ColourScale | None" = None,
+) -> None:
+    """Writes several runs; those of bodies that roll must be on one plane."""
+    from ... import plot
+    from ...physics.body import System
+    from ...plot.view.rolling import other_ground
+
+    rolling = [run.system for run in runs.values() if isinstance(run.system, System)]
+    other = other_ground(rolling)
+    if other is not None:
+        names = list(runs)
+        raise RunError(
+            f'The runs of "{options.saved}" must be on the same plane to be shown together, but the plane of '
+            f'"{names[other]}" differs from that of "{names[0]}".'
+        )
+    plot.write_view(
+        runs,
+        options.out,
+        title,
+        friction=options.friction,
+        wanted=wanted,
+        discs=discs,
+        scale=scale,
+        all_times=options.all_times,
+    )
+
+
+def _say(options: argparse.Namespace, *lines: object) -> int:
+    if not options.quiet:
+        print("\n".join([*map(str, lines), written_line([options.out])]))
+    return 0

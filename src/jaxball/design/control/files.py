@@ -10,7 +10,7 @@ from ...numerics.arrays import to_array
 from ...physics.body import Ball, Disk
 from ...physics.state import BallState, DiskState
 from ...scenario import read_document
-from ...scenario.contact import rolling_state
+from ...scenario.body import rolling_state
 from ...scenario.sources import naming_scenario, scenario_document
 from ...scenario.table import Family, Key, Keys, read_table
 from ...scenario.values import NOT_NEGATIVE, POSITIVE, Choice, Integer, Numbers, key_error, shown, unread

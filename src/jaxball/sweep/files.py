@@ -1,18 +1,78 @@
-"""Finds files of a store that have been changed from outside.
+"""The files of a store: written atomically, with checksums that show what was changed from outside."""
 
-Each file of an array ends with the CRC-32C of its numbers, which Zarr's codec of that name checks when it reads them.
-Stores of earlier versions have none, and their files are checked by their sizes alone.
-"""
-
+import contextlib
 import json
 import math
+import os
+import re
+import shutil
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..interface.output import atomic_write, machine
 from .errors import StoreError
+
+SECONDS_OF_A_PART = 24 * 3600.0
+_PART = re.compile(r"\.part-(?P<machine>.+)-(?P<process>\d+)-[^-]+")
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Writes a file atomically. Its folder is created if it does not exist."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path, flush=True) as beside:
+        beside.write_bytes(content)
+
+
+def remove_parts(folder: Path) -> None:
+    """Removes what killed processes left."""
+    for path in folder.rglob(".part-*"):
+        path.unlink(missing_ok=True)
+
+
+def remove_dead_parts(folder: Path) -> None:
+    """Removes what killed processes left in ``folder`` itself, where others may be running.
+
+    Whether a process of this machine is dead is known. For other machines it is not, and their files are removed when
+    older than a day. Files that cannot be removed stay.
+    """
+    with contextlib.suppress(OSError):
+        for path in folder.glob(".part-*"):
+            if _is_dead(path):
+                _remove(path)
+
+
+def _is_dead(path: Path) -> bool:
+    named = _PART.fullmatch(path.name)
+    if named is None:
+        return False
+    if named["machine"] == machine() and not _is_running(int(named["process"])):
+        return True
+    with contextlib.suppress(OSError):
+        return time.time() - path.stat().st_mtime > SECONDS_OF_A_PART
+    return False
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:  # it is another user's
+        return True
+    return True
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with contextlib.suppress(OSError):
+            path.unlink()
+
 
 MARKS = ".done"  # the folder with a mark for each chunk whose files have been written
 STATUS = np.dtype(np.int8)
@@ -59,16 +119,16 @@ def damages(folder: Path, *, numbers: bool = True) -> Iterator[Damage]:
         size, has_checksum = _size(array), CHECKSUM in _codecs(array)
         if size is None:
             continue
-        whole = _is_whole if numbers and has_checksum else _is_of_its_size
+        intact = _is_intact if numbers and has_checksum else _is_of_its_size
         size += BYTES_OF_A_CHECKSUM * has_checksum
         for place in _places(array):
             path = folder.joinpath(name, "c", *map(str, place))
             chunk = place[0] if array["dimension_names"][0] == "row" else None
-            if (chunk is None or chunk in chunks) and not whole(path, size):
+            if (chunk is None or chunk in chunks) and not intact(path, size):
                 yield Damage(path, chunk)
 
 
-def check_whole(folder: Path, *, numbers: bool = True) -> None:
+def check_intact(folder: Path, *, numbers: bool = True) -> None:
     """Raises a :class:`StoreError` where a file of a store has been changed from outside, see :func:`damages`."""
     for damage in damages(folder, numbers=numbers):
         raise changed(damage.path)
@@ -96,10 +156,10 @@ def _nodes(folder: Path) -> Mapping[str, Any]:
 def _says(path: Path, metadata: Mapping[str, Any]) -> bool:
     """Whether the metadata file of an array or a group agrees with the store's, which Zarr reads instead."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        own = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    return found == {name: value for name, value in metadata.items() if name != "consolidated_metadata"}
+    return own == {name: value for name, value in metadata.items() if name != "consolidated_metadata"}
 
 
 def _size(array: Mapping[str, Any]) -> int | None:
@@ -128,7 +188,7 @@ def _is_of_its_size(path: Path, size: int) -> bool:
     return path.is_file() and path.stat().st_size == size
 
 
-def _is_whole(path: Path, size: int) -> bool:
+def _is_intact(path: Path, size: int) -> bool:
     return numbers_of(path, size - BYTES_OF_A_CHECKSUM) is not None
 
 

@@ -22,11 +22,11 @@ from ..physics.state import BallState, DiskState
 from ..physics.validity import beyond_arithmetic
 from .errors import raise_first
 from .table import join
-from .traced import any_traced, leave_open
-from .values import ScenarioError
+from .values import ScenarioError, any_traced, leave_open
 
 if TYPE_CHECKING:
     from ..simulation.trajectory import Trajectory
+
 
 EXTREME = 1e20
 

@@ -1,0 +1,236 @@
+"""The files that commands write: JSON for programs, tables, figures and charts. Needs JAX."""
+
+import argparse
+import contextlib
+import csv
+import json
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..interface.output import OutputError, replacing
+from ..interface.printing import json_types
+from ..interface.status import Status
+from ..interface.wording import counted
+from ..plot.files import check_others, figures_in, plain_name, scenario_mark
+from ..scenario import Scenario, ScenarioError, read_document, write_scenario
+from ..scenario.paths import entries
+from ..simulation.trajectory import Trajectory
+from .input import STDIN
+from .options import STDOUT, ChartAxis, say, working, written_line
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ..stability import PeriodicMotion, SteadyMotion
+
+    Motion = SteadyMotion | PeriodicMotion
+
+Names = Sequence[str]  # of attributes
+
+
+def write_json(options: argparse.Namespace, content: dict[str, Any]) -> None:
+    """Writes ``content`` to the file of --json."""
+    if options.json is None:
+        return
+    text = json.dumps(json_types(content), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    text = text.encode(errors="backslashreplace").decode()  # escapes file names that are not valid text
+    if options.json == STDOUT:
+        sys.stdout.write(text)
+        return
+    with replacing(options.json) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_outputs(
+    options: argparse.Namespace, scenario: Scenario, save: Callable[[Path], None], draw: Callable[[Any], Any]
+) -> str:
+    """Writes the files of --out and --plot, and returns the line that names them.
+
+    - ``save``: writes the numbers to a path that has the suffix of --out.
+    - ``draw``: makes the Axes, given :mod:`jaxball.plot`.
+    """
+    written = []
+    if options.out is not None:
+        with replacing(options.out) as temporary:
+            save(temporary)
+        written.append(options.out)
+    if options.plot is not None:
+        from .. import plot  # here, because importing matplotlib takes longer than many commands
+        from ..plot.report import write_figure
+
+        with working(options, "drawing"):
+            write_figure(draw(plot), options.plot, scenario.system, scenario.title)
+        written.append(options.plot)
+    return written_line(written)
+
+
+def draw_figures(
+    options: argparse.Namespace,
+    trajectory: Trajectory[Any, Any],
+    folder: Path,
+    formats: list[str] | None,
+    scenario: Scenario,
+    source: str | Path,
+) -> str:
+    """Draws the standard figures of a run of a scenario, named after ``source``, and returns how many and where."""
+    from .. import plot  # here, because importing matplotlib takes longer than many runs
+
+    try:
+        paths = plot.figures(
+            trajectory,
+            folder,
+            scenario.title,
+            name=figure_name(source, scenario),
+            formats=suffixes(formats),
+            sensors=scenario.sensors,
+            svg_text=options.svg_text,
+            replace=options.force,
+        )
+    except OutputError as error:
+        raise OutputError(str(error).replace("replace=True", "--force")) from None
+    return f"{counted(len(paths), 'figure')} in {folder}"
+
+
+def check_figures(options: argparse.Namespace, scenario: Scenario) -> None:
+    """Raises an :class:`~jaxball.results.OutputError` where --plot would replace figures of another scenario's run."""
+    if options.plot is None or options.force or not options.plot.is_dir():
+        return
+    with contextlib.suppress(ScenarioError):
+        mark = scenario_mark(write_scenario(scenario))
+        name = figure_name(options.scenario, scenario)
+        check_others(figures_in(options.plot, name, suffixes(options.plot_format)), mark, "--force")
+
+
+def suffixes(formats: list[str] | None) -> tuple[str, ...]:
+    """The formats of figures, each once."""
+    return tuple(dict.fromkeys(formats or ("png",)))
+
+
+def figure_name(source: str | Path, scenario: Scenario) -> str:
+    """The prefix of figure names: the name of the scenario or run; for standard input, its title or its kind."""
+    kind = scenario.system.title.lower().replace(" ", "_")
+    return plain_name(scenario.title if str(source) == STDIN else Path(source).stem, kind)
+
+
+def write_csv(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Writes a table as CSV."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def write_chart(
+    options: argparse.Namespace,
+    document: dict[str, Any],
+    axes: tuple[ChartAxis, ChartAxis],
+    compute: Callable[..., "xarray.Dataset"],
+    summary: Callable[["xarray.Dataset"], list[str]],
+    draw: Callable[[Any], Callable[["xarray.Dataset"], Any]],
+) -> int:
+    """Computes a chart over two numbers of a document, saves and draws it, and prints its summary.
+
+    - ``compute``: makes the chart, given its axes as those of a study, and what to call with the progress.
+    - ``draw``: the function that draws it, given :mod:`jaxball.plot`.
+    """
+    from ..sweep.axes import Ranged  # here, because other commands need no studies
+
+    first, second = (Ranged(*axis, logarithmic=False) for axis in axes)
+    with working(options, "computing the chart") as line:
+
+        def report(done: int, cells: int) -> None:
+            line.print(f"{done:,} of {cells:,} cells", sys.stderr)
+
+        chart = compute((first, second), progress=None if options.quiet else report)
+    chart.attrs["title"] = str(document.get("title", ""))
+    written = write_outputs(
+        options, read_document(document), lambda path: save_chart(chart, path), lambda plot: draw(plot)(chart)
+    )
+    write_json(options, {**chart.attrs, **{str(name): chart[name].values for name in chart.variables}})
+    say(options, chart.attrs["title"], *summary(chart), *_failures(chart), written)
+    return 0
+
+
+def extremes_of(chart: "xarray.Dataset", name: str) -> tuple[float, float, tuple[Any, ...], str]:
+    """The least and the largest value of a variable, the index of the largest, and the pair of numbers there."""
+    values = chart[name].values
+    largest = np.unravel_index(np.nanargmax(values), values.shape)
+    pair = ", ".join(f"{axis} = {chart[axis].values[k]:g}" for axis, k in zip(chart[name].dims, largest, strict=True))
+    return float(np.nanmin(values)), float(values[largest]), largest, pair
+
+
+def save_chart(chart: "xarray.Dataset", path: Path) -> None:
+    """Writes a chart as netCDF, or as a table with one row for each cell."""
+    if path.suffix == ".nc":
+        chart.to_netcdf(path, engine="h5netcdf")
+        return
+    names = [str(name) for name in chart.data_vars]
+    up, right = chart[names[0]].dims
+    grids = np.meshgrid(chart[up].values, chart[right].values, indexing="ij")
+    columns = [*map(np.ravel, grids), *(chart[name].values.ravel() for name in names)]
+    header = ",".join([str(up), str(right), *names])
+    np.savetxt(path, np.column_stack(columns), fmt="%.17g", delimiter=",", header=header, comments="")
+
+
+def _failures(chart: "xarray.Dataset") -> list[str]:
+    """A line for each status other than success that a cell has."""
+    counts = ((item, int(np.sum(chart["status"].values == item))) for item in Status if item != Status.SUCCESS)
+    return [f"  {count:,} {item.name}" for item, count in counts if count]
+
+
+def state_line(motion: "Motion") -> str:
+    """The state of a motion."""
+    return ", ".join(f"{name} = {_shown(leaf)}" for name, leaf in _state(motion).items())
+
+
+def complex_numbers(values: np.ndarray) -> str:
+    """Complex numbers, without parts that are mere rounding."""
+    return ", ".join(map(_complex, values))
+
+
+def motion_content(motion: "Motion", names: Names, complex_names: Names) -> dict[str, Any]:
+    """A motion for JSON: its state and some of its attributes."""
+    return {"state": _state(motion), **{name: getattr(motion, name) for name in (*names, *complex_names)}}
+
+
+def save_motions(motions: "Sequence[Motion]", path: Path, names: Names, complex_names: Names) -> None:
+    """One row for each motion, its columns named by paths."""
+    rows = [_row(motion, names, complex_names) for motion in motions]
+    write_csv(path, rows[0] if rows else ["kind"], (row.values() for row in rows))
+
+
+def _row(motion: "Motion", names: Names, complex_names: Names) -> dict[str, Any]:
+    row: dict[str, Any] = {}
+    for name, values in _state(motion).items():
+        row |= {entry: repr(float(values[index])) for entry, index in entries(name, values.shape).items()}
+    for name in names:
+        values = np.asarray(getattr(motion, name))
+        row |= {entry: values[index].item() for entry, index in entries(name, values.shape).items()}
+    for name in complex_names:
+        for k, value in enumerate(getattr(motion, name)):
+            one = f"{name.removesuffix('s')}[{k}]"
+            row |= {f"{one}.real": repr(float(value.real)), f"{one}.imaginary": repr(float(value.imag))}
+    return row
+
+
+def _state(motion: "Motion") -> dict[str, np.ndarray]:
+    return {name: np.asarray(leaf) for name, leaf in vars(motion.state).items() if np.size(leaf)}
+
+
+def _shown(values: np.ndarray) -> str:
+    return _shown_number(float(values)) if values.ndim == 0 else f"({', '.join(map(_shown_number, values.tolist()))})"
+
+
+def _shown_number(x: float) -> str:
+    return f"{x + 0.0:.6g}" if abs(x) > 1e-12 else "0"
+
+
+def _complex(value: complex) -> str:
+    real, imaginary = (0.0 if abs(part) < 1e-9 else part for part in (value.real, value.imag))
+    if not imaginary:
+        return f"{real:.6g}"
+    return f"{real:.6g}{imaginary:+.6g}i" if real else f"{imaginary:.6g}i"

@@ -1,1 +1,0 @@
-"""What the commands do, each in a file of its own, once JAX is set up."""

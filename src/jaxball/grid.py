@@ -1,0 +1,91 @@
+"""A function of two parameters over a grid of their values, as a labelled data set."""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Array, Float
+
+from .cpu import cores
+from .interface.arguments import require
+from .interface.status import Status
+from .numerics.arrays import Numbers, to_array, to_numpy
+from .numerics.batches import in_threads, unpadded
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class Grid(NamedTuple):
+    """Every pair of values of two parameters.
+
+    - ``names``: those of the parameters.
+    - ``values``: theirs, of shapes (n,) and (m,).
+    """
+
+    names: tuple[str, ...]
+    values: tuple[Float[np.ndarray, " values"], ...]
+
+    @property
+    def cells(self) -> Float[np.ndarray, "cells 2"]:
+        """The pairs, those of the first value of the first parameter first."""
+        return np.stack([grid.ravel() for grid in np.meshgrid(*self.values, indexing="ij")], axis=1)
+
+    def map(
+        self,
+        solve: Callable[[Float[Array, "size 2"]], Any],
+        chunk: int,
+        workers: int | None,
+        progress: Callable[[int, int], Any] | None,
+    ) -> Any:
+        """What ``solve`` returns for all cells, given ``chunk`` of them at a time; arrays have the cells as first axis.
+
+        ``workers`` chunks are solved at the same time, by default as many as this process has cores, and ``progress``
+        is called with the number of cells done and the number of all after each chunk.
+        """
+        cells = self.cells
+        results = in_threads(
+            lambda batch: solve(to_array(cells[batch])),
+            len(cells),
+            min(chunk, len(cells)),
+            workers or cores(),
+            progress=progress,
+        )
+        return unpadded(results, len(cells))
+
+    def dataset(
+        self, variables: Mapping[str, tuple[Any, str, str]], attributes: Mapping[str, Any] | None = None
+    ) -> "xarray.Dataset":
+        """Variables over both parameters, each an array with the cells as only axis, its meaning and its units."""
+        # Imported here, because it takes longer than all of jaxball's own modules.
+        import xarray
+
+        shape = tuple(map(len, self.values))
+        return xarray.Dataset(
+            {
+                name: (self.names, np.reshape(array, shape), {"long_name": meaning, "units": units})
+                for name, (array, meaning, units) in variables.items()
+            },
+            dict(zip(self.names, self.values, strict=True)),
+            {**(attributes or {}), "statuses": ", ".join(f"{item.value} {item.name}" for item in Status)},
+        )
+
+
+def grid_of(parameters: Mapping[str, Numbers]) -> Grid:
+    """The grid of two named parameters, each with a row of values.
+
+    **Raises:** ``TypeError`` and ``ValueError`` for other parameters.
+    """
+    require("parameters", parameters, Mapping, "a dictionary of two parameters, each with its values")
+    if len(parameters) != 2:
+        raise ValueError(
+            f"Argument `parameters` must name two parameters, but it names {len(parameters)}: {list(parameters)}."
+        )
+    values = [to_numpy(value, f"parameters[{name!r}]") for name, value in parameters.items()]
+    for name, value in zip(parameters, values, strict=True):
+        if value.ndim != 1 or value.size == 0:
+            raise ValueError(
+                f"Argument `parameters` must give each parameter a row of values, but `{name}` has the shape "
+                f"{value.shape}."
+            )
+    return Grid(tuple(parameters), tuple(values))

@@ -1,0 +1,306 @@
+"""Rails and their frames, schedules, harmonic series and signals in a scenario file."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..interface.wording import counted
+from ..numerics.harmonics import HarmonicSeries
+from ..physics.force import HarmonicForce
+from ..physics.frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
+from ..physics.motion import Oscillating
+from ..physics.rails import BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
+from ..physics.schedules import AbstractSchedule, ConstantRate, PiecewiseAcceleration, Pulse, Sinusoids, Waypoints
+from ..physics.signals import AbstractSignal, ConstantSignal, PiecewiseSignal
+from .table import (
+    Family,
+    Key,
+    Module,
+    join,
+    keys_of,
+    member_of,
+    read_family,
+    read_one_of,
+    write_family,
+    write_member,
+    write_table,
+)
+from .values import (
+    ACCELERATION,
+    ANGLE,
+    FULL_TURN,
+    INCREASING,
+    LENGTH,
+    NOT_ALL_ZERO,
+    POSITIVE,
+    QUARTER_TURN,
+    RATE,
+    TIME,
+    Nested,
+    Numbers,
+    Radians,
+    key_error,
+    namespace,
+    require,
+)
+
+ORTHONORMAL = 1e-9
+
+_ANGLES = {"azimuth": Key(Radians((), FULL_TURN, ANGLE)), "elevation": Key(Radians((), QUARTER_TURN, ANGLE))}
+_FRAMES: Family = {
+    "azimuth": Module(SphericalFrame, _ANGLES),
+    "versor": Module(VersorFrame, {"versor": Key(Numbers((4,), NOT_ALL_ZERO))}, attributes={"versor": "q"}),
+    "matrix": Module(MatrixFrame, {"matrix": Key(Numbers((3, 3)))}, attributes={"matrix": "B"}),
+}
+_CHOICES = {name: frame.keys for name, frame in _FRAMES.items()}
+
+
+def read_frame(values: Any, path: str) -> AbstractFrame:
+    """A frame by spherical angles, a versor or a rotation matrix."""
+    name, table = read_one_of(values, path, _CHOICES)
+    if name == "azimuth":
+        return SphericalFrame(**table)
+    if name == "versor":
+        return VersorFrame(table["versor"])
+    B = table["matrix"]
+    xp = namespace(B)
+    require(
+        xp.allclose(B.T @ B, np.eye(3), rtol=0, atol=ORTHONORMAL) & (xp.linalg.det(B) > 0),
+        join(path, "matrix"),
+        "a rotation matrix, whose columns are orthonormal and whose determinant is 1",
+        lambda: str(B.tolist()),
+    )
+    return MatrixFrame(B)
+
+
+def write_frame(frame: AbstractFrame, path: str) -> dict[str, Any] | None:
+    """The table of a frame, or None for the identity, which is the default."""
+    _, table = write_member(frame, path, _FRAMES)
+    return None if repr(table) == repr({"matrix": np.eye(3).tolist()}) else table
+
+
+FRAME = Key(Nested(read_frame, write_frame, tables=_CHOICES), None)
+
+
+WAVES = {
+    "amplitude": Key(Numbers((None,)), ()),
+    "frequency": Key(Numbers((None,), dimension=RATE), ()),
+    "phase": Key(Numbers((None,), dimension=ANGLE), ()),
+}
+WAVES_IN_SPACE = {**WAVES, "amplitude": Key(Numbers((None, 3)), ())}
+POWERS = {"powers": Key(Numbers((None, 3)), None)}
+SERIES = {name: f"series.{name}" for name in ("constant", *WAVES)}
+PATH = {name: f"path.{name}" for name in ("constant", *WAVES, "powers")}
+
+
+def check_lengths(table: dict[str, Any], path: str) -> None:
+    """Raises unless there is one amplitude for each frequency, and one phase if any."""
+    n = len(table["frequency"])
+    for name in ("amplitude", "phase"):
+        if len(table[name]) != n and not (name == "phase" and len(table[name]) == 0):
+            raise key_error(
+                join(path, name),
+                f"as long as `frequency`, which has {counted(n, 'entry', 'entries')}",
+                f"one of {len(table[name])}",
+            )
+
+
+def series_of(constant, amplitude, frequency, phase, powers=None) -> HarmonicSeries:
+    """A series of which a file may leave out the phases, every sinusoid, or the powers."""
+    still = len(frequency) == 0
+    return HarmonicSeries(constant, None if still else amplitude, frequency, None if len(phase) == 0 else phase, powers)
+
+
+def _force(**keys: Any) -> HarmonicForce:
+    series = series_of(**keys)
+    return HarmonicForce(series.constant, series.amplitude, series.frequency, series.phase, series.powers)
+
+
+def _oscillating(**keys: Any) -> Oscillating:
+    return Oscillating(series_of(**keys))
+
+
+def _sinusoids(theta, rate, **waves: Any) -> Sinusoids:
+    series = series_of(theta, **waves)
+    return Sinusoids(theta, series.amplitude, series.frequency, series.phase, rate)
+
+
+HARMONIC_FORCE = Module(
+    HarmonicForce,
+    {"constant": Key(Numbers((3,)), (0.0, 0.0, 0.0)), **WAVES_IN_SPACE, **POWERS},
+    build=_force,
+    attributes={**SERIES, "powers": "series.powers"},
+    check=check_lengths,
+)
+OSCILLATING = Module(
+    Oscillating,
+    {"constant": Key(Numbers((3,))), **WAVES_IN_SPACE, **POWERS},
+    build=_oscillating,
+    attributes=PATH,
+    check=check_lengths,
+)
+SINUSOIDS = Module(
+    Sinusoids,
+    {"theta": Key(Numbers(dimension=ANGLE)), "rate": Key(Numbers(dimension=RATE), 0.0), **WAVES},
+    build=_sinusoids,
+    attributes={**SERIES, "theta": "series.constant"},
+    check=check_lengths,
+)
+
+
+SIZE = Numbers(rule=POSITIVE, dimension=LENGTH)
+SIZES = Numbers((2,), POSITIVE, LENGTH)
+ROWS = Numbers((None, 3), dimension=LENGTH)
+CENTRE = Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0))
+PLACE = {"centre": CENTRE, "frame": FRAME}
+
+
+def _check_harmonics(table: dict[str, Any], path: str) -> None:
+    n, m = len(table["cosine"]), len(table["sine"])
+    if m != n:
+        raise key_error(join(path, "sine"), f"as long as `cosine`, which has {counted(n, 'row')}", f"one of {m}")
+
+
+def _check_points(table: dict[str, Any], path: str) -> None:
+    n = len(table["points"])
+    if n < 3:
+        raise key_error(join(path, "points"), "a list of three points or more", f"one of {n}")
+
+
+def _spline(points) -> SplineRail:
+    return SplineRail(points)
+
+
+RAILS: Family = {
+    "circle": Module(Circle, {"radius": Key(SIZE), **PLACE}),
+    "ellipse": Module(Ellipse, {"semi_axes": Key(SIZES), **PLACE}),
+    "gerono-eight": Module(GeronoEight, {"half_extents": Key(SIZES), **PLACE}),
+    "bernoulli-eight": Module(BernoulliEight, {"half_width": Key(SIZE), **PLACE}),
+    "tube": Module(Tube, {"direction": Key(Numbers((3,), NOT_ALL_ZERO)), "centre": CENTRE}),
+    "fourier": Module(FourierRail, {"cosine": Key(ROWS), "sine": Key(ROWS), "centre": CENTRE}, check=_check_harmonics),
+    "spline": Module(
+        SplineRail,
+        {"points": Key(ROWS)},
+        build=_spline,
+        attributes={"points": "points_on_rail"},
+        check=_check_points,
+    ),
+}
+
+
+THETA = Key(Numbers(dimension=ANGLE))
+NO_RATE = Key(Numbers(dimension=RATE), 0.0)
+TIMES = Numbers((None,), INCREASING, TIME)
+
+
+def _check_pulse(table: dict[str, Any], path: str) -> None:
+    for earlier, later, must in (("start", "hold", "not before"), ("hold", "end", "later than")):
+        first, second = table[earlier], table[later]
+        holds = second > first if later == "end" else second >= first
+        require(holds, join(path, later), f"{must} `{earlier}` = {first!r}", lambda second=second: repr(second))
+
+
+def row_for_each_interval(name: str, entry: str = "row") -> Callable[[dict[str, Any], str], None]:
+    """The check that the list ``name`` of a table has an ``entry`` for each interval between its ``times``."""
+
+    def check(table: dict[str, Any], path: str) -> None:
+        times, rows = len(table["times"]), len(table[name])
+        if times != rows + 1:
+            must = f"a list with a {entry} for each interval between the {times} `times`"
+            raise key_error(join(path, name), must, f"one of {counted(rows, entry)}")
+
+    return check
+
+
+def _check_waypoints(table: dict[str, Any], path: str) -> None:
+    times, angles = len(table["times"]), len(table["angles"])
+    if times < 2:
+        raise key_error(join(path, "times"), "a list of two times or more", f"one of {times}")
+    if angles != times:
+        raise key_error(
+            join(path, "angles"),
+            f"as long as `times`, which has {counted(times, 'entry', 'entries')}",
+            f"one of {angles}",
+        )
+
+
+SCHEDULES: Family = {
+    "pulse": Module(
+        Pulse,
+        {
+            "theta": THETA,
+            "height": Key(Numbers(dimension=ACCELERATION), 1.0),
+            "rate": NO_RATE,
+            "start": Key(Numbers(dimension=TIME), 0.0),
+            "hold": Key(Numbers(dimension=TIME), 0.1),
+            "end": Key(Numbers(dimension=TIME), 0.2),
+        },
+        check=_check_pulse,
+    ),
+    "constant-rate": Module(ConstantRate, {"theta": THETA, "rate": NO_RATE}),
+    "sinusoids": SINUSOIDS,
+    "piecewise-acceleration": Module(
+        PiecewiseAcceleration,
+        {
+            "theta": THETA,
+            "rate": NO_RATE,
+            "times": Key(TIMES),
+            "accelerations": Key(Numbers((None, None), dimension=ACCELERATION)),
+        },
+        check=row_for_each_interval("accelerations"),
+    ),
+    "waypoints": Module(
+        Waypoints,
+        {
+            "times": Key(TIMES),
+            "angles": Key(Numbers((None,), dimension=ANGLE)),
+            "end_rates": Key(Numbers((2,), dimension=RATE), (0.0, 0.0)),
+        },
+        check=_check_waypoints,
+    ),
+}
+SCHEDULE = Key(member_of(SCHEDULES))
+
+
+@dataclass(frozen=True)
+class _Constant(Numbers):
+    """A number, where a table might be as well."""
+
+    @property
+    def words(self) -> str:
+        return "a finite number, or the table of a signal or a schedule"
+
+
+_NUMBER = _Constant()
+_STEPS = Module(
+    PiecewiseSignal,
+    {"times": Key(TIMES), "values": Key(Numbers((None,)))},
+    check=row_for_each_interval("values", "number"),
+)
+_PIECES = Module(
+    PiecewiseSignal,
+    {"times": Key(TIMES), "values": Key(Numbers((None, None)))},
+    check=row_for_each_interval("values"),
+)
+SIGNALS: Family = {"steps": _STEPS, "piecewise": _PIECES, **SCHEDULES}
+_WRITTEN: Family = {"piecewise": _PIECES, **SCHEDULES}
+
+
+def read_signal(value: Any, path: str) -> AbstractSignal | AbstractSchedule:
+    """A signal, or a schedule whose value it is."""
+    return read_family(value, path, SIGNALS) if isinstance(value, dict) else ConstantSignal(_NUMBER.read(value, path))
+
+
+def write_signal(signal: AbstractSignal | AbstractSchedule, path: str) -> Any:
+    """The number or the table of a signal."""
+    if isinstance(signal, ConstantSignal):
+        return _NUMBER.write(signal.value, path)
+    if isinstance(signal, PiecewiseSignal) and signal.values.shape[1] == 1:
+        steps = {"times": signal.times, "values": np.ravel(signal.values)}
+        return {"kind": "steps", **write_table(steps, path, _STEPS.keys)}
+    return write_family(signal, path, _WRITTEN)
+
+
+SIGNAL = Nested(read_signal, write_signal, _NUMBER.words, keys_of(SIGNALS))
