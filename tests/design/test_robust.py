@@ -10,7 +10,7 @@ import pytest
 
 import jaxball
 from jaxball import design
-from jaxball.design.perturbations import perturbed_system
+from jaxball.design.problem.problem import perturbed_system
 from jaxball.design.report import write_report
 from tests.support.paper import paper_ball, paper_disk
 

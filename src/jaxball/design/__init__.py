@@ -9,9 +9,7 @@ parameters from its path. Only the command line uses this package.
 """
 
 from ..interface.names import interface as _interface
-from .bounds import Bounds as Bounds
 from .constraints import (
-    AbstractConstraint as AbstractConstraint,
     AccelerationLimit as AccelerationLimit,
     ClearOfObstacles as ClearOfObstacles,
     ForceLimit as ForceLimit,
@@ -28,18 +26,10 @@ from .constraints import (
     Within as Within,
 )
 from .continuation import Branch as Branch, Fold as Fold, follow as follow
-from .curves import (
-    AbstractCurve as AbstractCurve,
-    FigureEight as FigureEight,
-    Sigmoid as Sigmoid,
-    Through as Through,
-)
 from .equations import AbstractEquations as AbstractEquations, FunctionEquations as FunctionEquations
-from .errors import DesignError as DesignError
 from .files import load_problem as load_problem, read_problem as read_problem
 from .identify import Identification as Identification, identify as identify
 from .objectives import (
-    AbstractObjective as AbstractObjective,
     AccelerationEffort as AccelerationEffort,
     AvoidObstacles as AvoidObstacles,
     Balanced as Balanced,
@@ -58,10 +48,23 @@ from .objectives import (
     ReachPose as ReachPose,
     StopAtRest as StopAtRest,
 )
-from .perturbations import Perturbations as Perturbations
-from .problem import Evaluation as Evaluation, Places as Places, Problem as Problem
+from .problem.plane import (
+    AbstractCurve as AbstractCurve,
+    FigureEight as FigureEight,
+    Sigmoid as Sigmoid,
+    Through as Through,
+)
+from .problem.problem import (
+    Evaluation as Evaluation,
+    Perturbations as Perturbations,
+    Places as Places,
+    Problem as Problem,
+)
+from .problem.requirements import AbstractConstraint as AbstractConstraint, AbstractObjective as AbstractObjective
+from .problem.run import Run as Run, Solve as Solve, run_of as run_of
+from .problem.space import Candidate as Candidate, DesignSpace as DesignSpace
+from .problem.variables import Bounds as Bounds, DesignError as DesignError, Variable as Variable
 from .result import Result as Result, load_result as load_result
-from .run import Run as Run, Solve as Solve, run_of as run_of
 from .search.check import (
     GradientCheck as GradientCheck,
     check_gradient as check_gradient,
@@ -73,8 +76,6 @@ from .search.program import AbstractProgram as AbstractProgram
 from .search.progress import Merit as Merit, Progress as Progress
 from .search.settings import Settings as Settings
 from .search.shooting import Shooting as Shooting
-from .space import Candidate as Candidate, DesignSpace as DesignSpace
-from .variables import Variable as Variable
 from .verify import Verified as Verified, perturbed as perturbed, verify as verify
 
 Worth = Merit

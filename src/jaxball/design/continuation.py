@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from ..numerics.bracketing import Sample, between, other_end
 from .equations import ROUNDING, AbstractEquations, bordered_solver
-from .errors import DesignError
+from .problem.variables import DesignError
 
 # The numbers of Newton corrections at which a step is neither too short nor too long, and at which it has failed.
 EASY, MOST_CORRECTIONS = 4, 8

@@ -11,7 +11,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 from jaxtyping import Array, Float
 
-from .errors import DesignError
+from .problem.variables import DesignError
 
 LEAST_SHARE = 1e-4
 # Corrections below this that no longer decrease are rounding.

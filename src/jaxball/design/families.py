@@ -12,7 +12,7 @@ from ..scenario.functions import FUNCTION, trying
 from ..scenario.table import Family, Key, Module, join, member_of
 from ..scenario.values import NOT_ALL_ZERO, POSITIVE, Flag, Numbers, Rule, key_error
 from . import constraints, objectives
-from .curves import FigureEight, Sigmoid, Through
+from .problem.plane import FigureEight, Sigmoid, Through
 
 NUMBER, SIZE = Numbers(), Numbers(rule=POSITIVE)
 WEIGHT = {"weight": Key(NUMBER, 1.0)}

@@ -22,13 +22,11 @@ from ..scenario.values import (
     shown,
     unread,
 )
-from .errors import DesignError
 from .families import PLANE, constraints_of, objectives_of, plane_of
-from .perturbations import Perturbations
-from .problem import Problem
+from .problem.problem import Perturbations, Problem
+from .problem.space import DesignSpace
+from .problem.variables import DesignError, Variable
 from .search.settings import METHODS, Settings
-from .space import DesignSpace
-from .variables import Variable
 
 FORMAT = 1
 LIST = "a list of tables"

@@ -16,10 +16,10 @@ from ..interface.arguments import require
 from ..numerics.arrays import to_numpy
 from ..physics.body import Disk
 from ..scenario.solvers import SOLVERS
-from .errors import DesignError
-from .plane import places
-from .run import Solve, run_of
-from .space import DesignSpace
+from .problem.plane import places
+from .problem.run import Solve, run_of
+from .problem.space import DesignSpace
+from .problem.variables import DesignError
 
 # A combination of parameters that is uncertain by this fraction of its scale counts as undetermined.
 UNCERTAIN = 0.5

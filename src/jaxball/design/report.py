@@ -18,12 +18,11 @@ from ..plot.report import write_figure
 from ..scenario import ScenarioError
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
-from .constraints.contact import discs_to_avoid
-from .objectives import AbstractObjective, FollowCurve, FollowTrajectory, LargestDistance
-from .objectives.paths import wanted_path
-from .plane import Requirement
-from .problem import worst
-from .run import Run
+from .constraints import discs_to_avoid
+from .objectives import FollowCurve, FollowTrajectory, LargestDistance, wanted_path
+from .problem.problem import worst
+from .problem.requirements import AbstractObjective, Requirement
+from .problem.run import Run
 from .search.design import SCENARIO, Design
 from .source import Source, made, write_text
 from .verify import as_built

@@ -10,11 +10,11 @@ from jaxtyping import Float
 
 from ..scenario import Scenario, load_scenario, read_document
 from ..scenario.sources import naming, scenario_document
-from .constraints.contact import discs_to_avoid
-from .errors import DesignError
+from .constraints import discs_to_avoid
 from .files import problem_of
-from .objectives.paths import wanted_path
-from .plane import Requirement
+from .objectives import wanted_path
+from .problem.requirements import Requirement
+from .problem.variables import DesignError
 from .search.design import SCENARIO
 from .source import COPY
 

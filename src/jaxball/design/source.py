@@ -10,7 +10,7 @@ import tomli_w
 from ..results import OutputError, replacing
 from ..results.provenance import PACKAGES
 from ..scenario.sources import scenario_document
-from .errors import DesignError
+from .problem.variables import DesignError
 
 COPY = "problem.toml"
 

@@ -13,10 +13,9 @@ from jaxtyping import Float
 from ..scenario.solvers import SOLVERS
 from .constraints import NormalForce
 from .objectives import FollowCurve, FollowTrajectory, ReachPlace
-from .perturbations import Perturbations
-from .problem import Evaluation, Problem, merged, worst
-from .run import RAIL_SAMPLES, Run, Solve, run_of
-from .space import Candidate
+from .problem.problem import Evaluation, Perturbations, Problem, merged, worst
+from .problem.run import RAIL_SAMPLES, Run, Solve, run_of
+from .problem.space import Candidate
 
 FINER = 10
 TIGHTER, TIGHTEST = 1e-2, 1e-13

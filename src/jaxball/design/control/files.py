@@ -14,11 +14,10 @@ from ...scenario.contact import rolling_state
 from ...scenario.sources import naming_scenario, scenario_document
 from ...scenario.table import Family, Key, Keys, read_table
 from ...scenario.values import NOT_NEGATIVE, POSITIVE, Choice, Integer, Numbers, key_error, shown, unread
-from ..constraints import AbstractRunningConstraint
-from ..errors import DesignError
 from ..families import PLANE, Plane, constraints_of, objectives_of, plane_of
 from ..files import SHARED, objects_of
-from ..objectives import AbstractRunningObjective
+from ..problem.requirements import AbstractRunningConstraint, AbstractRunningObjective
+from ..problem.variables import DesignError
 from .collocation import BARRIER
 from .guess import rolling_along
 from .homotopy import Guess, at_rest

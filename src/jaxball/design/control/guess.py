@@ -18,8 +18,8 @@ from ...physics.moments import velocity_moments
 from ...physics.momentum import contact_momentum, contact_momentum_rate
 from ...physics.state import BallState, DiskState
 from ...solvers.tableau import gauss
-from ..errors import DesignError
 from ..objectives import FollowTrajectory
+from ..problem.variables import DesignError
 from .path import Path
 from .rolling import Rolling
 

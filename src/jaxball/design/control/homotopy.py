@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from ..continuation import Branch, follow
 from ..equations import newton
-from ..errors import DesignError
+from ..problem.variables import DesignError
 from .collocation import BARRIER, SHARP, Collocation
 from .guess import driving
 from .path import Path

@@ -18,9 +18,9 @@ from ...physics.motion import OnRail
 from ...physics.schedules import AbstractSchedule
 from ...physics.signals import AbstractSignal, ConstantSignal
 from ...physics.state import BallState, DiskState, State
-from ..constraints import AbstractRunningConstraint
-from ..errors import DesignError
-from ..run import Run
+from ..problem.requirements import AbstractRunningConstraint
+from ..problem.run import Run
+from ..problem.variables import DesignError
 from .problem import VIOLATION
 
 MOTOR_LIMITS = "motor-limits"

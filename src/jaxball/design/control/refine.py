@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ...solvers.tableau import gauss
 from ..equations import newton, solver
-from ..errors import DesignError
+from ..problem.variables import DesignError
 from .collocation import SHARP, Collocation, Unknowns
 from .path import Path
 from .solution import Solution, margins, path_of

@@ -19,11 +19,10 @@ from ...physics.packing import Packing
 from ...physics.schedules import AbstractSchedule
 from ...physics.signals import AbstractSignal
 from ...physics.state import BallState, DiskState
-from ..constraints import AbstractRunningConstraint
-from ..errors import DesignError
-from ..objectives import AbstractRunningObjective, FollowTrajectory
-from ..plane import require_reach
-from ..run import Run
+from ..objectives import FollowTrajectory
+from ..problem.requirements import AbstractRunningConstraint, AbstractRunningObjective, require_reach
+from ..problem.run import Run
+from ..problem.variables import DesignError
 from .inputs import MotorPlace, inputs, motor_limits, with_free_joints, with_inputs, with_schedules
 from .problem import AbstractControlProblem
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import equinox as eqx
 import numpy as np
 
-from ..errors import DesignError
+from ..problem.variables import DesignError
 from .collocation import SHARP
 from .files import ControlFile
 from .homotopy import Guess, continued, sharpened, started

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import DesignError
+from ..problem.variables import DesignError
 from .lagrangian import Multipliers, augmented_lagrangian
 from .optimise import Optimiser
 

@@ -10,7 +10,7 @@ import numpy as np
 import tomli_w
 from jaxtyping import Float
 
-from ..problem import Evaluation, Problem
+from ..problem.problem import Evaluation, Problem
 from ..source import write_text
 from ..verify import Verified, as_built, perturbed, verify
 from .check import GradientCheck, check_gradient, require_good

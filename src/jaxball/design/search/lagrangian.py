@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..problem import Evaluation
+from ..problem.problem import Evaluation
 from .program import AbstractProgram
 
 # Equalities must hold this many times more tightly, because a residual at a joint grows along the run.

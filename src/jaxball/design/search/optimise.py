@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...numerics.batches import in_batches
-from ..errors import DesignError
+from ..problem.variables import DesignError
 from . import bfgs, newton
 from .adam import Moments
 from .lagrangian import Lagrangians, Multipliers, by_gauss_newton, by_reverse_mode

@@ -7,7 +7,7 @@ import diffrax
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ..problem import Evaluation, Places
+from ..problem.problem import Evaluation, Places
 from .settings import Settings
 
 

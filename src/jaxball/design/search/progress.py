@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...interface.output import replacing
-from ..errors import DesignError
+from ..problem.variables import DesignError
 
 
 class Merit(NamedTuple):

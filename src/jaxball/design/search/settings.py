@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from ..errors import DesignError
+from ..problem.variables import DesignError
 
 METHODS = ("bfgs", "gauss-newton")
 

@@ -19,11 +19,10 @@ from jaxtyping import Array, Float, Int
 from ...physics.body import Ball, Disk, System
 from ...physics.state import BallState, DiskState
 from ...scenario.initial import INITIAL
-from ..errors import DesignError
-from ..problem import Evaluation, Places, Problem, merged
-from ..run import Run, Solve, run_of
-from ..scales import default_scale
-from ..space import Candidate, DesignSpace
+from ..problem.problem import Evaluation, Places, Problem, merged
+from ..problem.run import Run, Solve, run_of
+from ..problem.space import Candidate, DesignSpace
+from ..problem.variables import DesignError, default_scale
 from .program import AbstractProgram
 from .settings import Settings
 

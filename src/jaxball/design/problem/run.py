@@ -9,20 +9,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..physics.body import System
-from ..physics.coupling import joined, joint_forces
-from ..physics.dynamics import accelerations, given_angles
-from ..physics.energy import accelerations_of_masses
-from ..physics.linkage import linkages
-from ..physics.load import load
-from ..physics.mechanisms import AbstractMechanism, Mechanism, Slider
-from ..physics.moments import kinematics, point_mass_values
-from ..physics.motion import Driven, Kinematics, OnRail
-from ..physics.observables import Observables, observe
-from ..physics.rails import AbstractRail
-from ..physics.state import BallState, DiskState
-from ..simulation.simulate import simulate
-from ..simulation.trajectory import times_looked_at
+from ...physics.body import System
+from ...physics.coupling import joined, joint_forces
+from ...physics.dynamics import accelerations, given_angles
+from ...physics.energy import accelerations_of_masses
+from ...physics.linkage import linkages
+from ...physics.load import load
+from ...physics.mechanisms import AbstractMechanism, Mechanism, Slider
+from ...physics.moments import kinematics, point_mass_values
+from ...physics.motion import Driven, Kinematics, OnRail
+from ...physics.observables import Observables, observe
+from ...physics.rails import AbstractRail
+from ...physics.state import BallState, DiskState
+from ...simulation.simulate import simulate
+from ...simulation.trajectory import times_looked_at
 from .space import Candidate
 
 RAIL_SAMPLES = 48
@@ -92,6 +92,11 @@ class Run(eqx.Module):
     def weight(self) -> Float[Array, ""]:
         """M g."""
         return self.system.total_mass * jnp.abs(self.system.gravity)
+
+    @property
+    def time_unit(self) -> Float[Array, ""]:
+        """The unit of times, √(r/g)."""
+        return jnp.sqrt(self.length / jnp.abs(self.system.gravity))
 
     @property
     def observables(self) -> Observables:
