@@ -8,8 +8,8 @@ import pytest
 
 from jaxball import design
 from jaxball.design.report import bounds, violation
-from jaxball.design.search.progress import load_progress, save_progress
-from jaxball.design.source import Source, duration, made
+from jaxball.design.result import Source, duration, made
+from jaxball.design.search.optimise import load_progress, save_progress
 from jaxball.results import OutputError
 from jaxball.scenario import builtin_text
 

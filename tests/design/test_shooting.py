@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxball import cli, design
-from jaxball.design.search.progress import load_progress, save_progress
+from jaxball.design.search.optimise import load_progress, save_progress
 from jaxball.design.search.shooting import CONTINUITY
 from tests.design.documents import builtin
 from tests.design.test_design import PROBLEM

@@ -25,8 +25,13 @@ from .constraints import (
     SpeedLimit as SpeedLimit,
     Within as Within,
 )
-from .continuation import Branch as Branch, Fold as Fold, follow as follow
-from .equations import AbstractEquations as AbstractEquations, FunctionEquations as FunctionEquations
+from .continuation import (
+    AbstractEquations as AbstractEquations,
+    Branch as Branch,
+    Fold as Fold,
+    FunctionEquations as FunctionEquations,
+    follow as follow,
+)
 from .files import load_problem as load_problem, read_problem as read_problem
 from .identify import Identification as Identification, identify as identify
 from .objectives import (
@@ -71,13 +76,9 @@ from .search.check import (
     require_good as require_good,
 )
 from .search.design import Design as Design, design as design
-from .search.optimise import Optimiser as Optimiser
-from .search.program import AbstractProgram as AbstractProgram
-from .search.progress import Merit as Merit, Progress as Progress
-from .search.settings import Settings as Settings
+from .search.optimise import Merit as Merit, Optimiser as Optimiser, Progress as Progress
+from .search.program import AbstractProgram as AbstractProgram, Settings as Settings
 from .search.shooting import Shooting as Shooting
-from .verify import Verified as Verified, perturbed as perturbed, verify as verify
-
-Worth = Merit
+from .search.verify import Verified as Verified, perturbed as perturbed, verify as verify
 
 __all__, __dir__ = _interface(globals(), "control")

@@ -26,7 +26,7 @@ from .families import PLANE, constraints_of, objectives_of, plane_of
 from .problem.problem import Perturbations, Problem
 from .problem.space import DesignSpace
 from .problem.variables import DesignError, Variable
-from .search.settings import METHODS, Settings
+from .search.program import METHODS, Settings
 
 FORMAT = 1
 LIST = "a list of tables"

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from .. import plot
+from ..interface.output import write_text
 from ..physics.body import System
 from ..plot.report import write_figure
 from ..scenario import ScenarioError
@@ -23,9 +24,9 @@ from .objectives import FollowCurve, FollowTrajectory, LargestDistance, wanted_p
 from .problem.problem import worst
 from .problem.requirements import AbstractObjective, Requirement
 from .problem.run import Run
+from .result import Source, made
 from .search.design import SCENARIO, Design
-from .source import Source, made, write_text
-from .verify import as_built
+from .search.verify import as_built
 from .warnings import warnings
 
 REPORT = "report.md"

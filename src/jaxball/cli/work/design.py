@@ -9,7 +9,7 @@ from typing import Any
 
 from ...design.control.files import TABLE, read_control
 from ...design.files import problem_of
-from ...design.source import Source
+from ...design.result import Source
 from ...interface.activity import Line
 from ...interface.interruption import interrupt_message
 from ...scenario.sources import naming

@@ -10,9 +10,7 @@ from ...interface.names import interface as _interface
 from .collocation import Collocation as Collocation, Unknowns as Unknowns
 from .guess import rolling_along as rolling_along
 from .homotopy import at_rest as at_rest, continued as continued, sharpened as sharpened, started as started
-from .path import Path as Path
-from .problem import AbstractControlProblem as AbstractControlProblem
-from .refine import finer_mesh as finer_mesh, mesh_errors as mesh_errors, solved as solved
+from .problem import AbstractControlProblem as AbstractControlProblem, Path as Path
 from .rolling import Rolling as Rolling, between as between
 from .schedules import (
     Resimulated as Resimulated,
@@ -26,8 +24,11 @@ from .schedules import (
 )
 from .solution import (
     Solution as Solution,
+    finer_mesh as finer_mesh,
     least_curvature as least_curvature,
     means as means,
+    mesh_errors as mesh_errors,
+    solved as solved,
     violations as violations,
 )
 

@@ -20,7 +20,7 @@ from ...physics.state import BallState, DiskState
 from ...solvers.tableau import gauss
 from ..objectives import FollowTrajectory
 from ..problem.variables import DesignError
-from .path import Path
+from .problem import Path
 from .rolling import Rolling
 
 # The number of times per interval of the mesh.

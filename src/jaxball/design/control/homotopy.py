@@ -6,16 +6,13 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from ..continuation import Branch, follow
-from ..equations import newton
+from ..continuation import Branch, follow, newton
 from ..problem.variables import DesignError
 from .collocation import BARRIER, SHARP, Collocation
 from .guess import driving
-from .path import Path
-from .problem import VIOLATION
-from .refine import finer_mesh, mesh_errors, near, solved
+from .problem import VIOLATION, Path
 from .rolling import Rolling, between
-from .solution import Solution, violations
+from .solution import Solution, finer_mesh, mesh_errors, near, solved, violations
 
 # Steps in the homotopy parameter, from 0 to 1.
 FIRST_STEP, LONGEST_STEP = 0.05, 0.2

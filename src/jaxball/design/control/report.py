@@ -8,11 +8,12 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from ... import plot
+from ...interface.output import write_text
 from ...interface.wording import all_of, counted
 from ...scenario import Scenario, write_scenario
 from ..report import REPORT, UNITS, along, figure_links, in_units, joint_figures, path_figure, table, violation
+from ..result import Source, made
 from ..search.design import SCENARIO
-from ..source import Source, made, write_text
 from .rolling import rolling
 from .schedules import holding, places, scenario_of, schedules_of
 from .solution import PLACES, Solution, means

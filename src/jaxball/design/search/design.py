@@ -10,14 +10,13 @@ import numpy as np
 import tomli_w
 from jaxtyping import Float
 
+from ...interface.output import write_text
 from ..problem.problem import Evaluation, Problem
-from ..source import write_text
-from ..verify import Verified, as_built, perturbed, verify
 from .check import GradientCheck, check_gradient, require_good
-from .optimise import Optimiser
-from .progress import Merit, Progress, load_progress, save_progress
-from .settings import Settings
+from .optimise import Merit, Optimiser, Progress, load_progress, save_progress
+from .program import Settings
 from .shooting import Shooting
+from .verify import Verified, as_built, perturbed, verify
 
 PROGRESS, SCENARIO = "progress.npz", "design.toml"
 TIGHTENINGS = 3
@@ -59,11 +58,6 @@ class Design:
     def merit(self) -> Merit:
         """Its objective, largest violation and gradient, as the search evaluated them."""
         return self.progress.merit
-
-    @property
-    def worth(self) -> Merit:
-        """The same as ``merit``."""
-        return self.merit
 
     @property
     def feasible(self) -> bool:

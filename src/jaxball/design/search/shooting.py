@@ -23,8 +23,7 @@ from ..problem.problem import Evaluation, Places, Problem, merged
 from ..problem.run import Run, Solve, run_of
 from ..problem.space import Candidate, DesignSpace
 from ..problem.variables import DesignError, default_scale
-from .program import AbstractProgram
-from .settings import Settings
+from .program import AbstractProgram, Settings
 
 CONTINUITY = "continuity"
 

@@ -10,12 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..scenario.solvers import SOLVERS
-from .constraints import NormalForce
-from .objectives import FollowCurve, FollowTrajectory, ReachPlace
-from .problem.problem import Evaluation, Perturbations, Problem, merged, worst
-from .problem.run import RAIL_SAMPLES, Run, Solve, run_of
-from .problem.space import Candidate
+from ...scenario.solvers import SOLVERS
+from ..constraints import NormalForce
+from ..objectives import FollowCurve, FollowTrajectory, ReachPlace
+from ..problem.problem import Evaluation, Perturbations, Problem, merged, worst
+from ..problem.run import RAIL_SAMPLES, Run, Solve, run_of
+from ..problem.space import Candidate
 
 FINER = 10
 TIGHTER, TIGHTEST = 1e-2, 1e-13
