@@ -15,8 +15,7 @@ from ..results.provenance import PACKAGES
 from ..scenario import Scenario, load_scenario, read_document
 from ..scenario.sources import naming, scenario_document
 from .constraints import discs_to_avoid
-from .control.files import TABLE, read_control
-from .files import problem_of
+from .files import TABLE, problem_of, read_control
 from .objectives import wanted_path
 from .problem.requirements import Requirement
 from .problem.variables import DesignError

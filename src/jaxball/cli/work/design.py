@@ -7,8 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ...design.control.files import TABLE, read_control
-from ...design.files import problem_of
+from ...design.files import TABLE, problem_of, read_control
 from ...design.result import Source
 from ...interface.activity import Line
 from ...interface.interruption import interrupt_message
