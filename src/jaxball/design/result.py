@@ -71,14 +71,15 @@ def duration(seconds: float) -> str:
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{seconds:.1f} s"
 
 
-def made(source: Source | None, elapsed: float, resumed: bool = False) -> list[str]:
-    """The lines of a report that say how it was made; ``elapsed`` is in seconds."""
+def made(source: Source | None, elapsed: float, resumed: bool = False) -> list[list[str]]:
+    """The parts of a report that say how it was made; ``elapsed`` is in seconds."""
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in PACKAGES)
     by = "By" if source is None else f"By `{source.command}`, with"
-    lines = [f"{by} {versions}, in {duration(elapsed)}{', all runs of the search together' * resumed}."]
+    parts = [["## How it was made"]]
+    parts.append([f"{by} {versions}, in {duration(elapsed)}{', all runs of the search together' * resumed}."])
     if source is not None:
-        lines += ["", f"The problem is `{COPY}`, a copy of the file that was read."]
-    return ["## How it was made", "", *lines, ""]
+        parts.append([f"The problem is `{COPY}`, a copy of the file that was read."])
+    return parts
 
 
 def _document(path: Path) -> Any:

@@ -33,10 +33,9 @@ def _progress(options: argparse.Namespace, line: Line) -> Callable[[str], None]:
 
 
 def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
-    from ...design.control.report import objectives_in_units, write_design, write_report
     from ...design.control.solution import means
     from ...design.control.solve import controlled
-    from ...design.report import violation
+    from ...design.report import objectives_in_units, violation, write_control_report, write_design
     from ...design.search.design import SCENARIO
 
     saved = False
@@ -52,7 +51,7 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
 
     with interrupt_message(stopped), working(options, "searching for a motion") as line:
         done = controlled(problem_file, _progress(options, line), save)
-        report = write_report(done, problem_file.title, problem_file.saves, options.out, source)
+        report = write_control_report(done, problem_file.title, problem_file.saves, options.out, source)
     violations = {name: violation(by, done.violation) for name, by in done.seen.violations.items()}
     _print_summary(problem_file.title, means(done.solution), objectives_in_units(done), violations)
     print(f"  written: {report}, {options.out / SCENARIO}")
@@ -64,8 +63,7 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
 
 def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
     from ...design.report import objectives_in_units, violation, write_report
-    from ...design.search.design import PROGRESS, SCENARIO, design
-    from ...design.warnings import warnings
+    from ...design.search.design import PROGRESS, SCENARIO, design, warnings
 
     def stopped() -> str:
         if not all((options.out / name).exists() for name in (PROGRESS, SCENARIO)):

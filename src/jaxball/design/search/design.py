@@ -22,6 +22,8 @@ PROGRESS, SCENARIO = "progress.npz", "design.toml"
 TIGHTENINGS = 3
 # A constraint that is violated between the samples is tightened by this much more than its violation.
 MORE = 1.2
+# A target missed by this many radii was not reached.
+MISSED = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,3 +162,37 @@ def save(program: Shooting, progress: Progress, folder: Path, identity: str) -> 
     space = program.problem.space
     numbers = np.asarray(space.numbers(jnp.asarray(program.design(progress.best))))
     write_text(folder / SCENARIO, tomli_w.dumps(space.document_of(numbers)))
+
+
+def warnings(design: Design) -> list[str]:
+    """A sentence for each shortcoming of a design; none if all is well."""
+    verified, tolerance = design.verified, design.settings.tolerance
+    sentences = []
+    if int(verified.finer.status) != 0:
+        sentences.append(
+            f"The best design could not be simulated to its end by {verified.solver}; allow more steps, or shorten the "
+            "run."
+        )
+    violated = [f"`{name}` by {fine:.2g}" for name, (_, fine) in verified.violations.items() if not fine <= tolerance]
+    if violated:
+        sentences.append(
+            f"The constraints could not all be fulfilled: the best design violates {', '.join(violated)}; check "
+            "whether they contradict each other or the bounds, or search longer."
+        )
+    if verified.margin <= 0:
+        sentences.append(
+            f"The ball would leave the plane: its least normal force is {verified.margin:.2g} of its weight, and after "
+            "that the equations of rolling do not hold; add the constraint `normal-force`."
+        )
+    sentences += [
+        f"The target of `{name}` is missed by {by:.2g} radii, and nothing closer was found; give it more weight, more "
+        "time or more variables, or another starting point."
+        for name, by in verified.missed.items()
+        if by > MISSED
+    ]
+    if not np.isfinite(design.merit.gradient):
+        sentences.append(
+            "The gradient at the best design is not finite, and the search could not continue from there; start "
+            "elsewhere."
+        )
+    return sentences
