@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from jaxball.design import AbstractProgram, Bounds, Evaluation, Merit, Optimiser, Places, Settings
-from jaxball.design.search.lagrangian import Multipliers, augmented_lagrangian, by_gauss_newton
 from jaxball.design.search.minimise import bfgs, newton
-from jaxball.design.search.program import METHODS
+from jaxball.design.search.program import METHODS, Multipliers, augmented_lagrangian, by_gauss_newton
 
 
 def rosenbrock(z):

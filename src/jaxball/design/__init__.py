@@ -1,10 +1,9 @@
 """Design of rails, motions and parameters that make a ball do what is wanted, by gradients through the simulation.
 
-``problem`` defines what is designed: a scenario with variables (``space``, ``variables``, ``scales``, ``bounds``),
-whose runs (``run``) have ``objectives`` and ``constraints``, in the plane (``plane``, ``curves``), also for slightly
-perturbed balls (``perturbations``). ``search`` solves it, ``verify`` checks the design by other means, ``warnings`` and
-``report`` describe it, and ``files``, with the ``families`` of its tables, reads it; ``result`` loads what was found.
-``control`` finds motions of any shape, by ``equations`` and their ``continuation``; ``identify`` finds a body's
+``problem`` defines what is designed: a scenario with variables, whose runs have ``objectives`` and ``constraints``,
+also for slightly perturbed balls. ``search`` solves it, and verifies the design by other means. ``control`` finds
+motions of any shape, by equations and their ``continuation``. ``files``, with the ``families`` of its tables, reads
+problems of both kinds, ``report`` describes what was found, and ``result`` loads it. ``identify`` finds a body's
 parameters from its path. Only the command line uses this package.
 """
 

@@ -1,9 +1,8 @@
 """Optimal control: motions of the masses found by direct collocation, with schedules of any shape.
 
-A ``problem``, such as that of a body ``rolling``, becomes the equations of ``collocation``, with the ``terms`` of each
-node and the ``complementarity`` of inequalities. From a ``guess``, on a mesh that is refined (``refine``), ``homotopy``
-leads to a ``solution``, whose ``path`` gives the ``schedules`` of the masses. ``files``, ``solve`` and ``report`` serve
-the command line.
+A ``problem``, such as that of a body ``rolling`` with its ``inputs``, becomes the equations of ``collocation``, with
+the ``terms`` of each node. From a ``guess``, on a mesh that is refined, ``homotopy`` leads to a ``solution``, whose
+path gives the ``schedules`` of the masses. ``solve`` serves the command line.
 """
 
 from ...interface.names import interface as _interface

@@ -13,9 +13,8 @@ from jaxtyping import Float
 from ...interface.output import replacing
 from ...numerics.batches import in_batches
 from ..problem.variables import DesignError
-from .lagrangian import Lagrangians, Multipliers, by_gauss_newton, by_reverse_mode
 from .minimise import Adam, Point, bfgs, newton
-from .program import AbstractProgram, Settings
+from .program import AbstractProgram, Lagrangians, Multipliers, Settings, by_gauss_newton, by_reverse_mode
 
 
 class Merit(NamedTuple):
