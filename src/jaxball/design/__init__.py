@@ -64,7 +64,12 @@ from .problem.problem import (
     Places as Places,
     Problem as Problem,
 )
-from .problem.requirements import AbstractConstraint as AbstractConstraint, AbstractObjective as AbstractObjective
+from .problem.requirements import (
+    AbstractConstraint as AbstractConstraint,
+    AbstractObjective as AbstractObjective,
+    AbstractRunningConstraint as AbstractRunningConstraint,
+    AbstractRunningObjective as AbstractRunningObjective,
+)
 from .problem.run import Run as Run, Solve as Solve, run_of as run_of
 from .problem.space import Candidate as Candidate, DesignSpace as DesignSpace
 from .problem.variables import Bounds as Bounds, DesignError as DesignError, Variable as Variable

@@ -43,7 +43,10 @@ class AbstractObjective(Requirement):
 
 
 class AbstractRunningObjective(AbstractObjective):
-    """The mean over the run of a function of the time and of the state and the actuation at that time."""
+    """The mean over the run of a function of the time and of the state and the actuation at that time.
+
+    Optimal control can use only such objectives. ``weight`` is the factor in the sum of objectives.
+    """
 
     @abc.abstractmethod
     def integrand(self, run: Run) -> Float[Array, " t"]:
@@ -71,7 +74,7 @@ class AbstractConstraint(Requirement):
 
 
 class AbstractRunningConstraint(AbstractConstraint):
-    """A constraint on the state and the actuation at each time."""
+    """A constraint on the state and the actuation at each time, the only kind that optimal control can use."""
 
     def margins(self, run: Run) -> Float[Array, "t ..."]:
         """A function that is nonnegative where the constraint holds, with second derivatives everywhere.
