@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.design import AbstractProgram, Bounds, Evaluation, Merit, Optimiser, Places, Settings
+from jaxball.design import AbstractProgram, Bounds, ConstraintLayout, Evaluation, Merit, Optimiser, Settings
 from jaxball.design.search.minimise import bfgs, newton
 from jaxball.design.search.program import METHODS, Multipliers, augmented_lagrangian, by_gauss_newton
 
@@ -93,7 +93,7 @@ class HockSchittkowski71(AbstractProgram):
 
     bounds = Bounds(np.full(4, 1.0), np.full(4, 5.0), np.full(4, 2.0))
     weights = np.ones(1)  # pyright: ignore[reportAssignmentType]
-    places = Places({"product": 1, "sphere": 1})
+    layout = ConstraintLayout({"product": 1, "sphere": 1})
     equal = np.array([False, True])
     names = ("x1", "x2", "x3", "x4")
 
@@ -137,7 +137,7 @@ class Parabola(AbstractProgram):
     """min (x − 3)² with x ≤ 1, from x = 0."""
 
     weights = np.ones(1)  # pyright: ignore[reportAssignmentType]
-    places = Places({"wall": 1})
+    layout = ConstraintLayout({"wall": 1})
     equal = np.array([False])
     names = ("x",)
 

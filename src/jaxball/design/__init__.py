@@ -59,9 +59,9 @@ from .problem.plane import (
     Through as Through,
 )
 from .problem.problem import (
+    ConstraintLayout as ConstraintLayout,
     Evaluation as Evaluation,
     Perturbations as Perturbations,
-    Places as Places,
     Problem as Problem,
 )
 from .problem.requirements import (

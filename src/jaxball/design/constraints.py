@@ -13,7 +13,7 @@ from ..interface.arguments import require_callable
 from ..numerics.arrays import numbers
 from ..numerics.norms import norm, room
 from .objectives import AvoidObstacles, depths
-from .problem.plane import beside, corner, places
+from .problem.plane import corner, off_e1, places
 from .problem.requirements import AbstractConstraint, AbstractRunningConstraint, Requirement
 from .problem.run import Run
 
@@ -69,8 +69,8 @@ class ClearOfObstacles(AbstractRunningConstraint):
     def margins(self, run: Run):
         return -room(run.z[:, None] - self.centres[None], self.radii[None]) / run.length
 
-    def beyond_a_disk(self):
-        return beside(self.centres)
+    def unreachable_by_disk(self):
+        return off_e1(self.centres)
 
 
 def discs_to_avoid(requirements: Iterable[Requirement]) -> tuple[tuple[Float[np.ndarray, "2"], float], ...]:
@@ -98,7 +98,7 @@ class Within(AbstractRunningConstraint):
         z = run.z[:, : self.low.size]
         return jnp.concatenate([self.low[None] - z, z - self.high[None]], axis=1) / run.length
 
-    def beyond_a_disk(self):
+    def unreachable_by_disk(self):
         """A range of e2: even one that contains 0 leaves an interior-point method no room."""
         return "a range of e2, in which it is always 0" if np.size(self.low) > 1 else ""
 

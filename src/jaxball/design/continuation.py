@@ -233,20 +233,20 @@ def follow(
     >>> branch.ended, branch.y[-1].round(6)
     ('end', array([2.]))
     """
-    track = _Track(equations, np.full(y.size, 1 / y.size) if weights is None else weights, tolerance)
+    corrector = _Corrector(equations, np.full(y.size, 1 / y.size) if weights is None else weights, tolerance)
     if end is not None:
         direction = end - start
-    at = track.first(np.append(y, start), direction)
+    at = corrector.first(np.append(y, start), direction)
     visit(at.Y[:-1], at.Y[-1])
     visited, folds, ended = [at], [], ""
     while not ended:
-        there, last = track.onward(at, step, end)
+        there, last = corrector.onward(at, step, end)
         if there is None:
             step *= SHORTER
             ended = "lost" if step < LEAST_STEP else ""
             continue
         if at.tangent[-1] * there.tangent[-1] < 0:
-            folds.append(track.fold(len(visited) - 1, at, there))
+            folds.append(corrector.fold(len(visited) - 1, at, there))
         visited.append(there)
         visit(there.Y[:-1], there.Y[-1])
         step = min(longest, step * float(np.clip(EASY / max(there.corrections, 1), SHORTER, LONGER)))
@@ -268,7 +268,7 @@ def _encloses(a: float, x: float, b: float) -> bool:
     return bool((a - x) * (b - x) <= 0)
 
 
-class _Track:
+class _Corrector:
     """Equations, a norm and a tolerance: the corrector that leads from one point of a branch to the next."""
 
     def __init__(self, equations: AbstractEquations, weights: Float[np.ndarray, " n"], tolerance: float):

@@ -13,7 +13,7 @@ from ..interface.arguments import require_callable, require_value
 from ..numerics.arrays import Numbers, numbers
 from ..numerics.norms import ROUNDING, norm
 from ..physics.imbalance import imbalance
-from .problem.plane import AbstractCurve, beside, place, places
+from .problem.plane import AbstractCurve, off_e1, place, places
 from .problem.requirements import AbstractObjective, AbstractRunningObjective, Requirement
 from .problem.run import Run
 
@@ -39,8 +39,8 @@ class ReachPlace(AbstractObjective):
     def in_units(self, value, length, time):
         return f"distance {length * math.sqrt(value):.4g}"
 
-    def beyond_a_disk(self):
-        return beside(self.place[None])
+    def unreachable_by_disk(self):
+        return off_e1(self.place[None])
 
     def farthest(self, run: Run) -> Float[Array, ""]:
         """The distance from ``place`` at the end, in radii."""
@@ -64,7 +64,7 @@ class ReachPose(AbstractObjective):
     def in_units(self, value, length, time):
         return f"angle {2 * math.asin(math.sqrt(min(max(value, 0.0), 1.0))):.4g} rad"
 
-    def beyond_a_disk(self):
+    def unreachable_by_disk(self):
         return "a turn about another axis" if np.any(np.asarray(self.versor)[[1, 3]] != 0) else ""
 
 
@@ -175,8 +175,8 @@ class FollowTrajectory(AbstractRunningObjective):
     def in_units(self, value, length, time):
         return f"root mean square distance {length * math.sqrt(value):.4g}"
 
-    def beyond_a_disk(self):
-        return beside(self.curve.spanned_by())
+    def unreachable_by_disk(self):
+        return off_e1(self.curve.spanned_by())
 
 
 class FollowCurve(AbstractObjective):
@@ -199,22 +199,22 @@ class FollowCurve(AbstractObjective):
     def __call__(self, run: Run):
         path, curve = run.z, self.curve.points(self.samples)
         lengths = jnp.sqrt(jnp.sum(jnp.diff(path, axis=0) ** 2, axis=-1) + _floor(run, curve))
-        ends = nearest(path, curve)
+        ends = squared_distances(path, curve)
         there = jnp.sum(lengths * (ends[1:] + ends[:-1]) / 2) / jnp.sum(lengths)
-        return (there + jnp.mean(nearest(curve, path))) / run.length**2
+        return (there + jnp.mean(squared_distances(curve, path))) / run.length**2
 
     def farthest(self, run: Run) -> Float[Array, ""]:
         """The largest distance of a point of the path from the curve, or of the curve from the path, in radii."""
         path, curve = run.z, self.curve.points(self.samples)
-        square = jnp.max(jnp.concatenate([nearest(path, curve), nearest(curve, path)]))
+        square = jnp.max(jnp.concatenate([squared_distances(path, curve), squared_distances(curve, path)]))
         return jnp.sqrt(jnp.maximum(square, ROUNDING)) / run.length
 
     def in_units(self, value, length, time):
         # Two mean squares: there and back.
         return f"root mean square distance {length * math.sqrt(value / 2):.4g}"
 
-    def beyond_a_disk(self):
-        return beside(self.curve.spanned_by())
+    def unreachable_by_disk(self):
+        return off_e1(self.curve.spanned_by())
 
 
 class LargestDistance(FollowCurve):
@@ -236,7 +236,7 @@ class LargestDistance(FollowCurve):
         return f"largest distance {value * length:.4g}"
 
 
-def wanted_path(requirements: Iterable[Requirement]) -> Float[np.ndarray, "k 2"] | None:
+def target_path(requirements: Iterable[Requirement]) -> Float[np.ndarray, "k 2"] | None:
     """Points of the curve to follow, the last one if there are several, and None if there is none."""
     followed = [item for item in requirements if isinstance(item, FollowTrajectory | FollowCurve)]
     return np.asarray(followed[-1].curve.points(DRAWN)) if followed else None
@@ -263,8 +263,8 @@ class AvoidObstacles(AbstractRunningObjective):
         inside = jax.nn.softplus(depths(run, self.centres, self.radii) / self.softness)
         return jnp.sum(inside**2, axis=-1)
 
-    def beyond_a_disk(self):
-        return beside(self.centres)
+    def unreachable_by_disk(self):
+        return off_e1(self.centres)
 
 
 def depths(run: Run, centres: Float[Array, "k 2"], radii: Float[Array, " k"]) -> Float[Array, "t k"]:
@@ -272,7 +272,7 @@ def depths(run: Run, centres: Float[Array, "k 2"], radii: Float[Array, " k"]) ->
     return (radii[None] - norm(run.z[:, None] - centres[None])) / run.length
 
 
-def nearest(points: Float[Array, "p 2"], line: Float[Array, "q 2"]) -> Float[Array, " p"]:
+def squared_distances(points: Float[Array, "p 2"], line: Float[Array, "q 2"]) -> Float[Array, " p"]:
     """The squared distance of each point from a polygonal line."""
     a, along = line[:-1], jnp.diff(line, axis=0)
     size = jnp.sum(along**2, axis=-1)

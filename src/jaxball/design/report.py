@@ -25,11 +25,11 @@ from .control.rolling import rolling
 from .control.schedules import holding, places, scenario_of, schedules_of
 from .control.solution import PLACES, Solution, means
 from .control.solve import Controlled
-from .objectives import FollowCurve, FollowTrajectory, LargestDistance, wanted_path
+from .objectives import FollowCurve, FollowTrajectory, LargestDistance, target_path
 from .problem.problem import worst
 from .problem.requirements import Requirement
 from .problem.run import Run
-from .result import Source, made
+from .result import Source, provenance
 from .search.design import SCENARIO, Design, warnings
 from .search.verify import as_built
 
@@ -62,7 +62,7 @@ def write_report(design: Design, title: str, folder: Path, source: Source | None
         parts.append(_figure_links(_figures(design, before, after), folder, after.system, title))
     except ScenarioError as error:
         parts.append([f"The scenario cannot be run by `jaxball simulate`: {error}"])
-    return _written(folder, [*parts, *made(source, design.progress.elapsed, resumed=design.check is None)])
+    return _written(folder, [*parts, *provenance(source, design.progress.elapsed, resumed=design.check is None)])
 
 
 def write_control_report(
@@ -77,7 +77,7 @@ def write_control_report(
     links = _figure_links(_control_figures(controlled) | _joint_figures(run), folder, system, title)
     parts = [[f"# {title or 'An optimal control'}"], [_control_verdict(controlled)], _control_objectives(controlled)]
     parts += [*_control_constraints(controlled), _along(run), links]
-    return _written(folder, [*parts, *made(source, controlled.elapsed)])
+    return _written(folder, [*parts, *provenance(source, controlled.elapsed)])
 
 
 def write_design(solution: Solution, title: str, saves: int, folder: Path) -> Scenario:
@@ -172,7 +172,7 @@ def _path_figure(
         targets = [item.targets(jnp.asarray(times)) for item in followed if isinstance(item, FollowTrajectory)]
         target = (times, np.asarray(targets[0])[:, 0]) if targets else None
         return plot.place_in_time(dict(zip(names, (before, after), strict=True)), target)
-    return plot.designed_path(before[1], path, wanted_path(requirements), discs_to_avoid(requirements), names=names)
+    return plot.designed_path(before[1], path, target_path(requirements), discs_to_avoid(requirements), names=names)
 
 
 def _joint_figures(trajectory: Trajectory[Any, Any]) -> dict[str, Axes]:
@@ -215,9 +215,9 @@ def _objectives(design: Design) -> list[str]:
 def _constraints(design: Design) -> list[str]:
     if not design.problem.constraints:
         return ["There are no constraints except bounds."]
-    places = design.problem.places
-    before = places.by_constraint(np.asarray(design.before.violations))
-    perturbed = [places.by_constraint(np.asarray(row)) for row in design.perturbed.violations]
+    layout = design.problem.layout
+    before = layout.by_constraint(np.asarray(design.before.violations))
+    perturbed = [layout.by_constraint(np.asarray(row)) for row in design.perturbed.violations]
     rows = []
     for name, (coarse, fine) in design.verified.violations.items():
         violations = worst(before[name]), coarse, fine, worst([worst(ball[name]) for ball in perturbed])
@@ -309,7 +309,8 @@ def _holding(controlled: Controlled) -> str:
 def _control_objectives(controlled: Controlled) -> list[str]:
     first, last = means(controlled.first), means(controlled.solution)
     before, after = (rolling(one.problem).objectives for one in (controlled.first, controlled.solution))
-    numbers = {name: (before[name].weight, first[name], after[name].weight, last[name]) for name in last}
+    weights = [{name: float(one.weight) for name, one in objectives.items()} for objectives in (before, after)]
+    numbers = {name: (weights[0][name], first[name], weights[1][name], last[name]) for name in last}
     header = ["objective", "first weight", "its mean", "weight", "its mean"]
     return _in_table(header, numbers, objectives_in_units(controlled))
 

@@ -16,7 +16,7 @@ from ..scenario import Scenario, load_scenario, read_document
 from ..scenario.sources import naming, scenario_document
 from .constraints import discs_to_avoid
 from .files import TABLE, problem_of, read_control
-from .objectives import wanted_path
+from .objectives import target_path
 from .problem.requirements import Requirement
 from .problem.variables import DesignError
 from .search.design import SCENARIO
@@ -71,7 +71,7 @@ def duration(seconds: float) -> str:
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{seconds:.1f} s"
 
 
-def made(source: Source | None, elapsed: float, resumed: bool = False) -> list[list[str]]:
+def provenance(source: Source | None, elapsed: float, resumed: bool = False) -> list[list[str]]:
     """The parts of a report that say how it was made; ``elapsed`` is in seconds."""
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in PACKAGES)
     by = "By" if source is None else f"By `{source.command}`, with"
@@ -127,7 +127,7 @@ def load_result(folder: str | Path) -> Result:
     after = load_scenario(folder / SCENARIO)
     with naming(folder / COPY):
         title, before, requirements = _problem(_copied(folder / COPY), folder)
-    return Result(title or after.title, before, after, wanted_path(requirements), discs_to_avoid(requirements))
+    return Result(title or after.title, before, after, target_path(requirements), discs_to_avoid(requirements))
 
 
 def _copied(path: Path) -> dict[str, Any]:

@@ -169,7 +169,7 @@ def solved(collocation: Collocation, path: Path, parameter: float = 0.0, toleran
     """
     rounds = 0
     while True:
-        collocation, y = near(collocation, path, parameter)
+        collocation, y = newton_from(collocation, path, parameter)
         errors = mesh_errors(collocation, y, parameter)
         if np.max(errors) <= tolerance or rounds == MOST_ROUNDS:
             return Solution(collocation, y, parameter, errors)
@@ -178,7 +178,9 @@ def solved(collocation: Collocation, path: Path, parameter: float = 0.0, toleran
         collocation = collocation.changed(mesh=finer)
 
 
-def near(collocation: Collocation, path: Path, parameter: float) -> tuple[Collocation, Float[np.ndarray, " size"]]:
+def newton_from(
+    collocation: Collocation, path: Path, parameter: float
+) -> tuple[Collocation, Float[np.ndarray, " size"]]:
     """The solution to which Newton's method converges from a path, with a smaller barrier if necessary.
 
     A path that fulfils its constraints nearly everywhere, and touches them, is far from the solution for a large

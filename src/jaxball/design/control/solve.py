@@ -110,7 +110,7 @@ def controlled(
 
     problem = file.problem
     mesh = np.linspace(float(problem.start), float(problem.end), file.intervals + 1)
-    first = solution = _begun(file, file.easy or problem, mesh)
+    first = solution = _first_solution(file, file.easy or problem, mesh)
     if file.easy is None:
         visit(solution)
     else:
@@ -131,7 +131,7 @@ def controlled(
     )
 
 
-def _begun(file: ControlFile, problem: Rolling, mesh: np.ndarray) -> Solution:
+def _first_solution(file: ControlFile, problem: Rolling, mesh: np.ndarray) -> Solution:
     """The solution by Newton's method from the guess, or otherwise from the motion without constraints."""
 
     def start(problem: Rolling, guess: Guess) -> Solution:

@@ -59,8 +59,8 @@ def corner(name: str) -> Converter:
     return convert
 
 
-def beside(points: Float[ArrayLike, "n 2"]) -> str:
-    """Reports positions off e1, for :meth:`Requirement.beyond_a_disk`."""
+def off_e1(points: Float[ArrayLike, "n 2"]) -> str:
+    """Reports positions off e1, for :meth:`Requirement.unreachable_by_disk`."""
     points = np.abs(np.asarray(points))
     most = np.max(points[:, 1], initial=0.0)
     return f"a position {most:.6g} off e1" if most > ROUNDING * np.max(points, initial=0.0) else ""

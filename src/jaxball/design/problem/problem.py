@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 
 from ...physics.body import Disk, System
 from ...scenario.solvers import SOLVERS
-from .requirements import AbstractConstraint, AbstractObjective, require_reach
+from .requirements import AbstractConstraint, AbstractObjective, require_reachable
 from .run import RAIL_SAMPLES, Run, Solve, run_of
 from .space import Candidate, DesignSpace
 from .variables import DesignError
@@ -91,7 +91,7 @@ class Evaluation(NamedTuple):
 
 
 @dataclasses.dataclass(frozen=True)
-class Places:
+class ConstraintLayout:
     """The layout of the violations of all constraints, at all their points and times, in one vector.
 
     One constraint comes after the other, and one ball after the other.
@@ -159,7 +159,7 @@ class Problem:
     perturbations: Perturbations | None = None
 
     def __post_init__(self):
-        require_reach(self.space.scenario.system, {**self.objectives, **self.constraints})
+        require_reachable(self.space.scenario.system, {**self.objectives, **self.constraints})
 
     @functools.cached_property
     def weights(self) -> Float[np.ndarray, " objectives"]:
@@ -167,11 +167,13 @@ class Problem:
         return np.asarray([float(objective.weight) for objective in self.objectives.values()])
 
     @functools.cached_property
-    def places(self) -> Places:
+    def layout(self) -> ConstraintLayout:
         """Where the constraints are evaluated."""
         y = jax.ShapeDtypeStruct((self.space.size,), jnp.zeros(()).dtype)
         shapes = jax.eval_shape(lambda y: self._of(self.run(y))[1], y)
-        return Places({name: shape.size for name, shape in zip(self.constraints, shapes, strict=True)}, self.balls)
+        return ConstraintLayout(
+            {name: shape.size for name, shape in zip(self.constraints, shapes, strict=True)}, self.balls
+        )
 
     @property
     def balls(self) -> int:

@@ -17,7 +17,7 @@ from .variables import DesignError
 class Requirement(eqx.Module):
     """A requirement on a motion: an objective or a constraint."""
 
-    def beyond_a_disk(self) -> str:
+    def unreachable_by_disk(self) -> str:
         """What it requires that a disk, which rolls along e1 and turns about e2, cannot do; empty if nothing."""
         return ""
 
@@ -84,13 +84,13 @@ class AbstractRunningConstraint(AbstractConstraint):
         return -self(run)
 
 
-def require_reach(system: AbstractSystem, requirements: Mapping[str, Requirement]) -> None:
+def require_reachable(system: AbstractSystem, requirements: Mapping[str, Requirement]) -> None:
     """Refuses objectives and constraints that no disk can meet.
 
     **Raises:** :class:`DesignError`, with the name of the first one, where the system is a disk.
     """
     for name, requirement in requirements.items() if isinstance(system, Disk) else ():
-        beyond = requirement.beyond_a_disk()
+        beyond = requirement.unreachable_by_disk()
         if beyond:
             raise DesignError(
                 f"`{name}` must be within reach of a disk, which rolls along e1 and turns about e2, but it requires "

@@ -75,7 +75,7 @@ class Run(eqx.Module):
     rail_samples: int = eqx.field(static=True, default=RAIL_SAMPLES)
 
     @property
-    def _looked_at(self) -> Float[Array, " t"]:
+    def _times(self) -> Float[Array, " t"]:
         return times_looked_at(self.system, self.times, self.times[-1])
 
     @property
@@ -102,7 +102,7 @@ class Run(eqx.Module):
     def observables(self) -> Observables:
         """Positions, energies and forces."""
         prepared = self.system.prepare()
-        return jax.vmap(lambda t, x: observe(prepared, t, x))(self._looked_at, self.state)
+        return jax.vmap(lambda t, x: observe(prepared, t, x))(self._times, self.state)
 
     @property
     def masses(self) -> Kinematics:
@@ -112,7 +112,7 @@ class Run(eqx.Module):
         def one(t, x):
             return kinematics(prepared, t, accelerations(prepared, t, x).angles)
 
-        return jax.vmap(one)(self._looked_at, self.state)
+        return jax.vmap(one)(self._times, self.state)
 
     @property
     def forces(self) -> Float[Array, "t n 3"]:
@@ -125,7 +125,7 @@ class Run(eqx.Module):
             a = accelerations_of_masses(prepared.radius, masses, x.Omega, found.Omegadot, x.Gamma)
             return m[:, None] * (a + acting.weight[None])
 
-        return jax.vmap(one)(self._looked_at, self.state)
+        return jax.vmap(one)(self._times, self.state)
 
     @property
     def forces_along(self) -> Float[Array, "t n"]:
@@ -143,7 +143,7 @@ class Run(eqx.Module):
             links = linkages(prepared, t, (x.theta, x.thetadot, x.thetadot))
             return joined(x.theta, links, joint_forces(t, x, links))[len(prepared.driven) :]
 
-        return jax.vmap(one)(self._looked_at, self.state)
+        return jax.vmap(one)(self._times, self.state)
 
     @property
     def effort_units(self) -> Float[Array, " joints"]:
@@ -155,7 +155,7 @@ class Run(eqx.Module):
     def on_rails(self) -> OnRails:
         """θ and its rates."""
         prepared = self.system.prepare()
-        return jax.vmap(lambda t, x: _on_rails(prepared, t, x))(self._looked_at, self.state)
+        return jax.vmap(lambda t, x: _on_rails(prepared, t, x))(self._times, self.state)
 
     @property
     def curves(self) -> Curves:

@@ -113,7 +113,7 @@ def design(
         progress.elapsed = time.perf_counter() - began
         phase, step, *leader = progress.history[-1]
         merit = Merit(*leader)
-        say(line(("adam", "polish")[int(phase)], int(step), merit, program.places.name(int(merit.place))))
+        say(line(("adam", "polish")[int(phase)], int(step), merit, program.layout.name(int(merit.place))))
         if folder is not None:
             save(program, progress, folder, identity)
 
@@ -128,7 +128,7 @@ def design(
         tightenings += 1
         excess = {name: MORE * max(0.0, fine) for name, (_, fine) in verified.violations.items()}
         say(f"between the samples constraints are violated by {verified.violation:.2e}: tightened")
-        progress = optimiser.tighten(progress, program.places.spread(excess))
+        progress = optimiser.tighten(progress, program.layout.spread(excess))
     before = verify(problem, problem.space.start).designed
     numbers = np.asarray(problem.space.numbers(jnp.asarray(y)))
     built = perturbed(problem, y, as_built(problem))

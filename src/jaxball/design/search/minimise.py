@@ -78,10 +78,10 @@ def bfgs(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int,
     length = _first(at, direction)
     low, high = np.zeros(starts), np.full(starts, np.inf)
     for _ in range(evaluations):
-        settled = np.max(np.abs(at.gradient), axis=1) <= stationary
-        if np.all(settled | ~np.isfinite(at.value)):
+        converged = np.max(np.abs(at.gradient), axis=1) <= stationary
+        if np.all(converged | ~np.isfinite(at.value)):
             break
-        trial = at.y + np.where(settled, 0.0, length)[:, None] * direction
+        trial = at.y + np.where(converged, 0.0, length)[:, None] * direction
         there = Point(trial, *function(trial)[:2])
         slope = np.sum(at.gradient * direction, axis=1)
         finite = np.isfinite(there.value) & np.all(np.isfinite(there.gradient), axis=1)
@@ -89,7 +89,7 @@ def bfgs(function: Function, y: Float[np.ndarray, "starts n"], evaluations: int,
         flat = enough & (np.sum(there.gradient * direction, axis=1) >= CURVATURE * slope)
         # Where bisection has reached rounding, any step that decreases the function is taken.
         stuck = (high - low < 1e-10 * np.maximum(high, 1e-10)) | (length > 1e6)
-        taken = ~settled & (flat | (enough & stuck))
+        taken = ~converged & (flat | (enough & stuck))
         inverse, fresh = _updated(inverse, fresh, at, there, taken)
         high = np.where(enough, high, length)
         low = np.where(enough & ~flat, length, low)

@@ -180,7 +180,7 @@ class Optimiser:
 
     def penalised(self, count: int) -> Multipliers:
         """No multipliers, and the first penalty, for so many designs."""
-        nothing = np.zeros((count, self.program.places.size))
+        nothing = np.zeros((count, self.program.layout.size))
         return Multipliers(nothing, np.full(count, self.settings.penalty), nothing)
 
     def _descend(self, progress: Progress) -> Progress:

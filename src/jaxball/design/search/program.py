@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from ..problem.problem import Evaluation, Places
+from ..problem.problem import ConstraintLayout, Evaluation
 from ..problem.variables import DesignError
 
 METHODS = ("bfgs", "gauss-newton")
@@ -76,7 +76,7 @@ class AbstractProgram(abc.ABC):
 
     @property
     @abc.abstractmethod
-    def places(self) -> Places:
+    def layout(self) -> ConstraintLayout:
         """Where the constraints are evaluated."""
 
     @property
@@ -153,7 +153,7 @@ def augmented_lagrangian(program: AbstractProgram, at: Evaluation, multipliers: 
     """
     objective = jnp.sum(jnp.asarray(program.weights, dtype=at.terms.dtype) * at.terms)
     following = next_multipliers(program, at, multipliers)
-    shares = jnp.asarray(program.places.shares, dtype=at.terms.dtype)
+    shares = jnp.asarray(program.layout.shares, dtype=at.terms.dtype)
     return objective + jnp.sum(shares * (following**2 - multipliers.value**2)) / (2 * multipliers.penalty)
 
 

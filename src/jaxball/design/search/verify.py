@@ -76,7 +76,7 @@ def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
     )
 
 
-class _Most(NamedTuple):
+class _Largest(NamedTuple):
     """The largest values over all balls: distances, violations, and minus the normal force."""
 
     apart: Float[jax.Array, "*balls"]
@@ -105,7 +105,7 @@ def _compared(problem: Problem) -> Callable[..., Any]:
         apart = jnp.max(jnp.sqrt(jnp.sum((run.z - fine.z[::FINER]) ** 2, axis=-1))) / run.length
         missed = {name: one.farthest(fine) for name, one in problem.objectives.items() if isinstance(one, TARGETS)}
         lift = jnp.max(NormalForce(0.0)(fine))
-        most = _Most(apart, _worst(problem, run), _worst(problem, fine), lift, missed)
+        most = _Largest(apart, _worst(problem, run), _worst(problem, fine), lift, missed)
         return problem.evaluate_run(run), problem.evaluate_run(fine), most
 
     @jax.jit
