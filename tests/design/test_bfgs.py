@@ -7,10 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxball.design import AbstractProgram, Bounds, Evaluation, Merit, Optimiser, Places, Settings
-from jaxball.design.search import bfgs, newton
-from jaxball.design.search.lagrangian import Multipliers, augmented_lagrangian, by_gauss_newton
-from jaxball.design.search.settings import METHODS
+from jaxball.design import AbstractProgram, Bounds, ConstraintLayout, Evaluation, Merit, Optimiser, Settings
+from jaxball.design.search.minimise import bfgs, newton
+from jaxball.design.search.program import METHODS, Multipliers, augmented_lagrangian, by_gauss_newton
 
 
 def rosenbrock(z):
@@ -57,7 +56,7 @@ def saddle(z):
 )
 def test_minimum_by_newtons_method(function, minimum):
     starts = np.array([[0.01, 1.0], [1.9, 0.0], [0.7, -2.0]])
-    found = newton.minimise(function, starts, 60, 1e-10)
+    found = newton(function, starts, 60, 1e-10)
     np.testing.assert_allclose(found.y, np.broadcast_to(minimum, starts.shape), atol=1e-9)
 
 
@@ -67,13 +66,13 @@ def test_minimum_by_newtons_method(function, minimum):
     ids=["rosenbrock", "kink", "wall"],
 )
 def test_minimum_from_every_start(function, minimum, bound):
-    found = bfgs.minimise(function, STARTS, 300, 1e-9)
+    found = bfgs(function, STARTS, 300, 1e-9)
     np.testing.assert_allclose(found.y, np.broadcast_to(minimum, STARTS.shape), atol=bound)
 
 
 def test_starts_do_not_know_of_each_other():
-    alone = [bfgs.minimise(rosenbrock, start[None], 40, 1e-9).y[0] for start in STARTS]
-    np.testing.assert_array_equal(bfgs.minimise(rosenbrock, STARTS, 40, 1e-9).y, alone)
+    alone = [bfgs(rosenbrock, start[None], 40, 1e-9).y[0] for start in STARTS]
+    np.testing.assert_array_equal(bfgs(rosenbrock, STARTS, 40, 1e-9).y, alone)
 
 
 def test_quadratic_in_few_evaluations():
@@ -84,7 +83,7 @@ def test_quadratic_in_few_evaluations():
         count.append(1)
         return 0.5 * np.einsum("si,ij,sj->s", z, A, z), z @ A
 
-    found = bfgs.minimise(function, np.ones((1, 4)), 200, 1e-8)
+    found = bfgs(function, np.ones((1, 4)), 200, 1e-8)
     assert np.max(np.abs(found.y)) < 1e-7
     assert len(count) < 60
 
@@ -94,7 +93,7 @@ class HockSchittkowski71(AbstractProgram):
 
     bounds = Bounds(np.full(4, 1.0), np.full(4, 5.0), np.full(4, 2.0))
     weights = np.ones(1)  # pyright: ignore[reportAssignmentType]
-    places = Places({"product": 1, "sphere": 1})
+    layout = ConstraintLayout({"product": 1, "sphere": 1})
     equal = np.array([False, True])
     names = ("x1", "x2", "x3", "x4")
 
@@ -138,7 +137,7 @@ class Parabola(AbstractProgram):
     """min (x − 3)² with x ≤ 1, from x = 0."""
 
     weights = np.ones(1)  # pyright: ignore[reportAssignmentType]
-    places = Places({"wall": 1})
+    layout = ConstraintLayout({"wall": 1})
     equal = np.array([False])
     names = ("x",)
 

@@ -11,7 +11,7 @@ from hypothesis import given, strategies as st
 
 import jaxball
 from jaxball import design
-from jaxball.design.constraints.rails import distance
+from jaxball.design.constraints import distance
 from tests.support.paper import paper_ball
 
 TIMES = np.linspace(0.0, 2.0, 101)

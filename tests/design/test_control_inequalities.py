@@ -6,8 +6,8 @@ import pytest
 from jaxtyping import Array, Float
 
 from jaxball.design import DesignError, control
-from jaxball.design.control import refine
-from jaxball.design.control.complementarity import multiplier, slack
+from jaxball.design.control import solution as module
+from jaxball.design.control.terms import multiplier, slack
 
 from .double_integrator import Double
 
@@ -186,14 +186,14 @@ def test_a_smaller_barrier_where_newton_does_not_come_to_a_larger_one(monkeypatc
             raise DesignError("too large")
         return newton(collocation, y, parameter)
 
-    newton = refine.newton
-    monkeypatch.setattr(refine, "newton", fails_above)
+    newton = module.newton
+    monkeypatch.setattr(module, "newton", fails_above)
     collocation = posed(LimitedForce, 4.5)
     found = control.solved(collocation, still(collocation))
     np.testing.assert_allclose(found.collocation.barrier, 1e-5)
     assert np.max(np.abs(found.collocation.residual(found.y, 0.0))) < 1e-9
     # Nothing is to be found without inequalities, because there is no barrier to make smaller.
     free = posed(Limited, 0.0)
-    monkeypatch.setattr(refine, "newton", lambda *arguments: fails_above(collocation, *arguments[1:]))
+    monkeypatch.setattr(module, "newton", lambda *arguments: fails_above(collocation, *arguments[1:]))
     with pytest.raises(DesignError, match="too large"):
         control.solved(free, still(free))

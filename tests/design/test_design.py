@@ -17,7 +17,7 @@ import tomli_w
 import jaxball
 from jaxball import cli, design
 from jaxball.design.report import write_report
-from jaxball.design.search.progress import load_progress
+from jaxball.design.search.optimise import load_progress
 
 PROBLEM = """
 format = 1

@@ -11,7 +11,7 @@ import pytest
 import jaxball
 from jaxball import design
 from jaxball.design import control
-from jaxball.design.control.files import read_control
+from jaxball.design.files import read_control
 
 DISK = """
 format = 1

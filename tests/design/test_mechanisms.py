@@ -8,7 +8,7 @@ import pytest
 import jaxball
 from jaxball import design
 from jaxball.design import DesignSpace, Variable, identify
-from jaxball.design.run import Run
+from jaxball.design.problem.run import Run
 from tests.design.documents import builtin
 
 TIMES = np.linspace(0.0, 1.0, 21)

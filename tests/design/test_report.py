@@ -8,8 +8,8 @@ import pytest
 
 from jaxball import design
 from jaxball.design.report import bounds, violation
-from jaxball.design.search.progress import load_progress, save_progress
-from jaxball.design.source import Source, duration, made
+from jaxball.design.result import Source, duration, provenance
+from jaxball.design.search.optimise import load_progress, save_progress
 from jaxball.results import OutputError
 from jaxball.scenario import builtin_text
 
@@ -86,14 +86,14 @@ def test_a_problem_in_its_own_folder_stays_as_it_is(tmp_path):
 
 
 def test_a_report_says_how_it_was_made(source):
-    text = "\n".join(made(source, 200.0, resumed=True))
+    text = "\n".join(line for part in provenance(source, 200.0, resumed=True) for line in part)
     assert re.search(
         r"^By `jaxball design mine.toml --out out`, with jaxball \S+, jax \S+, diffrax \S+, in 3 min 20 s, all runs",
         text,
         re.MULTILINE,
     )
     assert "`problem.toml`, a copy" in text
-    assert "problem.toml" not in "\n".join(made(None, 1.0))
+    assert "problem.toml" not in str(provenance(None, 1.0))
 
 
 def test_the_time_of_a_search_is_kept_with_its_progress(tmp_path):

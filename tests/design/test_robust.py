@@ -10,7 +10,7 @@ import pytest
 
 import jaxball
 from jaxball import design
-from jaxball.design.perturbations import perturbed_system
+from jaxball.design.problem.problem import perturbed_system
 from jaxball.design.report import write_report
 from tests.support.paper import paper_ball, paper_disk
 
@@ -103,10 +103,10 @@ def test_optimum_of_the_mean(optimiser):
 
 def test_constraints_are_counted_for_each_ball(optimiser):
     looked, found = optimiser.evaluate(np.array([[0.3]]), optimiser.penalised(1)), problem().problem
-    parts = found.places.by_constraint(looked.at.violations[0])
+    parts = found.layout.by_constraint(looked.at.violations[0])
     assert {name: part.shape for name, part in parts.items()} == {"within": (COUNT * 20,), "within 2": (COUNT * 20,)}
     np.testing.assert_allclose([np.max(part) for part in parts.values()], [0.3 * T - 9.0, 0.3 * T - 1.0], rtol=1e-8)
-    np.testing.assert_allclose(np.sum(found.places.shares), 2.0, rtol=1e-12)
+    np.testing.assert_allclose(np.sum(found.layout.shares), 2.0, rtol=1e-12)
 
 
 @pytest.mark.slow

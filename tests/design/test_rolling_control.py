@@ -13,8 +13,8 @@ import pytest
 import jaxball
 from jaxball import cli, design
 from jaxball.design import control
-from jaxball.design.control.complementarity import multiplier
-from jaxball.design.control.files import read_control
+from jaxball.design.control.terms import multiplier
+from jaxball.design.files import read_control
 
 END, PLACE = 8.0, 1.0
 DOWN = -np.pi / 2

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from jaxball import cli, design
-from jaxball.design.search.progress import load_progress, save_progress
+from jaxball.design.search.optimise import load_progress, save_progress
 from jaxball.design.search.shooting import CONTINUITY
 from tests.design.documents import builtin
 from tests.design.test_design import PROBLEM
@@ -34,7 +34,7 @@ def optimiser(method="gauss-newton", rounds=40):
 
 
 def defects(looked):
-    found = program().places.by_constraint(looked.at.violations[0])[CONTINUITY]
+    found = program().layout.by_constraint(looked.at.violations[0])[CONTINUITY]
     return found.reshape(PIECES - 1, program().components.size)
 
 
@@ -107,10 +107,10 @@ def test_a_run_in_pieces_that_join_is_worth_what_it_is_in_one(given):
     z = given.space.start[None]
     found = [jax.jit(one.evaluate)(jnp.asarray(one.joined(z)[0])) for one in (whole, cut)]
     np.testing.assert_allclose(found[1].terms, found[0].terms, atol=1e-7)
-    parts = cut.places.by_constraint(np.asarray(found[1].violations))
+    parts = cut.layout.by_constraint(np.asarray(found[1].violations))
     assert parts[CONTINUITY].size == given.balls * cut.components.size
     np.testing.assert_allclose(parts.pop(CONTINUITY), 0.0, atol=1e-7)
-    for name, expected in whole.places.by_constraint(np.asarray(found[0].violations)).items():
+    for name, expected in whole.layout.by_constraint(np.asarray(found[0].violations)).items():
         np.testing.assert_allclose(parts.get(name, ()), expected, atol=1e-7)
 
 

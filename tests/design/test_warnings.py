@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jaxball import design
-from jaxball.design.warnings import warnings
+from jaxball.design.search.design import warnings
 
 AMPLITUDE, FREQUENCY = 0.3, 3.0
 PROBLEM = f"""

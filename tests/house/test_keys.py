@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jaxball.design.control.files import KEYS as CONTROL
-from jaxball.design.files import KEYS as SEARCH
+from jaxball.design.files import CONTROL_KEYS, SEARCH_KEYS
 from jaxball.scenario import ScenarioError, read_scenario, table
 from jaxball.scenario.files import CLASSICAL_KEYS, KEYS
 from jaxball.scenario.table import REQUIRED, Key
@@ -33,8 +32,8 @@ def readers() -> dict[str, dict[str, Mapping[str, Key]]]:
     visit("scenario", "ball, disk", KEYS)
     visit("scenario", "classical", CLASSICAL_KEYS)
     visit("study", "", STUDY)
-    visit("problem", "search", SEARCH)
-    visit("problem", "control", CONTROL)
+    visit("problem", "search", SEARCH_KEYS)
+    visit("problem", "control", CONTROL_KEYS)
     return found
 
 

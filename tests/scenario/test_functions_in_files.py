@@ -1,6 +1,7 @@
-"""Functions that a file names as "module:function": forces on the body, objectives and constraints of a design."""
+"""What a file names as "module:name": functions and classes of forces, objectives and constraints of a design."""
 
 import sys
+import tomllib
 
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +9,8 @@ import pytest
 
 import jaxball
 from jaxball import Ball, BallState, FunctionWrench, Scenario, ScenarioError, design, read_scenario, write_scenario
+from jaxball.design.files import read_control
+from tests.design.test_rolling_control import PROBLEM as CONTROL
 
 ROLLING = """
 format = 1
@@ -21,7 +24,9 @@ function = "my_forces:drag"
 parameters = { c = 0.7 }
 """
 MODULE = """
+import equinox as eqx
 import jax.numpy as jnp
+from jaxball import design
 
 def drag(t, motion, parameters):
     return -parameters["c"] * jnp.sqrt(jnp.sum(motion.velocity**2)) * motion.velocity
@@ -37,6 +42,27 @@ def fast(run, parameters):
 
 def speeds(run, parameters):
     return parameters[0] * run.state.Omega[:, 1] ** 2
+
+class Far(design.AbstractObjective):
+    def __call__(self, run):
+        return -run.z[-1, 0] / run.length
+
+class Speeds(design.AbstractRunningObjective):
+    factors: dict = eqx.field(converter=lambda given: {name: jnp.asarray(x) for name, x in given.items()})
+    power: int = eqx.field(static=True, default=2)
+
+    def integrand(self, run):
+        return self.factors["of_speed"] * run.state.Omega[:, 1] ** self.power
+
+class Fast(design.AbstractRunningConstraint):
+    most: float
+
+    def __check_init__(self):
+        if self.most <= 0:
+            raise ValueError("Argument `most` must be positive.")
+
+    def __call__(self, run):
+        return jnp.abs(run.state.Omega[:, 1]) - self.most
 
 number = 3
 """
@@ -168,3 +194,75 @@ def test_objectives_and_constraints_of_functions_of_a_file(module):
 def test_what_is_no_objective_is_named(module, old, new, words):
     with pytest.raises(ScenarioError, match=words):
         design.read_problem(PROBLEM.replace(old, new))
+
+
+CLASSES = (
+    PROBLEM.replace('kind = "function"\nfunction = "my_forces:far"', 'kind = "my_forces:Far"')
+    .replace('kind = "running-function"\nfunction = "my_forces:speeds"', 'kind = "my_forces:Speeds"')
+    .replace("parameters = [3.0]", "factors = { of_speed = 3.0 }")
+    .replace('kind = "function"\nfunction = "my_forces:fast"\nparameters', 'kind = "my_forces:Fast"\nmost')
+)
+
+
+def test_objectives_and_constraints_of_classes_of_a_file_are_those_of_functions(module):
+    """Their fields are the keys of their tables; a static one, left out here, is an integer and stays one."""
+    ours, theirs = (design.read_problem(text).problem for text in (CLASSES, PROBLEM))
+    assert {name: float(one.weight) for name, one in ours.objectives.items()} == {"Far": 2.0, "Speeds": 1.0}
+    y = jnp.asarray(ours.space.start)
+    ours, theirs = (one.evaluate_run(one.run(y)) for one in (ours, theirs))
+    np.testing.assert_allclose(ours.terms, theirs.terms, rtol=1e-12)
+    np.testing.assert_allclose(ours.violations, theirs.violations, rtol=0, atol=1e-12)
+
+
+def test_a_static_field_of_a_class_is_what_the_file_says(module):
+    found = design.read_problem(CLASSES.replace("factors =", "power = 3\nfactors =")).problem
+    assert isinstance(found.objectives["Speeds"].power, int)
+    assert found.objectives["Speeds"].power == 3
+
+
+def test_two_objectives_of_one_class_have_names_of_their_own(module):
+    second = '[[objectives]]\nkind = "my_forces:Far"\n\n[scenario]'
+    assert list(design.read_problem(CLASSES.replace("[scenario]", second, 1)).problem.objectives) == [
+        "Far",
+        "Speeds",
+        "Far 2",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "my_forces:Far",
+            "my_forces:Fast",
+            r"objectives.* must be a subclass of .*\.AbstractObjective, but",
+        ),
+        (
+            "my_forces:Fast",
+            "my_forces:Far",
+            r"constraints.* must be a subclass of .*\.AbstractConstraint, but",
+        ),
+        ("my_forces:Far", "my_forces:far", r"objectives.* must be a subclass of .*\.AbstractObjective, but"),
+        ("my_forces:Far", "my_forces:Near", r"`objectives\[0\]\.kind` must name a class .* no attribute 'Near'"),
+        ("my_forces:Far", "my_goals:Far", r"objectives.* must name a class .* No module named 'my_goals'"),
+        ("most = 0.5", "", r"`constraints\[0\]\.most` must be a number, .*, but it is missing"),
+        ("most = 0.5", "least = 0.5", r"`constraints\[0\]\.least` is not known; the keys here are most"),
+        ("most = 0.5", 'most = "fast"', r"`constraints\[0\]\.most` must be a finite number"),
+        ("most = 0.5", "most = -0.5", r"`constraints\[0\]` must describe a Fast, .* ValueError: .* must be positive"),
+        ("weight = 2.0", "weigth = 2.0", r"`objectives\[0\]\.weigth` is not known; did you mean `weight`"),
+    ],
+)
+def test_what_is_no_class_of_an_objective_or_constraint_is_named(module, old, new, words):
+    with pytest.raises(ScenarioError, match=words):
+        design.read_problem(CLASSES.replace(old, new))
+
+
+def test_optimal_control_takes_classes_of_a_single_time(module):
+    speeds = {"kind": "my_forces:Speeds", "factors": {"of_speed": 1.0}}
+    document = tomllib.loads(CONTROL)
+    found = read_control({**document, "objectives": [*document["objectives"], speeds]})
+    assert [*found.problem.objectives][-1] == "Speeds"
+    limited = read_control({**document, "constraints": [{"kind": "my_forces:Fast", "most": 9.0}]})
+    assert [*limited.problem.constraints] == ["Fast"]
+    with pytest.raises(ScenarioError, match=r"must be means over the run .* together with `control`, but it is Far"):
+        read_control({**document, "objectives": [*document["objectives"], {"kind": "my_forces:Far"}]})

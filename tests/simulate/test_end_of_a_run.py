@@ -27,7 +27,7 @@ from jaxball import (
     load_run,
     simulate,
 )
-from jaxball.design.run import Run
+from jaxball.design.problem.run import Run
 from jaxball.ensemble import simulate_ensemble
 from jaxball.numerics.kinks import seen_from_before
 from jaxball.plot.actuation import accelerations

@@ -9,8 +9,7 @@ from typing import Any
 import tomli_w
 
 from jaxball.design import DesignError
-from jaxball.design.control.files import TABLE, read_control
-from jaxball.design.files import problem_of
+from jaxball.design.files import TABLE, problem_of, read_control
 from jaxball.scenario import builtin_scenarios, builtin_text, read_scenario
 from jaxball.scenario.sources import document_of
 from jaxball.sweep import read_study

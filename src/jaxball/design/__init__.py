@@ -1,17 +1,14 @@
 """Design of rails, motions and parameters that make a ball do what is wanted, by gradients through the simulation.
 
-``problem`` defines what is designed: a scenario with variables (``space``, ``variables``, ``scales``, ``bounds``),
-whose runs (``run``) have ``objectives`` and ``constraints``, in the plane (``plane``, ``curves``), also for slightly
-perturbed balls (``perturbations``). ``search`` solves it, ``verify`` checks the design by other means, ``warnings`` and
-``report`` describe it, and ``files``, with the ``families`` of its tables, reads it; ``result`` loads what was found.
-``control`` finds motions of any shape, by ``equations`` and their ``continuation``; ``identify`` finds a body's
+``problem`` defines what is designed: a scenario with variables, whose runs have ``objectives`` and ``constraints``,
+also for slightly perturbed balls. ``search`` solves it, and verifies the design by other means. ``control`` finds
+motions of any shape, by equations and their ``continuation``. ``files``, with the ``families`` of its tables, reads
+problems of both kinds, ``report`` describes what was found, and ``result`` loads it. ``identify`` finds a body's
 parameters from its path. Only the command line uses this package.
 """
 
 from ..interface.names import interface as _interface
-from .bounds import Bounds as Bounds
 from .constraints import (
-    AbstractConstraint as AbstractConstraint,
     AccelerationLimit as AccelerationLimit,
     ClearOfObstacles as ClearOfObstacles,
     ForceLimit as ForceLimit,
@@ -27,19 +24,16 @@ from .constraints import (
     SpeedLimit as SpeedLimit,
     Within as Within,
 )
-from .continuation import Branch as Branch, Fold as Fold, follow as follow
-from .curves import (
-    AbstractCurve as AbstractCurve,
-    FigureEight as FigureEight,
-    Sigmoid as Sigmoid,
-    Through as Through,
+from .continuation import (
+    AbstractEquations as AbstractEquations,
+    Branch as Branch,
+    Fold as Fold,
+    FunctionEquations as FunctionEquations,
+    follow as follow,
 )
-from .equations import AbstractEquations as AbstractEquations, FunctionEquations as FunctionEquations
-from .errors import DesignError as DesignError
 from .files import load_problem as load_problem, read_problem as read_problem
 from .identify import Identification as Identification, identify as identify
 from .objectives import (
-    AbstractObjective as AbstractObjective,
     AccelerationEffort as AccelerationEffort,
     AvoidObstacles as AvoidObstacles,
     Balanced as Balanced,
@@ -58,25 +52,37 @@ from .objectives import (
     ReachPose as ReachPose,
     StopAtRest as StopAtRest,
 )
-from .perturbations import Perturbations as Perturbations
-from .problem import Evaluation as Evaluation, Places as Places, Problem as Problem
+from .problem.plane import (
+    AbstractCurve as AbstractCurve,
+    FigureEight as FigureEight,
+    Sigmoid as Sigmoid,
+    Through as Through,
+)
+from .problem.problem import (
+    ConstraintLayout as ConstraintLayout,
+    Evaluation as Evaluation,
+    Perturbations as Perturbations,
+    Problem as Problem,
+)
+from .problem.requirements import (
+    AbstractConstraint as AbstractConstraint,
+    AbstractObjective as AbstractObjective,
+    AbstractRunningConstraint as AbstractRunningConstraint,
+    AbstractRunningObjective as AbstractRunningObjective,
+)
+from .problem.run import Run as Run, Solve as Solve, run_of as run_of
+from .problem.space import Candidate as Candidate, DesignSpace as DesignSpace
+from .problem.variables import Bounds as Bounds, DesignError as DesignError, Variable as Variable
 from .result import Result as Result, load_result as load_result
-from .run import Run as Run, Solve as Solve, run_of as run_of
 from .search.check import (
     GradientCheck as GradientCheck,
     check_gradient as check_gradient,
     require_good as require_good,
 )
 from .search.design import Design as Design, design as design
-from .search.optimise import Optimiser as Optimiser
-from .search.program import AbstractProgram as AbstractProgram
-from .search.progress import Merit as Merit, Progress as Progress
-from .search.settings import Settings as Settings
+from .search.optimise import Merit as Merit, Optimiser as Optimiser, Progress as Progress
+from .search.program import AbstractProgram as AbstractProgram, Settings as Settings
 from .search.shooting import Shooting as Shooting
-from .space import Candidate as Candidate, DesignSpace as DesignSpace
-from .variables import Variable as Variable
-from .verify import Verified as Verified, perturbed as perturbed, verify as verify
-
-Worth = Merit
+from .search.verify import Verified as Verified, perturbed as perturbed, verify as verify
 
 __all__, __dir__ = _interface(globals(), "control")

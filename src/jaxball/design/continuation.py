@@ -1,21 +1,25 @@
-"""Solution branches of F(y, λ) = 0, followed past turning points.
+"""Equations F(y, λ) = 0, Newton's method for them, and their solution branches followed past turning points.
 
 Pseudo-arclength continuation (Keller 1977; Allgower & Georg, Numerical Continuation Methods, chapters 2, 6 and 10): a
 predictor along the tangent, and Newton's method on F = 0 together with the condition that the point is at the given
 distance along the tangent. The bordered matrix of that system is regular at a fold, where F_y is singular.
 """
 
+import abc
 import dataclasses
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+import scipy.sparse
+import scipy.sparse.linalg
+from jaxtyping import Array, Float
 
 from ..numerics.bracketing import Sample, between, other_end
-from .equations import ROUNDING, AbstractEquations, bordered_solver
-from .errors import DesignError
+from .problem.variables import DesignError
 
 # The numbers of Newton corrections at which a step is neither too short nor too long, and at which it has failed.
 EASY, MOST_CORRECTIONS = 4, 8
@@ -24,6 +28,126 @@ LONGER, SHORTER = 2.0, 0.5
 STRAIGHT = 0.9
 LEAST_STEP = 1e-8
 FOLD_SEARCHES, FLAT = 40, 1e-9
+
+
+LEAST_SHARE = 1e-4
+# Corrections below this that no longer decrease are rounding.
+ROUNDING = 1e-7
+
+# A dense NumPy array, or a sparse SciPy array, whose types do not declare what its methods return.
+Matrix = Any
+
+
+class AbstractEquations(abc.ABC):
+    """n equations F(y, λ) = 0 for n unknowns y and a parameter λ."""
+
+    @abc.abstractmethod
+    def residual(self, y: Float[np.ndarray, " n"], parameter: float) -> Float[np.ndarray, " n"]:
+        """F."""
+
+    @abc.abstractmethod
+    def jacobian(self, y: Float[np.ndarray, " n"], parameter: float) -> tuple[Matrix, Float[np.ndarray, " n"]]:
+        """∂F/∂y, dense or sparse, and ∂F/∂λ."""
+
+    def sizes(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """The scale of corrections of y: 1 + |y|."""
+        return 1 + np.abs(y)
+
+    def length(self, change: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> float:
+        """The norm of a correction of y, by which successive corrections are compared."""
+        return float(np.linalg.norm(change))
+
+
+class FunctionEquations(AbstractEquations):
+    """The equations function(y, λ) = 0, with dense derivatives by JAX.
+
+    **Arguments:**
+
+    - ``function``: of (y, λ), from shape (n,) to shape (n,).
+
+    **Example:**
+
+    >>> import numpy as np
+    >>> from jaxball.design import FunctionEquations
+    >>> equations = FunctionEquations(lambda y, parameter: y**2 - parameter)
+    >>> equations.jacobian(np.array([3.0]), 9.0)  # 2 y and −1
+    (array([[6.]]), array([-1.]))
+    """
+
+    def __init__(self, function: Callable[[Float[Array, " n"], Float[Array, ""]], Float[Array, " n"]]):
+        self._residual = jax.jit(function)
+        self._jacobian = jax.jit(jax.jacfwd(function, argnums=(0, 1)))
+
+    def residual(self, y, parameter):
+        return np.asarray(self._residual(jnp.asarray(y), jnp.asarray(parameter)))
+
+    def jacobian(self, y, parameter):
+        by_y, by_parameter = self._jacobian(jnp.asarray(y), jnp.asarray(parameter))
+        return np.asarray(by_y), np.asarray(by_parameter)
+
+
+def solver(matrix: Matrix) -> Callable[[np.ndarray], np.ndarray]:
+    """A solver for systems with ``matrix``.
+
+    **Raises:** ``numpy.linalg.LinAlgError`` or ``RuntimeError`` where it is singular.
+    """
+    if isinstance(matrix, np.ndarray):
+        return lambda right: np.linalg.solve(matrix, right)
+    return scipy.sparse.linalg.splu(matrix.tocsc()).solve
+
+
+def bordered_solver(
+    matrix: Matrix, column: Float[np.ndarray, " n"], row: Float[np.ndarray, " n_plus_one"]
+) -> Callable[[np.ndarray], np.ndarray]:
+    """A solver for systems with ``matrix``, ``column`` on its right and ``row`` below both.
+
+    **Raises:** as :func:`solver`.
+    """
+    if isinstance(matrix, np.ndarray):
+        return solver(np.vstack([np.column_stack([matrix, column]), row]))
+    upper = scipy.sparse.hstack([matrix, scipy.sparse.csr_array(column[:, None])])
+    return solver(scipy.sparse.vstack([upper, scipy.sparse.csr_array(row[None])]))
+
+
+def newton(
+    equations: AbstractEquations,
+    y: Float[np.ndarray, " n"],
+    parameter: float,
+    tolerance: float = 1e-10,
+    most: int = 50,
+) -> Float[np.ndarray, " n"]:
+    """A solution near ``y``, by Newton's method with the natural monotonicity test.
+
+    A correction is shortened until the next one, by the same Jacobian, is shorter (Deuflhard, Newton Methods for
+    Nonlinear Problems, section 3.3.1), whatever the units of equations and unknowns. It ends when no entry of a
+    correction is larger than ``tolerance`` (1 + |y|).
+
+    **Raises:** :class:`~jaxball.design.DesignError` where it does not converge in ``most`` corrections.
+    """
+    share = 1.0
+    for _ in range(most):
+        solve = solver(equations.jacobian(y, parameter)[0])
+        change = -solve(equations.residual(y, parameter))
+        sizes = equations.sizes(y)
+        largest, length = np.max(np.abs(change) / sizes), equations.length(change, y)
+        if largest <= tolerance:
+            return y + change
+        share = min(1.0, 2 * share)
+        while share > LEAST_SHARE:
+            next_change = solve(equations.residual(y + share * change, parameter))
+            if equations.length(next_change, y) <= (1 - share / 4) * length:
+                break
+            share /= 2
+        else:
+            if largest <= ROUNDING:
+                return y
+            break
+        y = y + share * change
+    raise DesignError(
+        f"Newton's method must converge at λ = {parameter:g}, but it does not; start from a better guess, or reach "
+        "this λ by continuation from one at which the problem is easier. Redundant conditions at the end of a motion "
+        "need some `softness`."
+    )
 
 
 class Fold(NamedTuple):
@@ -109,20 +233,20 @@ def follow(
     >>> branch.ended, branch.y[-1].round(6)
     ('end', array([2.]))
     """
-    track = _Track(equations, np.full(y.size, 1 / y.size) if weights is None else weights, tolerance)
+    corrector = _Corrector(equations, np.full(y.size, 1 / y.size) if weights is None else weights, tolerance)
     if end is not None:
         direction = end - start
-    at = track.first(np.append(y, start), direction)
+    at = corrector.first(np.append(y, start), direction)
     visit(at.Y[:-1], at.Y[-1])
     visited, folds, ended = [at], [], ""
     while not ended:
-        there, last = track.onward(at, step, end)
+        there, last = corrector.onward(at, step, end)
         if there is None:
             step *= SHORTER
             ended = "lost" if step < LEAST_STEP else ""
             continue
         if at.tangent[-1] * there.tangent[-1] < 0:
-            folds.append(track.fold(len(visited) - 1, at, there))
+            folds.append(corrector.fold(len(visited) - 1, at, there))
         visited.append(there)
         visit(there.Y[:-1], there.Y[-1])
         step = min(longest, step * float(np.clip(EASY / max(there.corrections, 1), SHORTER, LONGER)))
@@ -140,11 +264,11 @@ def follow(
     return Branch(Y[:, :-1], Y[:, -1], lengths, slope, tuple(folds), ended)
 
 
-def _between(a: float, x: float, b: float) -> bool:
+def _encloses(a: float, x: float, b: float) -> bool:
     return bool((a - x) * (b - x) <= 0)
 
 
-class _Track:
+class _Corrector:
     """Equations, a norm and a tolerance: the corrector that leads from one point of a branch to the next."""
 
     def __init__(self, equations: AbstractEquations, weights: Float[np.ndarray, " n"], tolerance: float):
@@ -177,7 +301,7 @@ class _Track:
     def onward(self, at: _Point, step: float, end: float | None) -> tuple[_Point | None, bool]:
         """The next point, None if the step is too long; and whether it is the point with λ = ``end``."""
         there = self.step(at, step)
-        if there is None or end is None or not _between(at.Y[-1], end, there.Y[-1]):
+        if there is None or end is None or not _encloses(at.Y[-1], end, there.Y[-1]):
             return there, False
         return self.at_parameter(at, there, end), True
 

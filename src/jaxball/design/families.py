@@ -1,5 +1,7 @@
 """The objectives, constraints and curves that a problem file can hold, and their keys."""
 
+import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -8,11 +10,13 @@ import numpy as np
 from ..interface.arguments import require_callable
 from ..physics.body import Disk
 from ..physics.system import AbstractSystem
-from ..scenario.functions import FUNCTION, trying
-from ..scenario.table import Family, Key, Module, join, member_of
-from ..scenario.values import NOT_ALL_ZERO, POSITIVE, Flag, Numbers, Rule, key_error
+from ..scenario.errors import ScenarioError
+from ..scenario.functions import FUNCTION, Parameters, imported, trying
+from ..scenario.table import REQUIRED, Family, Key, Keys, Module, join, keys_of, member_of, read_family
+from ..scenario.values import NOT_ALL_ZERO, POSITIVE, Flag, Numbers, Rule, key_error, unread
 from . import constraints, objectives
-from .curves import FigureEight, Sigmoid, Through
+from .problem.plane import FigureEight, Sigmoid, Through
+from .problem.requirements import AbstractConstraint, AbstractObjective
 
 NUMBER, SIZE = Numbers(), Numbers(rule=POSITIVE)
 WEIGHT = {"weight": Key(NUMBER, 1.0)}
@@ -133,6 +137,61 @@ def constraints_of(plane: Plane) -> Family:
         "function": Module(constraints.FunctionConstraint, FUNCTION, check=_check_function),
         "running-function": Module(constraints.FunctionRunningConstraint, FUNCTION, check=_check_function),
     }
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """The objectives, or the constraints, of a file: those of jaxball, by their kind, and users' own classes.
+
+    - ``path``: the key of their list.
+    - ``family``: those of jaxball.
+    - ``contract``: the class that all of them extend.
+    """
+
+    path: str
+    family: Callable[[Plane], Family]
+    contract: type
+
+    def keys(self, plane: Plane) -> dict[str, Keys]:
+        """The keys of each kind of jaxball's."""
+        return keys_of(self.family(plane))
+
+    def read(self, values: Any, path: str, plane: Plane) -> tuple[str, Any]:
+        """The object that a table describes, and the name of its kind; a class of one's own is "module:class"."""
+        kind = values.get("kind") if isinstance(values, dict) else None
+        if not (isinstance(kind, str) and ":" in kind):
+            return str(kind), read_family(values, path, self.family(plane))
+        own = imported(join(path, "kind"), kind, 'a class that can be imported as "module:class"')
+        if not (isinstance(own, type) and issubclass(own, self.contract)):
+            raise key_error(join(path, "kind"), f"a subclass of jaxball.design.{self.contract.__name__}", kind)
+        given = {name: value for name, value in values.items() if name != "kind"}
+        return own.__name__, _of_class(own, path).read(given, path)
+
+
+def _of_class(own: type, path: str) -> Module:
+    """How an object of a class of one's own stands in a file: its fields are the keys, static ones of any type."""
+
+    def key(field: dataclasses.Field) -> Key:
+        required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+        kind = unread("a value") if field.metadata.get("static") else Parameters()
+        return Key(kind, REQUIRED if required else None)
+
+    def build(**values: Any) -> Any:
+        try:
+            return own(**values)
+        except ScenarioError:
+            raise
+        except Exception as error:  # of any kind: the class is the user's
+            reason = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".")
+            raise ScenarioError(
+                f"Key `{path}` must describe a {own.__name__}, but making one raises {reason}."
+            ) from error
+
+    return Module(own, {field.name: key(field) for field in dataclasses.fields(own) if field.init}, build)
+
+
+OBJECTIVES = Requirements("objectives", objectives_of, AbstractObjective)
+CONSTRAINTS = Requirements("constraints", constraints_of, AbstractConstraint)
 
 
 def _discs(plane: Plane) -> dict[str, Key]:

@@ -1,14 +1,22 @@
-"""Problem files: a scenario, its variables, objectives, constraints, and search settings."""
+"""Problem files: a scenario, objectives and constraints, and the variables of a search or a table `[control]`."""
 
 import dataclasses
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import equinox as eqx
+import numpy as np
 import tomli_w
 
-from ..scenario.errors import each_of, raise_first, tried
+from ..numerics.arrays import to_array
+from ..physics.body import Ball, Disk
+from ..physics.state import BallState, DiskState
+from ..physics.system import AbstractSystem
+from ..scenario import read_document
+from ..scenario.body import rolling_state
+from ..scenario.errors import ScenarioError, each_of, raise_first, tried
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
-from ..scenario.table import Family, Key, keys_of, read_family, read_list, read_table
+from ..scenario.table import Key, Keys, read_list, read_table
 from ..scenario.values import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -22,23 +30,29 @@ from ..scenario.values import (
     shown,
     unread,
 )
-from .errors import DesignError
-from .families import PLANE, constraints_of, objectives_of, plane_of
-from .perturbations import Perturbations
-from .problem import Problem
-from .search.settings import METHODS, Settings
-from .space import DesignSpace
-from .variables import Variable
+from .control.collocation import BARRIER
+from .control.guess import rolling_along
+from .control.homotopy import Guess, at_rest
+from .control.problem import VIOLATION
+from .control.rolling import Rolling
+from .control.solve import ControlFile
+from .families import CONSTRAINTS, OBJECTIVES, PLANE, Plane, Requirements, plane_of
+from .problem.problem import Perturbations, Problem
+from .problem.requirements import AbstractRunningConstraint, AbstractRunningObjective
+from .problem.space import DesignSpace
+from .problem.variables import DesignError, Variable
+from .search.program import METHODS, Settings
 
 FORMAT = 1
+TABLE = "control"
 LIST = "a list of tables"
 # The keys of problems of either kind.
 SHARED = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
     "scenario": Key(unread(SCENARIO)),
-    "objectives": Key(unread(LIST, keys_of(objectives_of(PLANE)))),
-    "constraints": Key(unread(LIST, keys_of(constraints_of(PLANE))), []),
+    "objectives": Key(unread(LIST, OBJECTIVES.keys(PLANE))),
+    "constraints": Key(unread(LIST, CONSTRAINTS.keys(PLANE)), []),
 }
 _NUMBER = Key(Numbers(), None)
 _PATHS = Nested(lambda value, path: _paths(value, path), lambda value, path: list(value), "a path, or a list of paths")
@@ -67,12 +81,30 @@ _SETTINGS = {
     field.name: Key(_OF_SETTINGS.get(field.name, Numbers(rule=POSITIVE)), field.default)
     for field in dataclasses.fields(Settings)
 }
-KEYS = {
+SEARCH_KEYS = {
     **SHARED,
     "variables": Key(unread(LIST, {"": _VARIABLE})),
     "robust": Key(unread(tables={"": _ROBUST}), None),
     "search": Key(unread(tables={"": _SETTINGS}), None),
 }
+GUESSES: dict[str, Guess] = {"rest": at_rest, "rolling-along": rolling_along}
+_CONTROL = {
+    "depth": Key(Numbers(rule=POSITIVE), None),
+    "intervals": Key(Integer(2, 10**5), 20),
+    "tolerance": Key(Numbers(rule=POSITIVE), 1e-6),
+    "violation": Key(Numbers(rule=POSITIVE), VIOLATION),
+    "barrier": Key(Numbers(rule=POSITIVE), BARRIER),
+    "softness": Key(Numbers(rule=NOT_NEGATIVE), 0.0),
+    "guess": Key(Choice(tuple(GUESSES)), "rest"),
+    "first_weights": Key(unread("a table of weights"), None),
+}
+
+
+def _control_keys(place: Numbers) -> Keys:
+    return {"place": Key(place, None), **_CONTROL}
+
+
+CONTROL_KEYS = {**SHARED, TABLE: Key(unread(tables={"": _control_keys(PLANE.place)}))}
 
 
 class ProblemFile(NamedTuple):
@@ -121,23 +153,80 @@ def problem_of(document: dict[str, Any], folder: str | Path = ".") -> ProblemFil
     missing or wrong.
     """
     (given, space, search, robust), errors = tried(
-        lambda: read_table(document, "", KEYS),
+        lambda: read_table(document, "", SEARCH_KEYS),
         lambda: _space(document, Path(folder)) if {"scenario", "variables"} <= document.keys() else None,
         lambda: read_table(document.get("search", {}), "search", _SETTINGS),
         lambda: _perturbations(document["robust"]) if "robust" in document else None,
     )
     objectives, constraints = {}, {}
     if given and space:  # which determines the kind of positions
-        plane = plane_of(space.scenario.system)
-        (objectives, constraints), later = tried(
-            lambda: objects_of(given["objectives"], "objectives", objectives_of(plane)),
-            lambda: objects_of(given["constraints"], "constraints", constraints_of(plane), empty=True),
-        )
+        (objectives, constraints), later = _requirements(given, space.scenario.system)
         errors += later
     raise_first(errors)
     settings = Settings(**search)
     identity = tomli_w.dumps({**document, "scenario": space.document}) + repr(settings)
     return ProblemFile(given["title"], Problem(space, objectives, constraints, robust), settings, identity)
+
+
+def read_control(document: dict[str, Any], folder: str | Path = ".") -> ControlFile:
+    """The problem of a document with a table ``[control]``; a scenario file is looked for relative to ``folder``.
+
+    **Raises:** as :func:`problem_of`.
+    """
+    given = read_table(document, "", CONTROL_KEYS)
+    with naming_scenario(given["scenario"], "problem", DesignError):
+        scenario = read_document(scenario_document(given["scenario"], Path(folder), DesignError))
+    system, state = scenario.system, scenario.state
+    if not isinstance(system, Ball | Disk):
+        raise key_error("scenario.kind", "ball or disk", system.title.lower())
+    rolling_state(state, scenario.contact, "optimal control is", DesignError)
+    assert isinstance(state, BallState | DiskState)
+    control = read_table(given[TABLE], TABLE, _control_keys(plane_of(system).place))
+    (objectives, constraints), errors = _requirements(given, system)
+    raise_first(errors)
+    _require(objectives, OBJECTIVES, AbstractRunningObjective, "means over the run")
+    _require(constraints, CONSTRAINTS, AbstractRunningConstraint, "constraints at each time")
+    ends = {name: control[name] for name in ("place", "depth", "softness")}
+    times = (scenario.times[0], scenario.times[-1])
+    problem = Rolling(system, times, objectives, state, **ends, constraints=constraints)
+    return ControlFile(
+        title=given["title"],
+        problem=problem,
+        easy=None if control["first_weights"] is None else _easy(problem, control["first_weights"]),
+        saves=int(np.size(scenario.times)),
+        intervals=control["intervals"],
+        tolerance=float(control["tolerance"]),
+        violation=float(control["violation"]),
+        barrier=float(control["barrier"]),
+        guess=GUESSES[control["guess"]],
+    )
+
+
+def _requirements(given: dict[str, Any], system: AbstractSystem) -> tuple[list[Any], list[ScenarioError]]:
+    """The objectives and the constraints of a problem of either kind, by name, and the errors in them."""
+    plane = plane_of(system)
+    return tried(
+        lambda: _named(given["objectives"], OBJECTIVES, plane),
+        lambda: _named(given["constraints"], CONSTRAINTS, plane, empty=True),
+    )
+
+
+def _named(values: Any, requirements: Requirements, plane: Plane, empty: bool = False) -> dict[str, Any]:
+    """Objectives or constraints by their kinds; a second one of a kind has a number appended."""
+    objects: dict[str, Any] = {}
+    for kind, item in read_list(values, requirements.path, lambda item, at: requirements.read(item, at, plane), empty):
+        count = sum(name.split(" ")[0] == kind for name in objects)
+        objects[f"{kind} {count + 1}" if count else kind] = item
+    return objects
+
+
+def _require(objects: dict[str, Any], requirements: Requirements, running: type, words: str) -> None:
+    """Refuses anything that is not a function of a single time."""
+    for name, item in objects.items():
+        if not isinstance(item, running):
+            family = requirements.family(PLANE)
+            kinds = ", ".join(kind for kind, member in family.items() if issubclass(member.type, running))
+            raise key_error(requirements.path, f"{words} ({kinds}) together with `{TABLE}`", name)
 
 
 def _space(document: dict[str, Any], folder: Path) -> DesignSpace:
@@ -147,16 +236,6 @@ def _space(document: dict[str, Any], folder: Path) -> DesignSpace:
     )
     with naming_scenario(document["scenario"], "problem", DesignError):
         return DesignSpace(scenario, variables)
-
-
-def objects_of(values: Any, path: str, family: Family, empty: bool = False) -> dict[str, Any]:
-    """Objects of a family by their kinds; a second one of a kind has a number appended."""
-    objects: dict[str, Any] = {}
-    read = read_list(values, path, lambda item, place: (read_family(item, place, family), item["kind"]), empty)
-    for item, kind in read:
-        count = sum(name.split(" ")[0] == kind for name in objects)
-        objects[f"{kind} {count + 1}" if count else kind] = item
-    return objects
 
 
 def _variable(values: Any, path: str) -> Variable:
@@ -180,3 +259,16 @@ def _paths(value: Any, path: str) -> tuple[str, ...]:
     if not isinstance(paths, list) or not paths or not all(isinstance(item, str) for item in paths):
         raise key_error(path, "a path, or a list of paths", shown(value))
     return tuple(paths)
+
+
+def _easy(problem: Rolling, weights: Any) -> Rolling:
+    """The problem with other weights of some objectives."""
+    path = f"{TABLE}.first_weights"
+    if not isinstance(weights, dict) or not weights:
+        raise key_error(path, "a table of weights by kind of objective", shown(weights))
+    unknown = [name for name in weights if name not in problem.objectives]
+    if unknown:
+        raise key_error(path, f"of objectives of this problem ({', '.join(problem.objectives)})", unknown[0])
+    given = read_table(weights, path, dict.fromkeys(weights, Key(Numbers())))
+    values = [to_array(given[name]) for name in weights]
+    return eqx.tree_at(lambda p: [p.objectives[name].weight for name in weights], problem, values)

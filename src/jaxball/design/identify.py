@@ -16,10 +16,10 @@ from ..interface.arguments import require
 from ..numerics.arrays import to_numpy
 from ..physics.body import Disk
 from ..scenario.solvers import SOLVERS
-from .errors import DesignError
-from .plane import places
-from .run import Solve, run_of
-from .space import DesignSpace
+from .problem.plane import places
+from .problem.run import Solve, run_of
+from .problem.space import DesignSpace
+from .problem.variables import DesignError
 
 # A combination of parameters that is uncertain by this fraction of its scale counts as undetermined.
 UNCERTAIN = 0.5
@@ -75,8 +75,8 @@ class Identification:
             for name, value, error in zip(self.names, self.estimates, self.deviations, strict=True)
         ]
         for names in self.alike:
-            told = "does not determine" if len(names) == 1 else "cannot tell apart"
-            rows.append(f"  the path {told} {' and '.join(names)}")
+            verb = "does not determine" if len(names) == 1 else "cannot tell apart"
+            rows.append(f"  the path {verb} {' and '.join(names)}")
         return "\n".join([f"noise {self.noise:.3g}", *rows])
 
 
@@ -110,7 +110,7 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identificat
     path = np.asarray(places("path")(path))
     evaluate = _residuals(space, path)
 
-    def seen_jacobian(y: Float[np.ndarray, " n"]) -> Float[np.ndarray, "residuals n"]:
+    def determined_jacobian(y: Float[np.ndarray, " n"]) -> Float[np.ndarray, "residuals n"]:
         """The Jacobian without directions that the data do not determine, along which no step is taken."""
         U, s, Vt = np.linalg.svd(evaluate(tuple(y))[1], full_matrices=False)
         return (U * np.where(s > UNSEEN * s[0], s, 0.0)) @ Vt
@@ -122,7 +122,7 @@ def identify(space: DesignSpace, path: Float[np.ndarray, "T *d"]) -> Identificat
     fit = least_squares(
         lambda y: evaluate(tuple(y))[0],
         space.start,
-        seen_jacobian,  # pyright: ignore[reportArgumentType]
+        determined_jacobian,  # pyright: ignore[reportArgumentType]
         x_scale="jac",
         ftol=GAIN,
         xtol=STEP,
@@ -155,26 +155,26 @@ def _residuals(
 def _identified(space: DesignSpace, y: np.ndarray, r: np.ndarray, J: np.ndarray, converged: bool) -> Identification:
     """The estimates at the unknowns y, with their errors from the Jacobian J."""
     _, s, Vt = np.linalg.svd(J, full_matrices=False)
-    seen = s > UNSEEN * s[0]
+    determined = s > UNSEEN * s[0]
     rows = int(np.sum(np.any(np.abs(J.reshape(-1, 2, len(y))) > 0, axis=(0, 2)))) * len(r) // 2
-    noise = float(np.sqrt(r @ r / max(rows - int(np.sum(seen)), 1)))
-    covariance = noise**2 * (Vt[seen].T / s[seen] ** 2) @ Vt[seen]
+    noise = float(np.sqrt(r @ r / max(rows - int(np.sum(determined)), 1)))
+    covariance = noise**2 * (Vt[determined].T / s[determined] ** 2) @ Vt[determined]
     numbers = jax.jit(lambda y: (space.numbers(y), jax.jacfwd(space.numbers)(y)))
     x, slopes = (np.asarray(a) for a in numbers(jnp.asarray(y)))
     slope = np.diag(slopes)
     deviations = np.abs(slope) * np.sqrt(np.diag(covariance))
-    lost = np.asarray(np.any(np.abs(Vt[~seen]) > 1e-3, axis=0))
+    undetermined = np.asarray(np.any(np.abs(Vt[~determined]) > 1e-3, axis=0))
     size = np.sqrt(np.where(np.diag(covariance) > 0, np.diag(covariance), 1.0))
     correlations = covariance / size[:, None] / size[None]
-    correlations = np.where(lost[:, None] | lost[None], np.eye(len(y)), correlations)
+    correlations = np.where(undetermined[:, None] | undetermined[None], np.eye(len(y)), correlations)
     return Identification(
         names=space.names,
         estimates=x,
-        deviations=np.where(lost, np.inf, deviations),
+        deviations=np.where(undetermined, np.inf, deviations),
         correlations=correlations,
         noise=noise,
         singular_values=s,
-        unseen=Vt[~seen],
-        uncertain=Vt[seen & (noise > UNCERTAIN * s)],
+        unseen=Vt[~determined],
+        uncertain=Vt[determined & (noise > UNCERTAIN * s)],
         converged=converged,
     )

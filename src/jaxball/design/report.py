@@ -1,4 +1,4 @@
-"""The report of a design: all its numbers in Markdown, and figures; with parts shared by reports of optimal control."""
+"""The reports of designs, of a search and of optimal control: all their numbers in Markdown, and figures."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,26 +13,32 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from .. import plot
+from ..interface.output import write_text
+from ..interface.wording import all_of, counted
 from ..physics.body import System
 from ..plot.report import write_figure
-from ..scenario import ScenarioError
+from ..scenario import Scenario, ScenarioError, write_scenario
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
-from .constraints.contact import discs_to_avoid
-from .objectives import AbstractObjective, FollowCurve, FollowTrajectory, LargestDistance
-from .objectives.paths import wanted_path
-from .plane import Requirement
-from .problem import worst
-from .run import Run
-from .search.design import SCENARIO, Design
-from .source import Source, made, write_text
-from .verify import as_built
-from .warnings import warnings
+from .constraints import discs_to_avoid
+from .control.rolling import rolling
+from .control.schedules import holding, places, scenario_of, schedules_of
+from .control.solution import PLACES, Solution, means
+from .control.solve import Controlled
+from .objectives import FollowCurve, FollowTrajectory, LargestDistance, target_path
+from .problem.problem import worst
+from .problem.requirements import Requirement
+from .problem.run import Run
+from .result import Source, provenance
+from .search.design import SCENARIO, Design, warnings
+from .search.verify import as_built
 
 REPORT = "report.md"
 UNITS = "Objectives are dimensionless: lengths over r, times over √(r/g), forces over M g."
 # Anything less is rounding and is not drawn.
 SMALLEST_FRICTION = 1e-9
+DRAWN = 601
+BRANCH = ("first weight", "last weight")  # of the paths that are drawn; "before" is the given scenario
 
 
 def write_report(design: Design, title: str, folder: Path, source: Source | None = None) -> Path:
@@ -45,21 +51,61 @@ def write_report(design: Design, title: str, folder: Path, source: Source | None
         source.copy(folder)
     write_text(folder / SCENARIO, tomli_w.dumps(design.document))
     space = design.problem.space
-    lines = [f"# {title or 'A design'}", "", _verdict(design), ""]
-    lines += [line for warning in warnings(design) for line in (warning, "")]
-    lines += [*_objectives(design), "", *_constraints(design), ""]
-    lines += [*_variables(design), "", *_checks(design), ""]
+    parts = [[f"# {title or 'A design'}"], [_verdict(design)], *([one] for one in warnings(design))]
+    parts += [_objectives(design), _constraints(design), _variables(design), *_checks(design)]
     try:
         before, after = (
             space.scenario_of(numbers).simulate(dense=True)
             for numbers in (np.asarray(space.numbers(jnp.asarray(space.start))), design.numbers)
         )
-        lines += [*_distances(design, before, after), *along(after), ""]
-        lines += [*figure_links(_figures(design, before, after), folder, after.system, title), ""]
+        parts += [*_distances(design, before, after), _along(after)]
+        parts.append(_figure_links(_figures(design, before, after), folder, after.system, title))
     except ScenarioError as error:
-        lines += [f"The scenario cannot be run by `jaxball simulate`: {error}", ""]
-    lines += made(source, design.progress.elapsed, resumed=design.check is None)
-    return write_text(folder / REPORT, "\n".join(lines))
+        parts.append([f"The scenario cannot be run by `jaxball simulate`: {error}"])
+    return _written(folder, [*parts, *provenance(source, design.progress.elapsed, resumed=design.check is None)])
+
+
+def write_control_report(
+    controlled: Controlled, title: str, saves: int, folder: Path, source: Source | None = None
+) -> Path:
+    """The same for a solution of optimal control, whose scenario has so many ``saves``."""
+    system = rolling(controlled.solution.problem).system
+    scenario = write_design(controlled.solution, title, saves, folder)
+    if source is not None:
+        source.copy(folder)
+    run = scenario.simulate(dense=True, throw=True)
+    links = _figure_links(_control_figures(controlled) | _joint_figures(run), folder, system, title)
+    parts = [[f"# {title or 'An optimal control'}"], [_control_verdict(controlled)], _control_objectives(controlled)]
+    parts += [*_control_constraints(controlled), _along(run), links]
+    return _written(folder, [*parts, *provenance(source, controlled.elapsed)])
+
+
+def write_design(solution: Solution, title: str, saves: int, folder: Path) -> Scenario:
+    """Writes ``design.toml``, the scenario of a solution of optimal control, into ``folder``; the scenario."""
+    folder.mkdir(parents=True, exist_ok=True)
+    scenario = scenario_of(solution, title, saves)
+    write_text(folder / SCENARIO, write_scenario(scenario))
+    return scenario
+
+
+def objectives_in_units(found: Design | Controlled) -> dict[str, str]:
+    """The length, the angle or the time that the value of each objective stands for, in units of the scenario.
+
+    The values are the verified ones; empty where a value stands for none of them, or is not finite.
+    """
+    if isinstance(found, Controlled):
+        problem = rolling(found.solution.problem)
+        system, objectives, values = problem.system, problem.objectives, means(found.solution)
+    else:
+        system = found.problem.space.candidate_of(jnp.asarray(found.numbers)).system
+        objectives = found.problem.objectives
+        values = dict(zip(objectives, np.asarray(found.verified.finer.terms).tolist(), strict=True))
+    length, gravity = float(system.radius), abs(float(system.gravity))
+    time = math.sqrt(length / gravity) if gravity > 0 else math.inf
+    return {
+        name: one.in_units(values[name], length, time) if math.isfinite(values[name]) else ""
+        for name, one in objectives.items()
+    }
 
 
 def violation(by: float, allowed: float) -> str:
@@ -80,41 +126,39 @@ def bounds(lower: float, upper: float) -> str:
     return f"at least {lower:g}" if upper == math.inf else f"{lower:g} to {upper:g}"
 
 
-def in_units(
-    objectives: Mapping[str, AbstractObjective], values: Mapping[str, float], system: System
-) -> dict[str, str]:
-    """The length, the angle or the time that the value of an objective stands for, in units of the scenario.
-
-    Empty if it stands for none of them, or is not finite.
-    """
-    length, gravity = float(system.radius), abs(float(system.gravity))
-    time = math.sqrt(length / gravity) if gravity > 0 else math.inf
-    return {
-        name: objective.in_units(values[name], length, time) if math.isfinite(values[name]) else ""
-        for name, objective in objectives.items()
-    }
+def _written(folder: Path, parts: Iterable[Sequence[str]]) -> Path:
+    """Writes a report of these parts, each of some lines, with an empty line after each."""
+    return write_text(folder / REPORT, "\n".join(line for part in parts if part for line in (*part, "")))
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """The lines of a table in Markdown."""
-    cells = [header, *rows]
-    lines = ["| " + " | ".join(row) + " |" for row in cells]
-    return [lines[0], "|" + "---|" * len(header), *lines[1:]]
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]], legend: str = "") -> list[str]:
+    """The lines of a table in Markdown, with its legend."""
+    first, *lines = ["| " + " | ".join(row) + " |" for row in (header, *rows)]
+    return [first, "|" + "---|" * len(header), *lines, *(["", legend] if legend else [])]
 
 
-def along(trajectory: Trajectory[Any, Any]) -> list[str]:
+def _in_table(header: Sequence[str], numbers: Mapping[str, Sequence[float]], units: Mapping[str, str]) -> list[str]:
+    """The numbers of each objective, of which the fourth is that in units of the scenario."""
+    rows = []
+    for name, values in numbers.items():
+        cells = [f"{x:.6g}" for x in values]
+        rows.append([name, *cells[:4], units[name], *cells[4:]])
+    return _table([*header[:5], "in units of the scenario", *header[5:]], rows, UNITS)
+
+
+def _along(trajectory: Trajectory[Any, Any]) -> list[str]:
     """The contact force along a run."""
     return [f"Along the run: {'; '.join(str(contact_extremes(trajectory)).splitlines())}."]
 
 
-def figure_links(axes: Mapping[str, Axes], folder: Path, system: System, title: str) -> list[str]:
+def _figure_links(axes: Mapping[str, Axes], folder: Path, system: System, title: str) -> list[str]:
     """Writes figures, by name, and links to them."""
     for name, ax in axes.items():
         write_figure(ax, folder / f"{name}.png", system, title)
     return [f"![{name}]({name}.png)" for name in axes]
 
 
-def path_figure(
+def _path_figure(
     requirements: Sequence[Requirement],
     before: tuple[np.ndarray, np.ndarray],
     after: tuple[np.ndarray, np.ndarray],
@@ -128,7 +172,14 @@ def path_figure(
         targets = [item.targets(jnp.asarray(times)) for item in followed if isinstance(item, FollowTrajectory)]
         target = (times, np.asarray(targets[0])[:, 0]) if targets else None
         return plot.place_in_time(dict(zip(names, (before, after), strict=True)), target)
-    return plot.designed_path(before[1], path, wanted_path(requirements), discs_to_avoid(requirements), names=names)
+    return plot.designed_path(before[1], path, target_path(requirements), discs_to_avoid(requirements), names=names)
+
+
+def _joint_figures(trajectory: Trajectory[Any, Any]) -> dict[str, Axes]:
+    """Angles and efforts of the joints of mechanisms, if there are any."""
+    if not trajectory.system.mechanisms:
+        return {}
+    return {"joint-angles": plot.joint_angles(trajectory), "joint-efforts": plot.joint_efforts(trajectory)}
 
 
 def _verdict(design: Design) -> str:
@@ -148,38 +199,25 @@ def _verdict(design: Design) -> str:
 
 
 def _objectives(design: Design) -> list[str]:
-    columns = zip(
-        design.problem.objectives,
+    columns = (
         design.problem.weights,
         design.before.terms,
         design.verified.designed.terms,
         design.verified.finer.terms,
         np.median(design.perturbed.terms, axis=0),
         np.max(design.perturbed.terms, axis=0),
-        strict=True,
     )
-    units, rows = objectives_in_units(design), []
-    for name, *numbers in columns:
-        cells = [f"{x:.6g}" for x in numbers]
-        rows.append([name, *cells[:4], units[name], *cells[4:]])
-    first = ["objective", "weight", "before", "after", "verified"]
-    return [*table([*first, "in units of the scenario", "perturbed, median", "worst"], rows), "", UNITS]
-
-
-def objectives_in_units(design: Design) -> dict[str, str]:
-    """The lengths, angles and times that the verified values of objectives stand for, in units of the scenario."""
-    system = design.problem.space.candidate_of(jnp.asarray(design.numbers)).system
-    names = design.problem.objectives
-    values = dict(zip(names, np.asarray(design.verified.finer.terms).tolist(), strict=True))
-    return in_units(names, values, system)
+    numbers = dict(zip(design.problem.objectives, zip(*columns, strict=True), strict=True))
+    header = ["objective", "weight", "before", "after", "verified", "perturbed, median", "worst"]
+    return _in_table(header, numbers, objectives_in_units(design))
 
 
 def _constraints(design: Design) -> list[str]:
     if not design.problem.constraints:
         return ["There are no constraints except bounds."]
-    places = design.problem.places
-    before = places.by_constraint(np.asarray(design.before.violations))
-    perturbed = [places.by_constraint(np.asarray(row)) for row in design.perturbed.violations]
+    layout = design.problem.layout
+    before = layout.by_constraint(np.asarray(design.before.violations))
+    perturbed = [layout.by_constraint(np.asarray(row)) for row in design.perturbed.violations]
     rows = []
     for name, (coarse, fine) in design.verified.violations.items():
         violations = worst(before[name]), coarse, fine, worst([worst(ball[name]) for ball in perturbed])
@@ -188,7 +226,7 @@ def _constraints(design: Design) -> list[str]:
     legend = (
         "Each value is that of the largest violation or the smallest margin; violations and margins are dimensionless."
     )
-    return [*table(header, rows), "", legend]
+    return _table(header, rows, legend)
 
 
 def _variables(design: Design) -> list[str]:
@@ -198,32 +236,32 @@ def _variables(design: Design) -> list[str]:
         [", ".join(f"`{path}`" for path in one.paths), f"{old:.8g}", f"{new:.12g}", bounds(one.lower, one.upper)]
         for one, old, new in zip(space.variables, start, design.numbers, strict=True)
     ]
-    return table(["variable", "start", "found", "bounds"], rows)
+    return _table(["variable", "start", "found", "bounds"], rows)
 
 
-def _checks(design: Design) -> list[str]:
+def _checks(design: Design) -> list[list[str]]:
     verified, built = design.verified, as_built(design.problem)
-    lines = [
+    differs = (
         f"Simulated again by {verified.solver} at the tolerance {verified.rtol:.0e}, the path differs by at most "
         f"{verified.apart:.1e} radii. The {built.count} perturbed balls have errors of up to {built.masses:.1%} in "
-        f"masses and up to {built.offset:.1%} of the radius in the centre of mass along each axis.",
-    ]
+        f"masses and up to {built.offset:.1%} of the radius in the centre of mass along each axis."
+    )
     if design.check is None:
-        return lines
+        return [[differs]]
     words = "The gradient at the start, along a random direction, relative to its length:"
-    return [*lines, "", words, "", "```", str(design.check), "```"]
+    return [[differs], [words], ["```", str(design.check), "```"]]
 
 
 def _run(trajectory: Trajectory[Any, Any]) -> Run:
     return Run(trajectory.system, jnp.asarray(trajectory.times), trajectory.state, trajectory.status)
 
 
-def _distances(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any]) -> list[str]:
+def _distances(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any, Any]) -> list[list[str]]:
     lines = []
     for name, item in design.problem.objectives.items():
         if isinstance(item, FollowTrajectory | FollowCurve) and not isinstance(item, LargestDistance):
             old, new = (float(item.farthest(_run(trajectory))) for trajectory in (before, after))
-            lines += [f"The largest distance of {name} is {new:.3g} radii; before, it was {old:.3g}.", ""]
+            lines.append([f"The largest distance of {name} is {new:.3g} radii; before, it was {old:.3g}."])
     return lines
 
 
@@ -231,7 +269,7 @@ def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any
     history, problem = np.asarray(design.progress.history), design.problem
     requirements = [*problem.objectives.values(), *problem.constraints.values()]
     axes = {
-        "path": path_figure(requirements, _path(before), _path(after)),
+        "path": _path_figure(requirements, _path(before), _path(after)),
         "rails": plot.configuration(after),
         "contact": plot.contact_force(after),
         "convergence": plot.convergence(*history[:, 2:5].T, polish=int(np.sum(history[:, 0] == 0))),
@@ -241,15 +279,67 @@ def _figures(design: Design, before: Trajectory[Any, Any], after: Trajectory[Any
     if after.system.n_masses:
         theta = np.asarray(jax.jit(lambda: _run(after).on_rails.theta)())
         axes["angles"] = plot.rail_angles(np.asarray(after.times), theta)
-    return axes | joint_figures(after)
-
-
-def joint_figures(trajectory: Trajectory[Any, Any]) -> dict[str, Axes]:
-    """Angles and efforts of the joints of mechanisms, if there are any."""
-    if not trajectory.system.mechanisms:
-        return {}
-    return {"joint-angles": plot.joint_angles(trajectory), "joint-efforts": plot.joint_efforts(trajectory)}
+    return axes | _joint_figures(after)
 
 
 def _path(trajectory: Trajectory[Any, Any]) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, "t *d"]]:
     return np.asarray(trajectory.times), np.asarray(trajectory.state.z)
+
+
+def _control_verdict(controlled: Controlled) -> str:
+    seen, errors = controlled.seen, controlled.solution.errors
+    return (
+        f"{'The motion is a solution' if controlled.good else 'The motion is not a solution'}: the least curvature of "
+        f"the cost is {controlled.curvature:.3g}, positive at a minimum; the largest error of the {errors.size} "
+        f"intervals is {np.max(errors):.1e}. Simulated again by a solver of another kind, the path differs by at most "
+        f"{seen.apart:.1e} r; at the end the speed is {seen.speed:.1e}, the place is missed by {seen.missed:.1e} r, "
+        f"and the centre of mass is {seen.away:.1e} r off the vertical through the contact point and {seen.below:.4g} "
+        f"r below the geometric centre. {_holding(controlled)}`{SCENARIO}` is the scenario."
+    )
+
+
+def _holding(controlled: Controlled) -> str:
+    """What the motors must do to hold the robot at the end, if it has motors."""
+    values = [f"{value:.4g}" for value in holding(controlled.solution)]
+    if not values:
+        return ""
+    return f"There {'its motors hold' if values[1:] else 'its motor holds'} it by {all_of(values)}, for as long again. "
+
+
+def _control_objectives(controlled: Controlled) -> list[str]:
+    first, last = means(controlled.first), means(controlled.solution)
+    before, after = (rolling(one.problem).objectives for one in (controlled.first, controlled.solution))
+    weights = [{name: float(one.weight) for name, one in objectives.items()} for objectives in (before, after)]
+    numbers = {name: (weights[0][name], first[name], weights[1][name], last[name]) for name in last}
+    header = ["objective", "first weight", "its mean", "weight", "its mean"]
+    return _in_table(header, numbers, objectives_in_units(controlled))
+
+
+def _control_constraints(controlled: Controlled) -> list[list[str]]:
+    violations, allowed = controlled.seen.violations, controlled.violation
+    if not violations:
+        return []
+    rows = [[name, violation(by, allowed)] for name, by in violations.items()]
+    evaluated = f"Evaluated {PLACES - 1} times on each of {counted(controlled.solution.errors.size, 'interval')}"
+    return [_table(["constraint", ""], rows, f"{evaluated}; a violation of {allowed:g} is allowed.")]
+
+
+def _control_figures(controlled: Controlled) -> dict[str, Axes]:
+    solution, branch = controlled.solution, controlled.branch
+    problem = rolling(solution.problem)
+    times = np.linspace(float(problem.start), float(problem.end), DRAWN)
+    requirements = [*problem.objectives.values(), *problem.constraints.values()]
+    first, last = ((times, places(one, times)) for one in (controlled.first, solution))
+    axes = {"path": _path_figure(requirements, first, last, names=BRANCH)}
+    masses = problem.system.driven
+    if masses:
+        schedules = schedules_of(solution)[: len(masses)]
+        angles = np.stack([jax.vmap(schedule)(jnp.asarray(times)) for schedule in schedules], axis=1)
+        axes["angles"] = plot.rail_angles(times, angles)
+        axes["accelerations"] = plot.rail_accelerations(times, solution.path.inputs(times)[:, : len(masses)])
+    weighed, least = branch[0].weights, branch[-1].weights
+    for name in [name for name in weighed if 0 < weighed[name] != least[name] > 0][:1]:
+        weights = np.asarray([point.weights[name] for point in branch])
+        values = {one: np.asarray([point.means[one] for point in branch]) for one in branch[0].means}
+        axes["branch"] = plot.branch(weights, values, f"weight of {name}", of="mean of each objective")
+    return axes

@@ -1,22 +1,93 @@
-"""Loads the results of ``jaxball design`` from a folder: the scenarios before and after, and the desired path."""
+"""The folder that ``jaxball design`` writes: the provenance of its report, and its scenarios loaded again."""
 
+import importlib.metadata
 import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+import tomli_w
 from jaxtyping import Float
 
+from ..interface.output import OutputError, write_text
+from ..results.saving import PACKAGES
 from ..scenario import Scenario, load_scenario, read_document
 from ..scenario.sources import naming, scenario_document
-from .constraints.contact import discs_to_avoid
-from .errors import DesignError
-from .files import problem_of
-from .objectives.paths import wanted_path
-from .plane import Requirement
+from .constraints import discs_to_avoid
+from .files import TABLE, problem_of, read_control
+from .objectives import target_path
+from .problem.requirements import Requirement
+from .problem.variables import DesignError
 from .search.design import SCENARIO
-from .source import COPY
+
+COPY = "problem.toml"
+
+
+class Source(NamedTuple):
+    """A problem file and the command that read it.
+
+    - ``command``: as it can be typed again.
+    - ``file``: its path, and ``text``, its content when it was read.
+    """
+
+    command: str
+    file: Path
+    text: str
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The problem, its scenario written out, so that it needs no other file."""
+        document = tomllib.loads(self.text)
+        return {**document, "scenario": scenario_document(document["scenario"], self.file.parent, DesignError)}
+
+    def check(self, folder: Path) -> None:
+        """Refuses a folder that has another problem's copy, or any other file of that name.
+
+        **Raises:** :class:`~jaxball.results.OutputError`.
+        """
+        there = folder / COPY
+        if there.exists() and not self._is(there) and _document(there) != self.document:
+            raise OutputError(
+                f'Argument `--out` must be a folder without another problem, but "{there}" is not the one being '
+                "read; choose another folder, or remove it."
+            )
+
+    def copy(self, folder: Path) -> None:
+        """Writes the copy: the text itself, or, where the scenario is in another file, the problem with it."""
+        if self._is(folder / COPY):
+            return
+        document = tomllib.loads(self.text)
+        write_text(folder / COPY, self.text if isinstance(document["scenario"], dict) else tomli_w.dumps(self.document))
+
+    def _is(self, path: Path) -> bool:
+        return path.exists() and path.samefile(self.file)
+
+
+def duration(seconds: float) -> str:
+    """A time in hours, minutes and seconds."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{seconds:.1f} s"
+
+
+def provenance(source: Source | None, elapsed: float, resumed: bool = False) -> list[list[str]]:
+    """The parts of a report that say how it was made; ``elapsed`` is in seconds."""
+    versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in PACKAGES)
+    by = "By" if source is None else f"By `{source.command}`, with"
+    parts = [["## How it was made"]]
+    parts.append([f"{by} {versions}, in {duration(elapsed)}{', all runs of the search together' * resumed}."])
+    if source is not None:
+        parts.append([f"The problem is `{COPY}`, a copy of the file that was read."])
+    return parts
+
+
+def _document(path: Path) -> Any:
+    """The content of a file; None if it is not a document."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return None
 
 
 class Result(NamedTuple):
@@ -55,11 +126,11 @@ def load_result(folder: str | Path) -> Result:
         )
     after = load_scenario(folder / SCENARIO)
     with naming(folder / COPY):
-        title, before, requirements = _problem(_document(folder / COPY), folder)
-    return Result(title or after.title, before, after, wanted_path(requirements), discs_to_avoid(requirements))
+        title, before, requirements = _problem(_copied(folder / COPY), folder)
+    return Result(title or after.title, before, after, target_path(requirements), discs_to_avoid(requirements))
 
 
-def _document(path: Path) -> dict[str, Any]:
+def _copied(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
@@ -68,8 +139,6 @@ def _document(path: Path) -> dict[str, Any]:
 
 def _problem(document: dict[str, Any], folder: Path) -> tuple[str, Scenario, list[Requirement]]:
     """Title, scenario at the start, and the objectives and constraints of a problem of either kind."""
-    from .control.files import TABLE, read_control  # here, because other searches do not need optimal control
-
     if TABLE in document:
         control = read_control(document, folder)
         scenario = read_document(scenario_document(document["scenario"], folder, DesignError))

@@ -54,6 +54,16 @@ def replacing(path: Path) -> Iterator[Path]:
         raise OutputError(f'The file "{path}" cannot be written: {reason}.') from error
 
 
+def write_text(path: Path, text: str) -> Path:
+    """Writes a file atomically, in UTF-8; its path.
+
+    **Raises:** :class:`OutputError` when the file cannot be written; ``path`` is then as it was.
+    """
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", errors="surrogateescape")  # a file name may not be valid text
+    return path
+
+
 def check_destination(path: Path, suffixes: Sequence[str], argument: str = "path") -> None:
     """Raises an :class:`OutputError` unless a file with one of the ``suffixes`` can be written at ``path``.
 

@@ -16,10 +16,12 @@ from .table import Key, join
 from .values import Numbers
 
 
-def imported(path: str, named: str) -> Callable[..., Any]:
+def imported(
+    path: str, named: str, words: str = 'functions that can be imported as "module:function"'
+) -> Callable[..., Any]:
     """The function that the key at ``path`` names; modules are found in the current folder, too.
 
-    **Raises:** :class:`ScenarioError` where there is no such function.
+    **Raises:** :class:`ScenarioError` where there is no such function, or, as ``words`` say, class.
     """
     module, _, name = named.partition(":")
     try:
@@ -32,10 +34,7 @@ def imported(path: str, named: str) -> Callable[..., Any]:
         if callable(function):
             return function
         reason = "it is not a function"
-    raise ScenarioError(
-        f'Key `{path}` must name functions that can be imported as "module:function", but {shown(named)} cannot: '
-        f"{reason.rstrip('.')}."
-    )
+    raise ScenarioError(f"Key `{path}` must name {words}, but {shown(named)} cannot: {reason.rstrip('.')}.")
 
 
 @contextlib.contextmanager

@@ -36,9 +36,8 @@ def _run(options: argparse.Namespace) -> int:
     with naming(options.problem):
         document = document_of(text, "problem", ScenarioError)
     set_up_jax()
-    from ...design.control.files import TABLE, read_control
-    from ...design.files import problem_of
-    from ...design.source import Source
+    from ...design.files import TABLE, problem_of, read_control
+    from ...design.result import Source
 
     file = Path(options.problem)
     with naming(options.problem):
@@ -54,10 +53,9 @@ def _progress(options: argparse.Namespace, line: Line) -> Callable[[str], None]:
 
 
 def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
-    from ...design.control.report import objectives_in_units, write_design, write_report
     from ...design.control.solution import means
     from ...design.control.solve import controlled
-    from ...design.report import violation
+    from ...design.report import objectives_in_units, violation, write_control_report, write_design
     from ...design.search.design import SCENARIO
 
     saved = False
@@ -73,7 +71,7 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
 
     with interrupt_message(stopped), working(options, "searching for a motion") as line:
         done = controlled(problem_file, _progress(options, line), save)
-        report = write_report(done, problem_file.title, problem_file.saves, options.out, source)
+        report = write_control_report(done, problem_file.title, problem_file.saves, options.out, source)
     violations = {name: violation(by, done.violation) for name, by in done.seen.violations.items()}
     _print_summary(problem_file.title, means(done.solution), objectives_in_units(done), violations)
     print(f"  written: {report}, {options.out / SCENARIO}")
@@ -85,8 +83,7 @@ def _control(options: argparse.Namespace, problem_file: Any, source: Any) -> int
 
 def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
     from ...design.report import objectives_in_units, violation, write_report
-    from ...design.search.design import PROGRESS, SCENARIO, design
-    from ...design.warnings import warnings
+    from ...design.search.design import PROGRESS, SCENARIO, design, warnings
 
     def stopped() -> str:
         if not all((options.out / name).exists() for name in (PROGRESS, SCENARIO)):
@@ -97,7 +94,7 @@ def _search(options: argparse.Namespace, problem_file: Any, source: Any) -> int:
     with interrupt_message(stopped), working(options, "searching for a design") as line:
         say = _progress(options, line)
         done = design(problem, settings, options.out, identity=problem_file.identity, say=say)
-        report = write_report(done, problem_file.title, options.out, source)
+        report = write_control_report(done, problem_file.title, options.out, source)
     values = dict(zip(problem.objectives, done.verified.finer.terms.tolist(), strict=True))
     violations = {name: violation(by, settings.tolerance) for name, (_, by) in done.verified.violations.items()}
     _print_summary(problem_file.title, values, objectives_in_units(done), violations)

@@ -105,7 +105,7 @@ def _problem(document: dict[str, Any], folder: Path) -> str:
 
 
 def _control(document: dict[str, Any], folder: Path) -> str:
-    from ...design.control.files import read_control
+    from ...design.files import read_control
 
     problem = read_control(document, folder)
     return _titled("a problem of optimal control", f"{problem.intervals} intervals to start with", document)

@@ -1,18 +1,15 @@
 """Optimal control: motions of the masses found by direct collocation, with schedules of any shape.
 
-A ``problem``, such as that of a body ``rolling``, becomes the equations of ``collocation``, with the ``terms`` of each
-node and the ``complementarity`` of inequalities. From a ``guess``, on a mesh that is refined (``refine``), ``homotopy``
-leads to a ``solution``, whose ``path`` gives the ``schedules`` of the masses. ``files``, ``solve`` and ``report`` serve
-the command line.
+A ``problem``, such as that of a body ``rolling`` with its ``inputs``, becomes the equations of ``collocation``, with
+the ``terms`` of each node. From a ``guess``, on a mesh that is refined, ``homotopy`` leads to a ``solution``, whose
+path gives the ``schedules`` of the masses. ``solve`` serves the command line.
 """
 
 from ...interface.names import interface as _interface
 from .collocation import Collocation as Collocation, Unknowns as Unknowns
 from .guess import rolling_along as rolling_along
 from .homotopy import at_rest as at_rest, continued as continued, sharpened as sharpened, started as started
-from .path import Path as Path
-from .problem import AbstractControlProblem as AbstractControlProblem
-from .refine import finer_mesh as finer_mesh, mesh_errors as mesh_errors, solved as solved
+from .problem import AbstractControlProblem as AbstractControlProblem, Path as Path
 from .rolling import Rolling as Rolling, between as between
 from .schedules import (
     Resimulated as Resimulated,
@@ -26,8 +23,11 @@ from .schedules import (
 )
 from .solution import (
     Solution as Solution,
+    finer_mesh as finer_mesh,
     least_curvature as least_curvature,
     means as means,
+    mesh_errors as mesh_errors,
+    solved as solved,
     violations as violations,
 )
 

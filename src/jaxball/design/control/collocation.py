@@ -5,7 +5,7 @@ of Gauss, where the controls have their values (Betts, Practical Methods for Opt
 Lubich & Wanner, Geometric Numerical Integration, section II.1.3: states have order 2s at the ends of intervals). The
 conditions of Karush, Kuhn and Tucker, that all derivatives of the Lagrangian vanish, are equations
 F(y, λ) = 0 with as many unknowns: states, controls and multipliers. Their Jacobian is sparse and exact. Inequalities
-hold at the nodes, with slacks and multipliers whose product is a barrier µ (see :mod:`.complementarity`).
+hold at the nodes, with slacks and multipliers whose product is a barrier µ (see :mod:`.terms`).
 """
 
 import functools
@@ -20,9 +20,8 @@ from jaxtyping import Array, Float
 
 from ...numerics.batches import in_batches
 from ...solvers.tableau import Tableau, gauss
-from ..equations import AbstractEquations
-from .path import Path
-from .problem import AbstractControlProblem
+from ..continuation import AbstractEquations
+from .problem import AbstractControlProblem, Path
 from .terms import Sizes, Term, Vary, at_end, at_nodes, initial, sizes
 
 # The number of nodes evaluated by one call of a compiled program, the same for each mesh.

@@ -18,9 +18,9 @@ from ...physics.moments import velocity_moments
 from ...physics.momentum import contact_momentum, contact_momentum_rate
 from ...physics.state import BallState, DiskState
 from ...solvers.tableau import gauss
-from ..errors import DesignError
 from ..objectives import FollowTrajectory
-from .path import Path
+from ..problem.variables import DesignError
+from .problem import Path
 from .rolling import Rolling
 
 # The number of times per interval of the mesh.
@@ -48,11 +48,12 @@ def rolling_along(problem: Rolling, mesh: Float[np.ndarray, " N_plus_one"], stag
     :class:`~jaxball.design.FollowTrajectory`, and where gravity cannot accelerate the ball as desired.
     """
     times = np.linspace(mesh[0], mesh[-1], TIMES * (len(mesh) - 1) + 1)
-    state = _rolled(problem, _wanted(problem, times))
-    hanging = np.tile(_hanging(problem), (len(times), 1))
+    state = _rolling_states(problem, _target_path(problem, times))
+    hanging = np.tile(_initial_moment(problem), (len(times), 1))
     # Only once: each repetition differentiates twice, and at rest the desired acceleration has a kink.
-    p = _leaning(problem, hanging, _missing_moment(problem, times, _moved(problem, times, state, hanging)))
-    state = _moved(problem, times, state, p)
+    torque = _missing_torque(problem, times, _with_masses_for(problem, times, state, hanging))
+    p = _moment_with_torque(problem, hanging, torque)
+    state = _with_masses_for(problem, times, state, p)
     x = CubicSpline(times, _packed(problem, times, state))
     nodes = mesh[:-1, None] + np.diff(mesh)[:, None] * gauss(stages).c
     size = x(mesh).shape[1]
@@ -80,7 +81,7 @@ def _affine(problem: Rolling, times, states) -> tuple[Float[Array, "k n"], Float
     return jax.vmap(one)(times, states)
 
 
-def _wanted(problem: Rolling, times: Float[np.ndarray, " t"]) -> CubicSpline:
+def _target_path(problem: Rolling, times: Float[np.ndarray, " t"]) -> CubicSpline:
     """z(t)."""
     for objective in problem.objectives.values():
         if isinstance(objective, FollowTrajectory):
@@ -91,21 +92,21 @@ def _wanted(problem: Rolling, times: Float[np.ndarray, " t"]) -> CubicSpline:
     )
 
 
-def _rolled(problem: Rolling, wanted: CubicSpline) -> BallState | DiskState:
+def _rolling_states(problem: Rolling, wanted: CubicSpline) -> BallState | DiskState:
     """The states along the desired path, the masses as at the start; between times the ball rolls straight."""
     times, start, r = wanted.x, problem.state, problem.system.radius
     z, rate = wanted(times), wanted(times, 1)
     still = [np.tile(np.asarray(angles), (len(times), 1)) for angles in (start.theta, start.thetadot)]
     if isinstance(start, DiskState):
         return DiskState(start.phi - (z[:, 0] - start.z) / r, -rate[:, 0] / r, z[:, 0], *still)
-    turns, omega = (_across(v) / float(r) for v in (np.diff(z, axis=0), rate))
+    turns, omega = (_cross_e3(v) / float(r) for v in (np.diff(z, axis=0), rate))
     steps = np.roll(Rotation.from_rotvec(turns).as_quat(), 1, axis=1)
-    q, Omega = _turned(start.q, jnp.asarray(steps), jnp.asarray(omega))
+    q, Omega = _orientations(start.q, jnp.asarray(steps), jnp.asarray(omega))
     return BallState(q, Omega, z, *still)
 
 
 @programs.jit
-def _turned(
+def _orientations(
     q: Float[Array, "4"], steps: Float[Array, "t_minus_one 4"], omega: Float[Array, "t 3"]
 ) -> tuple[Float[Array, "t 4"], Float[Array, "t 3"]]:
     """Versors after successive rotations in space, and Ω = Λ⁻¹ω."""
@@ -118,12 +119,12 @@ def _turned(
     return q, jax.vmap(lambda q, omega: apply(versor.rotation_matrix(q).T, omega))(q, omega)
 
 
-def _across(v: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 3"]:
+def _cross_e3(v: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, "k 3"]:
     """e3 × v."""
     return np.stack([-v[:, 1], v[:, 0], np.zeros(len(v))], axis=1)
 
 
-def _leaning(problem: Rolling, hanging, moment) -> Float[np.ndarray, "t 3"]:
+def _moment_with_torque(problem: Rolling, hanging, moment) -> Float[np.ndarray, "t 3"]:
     """Λp with its length unchanged, moved sideways so that gravity has the given ``moment``."""
     weight = np.asarray(_weight(problem))
     up = weight / np.linalg.norm(weight)
@@ -142,13 +143,13 @@ def _leaning(problem: Rolling, hanging, moment) -> Float[np.ndarray, "t 3"]:
     return beside + np.copysign(np.sqrt(size**2 - side**2), height)[:, None] * up
 
 
-def _missing_moment(problem: Rolling, times, state: BallState | DiskState) -> Float[np.ndarray, "t 3"]:
+def _missing_torque(problem: Rolling, times, state: BallState | DiskState) -> Float[np.ndarray, "t 3"]:
     """The excess of d(ΛΠ)/dt over the effect of the forces and of the contact point's motion."""
     Pi, rate = (np.asarray(part) for part in _momenta(problem, jnp.asarray(times), state))
     return CubicSpline(times, Pi)(times, 1) - rate
 
 
-def _moved(problem: Rolling, times, state, p: Float[np.ndarray, "t 3"]) -> BallState | DiskState:
+def _with_masses_for(problem: Rolling, times, state, p: Float[np.ndarray, "t 3"]) -> BallState | DiskState:
     """The states with masses positioned to give Λp."""
     theta = _angles(problem, jnp.asarray(times), state, jnp.asarray(p))
     return dataclasses.replace(state, theta=theta, thetadot=CubicSpline(times, theta)(times, 1))
@@ -166,7 +167,7 @@ def _weight(problem: Rolling) -> Float[Array, "3"]:
 
 
 @programs.jit
-def _hanging(problem: Rolling) -> Float[Array, "3"]:
+def _initial_moment(problem: Rolling) -> Float[Array, "3"]:
     """Λp at the start."""
     return apply(problem.state.Lambda, _moment(problem, problem.start, problem.state.theta))
 

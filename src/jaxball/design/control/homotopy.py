@@ -6,16 +6,13 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from ..continuation import Branch, follow
-from ..equations import newton
-from ..errors import DesignError
+from ..continuation import Branch, follow, newton
+from ..problem.variables import DesignError
 from .collocation import BARRIER, SHARP, Collocation
 from .guess import driving
-from .path import Path
-from .problem import VIOLATION
-from .refine import finer_mesh, mesh_errors, near, solved
+from .problem import VIOLATION, Path
 from .rolling import Rolling, between
-from .solution import Solution, violations
+from .solution import Solution, finer_mesh, mesh_errors, newton_from, solved, violations
 
 # Steps in the homotopy parameter, from 0 to 1.
 FIRST_STEP, LONGEST_STEP = 0.05, 0.2
@@ -151,7 +148,7 @@ def sharpened(
         return solution
     for _ in range(MOST_ROUNDS):
         try:
-            collocation, y = _lowered(collocation, y, parameter, barrier)
+            collocation, y = _lower_barrier(collocation, y, parameter, barrier)
         except DesignError:
             if sharp is solution:
                 raise
@@ -164,13 +161,13 @@ def sharpened(
             break
         finer = finer_mesh(collocation.mesh, excess, 1.0, collocation.stages + 1)
         try:
-            collocation, y = near(collocation.changed(finer, max(barrier, AGAIN)), sharp.path, parameter)
+            collocation, y = newton_from(collocation.changed(finer, max(barrier, AGAIN)), sharp.path, parameter)
         except DesignError:
             break
     return sharp
 
 
-def _lowered(
+def _lower_barrier(
     collocation: Collocation, y: Float[np.ndarray, " size"], parameter: float, barrier: float
 ) -> tuple[Collocation, Float[np.ndarray, " size"]]:
     """The solution with a smaller barrier, by steps that become shorter where Newton's method fails."""

@@ -18,15 +18,15 @@ from ...physics.motion import OnRail
 from ...physics.schedules import AbstractSchedule
 from ...physics.signals import AbstractSignal, ConstantSignal
 from ...physics.state import BallState, DiskState, State
-from ..constraints import AbstractRunningConstraint
-from ..errors import DesignError
-from ..run import Run
+from ..problem.requirements import AbstractRunningConstraint
+from ..problem.run import Run
+from ..problem.variables import DesignError
 from .problem import VIOLATION
 
 MOTOR_LIMITS = "motor-limits"
 
 
-class Given(AbstractLaw):
+class GivenAccelerations(AbstractLaw):
     """θ̈ = u, given numbers."""
 
     u: Float[Array, " driven"]
@@ -35,7 +35,7 @@ class Given(AbstractLaw):
         return self.u
 
 
-class MotorPlace(NamedTuple):
+class MotorIndex(NamedTuple):
     """The position of a motor: the indices of its mechanism, of its joint there, and of the term in a sum of forces."""
 
     mechanism: int
@@ -67,7 +67,7 @@ class Inputs(NamedTuple):
     system: System
     theta: Float[Array, " coordinates"]
     thetadot: Float[Array, " coordinates"]
-    motors: tuple[MotorPlace, ...]
+    motors: tuple[MotorIndex, ...]
 
 
 class MotorLimits(AbstractRunningConstraint):
@@ -78,7 +78,7 @@ class MotorLimits(AbstractRunningConstraint):
     """
 
     most: Float[Array, " motors"]
-    motors: tuple[MotorPlace, ...] = eqx.field(static=True)
+    motors: tuple[MotorIndex, ...] = eqx.field(static=True)
 
     def __call__(self, run: Run):
         return (jnp.abs(self._forces(run)) - self.most[None]) / self._unit(run)
@@ -111,26 +111,26 @@ def inputs(system: System, start: Numbers, state: State | None) -> Inputs:
         )
     still = _with_motors(driven, motors, [Motor(0.0)] * len(motors))
     if driven.accelerated:
-        still = eqx.tree_at(lambda s: s.law, still, Given(angles["theta"][np.asarray(driven.accelerated)]))
+        still = eqx.tree_at(lambda s: s.law, still, GivenAccelerations(angles["theta"][np.asarray(driven.accelerated)]))
     return Inputs(still, **angles, motors=motors)
 
 
-def motor_limits(system: System, motors: Sequence[MotorPlace]) -> dict[str, MotorLimits]:
+def motor_limits(system: System, motors: Sequence[MotorIndex]) -> dict[str, MotorLimits]:
     """The limits of motors as a constraint, if there are any."""
     limits = {place: motor.limit for place, motor in zip(motors, _motors_of(system, motors), strict=True)}
     limited = {place: limit for place, limit in limits.items() if limit is not None}
     return {MOTOR_LIMITS: MotorLimits(jnp.stack(list(limited.values())), tuple(limited))} if limited else {}
 
 
-def with_inputs(prepared: System, motors: Sequence[MotorPlace], u: Float[Array, " m"]) -> System:
+def with_inputs(prepared: System, motors: Sequence[MotorIndex], u: Float[Array, " m"]) -> System:
     """The prepared system of :class:`Inputs` with given u; traceable."""
     accelerations, forces = jnp.split(u, [len(prepared.accelerated)])
     if prepared.accelerated:
-        prepared = eqx.tree_at(lambda s: s.law, prepared, Given(accelerations))
+        prepared = eqx.tree_at(lambda s: s.law, prepared, GivenAccelerations(accelerations))
     if not motors:
         return prepared
     entries = {place: slot for slot, place in enumerate(motors)}
-    found: list[tuple[int, MotorPlace]] = []
+    found: list[tuple[int, MotorIndex]] = []
     values = []
     for index, order in enumerate(prepared.mechanism_order):
         for place in [place for place in motors if place.mechanism == order[0]]:
@@ -146,7 +146,7 @@ def with_inputs(prepared: System, motors: Sequence[MotorPlace], u: Float[Array, 
 
 def with_schedules(
     system: System,
-    motors: Sequence[MotorPlace],
+    motors: Sequence[MotorIndex],
     schedules: Sequence[AbstractSchedule],
     signals: Sequence[AbstractSignal],
 ) -> System:
@@ -176,11 +176,11 @@ def with_free_joints(system: System, state: BallState | DiskState) -> BallState 
     return eqx.tree_at(lambda s: (s.theta, s.thetadot), state, (state.theta[..., free], state.thetadot[..., free]))
 
 
-def _motors(system: System) -> Iterator[MotorPlace]:
+def _motors(system: System) -> Iterator[MotorIndex]:
     for i, mechanism in enumerate(system.mechanisms):
         for a, drive in enumerate(mechanism.drives):
             terms = dict(enumerate(drive.terms)) if isinstance(drive, JointForces) else {None: drive}
-            places = [MotorPlace(i, a, term) for term, force in terms.items() if isinstance(force, Motor)]
+            places = [MotorIndex(i, a, term) for term, force in terms.items() if isinstance(force, Motor)]
             if len(places) > 1:
                 raise DesignError(
                     "Argument `system` must have one Motor on a joint to be controlled, but "
@@ -189,12 +189,12 @@ def _motors(system: System) -> Iterator[MotorPlace]:
             yield from places
 
 
-def _motors_of(system: System, motors: Sequence[MotorPlace]) -> list[Motor]:
+def _motors_of(system: System, motors: Sequence[MotorIndex]) -> list[Motor]:
     mechanisms = system.mechanisms
     return [place.in_drive(mechanisms[place.mechanism].drives[place.joint]) for place in motors]
 
 
-def _with_motors(system: System, places: Sequence[MotorPlace], motors: Sequence[Motor]) -> System:
+def _with_motors(system: System, places: Sequence[MotorIndex], motors: Sequence[Motor]) -> System:
     mechanisms = list(system.mechanisms)
     for place, motor in zip(places, motors, strict=True):
         drives = list(mechanisms[place.mechanism].drives)

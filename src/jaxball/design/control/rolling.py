@@ -19,12 +19,11 @@ from ...physics.packing import Packing
 from ...physics.schedules import AbstractSchedule
 from ...physics.signals import AbstractSignal
 from ...physics.state import BallState, DiskState
-from ..constraints import AbstractRunningConstraint
-from ..errors import DesignError
-from ..objectives import AbstractRunningObjective, FollowTrajectory
-from ..plane import require_reach
-from ..run import Run
-from .inputs import MotorPlace, inputs, motor_limits, with_free_joints, with_inputs, with_schedules
+from ..objectives import FollowTrajectory
+from ..problem.requirements import AbstractRunningConstraint, AbstractRunningObjective, require_reachable
+from ..problem.run import Run
+from ..problem.variables import DesignError
+from .inputs import MotorIndex, inputs, motor_limits, with_free_joints, with_inputs, with_schedules
 from .problem import AbstractControlProblem
 
 
@@ -43,7 +42,7 @@ class Rolling(AbstractControlProblem):
 
     robot: System
     system: System
-    motors: tuple[MotorPlace, ...] = eqx.field(static=True)
+    motors: tuple[MotorIndex, ...] = eqx.field(static=True)
     state: BallState | DiskState
     start: Float[Array, ""]
     end: Float[Array, ""]
@@ -105,7 +104,7 @@ class Rolling(AbstractControlProblem):
                 f"Argument `place` must be {'one number' if system.planar else 'two numbers'}, as that of a "
                 f"{system.title} is, but it is {np.asarray(place).tolist()}."
             )
-        require_reach(system, {**self.objectives, **self.constraints})
+        require_reachable(system, {**self.objectives, **self.constraints})
 
     @property
     def controls(self) -> int:

@@ -16,8 +16,8 @@ from ...physics.schedules import PiecewiseAcceleration
 from ...physics.signals import PiecewiseSignal
 from ...scenario import Scenario
 from ...scenario.initial import starting_angles
-from ..constraints import AbstractRunningConstraint
-from ..run import Run
+from ..problem.requirements import AbstractRunningConstraint
+from ..problem.run import Run
 from .rolling import Rolling, rolling
 from .solution import PLACES, Solution
 

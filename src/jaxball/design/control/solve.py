@@ -7,9 +7,8 @@ from typing import NamedTuple
 import equinox as eqx
 import numpy as np
 
-from ..errors import DesignError
+from ..problem.variables import DesignError
 from .collocation import SHARP
-from .files import ControlFile
 from .homotopy import Guess, continued, sharpened, started
 from .rolling import Rolling, rolling
 from .schedules import Resimulated, resimulated
@@ -17,6 +16,27 @@ from .solution import Solution, least_curvature, means, violations
 
 # The allowed error of a simulation, in units of the mesh's tolerance.
 NEAR = 10.0
+
+
+class ControlFile(NamedTuple):
+    """The content of a problem file with a table ``[control]``.
+
+    - ``problem``: the problem to be solved; ``easy``: the same with other weights, from which continuation starts, or
+      None.
+    - ``saves``: the number of save times of the scenario found.
+    - ``intervals``, ``tolerance``: of the first mesh, and of :func:`mesh_errors`.
+    - ``violation``: how much a constraint may be violated; ``barrier``: with which the search begins.
+    """
+
+    title: str
+    problem: Rolling
+    easy: Rolling | None
+    saves: int
+    intervals: int
+    tolerance: float
+    violation: float
+    barrier: float
+    guess: Guess
 
 
 class Point(NamedTuple):
@@ -90,7 +110,7 @@ def controlled(
 
     problem = file.problem
     mesh = np.linspace(float(problem.start), float(problem.end), file.intervals + 1)
-    first = solution = _begun(file, file.easy or problem, mesh)
+    first = solution = _first_solution(file, file.easy or problem, mesh)
     if file.easy is None:
         visit(solution)
     else:
@@ -111,7 +131,7 @@ def controlled(
     )
 
 
-def _begun(file: ControlFile, problem: Rolling, mesh: np.ndarray) -> Solution:
+def _first_solution(file: ControlFile, problem: Rolling, mesh: np.ndarray) -> Solution:
     """The solution by Newton's method from the guess, or otherwise from the motion without constraints."""
 
     def start(problem: Rolling, guess: Guess) -> Solution:

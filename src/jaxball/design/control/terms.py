@@ -1,4 +1,10 @@
-"""The contributions of each node of a collocation method, and of the end, to its equations, with derivatives."""
+"""The contributions of each node of a collocation method, and of the end, to its equations, with derivatives.
+
+Inequalities enter by complementary pairs: slack > 0, multiplier > 0, and slack · multiplier = µ, the conditions of an
+interior point with the barrier µ, as functions of one free number s = slack − multiplier. They hold whatever s is (Chen
+& Harker 1993, Kanzow 1996), so that Newton's method need not keep anything positive, and may start where an inequality
+is violated.
+"""
 
 import functools
 from collections.abc import Callable
@@ -9,8 +15,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .complementarity import multiplier, slack
 from .problem import AbstractControlProblem
+
+
+def slack(s: Float[Array, " k"], barrier: Float[Array, ""]) -> Float[Array, " k"]:
+    """(√(s² + 4 µ) + s) / 2."""
+    return (jnp.sqrt(s**2 + 4 * barrier) + s) / 2
+
+
+def multiplier(s: Float[Array, " k"], barrier: Float[Array, ""]) -> Float[Array, " k"]:
+    """(√(s² + 4 µ) − s) / 2."""
+    return slack(-s, barrier)
+
 
 Vary = Callable[[Any, Float[Array, ""]], AbstractControlProblem]
 

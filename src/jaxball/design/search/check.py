@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import DesignError
-from .lagrangian import Multipliers, augmented_lagrangian
+from ..problem.variables import DesignError
 from .optimise import Optimiser
+from .program import Multipliers, augmented_lagrangian
 
 STEPS = tuple(10.0 ** -np.arange(1.0, 6.5, 0.5))
 STENCIL = (-2.0, -1.0, 1.0, 2.0)

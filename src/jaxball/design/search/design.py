@@ -10,19 +10,20 @@ import numpy as np
 import tomli_w
 from jaxtyping import Float
 
-from ..problem import Evaluation, Problem
-from ..source import write_text
-from ..verify import Verified, as_built, perturbed, verify
+from ...interface.output import write_text
+from ..problem.problem import Evaluation, Problem
 from .check import GradientCheck, check_gradient, require_good
-from .optimise import Optimiser
-from .progress import Merit, Progress, load_progress, save_progress
-from .settings import Settings
+from .optimise import Merit, Optimiser, Progress, load_progress, save_progress
+from .program import Settings
 from .shooting import Shooting
+from .verify import Verified, as_built, perturbed, verify
 
 PROGRESS, SCENARIO = "progress.npz", "design.toml"
 TIGHTENINGS = 3
 # A constraint that is violated between the samples is tightened by this much more than its violation.
 MORE = 1.2
+# A target missed by this many radii was not reached.
+MISSED = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,11 +60,6 @@ class Design:
     def merit(self) -> Merit:
         """Its objective, largest violation and gradient, as the search evaluated them."""
         return self.progress.merit
-
-    @property
-    def worth(self) -> Merit:
-        """The same as ``merit``."""
-        return self.merit
 
     @property
     def feasible(self) -> bool:
@@ -117,7 +113,7 @@ def design(
         progress.elapsed = time.perf_counter() - began
         phase, step, *leader = progress.history[-1]
         merit = Merit(*leader)
-        say(line(("adam", "polish")[int(phase)], int(step), merit, program.places.name(int(merit.place))))
+        say(line(("adam", "polish")[int(phase)], int(step), merit, program.layout.name(int(merit.place))))
         if folder is not None:
             save(program, progress, folder, identity)
 
@@ -132,7 +128,7 @@ def design(
         tightenings += 1
         excess = {name: MORE * max(0.0, fine) for name, (_, fine) in verified.violations.items()}
         say(f"between the samples constraints are violated by {verified.violation:.2e}: tightened")
-        progress = optimiser.tighten(progress, program.places.spread(excess))
+        progress = optimiser.tighten(progress, program.layout.spread(excess))
     before = verify(problem, problem.space.start).designed
     numbers = np.asarray(problem.space.numbers(jnp.asarray(y)))
     built = perturbed(problem, y, as_built(problem))
@@ -166,3 +162,37 @@ def save(program: Shooting, progress: Progress, folder: Path, identity: str) -> 
     space = program.problem.space
     numbers = np.asarray(space.numbers(jnp.asarray(program.design(progress.best))))
     write_text(folder / SCENARIO, tomli_w.dumps(space.document_of(numbers)))
+
+
+def warnings(design: Design) -> list[str]:
+    """A sentence for each shortcoming of a design; none if all is well."""
+    verified, tolerance = design.verified, design.settings.tolerance
+    sentences = []
+    if int(verified.finer.status) != 0:
+        sentences.append(
+            f"The best design could not be simulated to its end by {verified.solver}; allow more steps, or shorten the "
+            "run."
+        )
+    violated = [f"`{name}` by {fine:.2g}" for name, (_, fine) in verified.violations.items() if not fine <= tolerance]
+    if violated:
+        sentences.append(
+            f"The constraints could not all be fulfilled: the best design violates {', '.join(violated)}; check "
+            "whether they contradict each other or the bounds, or search longer."
+        )
+    if verified.margin <= 0:
+        sentences.append(
+            f"The ball would leave the plane: its least normal force is {verified.margin:.2g} of its weight, and after "
+            "that the equations of rolling do not hold; add the constraint `normal-force`."
+        )
+    sentences += [
+        f"The target of `{name}` is missed by {by:.2g} radii, and nothing closer was found; give it more weight, more "
+        "time or more variables, or another starting point."
+        for name, by in verified.missed.items()
+        if by > MISSED
+    ]
+    if not np.isfinite(design.merit.gradient):
+        sentences.append(
+            "The gradient at the best design is not finite, and the search could not continue from there; start "
+            "elsewhere."
+        )
+    return sentences

@@ -19,13 +19,11 @@ from jaxtyping import Array, Float, Int
 from ...physics.body import Ball, Disk, System
 from ...physics.state import BallState, DiskState
 from ...scenario.initial import INITIAL
-from ..errors import DesignError
-from ..problem import Evaluation, Places, Problem, merged
-from ..run import Run, Solve, run_of
-from ..scales import default_scale
-from ..space import Candidate, DesignSpace
-from .program import AbstractProgram
-from .settings import Settings
+from ..problem.problem import ConstraintLayout, Evaluation, Problem, merged
+from ..problem.run import Run, Solve, run_of
+from ..problem.space import Candidate, DesignSpace
+from ..problem.variables import DesignError, default_scale
+from .program import AbstractProgram, Settings
 
 CONTINUITY = "continuity"
 
@@ -99,13 +97,13 @@ class Shooting(AbstractProgram):
         return self.problem.weights
 
     @property
-    def places(self):
-        places = self.problem.places
-        return Places({**places.sizes, CONTINUITY: self.joints * self.components.size}, places.balls)
+    def layout(self):
+        layout = self.problem.layout
+        return ConstraintLayout({**layout.sizes, CONTINUITY: self.joints * self.components.size}, layout.balls)
 
     @property
     def equal(self):
-        return self.places.spread({CONTINUITY: 1.0}) > 0
+        return self.layout.spread({CONTINUITY: 1.0}) > 0
 
     @property
     def names(self):

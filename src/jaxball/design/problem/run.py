@@ -9,20 +9,20 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ..physics.body import System
-from ..physics.coupling import joined, joint_forces
-from ..physics.dynamics import accelerations, given_angles
-from ..physics.energy import accelerations_of_masses
-from ..physics.linkage import linkages
-from ..physics.load import load
-from ..physics.mechanisms import AbstractMechanism, Mechanism, Slider
-from ..physics.moments import kinematics, point_mass_values
-from ..physics.motion import Driven, Kinematics, OnRail
-from ..physics.observables import Observables, observe
-from ..physics.rails import AbstractRail
-from ..physics.state import BallState, DiskState
-from ..simulation.simulate import simulate
-from ..simulation.trajectory import times_looked_at
+from ...physics.body import System
+from ...physics.coupling import joined, joint_forces
+from ...physics.dynamics import accelerations, given_angles
+from ...physics.energy import accelerations_of_masses
+from ...physics.linkage import linkages
+from ...physics.load import load
+from ...physics.mechanisms import AbstractMechanism, Mechanism, Slider
+from ...physics.moments import kinematics, point_mass_values
+from ...physics.motion import Driven, Kinematics, OnRail
+from ...physics.observables import Observables, observe
+from ...physics.rails import AbstractRail
+from ...physics.state import BallState, DiskState
+from ...simulation.simulate import simulate
+from ...simulation.trajectory import times_looked_at
 from .space import Candidate
 
 RAIL_SAMPLES = 48
@@ -75,7 +75,7 @@ class Run(eqx.Module):
     rail_samples: int = eqx.field(static=True, default=RAIL_SAMPLES)
 
     @property
-    def _looked_at(self) -> Float[Array, " t"]:
+    def _times(self) -> Float[Array, " t"]:
         return times_looked_at(self.system, self.times, self.times[-1])
 
     @property
@@ -94,10 +94,15 @@ class Run(eqx.Module):
         return self.system.total_mass * jnp.abs(self.system.gravity)
 
     @property
+    def time_unit(self) -> Float[Array, ""]:
+        """The unit of times, √(r/g)."""
+        return jnp.sqrt(self.length / jnp.abs(self.system.gravity))
+
+    @property
     def observables(self) -> Observables:
         """Positions, energies and forces."""
         prepared = self.system.prepare()
-        return jax.vmap(lambda t, x: observe(prepared, t, x))(self._looked_at, self.state)
+        return jax.vmap(lambda t, x: observe(prepared, t, x))(self._times, self.state)
 
     @property
     def masses(self) -> Kinematics:
@@ -107,7 +112,7 @@ class Run(eqx.Module):
         def one(t, x):
             return kinematics(prepared, t, accelerations(prepared, t, x).angles)
 
-        return jax.vmap(one)(self._looked_at, self.state)
+        return jax.vmap(one)(self._times, self.state)
 
     @property
     def forces(self) -> Float[Array, "t n 3"]:
@@ -120,7 +125,7 @@ class Run(eqx.Module):
             a = accelerations_of_masses(prepared.radius, masses, x.Omega, found.Omegadot, x.Gamma)
             return m[:, None] * (a + acting.weight[None])
 
-        return jax.vmap(one)(self._looked_at, self.state)
+        return jax.vmap(one)(self._times, self.state)
 
     @property
     def forces_along(self) -> Float[Array, "t n"]:
@@ -138,7 +143,7 @@ class Run(eqx.Module):
             links = linkages(prepared, t, (x.theta, x.thetadot, x.thetadot))
             return joined(x.theta, links, joint_forces(t, x, links))[len(prepared.driven) :]
 
-        return jax.vmap(one)(self._looked_at, self.state)
+        return jax.vmap(one)(self._times, self.state)
 
     @property
     def effort_units(self) -> Float[Array, " joints"]:
@@ -150,7 +155,7 @@ class Run(eqx.Module):
     def on_rails(self) -> OnRails:
         """θ and its rates."""
         prepared = self.system.prepare()
-        return jax.vmap(lambda t, x: _on_rails(prepared, t, x))(self._looked_at, self.state)
+        return jax.vmap(lambda t, x: _on_rails(prepared, t, x))(self._times, self.state)
 
     @property
     def curves(self) -> Curves:

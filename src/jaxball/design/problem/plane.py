@@ -1,20 +1,69 @@
-"""Curves in the plane for a ball to follow."""
+"""Positions and curves in the plane: two numbers for a position, and one for a disk, which rolls along e1."""
 
 import abc
 import math
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, ArrayLike, Float
 
-from ..numerics.arrays import numbers, to_array
-from ..numerics.piecewise import PiecewisePolynomial, clamped_cubic_spline
-from .errors import DesignError
-from .plane import place, places
+from ...numerics.arrays import Numbers, numbers, require_shape, to_array
+from ...numerics.piecewise import PiecewisePolynomial, clamped_cubic_spline
+from .variables import DesignError
 
 SAMPLES = 200
+
+
+# A deviation from e1 smaller than this fraction of the extent is rounding.
+ROUNDING = 1e-9
+
+
+Converter = Callable[[Numbers], Float[Array, "..."]]
+
+
+def place(name: str) -> Converter:
+    """The converter of a field ``name`` to a position in the plane; a single number z is (z, 0)."""
+
+    def convert(x: Numbers) -> Float[Array, "..."]:
+        z = to_array(x, name)
+        z = z if z.ndim else jnp.stack([z, jnp.zeros_like(z)])
+        require_shape(name, z, (2,))
+        return z
+
+    return convert
+
+
+def places(name: str) -> Converter:
+    """The converter of a field ``name`` to positions in the plane, a row each; single numbers z are (z, 0)."""
+
+    def convert(x: Numbers) -> Float[Array, "..."]:
+        z = to_array(x, name)
+        z = jnp.stack([z, jnp.zeros_like(z)], axis=1) if z.ndim == 1 else z
+        require_shape(name, z, ("n", 2))
+        return z
+
+    return convert
+
+
+def corner(name: str) -> Converter:
+    """The converter of a field ``name`` to a bound of positions: two numbers, or one for a disk."""
+
+    def convert(x: Numbers) -> Float[Array, "..."]:
+        z = jnp.atleast_1d(to_array(x, name))
+        require_shape(name, z, (1,) if z.size == 1 else (2,))
+        return z
+
+    return convert
+
+
+def off_e1(points: Float[ArrayLike, "n 2"]) -> str:
+    """Reports positions off e1, for :meth:`Requirement.unreachable_by_disk`."""
+    points = np.abs(np.asarray(points))
+    most = np.max(points[:, 1], initial=0.0)
+    return f"a position {most:.6g} off e1" if most > ROUNDING * np.max(points, initial=0.0) else ""
 
 
 class AbstractCurve(eqx.Module):

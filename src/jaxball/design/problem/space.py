@@ -8,20 +8,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..numerics.arrays import to_array
-from ..physics.body import Ball, Disk, System
-from ..physics.frames import principal_angles
-from ..physics.state import BallState, DiskState
-from ..scenario import Scenario, read_document
-from ..scenario.body import rolling_state
-from ..scenario.errors import UntraceableError
-from ..scenario.files import Structure
-from ..scenario.paths import key_of, value_at, with_numbers
-from ..scenario.values import Numbers, kinds_of_numbers
-from .bounds import Bounds
-from .errors import DesignError
-from .scales import default_scale
-from .variables import Variable, expanded
+from ...numerics.arrays import to_array
+from ...physics.body import Ball, Disk, System
+from ...physics.frames import principal_angles
+from ...physics.state import BallState, DiskState
+from ...scenario import Scenario, read_document
+from ...scenario.body import rolling_state
+from ...scenario.errors import UntraceableError
+from ...scenario.paths import key_of, value_at, with_numbers
+from ...scenario.files import Structure
+from ...scenario.values import Numbers, kinds_of_numbers
+from .variables import Bounds, DesignError, Variable, default_scale, expanded
 
 
 class Candidate(NamedTuple):

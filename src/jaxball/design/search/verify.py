@@ -10,13 +10,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from ..scenario.solvers import SOLVERS
-from .constraints import NormalForce
-from .objectives import FollowCurve, FollowTrajectory, ReachPlace
-from .perturbations import Perturbations
-from .problem import Evaluation, Problem, merged, worst
-from .run import RAIL_SAMPLES, Run, Solve, run_of
-from .space import Candidate
+from ...scenario.solvers import SOLVERS
+from ..constraints import NormalForce
+from ..objectives import FollowCurve, FollowTrajectory, ReachPlace
+from ..problem.problem import Evaluation, Perturbations, Problem, merged, worst
+from ..problem.run import RAIL_SAMPLES, Run, Solve, run_of
+from ..problem.space import Candidate
 
 FINER = 10
 TIGHTER, TIGHTEST = 1e-2, 1e-13
@@ -77,7 +76,7 @@ def verify(problem: Problem, y: Float[np.ndarray, " n"]) -> Verified:
     )
 
 
-class _Most(NamedTuple):
+class _Largest(NamedTuple):
     """The largest values over all balls: distances, violations, and minus the normal force."""
 
     apart: Float[jax.Array, "*balls"]
@@ -106,7 +105,7 @@ def _compared(problem: Problem) -> Callable[..., Any]:
         apart = jnp.max(jnp.sqrt(jnp.sum((run.z - fine.z[::FINER]) ** 2, axis=-1))) / run.length
         missed = {name: one.farthest(fine) for name, one in problem.objectives.items() if isinstance(one, TARGETS)}
         lift = jnp.max(NormalForce(0.0)(fine))
-        most = _Most(apart, _worst(problem, run), _worst(problem, fine), lift, missed)
+        most = _Largest(apart, _worst(problem, run), _worst(problem, fine), lift, missed)
         return problem.evaluate_run(run), problem.evaluate_run(fine), most
 
     @jax.jit

@@ -1,0 +1,98 @@
+"""The contracts of objectives and constraints."""
+
+import abc
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from ...numerics.arrays import numbers
+from ...physics.body import Disk
+from ...physics.system import AbstractSystem
+from .run import Run
+from .variables import DesignError
+
+
+class Requirement(eqx.Module):
+    """A requirement on a motion: an objective or a constraint."""
+
+    def unreachable_by_disk(self) -> str:
+        """What it requires that a disk, which rolls along e1 and turns about e2, cannot do; empty if nothing."""
+        return ""
+
+
+class AbstractObjective(Requirement):
+    """A dimensionless number that a design minimises: lengths in radii r, forces in weights M g, times in √(r/g).
+
+    ``weight`` multiplies it in the sum of objectives; it can change without compiling again.
+    """
+
+    weight: Float[Array, ""] = eqx.field(converter=numbers("weight"), default=1.0, kw_only=True)
+
+    @abc.abstractmethod
+    def __call__(self, run: Run) -> Float[Array, ""]:
+        """Its value, without the weight."""
+
+    def in_units(self, value: float, length: float, time: float) -> str:
+        """A value as text, as the length, the angle or the time that it stands for; empty if it is none of them.
+
+        ``length`` and ``time`` are r and √(r/g) in units of the scenario.
+        """
+        return ""
+
+
+class AbstractRunningObjective(AbstractObjective):
+    """The mean over the run of a function of the time and of the state and the actuation at that time.
+
+    Optimal control can use only such objectives. ``weight`` is the factor in the sum of objectives.
+    """
+
+    @abc.abstractmethod
+    def integrand(self, run: Run) -> Float[Array, " t"]:
+        """The function at the times of the run."""
+
+    def __call__(self, run: Run):
+        return mean_in_time(run, self.integrand(run))
+
+
+def mean_in_time(run: Run, values: Float[Array, " t"]) -> Float[Array, ""]:
+    """The mean over the run, by the trapezoidal rule."""
+    steps = jnp.diff(run.times)
+    return jnp.sum(steps * (values[1:] + values[:-1]) / 2) / jnp.sum(steps)
+
+
+class AbstractConstraint(Requirement):
+    """Signed violations, dimensionless: positive where violated, and at most 0 in a design that fulfils it.
+
+    Lengths are in radii r, forces in weights M g, times in √(r/g).
+    """
+
+    @abc.abstractmethod
+    def __call__(self, run: Run) -> Float[Array, "..."]:
+        """The violation at each point or time at which it is evaluated."""
+
+
+class AbstractRunningConstraint(AbstractConstraint):
+    """A constraint on the state and the actuation at each time, the only kind that optimal control can use."""
+
+    def margins(self, run: Run) -> Float[Array, "t ..."]:
+        """A function that is nonnegative where the constraint holds, with second derivatives everywhere.
+
+        Near the boundary it is minus the violation, to first order; by default, everywhere.
+        """
+        return -self(run)
+
+
+def require_reachable(system: AbstractSystem, requirements: Mapping[str, Requirement]) -> None:
+    """Refuses objectives and constraints that no disk can meet.
+
+    **Raises:** :class:`DesignError`, with the name of the first one, where the system is a disk.
+    """
+    for name, requirement in requirements.items() if isinstance(system, Disk) else ():
+        beyond = requirement.unreachable_by_disk()
+        if beyond:
+            raise DesignError(
+                f"`{name}` must be within reach of a disk, which rolls along e1 and turns about e2, but it requires "
+                f"{beyond}; give positions as single numbers, or use a ball."
+            )
