@@ -1,6 +1,7 @@
-"""Figures of a classical system: its motion over time, and the drift of its conserved quantities."""
+"""Laws and conserved quantities: the motion of a classical system, the drift of its integrals, and residuals."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,9 @@ from ..classical import RigidBodyState
 from ..physics.body import AbstractBody
 from ..simulation.trajectory import Trajectory
 from .over_time import Series, over_time
-from .palette import COMPONENTS, DASHED, INK, MASSES, SOLID
+from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, SOLID, mass_look
 from .record import finite_rows, require_one
-from .style import SMALL, WIDE, caption, named, plane_axes, up_to_ticks, zero_line
+from .style import SMALL, WIDE, caption, legend_above, linestyle, named, plane_axes, up_to_ticks, zero_line
 from .symbols import SYMBOLS, symbol
 
 PANEL = 1.05  # the height of a panel, in inches
@@ -24,6 +25,8 @@ _LOOKS = {
     letter + dot: (COMPONENTS[k], DASHED if dot else SOLID) for dot in ("", "dot") for k, letter in enumerate("xyz")
 }
 COLOURS = (INK, *MASSES)
+LEAST = 1e-8  # of the expected residual: smaller ones are drawn here
+ROW = 4  # entries in a row of the legend
 
 
 def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -> Axes:
@@ -110,3 +113,31 @@ def _rows(trajectory: Trajectory[Any, Any]) -> np.ndarray:
             f"{type(trajectory.system).__name__}; the other functions of jaxball.plot draw it."
         )
     return finite_rows(trajectory)
+
+
+def law_residuals(
+    times: Float[np.ndarray, " n"], residuals: Mapping[str, Float[np.ndarray, " n"]], ax: Axes | None = None
+) -> Axes:
+    """How far a run departs from each law over time, on a logarithmic axis.
+
+    The residuals are multiples of those that the tolerances explain, so that a law holds as long as its curve is below
+    the dashed line at 1.
+
+    **Arguments:**
+
+    - ``times``: the ends of the steps, ``times`` of the report of :func:`jaxball.verify.verify`.
+    - ``residuals``: those of each law by its name, ``residuals`` of the report.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax)
+    for k, (law, values) in enumerate(residuals.items()):
+        colour, dashes = mass_look(k + 1)
+        name, values = law.replace("_", " "), np.maximum(values, LEAST)
+        ax.semilogy(times, values, color=colour, linestyle=linestyle(dashes), linewidth=0.9, label=name)
+    ax.axhline(1.0, color=INK, linestyle=linestyle(DASHED), linewidth=0.8)
+    ax.margins(x=0)
+    ax.grid(axis="y", color=FAINT, linewidth=0.4)
+    named(ax, "$t$", "residual / expected")
+    legend_above(ax, ROW)
+    return ax
