@@ -4,8 +4,7 @@ import contextlib
 import struct
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -86,15 +85,20 @@ def animate(
     shown = frames(run.times, speed / fps)
     show(int(shown[0]))
     canvas = Canvas(figure, dpi)
+
+    def pictures() -> Iterator[Picture]:
+        for done, k in enumerate(shown, start=1):
+            show(int(k))
+            yield canvas.picture()
+            if progress is not None:
+                progress(done, len(shown))
+
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
-        make = mp4 if path.suffix == ".mp4" else partial(gif, colours=_colours(figure))
-        with make(temporary, fps, canvas.size) as add:
-            for done, k in enumerate(shown, start=1):
-                show(int(k))
-                add(canvas.picture())
-                if progress is not None:
-                    progress(done, len(shown))
+        if path.suffix == ".mp4":
+            mp4(temporary, pictures(), fps, canvas.size)
+        else:
+            gif(temporary, pictures(), fps, canvas.size, _colours(figure))
     return path
 
 
@@ -196,11 +200,10 @@ class Canvas:
         return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
 
 
-@contextlib.contextmanager
 def gif(
-    path: Path, fps: float | int, size: tuple[int, int], colours: Sequence[ColorType]
-) -> Iterator[Callable[[Picture], None]]:
-    """A GIF that repeats forever; yields a function that adds a frame to it.
+    path: Path, pictures: Iterable[Picture], fps: float | int, size: tuple[int, int], colours: Sequence[ColorType]
+) -> None:
+    """Writes pictures one by one as a GIF that repeats forever: a few colours, and of a frame only what changes.
 
     **Arguments:**
 
@@ -208,11 +211,27 @@ def gif(
     - ``size``: width and height in pixels.
     - ``colours``: those of the drawing, on white.
     """
-    palette = palette_of(colours)
+    table = palette_of(colours)
+    palette, unchanged = table.ravel().tolist(), len(table)  # the colour after the last is transparent
+    reference = Image.new("P", (1, 1))
+    reference.putpalette(palette)
+    shown: UInt8[np.ndarray, "height width"] | None = None
     with path.open("wb") as file:
-        _write_header(file, size, palette)
-        writer = _Writer(file, fps, palette)
-        yield writer.add
+        _write_header(file, size, table)
+        for k, picture in enumerate(pictures):
+            frame = np.asarray(Image.fromarray(picture).quantize(palette=reference, dither=Image.Dither.NONE))
+            corner, part = (0, 0), frame
+            if shown is not None:
+                changed = frame != shown
+                rows, columns = _extent(changed.any(axis=1)), _extent(changed.any(axis=0))
+                kept = long_runs(~changed[rows, columns], SHORTEST)
+                corner, part = (columns.start, rows.start), np.where(kept, unchanged, frame[rows, columns])
+            shown = frame
+            image = Image.fromarray(part.astype(np.uint8))
+            image.putpalette([*palette, 0, 0, 0])
+            hundredths = round(100 * (k + 1) / fps) - round(100 * k / fps)  # so that the total duration is right
+            options = {"duration": 10 * hundredths, "disposal": 1, "interlace": 0, "transparency": unchanged}
+            file.writelines(getdata(image, corner, **options))
         file.write(b";")
 
 
@@ -226,38 +245,6 @@ def palette_of(colours: Sequence[ColorType]) -> UInt8[np.ndarray, "n 3"]:
 
 def _tint(hue: tuple[float, ...], strength: float) -> tuple[float, ...]:
     return tuple(1 - strength * (1 - part) for part in hue)
-
-
-class _Writer:
-    """The frames of a GIF, one after the other."""
-
-    def __init__(self, file: BinaryIO, fps: float | int, palette: UInt8[np.ndarray, "n 3"]):
-        self._file, self._fps, self._count = file, fps, 0
-        self._colours = palette.ravel().tolist()
-        self._unchanged = len(palette)  # the index of the colour that is transparent
-        self._reference = Image.new("P", (1, 1))
-        self._reference.putpalette(self._colours)
-        self._shown: UInt8[np.ndarray, "height width"] | None = None
-
-    def add(self, picture: Picture) -> None:
-        quantised = Image.fromarray(picture).quantize(palette=self._reference, dither=Image.Dither.NONE)
-        frame = np.asarray(quantised)
-        corner, part = (0, 0), frame
-        if self._shown is not None:
-            changed = frame != self._shown
-            rows, columns = _extent(changed.any(axis=1)), _extent(changed.any(axis=0))
-            kept = long_runs(~changed[rows, columns], SHORTEST)
-            corner, part = (columns.start, rows.start), np.where(kept, self._unchanged, frame[rows, columns])
-        self._shown = frame
-        image = Image.fromarray(part.astype(np.uint8))
-        image.putpalette([*self._colours, 0, 0, 0])
-        options = {"duration": 10 * self._hundredths(), "disposal": 1, "interlace": 0, "transparency": self._unchanged}
-        self._file.writelines(getdata(image, corner, **options))
-
-    def _hundredths(self) -> int:
-        """The duration of the next frame, so that the total duration is right."""
-        self._count += 1
-        return round(100 * self._count / self._fps) - round(100 * (self._count - 1) / self._fps)
 
 
 def _extent(changed: Bool[np.ndarray, " n"]) -> slice:
@@ -287,9 +274,8 @@ def has_ffmpeg() -> bool:
     return FFMpegWriter.isAvailable()
 
 
-@contextlib.contextmanager
-def mp4(path: Path, fps: float | int, size: tuple[int, int]) -> Iterator[Callable[[Picture], object]]:
-    """A film; yields a function that adds a frame to it.
+def mp4(path: Path, pictures: Iterable[Picture], fps: float | int, size: tuple[int, int]) -> None:
+    """Writes pictures as a film.
 
     **Arguments:**
 
@@ -313,7 +299,8 @@ def mp4(path: Path, fps: float | int, size: tuple[int, int]) -> Iterator[Callabl
             complete = False
             try:
                 with contextlib.suppress(BrokenPipeError):  # ffmpeg has ended, and says why
-                    yield lambda picture: stdin.write(np.ascontiguousarray(picture).data)
+                    for picture in pictures:
+                        stdin.write(np.ascontiguousarray(picture).data)
                     stdin.close()
                     complete = True
                 process.wait()
