@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 
 import jaxball
 from jaxball import load_run, plot, simulate
+from jaxball.plot import report
 from jaxball.results import OutputError, saved_scenario
 from jaxball.results.loading import RunError
 from jaxball.scenario import load_scenario, read_scenario
@@ -132,7 +133,7 @@ def test_a_run_is_drawn_as_the_trajectory_was(disk_trajectory, tmp_path):
 
 
 def test_figures_in_other_formats(disk_trajectory, tmp_path, monkeypatch):
-    monkeypatch.setattr(plot.report, "STANDARD", plot.report.STANDARD[:2])
+    monkeypatch.setattr(report, "STANDARD", report.STANDARD[:2])
     paths = plot.figures(disk_trajectory, tmp_path, formats=("pdf", "svg"))
     assert [path.suffix for path in paths] == [".pdf", ".svg"] * 2
     assert paths[0].read_bytes().startswith(b"%PDF")

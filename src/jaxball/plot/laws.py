@@ -13,11 +13,11 @@ from matplotlib.ticker import MaxNLocator
 from ..classical import RigidBodyState
 from ..physics.body import AbstractBody
 from ..simulation.trajectory import Trajectory
+from ..simulation.variables import symbol, symbol_of
 from .over_time import Series, over_time
 from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, SOLID, mass_look
 from .record import finite_rows, require_one
 from .style import SMALL, WIDE, caption, legend_above, linestyle, named, plane_axes, up_to_ticks, zero_line
-from .symbols import SYMBOLS, symbol
 
 PANEL = 1.05  # the height of a panel, in inches
 # A coordinate and its rate have the same colour.
@@ -47,7 +47,7 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
     series = []
     for name, leaf in vars(state).items():
         for k, values in enumerate(np.asarray(leaf).reshape(len(trajectory.times), -1).T):
-            label = symbol(name) if name in SYMBOLS else name if leaf.ndim == 1 else f"{name} {k + 1}"
+            label = symbol(name) if symbol_of(name) else name if leaf.ndim == 1 else f"{name} {k + 1}"
             others = sum(earlier.colour in COLOURS for earlier in series)
             look = _LOOKS.get(name) or (COLOURS[others % len(COLOURS)], SOLID)
             series.append(Series(values[rows], label, *look))
@@ -70,7 +70,7 @@ def law_errors(trajectory: Trajectory[Any, Any]) -> Figure:
     panels = figure.subplots(len(laws), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, leaf) in zip(panels, laws.items(), strict=True):
         values = np.asarray(leaf)[rows].reshape(len(rows), -1)
-        _panel(ax, times, values - values[:1], symbol(name) if name in SYMBOLS else name.replace("_", " "))
+        _panel(ax, times, values - values[:1], symbol(name) if symbol_of(name) else name.replace("_", " "))
     named(panels[-1], "$t$")
     return figure
 

@@ -9,30 +9,10 @@ from jaxtyping import Array
 
 from ..numerics.arrays import to_array
 from ..physics.contact_law import Contact
-from ..physics.modes import Cause, Mode
 from ..physics.released import ReleasedState
 from ..simulation.history import NOWHERE, ContactHistory, Switches
-from .variables import Variable
+from ..simulation.variables import HISTORY, SWITCHES, Variable
 
-HISTORY = {
-    "mode": Variable((), "1", "mode of the motion, -1 at times that the solve did not reach", Mode),
-    "V": Variable(("axis",), "length/time", "velocity of the geometric centre in space axes"),
-    "height": Variable((), "length", "height of the body above the plane"),
-    "slip": Variable(("axis",), "length/time", "velocity of the lowest point relative to the plane, space axes"),
-    "sigma": Variable(("direction",), "1", "direction of slip"),
-    "rubbed": Variable((), "energy", "energy dissipated by sliding friction"),
-    "struck": Variable((), "energy", "energy dissipated by impacts"),
-}
-
-# By the names of the fields of Switches. Those of the states before and after come with the kind of the state.
-SWITCHES = {
-    "times": Variable((), "time", "time of a change of mode"),
-    "cause": Variable((), "1", "why the mode ended", Cause),
-    "source": Variable((), "1", "mode before the switch", Mode),
-    "target": Variable((), "1", "mode after the switch", Mode),
-    "lost": Variable((), "energy", "energy dissipated by the impact"),
-    "grazing": Variable((), "1", "1 if the function that ended the mode touched zero without crossing it"),
-}
 SIDES = ("before", "after")
 RELEASED = {name: HISTORY[name] for name in ("V", "height")}
 COEFFICIENTS = ("sliding", "static", "restitution", "slowest")

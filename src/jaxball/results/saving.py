@@ -13,10 +13,11 @@ from ..scenario import Scenario
 from ..scenario.paths import entries
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
+from ..simulation.variables import Variable
 from .contact import history_values, switch_values
 from .files import SUFFIXES
 from .provenance import attributes
-from .variables import Variable, described, labels, measured_values, values
+from .variables import described, labels, measured_values, values
 
 if TYPE_CHECKING:
     import xarray

@@ -14,8 +14,9 @@ from ..scenario.solvers import SOLVERS
 from ..simulation.events import Detachment
 from ..simulation.extremes import contact_extremes
 from ..simulation.simulate import FEW_STEPS, simulate
+from ..simulation.variables import EXTREMES
 from .batch import Batch, Wanted
-from .outputs import CONTACT, contact_results
+from .outputs import contact_results
 
 LANES = 64
 
@@ -88,4 +89,4 @@ def _solve_one(
     extremes = contact_extremes(trajectory) if touches else None
     results = {name: getattr(trajectory, name) for name in ("status", "steps", "rejected", "reached")}
     results |= vars(trajectory.state) | contact_results(trajectory)
-    return results if extremes is None else results | {name: getattr(extremes, name) for name in CONTACT}
+    return results if extremes is None else results | {name: getattr(extremes, name) for name in EXTREMES}

@@ -11,8 +11,8 @@ from jaxtyping import Bool, Float, Int
 from ...interface.status import Status
 from ...interface.wording import did_you_mean
 from ...scenario.paths import entries
+from ...simulation.variables import EXTREMES, FINDS, RUN, symbol_of
 from ..style import ColourScale
-from ..symbols import SYMBOLS
 
 if TYPE_CHECKING:
     import xarray
@@ -65,9 +65,7 @@ SUBSCRIPTS = str.maketrans("0123456789sx", "₀₁₂₃₄₅₆₇₈₉ₛₓ
 SEED = 0
 FEW_PATHS = 2
 _NEEDED = ("shape", "paths", "path_axis", "path_logarithmic", "axis_scattered")
-_WORDS = {"friction_needed": r"$\mu_{\min}$", "reached": "time reached", "least_normal_force": "least $N$"}
-# Of what a study can find by itself, in whose store there are none.
-_UNITS = {"distance": "length", "largest_angular_speed": "rad/time", "energy_drift": "energy"}
+_KNOWN = RUN | EXTREMES | FINDS
 _FIRST = ("friction_needed", "z", "phi", "x", "y")
 _NOT_RESULTS = ("row", "status")
 MOST_STANDARD = 3
@@ -324,13 +322,14 @@ def label_of(data: "xarray.Dataset", result: str, labels: Labels = None, *, at_t
     if labels and result in labels:
         return labels[result]
     name, index = parsed(data, result)
-    words = _WORDS.get(name, name.replace("_", " "))
-    if name in SYMBOLS:
+    known = _KNOWN.get(name)
+    words = (known and known.words) or name.replace("_", " ")
+    if symbol_of(name):
         dimensions = [dimension for dimension in data[name].dims if dimension not in ("row", "save")]
         indices = [_index(data, str(dimension), k) for dimension, k in zip(dimensions, index, strict=True)]
-        words = f"${SYMBOLS[name]}{'_{' + ','.join(indices) + '}' if indices else ''}$"
+        words = f"${symbol_of(name)}{'_{' + ','.join(indices) + '}' if indices else ''}$"
         words += " at the end" if at_the_end else ""
-    units = data[name].attrs.get("units", "") or _UNITS.get(name, "")
+    units = data[name].attrs.get("units", "") or (known.units if known else "")
     return words if units in ("", "1") else f"{words} ({units})"
 
 
