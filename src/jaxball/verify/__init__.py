@@ -6,10 +6,10 @@ No figures are drawn and no files written here.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:  # for type checkers and editors, the same interface
+    from .case import Trust as Trust
     from .laws import LAWS as LAWS
     from .report import Report as Report, Row as Row
     from .run import verify as verify
-    from .trust import Trust as Trust
 else:
     from ..interface.names import lazy_interface
 
