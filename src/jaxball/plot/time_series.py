@@ -278,21 +278,18 @@ def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
 
 
 def _velocity(run: Trajectory) -> Float[np.ndarray, "T 3"]:
-    """V = rω × e3, plus the velocity of the plane under the centre."""
+    """V = rω × e3, plus the velocity of a turntable under the centre."""
     omega, r = record(run).observables.angular_velocity_space, float(run.system.radius)
     V = r * np.stack([omega[:, 1], -omega[:, 0], 0.0 * omega[:, 0]], axis=1)
-    ground = run.system.ground
-    if ground is None or (ground.motion is None and ground.turntable is None):
-        return V
-    drift = np.asarray(_drift(run.system, to_array(np.asarray(run.times)), run.state))[finite_rows(run)]
-    V[:, : drift.shape[1]] += drift
+    drift = _drift(run.system, to_array(np.asarray(run.times)), run.state)
+    if drift is not None:
+        V[:, :2] += np.asarray(drift)[finite_rows(run)]
     return V
 
 
 @programs.filter_jit
 def _drift(system, times, states):
-    prepared = system.prepare()
-    return jax.vmap(prepared.drift)(times, states)
+    return jax.vmap(system.prepare().drift)(times, states)
 
 
 def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
