@@ -145,7 +145,7 @@ def evaluations(ball, solver: str, tolerance: float) -> int:
     from jaxball_ball import TIMES
 
     from jaxball import simulate
-    from jaxball.paper.reproduce.evaluations import Counter, CountingSolver
+    from jaxball.paper.reproduce.experiments import Counter, CountingSolver
 
     counter = Counter()
     method = CountingSolver(solver_named(solver), counter)

@@ -130,7 +130,7 @@ def _loop(ball, state, function):
 def evaluations(ball, state) -> int:
     """How often a run by the default settings evaluates the right-hand side."""
     from jaxball import simulate
-    from jaxball.paper.reproduce.evaluations import Counter, CountingSolver
+    from jaxball.paper.reproduce.experiments import Counter, CountingSolver
     from jaxball.simulation.arguments import DEFAULT_SOLVER
 
     counter = Counter()

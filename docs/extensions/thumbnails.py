@@ -14,7 +14,7 @@ from jaxball.classical import HeavyTop, RigidBodyState
 from jaxball.plot.palette import FAINT, INK, SHELL, TRAIL
 from jaxball.plot.shapes import split, view, wireframe
 from jaxball.plot.style import described
-from jaxball.plot.view.rigid import REACH, THROUGH_CENTRE, ellipsoid_of
+from jaxball.plot.view.free import REACH, THROUGH_CENTRE, ellipsoid_of
 
 FAR = 3.0  # radii from the start to where a body is shown, which is the smaller the longer its path is
 SHARE = 0.3  # of the run of a rigid body, after which its path covers it

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from jaxball.bench.contenders import ALL
-from jaxball.bench.plan import QUICK_SOLVERS
+from jaxball.bench.run import QUICK_SOLVERS
 from jaxball.paper import reference
 
 COLUMNS = {

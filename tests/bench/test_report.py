@@ -11,8 +11,7 @@ from matplotlib.text import Text
 from jaxball.bench import SelectionError, select_contenders, select_problems
 from jaxball.bench.contenders import ALL, Work
 from jaxball.bench.figures import GAP, apart, diagram
-from jaxball.bench.formatting import power, seconds
-from jaxball.bench.measure import Measured, Row
+from jaxball.bench.measure import Measured, Row, power, seconds
 from jaxball.bench.problems import ALL as PROBLEMS
 from jaxball.bench.report import asked, cheapest, markdown, spread
 

@@ -6,9 +6,9 @@ import subprocess
 import sys
 
 import pytest
+from jaxball.cli.work import memory
 
 from jaxball.cli import main
-from jaxball.cli.work import memory
 
 
 @pytest.fixture(autouse=True)

@@ -11,9 +11,7 @@ from PIL import Image
 
 from jaxball import plot
 from jaxball.interface.output import OutputError
-from jaxball.plot.animation import frames
-from jaxball.plot.canvas import Canvas
-from jaxball.plot.gif import long_runs, palette_of
+from jaxball.plot.animation import Canvas, frames, long_runs, palette_of
 from jaxball.plot.palette import mass_colour
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene

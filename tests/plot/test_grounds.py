@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import jaxball
-from jaxball import BallState, ConstantRate, Ground, HarmonicSeries, Oscillating, Turntable
+from jaxball import BallState, ConstantRate, Ground, HarmonicSeries, Oscillating, Turntable, plot
 from jaxball.plot.record import record
 from jaxball.plot.scene import scene
 from tests.plot.geometry import overlaps
@@ -75,3 +75,13 @@ def test_the_texts_of_a_scene_with_a_ground_are_apart(run, request):
     for k in (0, 20):
         show(k)
         assert overlaps(figure) == []
+
+
+def test_the_velocity_over_a_plane_that_vibrates_is_relative_to_it():
+    """V is that of rolling, rω × e3, along a plane that moves but does not turn."""
+    shaken = Oscillating(HarmonicSeries((0.0, 0.0, 0.0), [(0.5, 0.0, 0.0)], [2.0]))
+    disk = jaxball.Disk(mass=1.0, inertia=0.5, offset=(0.0, 0.0, -0.3), ground=Ground(0.0, motion=shaken))
+    run = jaxball.simulate(disk, TIMES, jaxball.DiskState(), rtol=1e-6, atol=1e-6)
+    drawn = plot.centre_velocity(run).lines[0].get_ydata()
+    assert np.ptp(drawn) > 0.1
+    np.testing.assert_allclose(drawn, -np.asarray(run.state.phidot), atol=1e-12)

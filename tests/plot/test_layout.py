@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from jaxball import Ball, BallState, Circle, ConstantRate, OnRail, PointMass, ReleasedState, Tube, plot, simulate
 from jaxball.classical import AbstractClassicalSystem
-from jaxball.plot.actuation import accelerations
+from jaxball.plot.coordinates import accelerations
 from jaxball.plot.report import CLASSICAL, STANDARD
 from jaxball.plot.style import DASH, caption, plane_axes, up_to_ticks
 from jaxball.scenario import builtin_scenarios, load_scenario

@@ -14,10 +14,17 @@ from matplotlib.patches import PathPatch, StepPatch
 
 from jaxball import plot
 from jaxball.cli import main
-from jaxball.plot.sweeps import fans, maps, slices
-from jaxball.plot.sweeps.results import label_of, standard_results
-from jaxball.plot.sweeps.rows import rows_of, sample
-from jaxball.plot.sweeps.symbols import NUMBERS, in_plain_text, number_label, plain
+from jaxball.plot.sweeps import figures
+from jaxball.plot.sweeps.rows import (
+    NUMBERS,
+    in_plain_text,
+    label_of,
+    number_label,
+    plain,
+    rows_of,
+    sample,
+    standard_results,
+)
 from jaxball.scenario.initial import INITIAL
 from jaxball.sweep.outputs import layout_of
 from tests.plot.geometry import overlaps
@@ -249,8 +256,8 @@ def test_a_sample_is_always_the_same_and_has_some_that_failed():
 
 
 def test_too_many_rows_are_drawn_in_part_and_the_title_says_so(monkeypatch):
-    for module, name, most in ((slices, "MOST_DRAWN", 3), (maps, "MOST_CELLS", 2), (fans, "MOST_CURVES", 2)):
-        monkeypatch.setattr(module, name, most)
+    for name, most in (("MOST_DRAWN", 3), ("MOST_CELLS", 2), ("MOST_PATHS", 2)):
+        monkeypatch.setattr(figures, name, most)
     assert texts(plot.sweep_slice(disks(), "phi", OVER_MASS))[0] == "$g$ = 1; 3 of 5 rows drawn"
     ax = plot.sweep_map(disks(), "phi", OVER_MASS, "body.gravity")
     assert texts(ax) == ["4 of 15 rows drawn", "MAX_STEPS (4)"]

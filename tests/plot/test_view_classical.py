@@ -24,7 +24,7 @@ from jaxball.classical import (
     VakonomicState,
 )
 from jaxball.plot.view.document import view_document
-from jaxball.plot.view.rigid import ellipsoid_of
+from jaxball.plot.view.free import ellipsoid_of
 from tests.support.pages import arrays_of
 
 TIGHT = {"rtol": 1e-10, "atol": 1e-10}

@@ -12,7 +12,7 @@ import jaxball
 from jaxball import ConstantRate, Ground, HarmonicSeries, Oscillating, Turntable
 from jaxball.plot import ColourScale, write_view
 from jaxball.plot.view.document import in_element, view_document
-from jaxball.plot.view.packing import packed, sampled
+from jaxball.plot.view.scene import packed, sampled
 from jaxball.scenario import load_scenario
 from tests.plot.test_data_drawn import travelled
 from tests.support.pages import arrays_of, unpacked

@@ -7,7 +7,7 @@ from diffrax import ODETerm
 
 from jaxball import BallState, paper
 from jaxball.paper.reproduce import compare_solvers
-from jaxball.paper.reproduce.authors import DAE, ODE, TIMES
+from jaxball.paper.reproduce.compare import DAE, ODE, TIMES
 from jaxball.simulation.arguments import require_dae
 
 HEADINGS = (

@@ -7,7 +7,7 @@ import optimistix
 import pytest
 
 import jaxball
-from jaxball.paper.reproduce.evaluations import Counter, CountingSolver
+from jaxball.paper.reproduce.experiments import Counter, CountingSolver
 from jaxball.solvers import MassMatrixTerm, RadauIIA, SimplifiedNewton
 
 STEPS = 10

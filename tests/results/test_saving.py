@@ -9,7 +9,7 @@ import pytest
 import xarray
 
 from jaxball import ReducedState, Status, simulate
-from jaxball.plot.sweeps.results import label_of, result_names
+from jaxball.plot.sweeps.rows import label_of, result_names
 from jaxball.results import OutputError, save, to_dataset
 from jaxball.scenario import read_scenario, write_scenario
 from jaxball.scenario.paths import check_number, entries

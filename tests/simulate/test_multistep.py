@@ -11,7 +11,7 @@ import pytest
 import jaxball
 from jaxball import Ball, BallState, Event, PointMass, simulate
 from jaxball.paper import reference
-from jaxball.paper.reproduce.evaluations import Counter, CountingSolver
+from jaxball.paper.reproduce.experiments import Counter, CountingSolver
 from jaxball.physics.packing import Packing
 from jaxball.simulation.step_size import by_tolerances, kinks_of, to_kinks
 from jaxball.solvers import NDF, Adams

@@ -11,7 +11,7 @@ import optimistix as optx
 import pytest
 from scipy.integrate import solve_ivp
 
-from jaxball.paper.reproduce.evaluations import Counter, CountingSolver
+from jaxball.paper.reproduce.experiments import Counter, CountingSolver
 from jaxball.solvers import Adams, AdamsController, MassMatrixTerm
 from tests.solvers import detest
 

@@ -9,7 +9,7 @@ import xarray
 import zarr
 
 from jaxball import plot
-from jaxball.plot.sweeps.results import label_of
+from jaxball.plot.sweeps.rows import label_of
 from jaxball.sweep import StoreError, StudyError, describe, open_dataset, open_grid, sweep
 from tests.scenario.documents import BALL
 from tests.sweep.studies import pretend, study

@@ -12,7 +12,6 @@ import numpy as np
 
 from ..interface.wording import counted
 from .contenders import Contender, Program, Run
-from .formatting import power, seconds
 from .problem import Problem
 
 Result = TypeVar("Result")
@@ -229,3 +228,17 @@ def cause(error: Exception) -> str:
     """The kind of ``error`` and the end of its message, where packages that nest messages put the cause."""
     lines = str(error).strip().splitlines() or ["no message"]
     return f"{type(error).__name__}: {lines[-1].rstrip('.')}"
+
+
+def seconds(time: float) -> str:
+    """A time with three digits in a suitable unit."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3)):
+        if time >= size:
+            return f"{time / size:.3g} {unit}"
+    return f"{time / 1e-6:.3g} μs"
+
+
+def power(x: float, digits: int = 1) -> str:
+    """``x`` with an exponent without leading zeros: 1e-8."""
+    mantissa, _, exponent = f"{x:.{digits - 1}e}".partition("e")
+    return f"{mantissa}e{int(exponent)}"

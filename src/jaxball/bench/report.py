@@ -6,8 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .formatting import power, seconds
-from .measure import Measured, Row
+from .measure import Measured, Row, power, seconds
 from .problem import Problem
 
 GOALS = (1e-6, 1e-8, 1e-10, 1e-12)

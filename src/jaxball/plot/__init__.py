@@ -9,8 +9,7 @@ are not changed.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:  # for type checkers and editors, the same interface
-    from .actuation import acceleration as acceleration
-    from .animation import animate as animate
+    from .animation import animate as animate, snapshot as snapshot
     from .chaos import (
         chaos_chart as chaos_chart,
         eigenvalues as eigenvalues,
@@ -19,9 +18,12 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         poincare_section as poincare_section,
         stability_chart as stability_chart,
     )
-    from .classical import classical_motion as classical_motion, law_errors as law_errors
-    from .contact import height as height, slip_speed as slip_speed
-    from .coordinates import mass_angles as mass_angles
+    from .coordinates import (
+        acceleration as acceleration,
+        joint_angles as joint_angles,
+        joint_efforts as joint_efforts,
+        mass_angles as mass_angles,
+    )
     from .designs import (
         branch as branch,
         convergence as convergence,
@@ -30,60 +32,50 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         rail_accelerations as rail_accelerations,
         rail_angles as rail_angles,
     )
-    from .mechanisms import joint_angles as joint_angles, joint_efforts as joint_efforts
-    from .motion import attitude as attitude, centre_velocity as centre_velocity
-    from .paths import body_paths as body_paths, centre_path as centre_path, space_paths as space_paths
-    from .rails import configuration as configuration
+    from .laws import classical_motion as classical_motion, law_errors as law_errors, law_residuals as law_residuals
     from .report import figures as figures, overview as overview
-    from .residuals import law_residuals as law_residuals
-    from .sensors import measurements as measurements
-    from .snapshots import snapshot as snapshot
-    from .style import caption as caption
-    from .sweeps.fans import sweep_fan as sweep_fan
-    from .sweeps.maps import sweep_map as sweep_map
+    from .space import (
+        body_paths as body_paths,
+        centre_path as centre_path,
+        configuration as configuration,
+        space_paths as space_paths,
+    )
+    from .style import ColourScale as ColourScale, caption as caption
+    from .sweeps.figures import sweep_fan as sweep_fan, sweep_map as sweep_map, sweep_slice as sweep_slice
     from .sweeps.matrix import sweep_matrix as sweep_matrix
     from .sweeps.report import sweep_figures as sweep_figures
-    from .sweeps.rows import PictureError as PictureError
-    from .sweeps.scales import sweep_scale as sweep_scale
-    from .sweeps.slices import sweep_slice as sweep_slice
+    from .sweeps.rows import PictureError as PictureError, sweep_scale as sweep_scale
     from .time_series import (
         angular_velocity as angular_velocity,
+        attitude as attitude,
+        centre_velocity as centre_velocity,
         contact_force as contact_force,
         energies as energies,
         friction_ratio as friction_ratio,
+        height as height,
+        measurements as measurements,
         power as power,
+        slip_speed as slip_speed,
     )
-    from .view.document import ColourScale as ColourScale
     from .view.page import View as View, write_view as write_view
 else:
     from ..interface.names import lazy_interface
 
     _NAMES = {
-        "actuation": "acceleration",
-        "animation": "animate",
+        "animation": "animate snapshot",
         "chaos": "chaos_chart eigenvalues lyapunov_convergence multipliers poincare_section stability_chart",
-        "classical": "classical_motion law_errors",
-        "contact": "height slip_speed",
-        "coordinates": "mass_angles",
+        "coordinates": "acceleration joint_angles joint_efforts mass_angles",
         "designs": "branch convergence designed_path place_in_time rail_accelerations rail_angles",
-        "mechanisms": "joint_angles joint_efforts",
-        "motion": "attitude centre_velocity",
-        "paths": "body_paths centre_path space_paths",
-        "rails": "configuration",
+        "laws": "classical_motion law_errors law_residuals",
         "report": "figures overview",
-        "residuals": "law_residuals",
-        "sensors": "measurements",
-        "snapshots": "snapshot",
-        "style": "caption",
-        "sweeps.fans": "sweep_fan",
-        "sweeps.maps": "sweep_map",
+        "space": "body_paths centre_path configuration space_paths",
+        "style": "ColourScale caption",
+        "sweeps.figures": "sweep_fan sweep_map sweep_slice",
         "sweeps.matrix": "sweep_matrix",
         "sweeps.report": "sweep_figures",
-        "sweeps.rows": "PictureError",
-        "sweeps.scales": "sweep_scale",
-        "sweeps.slices": "sweep_slice",
-        "time_series": "angular_velocity contact_force energies friction_ratio power",
-        "view.document": "ColourScale",
+        "sweeps.rows": "PictureError sweep_scale",
+        "time_series": "angular_velocity attitude centre_velocity contact_force energies friction_ratio height"
+        " measurements power slip_speed",
         "view.page": "View write_view",
     }
     __all__, __dir__, __getattr__ = lazy_interface(__name__, _NAMES)

@@ -1,24 +1,41 @@
-"""Animations of a rolling ball or disk."""
+"""Animations of a rolling ball or disk as MP4 or GIF, and single frames of them."""
 
-from collections.abc import Callable
-from functools import partial
+import contextlib
+import struct
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
+from matplotlib.animation import FFMpegWriter
+from matplotlib.artist import Artist
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.typing import ColorType
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from PIL import Image
+from PIL.GifImagePlugin import getdata
 
-from ..interface.output import replacing
+from ..interface.interruption import blocked_in_children, on_interrupt
+from ..interface.output import OutputError, replacing
+from ..numerics.arrays import Numbers
 from ..simulation.trajectory import Trajectory
-from .canvas import Canvas
-from .gif import gif
-from .mp4 import has_ffmpeg, mp4
 from .record import record_to_show
 from .scene import scene
 
 FRAMES = {".mp4": 30, ".gif": 20}  # a second
+Picture = UInt8[np.ndarray, "height width 3"]
+GREYS = (1.0, 0.965, 0.9, 0.8, 0.7, 0.6, 0.45, 0.25, 0.0)
+STRENGTHS = (1.0, 0.66, 0.33)  # of a colour over white, for antialiased edges
+SHORTEST = 8  # pixels; a gap between changes that is shorter is written too, which compresses better
+FOREVER = 0
+QUALITY = 26  # of libx264, where 0 is exact and 51 the worst
+EVEN = "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white"  # the chroma of a film has half the resolution of its luma
+PIXELS = "yuv420p"  # which every player can show
 
 
 def animate(
@@ -68,15 +85,20 @@ def animate(
     shown = frames(run.times, speed / fps)
     show(int(shown[0]))
     canvas = Canvas(figure, dpi)
+
+    def pictures() -> Iterator[Picture]:
+        for done, k in enumerate(shown, start=1):
+            show(int(k))
+            yield canvas.picture()
+            if progress is not None:
+                progress(done, len(shown))
+
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as temporary:
-        make = mp4 if path.suffix == ".mp4" else partial(gif, colours=_colours(figure))
-        with make(temporary, fps, canvas.size) as add:
-            for done, k in enumerate(shown, start=1):
-                show(int(k))
-                add(canvas.picture())
-                if progress is not None:
-                    progress(done, len(shown))
+        if path.suffix == ".mp4":
+            mp4(temporary, pictures(), fps, canvas.size)
+        else:
+            gif(temporary, pictures(), fps, canvas.size, _colours(figure))
     return path
 
 
@@ -120,3 +142,177 @@ def _checked(path: Path) -> Path:
             "install ffmpeg, or write a .gif."
         )
     return path
+
+
+def snapshot(trajectory: Trajectory, t: Numbers | None = None) -> Figure:
+    """The body on its plane, or above it, at one time, with the trail of the contact point up to then.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
+    - ``t``: the time, for which the nearest saved one is shown; by default the last one that the solve reached.
+
+    **Raises:** ``ValueError`` for a trajectory without a finite state, and for a reduced one or a batch.
+
+    **Example:**
+
+    >>> import jax
+    >>> jax.config.update("jax_enable_x64", True)
+    >>> from jaxball import Disk, DiskState, plot, simulate
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
+    >>> plot.snapshot(run, 1.0).savefig("disk.png")
+    >>> print([round(float(place), 3) for place in run.state.z])
+    [0.0, 1.0, 2.0]
+    """
+    run = record_to_show(trajectory)
+    figure, show = scene(trajectory, run)
+    show(len(run.times) - 1 if t is None else int(np.argmin(np.abs(run.times - float(np.asarray(t))))))
+    return figure
+
+
+class Canvas:
+    """Draws a figure repeatedly; artists marked as animated in its Axes are drawn above everything else."""
+
+    def __init__(self, figure: Figure, dpi: float | int):
+        """``dpi``: dots per inch."""
+        figure.set_dpi(dpi)
+        self._canvas = FigureCanvasAgg(figure)
+        self._canvas.draw()
+        self._still = self._canvas.copy_from_bbox(figure.bbox)
+        self._moving: list[Artist] = []
+        for ax in figure.axes:
+            moving = (artist for artist in ax.get_children() if artist.get_animated())
+            self._moving += sorted(moving, key=Artist.get_zorder)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        return self._canvas.get_width_height()
+
+    def picture(self) -> Picture:
+        """The current figure."""
+        self._canvas.restore_region(self._still)
+        renderer = self._canvas.get_renderer()
+        for artist in self._moving:
+            if isinstance(artist, Poly3DCollection):
+                artist.do_3d_projection()
+            artist.draw(renderer)
+        return np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+
+
+def gif(
+    path: Path, pictures: Iterable[Picture], fps: float | int, size: tuple[int, int], colours: Sequence[ColorType]
+) -> None:
+    """Writes pictures one by one as a GIF that repeats forever: a few colours, and of a frame only what changes.
+
+    **Arguments:**
+
+    - ``fps``: frames per second. A GIF counts in hundredths of a second, so frames may differ by one of these.
+    - ``size``: width and height in pixels.
+    - ``colours``: those of the drawing, on white.
+    """
+    table = palette_of(colours)
+    palette, unchanged = table.ravel().tolist(), len(table)  # the colour after the last is transparent
+    reference = Image.new("P", (1, 1))
+    reference.putpalette(palette)
+    shown: UInt8[np.ndarray, "height width"] | None = None
+    with path.open("wb") as file:
+        _write_header(file, size, table)
+        for k, picture in enumerate(pictures):
+            frame = np.asarray(Image.fromarray(picture).quantize(palette=reference, dither=Image.Dither.NONE))
+            corner, part = (0, 0), frame
+            if shown is not None:
+                changed = frame != shown
+                rows, columns = _extent(changed.any(axis=1)), _extent(changed.any(axis=0))
+                kept = long_runs(~changed[rows, columns], SHORTEST)
+                corner, part = (columns.start, rows.start), np.where(kept, unchanged, frame[rows, columns])
+            shown = frame
+            image = Image.fromarray(part.astype(np.uint8))
+            image.putpalette([*palette, 0, 0, 0])
+            hundredths = round(100 * (k + 1) / fps) - round(100 * k / fps)  # so that the total duration is right
+            options = {"duration": 10 * hundredths, "disposal": 1, "interlace": 0, "transparency": unchanged}
+            file.writelines(getdata(image, corner, **options))
+        file.write(b";")
+
+
+def palette_of(colours: Sequence[ColorType]) -> UInt8[np.ndarray, "n 3"]:
+    """Greys, and each colour with its tints; the first one is white."""
+    hues = dict.fromkeys(to_rgb(colour) for colour in colours)
+    shades = [(grey,) * 3 for grey in GREYS]
+    shades += [_tint(hue, strength) for hue in hues if np.ptp(hue) > 0 for strength in STRENGTHS]
+    return np.round(255 * np.array(shades)).astype(np.uint8)
+
+
+def _tint(hue: tuple[float, ...], strength: float) -> tuple[float, ...]:
+    return tuple(1 - strength * (1 - part) for part in hue)
+
+
+def _extent(changed: Bool[np.ndarray, " n"]) -> slice:
+    """From the first change to the last; a single pixel where there is none, because a frame must have pixels."""
+    at = np.flatnonzero(changed)
+    return slice(int(at[0]), int(at[-1]) + 1) if at.size else slice(0, 1)
+
+
+def long_runs(same: Bool[np.ndarray, "height width"], shortest: int) -> Bool[np.ndarray, "height width"]:
+    """Where ``same`` is true in a run of at least ``shortest``, reading line after line."""
+    flat = same.ravel()
+    starts = np.flatnonzero(np.diff(flat, prepend=not flat[0]))
+    lengths = np.diff(starts, append=flat.size)
+    return np.repeat(flat[starts] & (lengths >= shortest), lengths).reshape(same.shape)
+
+
+def _write_header(file: BinaryIO, size: tuple[int, int], palette: UInt8[np.ndarray, "n 3"]) -> None:
+    """The header before the frames: the size, a table of colours for all of them, and how often they are repeated."""
+    bits = max(1, len(palette).bit_length())  # for the colours and a transparent one
+    file.write(b"GIF89a" + struct.pack("<HHBBB", *size, 0xF0 | bits - 1, 0, 0))
+    file.write(palette.tobytes().ljust(3 * 2**bits, b"\0"))
+    file.write(b"!\xff\x0bNETSCAPE2.0" + struct.pack("<BBHB", 3, 1, FOREVER, 0))
+
+
+def has_ffmpeg() -> bool:
+    """Whether ffmpeg is installed where matplotlib looks for it."""
+    return FFMpegWriter.isAvailable()
+
+
+def mp4(path: Path, pictures: Iterable[Picture], fps: float | int, size: tuple[int, int]) -> None:
+    """Writes pictures as a film.
+
+    **Arguments:**
+
+    - ``fps``: frames per second.
+    - ``size``: width and height of the frames in pixels; a row or a column of white is added to an odd number.
+
+    **Raises:** :class:`~jaxball.results.OutputError` with ffmpeg's own message if it fails.
+    """
+    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-framerate", str(fps), "-i", "pipe:"]
+    coded = ["-c:v", "libx264", "-preset", "slow", "-tune", "animation", "-crf", str(QUALITY), "-pix_fmt", PIXELS]
+    command = [FFMpegWriter.bin_path(), "-loglevel", "error", "-y", *raw, "-vf", EVEN, *coded]
+    with tempfile.TemporaryFile() as said:
+        with blocked_in_children():
+            process = subprocess.Popen(
+                [*command, "-movflags", "+faststart", str(path)], stdin=subprocess.PIPE, stdout=said, stderr=said
+            )
+        assert process.stdin is not None
+        stdin = process.stdin
+        # Otherwise it would finish the file of a command that was interrupted.
+        with on_interrupt(process.kill):
+            complete = False
+            try:
+                with contextlib.suppress(BrokenPipeError):  # ffmpeg has ended, and says why
+                    for picture in pictures:
+                        stdin.write(np.ascontiguousarray(picture).data)
+                    stdin.close()
+                    complete = True
+                process.wait()
+            finally:
+                process.kill()
+                process.wait()
+                with contextlib.suppress(BrokenPipeError):
+                    stdin.close()
+        if process.returncode or not complete:
+            said.seek(0)
+            reason = said.read().decode(errors="replace").strip().splitlines() or ["it did not say why"]
+            raise OutputError(
+                f"ffmpeg must be able to make an MP4 with libx264, but it stopped: {reason[-1]}; "
+                "install one that has it, or write a .gif."
+            )

@@ -10,10 +10,10 @@ from matplotlib.colors import ListedColormap
 from matplotlib.patches import Circle, Patch
 
 from ..chaos import LyapunovSpectrum
+from ..simulation.variables import symbol
 from ..stability import PeriodicMotion, SteadyMotion
 from .palette import COMPONENTS, INK
 from .style import SMALL, SQUARE, colour_bar, legend_above, mass_line, named, plane_axes, zero_line
-from .symbols import symbol
 
 if TYPE_CHECKING:
     import xarray

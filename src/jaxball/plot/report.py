@@ -14,20 +14,24 @@ from ..physics.body import AbstractBody, Disk
 from ..physics.system import AbstractSystem
 from ..sensors import AbstractSensor
 from ..simulation.trajectory import Trajectory
-from .actuation import acceleration, accelerations
-from .classical import classical_motion, law_errors
-from .contact import of_contact
-from .coordinates import mass_angles, mass_units
+from .coordinates import acceleration, accelerations, joint_angles, joint_efforts, mass_angles, mass_units
 from .files import check_others, plain_name, run_mark, save_figure
-from .mechanisms import joint_angles, joint_efforts
+from .laws import classical_motion, law_errors
 from .modes import share_bands
-from .motion import attitude, centre_velocity
-from .paths import body_paths, centre_path, space_paths
-from .rails import configuration
 from .record import record
-from .sensors import measurements
+from .space import body_paths, centre_path, configuration, space_paths
 from .style import LABEL, caption
-from .time_series import angular_velocity, contact_force, energies, friction_ratio, power
+from .time_series import (
+    angular_velocity,
+    attitude,
+    centre_velocity,
+    contact_force,
+    energies,
+    friction_ratio,
+    measurements,
+    of_contact,
+    power,
+)
 
 CLASSICAL = (classical_motion, law_errors)
 STANDARD = (

@@ -7,27 +7,70 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle as Ring
+from matplotlib.lines import Line2D
+from matplotlib.patches import Circle as Ring, Polygon
 from matplotlib.text import Text
 from matplotlib.transforms import ScaledTranslation
 from mpl_toolkits.mplot3d import Axes3D, proj3d
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..physics.body import Disk
 from ..simulation.trajectory import Trajectory
-from .floor import Placed, Setting, draw_floor, draw_ground, floor_under, ground_under, place, setting_of
-from .mechanisms import arms_of_run, looks
-from .modes import modes_of
-from .moving import face, line, move
-from .palette import FAINT, INK, SHELL, mass_colour
+from .floor import ROOM, Floor, Placed, Setting, floor_under, ground_under, place, setting_of
+from .modes import PATHS, modes_of, track_of
+from .palette import FAINT, INK, SHELL, TRAIL, mass_colour
 from .record import Record
-from .shapes import outline, parallel, rail_points, split, towards, wireframe
+from .shapes import BREAK, arms_of_run, looks, outline, parallel, rail_points, split, towards, wireframe
 from .style import CAPTION, SMALL, mass_line, subject
-from .trail import draw_trail
 
 ELEVATION, AZIMUTH = 26.0, -60.0  # degrees
 WIDTH, MARGIN, HEADER = 8.0, 0.15, 0.5  # inches
 SHADOW = "0.88"
+SPOKES = 12  # of a turntable
+TOP, SIDE, TABLE = "0.965", "0.9", "0.93"
+GRID: dict[str, Any] = {"color": "0.88", "linewidth": 0.6, "zorder": 1}
 BASELINE = -15.0  # of the clock, in points from the upper edge
+Arms = list[Float[np.ndarray, "T n points 3"]]  # of each mechanism
+
+
+def line(ax: Axes, animated: bool = True, **look) -> Line2D:
+    """A line that has no points yet."""
+    empty = [[]] * (3 if isinstance(ax, Axes3D) else 2)
+    return ax.plot(*empty, animated=animated, **look)[0]
+
+
+def move(artist: Line2D, points: Float[np.ndarray, "points 3"]) -> None:
+    """Moves a line to ``points``; in a plane figure, to their first and third coordinates."""
+    if isinstance(artist.axes, Axes3D):
+        artist.set_data_3d(*points.T)  # pyright: ignore[reportAttributeAccessIssue]
+    else:
+        artist.set_data(points[:, 0], points[:, 2])
+
+
+def face(ax: Axes3D, edgecolor: str = "none", animated: bool = True, **look) -> Poly3DCollection:
+    """A polygon in space that has no corners yet."""
+    polygon = Poly3DCollection([np.zeros((3, 3))], edgecolor=edgecolor, animated=animated, **look)
+    ax.add_collection3d(polygon)
+    return polygon
+
+
+def draw_trail(
+    ax: Axes, trajectory: Trajectory, placed: Placed, setting: Setting, **look: Any
+) -> Callable[[int], None]:
+    """Draws the trail, and returns a function that shows it up to the k-th saved time."""
+    track = track_of(trajectory)
+    if track is None:
+        trail = line(ax, color=TRAIL, **look)
+        return lambda k: move(trail, placed.path[: k + 1] + placed.moved[k])
+    look = {name: value for name, value in look.items() if name != "solid_capstyle"}
+    pieces = [(track.pieces(mode), line(ax, color=TRAIL, **look, **dashes)) for mode, dashes in PATHS.items()]
+
+    def show(k: int) -> None:
+        for (times, points), artist in pieces:
+            until = np.searchsorted(times, placed.times[k], side="right")
+            move(artist, points[:until] @ setting.page.T + placed.moved[k])
+
+    return show
 
 
 class Scene(NamedTuple):
@@ -41,9 +84,6 @@ def scene(trajectory: Trajectory, run: Record) -> Scene:
     """The scene of a ball in space, or of a disk in its plane; gravity points down."""
     make = _disk_scene if isinstance(trajectory.system, Disk) else _ball_scene
     return make(trajectory, run, arms_of_run(trajectory), setting_of(trajectory.system, run.times))
-
-
-Arms = list[Float[np.ndarray, "T n points 3"]]  # of each mechanism
 
 
 def _ball_scene(trajectory: Trajectory, run: Record, arms: Arms, setting: Setting) -> Scene:
@@ -206,3 +246,89 @@ def _clock(figure: Figure, ax: Axes) -> Text:
     return ax.annotate(
         "", (1.0, 0.0), va="bottom", **behind, fontproperties=SMALL, annotation_clip=False, animated=True
     )
+
+
+def draw_floor(
+    ax: Axes3D, floor: Floor, setting: Setting, r: float, viewer: Float[np.ndarray, "3"]
+) -> Callable[[int], None]:
+    """Draws the floor, and returns a function that moves it to the k-th saved time.
+
+    It has lines at every whole multiple of the radius, or the turntable with rings there and with spokes, one darker.
+    """
+    top, base = floor.block
+    moves = setting.moves
+    faces = [(top, face(ax, facecolor=TOP, zorder=0, animated=moves))]
+    if setting.tilted:
+        around = zip(top, np.roll(top, -1, axis=0), np.roll(base, -1, axis=0), base, strict=True)
+        seen = (side for side in map(np.stack, around) if np.cross(side[1] - side[0], [0.0, 0.0, 1.0]) @ viewer > 0)
+        faces += [(side, face(ax, facecolor=SIDE, zorder=0, animated=moves)) for side in seen]
+    if setting.turned is None:
+        marks = [(_grid(floor, r), line(ax, **GRID, animated=moves))]
+    else:
+        rim = floor.table * parallel(0.0)
+        faces.append((_seated(rim, floor, setting), face(ax, facecolor=TABLE, edgecolor="0.8", zorder=0.5)))
+        rings = [np.concatenate([radius * parallel(0.0), BREAK]) for radius in multiples(r, r, floor.table)]
+        spokes, mark = _table_spokes(floor.table)
+        marks = [
+            (np.concatenate([*rings, spokes]), line(ax, True, **(GRID | {"color": "0.82"}))),
+            (mark, line(ax, True, **(GRID | {"color": SHELL, "linewidth": 1.4}))),
+        ]
+
+    def show(k: int) -> None:
+        for corners, artist in faces:
+            artist.set_verts([corners + setting.moved[k]])
+        for points, artist in marks:
+            placed = points @ setting.page.T
+            if setting.turned is not None:
+                c, s = np.cos(setting.turned[k]), np.sin(setting.turned[k])
+                turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+                placed = _seated(points @ turn.T, floor, setting)
+            move(artist, placed + setting.moved[k])
+
+    return show
+
+
+def _seated(points: Float[np.ndarray, "points 3"], floor: Floor, setting: Setting) -> Float[np.ndarray, "points 3"]:
+    """Points given from the centre of the turntable, in axes of the page."""
+    return (points + setting.centre + [0.0, 0.0, floor.height]) @ setting.page.T
+
+
+def _grid(floor: Floor, r: float) -> Float[np.ndarray, "points 3"]:
+    """The lines on the floor, as one curve with breaks; space axes."""
+    (x0, y0), (x1, y1), z = floor.low, floor.high, floor.height
+    lines = [np.array([[x, y0, z], [x, y1, z]]) for x in multiples(r, x0, x1)]
+    lines += [np.array([[x0, y, z], [x1, y, z]]) for y in multiples(r, y0, y1)]
+    return np.concatenate([part for each in lines for part in (each, BREAK)])
+
+
+def multiples(r: float, low: float, high: float) -> Float[np.ndarray, " n"]:
+    """The whole multiples of ``r`` from ``low`` to ``high``."""
+    return r * np.arange(int(np.ceil(low / r)), int(np.floor(high / r)) + 1)
+
+
+def _table_spokes(radius: float) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "2 3"]]:
+    """The spokes of a turntable as one curve with breaks, and the one that is darker."""
+    angles = np.arange(SPOKES) * 2 * np.pi / SPOKES
+    ends = radius * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
+    first, *others = (np.stack([np.zeros(3), end]) for end in ends)
+    return np.concatenate([part for spoke in others for part in (spoke, BREAK)]), first
+
+
+def draw_ground(ax: Axes, path: Float[np.ndarray, "T 3"], r: float, setting: Setting) -> Callable[[int], None]:
+    """Draws the line under a disk, with marks at multiples of the radius; returns a function that moves it."""
+    top, base = ground_under(path, r, setting)
+    wedge = Polygon(np.zeros((3, 2)), facecolor=TOP, edgecolor="none", zorder=0, animated=setting.moves)
+    if setting.tilted:
+        ax.add_patch(wedge)
+    surface = line(ax, color=SHELL, linewidth=1.2, zorder=1, animated=setting.moves)
+    height = path[0, 2]
+    at = multiples(r, path[:, 0].min() - ROOM * r, path[:, 0].max() + ROOM * r)
+    ticks = [np.array([[x, 0.0, height - 0.06 * r], [x, 0.0, height], [np.nan] * 3]) @ setting.page.T for x in at]
+    marks = line(ax, color=SHELL, linewidth=0.8, zorder=1, animated=setting.moves)
+
+    def show(k: int) -> None:
+        wedge.set_xy((np.concatenate([top, base[::-1]]) + setting.moved[k])[:, [0, 2]])
+        move(surface, top + setting.moved[k])
+        move(marks, np.concatenate(ticks) + setting.moved[k])
+
+    return show

@@ -1,10 +1,12 @@
-"""Shell and rails as curves, given by points in body axes."""
+"""What is in a body, as points and curves in body axes: shell, rails, and mechanisms with their arms."""
 
 from collections.abc import Callable, Iterable
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
+import equinox as eqx
+import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 from mpl_toolkits.mplot3d import Axes3D
 
 from ..numerics import programs
@@ -12,6 +14,9 @@ from ..numerics.arrays import to_array
 from ..physics.body import System
 from ..physics.motion import AbstractMotion, Driven, OnRail
 from ..physics.rails import Tube
+from ..simulation.trajectory import Trajectory
+from .palette import mass_colour
+from .record import finite_rows
 
 BREAK = np.full((1, 3), np.nan)
 
@@ -65,6 +70,57 @@ def grouped(
         else:
             groups.append(([i], curve))
     return groups
+
+
+class Look(NamedTuple):
+    """The name of a mass, and the number that determines its colour."""
+
+    name: str
+    number: int
+
+    @property
+    def colour(self) -> str:
+        return mass_colour(self.number)
+
+
+def looks(system: System) -> list[Look]:
+    """Each mass of a body: point masses m_i one by one, and those of a mechanism together as M_j."""
+    shown = [Look(f"$m_{{{i}}}$", i) for i in range(1, system.n_masses + 1)]
+    for j, mechanism in enumerate(system.mechanisms, start=1):
+        shown += [Look(f"$M_{{{j}}}$", system.n_masses + j)] * mechanism.mass.shape[-1]
+    return shown
+
+
+def arms(
+    system: System, times: Float[np.ndarray, " T"], theta: Float[np.ndarray, "T coordinates"]
+) -> list[Float[np.ndarray, "T n points 3"]]:
+    """For each mechanism, the arms of its masses, body vectors from the geometric centre."""
+    return [np.asarray(found) for found in _arms(system, to_array(times), to_array(theta))]
+
+
+def arms_of_run(trajectory: Trajectory) -> list[Float[np.ndarray, "T n points 3"]]:
+    """The arms along a run, at the times that are drawn."""
+    rows = finite_rows(trajectory)
+    return arms(trajectory.system, np.asarray(trajectory.times)[rows], np.asarray(trajectory.state.theta)[rows])
+
+
+@programs.filter_jit
+def _arms(system: System, times, theta) -> list[Array]:
+    prepared = system.prepare()
+    places: dict[int, Array] = {}
+    for group, order in zip(prepared.mechanism_groups, prepared.mechanism_order, strict=True):
+        slots = prepared.slots(order, group.in_state)
+
+        def one(mechanism, t, own):
+            return mechanism.arms(mechanism.rates(t, (own, own, own))[0])
+
+        found = jax.vmap(
+            lambda t, theta, group=group, slots=slots, one=one: eqx.filter_vmap(one, in_axes=(0, None, 0))(
+                group, t, theta[slots]
+            )
+        )(times, theta)
+        places |= {index: found[:, k] for k, index in enumerate(order)}
+    return [places[index] for index in sorted(places)]
 
 
 def wireframe(radius: float, meridians: int = 12, parallels: int = 5) -> Float[np.ndarray, "points 3"]:

@@ -3,7 +3,7 @@
 import math
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
 from matplotlib.lines import Line2D
@@ -37,6 +38,7 @@ WIDE, SQUARE = (4.6, 3.1), (4.6, 4.7)
 WIDE_RANGE = 1e3  # range of a logarithmic axis on which powers of ten are enough ticks
 EDGE = 0.02  # of a plane Axes, by which a curve may exceed it
 LETTERS = 20  # of a caption in an inch
+COLOURS = "viridis"  # of a number
 
 
 def caption(figure: Any, system: "AbstractSystem | None" = None, title: str = "") -> None:
@@ -248,6 +250,34 @@ def legend_above(ax: Axes, most: int = 5) -> None:
         for handle, line in zip(legend.legend_handles, drawn, strict=True):
             if isinstance(handle, Line2D) and isinstance(line, Line2D) and line.get_dash_joinstyle() == SHARED:
                 handle.set_linestyle("-")  # whose dashes may be longer than the handle
+
+
+class ColourScale(NamedTuple):
+    """A number that determines the colours of the bodies in a view.
+
+    **Arguments:**
+
+    - ``name``: the name of the number, such as ``"body.mass"``.
+    - ``values``: its value for each body, in their order; NaN, for unknown, is grey.
+    - ``logarithmic``: whether colours are spaced by its logarithm.
+
+    **Example:**
+
+    >>> from jaxball.plot import ColourScale
+    >>> ColourScale("body.mass", [0.5, 1.0, 2.0], logarithmic=True).values
+    [0.5, 1.0, 2.0]
+    """
+
+    name: str
+    values: Sequence[float]
+    logarithmic: bool = False
+
+
+def norm_of(values: np.ndarray, logarithmic: bool = False) -> Normalize:
+    """The map to colours that covers the finite ones of ``values``."""
+    values = values[np.isfinite(values)]
+    least, most = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
+    return LogNorm(least, most) if logarithmic and 0 < least < most else Normalize(least, most)
 
 
 def zero_line(ax: Axes) -> None:

@@ -1,27 +1,34 @@
-"""Figures of quantities over time: rates, energies and forces."""
+"""Figures of quantities over time: velocities, orientation, energies, forces, and the readings of sensors."""
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
 
+import jax
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
+from ..numerics import programs
+from ..numerics.arrays import to_array
 from ..physics.body import Disk
 from ..physics.modes import Mode
+from ..sensors import AbstractSensor
 from ..simulation.history import ContactHistory
 from ..simulation.trajectory import Trajectory
-from .modes import modes_of, with_breaks
+from .modes import modes_of, share_bands, with_breaks
 from .over_time import Series, over_time, sizes_of, without_rounding
 from .palette import COMPONENTS, DASHED, DOTTED, INK, TAKEN
-from .record import drawn_run, finite_rows, record
-from .style import legend_above, linestyle, plane_axes, up_to_ticks, write
+from .record import drawn_run, finite_rows, record, require_one
+from .style import WIDE, caption, legend_above, linestyle, plane_axes, up_to_ticks, write
 
 if TYPE_CHECKING:
     from ..simulation.extremes import ContactExtremes
 
 SHORT = 4  # entries in a row of a legend that has long ones
 CONSTANT = 1e-6  # a force with a smaller relative change counts as constant
+PANEL = 1.5  # the height of a panel, in inches
 
 
 def angular_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
@@ -217,3 +224,181 @@ def _when(t: float, times: Float[np.ndarray, " T"]) -> str:
     """A time as text, to five digits of the duration of the run."""
     span = float(times[-1] - times[0])
     return rf"at $t = {round(t, 4 - math.floor(math.log10(span))) if span > 0 else t:g}$"
+
+
+def centre_velocity(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """The velocity V of the geometric centre, space axes: ż of the disk, V_1 and V_2 of the ball.
+
+    For a body that leaves the plane, V_3 is drawn too.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
+
+    **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
+
+    **Example:**
+
+    >>> from jaxball import Disk, DiskState, plot, simulate
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], DiskState(phidot=-1.0))
+    >>> print(plot.centre_velocity(run).lines[0].get_ydata())
+    [1. 1. 1.]
+    """
+    run = drawn_run(trajectory)
+    rows, speed = finite_rows(run), sizes_of(run.system).speed
+    V = _velocity(run) if run.contact is None else np.asarray(run.contact.V)[rows]
+    rises = bool(np.any(without_rounding(V[:, 2], speed)))
+    planar = isinstance(run.system, Disk)
+    columns = [j for j in range(3) if (j != 1 or not planar) and (j != 2 or rises)]
+    labels = {j: rf"$V_{j + 1}$" for j in columns} if len(columns) > 1 else {0: ""}
+    series = [Series(V[:, j], labels[j], COMPONENTS[j]) for j in columns]
+    name = r"$\dot{z}$" if len(columns) == 1 else "$V_i$"
+    return over_time(run.system, np.asarray(run.times)[rows], series, name, ax, modes=modes_of(run), size=speed)
+
+
+def attitude(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """The orientation of the body: φ of the disk, rad; for the ball, the vertical Γ = Λ⁻¹e3 in body axes.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
+
+    **Raises:** ``ValueError`` for a reduced trajectory, a batch, or a three-dimensional ``ax``.
+    """
+    run = drawn_run(trajectory)
+    times, _, observables = record(run)
+    if isinstance(run.system, Disk):
+        state: Any = run.state
+        phi = np.asarray(state.phi)[finite_rows(run)]
+        series, name = [Series(phi, "", COMPONENTS[0])], r"$\phi$ (rad)"
+    else:
+        Gamma = observables.vertical_body
+        series, name = [Series(Gamma[:, j], rf"$\Gamma_{j + 1}$", COMPONENTS[j]) for j in range(3)], r"$\Gamma_i$"
+    return over_time(run.system, times, series, name, ax, modes=modes_of(run), size=1.0)
+
+
+def _velocity(run: Trajectory) -> Float[np.ndarray, "T 3"]:
+    """V = rω × e3, plus the velocity of a turntable under the centre."""
+    omega, r = record(run).observables.angular_velocity_space, float(run.system.radius)
+    V = r * np.stack([omega[:, 1], -omega[:, 0], 0.0 * omega[:, 0]], axis=1)
+    drift = _drift(run.system, to_array(np.asarray(run.times)), run.state)
+    if drift is not None:
+        V[:, :2] += np.asarray(drift)[finite_rows(run)]
+    return V
+
+
+@programs.filter_jit
+def _drift(system, times, states):
+    return jax.vmap(system.prepare().drift)(times, states)
+
+
+def height(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """The height h of the body above the plane, for a run with a law of contact.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns with a ``contact``.
+
+    **Raises:** ``ValueError`` for a run without a law of contact, a batch, or a three-dimensional ``ax``.
+
+    **Example:**
+
+    >>> from jaxball import Contact, Disk, DiskState, ReleasedState, plot, simulate
+    >>> thrown = ReleasedState(DiskState(), V=(1.0, 0.0, 0.0), height=0.1)
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(sliding=0.2))
+    >>> plot.height(run).get_ylabel()
+    '$h$'
+    """
+    run = _of_contact(trajectory)
+    values = np.asarray(_history(run).height)
+    return _one(run, values, "$h$", sizes_of(run.system).length, ax)
+
+
+def slip_speed(trajectory: Trajectory, ax: Axes | None = None) -> Axes:
+    """|v_s|, the speed of the body's lowest point along the plane, for a run with a law of contact.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns with a ``contact``.
+
+    **Raises:** as :func:`height`, also for a three-dimensional ``ax``.
+
+    **Example:**
+
+    >>> from jaxball import Contact, Disk, DiskState, ReleasedState, plot, simulate
+    >>> thrown = ReleasedState(DiskState(), V=(1.0, 0.0, 0.0), height=0.1)
+    >>> run = simulate(Disk(mass=1.0, inertia=0.5), [0.0, 1.0, 2.0], thrown, contact=Contact(sliding=0.2))
+    >>> [band.get_label() for band in plot.slip_speed(run).patches]
+    ['flight', 'sliding']
+    """
+    run = _of_contact(trajectory)
+    values = np.linalg.norm(np.asarray(_history(run).slip)[:, :2], axis=1)
+    return _one(run, values, r"$|\,\mathbf{v}_s|$", sizes_of(run.system).speed, ax)
+
+
+def of_contact(trajectory: Trajectory[Any, Any]) -> list[Callable[..., Axes]]:
+    """The figures of height and slip speed that are not empty, none without a law of contact."""
+    history, rows = trajectory.contact, finite_rows(trajectory)
+    if history is None:
+        return []
+    sizes = sizes_of(trajectory.system)
+    moves = {
+        height: without_rounding(np.asarray(history.height), sizes.length),
+        slip_speed: without_rounding(np.asarray(history.slip)[:, :2], sizes.speed),
+    }
+    return [draw for draw, values in moves.items() if np.any(values[rows])]
+
+
+def _one(run: Trajectory, values: Float[np.ndarray, " T"], name: str, size: float, ax: Axes | None) -> Axes:
+    rows = finite_rows(run)
+    series = [Series(values[rows], "", COMPONENTS[0])]
+    ax = over_time(run.system, np.asarray(run.times)[rows], series, name, ax, modes=modes_of(run), size=size)
+    up_to_ticks(ax, low=0.0)
+    return ax
+
+
+def _of_contact(trajectory: Trajectory) -> Trajectory:
+    """The run, with the states on both sides of its switches."""
+    require_one(trajectory)
+    if trajectory.contact is None:
+        raise ValueError(
+            "Argument `trajectory` must be of a run with a law of contact, but it has none; a body that rolls neither "
+            "slips nor leaves the plane. Give one: simulate(..., contact=Contact(sliding=0.3))."
+        )
+    return drawn_run(trajectory)
+
+
+def _history(run: Trajectory) -> ContactHistory:
+    assert run.contact is not None
+    return run.contact
+
+
+def measurements(trajectory: Trajectory[Any, Any], sensors: Mapping[str, AbstractSensor]) -> Figure:
+    """The readings of sensors, each in a panel under its name: a vector by its components along its axes.
+
+    **Arguments:**
+
+    - ``trajectory``: what :func:`jaxball.simulate` returns.
+    - ``sensors``: one or more of those of :mod:`jaxball.sensors`, by name.
+
+    **Raises:** ``ValueError`` for a batch, without sensors, and as :meth:`jaxball.Trajectory.measured`.
+    """
+    require_one(trajectory)
+    if not sensors:
+        raise ValueError("Argument `sensors` must have one sensor or more to draw, but it is empty.")
+    run = drawn_run(trajectory)
+    rows, modes = finite_rows(run), modes_of(run)
+    times, found = np.asarray(run.times)[rows], run.measured(sensors)
+    figure = Figure(figsize=(WIDE[0], 0.5 + PANEL * len(sensors)), layout="constrained")
+    caption(figure, trajectory.system)
+    panels = figure.subplots(len(sensors), 1, sharex=True, squeeze=False)[:, 0]
+    for ax, (name, leaf) in zip(panels, found.items(), strict=True):
+        columns = np.asarray(leaf)[rows].reshape(len(rows), -1).T
+        drawn, *lines = with_breaks(modes, times, *columns)
+        labels = [rf"$x_{{{k}}}$" for k in range(1, len(lines) + 1)] if len(lines) > 1 else [""]
+        looks = (COMPONENTS[k % len(COMPONENTS)] for k in range(len(lines)))
+        series = [Series(*one) for one in zip(lines, labels, looks, strict=True)]
+        over_time(trajectory.system, drawn, series, name, ax, modes=modes)
+        ax.label_outer()
+    share_bands(figure)
+    return figure

@@ -19,9 +19,9 @@ from ..scenario.paths import entries
 from ..sensors import AbstractSensor
 from ..simulation.extremes import contact_extremes
 from ..simulation.trajectory import Trajectory
+from ..simulation.variables import Variable
 from .files import FORMAT, SUFFIXES, UNKNOWN_SOLVER
 from .variables import (
-    Variable,
     contact_attributes,
     described,
     history_values,

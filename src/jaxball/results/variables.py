@@ -1,8 +1,7 @@
 """The variables of a saved trajectory, those of its contact included: dimensions, units, meaning and coordinates."""
 
-import enum
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,97 +10,13 @@ from jaxtyping import Array
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody
 from ..physics.contact_law import Contact
-from ..physics.modes import Cause, Mode
 from ..physics.released import ReleasedState
 from ..physics.state import DiskState, ReducedState
 from ..scenario.body import COEFFICIENTS
 from ..sensors import AbstractSensor
 from ..simulation.history import NOWHERE, ContactHistory, Switches
 from ..simulation.trajectory import Trajectory
-
-
-class Variable(NamedTuple):
-    """Dimensions after ``time``, units in terms of those of the parameters, and the meaning of the variable.
-
-    ``flags`` gives the names that its numbers stand for, if any.
-    """
-
-    dimensions: tuple[str, ...]
-    units: str
-    meaning: str
-    flags: type[enum.IntEnum] | None = None
-
-    @property
-    def notes(self) -> dict[str, Any]:
-        """The attributes of the variable; flags are as the conventions for climate and forecasts (CF) say them."""
-        notes: dict[str, Any] = {"units": self.units, "long_name": self.meaning}
-        if self.flags is not None:
-            notes["flag_values"] = np.array([int(one) for one in self.flags])
-            notes["flag_meanings"] = " ".join(one.name.lower() for one in self.flags)
-        return notes
-
-
-STATE = {
-    "q": Variable(("component",), "1", "versor of the rotation from body to space, scalar first"),
-    "Lambda": Variable(("row", "axis"), "1", "rotation matrix from body to space"),
-    "Omega": Variable(("axis",), "rad/time", "angular velocity in body axes"),
-    "Gamma": Variable(("axis",), "1", "upward vertical in body axes"),
-    "z": Variable(("direction",), "length", "position of the geometric centre on the plane"),
-    "phi": Variable((), "rad", "angle of the disk"),
-    "phidot": Variable((), "rad/time", "rate of the disk's angle"),
-    "theta": Variable(("driven",), "rad or length", "parameter of a driven mass on its rail, or of a joint"),
-    "thetadot": Variable(("driven",), "rad or length / time", "rate of theta"),
-}
-
-CLASSICAL_STATE = {
-    "q": STATE["q"],
-    "Omega": STATE["Omega"],
-    "x": Variable((), "length", "coordinate x"),
-    "y": Variable((), "length", "coordinate y"),
-    "z": Variable((), "length", "coordinate z"),
-    "xdot": Variable((), "length/time", "rate of x"),
-    "ydot": Variable((), "length/time", "rate of y"),
-    "multiplier": Variable((), "momentum", "multiplier of the constraint"),
-}
-
-LAWS = {
-    "energy": Variable((), "energy", "total energy"),
-    "spatial_momentum": Variable(("axis",), "angular momentum", "angular momentum in space axes"),
-    "momentum_squared": Variable((), "angular momentum^2", "square of the angular momentum"),
-    "vertical_momentum": Variable((), "angular momentum", "angular momentum about the vertical"),
-    "axial_momentum": Variable((), "angular momentum * length", "angular momentum along chi, Lagrange's integral"),
-    "vertical_squared": Variable((), "1", "square of the upward vertical in body axes"),
-    "versor_squared": Variable((), "1", "square of the versor"),
-    "constraint": Variable((), "rad/time", "angular velocity along xi, 0 by the constraint"),
-    "p_y": Variable((), "momentum", "momentum along y"),
-    "p_xz": Variable((), "momentum", "momentum in the plane of x and z"),
-    "p_x": Variable((), "momentum", "momentum along x, that of the multiplier included"),
-    "p_z": Variable((), "momentum", "momentum along z, that of the multiplier included"),
-}
-
-OBSERVABLES = {
-    "mass_positions_body": Variable(("mass", "axis"), "length", "position of a mass from the centre, body axes"),
-    "mass_positions_space": Variable(("mass", "axis"), "length", "position of a mass from the centre, space axes"),
-    "centre_of_mass_body": Variable(("axis",), "length", "position of the centre of mass, body axes"),
-    "centre_of_mass_space": Variable(("axis",), "length", "position of the centre of mass, space axes"),
-    "geometric_centre": Variable(("axis",), "length", "position of the geometric centre in space"),
-    "contact_point": Variable(("axis",), "length", "position of the contact point in space"),
-    "vertical_body": Variable(("axis",), "1", "upward vertical in body axes"),
-    "angular_velocity_body": Variable(("axis",), "rad/time", "angular velocity in body axes"),
-    "angular_velocity_space": Variable(("axis",), "rad/time", "angular velocity in space axes"),
-    "angular_acceleration_body": Variable(("axis",), "rad/time^2", "angular acceleration in body axes"),
-    "kinetic_energy": Variable((), "energy", "kinetic energy"),
-    "potential_energy": Variable((), "energy", "potential energy, 0 at the height of the centre"),
-    "energy": Variable((), "energy", "total energy"),
-    "power": Variable((), "power", "power of the actuation, the external force and everything else that does work"),
-    "dissipation": Variable((), "power", "power dissipated by resistance"),
-    "normal_force": Variable((), "force", "normal force of the plane"),
-    "friction": Variable(("direction",), "force", "friction force of the plane"),
-    "friction_ratio": Variable((), "1", "ratio of friction to normal force"),
-    "joint_angles": Variable(("joint",), "rad or length", "parameter of each joint of the mechanisms"),
-    "joint_rates": Variable(("joint",), "rad or length / time", "rate of joint_angles"),
-    "joint_efforts": Variable(("joint",), "torque or force", "generalised force on each joint"),
-}
+from ..simulation.variables import CLASSICAL_STATE, HISTORY, LAWS, OBSERVABLES, STATE, SWITCHES, Variable
 
 
 def values(trajectory: Trajectory[Any, Any]) -> dict[str, tuple[Variable, np.ndarray]]:
@@ -183,25 +98,6 @@ def labels(system: Any, sizes: Mapping[str, int]) -> dict[str, np.ndarray]:
     return coordinates
 
 
-HISTORY = {
-    "mode": Variable((), "1", "mode of the motion, -1 at times that the solve did not reach", Mode),
-    "V": Variable(("axis",), "length/time", "velocity of the geometric centre in space axes"),
-    "height": Variable((), "length", "height of the body above the plane"),
-    "slip": Variable(("axis",), "length/time", "velocity of the lowest point relative to the plane, space axes"),
-    "sigma": Variable(("direction",), "1", "direction of slip"),
-    "rubbed": Variable((), "energy", "energy dissipated by sliding friction"),
-    "struck": Variable((), "energy", "energy dissipated by impacts"),
-}
-
-# By the names of the fields of Switches. Those of the states before and after come with the kind of the state.
-SWITCHES = {
-    "times": Variable((), "time", "time of a change of mode"),
-    "cause": Variable((), "1", "why the mode ended", Cause),
-    "source": Variable((), "1", "mode before the switch", Mode),
-    "target": Variable((), "1", "mode after the switch", Mode),
-    "lost": Variable((), "energy", "energy dissipated by the impact"),
-    "grazing": Variable((), "1", "1 if the function that ended the mode touched zero without crossing it"),
-}
 SIDES = ("before", "after")
 RELEASED = {name: HISTORY[name] for name in ("V", "height")}
 

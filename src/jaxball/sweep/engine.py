@@ -16,7 +16,8 @@ from ..scenario.solvers import SOLVERS
 from ..simulation.events import Detachment
 from ..simulation.extremes import contact_extremes
 from ..simulation.simulate import FEW_STEPS, simulate
-from .outputs import CONTACT, contact_results
+from ..simulation.variables import EXTREMES
+from .outputs import contact_results
 from .rows import Batch, Request
 from .study import solved_in_lanes
 
@@ -91,7 +92,7 @@ def _solve_one(
     extremes = contact_extremes(trajectory) if touches else None
     results = {name: getattr(trajectory, name) for name in ("status", "steps", "rejected", "reached")}
     results |= vars(trajectory.state) | contact_results(trajectory)
-    return results if extremes is None else results | {name: getattr(extremes, name) for name in CONTACT}
+    return results if extremes is None else results | {name: getattr(extremes, name) for name in EXTREMES}
 
 
 # The same for any number of threads, so that results are the same to the last bit.

@@ -1,6 +1,5 @@
 """The results that a study keeps for each row, and how its rows lie along its axes."""
 
-import dataclasses
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -12,10 +11,10 @@ from jaxtyping import Array
 from ..physics.modes import Mode
 from ..physics.released import ReleasedState
 from ..physics.state import BallState, DiskState
-from ..results.variables import CLASSICAL_STATE, HISTORY, STATE, Variable, labels, undescribed
+from ..results.variables import labels, undescribed
 from ..scenario import Scenario
-from ..simulation.extremes import ContactExtremes
 from ..simulation.trajectory import Trajectory
+from ..simulation.variables import CLASSICAL_STATE, EXTREMES, HISTORY, RUN, RUN_SWITCHES, STATE, Variable
 from .axes import Axis, Designed, FromFile, Ranged, Zipped
 from .errors import StudyError
 from .study import Study
@@ -59,18 +58,6 @@ def _scattered(axis: Axis) -> bool:
 
 
 NOT_COMPUTED = -1  # the status of a row that is not computed yet
-CONTACT = tuple(field.name for field in dataclasses.fields(ContactExtremes) if field.name not in ("weight", "constant"))
-_PER_ROW = {
-    "status": (np.int8, "", "how the solve ended, the number of a jaxball.Status; -1 before it is computed"),
-    "steps": (np.int32, "", "steps taken, accepted and rejected"),
-    "rejected": (np.int32, "", "steps rejected"),
-    "reached": (np.float64, "time", "the time that the solve reached"),
-}
-_OF_SWITCHES = {
-    "switches": (np.int32, "", "how often the mode of contact switched"),
-    "first_switch": (np.float64, "time", "time of the first switch; NaN if there is none"),
-    "modes": (np.int8, "", "the modes of the run: the sum of 1 for rolling, 2 for sliding and 4 for flight"),
-}
 
 
 class Output(NamedTuple):
@@ -98,21 +85,17 @@ def outputs_of(study: Study, template: Scenario) -> dict[str, Output]:
     outputs = {"row": Output((), (), np.dtype(np.int64), "", "row of the study", True)}
     for path in study.paths:
         outputs[path] = _number("", f"the number {path} of the scenario", coordinate=True)
-    for name, (dtype, units, meaning) in _PER_ROW.items():
-        outputs[name] = Output((), (), np.dtype(dtype), units, meaning)
+    outputs |= {name: _output(known) for name, known in RUN.items()}
     saves = (template.times.size,) if study.save == "times" else ()
     dimensions = ("save",) * len(saves)
     if saves:
         outputs["time"] = Output(dimensions, saves, np.dtype(np.float64), "time", "save time", True)
     for name, (known, shape) in state_variables(template).items():
-        dtype = np.dtype(np.int8 if name == "mode" else np.float64)
-        outputs[name] = Output((*dimensions, *known.dimensions), (*saves, *shape), dtype, known.units, known.meaning)
+        outputs[name] = _output(known._replace(dimensions=(*dimensions, *known.dimensions)), (*saves, *shape))
     if template.contact is not None:
-        for name, (dtype, units, meaning) in _OF_SWITCHES.items():
-            outputs[name] = Output((), (), np.dtype(dtype), units, meaning)
-    for name in CONTACT if study.contact else ():
-        units = "1" if name == "friction_needed" else "time" if name.endswith("_time") else "force"
-        outputs[name] = _number(units, name.replace("_", " ") + " of the run")
+        outputs |= {name: _output(known) for name, known in RUN_SWITCHES.items()}
+    if study.contact:
+        outputs |= {name: _output(known) for name, known in EXTREMES.items()}
     for find in study.finds:
         for name, end in ((find.name + end, end) for end in find.reduction().ends):
             if find.kind and (name in outputs or name == AXES):
@@ -150,6 +133,10 @@ def labels_of(outputs: dict[str, Output], template: Scenario) -> dict[str, np.nd
     """The labels along each dimension except ``row``."""
     sizes = {name: n for item in outputs.values() for name, n in zip(item.dimensions, item.shape, strict=True)}
     return labels(template.system, sizes)
+
+
+def _output(known: Variable, shape: tuple[int, ...] = ()) -> Output:
+    return Output(known.dimensions, shape, np.dtype(known.dtype), known.units, known.meaning)
 
 
 def _number(units: str, meaning: str, coordinate: bool = False) -> Output:

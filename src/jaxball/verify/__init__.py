@@ -6,12 +6,12 @@ No figures are drawn and no files written here.
 TYPE_CHECKING = False
 
 if TYPE_CHECKING:  # for type checkers and editors, the same interface
+    from .case import Trust as Trust
     from .laws import LAWS as LAWS
     from .report import Report as Report, Row as Row
     from .run import verify as verify
-    from .trust import Trust as Trust
 else:
     from ..interface.names import lazy_interface
 
-    _NAMES = {"laws": "LAWS", "report": "Report Row", "run": "verify", "trust": "Trust"}
+    _NAMES = {"laws": "LAWS", "report": "Report Row", "run": "verify", "case": "Trust"}
     __all__, __dir__, __getattr__ = lazy_interface(__name__, _NAMES)

@@ -1,6 +1,7 @@
-"""The runs that a verification compares, each computed when it is first needed and then kept."""
+"""The runs that a verification compares, each computed when it is first needed, and how far a result can be trusted."""
 
 import dataclasses
+import math
 from functools import cached_property, partial
 from typing import Any
 
@@ -28,6 +29,8 @@ DEVIATION = 1e-7
 DIRECTIONS = 4
 SAFETY = 10  # because step-size control keeps an estimate of the error, in the mean square, to the tolerance
 INTERPOLATION = 10  # the interpolation error at the saved times, in steps
+ERROR_ALLOWED = 1e-3
+LEAST_ERROR = 1e-16
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -151,3 +154,51 @@ def flat(state: AbstractState) -> Float[np.ndarray, "T size"]:
     """States along a leading axis as rows."""
     leaves = [np.asarray(leaf) for leaf in jax.tree.leaves(state)]
     return np.concatenate([leaf.reshape(leaf.shape[0], -1) for leaf in leaves], axis=1)
+
+
+@dataclasses.dataclass(frozen=True)
+class Trust:
+    """How far ahead a result can be trusted.
+
+    Errors are relative to 1 + |x|, component by component, like the tolerances if both are equal.
+
+    - ``error``: the largest error of the run, measured against a run at a tolerance of 1e-13.
+    - ``growth``: the largest factor by which a small deviation of the initial state grows in the run.
+    - ``lyapunov_time``: the time in which it grows e-fold on average, the inverse of the finite-time Lyapunov exponent.
+    - ``horizon``: the time at which the error reaches 1e-3. Beyond the end of the run it is extrapolated with the mean
+      growth rate, and is too early where the motion is regular.
+    - ``end``: when the run ended.
+    """
+
+    error: float
+    growth: float
+    lyapunov_time: float
+    horizon: float
+    end: float
+
+    def __repr__(self) -> str:
+        growth = f"{self.growth:.3g}-fold, e-fold in {self.lyapunov_time:.3g}"
+        reached = self.horizon <= self.end
+        bound = f"reaches {ERROR_ALLOWED:g} at" if reached else f"stays below {ERROR_ALLOWED:g} until"
+        return f"error {self.error:.1e}; small deviations grow {growth}; the error {bound} t = {self.horizon:.3g}"
+
+
+def trust(case: Case) -> Trust | None:
+    """How far ahead the run can be trusted, from its error and the growth of small deviations.
+
+    With their growth G over a run of length T, log(G) / T is the finite-time Lyapunov exponent, and the error is
+    extrapolated at that rate. In a regular motion deviations grow linearly in time and the exponent falls as
+    log(T) / T, so the error stays small for longer than this says. None where the reference run failed.
+    """
+    if not case.reference.ok:
+        return None
+    times = np.asarray(case.scenario.times)
+    errors = np.maximum.accumulate(case.errors)
+    error, growth = float(errors[-1]), float(np.max(case.growth))
+    lyapunov_time = float(times[-1] - times[0]) / math.log(growth) if growth > 1 else math.inf
+    late = ~(errors <= ERROR_ALLOWED)
+    if late.any():
+        horizon = float(times[int(np.argmax(late))])
+    else:
+        horizon = float(times[-1]) + lyapunov_time * math.log(ERROR_ALLOWED / max(error, LEAST_ERROR))
+    return Trust(error=error, growth=growth, lyapunov_time=lyapunov_time, horizon=horizon, end=float(times[-1]))

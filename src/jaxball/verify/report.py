@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..interface.printing import json_types
-from .trust import ERROR_ALLOWED, Trust
+from .case import ERROR_ALLOWED, Trust
 
 
 @dataclasses.dataclass(frozen=True)

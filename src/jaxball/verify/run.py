@@ -15,11 +15,10 @@ from ..scenario import Scenario
 from ..simulation.simulate import at_rest
 from ..simulation.trajectory import Trajectory
 from .balances import laws_along
-from .case import Case
+from .case import Case, trust
 from .comparisons import CHECKS, SLOW
 from .laws import LAWS
 from .report import Report, Row
-from .trust import trust
 
 ROLLING_ONLY = "it is for a ball or a disk"
 UNSAID = ("closed-form", "moving-energy", "saved")  # without a closed form, a turntable or a file, these have no row

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ... import solvers
-from ...paper.reproduce.evaluations import Counter, Field, counting
+from ...paper.reproduce.experiments import Counter, Field, counting
 from ...solvers.multistep import controller_class
 from ..problem import Form, Problem
 from ..translate import jax_field, jax_parameters

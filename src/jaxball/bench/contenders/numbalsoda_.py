@@ -11,7 +11,7 @@ import numpy as np
 
 from ..problem import Problem
 from .base import MAX_STEPS, Outcome, Program, Run, Work
-from .numba_ import Compiled, compiled_rates
+from .scipy_ import Compiled, compiled_rates
 
 # Untyped, because it need not be installed where types are checked.
 numba: Any = importlib.import_module("numba")

@@ -15,8 +15,8 @@ from ...physics.state import BallState, DiskState
 from ...scenario import Scenario, read_document
 from ...scenario.body import rolling_state
 from ...scenario.errors import UntraceableError
-from ...scenario.paths import key_of, value_at, with_numbers
 from ...scenario.files import Structure
+from ...scenario.paths import key_of, value_at, with_numbers
 from ...scenario.values import Numbers, kinds_of_numbers
 from .variables import Bounds, DesignError, Variable, default_scale, expanded
 

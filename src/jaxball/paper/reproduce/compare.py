@@ -4,19 +4,64 @@ import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
-from ... import paper
+import diffrax
+
+from ... import paper, solvers
 from ...interface.wording import all_of, counted
-from . import authors
-from .authors import Counterpart
 from .experiments import EXPERIMENTS, Experiment, Measurement, ball_experiment, check_names, measure
 from .table import STEPS, Column, Table, agreement
+
+
+class Counterpart(NamedTuple):
+    """A solver with the same method as one of the authors' solvers, or the closest one.
+
+    - ``name``: how it is made.
+    - ``why_nearest``: why no other is closer, if it is not the same method.
+    """
+
+    name: str
+    solver: diffrax.AbstractAdaptiveSolver
+    why_nearest: str = ""
+
+
+# Sections 4 and 5, in their order: MATLAB R2017b, and radau5 by Hairer & Wanner in Fortran.
+ODE = {
+    "ode45": Counterpart("Dopri5()", diffrax.Dopri5()),
+    "ode113": Counterpart("Adams()", solvers.Adams()),
+    "ode15s": Counterpart("NDF()", solvers.NDF()),
+    "ode23t": Counterpart("Trapezoidal()", solvers.Trapezoidal()),
+    "ode23tb": Counterpart("TRBDF2()", solvers.TRBDF2()),
+    "radau5": Counterpart("RadauIIA()", solvers.RadauIIA()),
+}
+# Section 5 only, `rolling_ball_dae_g`.
+DAE = {
+    "ode15s": ODE["ode15s"],
+    "ode23t": Counterpart(
+        "NDF(2)",
+        solvers.NDF(max_order=2),
+        "ode23t is the trapezoidal rule, and Trapezoidal() solves no DAE. NDF(2) does, and is implicit of order 2 too.",
+    ),
+    "radau5": ODE["radau5"],
+}
+
+# In seconds, to t = 20. All six exist for the ball, and ode45, ode113 and ode23tb solve only the ODE.
+TIMES: Mapping[str, Mapping[str, float]] = {
+    "disk": {"ode45": 0.23, "ode113": 0.06, "ode15s": 0.30, "ode23t": 5.01, "ode23tb": 7.18, "radau5": 0.27},
+    "ball": {"ode45": 0.25, "ode113": 0.10, "ode15s": 0.25, "ode23t": 2.19, "ode23tb": 3.72, "radau5": 0.41},
+}
+SOURCE_OF_TIMES = (
+    "a comment in the LaTeX source of section 4, which is not printed; MATLAB R2017b and, for radau5, Fortran, on a "
+    "machine that is not named"
+)
+
 
 UNKNOWN, NEAREST = "not published", "†"
 LEGEND = (
     "Counterpart: the same method in jaxball or diffrax, with the paper's tolerance, "
     f"{paper.DISK_TOLERANCE:.0e} for the disk and {paper.BALL_TOLERANCE:.0e} for the ball.",
-    *(f"{NEAREST} The nearest: {nearest.why_nearest}" for nearest in authors.DAE.values() if nearest.why_nearest),
+    *(f"{NEAREST} The nearest: {nearest.why_nearest}" for nearest in DAE.values() if nearest.why_nearest),
     "DAE: |q|² = 1 replaces the equation of one component, the first in the paper, the largest here.",
     "Accepted, rejected: steps. Evaluations: of the right-hand side, counted; one for a Jacobian. Error: largest "
     "component at t = 0, 1, ..., 20 relative to a 30-digit reference. Time: median of warm calls. Compile: how much "
@@ -24,7 +69,7 @@ LEGEND = (
     "All these refer to the counterpart. The authors published no steps, evaluations or errors, only that all solvers "
     "agreed and that ode113 was the fastest. Steps here end at t = 0, 1, ..., 20 and at the kinks of the actuation, "
     "and the motion of the masses is not integrated with the rest, so the authors' solvers took different steps.",
-    f"Authors' time: from {authors.SOURCE_OF_TIMES}. So it cannot be compared directly with the times here.",
+    f"Authors' time: from {SOURCE_OF_TIMES}. So it cannot be compared directly with the times here.",
 )
 
 
@@ -75,7 +120,7 @@ TABLE: Table[Comparison] = Table(
 def compare_solvers(
     out: Path | str = "out",
     *,
-    solvers: Sequence[str] = tuple(authors.ODE),
+    solvers: Sequence[str] = tuple(ODE),
     systems: Sequence[str] = tuple(EXPERIMENTS),
     echo: Callable[[str], None] = print,
 ) -> list[Comparison]:
@@ -93,7 +138,7 @@ def compare_solvers(
     **Raises:** ``ValueError`` for other names, :class:`~jaxball.PrecisionError` without float64, and
     :class:`~jaxball.SolveError` when a solve fails.
     """
-    check_names("solvers", solvers, authors.ODE)
+    check_names("solvers", solvers, ODE)
     check_names("systems", systems, EXPERIMENTS)
     cases = list(_cases(solvers, systems))
     out = Path(out)
@@ -102,7 +147,7 @@ def compare_solvers(
     echo(f"Measuring {counted(len(cases), 'row')}, ten to twenty seconds each, mostly compiling.\n")
     comparisons = TABLE.printed((_compared(*case) for case in cases), echo)
     conclusion = _conclusion(comparisons)
-    TABLE.write(out, comparisons, conclusion, source_of_authors_time=authors.SOURCE_OF_TIMES)
+    TABLE.write(out, comparisons, conclusion, source_of_authors_time=SOURCE_OF_TIMES)
 
     echo("\n" + "\n".join(TABLE.legend))
     echo(f"\nWrote {' and '.join(TABLE.files)} into {out}.")
@@ -118,16 +163,16 @@ def _cases(solvers: Sequence[str], systems: Sequence[str]) -> Iterator[tuple[Exp
 
 
 def _forms(system: str) -> Iterator[tuple[Experiment, Mapping[str, Counterpart]]]:
-    yield EXPERIMENTS[system](), authors.ODE
+    yield EXPERIMENTS[system](), ODE
     if system == "ball":
-        yield ball_experiment(dae=True), authors.DAE
+        yield ball_experiment(dae=True), DAE
 
 
 def _compared(experiment: Experiment, name: str, counterpart: Counterpart) -> Comparison:
     return Comparison(
         paper_solver=name,
         form="DAE" if experiment.dae else "ODE",
-        authors_time=None if experiment.dae else authors.TIMES[experiment.name][name],
+        authors_time=None if experiment.dae else TIMES[experiment.name][name],
         why_nearest=counterpart.why_nearest,
         measurement=measure(experiment, counterpart.name, counterpart.solver),
     )

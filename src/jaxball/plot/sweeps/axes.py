@@ -1,24 +1,31 @@
-"""The Axes of a study's figure: their title and legend, the scales of their numbers, and the colours of a number."""
+"""The Axes of a study's figure, and the colour, mark and hatching of each status of rows that failed."""
 
 import textwrap
 import tomllib
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import LogNorm
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
+from ...interface.status import Status
 from ..style import SMALL, caption, colour_bar, number_decades, plane_axes
 
 if TYPE_CHECKING:
     import xarray
 
-COLOURS = "viridis"
 _LETTERS = 62
+MANY = 1000
+KEY = 5.0
+ROW_OF_MARKS = 0.045  # its height, of that of the axes
+NOT_FINITE = -2  # a row that succeeded, but whose result is not finite
+_NAMES = {NOT_FINITE: "not finite"}
 
 
 def title_of(data: "xarray.Dataset") -> str:
@@ -76,13 +83,6 @@ def coloured(ax: Axes, shown: ScalarMappable, label: str) -> None:
         number_decades(bar.ax.yaxis, high / low)
 
 
-def norm_of(values: np.ndarray, logarithmic: bool = False) -> Normalize:
-    """The map to colours that covers the finite ones of ``values``."""
-    values = values[np.isfinite(values)]
-    least, most = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
-    return LogNorm(least, most) if logarithmic and 0 < least < most else Normalize(least, most)
-
-
 def edges_of(values: Float[np.ndarray, " points"], logarithmic: bool) -> Float[np.ndarray, " edges"]:
     """The edges of cells around ``values``, halfway between them, or between their logarithms."""
     if logarithmic and values[0] > 0:
@@ -91,3 +91,89 @@ def edges_of(values: Float[np.ndarray, " points"], logarithmic: bool) -> Float[n
         return values[0] + np.array([-0.5, 0.5])
     between = (values[1:] + values[:-1]) / 2
     return np.concatenate([[2 * values[0] - between[0]], between, [2 * values[-1] - between[-1]]])
+
+
+class Look(NamedTuple):
+    """The colour, the mark and the hatching of a status."""
+
+    colour: str
+    marker: str
+    hatch: str
+
+
+# Distinguishable from one another and from the colours of viridis, also in grey and for colour-blind readers.
+LOOKS = {
+    NOT_FINITE: Look("#882255", "1", "..."),
+    Status.MAX_STEPS: Look("#BB5566", "x", "////"),
+    Status.NOT_FINITE: Look("black", "+", "xxxx"),
+    Status.IMPOSSIBLE: Look("0.55", "s", "\\\\\\\\"),
+    Status.SOLVER_FAILED: Look("#D55E00", "2", "----"),
+    Status.LEFT_SHELL: Look("#CC79A7", "v", "||||"),
+    Status.DETACHED: Look("#332288", "^", "++++"),
+    Status.SLIPPED: Look("#999933", "p", "oo"),
+    Status.EVENT: Look("0.3", "d", "**"),
+    Status.JAMMED: Look("#009E73", "P", "xx"),
+    Status.CHATTERED: Look("#0072B2", "*", "\\\\||"),
+}
+
+
+def outcomes(status: Int[np.ndarray, " rows"], values: Float[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
+    """The status of each row, or ``NOT_FINITE`` where a row that succeeded has a value that is not finite."""
+    return np.where((status == Status.SUCCESS) & ~np.isfinite(values), NOT_FINITE, status)
+
+
+def present(outcome: Int[np.ndarray, " rows"]) -> list[int]:
+    """The codes of the failures among the outcomes."""
+    return [code for code in np.unique(outcome).tolist() if code != Status.SUCCESS]
+
+
+def names_of(outcome: Int[np.ndarray, " rows"]) -> dict[int, str]:
+    """The legend entry of each failure among the outcomes: its name, and how many rows have it."""
+    return {code: f"{_NAMES.get(code) or Status(code).name} ({np.sum(outcome == code):,})" for code in present(outcome)}
+
+
+def marks(
+    ax: Axes,
+    right: Float[np.ndarray, " rows"],
+    up: Float[np.ndarray, " rows"] | None,
+    outcome: Int[np.ndarray, " rows"],
+    names: Mapping[int, str],
+    size: float = KEY,
+) -> list[Line2D]:
+    """Draws a mark for each row that failed, and returns a legend key for each of the failures in ``names``.
+
+    Without ``up``, each failure has a row of marks above the lower edge.
+    """
+    keys, size = [], size if len(outcome) <= MANY else min(size, 2.0)
+    for k, (code, name) in enumerate(names.items()):
+        look, here = LOOKS[code], outcome == code
+        on_the_edge: dict[str, Any] = {"transform": ax.get_xaxis_transform()} if up is None else {}
+        mark: dict[str, Any] = {"marker": look.marker, "color": look.colour, "markerfacecolor": "none"}
+        ax.plot(
+            right[here],
+            np.full(np.sum(here), (k + 0.6) * ROW_OF_MARKS) if up is None else up[here],
+            **mark,
+            markersize=size,
+            markeredgewidth=0.2 * size,
+            linestyle="none",
+            label=name,
+            zorder=4,
+            rasterized=True,
+            **on_the_edge,
+        )
+        keys.append(Line2D([], [], **mark, markersize=KEY, linestyle="none", label=name))
+    return keys
+
+
+def make_room(ax: Axes, names: Mapping[int, str]) -> None:
+    """Extends the axes downwards, so that rows of marks fit there."""
+    share = ROW_OF_MARKS * len(names)
+    low, high = ax.get_ylim()
+    if share and ax.get_yscale() == "linear":
+        ax.set_ylim(low - share / (1 - share) * (high - low), high)
+
+
+def patch(code: int, name: str) -> Patch:
+    """The legend key of a failure shown by cells."""
+    look = LOOKS[code]
+    return Patch(facecolor=look.colour, edgecolor="white", hatch=look.hatch, linewidth=0.0, label=name)

@@ -14,11 +14,8 @@ from ...interface.status import Status
 from ...interface.wording import counted
 from ..palette import COMPONENTS
 from ..style import SMALL, caption, named, plane_axes
-from .axes import edges_of, scale, title_of
-from .failures import LOOKS, MANY, make_room, marks, names_of, outcomes, present
-from .results import label_of, standard_results, values_of
-from .rows import PictureError, Rows, rows_of, sample
-from .symbols import Labels, number_label
+from .axes import LOOKS, MANY, edges_of, make_room, marks, names_of, outcomes, present, scale, title_of
+from .rows import Labels, PictureError, Rows, label_of, number_label, rows_of, sample, standard_results, values_of
 
 if TYPE_CHECKING:
     import xarray

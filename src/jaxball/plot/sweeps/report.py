@@ -8,13 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..files import check_others, save_figure, scenario_mark
-from .fans import sweep_fan
-from .maps import sweep_map
+from .figures import MOST_CURVES, sweep_fan, sweep_map, sweep_slice
 from .matrix import MOST_VARIABLES, sweep_matrix
-from .results import parsed, result_names, standard_results
-from .rows import Rows, listed, rows_of
-from .slices import MOST_CURVES, sweep_slice
-from .symbols import plain
+from .rows import Rows, listed, parsed, plain, result_names, rows_of, standard_results
 
 if TYPE_CHECKING:
     import xarray

@@ -1,7 +1,8 @@
-"""The computed rows of a study, their positions along its axes, and which of them a figure shows."""
+"""The computed rows of a study, as figures show them: their places, results by name such as ``z[0]``, and labels."""
 
 import dataclasses
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -9,14 +10,96 @@ from jaxtyping import Bool, Float, Int
 
 from ...interface.status import Status
 from ...interface.wording import did_you_mean
-from .symbols import Labels, number_label
+from ...scenario.paths import entries
+from ...simulation.variables import EXTREMES, FINDS, RUN, symbol_of
+from ..style import ColourScale
 
 if TYPE_CHECKING:
     import xarray
 
+# The path of a number, in which # stands for an index, with its symbol, in which # stands for that index from 1, and
+# its unit.
+NUMBERS = {
+    "body.mass": ("m_0", "mass"),
+    "body.radius": ("r", "length"),
+    "body.gravity": ("g", "length/time²"),
+    "body.inertia": ("d", "mass length²"),
+    "body.inertia[#]": ("d_{#}", "mass length²"),
+    "body.offset[#]": (r"\chi_{0,#}", "length"),
+    "body.chi[#]": (r"\chi_{#}", "length"),
+    "masses[#].mass": ("m_{#}", "mass"),
+    "masses[#].rail.radius": ("r_{#}", "length"),
+    "masses[#].rail.semi_axes[#]": ("a_{#,#}", "length"),
+    "masses[#].schedule.theta": (r"\theta_{#}(t_0)", "rad"),
+    "masses[#].schedule.rate": (r"\dot{\theta}_{#}", "rad/time"),
+    "masses[#].schedule.height": (r"\ddot{\theta}_{#}", "rad/time²"),
+    "mechanisms[#].masses[#].mass": ("M_{#,#}", "mass"),
+    "ground.angle": ("a", "rad"),
+    "ground.heading": ("b", "rad"),
+    "contact.sliding": (r"\mu", ""),
+    "contact.static": (r"\mu_s", ""),
+    "contact.restitution": ("e", ""),
+    "initial.Omega[#]": (r"\Omega_{#}(t_0)", "rad/time"),
+    "initial.phi": (r"\phi(t_0)", "rad"),
+    "initial.phidot": (r"\dot{\phi}(t_0)", "rad/time"),
+    "initial.z": ("z(t_0)", "length"),
+    "initial.z[#]": ("z_{#}(t_0)", "length"),
+    "initial.theta[#]": (r"\theta_{#}(t_0)", ""),
+    "initial.thetadot[#]": (r"\dot{\theta}_{#}(t_0)", ""),
+    "initial.velocity[#]": ("V_{#}(t_0)", "length/time"),
+    "initial.height": ("h(t_0)", "length"),
+    "time.end": ("t_1", "time"),
+}
+Labels = Mapping[str, str] | None
+GREEK = {
+    "Gamma": "Γ",
+    "Lambda": "Λ",
+    "Omega": "Ω",
+    "chi": "χ",
+    "lambda": "λ",
+    "mu": "μ",
+    "phi": "φ",
+    "theta": "θ",
+}
+SUBSCRIPTS = str.maketrans("0123456789sx", "₀₁₂₃₄₅₆₇₈₉ₛₓ")
 SEED = 0
 FEW_PATHS = 2
 _NEEDED = ("shape", "paths", "path_axis", "path_logarithmic", "axis_scattered")
+_KNOWN = RUN | EXTREMES | FINDS
+_FIRST = ("friction_needed", "z", "phi", "x", "y")
+_NOT_RESULTS = ("row", "status")
+MOST_STANDARD = 3
+
+
+def number_label(path: str, labels: Labels = None, *, with_unit: bool = True) -> str:
+    """The label of the number at a path: from ``labels``, its symbol and unit, or its path."""
+    if labels and path in labels:
+        return labels[path]
+    indices = iter(re.findall(r"\[(\d+)\]", path))
+    symbol, unit = NUMBERS.get(re.sub(r"\[\d+\]", "[#]", path), ("", ""))
+    if not symbol:
+        return path
+    numbered = re.sub("#", lambda _: str(int(next(indices)) + 1), symbol)
+    return f"${numbered}$" + (f" ({unit})" if unit and with_unit else "")
+
+
+def plain(path: str) -> str:
+    """A path as part of a file's name, without brackets: ``masses0.mass``, ``z0``."""
+    return re.sub(r"[^\w.-]+", "_", re.sub(r"\[(\d+)\]", r"\1", path.replace("][", "]-["))).strip("_")
+
+
+def in_plain_text(label: str) -> str:
+    """A label in the characters of plain text, for a page without TeX: ``Ω₃(t₀) (rad/time)``."""
+    text = re.sub(r"\\ddot\{(\\?\w+)\}", "\\1\N{COMBINING DIAERESIS}", label.replace("$", ""))
+    text = re.sub(r"\\dot\{(\\?\w+)\}", "\\1\N{COMBINING DOT ABOVE}", text)
+    text = re.sub(r"\\([A-Za-z]+)", lambda found: GREEK.get(found[1], found[1]), text)
+    return re.sub(r"_\{([^}]*)\}|_(\w)", lambda found: _lowered(found[1] or found[2]), text)
+
+
+def _lowered(subscript: str) -> str:
+    """As a subscript, if there is a sign for each of its characters."""
+    lowered = subscript.translate(SUBSCRIPTS)
+    return f"_{subscript}" if re.search("[A-Za-z]", lowered) else lowered
 
 
 class PictureError(ValueError):
@@ -173,3 +256,123 @@ def listed(data: Any, name: str) -> list[Any]:
     """An attribute that is a list; some file formats store a list of one as a number or a text."""
     value = data.attrs[name]
     return [value] if isinstance(value, str) else np.atleast_1d(value).tolist()
+
+
+def result_names(data: "xarray.Dataset") -> list[str]:
+    """The names of all results of a study, those that its key ``find`` lists first; vectors by entries, as ``z[0]``."""
+    names = [str(name) for name in data.data_vars if name not in _NOT_RESULTS and "row" in data[name].dims]
+    first = [*_finds(data), *_FIRST]
+    names.sort(key=lambda name: (first.index(name) if name in first else len(first), name))
+    return [entry for name in names for entry in entries(name, _shape(data, name))]
+
+
+def standard_results(data: "xarray.Dataset") -> list[str]:
+    """A few important results: those that the key ``find`` lists, or else the friction needed and the final position
+    where they exist, and the steps.
+    """
+    names = [name for name in result_names(data) if name not in ("steps", "rejected", "reached")]
+    return [*names[: max(MOST_STANDARD, len(_finds(data)))], "steps"]
+
+
+def _finds(data: "xarray.Dataset") -> list[str]:
+    """The results that the study's key ``find`` lists."""
+    return [name for name in listed(data, "finds") if name in data.data_vars] if "finds" in data.attrs else []
+
+
+def values_of(rows: Rows, result: str) -> Float[np.ndarray, " rows"]:
+    """A result of each row, at the last save time if there are several.
+
+    **Raises:** :class:`PictureError` when there is no such result.
+    """
+    name, index = parsed(rows.data, result)
+    array = rows.data[name]
+    if "save" in array.dims:
+        array = array.isel(save=-1)
+    return array.values[(rows.places, *index)].astype(float)
+
+
+def histories_of(rows: Rows, result: str) -> Float[np.ndarray, "rows saves"]:
+    """A result of each row at all save times; only these rows are read.
+
+    **Raises:** :class:`PictureError` when there is no such result, or when it was not saved at all times.
+    """
+    name, index = parsed(rows.data, result)
+    array = rows.data[name]
+    if "save" not in array.dims:
+        saved = [item for item in result_names(rows.data) if "save" in rows.data[parsed(rows.data, item)[0]].dims]
+        known = ", ".join(saved) or 'none: the study needs `save = "times"`'
+        raise PictureError(f"Result `{result}` must be one that was saved at all times, which are {known}.")
+    return array.isel(row=rows.places).values[(slice(None), slice(None), *index)]
+
+
+def parsed(data: "xarray.Dataset", result: str) -> tuple[str, tuple[int, ...]]:
+    """The variable that a name such as ``z[0]`` stands for, and the index in it.
+
+    **Raises:** :class:`PictureError` when there is no such result.
+    """
+    known = result_names(data)
+    if result not in known:
+        hint = did_you_mean(result, known, f"it has {', '.join(known)}", "`")
+        raise PictureError(f"Result `{result}` must be one of the study's results{hint}")
+    return result.partition("[")[0], tuple(int(k) for k in re.findall(r"\[(\d+)\]", result))
+
+
+def label_of(data: "xarray.Dataset", result: str, labels: Labels = None, *, at_the_end: bool = True) -> str:
+    """The label of a result in a figure, from ``labels``, or with its units."""
+    if labels and result in labels:
+        return labels[result]
+    name, index = parsed(data, result)
+    known = _KNOWN.get(name)
+    words = (known and known.words) or name.replace("_", " ")
+    if symbol_of(name):
+        dimensions = [dimension for dimension in data[name].dims if dimension not in ("row", "save")]
+        indices = [_index(data, str(dimension), k) for dimension, k in zip(dimensions, index, strict=True)]
+        words = f"${symbol_of(name)}{'_{' + ','.join(indices) + '}' if indices else ''}$"
+        words += " at the end" if at_the_end else ""
+    units = data[name].attrs.get("units", "") or (known.units if known else "")
+    return words if units in ("", "1") else f"{words} ({units})"
+
+
+def _index(data: "xarray.Dataset", dimension: str, k: int) -> str:
+    """The index of the paper's symbol: it counts from 1, for a versor from 0; for driven masses it is the mass's."""
+    if dimension == "component":
+        return str(k)
+    masses = dimension == "driven" and dimension in data.variables and data[dimension].dtype.kind == "i"
+    return str(1 + (int(data[dimension][k]) if masses else k))
+
+
+def _shape(data: "xarray.Dataset", name: str) -> tuple[int, ...]:
+    return tuple(size for dimension, size in data[name].sizes.items() if dimension not in ("row", "save"))
+
+
+def sweep_scale(data: "xarray.Dataset", rows: Sequence[int], by: str | None = None) -> ColourScale | None:
+    """A number of a study in some of its rows, by which their bodies are coloured.
+
+    **Arguments:**
+
+    - ``data``: the store of a study, as :func:`jaxball.sweep.open_dataset` opens it.
+    - ``rows``: the numbers of the rows, from 0.
+    - ``by``: the path of a number that the study changes, or a result such as ``"z[0]"``, at the end; by default the
+      first number that differs between the rows.
+
+    **Returns:** the number by its symbol and unit, as in ``Ω₃(t₀) (rad/time)``; None if no number is given and none
+    differs.
+
+    **Raises:** :class:`PictureError` if the study has no number of that name.
+    """
+    places = np.asarray(rows, dtype=int)
+    chosen = Rows(data, places, np.zeros((places.size, 0), dtype=int), data["status"].values[places].astype(int))
+    paths = [str(path) for path in listed(data, "paths")]
+    if by is None:
+        by = next(iter(chosen.varying()), None)
+    if by is None:
+        return None
+    if by in paths:
+        return ColourScale(in_plain_text(number_label(by)), chosen.number(by).tolist(), chosen.is_logarithmic(by))
+    results = result_names(data)
+    if by not in results:
+        raise PictureError(
+            f"Number `{by}` must be one that the study changes, {', '.join(paths)}, or one of its results, "
+            f"{', '.join(results)}."
+        )
+    return ColourScale(in_plain_text(label_of(data, by)), values_of(chosen, by).tolist())

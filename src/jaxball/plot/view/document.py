@@ -39,25 +39,22 @@ for, by its values at equal steps of the colours ``stops``, or is None.
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, to_hex
 
+from ...classical import ParticleState, RigidBodyState, VakonomicState
 from ...interface.views import MOST_BODIES
+from ...physics.body import AbstractBody
 from ...simulation.trajectory import Trajectory
 from ..palette import ARROWS, COMPONENTS, MODES, TRAIL, mass_colour
-from ..style import described, dimensionless
-from ..sweeps.axes import COLOURS, norm_of
-from .graphs import PAIR
-from .kinds import RIGID, ROLLING, SHOWN, kind_of
-from .packing import Pool, chosen_rows
-from .particle import particle_scene
-from .rigid import rigid_scene
+from ..style import COLOURS, ColourScale, described, dimensionless, norm_of
+from .free import particle_scene, rigid_scene
 from .rolling import rolling_scene
-from .scene import Discs, Scene
+from .scene import PAIR, Discs, Pool, Scene, chosen_rows
 
 FORMAT, VERSION = "jaxball view", 4
 BEFORE, UNKNOWN = "#8a8a8a", "#8a8a8a"
@@ -66,27 +63,8 @@ STOPS = 9
 # So that no text of a run can end the element that contains it, or a line of a program that reads it.
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
 Runs = Trajectory[Any, Any] | Mapping[str, Trajectory[Any, Any]]
-
-
-class ColourScale(NamedTuple):
-    """A number that determines the colours of the bodies in a view.
-
-    **Arguments:**
-
-    - ``name``: the name of the number, such as ``"body.mass"``.
-    - ``values``: its value for each body, in their order; NaN, for unknown, is grey.
-    - ``logarithmic``: whether colours are spaced by its logarithm.
-
-    **Example:**
-
-    >>> from jaxball.plot import ColourScale
-    >>> ColourScale("body.mass", [0.5, 1.0, 2.0], logarithmic=True).values
-    [0.5, 1.0, 2.0]
-    """
-
-    name: str
-    values: Sequence[float]
-    logarithmic: bool = False
+ROLLING, RIGID, PARTICLE = "body that rolls", "rigid body", "particle"
+SHOWN = "a ball, a disk, a rigid body with a RigidBodyState or a particle with a ParticleState or a VakonomicState"
 
 
 def view_document(
@@ -244,3 +222,12 @@ def _note(kept: int, saved: int) -> str:
         f"Shown are {kept:,} of the {saved:,} saved times, evenly spaced, to keep this file small; all_times=True in "
         "Python, or --all-times of jaxball view, keeps all of them."
     )
+
+
+def kind_of(trajectory: Trajectory[Any, Any]) -> str | None:
+    """The kind as which a run is shown; None if it cannot be shown."""
+    if isinstance(trajectory.system, AbstractBody):
+        return ROLLING
+    if isinstance(trajectory.state, RigidBodyState):
+        return RIGID
+    return PARTICLE if isinstance(trajectory.state, ParticleState | VakonomicState) else None

@@ -16,7 +16,8 @@ from jaxtyping import Float
 from ...interface.arguments import require_flags
 from ...interface.output import replacing
 from ...interface.views import MARK, check_view
-from .document import ColourScale, Runs, in_element, view_document
+from ..style import ColourScale
+from .document import Runs, in_element, view_document
 from .scene import Discs
 
 HERE = Path(__file__).parent

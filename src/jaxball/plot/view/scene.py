@@ -1,16 +1,106 @@
-"""The scene of a view: bodies of one kind, the camera, and the graphs beside them."""
+"""The parts of a view: bodies of one kind with their numbers as JSON text, the camera, and graphs over time."""
 
-from collections.abc import Sequence
+import base64
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ...simulation.trajectory import Trajectory
-from .packing import Numbers
+from ..palette import COMPONENTS, DASHED, SOLID, TAKEN, Dashes, Line, mass_look
 
+CLOSE = 1e-6  # the allowed error of a point's position, in radii
+AROUND = 80  # characters in JSON that name an array, its type and its shape
 Discs = Sequence[tuple[Float[np.ndarray, "2"], float]]  # of the plane, each with centre and radius
 SUBSCRIPTS = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+PAIR = 2
+BLUE, RED, YELLOW = COMPONENTS
+INK = "ink"  # the colour of text, on light pages and on dark ones
+WIDTH = 1.6  # of lines, pixels
+
+
+class Numbers(NamedTuple):
+    """An array to pack: to a millionth of ``scale``, if that is given, and by saved times, if it has them."""
+
+    values: Float[np.ndarray, "..."]
+    scale: float | None = None
+    over_time: bool = True
+
+
+class Pool:
+    """Packed arrays, equal ones once; ``arrays`` is the list of them."""
+
+    def __init__(self) -> None:
+        self.arrays: list[dict[str, Any]] = []
+        self._places: dict[tuple[str, str, tuple[int, ...]], int] = {}
+
+    def add(self, numbers: Numbers, rows: Int[np.ndarray, " rows"] | None = None) -> int:
+        """The place of an array, of which ``rows`` are kept if it is over time and they are given."""
+        kept = rows is not None and numbers.over_time
+        array = packed(numbers.values[rows] if kept else numbers.values, numbers.scale)
+        key = (array["type"], array["data"], tuple(array["shape"]))
+        if key not in self._places:
+            self._places[key] = len(self.arrays)
+            self.arrays.append(array)
+        return self._places[key]
+
+
+def packed(values: Any, scale: float | None = None) -> dict[str, Any]:
+    """An array as the page reads it, in float32.
+
+    With a ``scale``, in float64 where float32 would be off by more than a millionth of that.
+    """
+    exact = np.asarray(values, dtype="<f8")
+    with np.errstate(over="ignore"):
+        short = exact.astype("<f4")
+    off = np.max(np.abs(short - exact), initial=0.0) if scale is not None else 0.0
+    kept = short if scale is None or off <= CLOSE * scale else exact
+    data = base64.b64encode(kept.tobytes()).decode("ascii")
+    return {"type": kept.dtype.name, "shape": list(kept.shape), "data": data}
+
+
+def chosen_rows(
+    bodies: Sequence[Mapping[str, Numbers]], lengths: Sequence[int], room: float
+) -> list[Int[np.ndarray, " rows"]]:
+    """The saved times of each body that fit into ``room`` characters of JSON: all, or evenly spaced ones.
+
+    Both ends are included, and the same fraction is kept for all bodies.
+    """
+    sizes = {True: 0, False: 0}  # of arrays over time, and of others
+    pool = Pool()
+    for body in bodies:
+        for numbers in body.values():
+            before = len(pool.arrays)
+            pool.add(numbers)
+            for array in pool.arrays[before:]:
+                sizes[numbers.over_time] += len(array["data"])
+    room -= sizes[False] + AROUND * sum(len(body) for body in bodies)
+    share = max(room, 0.0) / sizes[True] if sizes[True] else 1.0
+    return [evenly(length, length if share >= 1 else int(share * length)) for length in lengths]
+
+
+def evenly(length: int, count: int) -> Int[np.ndarray, " rows"]:
+    """Up to ``count`` of the indices below ``length``, evenly spaced, both ends among them."""
+    return np.unique(np.round(np.linspace(0, length - 1, max(2, min(count, length)))).astype(int))
+
+
+def sampled(points: Float[np.ndarray, "points 3"], close: float) -> Float[np.ndarray, "some 3"]:
+    """Every k-th of the points of a curve, k as large as leaves the others within ``close`` of the chords."""
+    for k in range(len(points) // 3, 1, -1):
+        if (len(points) - 1) % k == 0 and _farthest(points, k) <= close:
+            return points[::k]
+    return points
+
+
+def _farthest(points: Float[np.ndarray, "points 3"], k: int) -> float:
+    """The largest distance of the points from the chords between every k-th of them."""
+    starts, ends = points[:-1:k, None], points[k::k, None]
+    inner = points[:-1].reshape(-1, k, points.shape[1])
+    chords = ends - starts
+    square = np.sum(chords**2, axis=-1, keepdims=True)
+    along = np.sum((inner - starts) * chords, axis=-1, keepdims=True) / np.where(square > 0, square, 1.0)
+    return float(np.max(np.linalg.norm(inner - starts - np.clip(along, 0.0, 1.0) * chords, axis=-1)))
 
 
 class Scene(NamedTuple):
@@ -56,3 +146,68 @@ def law_changes(trajectory: Trajectory[Any, Any], rows: np.ndarray) -> tuple[lis
     # A letter keeps its index, as in p_y.
     names = [name if name[1:2] == "_" else name.replace("_", " ") for name in laws]
     return names, np.stack(changes, axis=1) if changes else np.zeros((len(rows), 0))
+
+
+def graph(title: str, series: list[dict[str, Any]], size: float = 0.0, *, gaps: bool = False) -> dict[str, Any]:
+    """A graph of series, where rounding compared with ``size`` is 0; with ``gaps`` at switches between modes."""
+    return {"title": title, "series": series, "size": size, "gaps": gaps}
+
+
+def series(
+    name: str, colour: str | None, array: str, columns: list[int], norm: bool = False, dashes: Dashes = SOLID
+) -> dict[str, Any]:
+    """The sum of ``columns`` of an array, or their norm; in the colour of the body unless another is given."""
+    return {
+        "name": name.translate(SUBSCRIPTS),
+        "colour": colour,
+        "dash": [WIDTH * length for length in dashes],
+        "array": array,
+        "columns": columns,
+        "norm": norm,
+    }
+
+
+def each(names: Iterable[str], looks: Iterable[Line | str], array: str) -> list[dict[str, Any]]:
+    """A series for each column, with its colour or its line."""
+    lines = [Line(look) if isinstance(look, str) else look for look in looks]
+    pairs = enumerate(zip(names, lines, strict=False))
+    return [series(name, line.colour, array, [k], dashes=line.dashes) for k, (name, line) in pairs]
+
+
+def of_masses(numbers: Iterable[int]) -> list[Line]:
+    """The lines of masses or joints."""
+    return [mass_look(i) for i in numbers]
+
+
+def rate_of_turning(size: float) -> dict[str, Any]:
+    """φ̇ of disks."""
+    return graph("Angular velocity", [series("φ̇", BLUE, "turning", [0])], size)
+
+
+def angular_velocity(count: int, size: float = 0.0) -> dict[str, Any]:
+    """Ω of one or two bodies, |Ω| of more."""
+    if count > PAIR:
+        return graph("Angular speed", [series("|Ω|", None, "angular_velocity", [0, 1, 2], norm=True)], size)
+    return graph("Angular velocity", each(("Ω1", "Ω2", "Ω3"), COMPONENTS, "angular_velocity"), size)
+
+
+def energies(count: int, size: float = 0.0) -> dict[str, Any]:
+    """T, V and their sum of one or two bodies, the sum of more."""
+    if count > PAIR:
+        return graph("Energy", [series("E", None, "energies", [0, 1])], size)
+    parts = (("T", BLUE, [0], SOLID), ("V", RED, [1], SOLID), ("E", INK, [0, 1], DASHED))
+    lines = [series(name, colour, "energies", columns, dashes=dashes) for name, colour, columns, dashes in parts]
+    return graph("Energies", lines, size)
+
+
+def taken() -> list[dict[str, Any]]:
+    """The energy dissipated by sliding friction and impacts, beside the energies."""
+    return each(TAKEN, TAKEN.values(), "taken")
+
+
+def laws(names: list[str]) -> list[dict[str, Any]]:
+    """The change of each law since the start, if there are any; for one system."""
+    if not names:
+        return []
+    lines = each(names, of_masses(range(1, len(names) + 1)), "laws")
+    return [graph("Laws, change since the start", lines) | {"valued": False}]

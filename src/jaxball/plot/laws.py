@@ -1,6 +1,7 @@
-"""Figures of a classical system: its motion over time, and the drift of its conserved quantities."""
+"""Laws and conserved quantities: the motion of a classical system, the drift of its integrals, and residuals."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,11 @@ from matplotlib.ticker import MaxNLocator
 from ..classical import RigidBodyState
 from ..physics.body import AbstractBody
 from ..simulation.trajectory import Trajectory
+from ..simulation.variables import symbol, symbol_of
 from .over_time import Series, over_time
-from .palette import COMPONENTS, DASHED, INK, MASSES, SOLID
+from .palette import COMPONENTS, DASHED, FAINT, INK, MASSES, SOLID, mass_look
 from .record import finite_rows, require_one
-from .style import SMALL, WIDE, caption, named, plane_axes, up_to_ticks, zero_line
-from .symbols import SYMBOLS, symbol
+from .style import SMALL, WIDE, caption, legend_above, linestyle, named, plane_axes, up_to_ticks, zero_line
 
 PANEL = 1.05  # the height of a panel, in inches
 # A coordinate and its rate have the same colour.
@@ -24,6 +25,8 @@ _LOOKS = {
     letter + dot: (COMPONENTS[k], DASHED if dot else SOLID) for dot in ("", "dot") for k, letter in enumerate("xyz")
 }
 COLOURS = (INK, *MASSES)
+LEAST = 1e-8  # of the expected residual: smaller ones are drawn here
+ROW = 4  # entries in a row of the legend
 
 
 def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -> Axes:
@@ -44,7 +47,7 @@ def classical_motion(trajectory: Trajectory[Any, Any], ax: Axes | None = None) -
     series = []
     for name, leaf in vars(state).items():
         for k, values in enumerate(np.asarray(leaf).reshape(len(trajectory.times), -1).T):
-            label = symbol(name) if name in SYMBOLS else name if leaf.ndim == 1 else f"{name} {k + 1}"
+            label = symbol(name) if symbol_of(name) else name if leaf.ndim == 1 else f"{name} {k + 1}"
             others = sum(earlier.colour in COLOURS for earlier in series)
             look = _LOOKS.get(name) or (COLOURS[others % len(COLOURS)], SOLID)
             series.append(Series(values[rows], label, *look))
@@ -67,7 +70,7 @@ def law_errors(trajectory: Trajectory[Any, Any]) -> Figure:
     panels = figure.subplots(len(laws), 1, sharex=True, squeeze=False)[:, 0]
     for ax, (name, leaf) in zip(panels, laws.items(), strict=True):
         values = np.asarray(leaf)[rows].reshape(len(rows), -1)
-        _panel(ax, times, values - values[:1], symbol(name) if name in SYMBOLS else name.replace("_", " "))
+        _panel(ax, times, values - values[:1], symbol(name) if symbol_of(name) else name.replace("_", " "))
     named(panels[-1], "$t$")
     return figure
 
@@ -110,3 +113,31 @@ def _rows(trajectory: Trajectory[Any, Any]) -> np.ndarray:
             f"{type(trajectory.system).__name__}; the other functions of jaxball.plot draw it."
         )
     return finite_rows(trajectory)
+
+
+def law_residuals(
+    times: Float[np.ndarray, " n"], residuals: Mapping[str, Float[np.ndarray, " n"]], ax: Axes | None = None
+) -> Axes:
+    """How far a run departs from each law over time, on a logarithmic axis.
+
+    The residuals are multiples of those that the tolerances explain, so that a law holds as long as its curve is below
+    the dashed line at 1.
+
+    **Arguments:**
+
+    - ``times``: the ends of the steps, ``times`` of the report of :func:`jaxball.verify.verify`.
+    - ``residuals``: those of each law by its name, ``residuals`` of the report.
+
+    **Raises:** ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    ax = plane_axes(ax)
+    for k, (law, values) in enumerate(residuals.items()):
+        colour, dashes = mass_look(k + 1)
+        name, values = law.replace("_", " "), np.maximum(values, LEAST)
+        ax.semilogy(times, values, color=colour, linestyle=linestyle(dashes), linewidth=0.9, label=name)
+    ax.axhline(1.0, color=INK, linestyle=linestyle(DASHED), linewidth=0.8)
+    ax.margins(x=0)
+    ax.grid(axis="y", color=FAINT, linewidth=0.4)
+    named(ax, "$t$", "residual / expected")
+    legend_above(ax, ROW)
+    return ax

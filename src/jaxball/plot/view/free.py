@@ -1,4 +1,4 @@
-"""The scene of rigid bodies about a point at rest: an ellipsoid with the body's principal axes, and its vectors."""
+"""Bodies without a plane in a view: rigid bodies about a point at rest, and particles."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -8,19 +8,35 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from ...classical import HeavyTop, SuslovProblem
+from ...classical import HeavyTop, SuslovProblem, VakonomicState
 from ...numerics import programs
 from ...numerics.arrays import to_array
 from ...simulation.trajectory import Trajectory
 from ..palette import COMPONENTS
 from ..record import known_rows
-from .graphs import BLUE, PAIR, RED, YELLOW, angular_velocity, each, energies, graph, laws, series
-from .packing import Numbers
-from .scene import Scene, continuous, free_stand, law_changes, made
+from .scene import (
+    BLUE,
+    PAIR,
+    RED,
+    YELLOW,
+    Numbers,
+    Scene,
+    angular_velocity,
+    continuous,
+    each,
+    energies,
+    free_stand,
+    graph,
+    law_changes,
+    laws,
+    made,
+    series,
+)
 
 THIN = 0.04  # of the largest semi-axis: no other is drawn smaller
 APART = 3.2  # between the fixed points of two bodies, in radii of the largest
 REACH = 1.25  # of the tip whose path is drawn, in radii
+SMALL = 1 / 24  # of the largest extent of all paths of particles: the radius that arrows and dots are drawn by
 
 THIRD = {"name": "E₃", "colour": YELLOW}
 THROUGH_CENTRE = {"name": "the axis through the centre of mass", "colour": "#D55E00"}
@@ -71,9 +87,12 @@ def rigid_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
     changes = [law_changes(one.trajectory, one.rows) for one in bodies]
     return Scene(
         free_stand(-60.0 if len(bodies) == 1 else -80.0),
-        [_document(one) for one in bodies],
-        [_numbers(one, k * apart, found) for k, (one, (_, found)) in enumerate(zip(bodies, changes, strict=True))],
-        _graphs(bodies, changes[0][0]),
+        [_rigid_parts(one) for one in bodies],
+        [
+            _rigid_numbers(one, k * apart, found)
+            for k, (one, (_, found)) in enumerate(zip(bodies, changes, strict=True))
+        ],
+        _rigid_graphs(bodies, changes[0][0]),
     )
 
 
@@ -107,7 +126,7 @@ def ellipsoid_of(system: Any, inertia: Float[np.ndarray, "3"] | None) -> Ellipso
     return Ellipsoid(np.maximum(size, THIN * (np.max(size) or np.linalg.norm(chi) or 1.0)), chi, turn)
 
 
-def _document(one: Turning) -> dict[str, Any]:
+def _rigid_parts(one: Turning) -> dict[str, Any]:
     """The parts of the body: ``tip`` is the end of the axis whose path is drawn."""
     shape, top = one.shape, one.top
     arm = np.zeros(3) if top is None else np.asarray(top.chi)
@@ -124,7 +143,7 @@ def _document(one: Turning) -> dict[str, Any]:
     }
 
 
-def _numbers(one: Turning, x: float, changes: Float[np.ndarray, "T laws"]) -> dict[str, Numbers]:
+def _rigid_numbers(one: Turning, x: float, changes: Float[np.ndarray, "T laws"]) -> dict[str, Numbers]:
     """The numbers of the body whose fixed point is at ``x``."""
     Omega, Lambda, system, count = one.Omega, one.Lambda, one.trajectory.system, len(one.rows)
     times = np.asarray(one.trajectory.times)[one.rows]
@@ -159,7 +178,7 @@ def _xi(system, times):
     return jax.vmap(system.xi)(times)
 
 
-def _graphs(bodies: Sequence[Turning], names: list[str]) -> list[dict[str, Any]]:
+def _rigid_graphs(bodies: Sequence[Turning], names: list[str]) -> list[dict[str, Any]]:
     """The graphs of rigid bodies, with the laws of the first where all are of its kind."""
     count, known = len(bodies), any(one.inertia is not None for one in bodies)
     tops = any(one.top is not None for one in bodies)
@@ -185,3 +204,58 @@ def _vertical(count: int) -> dict[str, Any]:
     if count > PAIR:
         return graph("Vertical", [series("Γ3", None, "vertical", [2])])
     return graph("Vertical, body axes", each(("Γ1", "Γ2", "Γ3"), COMPONENTS, "vertical"))
+
+
+def particle_scene(trajectories: Sequence[Trajectory[Any, Any]]) -> Scene:
+    """The scene of particles.
+
+    **Raises:** ``ValueError`` for a batch, and where no state is known.
+    """
+    rows = [known_rows(trajectory) for trajectory in trajectories]
+    pairs = list(zip(trajectories, rows, strict=True))
+    places = np.concatenate([_columns(trajectory, kept, "x", "y", "z") for trajectory, kept in pairs])
+    radius = SMALL * (float(np.max(np.ptp(places, axis=0))) or 1.0)
+    changes = [law_changes(trajectory, kept) for trajectory, kept in pairs]
+    numbers = [
+        _particle_numbers(trajectory, kept, radius, found)
+        for (trajectory, kept), (_, found) in zip(pairs, changes, strict=True)
+    ]
+    alike = all(isinstance(one.state, type(trajectories[0].state)) for one in trajectories)
+    return Scene(
+        free_stand(-60.0),
+        [made("particle", trajectory, radius, len(kept)) for trajectory, kept in pairs],
+        numbers,
+        _particle_graphs(trajectories, changes[0][0] if alike else []),
+    )
+
+
+def _columns(trajectory: Trajectory[Any, Any], rows: np.ndarray, *names: str) -> Float[np.ndarray, "T k"]:
+    return np.stack([np.asarray(getattr(trajectory.state, name))[rows] for name in names], axis=1)
+
+
+def _particle_numbers(
+    trajectory: Trajectory[Any, Any], rows: np.ndarray, radius: float, changes: Float[np.ndarray, "T laws"]
+) -> dict[str, Numbers]:
+    numbers = {
+        "time": Numbers(np.asarray(trajectory.times)[rows], 0.0),
+        "centre": Numbers(_columns(trajectory, rows, "x", "y", "z"), radius),
+        "velocity": Numbers(_columns(trajectory, rows, "xdot", "ydot", "zdot")),
+        "laws": Numbers(changes),
+    }
+    if isinstance(trajectory.state, VakonomicState):
+        numbers["multiplier"] = Numbers(_columns(trajectory, rows, "multiplier"))
+    return numbers
+
+
+def _particle_graphs(trajectories: Sequence[Trajectory[Any, Any]], names: list[str]) -> list[dict[str, Any]]:
+    """The graphs of particles, with the laws ``names`` where all have them; the constraint is ż = y ẋ."""
+    if len(trajectories) > PAIR:
+        coordinates = [graph(name, [series(name, None, "centre", [k])]) for k, name in enumerate("xyz")]
+        return [*coordinates, graph("Speed", [series("|v|", None, "velocity", [0, 1, 2], norm=True)])]
+    graphs = [
+        graph("Coordinates", each("xyz", COMPONENTS, "centre")),
+        graph("Velocity", each(("ẋ", "ẏ", "ż"), COMPONENTS, "velocity")),
+    ]
+    if any(isinstance(one.state, VakonomicState) for one in trajectories):
+        graphs.append(graph("Multiplier", [series("λ", COMPONENTS[0], "multiplier", [0])]))
+    return graphs + laws(names)

@@ -1,0 +1,334 @@
+"""The figures of a study: a result against a number, or over two of them, and trajectories coloured by a number."""
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex, to_rgba
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+
+from ...interface.status import Status
+from ..palette import COMPONENTS, INK
+from ..style import COLOURS, named, norm_of
+from .axes import (
+    LOOKS,
+    MANY,
+    coloured,
+    edges_of,
+    heading,
+    make_room,
+    marks,
+    names_of,
+    outcomes,
+    patch,
+    scale,
+    study_axes,
+)
+from .rows import (
+    Labels,
+    PictureError,
+    Rows,
+    at_fixed,
+    histories_of,
+    label_of,
+    number_label,
+    parsed,
+    result_names,
+    rows_of,
+    sample,
+    values_of,
+)
+
+if TYPE_CHECKING:
+    import xarray
+
+SLICE, MAP, FAN = (5.2, 3.6), (5.4, 4.2), (5.6, 4.0)  # inches
+MOST_DRAWN, MOST_DOTS = 20_000, 20_000  # rows of a slice, and dots of a map
+MOST_DOTTED = 60  # points of a curve with a dot at each
+MOST_CURVES, MOST_PATHS = 6, 200  # of a slice, and of a fan
+MOST_CELLS = 500  # to each side of a map
+
+
+def sweep_slice(
+    data: "xarray.Dataset",
+    result: str,
+    against: str,
+    ax: Axes | None = None,
+    *,
+    by: str | None = None,
+    at: Mapping[str, float] | None = None,
+    labels: Labels = None,
+) -> Axes:
+    """A result of a study against one of its numbers; rows that failed are marked by their status on the lower edge.
+
+    The points of a scattered axis are not joined. The title says where the other axes are fixed.
+
+    **Arguments:**
+
+    - ``data``: from ``xarray.open_zarr`` of a store.
+    - ``result``: such as ``"z[0]"``, ``"friction_needed"`` or ``"steps"``; components of a state are final values.
+    - ``against``: the path of the number on the horizontal axis.
+    - ``by``: the path of a number of another axis, with a curve for each of at most six of its points.
+    - ``at``: the numbers at which the other axes are fixed, by path; the nearest computed ones are used. By default an
+      axis is fixed at the middle one of its points at which a row succeeded, a scattered one at the first.
+    - ``labels``: labels of paths and results; by default the paper's symbols, with units.
+
+    **Raises:** :class:`PictureError` when nothing can be drawn, and for an unknown result or path, listing the known
+    ones; ``ValueError`` when ``ax`` is three-dimensional.
+    """
+    rows = rows_of(data)
+    rows, notes = at_fixed(rows, _free(rows, against, by), at, labels)
+    rows = rows if by is None else _few(rows, by)
+    outcome = outcomes(rows.status, values_of(rows, result))
+    names, (drawn, left_out) = names_of(outcome), sample(rows, MOST_DRAWN)
+    rows, outcome = rows.chosen(drawn), outcome[drawn]
+    numbers, values = rows.number(against), np.where(outcome == Status.SUCCESS, values_of(rows, result), np.nan)
+    ax, keys = study_axes(rows.data, ax, SLICE), []
+    look = {"linestyle": "none" if rows.is_scattered(against) else "-", **_markers(rows, against)}
+    for label, which, colour in _curves(rows, by, labels):
+        order = which[np.argsort(numbers[which], kind="stable")]
+        lines = ax.plot(numbers[order], values[order], color=colour, linewidth=1.2, label=label or None, **look)
+        keys += lines if label else []
+    scale(ax.xaxis, rows.is_logarithmic(against), numbers)
+    make_room(ax, names)
+    keys += marks(ax, numbers, None, outcome, names)
+    named(ax, number_label(against, labels), label_of(data, result, labels))
+    heading(ax, notes + left_out, keys)
+    return ax
+
+
+def _free(rows: Rows, against: str, by: str | None) -> set[int]:
+    free = {rows.axis_of(against)}
+    if by is None:
+        return free
+    if rows.axis_of(by) in free:
+        raise PictureError(
+            f"Argument `by` must be a number of another axis than `{against}`, but `{by}` changes together with it."
+        )
+    return free | {rows.axis_of(by)}
+
+
+def _few(rows: Rows, by: str) -> Rows:
+    """The rows at a few points of the axis of ``by``, equally spaced."""
+    along = rows.indices[:, rows.axis_of(by)]
+    points = np.unique(along)
+    places = np.linspace(0, len(points) - 1, min(len(points), MOST_CURVES)).round().astype(int)
+    return rows.chosen(np.isin(along, points[places]))
+
+
+def _curves(rows: Rows, by: str | None, labels: Labels) -> Iterator[tuple[str, np.ndarray, str]]:
+    """The label of each curve, the indices of its rows, and its colour."""
+    if by is None:
+        yield "", np.arange(len(rows)), COMPONENTS[0]
+        return
+    numbers = rows.number(by)
+    points = np.unique(numbers)
+    for number, colour in zip(points, colormaps[COLOURS](np.linspace(0.0, 0.85, len(points))), strict=True):
+        yield (
+            f"{number_label(by, labels, with_unit=False)} = {number:.4g}",
+            np.flatnonzero(numbers == number),
+            to_hex(colour),
+        )
+
+
+def _markers(rows: Rows, against: str) -> dict[str, Any]:
+    """Dots if a curve has few points, or if no line joins them."""
+    few = len(np.unique(rows.number(against))) <= MOST_DOTTED
+    dotted = few or rows.is_scattered(against)
+    return {"marker": "o" if dotted else "", "markersize": 3.5 if few else 1.5, "rasterized": not few}
+
+
+def sweep_map(
+    data: "xarray.Dataset",
+    result: str,
+    right: str,
+    up: str,
+    ax: Axes | None = None,
+    *,
+    at: Mapping[str, float] | None = None,
+    labels: Labels = None,
+) -> Axes:
+    """A result of a study in colours over two of its numbers; rows that failed are hatched by their status.
+
+    Crossed axes are drawn as cells, white where nothing was computed; two numbers of a scattered axis as dots, with
+    marks for rows that failed. The title says where the other axes are fixed.
+
+    **Arguments:**
+
+    - ``data``, ``result``, ``ax``, ``at``, ``labels``: as for :func:`sweep_slice`.
+    - ``right``, ``up``: the paths of both numbers.
+
+    **Raises:** as :func:`sweep_slice`.
+    """
+    if right == up:
+        raise PictureError(f"Argument `up` must be a number other than `right`, but both are `{up}`.")
+    rows = rows_of(data)
+    rows, notes = at_fixed(rows, {rows.axis_of(right), rows.axis_of(up)}, at, labels)
+    crossed = rows.axis_of(right) != rows.axis_of(up) and not (rows.is_scattered(right) or rows.is_scattered(up))
+    ax = study_axes(rows.data, ax, MAP)
+    shown, keys, more = (_cells if crossed else _dots)(ax, rows, result, right, up)
+    for axis, path in ((ax.xaxis, right), (ax.yaxis, up)):
+        scale(axis, rows.is_logarithmic(path), rows.number(path))
+    coloured(ax, shown, label_of(data, result, labels))
+    named(ax, number_label(right, labels), number_label(up, labels))
+    heading(ax, notes + more, keys, most=2)
+    return ax
+
+
+def _cells(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any, list[Any], list[str]]:
+    names, size = names_of(outcomes(rows.status, values_of(rows, result))), len(rows)
+    for path in (right, up):
+        rows = _with_fewer_points(rows, path)
+    notes = [] if len(rows) == size else [f"{len(rows):,} of {size:,} rows drawn"]
+    (columns, x), (lines, y) = _ordered(rows, right), _ordered(rows, up)
+    values = values_of(rows, result)
+    outcome = outcomes(rows.status, values)
+    good = outcome == Status.SUCCESS
+    grid = np.full((len(y), len(x)), np.nan)
+    grid[lines[good], columns[good]] = values[good]
+    edges = edges_of(x, rows.is_logarithmic(right)), edges_of(y, rows.is_logarithmic(up))
+    shown = ax.pcolormesh(*edges, grid, cmap=COLOURS, norm=norm_of(values[good]), rasterized=True)
+    for code in names:
+        # Not add_patch, which would visit all corners to find limits that the mesh has already set.
+        ax.add_artist(_hatched(code, columns[outcome == code], lines[outcome == code], *edges))
+    return shown, [patch(*item) for item in names.items()], notes
+
+
+def _with_fewer_points(rows: Rows, path: str) -> Rows:
+    """The rows at every k-th point of the axis of ``path``, so that there are at most ``MOST_CELLS`` points."""
+    along = rows.indices[:, rows.axis_of(path)]
+    step = -(-(np.max(along) + 1) // MOST_CELLS)
+    return rows.chosen(along % step == 0)
+
+
+def _ordered(rows: Rows, path: str) -> tuple[np.ndarray, Float[np.ndarray, " points"]]:
+    """The index of each row among the sorted values at ``path``, and these values.
+
+    Points without a computed row have values between those of their neighbours, so that their cells stay empty.
+    """
+    along, numbers = rows.indices[:, rows.axis_of(path)], rows.number(path)
+    known, first = np.unique(along, return_index=True)
+    steps = np.diff(numbers[first])
+    if not (np.all(steps > 0) or np.all(steps < 0)):
+        values, places = np.unique(numbers, return_inverse=True)
+        return places, values
+    step = np.gcd.reduce(np.diff(known)) if len(known) > 1 else 1
+    points = np.arange(known[0], known[-1] + 1, step)
+    if rows.is_logarithmic(path) and np.min(numbers) > 0:
+        values = np.exp(np.interp(points, known, np.log(numbers[first])))
+    else:
+        values = np.interp(points, known, numbers[first])
+    return (along - known[0]) // step, values
+
+
+def _hatched(code: int, columns: np.ndarray, lines: np.ndarray, x: np.ndarray, y: np.ndarray) -> PathPatch:
+    """All cells with one status, as one patch."""
+    corners = [(columns, lines), (columns + 1, lines), (columns + 1, lines + 1), (columns, lines + 1), (columns, lines)]
+    points = np.stack([np.stack([x[column], y[line]], axis=-1) for column, line in corners], axis=1)
+    codes = np.tile([Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY], len(points))
+    look = LOOKS[code]
+    return PathPatch(
+        Path(points.reshape(-1, 2), codes),
+        facecolor=look.colour,
+        edgecolor="white",
+        hatch=look.hatch,
+        linewidth=0.0,
+        rasterized=True,
+    )
+
+
+def _dots(ax: Axes, rows: Rows, result: str, right: str, up: str) -> tuple[Any, list[Any], list[str]]:
+    names, (drawn, notes) = names_of(outcomes(rows.status, values_of(rows, result))), sample(rows, MOST_DOTS)
+    rows = rows.chosen(drawn)
+    x, y, values = rows.number(right), rows.number(up), values_of(rows, result)
+    outcome = outcomes(rows.status, values)
+    good = outcome == Status.SUCCESS
+    shown = ax.scatter(
+        x[good],
+        y[good],
+        c=values[good],
+        s=14.0 if len(rows) <= MANY else 4.0,
+        cmap=COLOURS,
+        norm=norm_of(values[good]),
+        linewidths=0.0,
+        rasterized=True,
+    )
+    return shown, marks(ax, x, y, outcome, names), notes
+
+
+def sweep_fan(
+    data: "xarray.Dataset",
+    by: str,
+    ax: Axes | None = None,
+    *,
+    result: str | None = None,
+    at: Mapping[str, float] | None = None,
+    labels: Labels = None,
+) -> Axes:
+    """The trajectories of a study with ``save = "times"``, coloured by one of its numbers.
+
+    The figure shows the path of a ball's centre in the plane, z of a disk over time, or ``result`` over time. A row
+    that failed is drawn up to the time that it reached, in the colour of its status, with a mark at its end; rows that
+    did not start are counted in the legend. A ring marks the start of paths in the plane.
+
+    **Arguments:**
+
+    - ``data``, ``ax``, ``at``, ``labels``: as in :func:`sweep_slice`.
+    - ``by``: the path of the number that gives the colours.
+    - ``result``: such as ``"Omega[1]"``.
+
+    **Raises:** as :func:`sweep_slice`, and :class:`PictureError` where states were saved only at the end.
+    """
+    rows = rows_of(data)
+    rows, notes = at_fixed(rows, {rows.axis_of(by)}, at, labels)
+    names, (drawn, left_out) = names_of(rows.status), sample(rows, MOST_PATHS)
+    rows, ax = rows.chosen(drawn), study_axes(rows.data, ax, FAN)
+    in_plane = result is None and {"z[0]", "z[1]"} <= set(result_names(data))
+    results = ["z[0]", "z[1]"] if in_plane else [result or _standard(data)]
+    curves, numbers = _paths(rows, results), rows.number(by)
+    shown = ScalarMappable(norm_of(numbers, rows.is_logarithmic(by)), COLOURS)
+    shown.set_array(numbers)
+    colours = shown.to_rgba(numbers)
+    for code in names:
+        colours[rows.status == code] = to_rgba(LOOKS[code].colour)
+    order = np.argsort(rows.failed, kind="stable")  # failed ones above the others
+    ax.add_collection(LineCollection(list(curves[order]), colors=colours[order], linewidths=0.9))
+    ends = np.stack([_end(curve) for curve in curves])
+    keys = marks(ax, ends[:, 0], ends[:, 1], rows.status, names)
+    if in_plane:
+        starts = np.unique(curves[:, 0], axis=0)
+        keys += ax.plot(*starts.T, "o", ms=4.5, mew=1.0, color=INK, markerfacecolor="white", ls="none", label="start")
+        ax.set_aspect("equal", adjustable="datalim")
+    ax.autoscale_view()
+    names_shown = [label_of(data, name, labels, at_the_end=False) for name in results]
+    named(ax, *(names_shown if in_plane else ["$t$", *names_shown]))
+    coloured(ax, shown, number_label(by, labels))
+    heading(ax, notes + left_out, keys, most=2)
+    return ax
+
+
+def _paths(rows: Rows, results: list[str]) -> Float[np.ndarray, "rows saves 2"]:
+    """The points of each row's curve, of one result over time or of two; NaN after the time that the row reached."""
+    histories = [histories_of(rows, name) for name in results]
+    times = rows.data["time"].isel(row=rows.places).values
+    curves = np.stack(histories if len(histories) == 2 else [times, *histories], axis=-1)
+    late = rows.failed[:, None] & ~(times <= rows.data["reached"].values[rows.places][:, None])
+    return np.where(late[:, :, None], np.nan, curves)
+
+
+def _standard(data: "xarray.Dataset") -> str:
+    """The first result that was saved at all times, or the first of all if there is none."""
+    names = result_names(data)
+    return next((name for name in names if "save" in data[parsed(data, name)[0]].dims), names[0])
+
+
+def _end(curve: Float[np.ndarray, "saves 2"]) -> Float[np.ndarray, " 2"]:
+    """The last point of a curve, NaN where it has none."""
+    finite = np.flatnonzero(np.all(np.isfinite(curve), axis=1))
+    return curve[finite[-1]] if finite.size else np.full(2, np.nan)
