@@ -129,7 +129,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         Tube as Tube,
     )
     from .physics.released import ReleasedState as ReleasedState
-    from .physics.resistance import Resistance as Resistance
+    from .physics.resistance import AbstractResistance as AbstractResistance, Resistance as Resistance
     from .physics.schedules import (
         AbstractSchedule as AbstractSchedule,
         ConstantRate as ConstantRate,
@@ -209,7 +209,7 @@ else:
             "AbstractRail BernoulliEight Circle Ellipse FourierRail FunctionRail GeronoEight SplineRail Tube"
         ),
         "physics.released": "ReleasedState",
-        "physics.resistance": "Resistance",
+        "physics.resistance": "AbstractResistance Resistance",
         "results": "load_run save to_dataset",
         "scenario": "Scenario ScenarioError load_scenario read_scenario write_scenario",
         "physics.schedules": (

@@ -3,11 +3,12 @@
 from typing import Any
 
 from ..physics.body import Ball, Disk, System
-from ..physics.force import AbstractWrench, FunctionWrench, require_wrench
+from ..physics.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from .functions import FUNCTION, trying
 from .ground import GROUND
 from .harmonics import FORCE
-from .resistance import RESISTANCE
+from .own import Open, names_own, read_own, trying_class
+from .resistance import RESISTANCES
 from .table import Family, Key, Module, join, read_one_of, read_table, write_member, write_table
 from .traced import namespace, require, require_conditions
 from .values import LENGTH, POSITIVE, TIME, Numbers
@@ -22,10 +23,13 @@ BALL = {**SHELL, "inertia": Key(Numbers((3,), POSITIVE))}
 DISK = {**SHELL, "inertia": Key(Numbers(rule=POSITIVE))}
 FLAT = "in the plane of a disk, E1 and E3, with second entry 0"
 BODIES = {"ball": (Ball, BALL), "disk": (Disk, DISK)}
-FORCES: Family = {
-    "": FORCE,
-    "function": Module(FunctionWrench, {**FUNCTION, "kink_times": Key(Numbers((None,), dimension=TIME), ())}),
-}
+FORCES = Open(
+    AbstractWrench,
+    {
+        "": FORCE,
+        "function": Module(FunctionWrench, {**FUNCTION, "kink_times": Key(Numbers((None,), dimension=TIME), ())}),
+    },
+)
 
 
 def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
@@ -38,7 +42,9 @@ def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
 
 
 def read_force(values: Any, path: str, kind: str) -> AbstractWrench:
-    """The external force: a user's function, or a series, which on a disk must lie in the disk's plane."""
+    """The external force: a user's class or function, or a series, which on a disk must lie in the disk's plane."""
+    if names_own(values):
+        return read_own(values, path, FORCES)
     choices = {name: force.keys for name, force in FORCES.items() if name}
     if read_one_of(values, path, choices, FORCE.keys)[0]:
         with trying(join(path, "function")):
@@ -54,10 +60,13 @@ def read_force(values: Any, path: str, kind: str) -> AbstractWrench:
 
 
 def check_force(force: AbstractWrench | None, path: str, coordinates: int) -> None:
-    """Raises unless a function returns a force on a body with so many ``coordinates``."""
+    """Raises unless a user's function or class returns a force on a body with so many ``coordinates``."""
     if isinstance(force, FunctionWrench):
         with trying(join(path, "function")):
             require_wrench("function", force, coordinates)
+    elif force is not None and not isinstance(force, HarmonicForce):
+        with trying_class(path, type(force).__name__):
+            require_wrench("wrench", force, coordinates)
 
 
 def write_body(system: System) -> dict[str, Any]:
@@ -65,10 +74,13 @@ def write_body(system: System) -> dict[str, Any]:
     kind = kind_of(system)
     keys = BODIES[kind][1]
     tables = {"body": write_table({name: getattr(system, name) for name in keys}, "body", keys)}
-    surroundings: dict[str, Family] = {"force": FORCES, "ground": {"": GROUND}, "resistance": {"": RESISTANCE}}
+    surroundings: dict[str, Family] = {"force": FORCES, "ground": {"": GROUND}, "resistance": RESISTANCES}
     for name, family in surroundings.items():
         if getattr(system, name) is not None:
             kind, table = write_member(getattr(system, name), name, family)
+            if kind not in family:
+                tables[name] = {"kind": kind, **table}
+                continue
             first, key = next(iter(family[kind].keys.items()))
             tables[name] = table or {
                 first: key.kind.write(key.default, name)

@@ -14,6 +14,7 @@ from ..physics.mechanisms import (
 )
 from .schedules import SCHEDULE
 from .signals import SIGNAL
+from .own import Open
 from .table import Family, Key, Module, keys_of, read_family, read_list, write_family
 from .traced import require_conditions
 from .values import ANGLE, RATE, TIME, Flag, Nested, Numbers, key_error, shown
@@ -21,7 +22,7 @@ from .values import ANGLE, RATE, TIME, Flag, Nested, Numbers, key_error, shown
 _NUMBER, _ZERO, _LIMIT = Key(Numbers()), Key(Numbers(), 0.0), Key(Numbers(), None)
 _END = Key(Numbers(dimension=ANGLE))
 
-FORCES: Family = {
+_FAMILIES: Family = {
     "motor": Module(Motor, {"signal": Key(SIGNAL), "limit": _LIMIT}),
     "spring": Module(Spring, {"stiffness": _NUMBER, "rest": Key(Numbers(dimension=ANGLE), 0.0)}),
     "damper": Module(Damper, {"coefficient": _NUMBER, "negative": Key(Flag(), False)}),
@@ -34,6 +35,7 @@ FORCES: Family = {
         {"lower": _END, "upper": _END, "stiffness": _NUMBER, "damping": Key(Numbers(dimension=TIME), 0.0)},
     ),
 }
+FORCES = Open(AbstractJointForce, _FAMILIES)
 _WORDS = "a table, or a list of tables whose forces add up"
 
 

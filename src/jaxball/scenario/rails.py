@@ -2,9 +2,12 @@
 
 from typing import Any
 
+from ..interface.arguments import require_function
 from ..interface.wording import counted
-from ..physics.rails import BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
+from ..numerics.arrays import a_number
+from ..physics.rails import AbstractRail, BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
 from .frames import FRAME
+from .own import Open
 from .table import Family, Key, Module, join
 from .values import LENGTH, NOT_ALL_ZERO, POSITIVE, Numbers, key_error
 
@@ -31,7 +34,11 @@ def _spline(points) -> SplineRail:
     return SplineRail(points)
 
 
-RAILS: Family = {
+def _check_rail(rail: AbstractRail) -> None:
+    require_function("rail", rail.__call__, (3,), theta=a_number())
+
+
+_FAMILIES: Family = {
     "circle": Module(Circle, {"radius": Key(SIZE), **PLACE}),
     "ellipse": Module(Ellipse, {"semi_axes": Key(SIZES), **PLACE}),
     "gerono-eight": Module(GeronoEight, {"half_extents": Key(SIZES), **PLACE}),
@@ -46,3 +53,4 @@ RAILS: Family = {
         check=_check_points,
     ),
 }
+RAILS = Open(AbstractRail, _FAMILIES, _check_rail)

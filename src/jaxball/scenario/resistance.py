@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from ..physics.resistance import SMOOTHING, Resistance
+from ..physics.resistance import SMOOTHING, AbstractResistance, Resistance
+from .own import Open, names_own, read_own
 from .table import Key, Module
 from .traced import require_conditions
 from .values import RATE, Flag, Numbers
@@ -20,10 +21,13 @@ RESISTANCE = Module(
         "negative": Key(Flag(), False),
     },
 )
+RESISTANCES = Open(AbstractResistance, {"": RESISTANCE})
 
 
-def read_resistance(values: Any, path: str) -> Resistance:
-    """The coefficients of resistance."""
+def read_resistance(values: Any, path: str) -> AbstractResistance:
+    """The coefficients of resistance, or a user's class."""
+    if names_own(values):
+        return read_own(values, path, RESISTANCES)
     resistance = RESISTANCE.read(values, path)
     require_conditions(resistance)
     return resistance

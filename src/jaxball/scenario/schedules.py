@@ -3,9 +3,12 @@
 from collections.abc import Callable
 from typing import Any
 
+from ..interface.arguments import require_function
 from ..interface.wording import counted
-from ..physics.schedules import ConstantRate, PiecewiseAcceleration, Pulse, Waypoints
+from ..numerics.arrays import a_number
+from ..physics.schedules import AbstractSchedule, ConstantRate, PiecewiseAcceleration, Pulse, Waypoints
 from .harmonics import SINUSOIDS
+from .own import Open
 from .table import Family, Key, Module, join, member_of
 from .traced import require
 from .values import ACCELERATION, ANGLE, INCREASING, RATE, TIME, Numbers, key_error
@@ -46,7 +49,11 @@ def _check_waypoints(table: dict[str, Any], path: str) -> None:
         )
 
 
-SCHEDULES: Family = {
+def _check_schedule(schedule: AbstractSchedule) -> None:
+    require_function("schedule", schedule.__call__, (), t=a_number())
+
+
+_FAMILIES: Family = {
     "pulse": Module(
         Pulse,
         {
@@ -81,4 +88,5 @@ SCHEDULES: Family = {
         check=_check_waypoints,
     ),
 }
+SCHEDULES = Open(AbstractSchedule, _FAMILIES, _check_schedule)
 SCHEDULE = Key(member_of(SCHEDULES))

@@ -7,18 +7,20 @@ from typing import Any
 from ..physics.body import AbstractBody
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Tachometer
 from .frames import FRAME
+from .own import Open
 from .table import Family, Key, Module, join, read_family, write_family
 from .values import LENGTH, Numbers, ScenarioError, Text, key_error, shown
 
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _ON = Key(Text("the name of a part of the body, such as masses[0] or mechanisms[0].joints[0]"))
 _MOUNT = {"on": Key(_ON.kind, None), "frame": FRAME}
-SENSORS: Family = {
+_FAMILIES: Family = {
     "accelerometer": Module(Accelerometer, {"at": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)), **_MOUNT}),
     "gyroscope": Module(Gyroscope, _MOUNT),
     "encoder": Module(Encoder, {"on": _ON}),
     "tachometer": Module(Tachometer, {"on": _ON}),
 }
+SENSORS = Open(AbstractSensor, _FAMILIES)
 
 
 def read_sensors(values: Any, path: str) -> dict[str, AbstractSensor]:
