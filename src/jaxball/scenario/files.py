@@ -1,6 +1,7 @@
 """Scenario files: text to scenario and back."""
 
 import functools
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,10 +20,11 @@ from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, read_classical, 
 from .contact import CONTACT, read_contact
 from .errors import each_of, raise_first, tried
 from .ground import GROUND, read_ground
+from .imports import is_python_name
 from .initial import INITIAL, balanced, initial_state, read_initial, released_from, write_initial
 from .masses import CHOICES as MASSES, read_masses, write_masses
 from .mechanisms import MECHANISM, joints_in_state, read_mechanisms, write_mechanisms
-from .resistance import RESISTANCE, read_resistance
+from .resistance import RESISTANCES, read_resistance
 from .scenario import Scenario
 from .sensors import SENSORS, check_sensors, read_sensors, write_sensors
 from .shell import check_confined, check_start
@@ -37,10 +39,18 @@ FORMAT = 1
 BODIES = ("ball", "disk")
 
 
+@dataclass(frozen=True)
+class _KindOfSystem(Choice):
+    """A body or a classical system by its name, or a user's class of systems."""
+
+    def read(self, value: Any, path: str) -> str:
+        return value if is_python_name(value) else super().read(value, path)
+
+
 _SHARED = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
-    "kind": Key(Choice((*BODIES, *CLASSICAL))),
+    "kind": Key(_KindOfSystem((*BODIES, *CLASSICAL))),
     "time": Key(unread(tables=TIMES)),
     "solve": Key(unread(tables={"": SOLVE}), None),
 }
@@ -49,7 +59,7 @@ KEYS = {
     "body": Key(unread(tables={"ball": BALL, "disk": DISK})),
     "force": Key(unread(tables=keys_of(FORCES)), None),
     "ground": Key(unread(tables={"": GROUND.keys}), None),
-    "resistance": Key(unread(tables={"": RESISTANCE.keys}), None),
+    "resistance": Key(unread(tables=keys_of(RESISTANCES)), None),
     "contact": Key(unread(tables={"": CONTACT.keys}), None),
     "masses": Key(unread(tables=MASSES), []),
     "mechanisms": Key(unread(tables={"": MECHANISM}), []),
@@ -156,7 +166,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
 
     Numbers of ``document`` may be traced within :func:`~jaxball.scenario.errors.traced_conditions`.
     """
-    if document.get("kind") in tuple(CLASSICAL):
+    if document.get("kind") in tuple(CLASSICAL) or is_python_name(document.get("kind")):
         return _read_classical(document)
     kind = str(document.get("kind"))
     if kind not in BODIES:

@@ -22,11 +22,13 @@ def is_python_name(value: Any) -> bool:
     return isinstance(value, str) and ":" in value
 
 
-def imported(path: str, named: str, what: str = "functions") -> Any:
+def imported(path: str, named: str, what: str = "function") -> Any:
     """What the key at ``path`` names; modules are found in the current folder, too.
 
+    ``what`` says in messages what it must be, "function" or "class".
+
     **Raises:** :class:`ScenarioError` where there is no such name, where its module may not be imported, and where it
-    cannot be called; ``what`` is what it must be, in the plural.
+    cannot be called.
     """
     module, _, name = named.partition(":")
     _require_allowed(path, named, module)
@@ -39,10 +41,11 @@ def imported(path: str, named: str, what: str = "functions") -> Any:
     else:
         if callable(found):
             return found
-        reason = f"it is not {'a function' if what == 'functions' else 'a class'}"
+        reason = f"it is not a {what}"
+    many, form = ("functions", "module:function") if what == "function" else ("classes", "module:Class")
     raise ScenarioError(
-        f'Key `{path}` must name {what} that can be imported as "module:{"function" if what == "functions" else "Class"}"'
-        f", but {shown(named)} cannot: {reason.rstrip('.')}."
+        f'Key `{path}` must name {many} that can be imported as "{form}", but {shown(named)} cannot: '
+        f"{reason.rstrip('.')}."
     )
 
 

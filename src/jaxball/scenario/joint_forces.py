@@ -12,9 +12,9 @@ from ..physics.mechanisms import (
     SpeedLimitedMotor,
     Spring,
 )
+from .own import Open
 from .schedules import SCHEDULE
 from .signals import SIGNAL
-from .own import Open
 from .table import Family, Key, Module, keys_of, read_family, read_list, write_family
 from .traced import require_conditions
 from .values import ANGLE, RATE, TIME, Flag, Nested, Numbers, key_error, shown

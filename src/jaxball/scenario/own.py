@@ -16,7 +16,7 @@ from .functions import Parameters
 from .imports import imported, is_python_name, name_of
 from .table import REQUIRED, Key, Module, OpenFamily, join
 from .traced import require_conditions
-from .values import Numbers
+from .values import Kind, Numbers
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,7 @@ class Open(OpenFamily):
     ``check`` is given what a user's class makes, and raises an exception if it does not fit.
     """
 
-    def __init__(
-        self, contract: type, members: Mapping[str, Module], check: Callable[[Any], None] = lambda item: None
-    ):
+    def __init__(self, contract: type, members: Mapping[str, Module], check: Callable[[Any], None] = lambda item: None):
         super().__init__(members)
         self.contract, self.check = contract, check
 
@@ -83,7 +81,7 @@ def own_class(named: str, path: str, contract: type) -> Any:
 
     **Raises:** :class:`ScenarioError` where there is none.
     """
-    found = imported(path, named, "classes")
+    found = imported(path, named, "class")
     if isinstance(found, type) and issubclass(found, contract) and not inspect.isabstract(found):
         return found
     lacks = sorted(getattr(found, "__abstractmethods__", ())) if isinstance(found, type) else []
@@ -94,17 +92,27 @@ def own_class(named: str, path: str, contract: type) -> Any:
 def module_of(kind: Any) -> Module:
     """How an object of a user's class stands in a file: each argument of the class is a key.
 
-    Static fields are settings, all others numbers.
+    Static fields are settings, all others numbers, of the shape with which they are annotated if they are.
     """
-    static = {field.name for field in dataclasses.fields(kind) if field.metadata.get("static", False)}
+    fields = {field.name: field for field in dataclasses.fields(kind)}
     _, *parameters = inspect.signature(kind.__init__).parameters.values()
-    keys = {
-        one.name: Key(
-            Setting() if one.name in static else Parameters(), REQUIRED if one.default is one.empty else None
-        )
-        for one in parameters
-    }
+    keys = {one.name: Key(_value_of(fields.get(one.name)), _default_of(one)) for one in parameters}
     return Module(kind, keys)
+
+
+def _value_of(field: dataclasses.Field | None) -> Kind:
+    """The kind of value of a field; of an argument that is no field, numbers of any shape."""
+    if field is not None and field.metadata.get("static", False):
+        return Setting()
+    axes = str(getattr(None if field is None else field.type, "dim_str", "...")).split()
+    if len(axes) > 2 or not all(axis.isidentifier() or axis.isdecimal() for axis in axes):
+        return Parameters()
+    return Numbers(tuple(int(axis) if axis.isdecimal() else None for axis in axes))
+
+
+def _default_of(argument: inspect.Parameter) -> Any:
+    """None for the default of the class itself."""
+    return REQUIRED if argument.default is argument.empty else None
 
 
 def names_own(values: Any) -> bool:

@@ -1,16 +1,32 @@
 """The solver of a scenario file."""
 
+from dataclasses import dataclass
+from typing import Any
+
 from ..classical import NonholonomicParticle, VakonomicParticle
 from ..physics.body import Disk
 from ..physics.contact_law import Contact
 from ..physics.system import AbstractSystem
 from ..simulation.defaults import DEFAULT_TOLERANCE
-from .solvers import KNOW_MASS_MATRICES, SOLVERS
+from .imports import is_python_name
+from .solvers import KNOW_MASS_MATRICES, SOLVERS, own_solver
 from .table import Key
 from .values import POSITIVE, Choice, Flag, Integer, Numbers, ScenarioError
 
+
+@dataclass(frozen=True)
+class _Solver(Choice):
+    """The name of a solver, or of a user's class of solvers."""
+
+    def read(self, value: Any, path: str) -> str:
+        if is_python_name(value):
+            own_solver(value, path)
+            return value
+        return super().read(value, path)
+
+
 SOLVE = {
-    "solver": Key(Choice(tuple(SOLVERS)), "dopri8"),
+    "solver": Key(_Solver(tuple(SOLVERS)), "dopri8"),
     "rtol": Key(Numbers(rule=POSITIVE), DEFAULT_TOLERANCE),
     "atol": Key(Numbers(rule=POSITIVE), DEFAULT_TOLERANCE),
     "max_steps": Key(Integer(1, 10**9), 16384),

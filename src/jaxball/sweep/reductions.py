@@ -10,18 +10,20 @@ from ..interface.wording import did_you_mean
 from ..physics.body import AbstractBody
 from ..scenario import Scenario
 from ..scenario.functions import imported
+from ..scenario.own import own_class, trying_class
 from ..scenario.solvers import SOLVERS
 from ..scenario.table import Key, read_one_of
 from ..scenario.values import Text, key_error, shown
 from .errors import StudyError
 
 KINDS: Mapping[str, type[Any]] = {"maximum": Maximum, "minimum": Minimum, "integral": Integral, "drift": Drift}
-CHOICES = {kind: {"name": Key(Text()), kind: Key(Text())} for kind in KINDS}
+OWN = "reduction"  # of a user's class
+CHOICES = {kind: {"name": Key(Text()), kind: Key(Text())} for kind in (*KINDS, OWN)}
 
 
 @dataclasses.dataclass(frozen=True)
 class Find:
-    """A reduction by name: one of ``jaxball.ensemble.REDUCTIONS``, or that of a module's function."""
+    """A reduction by name: one of ``jaxball.ensemble.REDUCTIONS``, that of a module's function, or a module's class."""
 
     name: str
     kind: str = ""
@@ -30,10 +32,14 @@ class Find:
     def reduction(self) -> AbstractReduction:
         """The reduction itself.
 
-        **Raises:** :class:`~jaxball.ScenarioError` when there is no such function.
+        **Raises:** :class:`~jaxball.ScenarioError` when there is no such function or class.
         """
         if not self.kind:
             return REDUCTIONS[self.name]
+        if self.kind == OWN:
+            kind = own_class(self.function, "find", AbstractReduction)
+            with trying_class("find", self.function):
+                return kind()
         return KINDS[self.kind](imported("find", self.function))
 
 
