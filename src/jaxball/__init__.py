@@ -56,7 +56,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         with_integrated_angles as with_integrated_angles,
         with_masses as with_masses,
     )
-    from .physics.contact_law import Contact as Contact
+    from .physics.contact_law import AbstractFriction as AbstractFriction, Contact as Contact
     from .physics.feedback import (
         AbstractLaw as AbstractLaw,
         FollowSchedules as FollowSchedules,
@@ -187,7 +187,7 @@ else:
         "simulation.equilibrium": "Balance balance with_angles",
         "simulation.events": "AbstractEvent Detachment Event Slip",
         "simulation.extremes": "ContactExtremes contact_extremes",
-        "physics.contact_law": "Contact",
+        "physics.contact_law": "AbstractFriction Contact",
         "physics.feedback": "AbstractLaw FollowSchedules FunctionLaw LinearLaw Servo",
         "physics.force": "AbstractForce AbstractWrench BodyMotion FunctionForce FunctionWrench HarmonicForce Wrench",
         "physics.frames": "AbstractFrame MatrixFrame SphericalFrame VersorFrame",

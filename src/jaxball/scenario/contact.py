@@ -1,14 +1,17 @@
 """The law of contact of a scenario file: Coulomb's friction and Newton's restitution."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from ..numerics.arrays import to_array
-from ..physics.contact_law import SLOWEST, Contact
+from ..physics.contact_law import SLOWEST, AbstractFriction, Contact
 from ..physics.released import ReleasedState
 from ..physics.system import AbstractState
-from .table import Key, Module
+from .own import Open, names_own, read_own
+from .table import Key, Module, write_family
 from .traced import require_conditions
 from .values import Integer, Numbers, ScenarioError
 
@@ -16,23 +19,42 @@ ROOM = 64
 COEFFICIENTS = ("sliding", "static", "restitution", "slowest")
 
 
+FRICTIONS = Open(AbstractFriction, {})
+
+
+@dataclass(frozen=True)
+class _Sliding(Numbers):
+    """The coefficient, or a user's class that has it for each slip speed."""
+
+    def read(self, value: Any, path: str) -> Any:
+        return read_own(value, path, FRICTIONS) if names_own(value) else super().read(value, path)
+
+    def write(self, value: Any, path: str) -> Any:
+        return (
+            write_family(value, path, FRICTIONS) if isinstance(value, AbstractFriction) else super().write(value, path)
+        )
+
+
 def _law(sliding: Any, static: Any = None, *, room: int, **others: Any) -> Contact:
     """The law, without the checks of its constructor, because a reader reports these in the words of the file."""
-    values = {"sliding": sliding, "static": sliding if static is None else static, **others}
+    given = sliding if isinstance(sliding, AbstractFriction) else 0.0
+    least = sliding if given is not sliding else given(jnp.zeros(()))
+    values = {"sliding": least, "static": least if static is None else static, **others}
     arrays = [to_array(values[name], name) for name in COEFFICIENTS]
-    return eqx.tree_at(lambda law: [getattr(law, name) for name in COEFFICIENTS], Contact(0.0, room=room), arrays)
+    return eqx.tree_at(lambda law: [getattr(law, name) for name in COEFFICIENTS], Contact(given, room=room), arrays)
 
 
 CONTACT = Module(
     Contact,
     {
-        "sliding": Key(Numbers()),
+        "sliding": Key(_Sliding()),
         "static": Key(Numbers(), None),
         "restitution": Key(Numbers(), 0.0),
         "slowest": Key(Numbers(), SLOWEST),
         "room": Key(Integer(1, 10**6), ROOM),
     },
     build=_law,
+    attributes={"sliding": "law_of_sliding"},
 )
 
 
