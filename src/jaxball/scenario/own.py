@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ..numerics.arrays import to_array
 from .errors import ScenarioError, key_error, shown
 from .functions import Parameters
 from .imports import imported, is_python_name, name_of
@@ -40,6 +41,14 @@ class Setting:
         if isinstance(value, str | int | float):
             return value
         raise key_error(path, f"{self.words} to be written to a file", f"a {type(value).__name__}")
+
+
+@dataclass(frozen=True)
+class _Array(Numbers):
+    """Numbers as an array, so that a class need not convert them."""
+
+    def read(self, value: Any, path: str) -> Any:
+        return to_array(super().read(value, path))
 
 
 class Open(OpenFamily):
@@ -107,7 +116,7 @@ def _value_of(field: dataclasses.Field | None) -> Kind:
     axes = str(getattr(None if field is None else field.type, "dim_str", "...")).split()
     if len(axes) > 2 or not all(axis.isidentifier() or axis.isdecimal() for axis in axes):
         return Parameters()
-    return Numbers(tuple(int(axis) if axis.isdecimal() else None for axis in axes))
+    return _Array(tuple(int(axis) if axis.isdecimal() else None for axis in axes))
 
 
 def _default_of(argument: inspect.Parameter) -> Any:
