@@ -196,9 +196,7 @@ def test_what_is_wrong_is_said_with_the_path_of_the_key(name, old, new, message)
 def test_what_a_class_raises_is_said_with_the_path_of_the_key():
     Path("square.py").write_text(re.sub(r"return self.radius.*", "raise ValueError('no side')", MODULES["racetrack"]))
     text = text_of("racetrack").replace("racetrack:Racetrack", "square:Racetrack")
-    with pytest.raises(
-        ScenarioError, match=r"`masses\[0\]\.rail\.kind` must name a class .* raises ValueError: no side"
-    ):
+    with pytest.raises(ScenarioError, match=r"`masses\[0\]\.rail\.kind` must name a class .* ValueError: no side"):
         read_scenario(text)
 
 
