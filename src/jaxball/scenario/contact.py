@@ -37,8 +37,7 @@ class _Sliding(Numbers):
 
 def _law(sliding: Any, static: Any = None, *, room: int, **others: Any) -> Contact:
     """The law, without the checks of its constructor, because a reader reports these in the words of the file."""
-    given = sliding if isinstance(sliding, AbstractFriction) else 0.0
-    least = sliding if given is not sliding else given(jnp.zeros(()))
+    given, least = (sliding, sliding(jnp.zeros(()))) if isinstance(sliding, AbstractFriction) else (0.0, sliding)
     values = {"sliding": least, "static": least if static is None else static, **others}
     arrays = [to_array(values[name], name) for name in COEFFICIENTS]
     return eqx.tree_at(lambda law: [getattr(law, name) for name in COEFFICIENTS], Contact(given, room=room), arrays)

@@ -140,7 +140,7 @@ def read_family(values: Any, path: str, family: Family, key: str = "kind") -> An
     chosen = values.get(key)
     if isinstance(chosen, str) and chosen in family:
         return family[chosen].read(rest, path)
-    if is_python_name(chosen) and isinstance(family, OpenFamily):
+    if isinstance(chosen, str) and is_python_name(chosen) and isinstance(family, OpenFamily):
         return family.own(chosen, join(path, key)).read(rest, path)
     every = {key, *(name for member in family.values() for name in member.keys)}
     kinds = {key: Key(Choice(tuple(family)))}
