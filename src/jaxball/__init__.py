@@ -56,7 +56,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         with_integrated_angles as with_integrated_angles,
         with_masses as with_masses,
     )
-    from .physics.contact_law import Contact as Contact
+    from .physics.contact_law import AbstractFriction as AbstractFriction, Contact as Contact
     from .physics.feedback import (
         AbstractLaw as AbstractLaw,
         FollowSchedules as FollowSchedules,
@@ -129,7 +129,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same interface
         Tube as Tube,
     )
     from .physics.released import ReleasedState as ReleasedState
-    from .physics.resistance import Resistance as Resistance
+    from .physics.resistance import AbstractResistance as AbstractResistance, Resistance as Resistance
     from .physics.schedules import (
         AbstractSchedule as AbstractSchedule,
         ConstantRate as ConstantRate,
@@ -187,7 +187,7 @@ else:
         "simulation.equilibrium": "Balance balance with_angles",
         "simulation.events": "AbstractEvent Detachment Event Slip",
         "simulation.extremes": "ContactExtremes contact_extremes",
-        "physics.contact_law": "Contact",
+        "physics.contact_law": "AbstractFriction Contact",
         "physics.feedback": "AbstractLaw FollowSchedules FunctionLaw LinearLaw Servo",
         "physics.force": "AbstractForce AbstractWrench BodyMotion FunctionForce FunctionWrench HarmonicForce Wrench",
         "physics.frames": "AbstractFrame MatrixFrame SphericalFrame VersorFrame",
@@ -209,7 +209,7 @@ else:
             "AbstractRail BernoulliEight Circle Ellipse FourierRail FunctionRail GeronoEight SplineRail Tube"
         ),
         "physics.released": "ReleasedState",
-        "physics.resistance": "Resistance",
+        "physics.resistance": "AbstractResistance Resistance",
         "results": "load_run save to_dataset",
         "scenario": "Scenario ScenarioError load_scenario read_scenario write_scenario",
         "physics.schedules": (

@@ -2,6 +2,7 @@
 
 import ast
 import contextlib
+import importlib.util
 import io
 import os
 import re
@@ -19,10 +20,13 @@ STEPS = re.compile(r"\d+ steps, \d+ of them rejected")
 BESIDE_BRACKETS = re.compile(r"(?<=\[) | (?=\])")
 VALUE = re.compile(r"[-\d\[({']|True|False")  # how a comment begins that is one
 FILE_NAME = re.compile(r"# ([\w-]+\.toml)\n")
+MODULE_NAME = re.compile(r"# (\w+)\.py\n")
 
 
 def examples_of(document: Path, *, followed: bool) -> list[Example]:
     """The blocks of a document that run: Python, and what it prints in a block ``output`` right after it.
+
+    A block of Python whose first line is a comment with the name of a file is a module that later blocks import.
 
     A document that is ``followed`` from its first line to its last also has commands, with what they print, in blocks
     ``console``, and files in blocks ``toml`` whose first line is a comment with the name.
@@ -62,6 +66,10 @@ def _close(shown: str, printed: str) -> bool:
 def _run_python(example: Example) -> str | None:
     """Runs a block; an expression with a comment beside it that begins as a value does must have that value."""
     names = example.namespace
+    module = MODULE_NAME.match(example.parsed)
+    if module:
+        make_module(module[1], example.parsed, Path())
+        return None
     wrong = []
     with contextlib.redirect_stdout(io.StringIO()) as printed:
         for statement in ast.parse(example.parsed).body:
@@ -75,6 +83,21 @@ def _run_python(example: Example) -> str | None:
                 exec(compile(ast.Module([statement], []), example.path, "exec"), names)
     names["_printed"] = printed.getvalue()
     return "\n".join(wrong) or None
+
+
+def make_module(name: str, source: str, folder: Path) -> None:
+    """Writes the file ``name``.py to a folder, and imports it from there."""
+    file = folder / f"{name}.py"
+    file.write_text(source)
+    specification = importlib.util.spec_from_file_location(name, file)
+    sys.modules[name] = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(sys.modules[name])
+
+
+def modules_of(document: Path) -> dict[str, str]:
+    """The text of each module that a document shows, by its name."""
+    blocks = re.findall(r"^```python\n(.*?)^```", document.read_text(), flags=re.MULTILINE | re.DOTALL)
+    return {name[1]: block for block in blocks if (name := MODULE_NAME.match(block))}
 
 
 def _comment_beside(statement: ast.Expr, path: str) -> str:

@@ -1,6 +1,5 @@
 """The objectives, constraints and curves that a problem file can hold, and their keys."""
 
-import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -10,10 +9,10 @@ import numpy as np
 from ..interface.arguments import require_callable
 from ..physics.body import Disk
 from ..physics.system import AbstractSystem
-from ..scenario.errors import ScenarioError
-from ..scenario.functions import FUNCTION, Parameters, imported, trying
-from ..scenario.table import REQUIRED, Family, Key, Keys, Module, join, keys_of, member_of, read_family
-from ..scenario.values import NOT_ALL_ZERO, POSITIVE, Flag, Numbers, Rule, key_error, unread
+from ..scenario.functions import FUNCTION, trying
+from ..scenario.own import Open, names_own
+from ..scenario.table import Family, Key, Keys, Module, join, keys_of, member_of, read_family
+from ..scenario.values import NOT_ALL_ZERO, POSITIVE, Flag, Numbers, Rule, key_error
 from . import constraints, objectives
 from .problem.plane import FigureEight, Sigmoid, Through
 from .problem.requirements import AbstractConstraint, AbstractObjective
@@ -157,37 +156,9 @@ class Requirements:
         return keys_of(self.family(plane))
 
     def read(self, values: Any, path: str, plane: Plane) -> tuple[str, Any]:
-        """The object that a table describes, and the name of its kind; a class of one's own is "module:class"."""
-        kind = values.get("kind") if isinstance(values, dict) else None
-        if not (isinstance(kind, str) and ":" in kind):
-            return str(kind), read_family(values, path, self.family(plane))
-        own = imported(join(path, "kind"), kind, 'a class that can be imported as "module:class"')
-        if not (isinstance(own, type) and issubclass(own, self.contract)):
-            raise key_error(join(path, "kind"), f"a subclass of jaxball.design.{self.contract.__name__}", kind)
-        given = {name: value for name, value in values.items() if name != "kind"}
-        return own.__name__, _of_class(own, path).read(given, path)
-
-
-def _of_class(own: type, path: str) -> Module:
-    """How an object of a class of one's own stands in a file: its fields are the keys, static ones of any type."""
-
-    def key(field: dataclasses.Field) -> Key:
-        required = field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-        kind = unread("a value") if field.metadata.get("static") else Parameters()
-        return Key(kind, REQUIRED if required else None)
-
-    def build(**values: Any) -> Any:
-        try:
-            return own(**values)
-        except ScenarioError:
-            raise
-        except Exception as error:  # of any kind: the class is the user's
-            reason = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(".")
-            raise ScenarioError(
-                f"Key `{path}` must describe a {own.__name__}, but making one raises {reason}."
-            ) from error
-
-    return Module(own, {field.name: key(field) for field in dataclasses.fields(own) if field.init}, build)
+        """The object that a table describes, and the name of its kind, or of the user's class."""
+        item = read_family(values, path, Open(self.contract, self.family(plane)))
+        return type(item).__name__ if names_own(values) else values["kind"], item
 
 
 OBJECTIVES = Requirements("objectives", objectives_of, AbstractObjective)

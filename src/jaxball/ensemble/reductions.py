@@ -27,9 +27,10 @@ class AbstractReduction(Printed):
     """A number derived from a quantity over a run.
 
     ``quantity(system, t, state)`` is compiled into programs, so pass the same function each time: a new lambda compiles
-    again.
+    again. An implementer supplies ``quantity``, a static field or a method, ``result``, and what ``result`` needs:
 
-    - ``signs``: the factors of the quantity in the searches for its largest value, one per search.
+    - ``signs``: the factors of the quantity in the searches for its largest value, one per search: 1 for a maximum, −1
+      for a minimum.
     - ``is_integral``, ``needs_start``: whether it needs the integral, and the value at the start.
     - ``ends``: the suffixes of the names of its results.
     """
@@ -42,7 +43,13 @@ class AbstractReduction(Printed):
 
     @abc.abstractmethod
     def result(self, observed: Observed) -> dict[str, Float[Array, "*runs"]]:
-        """The results, by the suffixes of their names."""
+        """The results, by the suffixes of their names, each with the shape of what was observed.
+
+        **Arguments:**
+
+        - ``observed``: the values at the start, the extreme values and their times, one for each of ``signs``, and the
+          integral; what is not asked for is 0.
+        """
 
 
 def _as_it_is(value: Array) -> Array:

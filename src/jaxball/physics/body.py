@@ -137,7 +137,7 @@ class AbstractBody(BodyParameters, AbstractSystem[Any]):
 
     @property
     def _is_dry(self) -> bool:
-        return self.resistance is not None and self.resistance.dry is not None
+        return self.resistance is not None and self.resistance.is_dry
 
     def _prescribed_kinks(self) -> list[Float[Array, " kinks"]]:
         motions = [group.motion for group in self.groups if not isinstance(group.motion, Driven)]
@@ -187,7 +187,8 @@ class Ball(AbstractBody):
       joints, if there are any.
     - ``mechanisms``: joints with masses, such as a :class:`~jaxball.Mechanism`, any number of them.
     - ``ground``: a :class:`~jaxball.Ground`, if the plane is tilted or moves; None for a level plane at rest.
-    - ``resistance``: a :class:`~jaxball.Resistance` to rolling, or None.
+    - ``resistance``: a :class:`~jaxball.Resistance` to rolling, or another
+      :class:`~jaxball.AbstractResistance`, or None.
 
     Any consistent units will do; the paper rescales so that m = r = g = 1.
 

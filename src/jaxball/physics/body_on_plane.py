@@ -39,6 +39,7 @@ BEFORE_KINK = 0.999  # of the time until the next kink: the same
 SLOW_DISK = 0.55  # the same for a disk, whose slip does not turn; more than the error of the time at which a mode ends
 LONGEST = 0.25  # power of rounding: the longest time, in √(r/g), over which a slip is followed to its end in this way
 COARSER = 0.3  # the same over the cube root of the tolerance, because the error of the response halfway grows like this
+HALFWAY = 0.5  # through the time, and the speed, of a slip that ends
 END, MIDDLE, IMPACT, MODE = range(4)  # what follows a mode, in this order
 
 
@@ -145,10 +146,14 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         """How the body moves under each reaction."""
         return response(self.body, t, state.released, touching=~state.is_in(Mode.FLIGHT))
 
+    def coefficient(self, slip: Float[Array, "3"], share: float = 1.0) -> Float[Array, ""]:
+        """The kinetic friction coefficient at a share of the speed of a slip."""
+        return self.contact.coefficient(share * root(jnp.sum(slip[:2] ** 2)))
+
     def interaction(self, t: Float[Array, ""], state: ContactState, found: Response) -> friction.Interaction:
         """The reaction of the plane in the mode that the state is in."""
-        sigma = state.direction(t, slip_velocity(self.body, t, state.released))
-        sliding = friction.sliding(found, self.contact.sliding, sigma)
+        slip = slip_velocity(self.body, t, state.released)
+        sliding = friction.sliding(found, self.coefficient(slip), state.direction(t, slip))
         rolling, flying = friction.rolling(found), friction.flight(found)
 
         def choose(*each: Array) -> Array:
@@ -180,7 +185,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         slip, one = slip_velocity(self.body, t, state.released), jnp.ones_like(state.height)
         spare = friction.margin(acting.R, self.contact.static)
         # On a smooth plane, the end of a slip is the beginning of another.
-        forward = jnp.where(self.contact.sliding > 0, jnp.sum(slip[:2] * heading.sigma) - heading.least, one)
+        forward = jnp.where(self.coefficient(slip) > 0, jnp.sum(slip[:2] * heading.sigma) - heading.least, one)
         # A body that rises does not land, where rounding takes its height below zero as it lifts.
         above = jnp.maximum(state.height, jnp.where(slip[2] > 0, RISEN * self._unit_of_time() * slip[2], -jnp.inf))
         rolls, slides = state.is_in(Mode.ROLLING), state.is_in(Mode.SLIDING)
@@ -287,8 +292,8 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         end = self._end(carry, found)
         longest = jnp.maximum(float(jnp.finfo(end.time.dtype).eps) ** LONGEST, COARSER * jnp.cbrt(tolerance))
         soon = end.time <= longest * self._unit_of_time()
-        halfway = self._slowed(carry, found, carry.state, end, 0.5)
-        return carry._replace(ahead=(carry.t + 0.5 * end.time, halfway), decides=end.comes & soon)
+        halfway = self._slowed(carry, found, carry.state, end, HALFWAY)
+        return carry._replace(ahead=(carry.t + HALFWAY * end.time, halfway), decides=end.comes & soon)
 
     def _ended(self, carry: "_Following", found: Response) -> "_Following":
         """At the end of a slip, with the response halfway."""
@@ -300,7 +305,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
 
     def _end(self, carry: "_Following", found: Response) -> slips.End:
         slip = slip_velocity(self.body, carry.t, carry.state.released)
-        return slips.end(found, self.contact.sliding, slip)
+        return slips.end(found, self.coefficient(slip, HALFWAY), slip)
 
     def _slowed(
         self, carry: "_Following", found: Response, where: ContactState, end: slips.End, share: float
@@ -314,11 +319,12 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     def _struck(self, carry: "_Following", found: Response) -> "_Following":
         """After an impact. A rebound that is too slow is treated as none."""
         t, state, contact = carry.t, carry.state, self.contact
-        coming = -slip_velocity(self.body, t, state.released)[2]
+        slip = slip_velocity(self.body, t, state.released)
+        coming = -slip[2]
         unit = root(jnp.abs(self.body.gravity) * self.body.radius)
         rebounds = contact.restitution * coming > contact.slowest * unit
         e = jnp.where(rebounds, contact.restitution, 0.0)
-        done = impact(self.body, t, state.released, found, contact.sliding, e)
+        done = impact(self.body, t, state.released, found, self.coefficient(slip), e)
         V = done.state.V.at[2].set(jnp.where(rebounds, done.state.V[2], 0.0))
         after = state.moved(ReleasedState(done.state.body, V, state.height))
         after = eqx.tree_at(lambda x: x.struck, after, state.struck - done.work)
@@ -340,10 +346,11 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         rolls = still & holds & (cause != int(Cause.GIVES_WAY))
         sigma = jax.lax.cond(
             still & ~rolls & ~flies,
-            lambda: friction.first_slip(found, contact.sliding).sigma,
+            lambda: friction.first_slip(found, self.coefficient(slip, 0.0)).sigma,
             lambda: friction.slip_direction(slip, jnp.zeros_like(slip[:2])),
         )
-        flies |= ~rolls & ~(friction.sliding(found, contact.sliding, sigma).normal > 0)
+        mu = self.coefficient(jnp.where(still, 0.0, slip))
+        flies |= ~rolls & ~(friction.sliding(found, mu, sigma).normal > 0)
         mode = jnp.where(flies, int(Mode.FLIGHT), jnp.where(rolls, int(Mode.ROLLING), int(Mode.SLIDING)))
         # The rest of a slip that ends is dissipated by friction.
         stopped = with_slip(body, given, found, slip, jnp.zeros_like(slip))
@@ -357,7 +364,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
     def _begun(self, done: "_Following", kinks: Float[Array, " kinks"]) -> ContactState:
         """With the direction of a slip that begins, for as long as it is computed in advance."""
         t, state = done.t, done.state
-        begins = done.begins & (self.contact.sliding > 0)
+        begins = done.begins & (self.coefficient(state.V, 0.0) > 0)
         kink = jnp.min(jnp.where(kinks > t, kinks, jnp.inf), initial=jnp.inf)
         longest = jax.lax.stop_gradient(jnp.minimum(WINDOW * self._unit_of_time(), BEFORE_KINK * (kink - t)))
         sigma = state.begun.sigma
@@ -366,7 +373,7 @@ class BodyOnPlane(AbstractSystem[ContactState]):
         else:
             begun = jax.lax.cond(
                 begins,
-                lambda: slips.beginning(self.body, self.contact.sliding, t, state.released, sigma, longest),
+                lambda: slips.beginning(self.body, self.coefficient, t, state.released, sigma, longest),
                 lambda: slips.Beginning.along(t + longest, sigma),
             )
         return eqx.tree_at(lambda x: x.begun, state, _where(begins, begun, slips.Beginning.none(t)))

@@ -1,9 +1,12 @@
 """The law of the contact between a body and its plane: Coulomb's friction and Newton's restitution."""
 
+import abc
 from collections.abc import Iterator
+from typing import Any
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -12,6 +15,29 @@ from ..numerics.arrays import Numbers, is_traced, namespace_of, numbers
 from .conditions import Condition
 
 SLOWEST = 1e-6
+
+
+class AbstractFriction(Printed):
+    """The coefficient of sliding friction as a function of the slip speed, instead of one number.
+
+    Friction is −μ(v) N v_s/|v_s| with v = |v_s|, so that it has the direction of Coulomb's law and is proportional to
+    the normal force. An implementer supplies ``__call__``, which is traced: it is written with ``jax.numpy``, for one
+    speed. It must be smooth for v ≥ 0 and not negative, or friction would do work on the body. Static friction is the
+    coefficient ``static`` of the :class:`~jaxball.Contact`, μ(0) if that is not given.
+    """
+
+    @abc.abstractmethod
+    def __call__(self, speed: Float[Array, ""]) -> Float[Array, ""]:
+        """μ(v), dimensionless.
+
+        **Arguments:**
+
+        - ``speed``: v, 0 or positive, length/time.
+        """
+
+    def conditions(self) -> Iterator[Condition]:
+        """Every condition that its numbers must meet, named ``contact.…``; traceable."""
+        yield from ()
 
 
 class Contact(Printed):
@@ -23,7 +49,9 @@ class Contact(Printed):
 
     **Arguments:**
 
-    - ``sliding``: the kinetic friction coefficient μ, dimensionless; 0 for a smooth plane.
+    - ``sliding``: the kinetic friction coefficient μ, dimensionless; 0 for a smooth plane. An
+      :class:`~jaxball.AbstractFriction` makes it a function of the slip speed, except that it is constant during an
+      impact; ``sliding`` is then its value for speed 0.
     - ``static``: the static friction coefficient μ_s; ``sliding`` if not given.
     - ``restitution``: Newton's e, from 0 to 1.
     - ``slowest``: a rebound slower than this times √(g r) is treated as none, because bounces get shorter and shorter,
@@ -44,16 +72,18 @@ class Contact(Printed):
     restitution: Float[Array, "*batch"]
     slowest: Float[Array, "*batch"]
     room: int = eqx.field(static=True)
+    friction: AbstractFriction | None = None
 
     def __init__(
         self,
-        sliding: Numbers,
+        sliding: Numbers | AbstractFriction,
         static: Numbers | None = None,
         restitution: Numbers = 0.0,
         slowest: Numbers = SLOWEST,
         room: int = 64,
     ):
-        self.sliding = numbers("sliding")(sliding)
+        self.friction = sliding if isinstance(sliding, AbstractFriction) else None
+        self.sliding = numbers("sliding")(sliding(jnp.zeros(())) if isinstance(sliding, AbstractFriction) else sliding)
         self.static = self.sliding if static is None else numbers("static")(static)
         self.restitution = numbers("restitution")(restitution)
         self.slowest = numbers("slowest")(slowest)
@@ -77,3 +107,14 @@ class Contact(Printed):
         yield Condition(holds, "contact.restitution", self.restitution, "from 0 to 1, or impacts would create energy")
         holds = (self.slowest > 0) & finite(self.slowest)
         yield Condition(holds, "contact.slowest", self.slowest, "a positive number, or bounces would never end")
+        if self.friction is not None:
+            yield from self.friction.conditions()
+
+    def coefficient(self, speed: Float[Array, ""]) -> Float[Array, ""]:
+        """The kinetic friction coefficient for a slip speed, length/time."""
+        return self.sliding if self.friction is None else self.friction(speed)
+
+    @property
+    def law_of_sliding(self) -> Any:
+        """What was given as ``sliding``: the coefficient, or the friction that has it."""
+        return self.sliding if self.friction is None else self.friction

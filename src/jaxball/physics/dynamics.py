@@ -128,7 +128,7 @@ def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State)
 
     It adds more where much of the mass is far ahead of the contact point and friction is great. ``system`` is prepared.
     """
-    if system.resistance is None or system.resistance.dry is None:
+    if system.resistance is None or not system.resistance.is_dry:
         return
     r, Omega, Gamma = system.radius, state.Omega, state.Gamma
     links = linkages(system, t, (state.theta, state.thetadot, state.thetadot))  # no rates are used
@@ -138,7 +138,7 @@ def solvable_friction(system: BodyParameters, t: Float[Array, ""], state: State)
     assert dry is not None
     *_, slope = _rubbed(at, Gamma, with_free_joints(links), matrix, dry)
     # NaN is reported by other conditions.
-    yield Condition(~(slope >= 1), "resistance.dry", system.resistance.dry, SOLVABLE)
+    yield Condition(~(slope >= 1), "resistance.dry", getattr(system.resistance, "dry", dry), SOLVABLE)
 
 
 def _rubbed(

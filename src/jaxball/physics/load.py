@@ -85,11 +85,12 @@ def load(
     if system.resistance is not None:
         resistance, Omega = system.resistance, state.Omega
         rolling = r * cross(Omega, Gamma)
-        drag = -resistance.drag * (rolling if velocity is None else rolling + velocity)
-        force = drag if force is None else force + drag
+        medium = resistance.medium(rolling if velocity is None else rolling + velocity, Omega)
         resisting = resistance.contact_torque(Omega, Gamma, W)
         resisting = resisting if touching is None else jnp.where(touching, resisting, 0.0)
-        resisting = resisting - resistance.rotational_drag * Omega
+        if medium is not None:
+            force = medium[0] if force is None else force + medium[0]
+            resisting = resisting + medium[1]
         torque = resisting if torque is None else torque + resisting
     return Load(g, Gamma, gamma, force, torque, applied)
 

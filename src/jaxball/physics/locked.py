@@ -134,6 +134,6 @@ def _momentum_rate(
 
 
 def _with_dry_friction(system: BodyParameters, t: Float[Array, ""], state: State, acting: Load) -> Load:
-    if system.resistance is None or system.resistance.dry is None:
+    if system.resistance is None or not system.resistance.is_dry:
         return acting
     return acting.with_torque(accelerations(system, t, state, acting).dry)

@@ -23,7 +23,7 @@ from .ground import Ground
 from .mechanisms import AbstractMechanism
 from .motion import AbstractMotion, Driven
 from .rails import AbstractRail
-from .resistance import Resistance
+from .resistance import AbstractResistance
 from .schedules import AbstractSchedule
 
 MOST_PRINTED = 12
@@ -83,7 +83,7 @@ class BodyParameters(Printed):
     mechanism_groups: tuple[AbstractMechanism, ...]
     mechanism_order: tuple[tuple[int, ...], ...] = eqx.field(static=True)
     ground: Ground | None
-    resistance: Resistance | None
+    resistance: AbstractResistance | None
 
     def __init__(
         self,
@@ -98,7 +98,7 @@ class BodyParameters(Printed):
         law: AbstractLaw | None = None,
         mechanisms: Sequence[AbstractMechanism] = (),
         ground: Ground | None = None,
-        resistance: Resistance | None = None,
+        resistance: AbstractResistance | None = None,
     ):
         self.mass, self.radius, self.gravity = (
             numbers(name)(x) for name, x in (("mass", mass), ("radius", radius), ("gravity", gravity))
@@ -113,7 +113,7 @@ class BodyParameters(Printed):
         self.mechanism_groups, self.mechanism_order = grouped(mechanisms)
         self.ground, self.resistance = ground, resistance
         require("ground", ground, (Ground, type(None)), "a Ground or None")
-        require("resistance", resistance, (Resistance, type(None)), "a Resistance or None")
+        require("resistance", resistance, (AbstractResistance, type(None)), "a Resistance or None")
         if self.planar and ground is not None and ground.turntable is not None:
             raise ValueError(
                 "Argument `ground` must have no turntable under a disk, which rolls on a line; use a Ball."

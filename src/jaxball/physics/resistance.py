@@ -1,5 +1,6 @@
 """Resistance to rolling: viscous and dry rolling friction, spinning friction, and the drag of the medium."""
 
+import abc
 from collections.abc import Iterator
 
 import equinox as eqx
@@ -15,7 +16,66 @@ from .conditions import Condition
 SMOOTHING = 1e-3  # of dry friction by default, rad/time
 
 
-class Resistance(Printed):
+class AbstractResistance(Printed):
+    """What resists the turning and the motion of a body: at its contact with the plane, and from the medium.
+
+    An implementer supplies ``contact_torque``. Everything else has a default, to be overridden where it does not fit:
+
+    - ``medium``: a force at the geometric centre and a torque, which act in flight, too;
+    - ``dry_torque``: the part of the contact torque that is proportional to the normal force, over that force;
+    - ``conditions``: what its numbers must be, so that an impossible run has a sentence that says why.
+
+    Methods are traced: they are written with ``jax.numpy``, in body axes, for one moment without a batch. What they
+    return enters accelerations, contact forces, the dissipation and all laws that are checked. A torque that does not
+    vanish with the slowest motion can set a body in motion, so make it smooth at rest.
+    """
+
+    @abc.abstractmethod
+    def contact_torque(
+        self, Omega: Float[Array, "3"], Gamma: Float[Array, "3"], W: Float[Array, ""] | None
+    ) -> Float[Array, "3"]:
+        """T at the contact without its dry part, body axes, mass length²/time², shape (3,).
+
+        **Arguments:**
+
+        - ``Omega``: Ω, body axes, rad/time, shape (3,).
+        - ``Gamma``: Γ, the unit vector up, body axes, shape (3,).
+        - ``W``: the rate of a turntable under the body, rad/time; None without one.
+        """
+
+    def medium(self, velocity: Float[Array, "3"], Omega: Float[Array, "3"]) -> tuple[Float[Array, "3"], ...] | None:
+        """The force at the geometric centre and the torque, each in body axes, of shape (3,); None where there is none.
+
+        **Arguments:**
+
+        - ``velocity``: of the geometric centre relative to the plane, body axes, length/time, shape (3,).
+        - ``Omega``: Ω, body axes, rad/time, shape (3,).
+        """
+        return None
+
+    def dry_torque(
+        self, r: Float[Array, ""], Omega: Float[Array, "3"], Gamma: Float[Array, "3"]
+    ) -> Float[Array, "3"] | None:
+        """The dry torque over N, body axes, a length, shape (3,); None where no part is proportional to N.
+
+        **Arguments:**
+
+        - ``r``: the radius, a length.
+        - ``Omega``, ``Gamma``: as for :meth:`contact_torque`.
+        """
+        return None
+
+    @property
+    def is_dry(self) -> bool:
+        """Whether there is a dry torque."""
+        return type(self).dry_torque is not AbstractResistance.dry_torque
+
+    def conditions(self) -> Iterator[Condition]:
+        """Every condition that its numbers must meet, named ``resistance.…``; traceable."""
+        yield from ()
+
+
+class Resistance(AbstractResistance):
     """Torques at the contact, and the drag of a medium that is at rest relative to the plane.
 
     With ω_h the horizontal part of ω, over a plane whose turntable turns at W,
@@ -70,6 +130,14 @@ class Resistance(Printed):
                 yield Condition(finite if self.negative else finite & (value >= 0), f"resistance.{name}", value, must)
         holds = (self.smoothing > 0) & namespace_of(self.smoothing).isfinite(self.smoothing)
         yield Condition(holds, "resistance.smoothing", self.smoothing, "a positive number")
+
+    @property
+    def is_dry(self) -> bool:
+        return self.dry is not None or type(self).dry_torque is not Resistance.dry_torque
+
+    def medium(self, velocity: Float[Array, "3"], Omega: Float[Array, "3"]) -> tuple[Float[Array, "3"], ...] | None:
+        """−drag ż and −rotational_drag ω, body axes."""
+        return -self.drag * velocity, -self.rotational_drag * Omega
 
     def contact_torque(
         self, Omega: Float[Array, "3"], Gamma: Float[Array, "3"], W: Float[Array, ""] | None

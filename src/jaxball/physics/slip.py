@@ -14,6 +14,7 @@ singular: φ′ = a·n, (ln s)′ = a·σ, t′ = s. Where the slip is slow, the
 followed to its end with the response of the body halfway.
 """
 
+from collections.abc import Callable
 from functools import cache
 from typing import NamedTuple
 
@@ -28,7 +29,7 @@ from ..numerics.linear import inverses, solutions
 from ..numerics.norms import root
 from .body import AbstractBody
 from .friction import across, left, sliding, unit
-from .released import ReleasedState, Response, rates, response
+from .released import ReleasedState, Response, rates, response, slip_velocity
 
 DEGREE = 6  # of the polynomial through the directions of a slip that begins
 SHORTER = 0.4  # a window that is too long, when it is tried again
@@ -116,14 +117,14 @@ def end(found: Response, mu: Float[Array, ""], slip: Float[Array, "3"]) -> End:
 
 def beginning(
     body: AbstractBody,
-    mu: Float[Array, ""],
+    coefficient: Callable[[Float[Array, "3"]], Float[Array, ""]],
     t: Float[Array, ""],
     state: ReleasedState,
     sigma: Float[Array, "2"],
     longest: Float[Array, ""],
 ) -> Beginning:
     """How a slip begins at ``t``, where its velocity is zero, in the direction ``sigma``: in the ``longest`` window, or
-    a shorter one in which a polynomial can follow it.
+    a shorter one in which a polynomial can follow it. ``coefficient`` gives μ for a slip velocity.
     """
     at, (x0, unravel) = _lobatto(), ravel_pytree(state)
     nodes, integrals, powers = (jnp.asarray(x, x0.dtype) for x in (at.nodes, at.integrals, at.powers))
@@ -133,6 +134,7 @@ def beginning(
     def at_node(t: Float[Array, ""], x: Float[Array, " size"], tangent: Float[Array, ""]) -> tuple[Array, ...]:
         released = unravel(x)
         found = response(body, t, released)
+        mu = coefficient(slip_velocity(body, t, released))
 
         def pulled(tangent: Float[Array, ""]) -> tuple[Array, Array]:
             acting = sliding(found, mu, _turned(sigma, tangent))

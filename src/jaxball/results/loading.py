@@ -60,6 +60,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
         arrays = ARRAYS[path.suffix](path)
     state = _state(arrays, system, path)
     attribute = functools.partial(attribute_of, path, about)
+    friction = None if scenario is None or scenario.contact is None else scenario.contact.friction
     try:
         run = Trajectory(
             system=system,
@@ -70,7 +71,7 @@ def load_run(path: str | Path, system: AbstractSystem | None = None) -> Trajecto
             steps=jnp.asarray(attribute("steps", int)),
             rejected=jnp.asarray(attribute("rejected_steps", int)),
             start=None if scenario is None else scenario.state,
-            contact=read_history(arrays, attribute, state) if "contact_sliding" in about else None,
+            contact=read_history(arrays, attribute, state, friction) if "contact_sliding" in about else None,
         )
     except KeyError as error:
         raise no_run(path, f"it has no {error}") from None

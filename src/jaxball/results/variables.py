@@ -9,7 +9,7 @@ from jaxtyping import Array
 
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody
-from ..physics.contact_law import Contact
+from ..physics.contact_law import AbstractFriction, Contact
 from ..physics.released import ReleasedState
 from ..physics.state import DiskState, ReducedState
 from ..scenario.body import COEFFICIENTS
@@ -137,11 +137,17 @@ def contact_attributes(history: ContactHistory) -> dict[str, int | float]:
 
 
 def read_history(
-    arrays: Mapping[str, np.ndarray], attribute: Callable[[str, Callable[[Any], Any]], Any], states: Any
+    arrays: Mapping[str, np.ndarray],
+    attribute: Callable[[str, Callable[[Any], Any]], Any],
+    states: Any,
+    friction: AbstractFriction | None = None,
 ) -> ContactHistory:
-    """The history in a file, whose attributes ``attribute`` reads by name; ``states`` are those of the body."""
-    coefficients = [attribute(f"contact_{name}", float) for name in COEFFICIENTS]
-    law = Contact(*coefficients, room=attribute("contact_room", int))
+    """The history in a file, whose attributes ``attribute`` reads by name; ``states`` are those of the body.
+
+    ``friction`` is that of the law, if it is not one coefficient.
+    """
+    sliding, *others = (attribute(f"contact_{name}", float) for name in COEFFICIENTS)
+    law = Contact(sliding if friction is None else friction, *others, room=attribute("contact_room", int))
     over_time = {
         name: to_array(arrays[name]) if variable.flags is None else jnp.asarray(arrays[name], dtype=int)
         for name, variable in HISTORY.items()

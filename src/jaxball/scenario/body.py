@@ -2,22 +2,25 @@
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 
 from ..numerics.arrays import to_array
 from ..physics.body import AbstractBody, Ball, Disk, System
-from ..physics.contact_law import SLOWEST, Contact
-from ..physics.force import AbstractWrench, FunctionWrench, require_wrench
+from ..physics.contact_law import SLOWEST, AbstractFriction, Contact
+from ..physics.force import AbstractWrench, FunctionWrench, HarmonicForce, require_wrench
 from ..physics.ground import Ground, Turntable
 from ..physics.released import ReleasedState
-from ..physics.resistance import SMOOTHING, Resistance
+from ..physics.resistance import SMOOTHING, AbstractResistance, Resistance
 from ..physics.system import AbstractState
 from ..sensors import AbstractSensor, Accelerometer, Encoder, Gyroscope, Tachometer
 from .functions import FUNCTION, trying
 from .mechanisms import MOTIONS, read_motion, write_motion
 from .motions import FRAME, HARMONIC_FORCE, SCHEDULE
+from .own import Open, names_own, read_own, trying_class
 from .table import (
     Family,
     Key,
@@ -67,8 +70,13 @@ RESISTANCE = Module(
 )
 
 
-def read_resistance(values: Any, path: str) -> Resistance:
-    """The coefficients of resistance."""
+RESISTANCES = Open(AbstractResistance, {"": RESISTANCE})
+
+
+def read_resistance(values: Any, path: str) -> AbstractResistance:
+    """The coefficients of resistance, or a user's class."""
+    if names_own(values):
+        return read_own(values, path, RESISTANCES)
     resistance = RESISTANCE.read(values, path)
     require_conditions(resistance)
     return resistance
@@ -78,23 +86,41 @@ ROOM = 64
 COEFFICIENTS = ("sliding", "static", "restitution", "slowest")
 
 
+FRICTIONS = Open(AbstractFriction, {})
+
+
+@dataclass(frozen=True)
+class _Sliding(Numbers):
+    """The coefficient, or a user's class that has it for each slip speed."""
+
+    def read(self, value: Any, path: str) -> Any:
+        return read_own(value, path, FRICTIONS) if names_own(value) else super().read(value, path)
+
+    def write(self, value: Any, path: str) -> Any:
+        return (
+            write_family(value, path, FRICTIONS) if isinstance(value, AbstractFriction) else super().write(value, path)
+        )
+
+
 def _law(sliding: Any, static: Any = None, *, room: int, **others: Any) -> Contact:
     """The law, without the checks of its constructor, because a reader reports these in the words of the file."""
-    values = {"sliding": sliding, "static": sliding if static is None else static, **others}
+    given, least = (sliding, sliding(jnp.zeros(()))) if isinstance(sliding, AbstractFriction) else (0.0, sliding)
+    values = {"sliding": least, "static": least if static is None else static, **others}
     arrays = [to_array(values[name], name) for name in COEFFICIENTS]
-    return eqx.tree_at(lambda law: [getattr(law, name) for name in COEFFICIENTS], Contact(0.0, room=room), arrays)
+    return eqx.tree_at(lambda law: [getattr(law, name) for name in COEFFICIENTS], Contact(given, room=room), arrays)
 
 
 CONTACT = Module(
     Contact,
     {
-        "sliding": Key(Numbers()),
+        "sliding": Key(_Sliding()),
         "static": Key(Numbers(), None),
         "restitution": Key(Numbers(), 0.0),
         "slowest": Key(Numbers(), SLOWEST),
         "room": Key(Integer(1, 10**6), ROOM),
     },
     build=_law,
+    attributes={"sliding": "law_of_sliding"},
 )
 
 
@@ -156,10 +182,13 @@ BALL = {**SHELL, "inertia": Key(Numbers((3,), POSITIVE))}
 DISK = {**SHELL, "inertia": Key(Numbers(rule=POSITIVE))}
 FLAT = "in the plane of a disk, E1 and E3, with second entry 0"
 BODIES = {"ball": (Ball, BALL), "disk": (Disk, DISK)}
-FORCES: Family = {
-    "": HARMONIC_FORCE,
-    "function": Module(FunctionWrench, {**FUNCTION, "kink_times": Key(Numbers((None,), dimension=TIME), ())}),
-}
+FORCES = Open(
+    AbstractWrench,
+    {
+        "": HARMONIC_FORCE,
+        "function": Module(FunctionWrench, {**FUNCTION, "kink_times": Key(Numbers((None,), dimension=TIME), ())}),
+    },
+)
 
 
 def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
@@ -172,7 +201,9 @@ def read_shell(values: Any, path: str, kind: str) -> dict[str, Any]:
 
 
 def read_force(values: Any, path: str, kind: str) -> AbstractWrench:
-    """The external force: a user's function, or a series, which on a disk must lie in the disk's plane."""
+    """The external force: a user's class or function, or a series, which on a disk must lie in the disk's plane."""
+    if names_own(values):
+        return read_own(values, path, FORCES)
     choices = {name: force.keys for name, force in FORCES.items() if name}
     if read_one_of(values, path, choices, HARMONIC_FORCE.keys)[0]:
         with trying(join(path, "function")):
@@ -188,10 +219,13 @@ def read_force(values: Any, path: str, kind: str) -> AbstractWrench:
 
 
 def check_force(force: AbstractWrench | None, path: str, coordinates: int) -> None:
-    """Raises unless a function returns a force on a body with so many ``coordinates``."""
+    """Raises unless a user's function or class returns a force on a body with so many ``coordinates``."""
     if isinstance(force, FunctionWrench):
         with trying(join(path, "function")):
             require_wrench("function", force, coordinates)
+    elif force is not None and not isinstance(force, HarmonicForce):
+        with trying_class(path, type(force).__name__):
+            require_wrench("wrench", force, coordinates)
 
 
 def write_body(system: System) -> dict[str, Any]:
@@ -199,10 +233,13 @@ def write_body(system: System) -> dict[str, Any]:
     kind = kind_of(system)
     keys = BODIES[kind][1]
     tables = {"body": write_table({name: getattr(system, name) for name in keys}, "body", keys)}
-    surroundings: dict[str, Family] = {"force": FORCES, "ground": {"": GROUND}, "resistance": {"": RESISTANCE}}
+    surroundings: dict[str, Family] = {"force": FORCES, "ground": {"": GROUND}, "resistance": RESISTANCES}
     for name, family in surroundings.items():
         if getattr(system, name) is not None:
             kind, table = write_member(getattr(system, name), name, family)
+            if kind not in family:
+                tables[name] = {"kind": kind, **table}
+                continue
             first, key = next(iter(family[kind].keys.items()))
             tables[name] = table or {
                 first: key.kind.write(key.default, name)
@@ -218,12 +255,13 @@ def kind_of(system: System) -> str:
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)
 _ON = Key(Text("the name of a part of the body, such as masses[0] or mechanisms[0].joints[0]"))
 _MOUNT = {"on": Key(_ON.kind, None), "frame": FRAME}
-SENSORS: Family = {
+_SENSORS: Family = {
     "accelerometer": Module(Accelerometer, {"at": Key(Numbers((3,), dimension=LENGTH), (0.0, 0.0, 0.0)), **_MOUNT}),
     "gyroscope": Module(Gyroscope, _MOUNT),
     "encoder": Module(Encoder, {"on": _ON}),
     "tachometer": Module(Tachometer, {"on": _ON}),
 }
+SENSORS = Open(AbstractSensor, _SENSORS)
 
 
 def read_sensors(values: Any, path: str) -> dict[str, AbstractSensor]:

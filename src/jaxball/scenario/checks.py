@@ -58,7 +58,7 @@ def check_start(system: System, start: Any, state: BallState | DiskState) -> Non
     if any(group.free for group in system.mechanism_groups):
         decisive = (system.mechanism_groups, system.radius, start, state.theta)
         rules.append(("mechanisms", moved_masses, decisive))
-    if system.resistance is not None and system.resistance.dry is not None:
+    if system.resistance is not None and system.resistance.is_dry:
         rules.append(("resistance.dry", solvable_friction, (system, start, state)))
     for path, rule, decisive in rules:
         if any_traced(decisive):

@@ -1,11 +1,12 @@
-"""Classical systems in a scenario file: their parameters and initial states."""
+"""Classical systems, and users' own, in a scenario file: their parameters and initial states."""
 
 from collections.abc import Iterable
 from typing import Any
 
+import jax
+import numpy as np
+
 from ..classical import (
-    AbstractClassicalState,
-    AbstractClassicalSystem,
     FreeRigidBody,
     HarmonicAxis,
     HeavyTop,
@@ -21,8 +22,9 @@ from ..physics.conditions import Condition
 from ..physics.system import AbstractState, AbstractSystem
 from .initial import read_orientation
 from .motions import SERIES, WAVES_IN_SPACE, check_lengths, series_of
+from .own import Open, module_of, trying_class
 from .table import Key, Module, join, read_one_of, read_table, write_member, write_table
-from .values import NOT_ALL_ZERO, POSITIVE, Nested, Numbers, require_condition
+from .values import NOT_ALL_ZERO, POSITIVE, Nested, Numbers, key_error, require_condition
 
 INERTIA = {"inertia": Key(Numbers((3,), POSITIVE))}
 PARTICLE_MASS = {"mass": Key(Numbers(rule=POSITIVE), 1.0)}
@@ -43,16 +45,19 @@ _AXIS = Module(
 # A family of one, so that a FunctionAxis is refused by name when a file is written.
 _XI = Nested(_AXIS.read, lambda item, path: write_member(item, path, {"harmonic": _AXIS})[1], tables={"": _AXIS.keys})
 
-CLASSICAL = {
-    "free-rigid-body": Module(FreeRigidBody, INERTIA),
-    "heavy-top": Module(
-        HeavyTop,
-        {"mass": Key(Numbers(rule=POSITIVE)), **INERTIA, "chi": Key(Numbers((3,))), "gravity": Key(Numbers())},
-    ),
-    "suslov": Module(SuslovProblem, {**INERTIA, "xi": Key(_XI)}),
-    "nonholonomic-particle": Module(NonholonomicParticle, PARTICLE_MASS),
-    "vakonomic-particle": Module(VakonomicParticle, PARTICLE_MASS),
-}
+CLASSICAL = Open(
+    AbstractSystem,
+    {
+        "free-rigid-body": Module(FreeRigidBody, INERTIA),
+        "heavy-top": Module(
+            HeavyTop,
+            {"mass": Key(Numbers(rule=POSITIVE)), **INERTIA, "chi": Key(Numbers((3,))), "gravity": Key(Numbers())},
+        ),
+        "suslov": Module(SuslovProblem, {**INERTIA, "xi": Key(_XI)}),
+        "nonholonomic-particle": Module(NonholonomicParticle, PARTICLE_MASS),
+        "vakonomic-particle": Module(VakonomicParticle, PARTICLE_MASS),
+    },
+)
 
 _OMEGA = {"Omega": Key(Numbers((3,)), (0.0, 0.0, 0.0))}
 _VERSOR = {"versor": Key(Numbers((4,)), (1.0, 0.0, 0.0, 0.0)), **_OMEGA}
@@ -73,18 +78,21 @@ INITIAL = {
 }
 
 
-def read_classical(
-    kind: str, body: Any, initial: Any, start: Any
-) -> tuple[AbstractClassicalSystem, AbstractClassicalState]:
+def read_classical(kind: str, body: Any, initial: Any, start: Any) -> tuple[AbstractSystem, AbstractState]:
     """The system of the table ``body`` and the state of the table ``initial`` at time ``start``.
+
+    ``kind`` is a name in ``CLASSICAL``, or that of a user's class.
 
     **Raises:** :class:`ScenarioError` for impossible parameters and states.
     """
-    system = CLASSICAL[kind].read({} if body is None else body, "body")
+    module = CLASSICAL[kind] if kind in CLASSICAL else CLASSICAL.own(kind, "kind")
+    system = module.read({} if body is None else body, "body")
     _refuse(system.conditions())
     state = _read_state(system.state_type, {} if initial is None else initial)
     _refuse(state.conditions())
     _refuse(system.start_conditions(to_array(start), state))
+    if kind not in CLASSICAL:
+        _require_rates(kind, system, to_array(start), state)
     return system, state
 
 
@@ -96,17 +104,33 @@ def write_classical(system: AbstractSystem, state: AbstractState) -> dict[str, A
     kind, body = write_member(system, "body", CLASSICAL)
     if isinstance(state, RigidBodyState):
         initial = write_table({"versor": state.q, "Omega": state.Omega}, "initial", _VERSOR)
+    elif kind not in CLASSICAL:
+        initial = module_of(type(state)).write(state, "initial")
     else:
         keys = _PARTICLES[type(state)]
         initial = write_table({name: getattr(state, name) for name in keys}, "initial", keys)
     return {"kind": kind, "body": body, "initial": initial}
 
 
-def _read_state(kind: type[AbstractClassicalState], values: Any) -> AbstractClassicalState:
+def _read_state(kind: type[AbstractState], values: Any) -> AbstractState:
     if kind is RigidBodyState:
         choice, table = read_one_of(values, "initial", _ORIENTED, otherwise=_OMEGA)
         return RigidBodyState(**read_orientation(choice, table, "initial"))
+    if kind not in _PARTICLES:
+        with trying_class("initial", kind.__name__):
+            return module_of(kind).read(values, "initial")
     return kind(**read_table(values, "initial", _PARTICLES[kind]))
+
+
+def _require_rates(kind: str, system: AbstractSystem, start: Any, state: AbstractState) -> None:
+    """Raises unless ``field`` of a user's system returns the rate of each number of the state."""
+    with trying_class("initial", kind):
+        rates = jax.eval_shape(system.field, start, state)
+    moved, given = ({name: np.shape(value) for name, value in vars(each).items()} for each in (rates, state))
+    if moved != given:
+        raise key_error(
+            "initial", f"a state of the shapes that `field` of {kind} returns, {moved}", f"one of the shapes {given}"
+        )
 
 
 def _refuse(conditions: Iterable[Condition]) -> None:

@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +24,7 @@ from .body import (
     DISK,
     FORCES,
     GROUND,
-    RESISTANCE,
+    RESISTANCES,
     SENSORS,
     check_force,
     check_sensors,
@@ -40,6 +41,7 @@ from .body import (
 from .checks import check_confined, check_start
 from .classical import CLASSICAL, INITIAL as CLASSICAL_INITIAL, read_classical, write_classical
 from .errors import each_of, raise_first, tried
+from .imports import is_python_name
 from .initial import INITIAL, balanced, initial_state, read_initial, released_from, write_initial
 from .mechanisms import (
     CHOICES as MASSES,
@@ -61,10 +63,18 @@ FORMAT = 1
 BODIES = ("ball", "disk")
 
 
+@dataclass(frozen=True)
+class _KindOfSystem(Choice):
+    """A body or a classical system by its name, or a user's class of systems."""
+
+    def read(self, value: Any, path: str) -> str:
+        return value if is_python_name(value) else super().read(value, path)
+
+
 _SHARED = {
     "format": Key(Integer(FORMAT, FORMAT)),
     "title": Key(Text(), ""),
-    "kind": Key(Choice((*BODIES, *CLASSICAL))),
+    "kind": Key(_KindOfSystem((*BODIES, *CLASSICAL))),
     "time": Key(unread(tables=TIMES)),
     "solve": Key(unread(tables={"": SOLVE}), None),
 }
@@ -73,7 +83,7 @@ KEYS = {
     "body": Key(unread(tables={"ball": BALL, "disk": DISK})),
     "force": Key(unread(tables=keys_of(FORCES)), None),
     "ground": Key(unread(tables={"": GROUND.keys}), None),
-    "resistance": Key(unread(tables={"": RESISTANCE.keys}), None),
+    "resistance": Key(unread(tables=keys_of(RESISTANCES)), None),
     "contact": Key(unread(tables={"": CONTACT.keys}), None),
     "masses": Key(unread(tables=MASSES), []),
     "mechanisms": Key(unread(tables={"": MECHANISM}), []),
@@ -180,7 +190,7 @@ def read_contents(document: dict[str, Any]) -> Contents:
 
     Numbers of ``document`` may be traced within :func:`~jaxball.scenario.errors.traced_conditions`.
     """
-    if document.get("kind") in tuple(CLASSICAL):
+    if document.get("kind") in tuple(CLASSICAL) or is_python_name(document.get("kind")):
         return _read_classical(document)
     kind = str(document.get("kind"))
     if kind not in BODIES:

@@ -1,8 +1,6 @@
 """Users' functions that a file names as "module:function", and the numbers passed to them."""
 
 import contextlib
-import importlib
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -12,42 +10,9 @@ import numpy as np
 
 from ..numerics.arrays import to_array
 from .errors import ScenarioError, key_error, shown
+from .imports import imported as imported, name_of
 from .table import Key, join
 from .values import Numbers
-
-
-def imported(
-    path: str, named: str, words: str = 'functions that can be imported as "module:function"'
-) -> Callable[..., Any]:
-    """The function that the key at ``path`` names; modules are found in the current folder, too.
-
-    **Raises:** :class:`ScenarioError` where there is no such function, or, as ``words`` say, class.
-    """
-    module, _, name = named.partition(":")
-    try:
-        with _current_folder():
-            function = getattr(importlib.import_module(module), name)
-    except Exception as error:  # of any kind: the module is the user's
-        reason = f"{error}" if isinstance(error, ImportError | AttributeError) else f"{type(error).__name__}: {error}"
-        reason = " ".join(reason.split())
-    else:
-        if callable(function):
-            return function
-        reason = "it is not a function"
-    raise ScenarioError(f"Key `{path}` must name {words}, but {shown(named)} cannot: {reason.rstrip('.')}.")
-
-
-@contextlib.contextmanager
-def _current_folder() -> Iterator[None]:
-    """The current folder is searched last for modules, as it would be for a Python script."""
-    added = "" not in sys.path
-    if added:
-        sys.path.append("")
-    try:
-        yield
-    finally:
-        if added:
-            sys.path.remove("")
 
 
 @contextlib.contextmanager
@@ -77,13 +42,12 @@ class Function:
         return imported(path, value)
 
     def write(self, value: Any, path: str) -> str:
-        name = f"{getattr(value, '__module__', '')}:{getattr(value, '__qualname__', '')}"
-        if not name.startswith("__main__:"):
-            with contextlib.suppress(ScenarioError):
-                if imported(path, name) is value:
-                    return name
+        name = name_of(value, path)
+        if name is not None:
+            return name
+        called = f"{getattr(value, '__module__', '')}:{getattr(value, '__qualname__', '')}"
         raise ScenarioError(
-            f"Key `{path}` must be a function that can be imported to be written to a file, but {name} cannot be; "
+            f"Key `{path}` must be a function that can be imported to be written to a file, but {called} cannot be; "
             "keep its scenario as a Python script."
         )
 

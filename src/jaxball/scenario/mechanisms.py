@@ -27,6 +27,7 @@ from ..physics.mechanisms import (
 from ..physics.motion import AbstractMotion, Driven, Fixed, OnRail, Oscillating
 from ..physics.schedules import AbstractSchedule
 from .motions import OSCILLATING, RAILS, SCHEDULE, SIGNAL
+from .own import Open
 from .table import (
     Family,
     Key,
@@ -127,7 +128,7 @@ def write_motion(motion: AbstractMotion, path: str, target: AbstractSchedule | N
 _NUMBER, _ZERO, _LIMIT = Key(Numbers()), Key(Numbers(), 0.0), Key(Numbers(), None)
 _END = Key(Numbers(dimension=ANGLE))
 
-JOINT_FORCES: Family = {
+_FORCES: Family = {
     "motor": Module(Motor, {"signal": Key(SIGNAL), "limit": _LIMIT}),
     "spring": Module(Spring, {"stiffness": _NUMBER, "rest": Key(Numbers(dimension=ANGLE), 0.0)}),
     "damper": Module(Damper, {"coefficient": _NUMBER, "negative": Key(Flag(), False)}),
@@ -140,6 +141,7 @@ JOINT_FORCES: Family = {
         {"lower": _END, "upper": _END, "stiffness": _NUMBER, "damping": Key(Numbers(dimension=TIME), 0.0)},
     ),
 }
+JOINT_FORCES = Open(AbstractJointForce, _FORCES)
 _FORCE_WORDS = "a table, or a list of tables whose forces add up"
 
 

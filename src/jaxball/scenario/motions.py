@@ -6,14 +6,17 @@ from typing import Any
 
 import numpy as np
 
+from ..interface.arguments import require_function
 from ..interface.wording import counted
+from ..numerics.arrays import a_number
 from ..numerics.harmonics import HarmonicSeries
 from ..physics.force import HarmonicForce
 from ..physics.frames import AbstractFrame, MatrixFrame, SphericalFrame, VersorFrame
 from ..physics.motion import Oscillating
-from ..physics.rails import BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
+from ..physics.rails import AbstractRail, BernoulliEight, Circle, Ellipse, FourierRail, GeronoEight, SplineRail, Tube
 from ..physics.schedules import AbstractSchedule, ConstantRate, PiecewiseAcceleration, Pulse, Sinusoids, Waypoints
 from ..physics.signals import AbstractSignal, ConstantSignal, PiecewiseSignal
+from .own import Open
 from .table import (
     Family,
     Key,
@@ -173,7 +176,11 @@ def _spline(points) -> SplineRail:
     return SplineRail(points)
 
 
-RAILS: Family = {
+def _check_rail(rail: AbstractRail) -> None:
+    require_function("rail", rail.__call__, (3,), theta=a_number())
+
+
+_RAILS: Family = {
     "circle": Module(Circle, {"radius": Key(SIZE), **PLACE}),
     "ellipse": Module(Ellipse, {"semi_axes": Key(SIZES), **PLACE}),
     "gerono-eight": Module(GeronoEight, {"half_extents": Key(SIZES), **PLACE}),
@@ -188,6 +195,7 @@ RAILS: Family = {
         check=_check_points,
     ),
 }
+RAILS = Open(AbstractRail, _RAILS, _check_rail)
 
 
 THETA = Key(Numbers(dimension=ANGLE))
@@ -226,7 +234,11 @@ def _check_waypoints(table: dict[str, Any], path: str) -> None:
         )
 
 
-SCHEDULES: Family = {
+def _check_schedule(schedule: AbstractSchedule) -> None:
+    require_function("schedule", schedule.__call__, (), t=a_number())
+
+
+_SCHEDULES: Family = {
     "pulse": Module(
         Pulse,
         {
@@ -261,6 +273,7 @@ SCHEDULES: Family = {
         check=_check_waypoints,
     ),
 }
+SCHEDULES = Open(AbstractSchedule, _SCHEDULES, _check_schedule)
 SCHEDULE = Key(member_of(SCHEDULES))
 
 

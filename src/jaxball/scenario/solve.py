@@ -1,5 +1,6 @@
 """The times and the solver of a scenario file."""
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,7 +10,8 @@ from ..physics.body import Disk
 from ..physics.contact_law import Contact
 from ..physics.system import AbstractSystem
 from ..simulation.defaults import DEFAULT_TOLERANCE
-from .solvers import KNOW_MASS_MATRICES, SOLVERS
+from .imports import is_python_name
+from .solvers import KNOW_MASS_MATRICES, SOLVERS, own_solver
 from .table import Key, read_one_of
 from .values import (
     INCREASING,
@@ -103,8 +105,19 @@ def write_times(times: np.ndarray) -> dict[str, Any]:
     return {"at": times.tolist()}
 
 
+@dataclass(frozen=True)
+class _Solver(Choice):
+    """The name of a solver, or of a user's class of solvers."""
+
+    def read(self, value: Any, path: str) -> str:
+        if is_python_name(value):
+            own_solver(value, path)
+            return value
+        return super().read(value, path)
+
+
 SOLVE = {
-    "solver": Key(Choice(tuple(SOLVERS)), "dopri8"),
+    "solver": Key(_Solver(tuple(SOLVERS)), "dopri8"),
     "rtol": Key(Numbers(rule=POSITIVE), DEFAULT_TOLERANCE),
     "atol": Key(Numbers(rule=POSITIVE), DEFAULT_TOLERANCE),
     "max_steps": Key(Integer(1, 10**9), 16384),

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..interface.wording import did_you_mean
 from .errors import each_of
+from .imports import is_python_name
 from .values import Choice, Kind, Nested, ScenarioError, key_error, shown
 
 REQUIRED = object()
@@ -65,6 +66,18 @@ class Module:
 
 
 Family = Mapping[str, Module]
+
+
+class OpenFamily(dict[str, Module]):
+    """A family that has kinds besides those listed: classes of users, by the names from which they are imported."""
+
+    def own(self, named: str, path: str) -> Module:
+        """How an object of the class "module:Class", which the key at ``path`` names, stands in a file."""
+        raise NotImplementedError
+
+    def own_name(self, item: Any, path: str) -> tuple[str, Module] | None:
+        """The name of a user's class and how its objects stand in a file; None for an object of another class."""
+        raise NotImplementedError
 
 
 def join(path: str, name: str) -> str:
@@ -127,6 +140,8 @@ def read_family(values: Any, path: str, family: Family, key: str = "kind") -> An
     chosen = values.get(key)
     if isinstance(chosen, str) and chosen in family:
         return family[chosen].read(rest, path)
+    if isinstance(chosen, str) and is_python_name(chosen) and isinstance(family, OpenFamily):
+        return family.own(chosen, join(path, key)).read(rest, path)
     every = {key, *(name for member in family.values() for name in member.keys)}
     kinds = {key: Key(Choice(tuple(family)))}
     each_of(
@@ -144,6 +159,9 @@ def write_member(item: Any, path: str, family: Family) -> tuple[str, dict[str, A
     for name, member in family.items():
         if type(item) is member.type:
             return name, member.write(item, path)
+    own = family.own_name(item, path) if isinstance(family, OpenFamily) else None
+    if own is not None:
+        return own[0], own[1].write(item, path)
     names = ", ".join(member.type.__name__ for member in family.values())
     raise ScenarioError(
         f"Key `{path}` must be one of {names} to be written to a file, but it is a {type(item).__name__}; "

@@ -18,7 +18,8 @@ from ..interface.wording import did_you_mean
 from ..physics.body import AbstractBody
 from ..scenario import Scenario, ScenarioError, read_document
 from ..scenario.errors import each_of, raise_first, tried
-from ..scenario.functions import imported
+from ..scenario.imports import imported
+from ..scenario.own import own_class, trying_class
 from ..scenario.paths import check_number, with_numbers
 from ..scenario.solvers import SOLVERS
 from ..scenario.sources import SCENARIO, document_of, naming, naming_scenario, scenario_document, text_of
@@ -28,12 +29,13 @@ from .axes import AXES, Axis, read_axis
 from .errors import StudyError
 
 KINDS: Mapping[str, type[Any]] = {"maximum": Maximum, "minimum": Minimum, "integral": Integral, "drift": Drift}
-FINDS = {kind: {"name": Key(Text()), kind: Key(Text())} for kind in KINDS}
+OWN = "reduction"  # of a user's class
+FINDS = {kind: {"name": Key(Text()), kind: Key(Text())} for kind in (*KINDS, OWN)}
 
 
 @dataclasses.dataclass(frozen=True)
 class Find:
-    """A reduction by name: one of ``jaxball.ensemble.REDUCTIONS``, or that of a module's function."""
+    """A reduction by name: one of ``jaxball.ensemble.REDUCTIONS``, or of a module's function or a module's class."""
 
     name: str
     kind: str = ""
@@ -42,10 +44,14 @@ class Find:
     def reduction(self) -> AbstractReduction:
         """The reduction itself.
 
-        **Raises:** :class:`~jaxball.ScenarioError` when there is no such function.
+        **Raises:** :class:`~jaxball.ScenarioError` when there is no such function or class.
         """
         if not self.kind:
             return REDUCTIONS[self.name]
+        if self.kind == OWN:
+            kind = own_class(self.function, "find", AbstractReduction)
+            with trying_class("find", self.function):
+                return kind()
         return KINDS[self.kind](imported("find", self.function))
 
 

@@ -1,0 +1,152 @@
+"""Classes of users in a file: ``kind = "my_module:MyRail"``, and the arguments of the class as keys.
+
+A family of kinds that is :class:`Open` takes every subclass of its contract under the name from which it can be
+imported, so that a class needs no registration: what makes it readable is its contract.
+"""
+
+import contextlib
+import dataclasses
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from ..numerics.arrays import to_array
+from .errors import ScenarioError, key_error, shown
+from .functions import Parameters
+from .imports import imported, is_python_name, name_of
+from .table import REQUIRED, Key, Module, OpenFamily, join
+from .values import Kind, Numbers, require_conditions
+
+
+@dataclass(frozen=True)
+class Setting:
+    """The value of a static field: a text, true or false, a number, or a list of these, which becomes a tuple."""
+
+    words: str = "a text, a number, true or false, or a list of these"
+
+    def read(self, value: Any, path: str) -> Any:
+        if isinstance(value, list):
+            return tuple(self.read(item, path) for item in value)
+        if isinstance(value, float):
+            return float(Numbers().read(value, path))
+        if isinstance(value, str | int):
+            return value
+        raise key_error(path, self.words, shown(value))
+
+    def write(self, value: Any, path: str) -> Any:
+        if isinstance(value, tuple | list):
+            return [self.write(item, path) for item in value]
+        if isinstance(value, str | int | float):
+            return value
+        raise key_error(path, f"{self.words} to be written to a file", f"a {type(value).__name__}")
+
+
+@dataclass(frozen=True)
+class _Array(Numbers):
+    """Numbers as an array, so that a class need not convert them."""
+
+    def read(self, value: Any, path: str) -> Any:
+        return to_array(super().read(value, path))
+
+
+class Open(OpenFamily):
+    """A family of kinds that users' subclasses of ``contract`` join.
+
+    ``check`` is given what a user's class makes, and raises an exception if it does not fit.
+    """
+
+    def __init__(self, contract: type, members: Mapping[str, Module], check: Callable[[Any], None] = lambda item: None):
+        super().__init__(members)
+        self.contract, self.check = contract, check
+
+    def own(self, named: str, path: str) -> Module:
+        module = module_of(own_class(named, path, self.contract))
+
+        def build(**given: Any) -> Any:
+            with trying_class(path, named):
+                item = module.type(**given)
+                self.check(item)
+            return item
+
+        return dataclasses.replace(module, build=build)
+
+    def own_name(self, item: Any, path: str) -> tuple[str, Module] | None:
+        kind = type(item)
+        if not isinstance(item, self.contract) or kind.__module__.partition(".")[0] == "jaxball":
+            return None
+        name = name_of(kind, path)
+        if name is None:
+            raise ScenarioError(
+                f"Key `{join(path, 'kind')}` must be a class that can be imported to be written to a file, but "
+                f"{kind.__module__}:{kind.__qualname__} cannot be; keep its scenario as a Python script."
+            )
+        return name, module_of(kind)
+
+
+def own_class(named: str, path: str, contract: type) -> Any:
+    """The class "module:Class", a subclass of ``contract``.
+
+    **Raises:** :class:`ScenarioError` where there is none.
+    """
+    found = imported(path, named, "class")
+    if isinstance(found, type) and issubclass(found, contract) and not inspect.isabstract(found):
+        return found
+    lacks = sorted(getattr(found, "__abstractmethods__", ())) if isinstance(found, type) else []
+    what = f"it lacks {', '.join(lacks)}" if lacks and issubclass(found, contract) else f"{shown(named)} is not one"
+    raise ScenarioError(f"Key `{path}` must name a subclass of {contract.__name__} with all its methods, but {what}.")
+
+
+def module_of(kind: Any) -> Module:
+    """How an object of a user's class stands in a file: each argument of the class is a key.
+
+    Static fields are settings, all others numbers, of the shape with which they are annotated if they are.
+    """
+    fields = {field.name: field for field in dataclasses.fields(kind)}
+    _, *parameters = inspect.signature(kind.__init__).parameters.values()
+    keys = {one.name: Key(_value_of(fields.get(one.name)), _default_of(one)) for one in parameters}
+    return Module(kind, keys)
+
+
+def _value_of(field: dataclasses.Field | None) -> Kind:
+    """The kind of value of a field; of an argument that is no field, numbers of any shape."""
+    if field is not None and field.metadata.get("static", False):
+        return Setting()
+    axes = str(getattr(None if field is None else field.type, "dim_str", "...")).split()
+    if len(axes) > 2 or not all(axis.isidentifier() or axis.isdecimal() for axis in axes):
+        return Parameters()
+    return _Array(tuple(int(axis) if axis.isdecimal() else None for axis in axes))
+
+
+def _default_of(argument: inspect.Parameter) -> Any:
+    """None for the default of the class itself."""
+    return REQUIRED if argument.default is argument.empty else None
+
+
+def names_own(values: Any) -> bool:
+    """Whether a table has the key ``kind`` "module:Class"."""
+    return isinstance(values, dict) and is_python_name(values.get("kind"))
+
+
+def read_own(values: Any, path: str, family: OpenFamily) -> Any:
+    """What a table with the key ``kind`` "module:Class" describes, whose own conditions must hold."""
+    named = values["kind"]
+    item = family.own(named, join(path, "kind")).read({k: v for k, v in values.items() if k != "kind"}, path)
+    if hasattr(item, "conditions"):
+        require_conditions(item)
+    return item
+
+
+@contextlib.contextmanager
+def trying_class(path: str, named: str) -> Iterator[None]:
+    """Turns what a user's class raises into an error of the key at ``path`` that names it."""
+    try:
+        yield
+    except ScenarioError:
+        raise
+    except Exception as error:
+        sentence = " ".join(str(error).split()).rstrip(".")
+        raised = f"{type(error).__name__}: {sentence}" if sentence else type(error).__name__
+        raise ScenarioError(
+            f"Key `{path}` must name a class that these keys can make, but {shown(named)} raises {raised}."
+        ) from error

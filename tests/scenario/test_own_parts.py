@@ -1,0 +1,221 @@
+"""Classes of users that files name as "module:Class": each example of the page on extending jaxball, in a file.
+
+What the classes do is compared with closed forms, with a tilted plane, and with potentials.
+"""
+
+import dataclasses
+import re
+import sys
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxball
+from jaxball import Ball, BallState, Contact, ReleasedState, ScenarioError, read_scenario, write_scenario
+from jaxball.physics.released import released_energy
+from jaxball.sweep import read_study
+from tests.support.documents import make_module, modules_of
+
+PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "extending.md"
+MODULES = modules_of(PAGE)
+FINE = {"rtol": 1e-12, "atol": 1e-12}
+BALL = """
+format = 1
+kind = "ball"
+body = { mass = 1.3, radius = 0.9, inertia = [0.6, 0.6, 0.6], gravity = 2.0 }
+time = { start = 0.0, end = 3.0, saves = 7 }
+solve = { rtol = 1e-12, atol = 1e-12 }
+"""
+PARTS = {
+    "racetrack": ("Racetrack", '[[masses]]\nmass = 0.1\nrail = { kind = "racetrack:Racetrack", radius = 0.5 }\n'
+        'schedule = { kind = "constant-rate", theta = 0.0, rate = 1.0 }'),
+    "chirp": ("Chirp", '[[masses]]\nmass = 0.1\nrail = { kind = "circle", radius = 0.5 }\n'
+        'schedule = { kind = "chirp:Chirp", start = -1.5, rate = 0.1 }'),
+    "hardening": ("Hardening", '[[mechanisms]]\nmasses = [{ mass = 0.2, place = [0.0, 0.0, -0.5], joint = 0 }]\n'
+        '[[mechanisms.joints]]\nkind = "hinge"\naxis = [0.0, 1.0, 0.0]\n'
+        'force = { kind = "hardening:Hardening", stiffness = 2.0 }'),
+    "cable": ("Cable", '[force]\nkind = "cable:Cable"\nstiffness = 1.4\nlength = 0.2\nanchor = [1.0, 0.0, 0.0]\n'
+        "point = [0.0, 0.1, 0.2]"),
+    "grass": ("Grass", 'initial = { Omega = [0.0, 1.0, 0.0] }\n[resistance]\nkind = "grass:Grass"\nrolling = 0.14'),
+    "stribeck": ("Stribeck", 'initial = { velocity = [1.0, 0.0, 0.0] }\n[contact]\n'
+        'sliding = { kind = "stribeck:Stribeck", kinetic = 0.1, static = 0.2, scale = 0.3 }'),
+    "scales": ("Scales", '[sensors.scales]\nkind = "scales:Scales"'),
+    "shaken": ("ShakenPendulum", None),
+    "heun": ("Heun3", None),
+}  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def modules(tmp_path, monkeypatch):
+    """The files of the page in the current folder, in which modules of files are found."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in MODULES.items():
+        monkeypatch.delitem(sys.modules, name, raising=False)
+        (tmp_path / f"{name}.py").write_text(text)
+    yield
+    for name in MODULES:
+        sys.modules.pop(name, None)
+
+
+def text_of(name):
+    if name == "shaken":
+        return 'format = 1\nkind = "shaken:ShakenPendulum"\nbody = { length = 2.0 }\ninitial = { theta = 0.2 }\n' + (
+            "time = { start = 0.0, end = 3.0, saves = 7 }"
+        )
+    if name == "heun":
+        return BALL.replace("{ rtol = 1e-12, atol = 1e-12 }", '{ solver = "heun:Heun3", rtol = 1e-6, atol = 1e-6 }')
+    return BALL + PARTS[name][1]
+
+
+def test_the_page_has_a_file_for_each_contract_of_twenty_to_forty_lines():
+    assert {*PARTS, "width"} == set(MODULES)
+    assert all(text.count("\n") <= 40 for text in MODULES.values())
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_a_file_with_the_class_is_read_and_written_as_it_was(name):
+    """Reading what is written gives the same text, in which the class has its name."""
+    scenario = read_scenario(text_of(name))
+    written = write_scenario(scenario)
+    assert f'"{name}:{PARTS[name][0]}"' in written
+    assert write_scenario(read_scenario(written)) == written
+
+
+@pytest.mark.thorough
+def test_the_friction_of_a_saved_run_is_read_back(tmp_path):
+    run = read_scenario(text_of("stribeck")).simulate(throw=True)
+    again = jaxball.load_run(run.save(tmp_path / "run.npz"))
+    assert repr(again.contact.law) == repr(run.contact.law)
+    assert "Stribeck" in repr(run.contact.law)
+
+
+def test_a_resistance_of_a_file_slows_a_ball():
+    """(d + m r²) ω̇ = −c ω², so that ω = 1 / (1 + c t / (d + m r²))."""
+    scenario = read_scenario(text_of("grass"))
+    expected = 1 / (1 + 0.14 * scenario.times / (0.6 + 1.3 * 0.9**2))
+    np.testing.assert_allclose(scenario.simulate().state.Omega[:, 1], expected, rtol=0, atol=1e-11)
+
+
+def test_a_system_and_a_solver_of_a_file():
+    """The pendulum by Heun's method against Dormand and Prince's; 1e-5 is a hundred times the tolerance."""
+    scenario = read_scenario(text_of("shaken"))
+    by_heun = scenario.simulate(solver="heun:Heun3", rtol=1e-7, atol=1e-7, throw=True)
+    np.testing.assert_allclose(by_heun.state.theta, scenario.simulate().state.theta, rtol=0, atol=1e-5)
+
+
+def test_a_reduction_of_a_study_and_numbers_of_own_classes_swept():
+    """On a spring of no length, z = 1 − cos ω t with ω² = k / (m + d/r²): its width is that up to the end, or 2."""
+    scenario = BALL + '[force]\nkind = "cable:Cable"\nstiffness = 1.0\nlength = 0.0\nanchor = [1.0, 0.0, 0.0]'
+    Path("scenario.toml").write_text(scenario)
+    study = read_study(
+        'format = 1\nscenario = "scenario.toml"\nfind = [{ name = "width", reduction = "width:Width" }]\n'
+        '[[axes]]\npath = "force.stiffness"\nvalues = [1.0, 4.0]'
+    )
+    (find,) = study.finds
+    systems = [study.scenario(row).system for row in range(2)]
+    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *systems)
+    many = jaxball.ensemble.simulate_ensemble(
+        stacked, (0.0, 3.0), BallState(), reductions={"width": find.reduction()}, in_axes=(0, None), **FINE
+    )
+    omega = np.sqrt(np.array([1.0, 4.0]) / (1.3 + 0.6 / 0.9**2))
+    expected = np.where(omega * 3.0 < np.pi, 1 - np.cos(omega * 3.0), 2.0)
+    np.testing.assert_allclose(many.reductions["width"], expected, rtol=0, atol=1e-10)
+
+
+@pytest.mark.parametrize(
+    "contact", [None, pytest.param(Contact(0.4), marks=pytest.mark.thorough)], ids=["rolling", "sliding"]
+)
+def test_a_uniform_wind_is_a_plane_that_is_tilted(contact):
+    """g and F/m add up to one weight, which is g′ across a plane tilted by the angle whose tangent is F/(m g)."""
+    m, g, F = 1.3, 2.0, 0.5
+    angle = np.arctan2(F / m, g)
+    body = {"mass": m, "inertia": (0.5, 0.6, 0.7), "radius": 0.9}
+    blown = Ball(**body, gravity=g, force=jaxball.FunctionWrench(lambda t, motion, F: F * jnp.array([1.0, 0, 0]), F))
+    tilted = Ball(**body, gravity=np.hypot(g, F / m), ground=jaxball.Ground(angle))
+    state = BallState(Omega=(0.3, -1.0, 0.2))
+    start = state if contact is None else ReleasedState(state, V=(1.4, 0.5, 0.0))
+    runs = [
+        jaxball.simulate(one, np.linspace(0.0, 2.0, 5), start, contact=contact, throw=True, **FINE)
+        for one in (blown, tilted)
+    ]
+    assert contact is None or int(runs[0].contact.switches.count) > 0
+    for name in ("q", "Omega", "z"):
+        one, other = (getattr(run.state, name) for run in runs)
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
+    for name in ("normal_force", "friction"):
+        one, other = (getattr(run.observables, name) for run in runs)
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
+
+
+@pytest.mark.thorough
+def test_a_cable_exchanges_energy_with_the_body_as_its_potential():
+    """E + ½ k max(|d| − L, 0)² + what friction takes is constant, while the body flies, bounces, slides and rolls."""
+    k, L, anchor, point = 2.0, 0.3, np.array([0.5, 0.4, 1.5]), np.array([0.1, 0.2, 0.3])
+    make_module("cable", MODULES["cable"], Path())
+    cable = sys.modules["cable"].Cable(k, L, anchor, point)
+    ball = Ball(mass=1.3, inertia=(0.5, 0.6, 0.7), offset=(0.1, 0.0, -0.2), radius=0.9, gravity=2.0, force=cable)
+    start = ReleasedState(BallState(Omega=(0.3, -1.0, 0.2)), V=(1.4, 0.5, 0.0), height=0.1)
+    times = np.linspace(0.0, 3.0, 13)
+    run = jaxball.simulate(ball, times, start, contact=Contact(0.2, restitution=0.4), throw=True, **FINE)
+    released = ReleasedState(run.state, run.contact.V, run.contact.height)
+    energy = jax.vmap(lambda t, state: released_energy(ball, t, state))(jnp.asarray(times), released)
+    centre = np.column_stack([run.state.z, run.contact.height])
+    distance = np.linalg.norm(anchor - centre - np.asarray(run.state.Lambda) @ point, axis=1)
+    stretched = np.maximum(distance - L, 0.0)
+    total = np.asarray(energy) + 0.5 * k * stretched**2 + run.contact.rubbed + run.contact.struck
+    assert int(run.contact.switches.count) >= 2
+    assert np.ptp(0.5 * k * stretched**2) > 0.1
+    np.testing.assert_allclose(total, total[0], rtol=0, atol=1e-9)
+
+
+WRONG = {
+    "a misspelt key": ("racetrack", "radius = 0.5", "radios = 0.5", r"`masses\[0\]\.rail\.radios` is not known; did"),
+    "a missing key": ("racetrack", ", radius = 0.5", "", r"`masses\[0\]\.rail\.radius` must be a finite number, but"),
+    "another shape": ("cable", "[1.0, 0.0, 0.0]", "[1.0, 0.0]", r"`force\.anchor` must be a list of 3 finite numbers"),
+    "another contract": ("racetrack", "racetrack:Racetrack", "chirp:Chirp", r"a subclass of AbstractRail .*not one"),
+    "no class": ("grass", "grass:Grass", "grass:jnp", r"`resistance\.kind` must name classes .* it is not a class"),
+    "no module": ("scales", "scales:Scales", "scale:Scales", r"`sensors\.scales\.kind` .* No module named 'scale'"),
+    "a contract": ("racetrack", "racetrack:Racetrack", "jaxball:AbstractRail", r"it lacks __call__, period"),
+    "no solver": ("heun", "heun:Heun3", "chirp:Chirp", r"`solve\.solver` must name a subclass of AbstractAd"),
+    "an impossible number": ("shaken", "length = 2.0", "length = -2.0", r"`body\.length` must be a positive number"),
+    "another state": ("shaken", "theta = 0.2", "phi = 0.2", r"`initial\.phi` is not known"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "old", "new", "message"), WRONG.values(), ids=WRONG.keys())
+def test_what_is_wrong_is_said_with_the_path_of_the_key(name, old, new, message):
+    text = text_of(name)
+    assert old in text
+    with pytest.raises(ScenarioError, match=message):
+        read_scenario(text.replace(old, new))
+
+
+def test_what_a_class_raises_is_said_with_the_path_of_the_key():
+    Path("square.py").write_text(re.sub(r"return self.radius.*", "raise ValueError('no side')", MODULES["racetrack"]))
+    text = text_of("racetrack").replace("racetrack:Racetrack", "square:Racetrack")
+    with pytest.raises(ScenarioError, match=r"`masses\[0\]\.rail\.kind` must name a class .* ValueError: no side"):
+        read_scenario(text)
+
+
+def test_only_modules_that_are_allowed_are_imported(monkeypatch):
+    monkeypatch.setenv("JAXBALL_FILES_IMPORT", "chirp, grass")
+    read_scenario(text_of("grass"))
+    with pytest.raises(ScenarioError, match=r"`force\.kind` must name something in a module that JAXBALL_FILES_IMPORT"):
+        read_scenario(text_of("cable"))
+    monkeypatch.setenv("JAXBALL_FILES_IMPORT", "")
+    with pytest.raises(ScenarioError, match=r"lists none"):
+        read_scenario(text_of("grass"))
+    assert "cable" not in sys.modules
+
+
+def test_a_class_of_a_script_is_not_written():
+    scenario = read_scenario(text_of("scales"))
+
+    class Local(type(scenario.sensors["scales"])):
+        pass
+
+    with pytest.raises(ScenarioError, match=r"`sensors\.scales\.kind` must be a class that can be imported"):
+        write_scenario(dataclasses.replace(scenario, sensors={"scales": Local()}))
