@@ -91,7 +91,7 @@ def simulate(
       polynomial within the step; in the paper's runs its error was at most three times that of the steps.
     - ``dae``: whether to solve the differential-algebraic form of the paper, in which |q|² = 1 determines a
       component of q, the largest at the start of each step (module ``dae``), with a solver that knows mass
-      matrices: :class:`jaxball.solvers.RadauIIA`.
+      matrices, such as :class:`jaxball.solvers.RadauIIA`.
     - ``project``: whether each step ends with q normalised (Γ, or Λ, in states that have these instead).
     - ``events``: the events to detect, by name: :class:`~jaxball.Detachment`, :class:`~jaxball.Slip` or any
       :class:`~jaxball.Event`; ``trajectory.events[name]`` says when each happened. One that ends the run sets its

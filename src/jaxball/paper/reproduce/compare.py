@@ -12,11 +12,10 @@ from .authors import Counterpart
 from .experiments import EXPERIMENTS, Experiment, Measurement, ball_experiment, check_names, measure
 from .table import STEPS, Column, Table, agreement
 
-UNKNOWN, NEAREST = "not published", "†"
+UNKNOWN = "not published"
 LEGEND = (
     "Counterpart: the same method in jaxball or diffrax, with the paper's tolerance, "
     f"{paper.DISK_TOLERANCE:.0e} for the disk and {paper.BALL_TOLERANCE:.0e} for the ball.",
-    *(f"{NEAREST} The nearest: {nearest.why_nearest}" for nearest in authors.DAE.values() if nearest.why_nearest),
     "DAE: |q|² = 1 replaces the equation of one component, the first in the paper, the largest here.",
     "Accepted, rejected: steps. Evaluations: of the right-hand side, counted; one for a Jacobian. Error: largest "
     "component at t = 0, 1, ..., 20 relative to a 30-digit reference. Time: median of warm calls. Compile: how much "
@@ -36,20 +35,18 @@ class Comparison:
     - ``form``: "ODE", or "DAE" for the differential-algebraic form.
     - ``authors_time``: the authors' time, in seconds, on an unnamed machine; None where they give none. They give no
       steps, evaluations or errors.
-    - ``why_nearest``: why no other is closer, if the counterpart is not the same method; otherwise empty.
     - ``measurement``: of the counterpart.
     """
 
     paper_solver: str
     form: str
     authors_time: float | None
-    why_nearest: str
     measurement: Measurement
 
     @property
     def counterpart(self) -> str:
-        """The counterpart's name, marked if it is not the same method."""
-        return self.measurement.solver + (f" {NEAREST}" if self.why_nearest else "")
+        """The counterpart's name."""
+        return self.measurement.solver
 
 
 def _measured(comparison: Comparison) -> Measurement:
@@ -128,7 +125,6 @@ def _compared(experiment: Experiment, name: str, counterpart: Counterpart) -> Co
         paper_solver=name,
         form="DAE" if experiment.dae else "ODE",
         authors_time=None if experiment.dae else authors.TIMES[experiment.name][name],
-        why_nearest=counterpart.why_nearest,
         measurement=measure(experiment, counterpart.name, counterpart.solver),
     )
 
